@@ -1,0 +1,1 @@
+//! Control laws, phases, tasks and paths, limits and guards.

@@ -1,0 +1,204 @@
+//! Rigid transforms between named frames.
+
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::Mul;
+
+use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3};
+
+use super::{Aligned, Frame, Twist, Wrench};
+
+/// `Pose<A, B>` is `a_from_b`: it takes coordinates in `B` to coordinates in `A` (metres).
+///
+/// ```
+/// use tangent_mechanics::{Base, Flange, Pose, Tool};
+/// let base_from_flange: Pose<Base, Flange> = Pose::identity();
+/// let flange_from_tool: Pose<Flange, Tool> = Pose::identity();
+/// let base_from_tool: Pose<Base, Tool> = base_from_flange * flange_from_tool;
+/// # let _ = base_from_tool;
+/// ```
+pub struct Pose<A, B> {
+    isometry: Isometry3<f64>,
+    frames: PhantomData<(A, B)>,
+}
+
+impl<A, B> Pose<A, B> {
+    /// Origin of `B` in `A` (m), and the rotation that takes `B`'s axes to `A`'s.
+    pub fn new(translation: Vector3<f64>, rotation: UnitQuaternion<f64>) -> Self {
+        Self::from_isometry(Isometry3::from_parts(
+            Translation3::from(translation),
+            rotation,
+        ))
+    }
+
+    /// The same numbers as a plain nalgebra isometry.
+    pub fn from_isometry(isometry: Isometry3<f64>) -> Self {
+        Self {
+            isometry,
+            frames: PhantomData,
+        }
+    }
+
+    /// Both frames coincide.
+    pub fn identity() -> Self {
+        Self::from_isometry(Isometry3::identity())
+    }
+
+    /// Origin of `B` in `A`, m.
+    pub fn translation(&self) -> Vector3<f64> {
+        self.isometry.translation.vector
+    }
+
+    /// Takes `B`'s axes to `A`'s.
+    pub fn rotation(&self) -> UnitQuaternion<f64> {
+        self.isometry.rotation
+    }
+
+    /// The frame-less isometry.
+    pub fn isometry(&self) -> &Isometry3<f64> {
+        &self.isometry
+    }
+
+    /// Homogeneous 4×4 matrix.
+    pub fn matrix(&self) -> Matrix4<f64> {
+        self.isometry.to_homogeneous()
+    }
+
+    /// `b_from_a`.
+    pub fn inverse(&self) -> Pose<B, A> {
+        Pose::from_isometry(self.isometry.inverse())
+    }
+
+    /// A point's coordinates, from `B` to `A` (m).
+    pub fn transform_point(&self, point_in_b: &Vector3<f64>) -> Vector3<f64> {
+        self.isometry.rotation * point_in_b + self.isometry.translation.vector
+    }
+
+    /// A free vector's components, from `B`'s axes to `A`'s.
+    pub fn rotate(&self, vector_in_b: &Vector3<f64>) -> Vector3<f64> {
+        self.isometry.rotation * vector_in_b
+    }
+
+    /// A free vector's components, from `A`'s axes to `B`'s.
+    pub fn unrotate(&self, vector_in_a: &Vector3<f64>) -> Vector3<f64> {
+        self.isometry.rotation.inverse_transform_vector(vector_in_a)
+    }
+
+    /// Unit z axis of `B` in `A`'s axes.
+    pub fn z_axis(&self) -> Vector3<f64> {
+        self.rotate(&Vector3::z())
+    }
+}
+
+impl<A: Frame, B: Frame> Pose<A, B> {
+    /// The same wrench at `A`'s origin in `A`'s axes: torque gains `r × f`.
+    pub fn transform_wrench(&self, wrench_in_b: &Wrench<B>) -> Wrench<A> {
+        let force = self.rotate(&wrench_in_b.force);
+        Wrench::new(
+            force,
+            self.rotate(&wrench_in_b.torque) + self.translation().cross(&force),
+        )
+    }
+
+    /// The same rigid motion as a twist of `A`'s origin in `A`'s axes: velocity gains `r × ω`.
+    pub fn transform_twist(&self, twist_in_b: &Twist<B>) -> Twist<A> {
+        let angular = self.rotate(&twist_in_b.angular);
+        Twist::new(
+            self.rotate(&twist_in_b.linear) + self.translation().cross(&angular),
+            angular,
+        )
+    }
+
+    /// Turns only the axes: a wrench at `B`'s origin, in axes of `A`.
+    pub fn align_wrench(&self, wrench_in_b: &Wrench<B>) -> Wrench<Aligned<B, A>> {
+        Wrench::new(
+            self.rotate(&wrench_in_b.force),
+            self.rotate(&wrench_in_b.torque),
+        )
+    }
+
+    /// Turns only the axes: a twist of `B`'s origin, in axes of `A`.
+    pub fn align_twist(&self, twist_in_b: &Twist<B>) -> Twist<Aligned<B, A>> {
+        Twist::new(
+            self.rotate(&twist_in_b.linear),
+            self.rotate(&twist_in_b.angular),
+        )
+    }
+
+    /// Undoes [`Pose::align_wrench`].
+    pub fn unalign_wrench(&self, wrench: &Wrench<Aligned<B, A>>) -> Wrench<B> {
+        Wrench::new(self.unrotate(&wrench.force), self.unrotate(&wrench.torque))
+    }
+
+    /// Undoes [`Pose::align_twist`].
+    pub fn unalign_twist(&self, twist: &Twist<Aligned<B, A>>) -> Twist<B> {
+        Twist::new(self.unrotate(&twist.linear), self.unrotate(&twist.angular))
+    }
+}
+
+impl<A, B, C> Mul<Pose<B, C>> for Pose<A, B> {
+    type Output = Pose<A, C>;
+
+    fn mul(self, b_from_c: Pose<B, C>) -> Pose<A, C> {
+        Pose::from_isometry(self.isometry * b_from_c.isometry)
+    }
+}
+
+// Derived impls would ask the frame markers for the same traits, for nothing.
+impl<A, B> Clone for Pose<A, B> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<A, B> Copy for Pose<A, B> {}
+
+impl<A, B> PartialEq for Pose<A, B> {
+    fn eq(&self, other: &Self) -> bool {
+        self.isometry == other.isometry
+    }
+}
+
+impl<A, B> fmt::Debug for Pose<A, B> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Pose")
+            .field("translation", &self.isometry.translation.vector)
+            .field("rotation", &self.isometry.rotation)
+            .finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Base, Flange, Tool};
+    use proptest::prelude::*;
+
+    prop_compose! {
+        fn pose()(t in prop::array::uniform3(-2.0f64..2.0), r in prop::array::uniform3(-3.0f64..3.0))
+            -> (Vector3<f64>, UnitQuaternion<f64>) {
+            (Vector3::from(t), UnitQuaternion::new(Vector3::from(r)))
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn power_does_not_depend_on_the_frame(p in pose(), w in prop::array::uniform6(-5.0f64..5.0),
+                                              v in prop::array::uniform6(-5.0f64..5.0)) {
+            let base_from_tool: Pose<Base, Tool> = Pose::new(p.0, p.1);
+            let wrench = Wrench::<Tool>::from_vector(&w.into());
+            let twist = Twist::<Tool>::from_vector(&v.into());
+            let power = wrench.power(&twist);
+            let in_base = base_from_tool.transform_wrench(&wrench).power(&base_from_tool.transform_twist(&twist));
+            prop_assert!((power - in_base).abs() < 1e-9 * (1.0 + power.abs()));
+        }
+
+        #[test]
+        fn a_wrench_there_and_back_is_itself(p in pose(), w in prop::array::uniform6(-5.0f64..5.0)) {
+            let flange_from_tool: Pose<Flange, Tool> = Pose::new(p.0, p.1);
+            let wrench = Wrench::<Tool>::from_vector(&w.into());
+            let back = flange_from_tool.inverse().transform_wrench(&flange_from_tool.transform_wrench(&wrench));
+            prop_assert!((back.vector() - wrench.vector()).norm() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! Whether a reading or an estimate can be used, and if not, why.
+
+/// The state of an input that can be bad. The numeric value is what stands in messages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Validity {
+    /// Use it.
+    Valid = 0,
+    /// Nothing was received yet.
+    #[default]
+    Missing = 1,
+    /// Older than its reader's patience.
+    Stale = 2,
+    /// A gauge is at its end: the numbers look plausible and are wrong.
+    Saturated = 3,
+    /// NaN or infinite.
+    NotFinite = 4,
+    /// The sensor reports an error of its own.
+    SensorError = 5,
+    /// No contact: there is no surface to speak of.
+    NoContact = 6,
+    /// In contact, but the tool does not slide fast enough for a direction of sliding to exist.
+    NotSliding = 7,
+    /// Too few or too badly spread samples for a fit.
+    Degenerate = 8,
+    /// Too far from what was used until now.
+    Disagrees = 9,
+}
+
+impl Validity {
+    /// True only for [`Validity::Valid`].
+    pub fn is_valid(self) -> bool {
+        self == Self::Valid
+    }
+
+    /// The reason in words an operator understands.
+    pub fn reason(self) -> &'static str {
+        match self {
+            Self::Valid => "valid",
+            Self::Missing => "nothing received yet",
+            Self::Stale => "too old",
+            Self::Saturated => "sensor saturated",
+            Self::NotFinite => "not a finite number",
+            Self::SensorError => "sensor reports an error",
+            Self::NoContact => "no contact",
+            Self::NotSliding => "not sliding",
+            Self::Degenerate => "too few or badly spread samples",
+            Self::Disagrees => "too far from the estimate in use",
+        }
+    }
+}
+
+impl From<u8> for Validity {
+    /// An unknown code counts as a sensor error: never usable.
+    fn from(code: u8) -> Self {
+        match code {
+            0 => Self::Valid,
+            1 => Self::Missing,
+            2 => Self::Stale,
+            3 => Self::Saturated,
+            4 => Self::NotFinite,
+            6 => Self::NoContact,
+            7 => Self::NotSliding,
+            8 => Self::Degenerate,
+            9 => Self::Disagrees,
+            _ => Self::SensorError,
+        }
+    }
+}

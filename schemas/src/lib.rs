@@ -1,0 +1,40 @@
+//! What services say to each other: messages, topics, frames and units.
+//!
+//! Every message is a Rust type, a ROS 2 `.msg` definition and CDR bytes, and the three are tested against each
+//! other. Services publish and subscribe through the typed constants in [`topics`].
+
+pub mod standard;
+pub mod tangent;
+
+use arrayvec::{ArrayString, ArrayVec};
+
+/// A frame's name; fixed capacity, so that a message can be copied in a real-time thread.
+pub type FrameId = ArrayString<32>;
+/// A short name.
+pub type Name = ArrayString<64>;
+/// A sentence.
+pub type Text = ArrayString<128>;
+/// One number per joint; arms have at most seven.
+pub type JointArray = ArrayVec<f64, 7>;
+
+/// A message type: its ROS 2 name, and CDR through serde.
+pub trait Message:
+    Clone + Default + Send + Sync + serde::Serialize + serde::de::DeserializeOwned + 'static
+{
+    /// `PACKAGE/msg/NAME`.
+    const NAME: &'static str;
+}
+
+macro_rules! message {
+    ($(#[$doc:meta])* pub struct $name:ident: $ros:literal { $($(#[$fdoc:meta])* pub $field:ident: $type:ty,)* }) => {
+        $(#[$doc])*
+        #[allow(missing_docs)]
+        #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+        pub struct $name { $($(#[$fdoc])* pub $field: $type,)* }
+
+        impl crate::Message for $name {
+            const NAME: &'static str = $ros;
+        }
+    };
+}
+pub(crate) use message;

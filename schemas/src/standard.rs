@@ -1,0 +1,131 @@
+//! The standard ROS 2 messages in use, field for field.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{FrameId, message};
+
+message! {
+    /// A point in time since the Unix epoch.
+    pub struct Time: "builtin_interfaces/msg/Time" {
+        pub sec: i32,
+        pub nanosec: u32,
+    }
+}
+
+message! {
+    /// When it was measured, and in which frame it stands.
+    pub struct Header: "std_msgs/msg/Header" {
+        pub stamp: Time,
+        pub frame_id: FrameId,
+    }
+}
+
+message! {
+    /// Free vector.
+    pub struct Vector3: "geometry_msgs/msg/Vector3" {
+        pub x: f64,
+        pub y: f64,
+        pub z: f64,
+    }
+}
+
+message! {
+    /// Position, m.
+    pub struct Point: "geometry_msgs/msg/Point" {
+        pub x: f64,
+        pub y: f64,
+        pub z: f64,
+    }
+}
+
+message! {
+    /// Unit quaternion, w ≥ 0.
+    pub struct Quaternion: "geometry_msgs/msg/Quaternion" {
+        pub x: f64,
+        pub y: f64,
+        pub z: f64,
+        pub w: f64,
+    }
+}
+
+message! {
+    /// Position and orientation.
+    pub struct Pose: "geometry_msgs/msg/Pose" {
+        pub position: Point,
+        pub orientation: Quaternion,
+    }
+}
+
+message! {
+    /// A pose with its time and frame.
+    pub struct PoseStamped: "geometry_msgs/msg/PoseStamped" {
+        pub header: Header,
+        pub pose: Pose,
+    }
+}
+
+message! {
+    /// Velocity: linear m/s, angular rad/s.
+    pub struct Twist: "geometry_msgs/msg/Twist" {
+        pub linear: Vector3,
+        pub angular: Vector3,
+    }
+}
+
+message! {
+    /// Force N, torque Nm.
+    pub struct Wrench: "geometry_msgs/msg/Wrench" {
+        pub force: Vector3,
+        pub torque: Vector3,
+    }
+}
+
+message! {
+    /// A wrench with its time and frame.
+    pub struct WrenchStamped: "geometry_msgs/msg/WrenchStamped" {
+        pub header: Header,
+        pub wrench: Wrench,
+    }
+}
+
+message! {
+    /// Rigid transform.
+    pub struct Transform: "geometry_msgs/msg/Transform" {
+        pub translation: Vector3,
+        pub rotation: Quaternion,
+    }
+}
+
+message! {
+    /// `header.frame_id` from `child_frame_id`.
+    pub struct TransformStamped: "geometry_msgs/msg/TransformStamped" {
+        pub header: Header,
+        pub child_frame_id: FrameId,
+        pub transform: Transform,
+    }
+}
+
+message! {
+    /// What `/tf` carries.
+    pub struct TFMessage: "tf2_msgs/msg/TFMessage" {
+        pub transforms: Vec<TransformStamped>,
+    }
+}
+
+message! {
+    /// Colour, 0 to 1 each.
+    pub struct ColorRGBA: "std_msgs/msg/ColorRGBA" {
+        pub r: f32,
+        pub g: f32,
+        pub b: f32,
+        pub a: f32,
+    }
+}
+
+message! {
+    /// A span of time.
+    pub struct Duration: "builtin_interfaces/msg/Duration" {
+        pub sec: i32,
+        pub nanosec: u32,
+    }
+}

@@ -1,0 +1,244 @@
+//! The project's own messages, `tangent_msgs/msg/*`. Each has its `.msg` file under `msg/`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::standard::{Header, Point, Pose, Twist, Vector3, Wrench};
+use crate::{JointArray, Name, Text, message};
+
+message! {
+    /// What the arm does now. Published once per robot packet.
+    pub struct ArmState: "tangent_msgs/msg/ArmState" {
+        /// Time of measurement on the bridge's host; frame `base`.
+        pub header: Header,
+        /// Counts robot packets since the bridge started.
+        pub cycle: u64,
+        /// The robot's own clock, s.
+        pub robot_time_s: f64,
+        /// Nominal time between packets, s.
+        pub period_s: f64,
+        /// Measured joint positions, rad.
+        pub q: JointArray,
+        /// Measured joint velocities, rad/s.
+        pub qd: JointArray,
+        /// Joint velocities the robot's own controller aims for, rad/s.
+        pub qd_target: JointArray,
+        /// `base_from_tool` by the cell's arm model and tcp.
+        pub tool_pose: Pose,
+        /// Velocity of the tool's origin, base axes.
+        pub tool_twist: Twist,
+        /// RTDE `robot_mode`.
+        pub robot_mode: i32,
+        /// RTDE `safety_mode`.
+        pub safety_mode: i32,
+        /// RTDE `runtime_state`.
+        pub runtime_state: u32,
+        /// State of our program on the robot (register out int B+0); 255 when it is not there.
+        pub program_state: u8,
+        /// Why our program stopped last (register out int B+4).
+        pub stop_cause: u8,
+        /// True when a command of a fresh activation would move the arm now.
+        pub ready: bool,
+        /// Why not ready, in words; empty when ready.
+        pub not_ready_reason: Text,
+        /// Speed scaling in force, 0 to 1: limiter times slider.
+        pub speed_scaling: f64,
+        /// Age of the newest command that the robot has used, s: sequence sent to sequence used.
+        pub command_latency_s: f64,
+        /// Cycle of the last command that was accepted.
+        pub command_cycle_accepted: u64,
+        /// Commands refused since start, and why the last one was.
+        pub commands_refused: u64,
+        pub refusal_reason: Text,
+        /// Activation that is latched out: commands with this activation or an older one do not move the arm.
+        pub activation_latched: u64,
+        /// Robot packets lost since start, from the robot's own clock.
+        pub packets_lost: u64,
+        /// Time from a robot packet's arrival to the command bytes' departure, last cycle, s.
+        pub packet_to_command_s: f64,
+        /// Cycles in which no fresh command was at hand while one was due.
+        pub missed_cycles: u64,
+    }
+}
+
+message! {
+    /// What the controller wants of the arm for one cycle.
+    pub struct ArmCommand: "tangent_msgs/msg/ArmCommand" {
+        pub header: Header,
+        /// `ArmState.cycle` that this answers.
+        pub cycle: u64,
+        /// 0 hold, 1 joint velocity, 2 joint torque, 3 soft stop.
+        pub kind: u8,
+        /// rad/s or Nm, base to flange.
+        pub values: JointArray,
+        /// Bound on joint acceleration for this cycle, rad/s².
+        pub acceleration: f64,
+        /// Who commands: `SERVICE/INSTANCE`.
+        pub source: Name,
+        /// Counts task starts. After a fault the bridge moves again only for a newer activation.
+        pub activation: u64,
+    }
+}
+
+message! {
+    /// How far a wrench can be trusted; same stamp as the wrench it belongs to, and published just before it.
+    pub struct WrenchStatus: "tangent_msgs/msg/WrenchStatus" {
+        pub header: Header,
+        /// Validity code (0 valid, 1 missing, 2 stale, 3 saturated, 4 not finite, 5 sensor error).
+        pub validity: u8,
+        /// The sensor's status word, and its bits in words.
+        pub status: u32,
+        pub status_text: Text,
+        pub rdt_sequence: u32,
+        pub ft_sequence: u32,
+        /// Counts since the service started.
+        pub records: u64,
+        pub records_lost: u64,
+        pub records_out_of_order: u64,
+        pub restarts: u64,
+        pub reconnects: u64,
+        /// Sensor's rate as measured, Hz.
+        pub rate_hz: f64,
+        /// Age of the tare, s; negative when none was made.
+        pub bias_age_s: f64,
+        /// Bias subtracted, sensor axes.
+        pub bias: Wrench,
+        /// Delay of the filter at low frequency, s.
+        pub filter_delay_s: f64,
+        /// Residual of the clock recovery, s rms.
+        pub clock_residual_s: f64,
+    }
+}
+
+message! {
+    /// Where the surface faces, by one estimator.
+    pub struct NormalEstimate: "tangent_msgs/msg/NormalEstimate" {
+        /// Time of the measurement it rests on; frame `base`.
+        pub header: Header,
+        /// `ArmState.cycle` that it rests on.
+        pub cycle: u64,
+        pub estimator: Name,
+        /// Contact point, m.
+        pub point: Point,
+        /// Unit, out of the material.
+        pub normal: Vector3,
+        /// Of `normal`, row-major, base axes, rad².
+        pub covariance: [f64; 9],
+        /// 0 valid; else why not, in code and in words.
+        pub validity: u8,
+        pub reason: Text,
+        /// Friction coefficient; negative while unknown.
+        pub friction: f64,
+        /// Shape operator, row-major, base axes, 1/m; all zero while unknown.
+        pub curvature: [f64; 9],
+        /// Time one update took, s.
+        pub update_s: f64,
+    }
+}
+
+message! {
+    /// What the controller does and why.
+    pub struct ControlState: "tangent_msgs/msg/ControlState" {
+        pub header: Header,
+        pub cycle: u64,
+        /// 0 idle, 1 approach, 2 contact, 3 slide, 4 retract, 5 done, 6 fault, 7 hold, 8 seek, 9 tare.
+        pub phase: u8,
+        pub phase_text: Name,
+        pub task: Name,
+        pub activation: u64,
+        /// Estimator in use.
+        pub estimator: Name,
+        /// Normal in use, base axes.
+        pub normal: Vector3,
+        /// Pressing force asked for and measured along the normal, N (positive: pressing).
+        pub force_reference_n: f64,
+        pub force_n: f64,
+        /// Wrench in use at the tool, tool axes.
+        pub wrench: Wrench,
+        /// Path reference and its error in the tangent plane, m.
+        pub path_reference: Point,
+        pub path_error_m: f64,
+        /// 0 to 1.
+        pub path_progress: f64,
+        /// Angle between the normal in use and `-z_tool`, rad.
+        pub alignment_error_rad: f64,
+        /// Ages at actuation, s.
+        pub wrench_age_s: f64,
+        pub estimate_age_s: f64,
+        pub arm_state_age_s: f64,
+        /// Energy in the tanks, J; NaN-free: zero where the law has none.
+        pub motion_tank_j: f64,
+        pub force_tank_j: f64,
+        pub manipulability: f64,
+        /// Contact losses since the task started.
+        pub contact_lost_count: u32,
+        /// Time the law's step took, s.
+        pub step_s: f64,
+        /// Last fault, in words; empty when none.
+        pub fault: Text,
+    }
+}
+
+message! {
+    /// How a service fares. 1 Hz and on change.
+    pub struct Health: "tangent_msgs/msg/Health" {
+        pub header: Header,
+        pub service: Name,
+        pub instance: Name,
+        pub host: Name,
+        /// 0 starting, 1 running, 2 degraded, 3 fault, 4 stopping.
+        pub state: u8,
+        pub rate_names: Vec<String>,
+        pub rates_hz: Vec<f64>,
+        pub age_names: Vec<String>,
+        pub ages_s: Vec<f64>,
+        pub missed_cycles: u64,
+        pub lost: u64,
+        pub fault: String,
+        /// What the real-time set-up got, in words.
+        pub realtime: String,
+        /// Further figures by name.
+        pub figure_names: Vec<String>,
+        pub figures: Vec<f64>,
+    }
+}
+
+message! {
+    /// Simulator's truth about the contact; never read by the system under test.
+    pub struct ContactTruth: "tangent_msgs/msg/ContactTruth" {
+        pub header: Header,
+        /// Closest point of the surface to the tool's origin, base axes, m.
+        pub point: Point,
+        /// Unit normal there, out of the material.
+        pub normal: Vector3,
+        pub in_contact: bool,
+        /// Depth of the deepest pad point, m.
+        pub penetration_m: f64,
+        /// What the surface does to the tool at the tool's origin, base axes.
+        pub wrench: Wrench,
+        pub tool_pose: Pose,
+        pub tool_twist: Twist,
+        pub sliding_speed_m_per_s: f64,
+        pub friction: f64,
+    }
+}
+
+message! {
+    /// A request to a service, the payload of a query.
+    pub struct Request: "tangent_msgs/msg/Request" {
+        /// What to do, for instance `start`.
+        pub action: String,
+        /// Its argument: a name, a number, or a TOML document.
+        pub argument: String,
+    }
+}
+
+message! {
+    /// The answer to a request: done, or why not.
+    pub struct Answer: "tangent_msgs/msg/Answer" {
+        pub done: bool,
+        /// For a person.
+        pub message: String,
+        /// For a program: a JSON object, or empty.
+        pub data: String,
+    }
+}

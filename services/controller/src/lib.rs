@@ -1,0 +1,1 @@
+//! Controller service: one step of the law per robot packet.

@@ -1,0 +1,1 @@
+//! Estimator service: runs normal estimators on arm state and wrench.

@@ -1,0 +1,1 @@
+//! ATI Net F/T sensor service: RDT records in, conditioned wrench out.

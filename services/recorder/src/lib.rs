@@ -1,0 +1,1 @@
+//! Recorder service: every topic of the cell to MCAP, and reading recordings back.

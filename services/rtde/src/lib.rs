@@ -1,0 +1,1 @@
+//! Universal Robots bridge over RTDE: state out, guarded joint velocity in.

@@ -1,0 +1,3 @@
+//! The `tangent` command.
+
+fn main() {}
