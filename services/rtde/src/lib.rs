@@ -1,1 +1,3 @@
 //! Universal Robots bridge over RTDE: state out, guarded joint velocity in.
+
+pub mod codec;

@@ -1,0 +1,115 @@
+//! Text messages, which either side may send at any time.
+
+use super::{DecodeError, Protocol};
+
+/// How serious a text message is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextLevel {
+    /// 0
+    Exception,
+    /// 1
+    Error,
+    /// 2
+    Warning,
+    /// 3
+    Info,
+    /// Anything else, as it came.
+    Other(u8),
+}
+
+impl TextLevel {
+    /// The number on the wire.
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Exception => 0,
+            Self::Error => 1,
+            Self::Warning => 2,
+            Self::Info => 3,
+            Self::Other(n) => n,
+        }
+    }
+
+    /// Every number means something, if only itself.
+    pub fn from_number(number: u8) -> Self {
+        match number {
+            0 => Self::Exception,
+            1 => Self::Error,
+            2 => Self::Warning,
+            3 => Self::Info,
+            n => Self::Other(n),
+        }
+    }
+}
+
+/// A line for the log. Texts are at most 255 bytes on the wire; what is longer is cut.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TextMessage {
+    /// What is said.
+    pub message: String,
+    /// Who says it; empty where the protocol does not carry it.
+    pub source: String,
+    /// How serious.
+    pub level: TextLevel,
+}
+
+impl TextMessage {
+    /// The layout with lengths: v2 in both directions, and v1 from client to controller.
+    pub(super) fn encode_full(&self, out: &mut Vec<u8>) {
+        for text in [&self.message, &self.source] {
+            let bytes = cut(text, 255);
+            out.push(bytes.len() as u8);
+            out.extend_from_slice(bytes);
+        }
+        out.push(self.level.number());
+    }
+
+    /// v1 from controller to client: level, then the message to the end.
+    pub(super) fn encode_v1_reply(&self, out: &mut Vec<u8>) {
+        out.push(self.level.number());
+        out.extend_from_slice(cut(&self.message, 255));
+    }
+
+    pub(super) fn decode_full(payload: &[u8]) -> Result<Self, DecodeError> {
+        let short = || DecodeError::short("TEXT_MESSAGE", payload.len());
+        let (message, rest) = counted(payload).ok_or_else(short)?;
+        let (source, rest) = counted(rest).ok_or_else(short)?;
+        let [level] = rest else {
+            return Err(DecodeError::length("TEXT_MESSAGE", payload.len()));
+        };
+        Ok(Self {
+            message: String::from_utf8_lossy(message).into_owned(),
+            source: String::from_utf8_lossy(source).into_owned(),
+            level: TextLevel::from_number(*level),
+        })
+    }
+
+    pub(super) fn decode_reply(payload: &[u8], protocol: Protocol) -> Result<Self, DecodeError> {
+        match protocol {
+            Protocol::V2 => Self::decode_full(payload),
+            Protocol::V1 => {
+                let (level, message) = payload
+                    .split_first()
+                    .ok_or_else(|| DecodeError::short("TEXT_MESSAGE", 0))?;
+                Ok(Self {
+                    message: String::from_utf8_lossy(message).into_owned(),
+                    source: String::new(),
+                    level: TextLevel::from_number(*level),
+                })
+            }
+        }
+    }
+}
+
+fn counted(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (n, rest) = bytes.split_first()?;
+    rest.split_at_checked(usize::from(*n))
+}
+
+/// The first bytes of `text`, whole characters only.
+fn cut(text: &str, limit: usize) -> &[u8] {
+    let mut end = limit.min(text.len());
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    &text.as_bytes()[..end]
+}
