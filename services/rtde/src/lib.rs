@@ -1,3 +1,4 @@
 //! Universal Robots bridge over RTDE: state out, guarded joint velocity in.
 
 pub mod codec;
+pub mod program;
