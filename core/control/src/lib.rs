@@ -1,1 +1,30 @@
-//! Control laws, phases, tasks and paths, limits and guards.
+//! Control laws, phases, tasks and paths, limits and guards: one step per robot cycle.
+//!
+//! Called by the `controller` service inside the robot's cycle, and by the closed loop of `evaluate`.
+
+mod config;
+mod controller;
+mod error;
+mod interface;
+mod limits;
+mod path;
+mod phases;
+mod profile;
+mod program;
+mod task;
+
+pub use config::{
+    AlignmentConfig, ContactConfig, ControllerConfig, ForceConfig, NormalConfig, PathConfig,
+    PatienceConfig, TorqueConfig,
+};
+pub use controller::Controller;
+pub use error::ControlError;
+pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
+pub use limits::{Limits, TwistLimiter, clamp_norm};
+pub use path::{Circle, Line, Path, PathPoint, PathSpec, Raster, Stay, Waypoints};
+pub use phases::{Fault, Phase};
+pub use profile::Profile;
+pub use program::{EstimatorName, EstimatorNames, Program};
+pub use task::{
+    ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, Task, TimeoutSpec, ToolAxis,
+};

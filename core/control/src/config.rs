@@ -1,0 +1,479 @@
+//! Parameters of the control law, and the two presets: `paper` (Tugal et al., Table 1) and `default`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::ControlError;
+use crate::error::check_range;
+
+/// Parameters of the law. `ControllerConfig::preset` gives a complete one; a file may change single keys of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ControllerConfig {
+    /// Force along the normal, eq. (1).
+    pub force: ForceConfig,
+    /// Torque about the tangential axes, eq. (1).
+    pub torque: TorqueConfig,
+    /// Keeping the tool square, eq. (4).
+    pub alignment: AlignmentConfig,
+    /// Which normal to use.
+    pub normal: NormalConfig,
+    /// Following the path.
+    pub path: PathConfig,
+    /// When the tool touches.
+    pub contact: ContactConfig,
+    /// How long to bear with silence.
+    pub patience: PatienceConfig,
+}
+
+/// Translational part of the admittance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ForceConfig {
+    /// Virtual mass `m_p`, kg.
+    pub mass_kg: f64,
+    /// Virtual damping `d_p`, Ns/m: the one in use when not adaptive, the least one when adaptive.
+    pub damping_n_s_per_m: f64,
+    /// Damping follows the contact stiffness: `d = k * loop_delay / delay_margin`.
+    pub adaptive: bool,
+    /// Largest adaptive damping, Ns/m.
+    pub damping_max_n_s_per_m: f64,
+    /// From command to measured force, s: transport, servo, filter.
+    pub loop_delay_s: f64,
+    /// Product of crossover and delay aimed at, rad: 0.3 is well damped, above 1 rings.
+    pub delay_margin_rad: f64,
+    /// Stiffness taken before touchdown, N/m.
+    pub stiffness_expected_n_per_m: f64,
+    /// Overshoot accepted at touchdown on the expected stiffness, as a share of the reference; bounds the approach speed.
+    pub overshoot_accepted: f64,
+    /// The approach is slowed for the expected stiffness.
+    pub approach_slowed: bool,
+    /// Integral over the force error, in multiples of the crossover's period; 0 is off.
+    pub integral_ratio: f64,
+    /// Speed along the normal that the integral may ask for, m/s.
+    pub integral_speed_max_m_per_s: f64,
+    /// Speed along the normal that the force law may ask for, m/s.
+    pub speed_max_m_per_s: f64,
+    /// Rate at which a changed reference comes into force, N/s.
+    pub reference_rate_n_per_s: f64,
+}
+
+/// Rotational part of the admittance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TorqueConfig {
+    /// Virtual inertia `m_o`, kg m² (the paper prints kg).
+    pub inertia_kg_m2: f64,
+    /// Virtual damping `d_o`, Nms/rad (the paper prints Ns/m).
+    pub damping_n_m_s_per_rad: f64,
+    /// Turn rate that it may ask for, rad/s.
+    pub turn_rate_max_rad_per_s: f64,
+}
+
+/// Keeping the tool square to the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AlignmentConfig {
+    /// Gain `k_R` of eq. (4), 1/s.
+    pub gain_per_s: f64,
+    /// Turn with the surface: its curvature times the tool's velocity is fed forward.
+    pub feed_forward: bool,
+    /// Turn rate that alignment may ask for, rad/s.
+    pub turn_rate_max_rad_per_s: f64,
+}
+
+/// Which normal to use.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct NormalConfig {
+    /// Low pass on the way from the estimate to the normal in use, s; 0 is none.
+    pub filter_s: f64,
+    /// Rate at which the normal in use may turn, rad/s.
+    pub turn_rate_max_rad_per_s: f64,
+    /// An estimate further than this from the normal in use is refused, rad.
+    pub gate_rad: f64,
+    /// A newly chosen estimator must agree this well with the normal in use, rad.
+    pub switch_gate_rad: f64,
+    /// Way along the surface without a valid estimate before the next estimator is taken, m.
+    pub blind_distance_m: f64,
+    /// Way over which the surface's curvature is learnt from the turning of the normal when the estimator gives none, m.
+    pub curvature_distance_m: f64,
+    /// Largest curvature believed, 1/m.
+    pub curvature_max_per_m: f64,
+}
+
+/// Following the path.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PathConfig {
+    /// Gain of the position error's feedback in the tangent plane, 1/s; 0 is the paper's velocity profile alone.
+    pub gain_per_s: f64,
+    /// Speed that the feedback may add, m/s.
+    pub feedback_speed_max_m_per_s: f64,
+    /// Path error at which the path begins to wait for the arm, m; it stands still at twice that.
+    pub wait_error_m: f64,
+    /// Acceleration along the path, m/s².
+    pub acceleration_m_per_s2: f64,
+    /// Jerk along the path, m/s³.
+    pub jerk_m_per_s3: f64,
+    /// Time in which the path's clock comes to a stop or to speed on pause and resume, s.
+    pub clock_ramp_s: f64,
+}
+
+/// When the tool touches.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ContactConfig {
+    /// Pressing force that counts as a touch, as a share of the reference.
+    pub touch_share: f64,
+    /// Pressing force below which contact counts as lost, as a share of the reference.
+    pub lost_share: f64,
+    /// Least of the two in newtons: what noise and a payload error can fake.
+    pub noise_n: f64,
+    /// Cycles below it before contact is lost.
+    pub lost_cycles: u32,
+    /// Force error that counts as settled, as a share of the reference.
+    pub settled_share: f64,
+    /// Time that it must stay settled before the path starts, s.
+    pub settled_s: f64,
+    /// Speed while seeking a lost surface, m/s.
+    pub seek_speed_m_per_s: f64,
+}
+
+/// How long to bear with silence.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PatienceConfig {
+    /// Age of the wrench, in cycles, at which everything stops.
+    pub wrench_cycles: f64,
+    /// Added to it for the jitter of unsynchronised clocks, s.
+    pub wrench_jitter_s: f64,
+    /// Bad wrench in a row, in cycles, at which everything stops.
+    pub wrench_bad_cycles: u32,
+    /// From then to the retraction when the wrench is only silent, s.
+    pub wrench_retract_s: f64,
+    /// Age of the estimate at which sliding stops, s.
+    pub estimate_s: f64,
+    /// From then to the retraction, s.
+    pub estimate_retract_s: f64,
+}
+
+impl Default for ControllerConfig {
+    fn default() -> Self {
+        Self {
+            force: ForceConfig::default(),
+            torque: TorqueConfig::default(),
+            alignment: AlignmentConfig::default(),
+            normal: NormalConfig::default(),
+            path: PathConfig::default(),
+            contact: ContactConfig::default(),
+            patience: PatienceConfig::default(),
+        }
+    }
+}
+
+impl Default for ForceConfig {
+    fn default() -> Self {
+        Self {
+            mass_kg: 1.0,
+            damping_n_s_per_m: 150.0,
+            adaptive: true,
+            damping_max_n_s_per_m: 4000.0,
+            loop_delay_s: 0.035,
+            delay_margin_rad: 0.3,
+            stiffness_expected_n_per_m: 10_000.0,
+            overshoot_accepted: 0.2,
+            approach_slowed: true,
+            integral_ratio: 4.0,
+            integral_speed_max_m_per_s: 0.02,
+            speed_max_m_per_s: 0.02,
+            reference_rate_n_per_s: 5.0,
+        }
+    }
+}
+
+impl Default for TorqueConfig {
+    fn default() -> Self {
+        Self {
+            inertia_kg_m2: 0.04,
+            damping_n_m_s_per_rad: 1.5,
+            turn_rate_max_rad_per_s: 0.5,
+        }
+    }
+}
+
+impl Default for AlignmentConfig {
+    fn default() -> Self {
+        Self {
+            gain_per_s: 2.5,
+            feed_forward: true,
+            turn_rate_max_rad_per_s: 0.8,
+        }
+    }
+}
+
+impl Default for NormalConfig {
+    fn default() -> Self {
+        Self {
+            filter_s: 0.08,
+            turn_rate_max_rad_per_s: 0.8,
+            gate_rad: 60f64.to_radians(),
+            switch_gate_rad: 20f64.to_radians(),
+            blind_distance_m: 0.03,
+            curvature_distance_m: 0.015,
+            curvature_max_per_m: 50.0,
+        }
+    }
+}
+
+impl Default for PathConfig {
+    fn default() -> Self {
+        Self {
+            gain_per_s: 2.0,
+            feedback_speed_max_m_per_s: 0.02,
+            wait_error_m: 0.005,
+            acceleration_m_per_s2: 0.1,
+            jerk_m_per_s3: 1.0,
+            clock_ramp_s: 0.2,
+        }
+    }
+}
+
+impl Default for ContactConfig {
+    fn default() -> Self {
+        Self {
+            touch_share: 0.2,
+            lost_share: 0.1,
+            noise_n: 0.3,
+            lost_cycles: 3,
+            settled_share: 0.15,
+            settled_s: 0.3,
+            seek_speed_m_per_s: 0.005,
+        }
+    }
+}
+
+impl Default for PatienceConfig {
+    fn default() -> Self {
+        Self {
+            wrench_cycles: 2.0,
+            wrench_jitter_s: 0.004,
+            wrench_bad_cycles: 2,
+            wrench_retract_s: 0.1,
+            estimate_s: 0.1,
+            estimate_retract_s: 1.0,
+        }
+    }
+}
+
+impl ControllerConfig {
+    /// Names that [`ControllerConfig::preset`] knows.
+    pub const PRESETS: [&'static str; 2] = ["default", "paper"];
+
+    /// A complete set of parameters by name: `default`, or `paper` (Table 1: `m_p` 1, `m_o` 0.04, `d_p` 150, `d_o` 1.5,
+    /// `k_R` 0.08; proportional, without feed-forward and without position feedback, as published).
+    pub fn preset(name: &str) -> Result<Self, ControlError> {
+        match name {
+            "default" => Ok(Self::default()),
+            "paper" => Ok(Self::paper()),
+            other => Err(ControlError::UnknownPreset(other.into())),
+        }
+    }
+
+    fn paper() -> Self {
+        let default = Self::default();
+        Self {
+            force: ForceConfig {
+                mass_kg: 1.0,
+                damping_n_s_per_m: 150.0,
+                adaptive: false,
+                approach_slowed: false,
+                integral_ratio: 0.0,
+                ..default.force
+            },
+            torque: TorqueConfig {
+                inertia_kg_m2: 0.04,
+                damping_n_m_s_per_rad: 1.5,
+                ..default.torque
+            },
+            alignment: AlignmentConfig {
+                gain_per_s: 0.08,
+                feed_forward: false,
+                ..default.alignment
+            },
+            normal: NormalConfig {
+                filter_s: 0.0,
+                ..default.normal
+            },
+            path: PathConfig {
+                gain_per_s: 0.0,
+                ..default.path
+            },
+            ..default
+        }
+    }
+
+    /// Every number in its range.
+    pub fn check(&self) -> Result<(), ControlError> {
+        let f = &self.force;
+        check_range("force.mass_kg", f.mass_kg, 0.0, 100.0)?;
+        check_range("force.damping_n_s_per_m", f.damping_n_s_per_m, 10.0, 1e5)?;
+        check_range(
+            "force.damping_max_n_s_per_m",
+            f.damping_max_n_s_per_m,
+            f.damping_n_s_per_m,
+            1e5,
+        )?;
+        check_range("force.loop_delay_s", f.loop_delay_s, 0.001, 0.5)?;
+        check_range("force.delay_margin_rad", f.delay_margin_rad, 0.01, 1.0)?;
+        check_range(
+            "force.stiffness_expected_n_per_m",
+            f.stiffness_expected_n_per_m,
+            100.0,
+            2e5,
+        )?;
+        check_range("force.overshoot_accepted", f.overshoot_accepted, 0.0, 5.0)?;
+        check_range("force.integral_ratio", f.integral_ratio, 0.0, 100.0)?;
+        check_range(
+            "force.integral_speed_max_m_per_s",
+            f.integral_speed_max_m_per_s,
+            0.0,
+            0.1,
+        )?;
+        check_range("force.speed_max_m_per_s", f.speed_max_m_per_s, 0.001, 0.1)?;
+        check_range(
+            "force.reference_rate_n_per_s",
+            f.reference_rate_n_per_s,
+            0.1,
+            100.0,
+        )?;
+        let t = &self.torque;
+        check_range("torque.inertia_kg_m2", t.inertia_kg_m2, 0.0, 10.0)?;
+        check_range(
+            "torque.damping_n_m_s_per_rad",
+            t.damping_n_m_s_per_rad,
+            0.01,
+            1e4,
+        )?;
+        check_range(
+            "torque.turn_rate_max_rad_per_s",
+            t.turn_rate_max_rad_per_s,
+            0.0,
+            3.0,
+        )?;
+        let a = &self.alignment;
+        check_range("alignment.gain_per_s", a.gain_per_s, 0.0, 10.0)?;
+        check_range(
+            "alignment.turn_rate_max_rad_per_s",
+            a.turn_rate_max_rad_per_s,
+            0.0,
+            3.0,
+        )?;
+        let n = &self.normal;
+        check_range("normal.filter_s", n.filter_s, 0.0, 2.0)?;
+        check_range(
+            "normal.turn_rate_max_rad_per_s",
+            n.turn_rate_max_rad_per_s,
+            0.01,
+            6.0,
+        )?;
+        check_range("normal.gate_rad", n.gate_rad, 0.05, 3.0)?;
+        check_range("normal.switch_gate_rad", n.switch_gate_rad, 0.01, 3.0)?;
+        check_range("normal.blind_distance_m", n.blind_distance_m, 0.001, 1.0)?;
+        check_range(
+            "normal.curvature_distance_m",
+            n.curvature_distance_m,
+            0.001,
+            1.0,
+        )?;
+        check_range(
+            "normal.curvature_max_per_m",
+            n.curvature_max_per_m,
+            0.0,
+            500.0,
+        )?;
+        let p = &self.path;
+        check_range("path.gain_per_s", p.gain_per_s, 0.0, 10.0)?;
+        check_range(
+            "path.feedback_speed_max_m_per_s",
+            p.feedback_speed_max_m_per_s,
+            0.0,
+            0.2,
+        )?;
+        check_range("path.wait_error_m", p.wait_error_m, 0.0005, 0.1)?;
+        check_range(
+            "path.acceleration_m_per_s2",
+            p.acceleration_m_per_s2,
+            0.005,
+            5.0,
+        )?;
+        check_range("path.jerk_m_per_s3", p.jerk_m_per_s3, 0.01, 100.0)?;
+        check_range("path.clock_ramp_s", p.clock_ramp_s, 0.01, 5.0)?;
+        let c = &self.contact;
+        check_range("contact.touch_share", c.touch_share, 0.01, 0.9)?;
+        check_range("contact.lost_share", c.lost_share, 0.0, c.touch_share)?;
+        check_range("contact.noise_n", c.noise_n, 0.0, 10.0)?;
+        check_range("contact.lost_cycles", f64::from(c.lost_cycles), 1.0, 100.0)?;
+        check_range("contact.settled_share", c.settled_share, 0.01, 0.9)?;
+        check_range("contact.settled_s", c.settled_s, 0.0, 10.0)?;
+        check_range(
+            "contact.seek_speed_m_per_s",
+            c.seek_speed_m_per_s,
+            0.0005,
+            0.05,
+        )?;
+        let w = &self.patience;
+        check_range("patience.wrench_cycles", w.wrench_cycles, 1.0, 100.0)?;
+        check_range("patience.wrench_jitter_s", w.wrench_jitter_s, 0.0, 0.5)?;
+        check_range(
+            "patience.wrench_bad_cycles",
+            f64::from(w.wrench_bad_cycles),
+            1.0,
+            10.0,
+        )?;
+        check_range("patience.wrench_retract_s", w.wrench_retract_s, 0.0, 2.0)?;
+        check_range("patience.estimate_s", w.estimate_s, 0.01, 2.0)?;
+        check_range(
+            "patience.estimate_retract_s",
+            w.estimate_retract_s,
+            0.0,
+            10.0,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_in_range_and_the_paper_is_table_1() {
+        for name in ControllerConfig::PRESETS {
+            ControllerConfig::preset(name).unwrap().check().unwrap();
+        }
+        let paper = ControllerConfig::preset("paper").unwrap();
+        assert_eq!(paper.force.mass_kg, 1.0);
+        assert_eq!(paper.force.damping_n_s_per_m, 150.0);
+        assert_eq!(paper.torque.inertia_kg_m2, 0.04);
+        assert_eq!(paper.torque.damping_n_m_s_per_rad, 1.5);
+        assert_eq!(paper.alignment.gain_per_s, 0.08);
+        assert!(!paper.force.adaptive && paper.force.integral_ratio == 0.0);
+        assert!(!paper.alignment.feed_forward);
+    }
+
+    #[test]
+    fn one_key_changes_one_key() {
+        let config: ControllerConfig = toml::from_str("alignment.gain_per_s = 1.0").unwrap();
+        let mut expected = ControllerConfig::default();
+        expected.alignment.gain_per_s = 1.0;
+        assert_eq!(config, expected);
+        assert!(toml::from_str::<ControllerConfig>("alignment.gain = 1.0").is_err());
+    }
+
+    #[test]
+    fn out_of_range_names_the_key() {
+        let mut config = ControllerConfig::default();
+        config.force.damping_n_s_per_m = 0.0;
+        let error = config.check().unwrap_err().to_string();
+        assert!(error.contains("force.damping_n_s_per_m"), "{error}");
+    }
+}

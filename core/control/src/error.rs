@@ -1,0 +1,77 @@
+//! What can be wrong with a task, a configuration or a request.
+
+use thiserror::Error;
+
+/// Errors of this crate. Each says what was wrong, the value, what is allowed, and what to do.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ControlError {
+    /// The text is no valid TOML, or a key is unknown, missing or of the wrong type.
+    #[error("task: {0}")]
+    Syntax(String),
+    /// A number is out of its range.
+    #[error("`{key}` is {value}: allowed is {allowed}")]
+    Range {
+        /// Dotted path of the key.
+        key: String,
+        /// What was given.
+        value: String,
+        /// What is allowed.
+        allowed: String,
+    },
+    /// No preset of this name.
+    #[error("no controller preset `{0}`: there are `default` and `paper`")]
+    UnknownPreset(String),
+    /// A request does not fit the phase the controller is in.
+    #[error("cannot {request} while {phase}: {remedy}")]
+    WrongPhase {
+        /// What was asked.
+        request: &'static str,
+        /// The phase, in words.
+        phase: &'static str,
+        /// What to do instead.
+        remedy: &'static str,
+    },
+    /// An estimator switch was refused.
+    #[error("estimator `{name}` refused: {reason}")]
+    SwitchRefused {
+        /// Who was asked for.
+        name: String,
+        /// Why not.
+        reason: String,
+    },
+    /// No live parameter of this name.
+    #[error("no parameter `{name}`: there are {known}")]
+    UnknownParameter {
+        /// What was asked.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+}
+
+impl ControlError {
+    pub(crate) fn range(key: impl Into<String>, value: impl ToString, allowed: &str) -> Self {
+        Self::Range {
+            key: key.into(),
+            value: value.to_string(),
+            allowed: allowed.into(),
+        }
+    }
+}
+
+/// `value` must be finite and within `lower..=upper`.
+pub(crate) fn check_range(
+    key: &str,
+    value: f64,
+    lower: f64,
+    upper: f64,
+) -> Result<(), ControlError> {
+    if value.is_finite() && value >= lower && value <= upper {
+        return Ok(());
+    }
+    Err(ControlError::range(
+        key,
+        value,
+        &format!("{lower} to {upper}"),
+    ))
+}

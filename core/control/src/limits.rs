@@ -1,0 +1,204 @@
+//! Limits of the cell that no task and no law may exceed, and the limiter that keeps a twist inside them.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use tangent_mechanics::{Aligned, Base, Tool, Twist};
+
+use crate::ControlError;
+use crate::error::check_range;
+
+/// Limits of the cell. The bridge has its own, wider ones behind these.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Speed of the tool's origin, m/s.
+    pub speed_max_m_per_s: f64,
+    /// Acceleration of the tool's origin, m/s².
+    pub acceleration_max_m_per_s2: f64,
+    /// Angular speed of the tool, rad/s.
+    pub turn_rate_max_rad_per_s: f64,
+    /// Angular acceleration of the tool, rad/s².
+    pub turn_acceleration_max_rad_per_s2: f64,
+    /// Share of the arm's own joint speed limits, 0 to 1.
+    pub joint_speed_share: f64,
+    /// Joint acceleration, rad/s².
+    pub joint_acceleration_max_rad_per_s2: f64,
+    /// Distance kept from a joint's end stops, rad.
+    pub joint_margin_rad: f64,
+    /// Force at the tool beyond which the arm retracts, N.
+    pub force_max_n: f64,
+    /// Power put into the surface along the normal, W.
+    pub power_max_w: f64,
+    /// Way against the normal without contact before the arm gives up and retracts, m.
+    pub blind_distance_max_m: f64,
+    /// Damping of the inverse Jacobian at a singularity (eq. 3), and manipulability below which it begins.
+    pub damping_max: f64,
+    /// See `damping_max`; in units of `sqrt(det(J Jᵀ))`.
+    pub manipulability_threshold: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            speed_max_m_per_s: 0.25,
+            acceleration_max_m_per_s2: 1.0,
+            turn_rate_max_rad_per_s: 1.0,
+            turn_acceleration_max_rad_per_s2: 10.0,
+            joint_speed_share: 0.5,
+            joint_acceleration_max_rad_per_s2: 15.0,
+            joint_margin_rad: 0.05,
+            force_max_n: 40.0,
+            power_max_w: 0.5,
+            blind_distance_max_m: 0.03,
+            damping_max: 0.1,
+            manipulability_threshold: 0.01,
+        }
+    }
+}
+
+impl Limits {
+    /// Every number in its range.
+    pub fn check(&self) -> Result<(), ControlError> {
+        let positive =
+            |key: &str, value, upper| check_range(&format!("limits.{key}"), value, 1e-6, upper);
+        positive("speed_max_m_per_s", self.speed_max_m_per_s, 2.0)?;
+        positive(
+            "acceleration_max_m_per_s2",
+            self.acceleration_max_m_per_s2,
+            50.0,
+        )?;
+        positive("turn_rate_max_rad_per_s", self.turn_rate_max_rad_per_s, 6.0)?;
+        positive(
+            "turn_acceleration_max_rad_per_s2",
+            self.turn_acceleration_max_rad_per_s2,
+            200.0,
+        )?;
+        positive("joint_speed_share", self.joint_speed_share, 1.0)?;
+        positive(
+            "joint_acceleration_max_rad_per_s2",
+            self.joint_acceleration_max_rad_per_s2,
+            100.0,
+        )?;
+        check_range("limits.joint_margin_rad", self.joint_margin_rad, 0.0, 1.0)?;
+        positive("force_max_n", self.force_max_n, 1000.0)?;
+        positive("power_max_w", self.power_max_w, 100.0)?;
+        positive("blind_distance_max_m", self.blind_distance_max_m, 0.5)?;
+        positive("damping_max", self.damping_max, 10.0)?;
+        positive(
+            "manipulability_threshold",
+            self.manipulability_threshold,
+            1.0,
+        )
+    }
+}
+
+/// `vector`, shortened to `length` if longer.
+pub fn clamp_norm(vector: Vector3<f64>, length: f64) -> Vector3<f64> {
+    let norm = vector.norm();
+    if norm > length {
+        vector * (length / norm)
+    } else {
+        vector
+    }
+}
+
+/// Keeps a commanded twist inside speed and acceleration limits. Its state is the last twist given out.
+#[derive(Clone, Copy, Debug)]
+pub struct TwistLimiter {
+    last: Twist<Aligned<Tool, Base>>,
+}
+
+impl Default for TwistLimiter {
+    fn default() -> Self {
+        Self {
+            last: Twist::zero(),
+        }
+    }
+}
+
+impl TwistLimiter {
+    /// The twist nearest to `wanted` (towards it from the last one) within `limits`. A twist that is not finite asks
+    /// for a stop.
+    pub fn step(
+        &mut self,
+        limits: &Limits,
+        wanted: Twist<Aligned<Tool, Base>>,
+        dt_s: f64,
+    ) -> Twist<Aligned<Tool, Base>> {
+        let wanted = if wanted.is_finite() {
+            wanted
+        } else {
+            Twist::zero()
+        };
+        let linear = clamp_norm(wanted.linear, limits.speed_max_m_per_s);
+        let angular = clamp_norm(wanted.angular, limits.turn_rate_max_rad_per_s);
+        self.last = Twist::new(
+            self.last.linear
+                + clamp_norm(
+                    linear - self.last.linear,
+                    limits.acceleration_max_m_per_s2 * dt_s,
+                ),
+            self.last.angular
+                + clamp_norm(
+                    angular - self.last.angular,
+                    limits.turn_acceleration_max_rad_per_s2 * dt_s,
+                ),
+        );
+        self.last
+    }
+
+    /// The twist given out last.
+    pub fn last(&self) -> Twist<Aligned<Tool, Base>> {
+        self.last
+    }
+
+    /// Forgets motion: the arm stands.
+    pub fn reset(&mut self) {
+        self.last = Twist::zero();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn any_number() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            -1.0f64..1.0,
+            -1e9f64..1e9,
+            Just(f64::NAN),
+            Just(f64::INFINITY)
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn never_beyond_the_limits_for_any_input(wanted in prop::collection::vec(prop::array::uniform6(any_number()), 1..50)) {
+            let limits = Limits::default();
+            let mut limiter = TwistLimiter::default();
+            let dt = 0.008;
+            for w in wanted {
+                let before = limiter.last();
+                let out = limiter.step(&limits, Twist::from_vector(&w.into()), dt);
+                prop_assert!(out.is_finite());
+                prop_assert!(out.linear.norm() <= limits.speed_max_m_per_s * (1.0 + 1e-9));
+                prop_assert!(out.angular.norm() <= limits.turn_rate_max_rad_per_s * (1.0 + 1e-9));
+                let step = out - before;
+                prop_assert!(step.linear.norm() <= limits.acceleration_max_m_per_s2 * dt * (1.0 + 1e-9));
+                prop_assert!(step.angular.norm() <= limits.turn_acceleration_max_rad_per_s2 * dt * (1.0 + 1e-9));
+            }
+        }
+    }
+
+    #[test]
+    fn the_default_is_in_range() {
+        Limits::default().check().unwrap();
+        let wrong = Limits {
+            power_max_w: f64::NAN,
+            ..Limits::default()
+        };
+        let error = wrong.check().unwrap_err().to_string();
+        assert!(error.contains("limits.power_max_w"), "{error}");
+    }
+}

@@ -1,0 +1,445 @@
+//! Paths in a plane, as a task names them, and their smooth run over time.
+//!
+//! A path starts at the origin (where the tool touched down) and is drawn in the plane's x and y. The controller lays
+//! the plane on the surface: see `tracking`.
+
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+use crate::error::check_range;
+use crate::{ControlError, Profile};
+
+/// A path as it stands in a task file, chosen by `kind`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum PathSpec {
+    /// Back and forth in x, stepping in y (Tugal et al., V.A).
+    Raster(Raster),
+    /// A circle through the start.
+    Circle(Circle),
+    /// A straight line from the start, there and perhaps back.
+    Line(Line),
+    /// Straight lines through points, stopping at each.
+    Waypoints(Waypoints),
+    /// Stay where it touched.
+    Stay(Stay),
+}
+
+/// Back and forth in x, stepping in y. The paper's: 0.02 m/s, 10 s (0.2 m) per axis, pauses between.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Raster {
+    /// Length of a line along x, m.
+    pub length_m: f64,
+    /// Step along y between lines, m; negative steps the other way.
+    pub step_m: f64,
+    /// Lines along x.
+    #[serde(default = "two")]
+    pub lines: u32,
+    /// m/s.
+    pub speed_m_per_s: f64,
+    /// At every corner, s.
+    #[serde(default)]
+    pub pause_s: f64,
+    /// Repeat the whole pattern backwards until this time, s; 0 runs it once.
+    #[serde(default)]
+    pub duration_s: f64,
+}
+
+/// A circle through the start, its centre along +x from there.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Circle {
+    /// m.
+    pub radius_m: f64,
+    /// Times around; negative is clockwise seen from outside.
+    #[serde(default = "one")]
+    pub turns: f64,
+    /// m/s.
+    pub speed_m_per_s: f64,
+}
+
+/// A straight line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Line {
+    /// Where to, from the start, m.
+    pub to_m: [f64; 2],
+    /// m/s.
+    pub speed_m_per_s: f64,
+    /// Times there; an even number ends where it began.
+    #[serde(default = "one_stroke")]
+    pub strokes: u32,
+    /// Between strokes, s.
+    #[serde(default)]
+    pub pause_s: f64,
+}
+
+/// Straight lines through points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Waypoints {
+    /// From the start, m.
+    pub points_m: Vec<[f64; 2]>,
+    /// m/s.
+    pub speed_m_per_s: f64,
+    /// At every point, s.
+    #[serde(default)]
+    pub pause_s: f64,
+}
+
+/// Standing still under force.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stay {
+    /// s.
+    pub duration_s: f64,
+}
+
+fn two() -> u32 {
+    2
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn one_stroke() -> u32 {
+    1
+}
+
+const SPEED: (f64, f64) = (0.001, 0.25);
+const REACH: f64 = 2.0;
+
+impl PathSpec {
+    /// Every number in its range.
+    pub fn check(&self) -> Result<(), ControlError> {
+        let speed = |v| check_range("path.speed_m_per_s", v, SPEED.0, SPEED.1);
+        let pause = |v| check_range("path.pause_s", v, 0.0, 60.0);
+        match self {
+            Self::Raster(r) => {
+                check_range("path.length_m", r.length_m, 0.001, REACH)?;
+                check_range("path.step_m", r.step_m, -REACH, REACH)?;
+                check_range("path.lines", f64::from(r.lines), 1.0, 1000.0)?;
+                check_range("path.duration_s", r.duration_s, 0.0, 86_400.0)?;
+                pause(r.pause_s)?;
+                speed(r.speed_m_per_s)
+            }
+            Self::Circle(c) => {
+                check_range("path.radius_m", c.radius_m, 0.001, REACH)?;
+                check_range("path.turns", c.turns, -1000.0, 1000.0)?;
+                if c.turns == 0.0 {
+                    return Err(ControlError::range("path.turns", 0.0, "anything but zero"));
+                }
+                speed(c.speed_m_per_s)
+            }
+            Self::Line(l) => {
+                check_point("path.to_m", &l.to_m)?;
+                check_range("path.strokes", f64::from(l.strokes), 1.0, 10_000.0)?;
+                pause(l.pause_s)?;
+                speed(l.speed_m_per_s)
+            }
+            Self::Waypoints(w) => {
+                if w.points_m.is_empty() || w.points_m.len() > 100_000 {
+                    return Err(ControlError::range(
+                        "path.points_m",
+                        format!("{} points", w.points_m.len()),
+                        "1 to 100000 points",
+                    ));
+                }
+                for point in &w.points_m {
+                    check_point("path.points_m", point)?;
+                }
+                pause(w.pause_s)?;
+                speed(w.speed_m_per_s)
+            }
+            Self::Stay(s) => check_range("path.duration_s", s.duration_s, 0.0, 86_400.0),
+        }
+    }
+
+    /// Speed asked for, m/s.
+    pub fn speed_m_per_s(&self) -> f64 {
+        match self {
+            Self::Raster(r) => r.speed_m_per_s,
+            Self::Circle(c) => c.speed_m_per_s,
+            Self::Line(l) => l.speed_m_per_s,
+            Self::Waypoints(w) => w.speed_m_per_s,
+            Self::Stay(_) => SPEED.0,
+        }
+    }
+}
+
+fn check_point(key: &str, point: &[f64; 2]) -> Result<(), ControlError> {
+    check_range(key, point[0], -REACH, REACH)?;
+    check_range(key, point[1], -REACH, REACH)
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Shape {
+    Straight {
+        from: Vector2<f64>,
+        direction: Vector2<f64>,
+    },
+    Arc {
+        centre: Vector2<f64>,
+        radius: f64,
+        start_rad: f64,
+        sign: f64,
+    },
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    start_s: f64,
+    shape: Shape,
+    profile: Profile,
+}
+
+/// A path with its run over time; made once, then read every cycle.
+#[derive(Clone, Debug)]
+pub struct Path {
+    stretches: Vec<Stretch>,
+    duration_s: f64,
+}
+
+/// Where the path is at a time: plane coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// m.
+    pub position: Vector2<f64>,
+    /// m/s.
+    pub velocity: Vector2<f64>,
+}
+
+impl Path {
+    /// Gives the path its time law.
+    pub fn new(
+        spec: &PathSpec,
+        acceleration_m_per_s2: f64,
+        jerk_m_per_s3: f64,
+    ) -> Result<Self, ControlError> {
+        spec.check()?;
+        let mut path = Self {
+            stretches: Vec::new(),
+            duration_s: 0.0,
+        };
+        let bounds = (acceleration_m_per_s2, jerk_m_per_s3);
+        match spec {
+            PathSpec::Raster(r) => path.raster(r, bounds),
+            PathSpec::Circle(c) => {
+                // Towards the centre it accelerates with v²/r, with a jerk of v³/r².
+                let speed = c
+                    .speed_m_per_s
+                    .min((acceleration_m_per_s2 * c.radius_m).sqrt())
+                    .min((jerk_m_per_s3 * c.radius_m * c.radius_m).cbrt());
+                let length = std::f64::consts::TAU * c.radius_m * c.turns.abs();
+                path.push(
+                    Shape::Arc {
+                        centre: Vector2::new(c.radius_m, 0.0),
+                        radius: c.radius_m,
+                        start_rad: std::f64::consts::PI,
+                        sign: c.turns.signum(),
+                    },
+                    Profile::new(length, speed, bounds.0, bounds.1),
+                );
+            }
+            PathSpec::Line(l) => {
+                let ends = [Vector2::zeros(), Vector2::from(l.to_m)];
+                for i in 0..l.strokes as usize {
+                    if i > 0 {
+                        path.duration_s += l.pause_s;
+                    }
+                    path.straight(ends[i % 2], ends[(i + 1) % 2], l.speed_m_per_s, bounds);
+                }
+            }
+            PathSpec::Waypoints(w) => {
+                let mut from = Vector2::zeros();
+                for point in &w.points_m {
+                    let to = Vector2::from(*point);
+                    path.straight(from, to, w.speed_m_per_s, bounds);
+                    path.duration_s += w.pause_s;
+                    from = to;
+                }
+            }
+            PathSpec::Stay(s) => path.duration_s = s.duration_s,
+        }
+        Ok(path)
+    }
+
+    fn raster(&mut self, r: &Raster, bounds: (f64, f64)) {
+        let mut corners = vec![Vector2::zeros()];
+        for line in 0..r.lines {
+            let y = r.step_m * f64::from(line);
+            let (near, far) = (Vector2::new(0.0, y), Vector2::new(r.length_m, y));
+            let (from, to) = if line % 2 == 0 {
+                (near, far)
+            } else {
+                (far, near)
+            };
+            if line > 0 {
+                corners.push(from);
+            }
+            corners.push(to);
+        }
+        loop {
+            for ends in corners.windows(2) {
+                if r.duration_s > 0.0 && self.duration_s >= r.duration_s {
+                    self.duration_s = r.duration_s;
+                    return;
+                }
+                self.straight(ends[0], ends[1], r.speed_m_per_s, bounds);
+                self.duration_s += r.pause_s;
+            }
+            if self.duration_s >= r.duration_s {
+                break;
+            }
+            corners.reverse();
+        }
+        if r.duration_s > 0.0 {
+            self.duration_s = r.duration_s;
+        }
+    }
+
+    fn straight(&mut self, from: Vector2<f64>, to: Vector2<f64>, speed: f64, bounds: (f64, f64)) {
+        let length = (to - from).norm();
+        if length > 0.0 {
+            self.push(
+                Shape::Straight {
+                    from,
+                    direction: (to - from) / length,
+                },
+                Profile::new(length, speed, bounds.0, bounds.1),
+            );
+        }
+    }
+
+    fn push(&mut self, shape: Shape, profile: Profile) {
+        self.stretches.push(Stretch {
+            start_s: self.duration_s,
+            shape,
+            profile,
+        });
+        self.duration_s += profile.duration_s();
+    }
+
+    /// From start to end at nominal speed, s.
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// Position and velocity at `time_s`; at rest before the start and after the end.
+    pub fn at(&self, time_s: f64) -> PathPoint {
+        let time_s = time_s.min(self.duration_s);
+        let index = self
+            .stretches
+            .partition_point(|stretch| stretch.start_s <= time_s);
+        let Some(stretch) = index.checked_sub(1).and_then(|i| self.stretches.get(i)) else {
+            return PathPoint {
+                position: Vector2::zeros(),
+                velocity: Vector2::zeros(),
+            };
+        };
+        let (distance, speed) = stretch.profile.at(time_s - stretch.start_s);
+        match stretch.shape {
+            Shape::Straight { from, direction } => PathPoint {
+                position: from + direction * distance,
+                velocity: direction * speed,
+            },
+            Shape::Arc {
+                centre,
+                radius,
+                start_rad,
+                sign,
+            } => {
+                let (sin, cos) = (start_rad + sign * distance / radius).sin_cos();
+                PathPoint {
+                    position: centre + Vector2::new(cos, sin) * radius,
+                    velocity: Vector2::new(-sin, cos) * (sign * speed),
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn path(toml: &str) -> Path {
+        let spec: PathSpec = toml::from_str(toml).unwrap();
+        Path::new(&spec, 0.1, 1.0).unwrap()
+    }
+
+    fn end(path: &Path) -> Vector2<f64> {
+        path.at(path.duration_s()).position
+    }
+
+    #[test]
+    fn the_papers_raster_takes_thirty_seconds_and_stays_in_its_square() {
+        let raster = path(
+            "kind = \"raster\"\nlength_m = 0.2\nstep_m = 0.2\nspeed_m_per_s = 0.02\npause_s = 0.5\nduration_s = 30.0",
+        );
+        assert_eq!(raster.duration_s(), 30.0);
+        for i in 0..3000 {
+            let p = raster.at(f64::from(i) * 0.01).position;
+            assert!((-1e-12..=0.2 + 1e-12).contains(&p.x) && (-1e-12..=0.2 + 1e-12).contains(&p.y));
+        }
+        assert!((raster.at(10.6).position - Vector2::new(0.2, 0.0)).norm() < 1e-9);
+        assert_eq!(raster.at(10.6).velocity.norm(), 0.0);
+    }
+
+    #[test]
+    fn ends_are_where_they_were_drawn() {
+        let circle = path("kind = \"circle\"\nradius_m = 0.05\nspeed_m_per_s = 0.03\nturns = -1.0");
+        assert!(end(&circle).norm() < 1e-12);
+        assert!(
+            (circle.at(circle.duration_s() / 2.0).position - Vector2::new(0.1, 0.0)).norm() < 1e-9
+        );
+        let line = path("kind = \"line\"\nto_m = [0.03, -0.04]\nspeed_m_per_s = 0.02\nstrokes = 3");
+        assert!((end(&line) - Vector2::new(0.03, -0.04)).norm() < 1e-12);
+        let points = path(
+            "kind = \"waypoints\"\npoints_m = [[0.1, 0.0], [0.1, 0.0], [0.0, 0.1]]\nspeed_m_per_s = 0.02",
+        );
+        assert!((end(&points) - Vector2::new(0.0, 0.1)).norm() < 1e-12);
+        let stay = path("kind = \"stay\"\nduration_s = 2.0");
+        assert_eq!((end(&stay), stay.duration_s()), (Vector2::zeros(), 2.0));
+    }
+
+    #[test]
+    fn unknown_keys_of_a_kind_are_errors() {
+        let text = "kind = \"circle\"\nradius_m = 0.05\nspeed_m_per_s = 0.03\nlength_m = 1.0";
+        let error = toml::from_str::<PathSpec>(text).unwrap_err().to_string();
+        assert!(error.contains("length_m"), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn speed_and_acceleration_stay_bounded(points in prop::collection::vec(prop::array::uniform2(-0.3f64..0.3), 1..6),
+                                               speed in 0.005f64..0.1) {
+            let spec = PathSpec::Waypoints(Waypoints { points_m: points, speed_m_per_s: speed, pause_s: 0.1 });
+            let path = Path::new(&spec, 0.1, 1.0).unwrap();
+            let h = 0.004;
+            let mut before = path.at(0.0);
+            let mut t = 0.0;
+            while t < path.duration_s() + 0.1 {
+                t += h;
+                let now = path.at(t);
+                prop_assert!(now.velocity.norm() <= speed * (1.0 + 1e-9));
+                prop_assert!((now.velocity - before.velocity).norm() / h <= 0.1 * (1.0 + 1e-6));
+                prop_assert!((now.position - before.position).norm() <= speed * h * (1.0 + 1e-6));
+                before = now;
+            }
+        }
+
+        #[test]
+        fn a_circle_stays_on_its_circle(radius in 0.01f64..0.3, speed in 0.005f64..0.2, t in 0.0f64..1.0) {
+            let spec = PathSpec::Circle(Circle { radius_m: radius, turns: 1.5, speed_m_per_s: speed });
+            let path = Path::new(&spec, 0.1, 1.0).unwrap();
+            let at = path.at(t * path.duration_s());
+            prop_assert!(((at.position - Vector2::new(radius, 0.0)).norm() - radius).abs() < 1e-9);
+            // Centripetal acceleration within the bound.
+            prop_assert!(at.velocity.norm_squared() / radius <= 0.1 * (1.0 + 1e-9));
+        }
+    }
+}

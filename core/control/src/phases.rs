@@ -1,0 +1,141 @@
+//! Phases of a task, and the faults that end one.
+
+/// Where a task stands. The numeric value is `ControlState.phase`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Phase {
+    /// Nothing to do.
+    #[default]
+    Idle = 0,
+    /// Moving towards the surface.
+    Approach = 1,
+    /// Touched it; the force settles.
+    Contact = 2,
+    /// Following the path.
+    Slide = 3,
+    /// Moving off the surface.
+    Retract = 4,
+    /// Ended as it should.
+    Done = 5,
+    /// Ended by a fault.
+    Fault = 6,
+    /// Pressing, standing still: paused, at the path's end, or without an estimate or a wrench.
+    Hold = 7,
+    /// Lost the surface; moving towards it again.
+    Seek = 8,
+    /// Standing still while the sensor's bias is taken.
+    Tare = 9,
+}
+
+impl Phase {
+    /// All of them.
+    pub const ALL: [Self; 10] = [
+        Self::Idle,
+        Self::Approach,
+        Self::Contact,
+        Self::Slide,
+        Self::Retract,
+        Self::Done,
+        Self::Fault,
+        Self::Hold,
+        Self::Seek,
+        Self::Tare,
+    ];
+
+    /// As in `ControlState.phase_text`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "idle",
+            Self::Approach => "approach",
+            Self::Contact => "contact",
+            Self::Slide => "slide",
+            Self::Retract => "retract",
+            Self::Done => "done",
+            Self::Fault => "fault",
+            Self::Hold => "hold",
+            Self::Seek => "seek",
+            Self::Tare => "tare",
+        }
+    }
+
+    /// A task is under way.
+    pub fn is_active(self) -> bool {
+        !matches!(self, Self::Idle | Self::Done | Self::Fault)
+    }
+
+    /// The tool is meant to press on the surface.
+    pub fn is_pressing(self) -> bool {
+        matches!(self, Self::Contact | Self::Slide | Self::Hold)
+    }
+}
+
+/// Why a task ended before its time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// The wrench is missing, old, not finite, saturated or the sensor reports an error.
+    Wrench(tangent_sensing::Validity),
+    /// No estimator in the task's list gave a usable normal for too long.
+    Estimate(tangent_sensing::Validity),
+    /// The approach found nothing.
+    NoSurface,
+    /// The surface was lost and not found again.
+    SurfaceLost,
+    /// The force exceeds the cell's limit.
+    ForceLimit,
+    /// The force did not settle in time.
+    ForceNotReached,
+    /// No tare in time.
+    NoTare,
+    /// The arm does not take commands.
+    ArmNotReady,
+    /// The arm's state is not finite.
+    ArmState,
+    /// The task took longer than it may.
+    TaskTimeout,
+}
+
+impl Fault {
+    /// What happened and what to do, in words.
+    pub fn text(self) -> &'static str {
+        use tangent_sensing::Validity;
+        match self {
+            Self::Wrench(Validity::Missing) => "no wrench: is netft running?",
+            Self::Wrench(Validity::Stale) => {
+                "wrench fell silent: check the sensor's cable and netft"
+            }
+            Self::Wrench(Validity::Saturated) => "sensor saturated: too much force or torque",
+            Self::Wrench(Validity::NotFinite) => "wrench is not a finite number",
+            Self::Wrench(_) => "sensor reports an error: see wrench/status",
+            Self::Estimate(Validity::Missing) => "no normal estimate: is the estimator running?",
+            Self::Estimate(Validity::Stale) => {
+                "normal estimate fell silent, no other to fall back to"
+            }
+            Self::Estimate(_) => "normal estimate unusable, no other to fall back to",
+            Self::NoSurface => "no surface within approach.distance_max_m",
+            Self::SurfaceLost => {
+                "surface lost and not found again within limits.blind_distance_max_m"
+            }
+            Self::ForceLimit => "force beyond limits.force_max_n",
+            Self::ForceNotReached => "force did not settle within timeouts.contact_s",
+            Self::NoTare => "no tare within timeouts.tare_s: is netft running?",
+            Self::ArmNotReady => "arm does not take commands: see arm/state",
+            Self::ArmState => "arm state is not a finite number",
+            Self::TaskTimeout => "task took longer than timeouts.task_s",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_distinct_and_numbers_fixed() {
+        for (i, a) in Phase::ALL.iter().enumerate() {
+            assert_eq!(*a as usize, i);
+            for b in &Phase::ALL[..i] {
+                assert_ne!(a.name(), b.name());
+            }
+        }
+    }
+}

@@ -1,0 +1,354 @@
+//! A task as a person writes it: what to press with, along which path, and what to do around it.
+//!
+//! Read from TOML by the `controller` service and by the scenarios of `evaluate`.
+
+use std::str::FromStr;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::error::check_range;
+use crate::{ControlError, MAX_ESTIMATORS, PathSpec};
+
+/// A task: keys as in `docs/tasks.md`. Unknown keys are errors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Task {
+    /// For messages and recordings.
+    pub name: String,
+    /// Preset of the law: `default` or `paper`; none keeps the controller's own.
+    #[serde(default)]
+    pub controller: Option<String>,
+    /// Estimators by order of preference: the first is used, the others are fallen back to.
+    #[serde(default = "default_estimators")]
+    pub estimators: Vec<String>,
+    /// Average the sensor's bias standing still, before contact.
+    #[serde(default = "yes")]
+    pub tare: bool,
+    /// How hard to press.
+    pub force: ForceSpec,
+    /// How to find the surface.
+    #[serde(default)]
+    pub approach: ApproachSpec,
+    /// Where to go on it.
+    pub path: PathSpec,
+    /// How the path's plane lies.
+    #[serde(default)]
+    pub plane: PlaneSpec,
+    /// What to do at the end.
+    #[serde(default)]
+    pub end: EndSpec,
+    /// How long to wait for what.
+    #[serde(default)]
+    pub timeouts: TimeoutSpec,
+}
+
+/// How hard to press.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ForceSpec {
+    /// Pressing force along the normal, N, positive.
+    pub reference_n: f64,
+}
+
+/// A direction: an axis of the tool where the task starts, or a vector in base axes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Direction {
+    /// `tool_x`, `tool_y` or `tool_z`.
+    Axis(ToolAxis),
+    /// Base axes, any length but zero.
+    Vector([f64; 3]),
+}
+
+/// An axis of the tool.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[allow(missing_docs)]
+pub enum ToolAxis {
+    ToolX,
+    ToolY,
+    ToolZ,
+}
+
+impl Direction {
+    /// Unit vector in base axes.
+    pub fn in_base<A, B>(&self, base_from_tool: &tangent_mechanics::Pose<A, B>) -> Vector3<f64> {
+        match self {
+            Self::Axis(ToolAxis::ToolX) => base_from_tool.rotate(&Vector3::x()),
+            Self::Axis(ToolAxis::ToolY) => base_from_tool.rotate(&Vector3::y()),
+            Self::Axis(ToolAxis::ToolZ) => base_from_tool.rotate(&Vector3::z()),
+            Self::Vector(v) => Vector3::from(*v).normalize(),
+        }
+    }
+
+    fn check(&self, key: &str) -> Result<(), ControlError> {
+        match self {
+            Self::Axis(_) => Ok(()),
+            Self::Vector(v) => {
+                let norm = Vector3::from(*v).norm();
+                if norm.is_finite() && norm > 1e-9 {
+                    return Ok(());
+                }
+                Err(ControlError::range(
+                    key,
+                    format!("{v:?}"),
+                    "`tool_x`, `tool_y`, `tool_z` or a vector that is not zero",
+                ))
+            }
+        }
+    }
+}
+
+/// How to find the surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ApproachSpec {
+    /// Towards the surface.
+    pub direction: Direction,
+    /// m/s; slowed further where the expected stiffness asks for it.
+    pub speed_m_per_s: f64,
+    /// Give up after this way without contact, m.
+    pub distance_max_m: f64,
+    /// Stiffest contact expected, N/m: bounds the speed so that the first impact stays small. None: the preset's.
+    pub stiffness_expected_n_per_m: Option<f64>,
+}
+
+impl Default for ApproachSpec {
+    fn default() -> Self {
+        Self {
+            direction: Direction::Axis(ToolAxis::ToolZ),
+            speed_m_per_s: 0.005,
+            distance_max_m: 0.08,
+            stiffness_expected_n_per_m: None,
+        }
+    }
+}
+
+/// How the path's plane lies. Its z axis is against the approach direction; the path is drawn in x and y.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PlaneSpec {
+    /// Direction of the path's x axis, projected into the plane.
+    pub x_axis: Direction,
+}
+
+impl Default for PlaneSpec {
+    fn default() -> Self {
+        Self {
+            x_axis: Direction::Axis(ToolAxis::ToolX),
+        }
+    }
+}
+
+/// What to do at the end.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EndSpec {
+    /// Keep the force where the path ended, s.
+    pub hold_s: f64,
+    /// Way back along the normal, m.
+    pub retract_distance_m: f64,
+    /// m/s.
+    pub retract_speed_m_per_s: f64,
+}
+
+impl Default for EndSpec {
+    fn default() -> Self {
+        Self {
+            hold_s: 0.5,
+            retract_distance_m: 0.05,
+            retract_speed_m_per_s: 0.02,
+        }
+    }
+}
+
+/// How long to wait for what, s.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TimeoutSpec {
+    /// For the tare before contact.
+    pub tare_s: f64,
+    /// For the force to settle after touchdown.
+    pub contact_s: f64,
+    /// For the whole task; 0 is no limit.
+    pub task_s: f64,
+}
+
+impl Default for TimeoutSpec {
+    fn default() -> Self {
+        Self {
+            tare_s: 5.0,
+            contact_s: 10.0,
+            task_s: 0.0,
+        }
+    }
+}
+
+fn default_estimators() -> Vec<String> {
+    vec!["blend".into(), "reactive".into()]
+}
+
+fn yes() -> bool {
+    true
+}
+
+impl FromStr for Task {
+    type Err = ControlError;
+
+    /// Reads and checks a TOML document.
+    fn from_str(text: &str) -> Result<Self, ControlError> {
+        let task: Self = toml::from_str(text).map_err(|e| ControlError::Syntax(e.to_string()))?;
+        task.check()?;
+        Ok(task)
+    }
+}
+
+impl Task {
+    /// Every number in its range, every name usable.
+    pub fn check(&self) -> Result<(), ControlError> {
+        if self.name.is_empty() || self.name.len() > 64 {
+            return Err(ControlError::range("name", &self.name, "1 to 64 bytes"));
+        }
+        if self.estimators.is_empty() || self.estimators.len() > MAX_ESTIMATORS {
+            return Err(ControlError::range(
+                "estimators",
+                format!("{:?}", self.estimators),
+                "one to eight names, the preferred first",
+            ));
+        }
+        for (i, name) in self.estimators.iter().enumerate() {
+            let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+            if name.is_empty() || name.len() > 64 || !name.chars().all(plain) {
+                return Err(ControlError::range(
+                    "estimators",
+                    format!("\"{name}\""),
+                    "letters, digits, `_` and `-`",
+                ));
+            }
+            if self.estimators[..i].contains(name) {
+                return Err(ControlError::range(
+                    "estimators",
+                    format!("\"{name}\" twice"),
+                    "each name once",
+                ));
+            }
+        }
+        if let Some(name) = &self.controller {
+            crate::ControllerConfig::preset(name)?;
+        }
+        check_range("force.reference_n", self.force.reference_n, 0.5, 100.0)?;
+        let approach = &self.approach;
+        approach.direction.check("approach.direction")?;
+        check_range(
+            "approach.speed_m_per_s",
+            approach.speed_m_per_s,
+            0.0005,
+            0.05,
+        )?;
+        check_range(
+            "approach.distance_max_m",
+            approach.distance_max_m,
+            0.001,
+            1.0,
+        )?;
+        if let Some(k) = approach.stiffness_expected_n_per_m {
+            check_range("approach.stiffness_expected_n_per_m", k, 100.0, 200_000.0)?;
+        }
+        self.plane.x_axis.check("plane.x_axis")?;
+        check_range("end.hold_s", self.end.hold_s, 0.0, 600.0)?;
+        check_range(
+            "end.retract_distance_m",
+            self.end.retract_distance_m,
+            0.005,
+            0.5,
+        )?;
+        check_range(
+            "end.retract_speed_m_per_s",
+            self.end.retract_speed_m_per_s,
+            0.001,
+            0.1,
+        )?;
+        check_range("timeouts.tare_s", self.timeouts.tare_s, 0.1, 120.0)?;
+        check_range("timeouts.contact_s", self.timeouts.contact_s, 0.5, 120.0)?;
+        check_range("timeouts.task_s", self.timeouts.task_s, 0.0, 86_400.0)?;
+        self.path.check()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINE: &str = r#"
+        name = "line"
+        force.reference_n = 3.0
+        [path]
+        kind = "line"
+        to_m = [0.1, 0.0]
+        speed_m_per_s = 0.02
+    "#;
+
+    #[test]
+    fn defaults_fill_what_is_not_said() {
+        let task: Task = LINE.parse().unwrap();
+        assert_eq!(task.estimators, ["blend", "reactive"]);
+        assert!(task.tare);
+        assert_eq!(task.approach, ApproachSpec::default());
+        let again: Task = toml::to_string(&task).unwrap().parse().unwrap();
+        assert_eq!(again, task);
+    }
+
+    #[test]
+    fn errors_name_the_key() {
+        for (from, to, key) in [
+            ("3.0", "-3.0", "force.reference_n"),
+            ("name = \"line\"", "name = \"line\"\nfoo = 1", "foo"),
+            (
+                "speed_m_per_s = 0.02",
+                "speed_m_per_s = 2.0",
+                "path.speed_m_per_s",
+            ),
+            ("speed_m_per_s = 0.02", "speed = 0.02", "speed"),
+            (
+                "\"line\"\n        to_m",
+                "\"spiral\"\n        to_m",
+                "spiral",
+            ),
+            (
+                "name = \"line\"",
+                "name = \"line\"\nestimators = [\"a\", \"a\"]",
+                "estimators",
+            ),
+            (
+                "name = \"line\"",
+                "name = \"line\"\napproach.direction = [0.0, 0.0, 0.0]",
+                "approach.direction",
+            ),
+            (
+                "name = \"line\"",
+                "name = \"line\"\ncontroller = \"magic\"",
+                "magic",
+            ),
+        ] {
+            let text = LINE.replacen(from, to, 1);
+            assert_ne!(text, LINE, "{from}");
+            let error = text.parse::<Task>().unwrap_err().to_string();
+            assert!(error.contains(key), "{key}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_direction_is_an_axis_or_a_vector() {
+        let text = LINE.replacen(
+            "name = \"line\"",
+            "name = \"line\"\napproach.direction = [0.0, 0.0, -2.0]\nplane.x_axis = \"tool_y\"",
+            1,
+        );
+        let task: Task = text.parse().unwrap();
+        let pose: tangent_mechanics::Pose<tangent_mechanics::Base, tangent_mechanics::Tool> =
+            tangent_mechanics::Pose::identity();
+        assert_eq!(task.approach.direction.in_base(&pose), -Vector3::z());
+        assert_eq!(task.plane.x_axis.in_base(&pose), Vector3::y());
+    }
+}
