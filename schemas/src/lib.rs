@@ -3,8 +3,11 @@
 //! Every message is a Rust type, a ROS 2 `.msg` definition and CDR bytes, and the three are tested against each
 //! other. Services publish and subscribe through the typed constants in [`topics`].
 
+pub mod cdr;
+pub mod convert;
 pub mod standard;
 pub mod tangent;
+pub mod topics;
 
 use arrayvec::{ArrayString, ArrayVec};
 

@@ -129,3 +129,74 @@ message! {
         pub nanosec: u32,
     }
 }
+
+message! {
+    /// One thing to draw. Kinds: 0 arrow, 2 sphere, 4 line strip, 5 line list, 9 text.
+    pub struct Marker: "visualization_msgs/msg/Marker" {
+        pub header: Header,
+        pub ns: FrameId,
+        pub id: i32,
+        pub r#type: i32,
+        /// 0 add or change, 2 delete, 3 delete all.
+        pub action: i32,
+        pub pose: Pose,
+        /// Metres; for an arrow by points: shaft diameter, head diameter, head length.
+        pub scale: Vector3,
+        pub color: ColorRGBA,
+        /// Zero: for ever.
+        pub lifetime: Duration,
+        pub frame_locked: bool,
+        pub points: Vec<Point>,
+        pub colors: Vec<ColorRGBA>,
+        pub texture_resource: String,
+        pub texture: CompressedImage,
+        pub uv_coordinates: Vec<UVCoordinate>,
+        pub text: String,
+        pub mesh_resource: String,
+        pub mesh_file: MeshFile,
+        pub mesh_use_embedded_materials: bool,
+    }
+}
+
+message! {
+    /// What viewers draw.
+    pub struct MarkerArray: "visualization_msgs/msg/MarkerArray" {
+        pub markers: Vec<Marker>,
+    }
+}
+
+message! {
+    /// Part of a marker; empty here.
+    pub struct CompressedImage: "sensor_msgs/msg/CompressedImage" {
+        pub header: Header,
+        pub format: String,
+        pub data: Vec<u8>,
+    }
+}
+
+message! {
+    /// Part of a marker; unused here.
+    pub struct UVCoordinate: "visualization_msgs/msg/UVCoordinate" {
+        pub u: f32,
+        pub v: f32,
+    }
+}
+
+message! {
+    /// Part of a marker; empty here.
+    pub struct MeshFile: "visualization_msgs/msg/MeshFile" {
+        pub filename: String,
+        pub data: Vec<u8>,
+    }
+}
+
+message! {
+    /// Joint positions rad, velocities rad/s, efforts Nm, by name.
+    pub struct JointState: "sensor_msgs/msg/JointState" {
+        pub header: Header,
+        pub name: Vec<String>,
+        pub position: Vec<f64>,
+        pub velocity: Vec<f64>,
+        pub effort: Vec<f64>,
+    }
+}

@@ -1,0 +1,156 @@
+//! Every topic of a cell as a typed value: key, message and how it is sent. Keys are relative to the cell's namespace.
+
+use std::borrow::Cow;
+use std::marker::PhantomData;
+
+use crate::Message;
+use crate::standard::{MarkerArray, TFMessage, WrenchStamped};
+use crate::tangent::{
+    ArmCommand, ArmState, ContactTruth, ControlState, Health, NormalEstimate, WrenchStatus,
+};
+
+/// How a topic is sent to other processes. Within a process every message is delivered in the sender's thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Delivery {
+    /// What the control loop acts on: highest priority, at once, the oldest dropped when the wire is busy.
+    RealTime,
+    /// Measurements and states at a steady rate: dropped when the wire is busy, the next one is newer.
+    Stream,
+    /// For people and recorders: may wait behind everything else.
+    Background,
+}
+
+/// A key, the message type that travels on it, and how it is sent. A key with `*` can be read, not published.
+#[derive(Debug)]
+pub struct Topic<M> {
+    key: Cow<'static, str>,
+    delivery: Delivery,
+    message: PhantomData<fn() -> M>,
+}
+
+impl<M: Message> Topic<M> {
+    /// A topic with a key known at compile time.
+    pub const fn new(key: &'static str, delivery: Delivery) -> Self {
+        Self {
+            key: Cow::Borrowed(key),
+            delivery,
+            message: PhantomData,
+        }
+    }
+
+    /// A topic whose key is put together at run time.
+    pub fn named(key: String, delivery: Delivery) -> Self {
+        Self {
+            key: Cow::Owned(key),
+            delivery,
+            message: PhantomData,
+        }
+    }
+
+    /// The key, relative to the cell's namespace.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// How it is sent.
+    pub fn delivery(&self) -> Delivery {
+        self.delivery
+    }
+
+    /// ROS 2 name of the message, `PACKAGE/msg/NAME`.
+    pub fn message_name(&self) -> &'static str {
+        M::NAME
+    }
+
+    /// The same topic as seen from outside any cell: `CELL/KEY`. `*` means every cell.
+    pub fn of_cell(&self, cell: &str) -> Self {
+        Self::named(format!("{cell}/{}", self.key), self.delivery)
+    }
+}
+
+impl<M> Clone for Topic<M> {
+    fn clone(&self) -> Self {
+        Self {
+            key: self.key.clone(),
+            delivery: self.delivery,
+            message: PhantomData,
+        }
+    }
+}
+
+/// What the arm does now; once per robot packet, by `rtde`.
+pub static ARM_STATE: Topic<ArmState> = Topic::new("arm/state", Delivery::RealTime);
+/// What the controller wants of the arm, one per `arm/state`.
+pub static ARM_COMMAND: Topic<ArmCommand> = Topic::new("arm/command", Delivery::RealTime);
+/// The sensor's own records, sensor axes, SI units; up to 7 kHz, by `netft`.
+pub static WRENCH_RAW: Topic<WrenchStamped> = Topic::new("wrench/raw", Delivery::Stream);
+/// The conditioned wrench at the tool, tool axes; use it only when its status says valid.
+pub static WRENCH_TOOL: Topic<WrenchStamped> = Topic::new("wrench/tool", Delivery::RealTime);
+/// How far the wrench of the same stamp can be trusted; published just before it.
+pub static WRENCH_STATUS: Topic<WrenchStatus> = Topic::new("wrench/status", Delivery::RealTime);
+/// What the controller does and why; once per cycle.
+pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
+/// The simulator's truth; never read by the system under test.
+pub static TRUTH_CONTACT: Topic<ContactTruth> = Topic::new("truth/contact", Delivery::Stream);
+/// Frames, for viewers.
+pub static TF: Topic<TFMessage> = Topic::new("tf", Delivery::Background);
+/// Arrows and lines for viewers: the surface normal, the force, the path.
+pub static MARKERS: Topic<MarkerArray> = Topic::new("markers", Delivery::Background);
+/// Normals of all estimators (to read only).
+pub static ESTIMATE_NORMALS: Topic<NormalEstimate> =
+    Topic::new("estimate/*/normal", Delivery::RealTime);
+/// Health of all services (to read only).
+pub static HEALTHS: Topic<Health> = Topic::new("health/*", Delivery::Background);
+
+/// Normals by one estimator: `estimate/NAME/normal`.
+pub fn estimate_normal(estimator: &str) -> Topic<NormalEstimate> {
+    Topic::named(format!("estimate/{estimator}/normal"), Delivery::RealTime)
+}
+
+/// Health of one service: `health/SERVICE`.
+pub fn health(service: &str) -> Topic<Health> {
+    Topic::named(format!("health/{service}"), Delivery::Background)
+}
+
+/// Keys of queries: a [`crate::tangent::Request`] goes in, a [`crate::tangent::Answer`] comes out.
+pub mod queries {
+    /// `start` (argument: a task as TOML), `pause`, `resume`, `status`.
+    pub const CONTROL_TASK: &str = "control/task";
+    /// Stop and retract; needs no argument.
+    pub const CONTROL_STOP: &str = "control/stop";
+    /// `select` (argument: an estimator's name).
+    pub const CONTROL_SELECT: &str = "control/select";
+    /// `tare`: average the unloaded sensor and subtract.
+    pub const NETFT_TARE: &str = "netft/tare";
+
+    /// One live parameter: `get`, or `set` (argument: a number).
+    pub fn parameter(service: &str, name: &str) -> String {
+        format!("param/{service}/{name}")
+    }
+
+    /// All parameters of one service, or of all with `*`: `list`.
+    pub fn parameters(service: &str) -> String {
+        format!("param/{service}/*")
+    }
+}
+
+/// Key of a service's liveliness token: `alive/SERVICE/INSTANCE`.
+pub fn alive(service: &str, instance: &str) -> String {
+    format!("alive/{service}/{instance}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_those_of_the_documentation() {
+        assert_eq!(ARM_STATE.key(), "arm/state");
+        assert_eq!(estimate_normal("blend").key(), "estimate/blend/normal");
+        assert_eq!(health("netft").of_cell("cell1").key(), "cell1/health/netft");
+        assert_eq!(
+            WRENCH_TOOL.message_name(),
+            "geometry_msgs/msg/WrenchStamped"
+        );
+    }
+}
