@@ -1,0 +1,146 @@
+//! Friction of one pad point.
+
+use nalgebra::Vector3;
+
+use crate::plant_config::{FrictionConfig, FrictionModel};
+
+/// LuGre (Canudas de Wit, Olsson, Åström, Lischinsky 1995) scaled by the normal force, or Coulomb with Stribeck:
+///
+/// ```text
+/// z' = v - |v| s0 / g(v) z        g(v) = mu_c + (mu_s - mu_c) exp(-(v / v_s)²)
+/// F  = -N (s0 z + s1(v) z' + s2 v)       s1(v) = s1 exp(-(v / v_s)²), which keeps it passive
+/// ```
+#[derive(Clone, Debug)]
+pub struct Friction {
+    config: FrictionConfig,
+}
+
+/// Friction of one point, with what an implicit step needs.
+#[derive(Clone, Copy, Debug)]
+pub struct FrictionForce {
+    /// N, in the tangent plane.
+    pub force: Vector3<f64>,
+    /// Upper bound of -dF/dv, Ns/m.
+    pub damping: f64,
+}
+
+impl Friction {
+    /// Coefficients from the scenario.
+    pub fn new(config: &FrictionConfig) -> Self {
+        Self {
+            config: config.clone(),
+        }
+    }
+
+    /// Steady sliding coefficient at a speed (m/s), without the viscous part.
+    pub fn coefficient(&self, speed: f64) -> f64 {
+        let c = &self.config;
+        let ratio = speed / c.stribeck_m_per_s;
+        c.coulomb_coefficient
+            + (c.static_coefficient - c.coulomb_coefficient) * (-ratio * ratio).exp()
+    }
+
+    /// One step of `dt` (s): `bristle` (m) is the point's state, `velocity` (m/s) its sliding velocity in the tangent
+    /// plane of `normal`, `load` its normal force (N).
+    pub fn step(
+        &self,
+        bristle: &mut Vector3<f64>,
+        normal: &Vector3<f64>,
+        velocity: &Vector3<f64>,
+        load: f64,
+        dt: f64,
+    ) -> FrictionForce {
+        let c = &self.config;
+        let speed = velocity.norm();
+        let slide = match c.model {
+            FrictionModel::None => {
+                return FrictionForce {
+                    force: Vector3::zeros(),
+                    damping: 0.0,
+                };
+            }
+            FrictionModel::Coulomb => {
+                let level = self.coefficient(speed);
+                let slope = c.bristle_stiffness_per_m * dt.max(1e-3) + c.bristle_damping_s_per_m;
+                let slope = slope.min(level / speed.max(1e-12));
+                return FrictionForce {
+                    force: velocity * (-load * (slope + c.viscous_s_per_m)),
+                    damping: load * (slope + c.viscous_s_per_m),
+                };
+            }
+            FrictionModel::Lugre => self.coefficient(speed),
+        };
+        // The bristle turns with the surface, and follows exactly over a step of constant velocity.
+        *bristle -= normal * normal.dot(bristle);
+        let before = *bristle;
+        if speed > 1e-12 {
+            let steady = velocity * (slide / (c.bristle_stiffness_per_m * speed));
+            let rate = c.bristle_stiffness_per_m * speed / slide;
+            *bristle = steady + (before - steady) * (-rate * dt).exp();
+        }
+        let bristle_rate = (*bristle - before) / dt;
+        let ratio = speed / c.stribeck_m_per_s;
+        let damping = c.bristle_damping_s_per_m * (-ratio * ratio).exp();
+        let mut friction = -(*bristle * c.bristle_stiffness_per_m + bristle_rate * damping);
+        // Bristle damping must not lift a transient out of the friction cone.
+        let size = friction.norm();
+        let limit = c.static_coefficient.max(c.coulomb_coefficient);
+        if size > limit {
+            friction *= limit / size;
+        }
+        let slope = (c.bristle_stiffness_per_m * dt + damping).min(slide / speed.max(1e-12));
+        FrictionForce {
+            force: (friction - velocity * c.viscous_s_per_m) * load,
+            damping: load * (slope + c.viscous_s_per_m),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn steady_sliding_reaches_the_stribeck_curve() {
+        let friction = Friction::new(&FrictionConfig::default());
+        for speed in [0.0005, 0.002, 0.02] {
+            let mut bristle = Vector3::zeros();
+            let velocity = Vector3::new(speed, 0.0, 0.0);
+            let mut force = Vector3::zeros();
+            for _ in 0..20_000 {
+                force = friction
+                    .step(&mut bristle, &Vector3::z(), &velocity, 3.0, 1e-3)
+                    .force;
+            }
+            assert!((force.x + 3.0 * friction.coefficient(speed)).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_resting_point_holds_its_presliding_force() {
+        let config = FrictionConfig::default();
+        let friction = Friction::new(&config);
+        let mut bristle = Vector3::new(2e-5, 0.0, 0.0);
+        let force = friction
+            .step(&mut bristle, &Vector3::z(), &Vector3::zeros(), 2.0, 1e-3)
+            .force;
+        assert!((force.x + 2.0 * config.bristle_stiffness_per_m * 2e-5).abs() < 1e-12);
+    }
+
+    proptest! {
+        #[test]
+        fn it_stays_in_the_cone_and_in_the_tangent_plane(
+            moves in prop::collection::vec((-0.05f64..0.05, -0.05f64..0.05, 0.0f64..20.0), 1..200)) {
+            let config = FrictionConfig::default();
+            let friction = Friction::new(&config);
+            let mut bristle = Vector3::zeros();
+            for (x, y, load) in moves {
+                let velocity = Vector3::new(x, y, 0.0);
+                let f = friction.step(&mut bristle, &Vector3::z(), &velocity, load, 1e-3).force;
+                prop_assert!(f.norm() <= config.static_coefficient * load + 1e-12);
+                prop_assert!(f.z == 0.0);
+            }
+        }
+    }
+}

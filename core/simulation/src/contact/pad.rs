@@ -1,0 +1,197 @@
+//! The tool's pad: points that each feel the surface, and their wrench at the tool's origin.
+
+use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
+
+use super::friction::Friction;
+use super::normal_force::HuntCrossley;
+use crate::plant_config::{ContactConfig, PadConfig};
+use crate::surfaces::Surface;
+
+/// Points of the pad with their bristles. Fixed after construction.
+#[derive(Clone, Debug)]
+pub struct Pad {
+    /// In tool axes, m.
+    points: Vec<Vector3<f64>>,
+    bristles: Vec<Vector3<f64>>,
+    law: HuntCrossley,
+    friction: Friction,
+    reach: f64,
+}
+
+/// Where the pad is and how it moves, base axes.
+#[derive(Clone, Copy, Debug)]
+pub struct PadMotion {
+    /// Tool's origin, m.
+    pub origin: Vector3<f64>,
+    /// `base_from_tool`.
+    pub rotation: UnitQuaternion<f64>,
+    /// Of the tool's origin, m/s.
+    pub linear: Vector3<f64>,
+    /// rad/s
+    pub angular: Vector3<f64>,
+}
+
+/// What the surface does to the pad, base axes, at the tool's origin.
+#[derive(Clone, Copy, Debug)]
+pub struct PadContact {
+    /// N
+    pub force: Vector3<f64>,
+    /// Nm
+    pub torque: Vector3<f64>,
+    /// Sum of the points' normal forces, N.
+    pub load: f64,
+    /// Depth of the deepest point, m.
+    pub depth: f64,
+    /// Points that carry load.
+    pub touching: usize,
+}
+
+impl PadContact {
+    /// Nothing touches.
+    pub fn none() -> Self {
+        Self {
+            force: Vector3::zeros(),
+            torque: Vector3::zeros(),
+            load: 0.0,
+            depth: 0.0,
+            touching: 0,
+        }
+    }
+}
+
+/// Change of the pad's wrench with its motion, for an implicit step; base axes, at the tool's origin.
+#[derive(Clone, Copy, Debug)]
+pub struct PadLinearisation {
+    /// Minus the derivative by displacement and small rotation.
+    pub stiffness: Matrix6<f64>,
+    /// Minus the derivative by twist.
+    pub damping: Matrix6<f64>,
+}
+
+impl PadLinearisation {
+    /// Nothing touches.
+    pub fn none() -> Self {
+        Self {
+            stiffness: Matrix6::zeros(),
+            damping: Matrix6::zeros(),
+        }
+    }
+
+    fn add(&mut self, arm: &Vector3<f64>, stiffness: &Matrix3<f64>, damping: &Matrix3<f64>) {
+        // A point at `arm` moves by u + φ × arm = u - [arm] φ, and its force turns by arm × f = [arm] f.
+        let cross = arm.cross_matrix();
+        for (sum, k) in [
+            (&mut self.stiffness, stiffness),
+            (&mut self.damping, damping),
+        ] {
+            let turned = k * -cross;
+            let mut block = sum.fixed_view_mut::<3, 3>(0, 0);
+            block += k;
+            let mut block = sum.fixed_view_mut::<3, 3>(0, 3);
+            block += turned;
+            let mut block = sum.fixed_view_mut::<3, 3>(3, 0);
+            block += cross * k;
+            let mut block = sum.fixed_view_mut::<3, 3>(3, 3);
+            block += cross * turned;
+        }
+    }
+}
+
+impl Pad {
+    /// `stiffness` is that of the whole pad, N/m: the tool's compliance is already taken out of it.
+    pub fn new(pad: &PadConfig, contact: &ContactConfig, stiffness: f64) -> Self {
+        let mut points = Vec::new();
+        if !pad.hollow || pad.rings == 0 {
+            points.push(Vector3::zeros());
+        }
+        for ring in 1..=pad.rings {
+            if pad.hollow && ring < pad.rings {
+                continue;
+            }
+            let radius = pad.radius_m * ring as f64 / pad.rings as f64;
+            for i in 0..6 * ring {
+                let angle = std::f64::consts::TAU * (i as f64 + 0.5 * (ring % 2) as f64)
+                    / (6 * ring) as f64;
+                points.push(Vector3::new(
+                    radius * angle.cos(),
+                    radius * angle.sin(),
+                    0.0,
+                ));
+            }
+        }
+        if let Some(crown) = pad.crown_radius_m {
+            for point in &mut points {
+                point.z = -(point.x * point.x + point.y * point.y) / (2.0 * crown);
+            }
+        }
+        // With an exponent, the stiffness is to hold at 1 mm.
+        let scale = 1e-3f64.powf(1.0 - contact.exponent);
+        let law = HuntCrossley {
+            stiffness: stiffness * scale / points.len() as f64,
+            exponent: contact.exponent,
+            dissipation_s_per_m: contact.dissipation_s_per_m,
+        };
+        Self {
+            bristles: vec![Vector3::zeros(); points.len()],
+            reach: points.iter().map(|p| p.norm()).fold(0.0, f64::max),
+            points,
+            law,
+            friction: Friction::new(&contact.friction),
+        }
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// True without points, which `new` never makes.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Advances the bristles by `dt` (s) and returns the wrench; `linearisation` is filled when given.
+    pub fn step(
+        &mut self,
+        surface: &Surface,
+        motion: &PadMotion,
+        dt: f64,
+        mut linearisation: Option<&mut PadLinearisation>,
+    ) -> PadContact {
+        let mut sum = PadContact::none();
+        let (distance, _) = surface.distance_and_normal(&motion.origin);
+        if distance > self.reach {
+            self.bristles.fill(Vector3::zeros());
+            return sum;
+        }
+        let rotation = motion.rotation.to_rotation_matrix();
+        for (point, bristle) in self.points.iter().zip(&mut self.bristles) {
+            let arm = rotation * point;
+            let (distance, normal) = surface.distance_and_normal(&(motion.origin + arm));
+            if distance >= 0.0 {
+                *bristle = Vector3::zeros();
+                continue;
+            }
+            let velocity = motion.linear + motion.angular.cross(&arm);
+            let rate = normal.dot(&velocity);
+            let press = self.law.force(-distance, -rate);
+            let tangential = velocity - normal * rate;
+            let rub = self
+                .friction
+                .step(bristle, &normal, &tangential, press.force, dt);
+            let force = normal * press.force + rub.force;
+            sum.force += force;
+            sum.torque += arm.cross(&force);
+            sum.load += press.force;
+            sum.depth = sum.depth.max(-distance);
+            sum.touching += usize::from(press.force > 0.0);
+            if let Some(linear) = linearisation.as_deref_mut() {
+                let along = normal * normal.transpose();
+                let damping =
+                    along * (press.damping - rub.damping) + Matrix3::identity() * rub.damping;
+                linear.add(&arm, &(along * press.stiffness), &damping);
+            }
+        }
+        sum
+    }
+}

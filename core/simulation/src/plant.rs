@@ -1,0 +1,509 @@
+//! The simulated cell: arm, tool, surface and sensor, one arm period per step. Driven by the live simulator and by `evaluate`.
+
+use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
+use tangent_mechanics::{Flange, Joints, Pose, Sensor as SensorFrame, Tool, Twist, Wrench};
+
+use crate::compliance::Compliance;
+use crate::contact::{Pad, PadContact, PadMotion};
+use crate::kinematics::Arm6;
+use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
+use crate::plant_config::{PlantConfig, PoseConfig};
+use crate::sensor::Sensor;
+use crate::servo::{DELAY_CYCLES_MAX, Servo};
+use crate::start::{self, StartError};
+use crate::surfaces::{Surface, SurfaceError};
+use crate::truth::Truth;
+
+/// Standard gravity, m/s², along minus z of the base.
+const GRAVITY_M_PER_S2: f64 = 9.80665;
+
+/// Why a plant cannot be built.
+#[derive(Debug, thiserror::Error)]
+pub enum PlantError {
+    /// The arm model is unknown or not usable.
+    #[error("robot `{name}`: {reason}")]
+    Robot {
+        /// As given.
+        name: String,
+        /// What is wrong and what is allowed.
+        reason: String,
+    },
+    /// The surface is bad.
+    #[error(transparent)]
+    Surface(#[from] SurfaceError),
+    /// The tool cannot be brought to its start pose.
+    #[error(transparent)]
+    Start(#[from] StartError),
+    /// A number out of its range.
+    #[error("plant: `{key}` is {value}, but must be {allowed}")]
+    Value {
+        /// Dotted key under `plant`.
+        key: &'static str,
+        /// What was given.
+        value: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+}
+
+/// The simulated cell.
+#[derive(Clone, Debug)]
+pub struct Plant {
+    config: PlantConfig,
+    arm: Arm6,
+    servo: Servo,
+    surface: Surface,
+    pad: Pad,
+    compliance: Option<Compliance>,
+    sensor: Sensor,
+    flange_from_tool: Pose<Flange, Tool>,
+    flange_from_sensor: Pose<Flange, SensorFrame>,
+    mass: f64,
+    com: Vector3<f64>,
+    inertia: Vector3<f64>,
+    sub_steps: usize,
+    dt: f64,
+    periods: u64,
+    samples: Vec<SensorSample>,
+    samples_taken: u64,
+    body: Body,
+    /// True wrench on the sensor at the end of the last sub-step.
+    wrench: Vector6<f64>,
+    motion: PadMotion,
+    contact: PadContact,
+}
+
+/// The flange at the end of a sub-step, base axes.
+#[derive(Clone, Copy, Debug)]
+struct Body {
+    pose: Isometry3<f64>,
+    linear: Vector3<f64>,
+    angular: Vector3<f64>,
+}
+
+impl Plant {
+    /// Builds the cell at rest in its start pose. Equal configuration and seed give equal bits for ever after.
+    ///
+    /// # Errors
+    /// Says which key is wrong and what is allowed, or why the start pose cannot be reached.
+    pub fn new(config: &PlantConfig, seed: u64) -> Result<Self, PlantError> {
+        check(config)?;
+        let arm = Arm6::builtin(&config.robot).map_err(|reason| PlantError::Robot {
+            name: config.robot.clone(),
+            reason,
+        })?;
+        let surface_pose = PoseConfig {
+            position_m: config.surface.position_m,
+            roll_pitch_yaw_rad: config.surface.roll_pitch_yaw_rad,
+        };
+        let surface = Surface::new(&config.surface.shape, &surface_pose)?;
+        let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
+        let flange_from_sensor = Pose::from_isometry(config.tool.flange_from_sensor.isometry());
+        let target = start::tool_pose(&config.start, &surface);
+        let q = start::joints(&arm, &flange_from_tool, &target, &config.start)?;
+
+        let pad_stiffness = match &config.tool.compliance {
+            None => config.contact.stiffness_n_per_m,
+            Some(c) => {
+                1.0 / (1.0 / config.contact.stiffness_n_per_m - 1.0 / c.stiffness_n_per_m[2])
+            }
+        };
+        let sub_steps = (config.arm.period_s / config.substep_max_s - 1e-9)
+            .ceil()
+            .max(1.0) as usize;
+        let samples_per_period = (config.arm.period_s * config.sensor.rate_hz).ceil() as usize + 1;
+        let payload = &config.tool.payload;
+        let error = &config.tool.payload_error;
+        let (lower, upper, speed_max) = arm.limits();
+        let mut plant = Self {
+            servo: Servo::new(&config.arm, lower, upper, speed_max, q),
+            pad: Pad::new(&config.tool.pad, &config.contact, pad_stiffness),
+            compliance: config.tool.compliance.as_ref().map(Compliance::new),
+            sensor: Sensor::new(&config.sensor, seed),
+            mass: payload.mass_kg + error.mass_kg,
+            com: Vector3::from(payload.com_in_sensor_m) + Vector3::from(error.com_in_sensor_m),
+            inertia: Vector3::from(payload.inertia_kg_m2),
+            dt: config.arm.period_s / sub_steps as f64,
+            sub_steps,
+            periods: 0,
+            samples: Vec::with_capacity(samples_per_period),
+            samples_taken: 0,
+            body: Body {
+                pose: *arm.base_from_flange(&q).isometry(),
+                linear: Vector3::zeros(),
+                angular: Vector3::zeros(),
+            },
+            wrench: Vector6::zeros(),
+            motion: PadMotion {
+                origin: target.translation(),
+                rotation: target.rotation(),
+                linear: Vector3::zeros(),
+                angular: Vector3::zeros(),
+            },
+            contact: PadContact::none(),
+            config: config.clone(),
+            arm,
+            surface,
+            flange_from_tool,
+            flange_from_sensor,
+        };
+        plant.wrench = plant.sensor_wrench(&plant.body, &Vector3::zeros(), &Vector3::zeros());
+        Ok(plant)
+    }
+
+    /// One arm period under `command`, from its delay line to the sensor's samples.
+    pub fn step(&mut self, command: &VelocityCommand) {
+        self.samples.clear();
+        let active = self.servo.exchange(command);
+        let start = self.periods as f64 * self.config.arm.period_s;
+        for sub_step in 0..self.sub_steps {
+            self.servo.step(&active, self.dt);
+            self.sub_step(start + sub_step as f64 * self.dt);
+        }
+        self.periods += 1;
+    }
+
+    fn sub_step(&mut self, time_before: f64) {
+        let dt = self.dt;
+        let pose = *self.arm.base_from_flange(&self.servo.q).isometry();
+        // Velocity from positions, so that power times time is exactly the work along the path.
+        let before = self.body;
+        let turn = pose.rotation * before.pose.rotation.inverse();
+        let body = Body {
+            pose,
+            linear: (pose.translation.vector - before.pose.translation.vector) / dt,
+            angular: small_rotation(&turn) / dt,
+        };
+        let acceleration = (body.linear - before.linear) / dt;
+        let angular_acceleration = (body.angular - before.angular) / dt;
+
+        let lever = pose.rotation * self.flange_from_tool.translation();
+        let rigid = PadMotion {
+            origin: pose.translation.vector + lever,
+            rotation: pose.rotation * self.flange_from_tool.rotation(),
+            linear: body.linear + body.angular.cross(&lever),
+            angular: body.angular,
+        };
+        (self.contact, self.motion) = match &mut self.compliance {
+            None => (self.pad.step(&self.surface, &rigid, dt, None), rigid),
+            Some(compliance) => compliance.step(&mut self.pad, &self.surface, &rigid, dt),
+        };
+        self.body = body;
+        let wrench = self.sensor_wrench(&body, &acceleration, &angular_acceleration);
+
+        // The sensor's clock runs on its own; between sub-steps the wrench is a straight line.
+        let time_after = time_before + dt;
+        loop {
+            let time = (self.samples_taken + 1) as f64 / self.config.sensor.rate_hz;
+            if time > time_after + 1e-9 {
+                break;
+            }
+            let share = ((time - time_before) / dt).clamp(0.0, 1.0);
+            let between = self.wrench + (wrench - self.wrench) * share;
+            if self.samples.len() < self.samples.capacity() {
+                self.samples.push(self.sensor.read(time, &between));
+            }
+            self.samples_taken += 1;
+        }
+        self.wrench = wrench;
+    }
+
+    /// Contact, gravity and inertia of the payload on the sensor, N and Nm, sensor axes.
+    fn sensor_wrench(
+        &self,
+        body: &Body,
+        acceleration: &Vector3<f64>,
+        angular_acceleration: &Vector3<f64>,
+    ) -> Vector6<f64> {
+        let sensor = body.pose * self.flange_from_sensor.isometry();
+        let back = |v: Vector3<f64>| sensor.rotation.inverse_transform_vector(&v);
+        let origin = sensor.translation.vector;
+
+        let (force, at) = (self.contact.force, self.motion.origin);
+        let contact_torque = self.contact.torque + (at - origin).cross(&force);
+
+        let com = origin + sensor.rotation * self.com;
+        let lever = com - body.pose.translation.vector;
+        let com_acceleration = acceleration
+            + angular_acceleration.cross(&lever)
+            + body.angular.cross(&body.angular.cross(&lever));
+        let weight = Vector3::new(0.0, 0.0, -self.mass * GRAVITY_M_PER_S2);
+        let load = weight - com_acceleration * self.mass;
+        let spin = back(body.angular);
+        let gyroscopic = self.inertia.component_mul(&back(*angular_acceleration))
+            + spin.cross(&self.inertia.component_mul(&spin));
+
+        let f = back(force + load);
+        let t = back(contact_torque + (com - origin).cross(&load)) - gyroscopic;
+        Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
+    }
+
+    /// All sensor records of the last period, oldest first.
+    pub fn sensor_samples(&self) -> &[SensorSample] {
+        &self.samples
+    }
+
+    /// What the arm reports now.
+    pub fn arm(&self) -> ArmMeasurement {
+        ArmMeasurement {
+            time_s: self.time_s(),
+            q: self.servo.q_measured(),
+            qd: self.servo.qd_measured(),
+            q_target: self.servo.q_target,
+            qd_target: self.servo.qd_target,
+        }
+    }
+
+    /// What really happens at the contact now.
+    pub fn truth(&self) -> Truth {
+        let surface = self.surface.query(&self.motion.origin);
+        let tangential =
+            self.motion.linear - surface.normal * surface.normal.dot(&self.motion.linear);
+        let normal_force = self.contact.force.dot(&surface.normal);
+        let tangential_force = (self.contact.force - surface.normal * normal_force).norm();
+        Truth {
+            time_s: self.time_s(),
+            point: surface.point,
+            normal: surface.normal,
+            curvature: surface.curvature,
+            distance_m: surface.distance,
+            in_contact: self.contact.load > 0.0,
+            penetration_m: self.contact.depth,
+            wrench: Wrench::new(self.contact.force, self.contact.torque),
+            base_from_tool: Pose::new(self.motion.origin, self.motion.rotation),
+            twist: Twist::new(self.motion.linear, self.motion.angular),
+            sliding_speed_m_per_s: tangential.norm(),
+            friction_ratio: if normal_force > 0.0 {
+                tangential_force / normal_force
+            } else {
+                0.0
+            },
+            friction_coefficient: self.config.contact.friction.coulomb_coefficient,
+        }
+    }
+
+    /// Time since the plant was made, s.
+    pub fn time_s(&self) -> f64 {
+        self.periods as f64 * self.config.arm.period_s
+    }
+
+    /// Time per step, s.
+    pub fn period_s(&self) -> f64 {
+        self.config.arm.period_s
+    }
+
+    /// The configuration it was made from.
+    pub fn config(&self) -> &PlantConfig {
+        &self.config
+    }
+
+    /// The surface, for drawing and for truth.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// `flange_from_tool` as configured; the tool's deflection is not in it.
+    pub fn flange_from_tool(&self) -> Pose<Flange, Tool> {
+        self.flange_from_tool
+    }
+
+    /// `flange_from_sensor` as configured.
+    pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
+        self.flange_from_sensor
+    }
+
+    /// True joint positions, rad.
+    pub fn joints(&self) -> Joints<6> {
+        self.servo.q
+    }
+
+    /// The sensor's present zero (N, Nm, sensor axes): what an ideal tare would remove.
+    pub fn sensor_bias(&self) -> Wrench<SensorFrame> {
+        Wrench::from_vector(&self.sensor.bias(self.time_s()))
+    }
+
+    /// Moves the arm to `q` (rad) at once, at rest: for a teleport between tests, never for motion.
+    pub fn reset_joints(&mut self, q: &Joints<6>) {
+        let (lower, upper, speed_max) = self.arm.limits();
+        self.servo = Servo::new(&self.config.arm, lower, upper, speed_max, *q);
+        self.body = Body {
+            pose: *self.arm.base_from_flange(q).isometry(),
+            linear: Vector3::zeros(),
+            angular: Vector3::zeros(),
+        };
+        let tool = self.body.pose * self.flange_from_tool.isometry();
+        self.contact = PadContact::none();
+        self.motion = PadMotion {
+            origin: tool.translation.vector,
+            rotation: tool.rotation,
+            linear: Vector3::zeros(),
+            angular: Vector3::zeros(),
+        };
+        self.wrench = self.sensor_wrench(&self.body, &Vector3::zeros(), &Vector3::zeros());
+    }
+}
+
+/// Rotation vector of a rotation far below a right angle, rad.
+fn small_rotation(turn: &UnitQuaternion<f64>) -> Vector3<f64> {
+    let v = turn.imag() * turn.w.signum();
+    let length = v.norm();
+    // asin(x)/x to second order: exact to 1e-16 for turns of a sub-step, and no division by zero.
+    if length < 1e-3 {
+        v * (2.0 + length * length / 3.0)
+    } else {
+        v * (2.0 * length.asin() / length)
+    }
+}
+
+fn check(config: &PlantConfig) -> Result<(), PlantError> {
+    let value = |key, value: f64, allowed, ok: bool| {
+        if ok && value.is_finite() {
+            Ok(())
+        } else {
+            Err(PlantError::Value {
+                key,
+                value,
+                allowed,
+            })
+        }
+    };
+    let (arm, contact, sensor, tool) = (&config.arm, &config.contact, &config.sensor, &config.tool);
+    value(
+        "arm.period_s",
+        arm.period_s,
+        "0.0005 to 0.1 s",
+        (5e-4..=0.1).contains(&arm.period_s),
+    )?;
+    value(
+        "arm.input_delay_cycles",
+        arm.input_delay_cycles as f64,
+        "0 to 31",
+        arm.input_delay_cycles < DELAY_CYCLES_MAX,
+    )?;
+    value(
+        "arm.acceleration_max_rad_per_s2",
+        arm.acceleration_max_rad_per_s2,
+        "above 0",
+        arm.acceleration_max_rad_per_s2 > 0.0,
+    )?;
+    match arm.lag {
+        crate::plant_config::Lag::FirstOrder { time_constant_s: t } => {
+            value("arm.lag.time_constant_s", t, "above 0", t > 0.0)?;
+        }
+        crate::plant_config::Lag::SecondOrder {
+            natural_frequency_rad_per_s: w,
+            damping_ratio: z,
+        } => {
+            value("arm.lag.natural_frequency_rad_per_s", w, "above 0", w > 0.0)?;
+            value("arm.lag.damping_ratio", z, "above 0", z > 0.0)?;
+        }
+    }
+    value(
+        "substep_max_s",
+        config.substep_max_s,
+        "0.00001 to 0.002 s",
+        (1e-5..=2e-3).contains(&config.substep_max_s),
+    )?;
+    value(
+        "contact.stiffness_n_per_m",
+        contact.stiffness_n_per_m,
+        "100 to 1000000 N/m",
+        (100.0..=1e6).contains(&contact.stiffness_n_per_m),
+    )?;
+    value(
+        "contact.exponent",
+        contact.exponent,
+        "1 to 2",
+        (1.0..=2.0).contains(&contact.exponent),
+    )?;
+    value(
+        "contact.dissipation_s_per_m",
+        contact.dissipation_s_per_m,
+        "0 or above",
+        contact.dissipation_s_per_m >= 0.0,
+    )?;
+    let friction = &contact.friction;
+    value(
+        "contact.friction.coulomb_coefficient",
+        friction.coulomb_coefficient,
+        "above 0 to 2 (use model = \"none\" for a frictionless surface)",
+        friction.coulomb_coefficient > 0.0 && friction.coulomb_coefficient <= 2.0,
+    )?;
+    value(
+        "contact.friction.static_coefficient",
+        friction.static_coefficient,
+        "at least coulomb_coefficient",
+        friction.static_coefficient >= friction.coulomb_coefficient,
+    )?;
+    value(
+        "contact.friction.stribeck_m_per_s",
+        friction.stribeck_m_per_s,
+        "above 0",
+        friction.stribeck_m_per_s > 0.0,
+    )?;
+    value(
+        "contact.friction.bristle_stiffness_per_m",
+        friction.bristle_stiffness_per_m,
+        "above 0",
+        friction.bristle_stiffness_per_m > 0.0,
+    )?;
+    value(
+        "sensor.rate_hz",
+        sensor.rate_hz,
+        "125 to 7000",
+        (125.0..=7000.0).contains(&sensor.rate_hz),
+    )?;
+    value(
+        "sensor.drift_time_constant_s",
+        sensor.drift_time_constant_s,
+        "above 0",
+        sensor.drift_time_constant_s > 0.0,
+    )?;
+    value(
+        "tool.pad.radius_m",
+        tool.pad.radius_m,
+        "0 to 0.1",
+        (0.0..=0.1).contains(&tool.pad.radius_m),
+    )?;
+    value(
+        "tool.pad.rings",
+        tool.pad.rings as f64,
+        "0 to 8",
+        tool.pad.rings <= 8,
+    )?;
+    let mass = tool.payload.mass_kg + tool.payload_error.mass_kg;
+    value(
+        "tool.payload.mass_kg (with its error)",
+        mass,
+        "0 to 10",
+        (0.0..=10.0).contains(&mass),
+    )?;
+    if let Some(compliance) = &tool.compliance {
+        let z = compliance.stiffness_n_per_m[2];
+        value(
+            "tool.compliance.stiffness_n_per_m[2]",
+            z,
+            "above contact.stiffness_n_per_m, which is the stiffness of tool and pad in series",
+            z > contact.stiffness_n_per_m,
+        )?;
+        value(
+            "tool.compliance.relaxation_s",
+            compliance.relaxation_s,
+            "above 0",
+            compliance.relaxation_s > 0.0,
+        )?;
+        let all = compliance
+            .stiffness_n_per_m
+            .iter()
+            .chain(&compliance.stiffness_nm_per_rad);
+        for &stiffness in all {
+            value(
+                "tool.compliance stiffness",
+                stiffness,
+                "above 0",
+                stiffness > 0.0,
+            )?;
+        }
+    }
+    Ok(())
+}

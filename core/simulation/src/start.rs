@@ -1,0 +1,71 @@
+//! Where the tool starts: over the surface, by a gap, with a tilt; joints by inverse kinematics.
+
+use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
+use tangent_mechanics::{Base, Flange, Joints, Pose, Tool};
+
+use crate::kinematics::Arm6;
+use crate::plant_config::StartConfig;
+use crate::surfaces::Surface;
+
+/// The start pose is out of reach.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "start: no joint positions bring the tool to ({x:.3}, {y:.3}, {z:.3}) m over the surface ({reason}); move the surface or `start.near_m`, or give `start.seed_rad` nearer to a solution"
+)]
+pub struct StartError {
+    /// Tool's origin, base axes, m.
+    pub x: f64,
+    /// m
+    pub y: f64,
+    /// m
+    pub z: f64,
+    /// From the inverse kinematics.
+    pub reason: String,
+}
+
+/// The tool's start pose.
+pub fn tool_pose(start: &StartConfig, surface: &Surface) -> Pose<Base, Tool> {
+    let at = surface.query(&Vector3::from(start.near_m));
+    let z = -at.normal;
+    // The tool's x axis as near to the base's x as it can be; on a surface that faces along x, as near to y.
+    let seed = if z.x.abs() < 0.9 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let x = (seed - z * z.dot(&seed)).normalize();
+    let square = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
+    let square = UnitQuaternion::from_rotation_matrix(&square);
+    let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), start.yaw_rad);
+    let (sin, cos) = start.tilt_direction_rad.sin_cos();
+    // Tilting towards a direction is a turn about the axis across it.
+    let tilt_axis = Unit::new_unchecked(Vector3::new(-sin, cos, 0.0));
+    let tilt = UnitQuaternion::from_axis_angle(&tilt_axis, start.tilt_rad);
+    Pose::new(
+        at.point + at.normal * start.clearance_m,
+        square * yaw * tilt,
+    )
+}
+
+/// Joint positions for that pose, rad.
+///
+/// # Errors
+/// When the pose is out of reach from the seed.
+pub fn joints(
+    arm: &Arm6,
+    flange_from_tool: &Pose<Flange, Tool>,
+    target: &Pose<Base, Tool>,
+    start: &StartConfig,
+) -> Result<Joints<6>, StartError> {
+    let seed = start.seed_rad.map_or_else(|| arm.home(), Joints::<6>::from);
+    arm.inverse(flange_from_tool, target, &seed)
+        .map_err(|reason| {
+            let p = target.translation();
+            StartError {
+                x: p.x,
+                y: p.y,
+                z: p.z,
+                reason,
+            }
+        })
+}

@@ -1,0 +1,269 @@
+//! A table of heights from CSV text, interpolated by a uniform bicubic spline: twice differentiable, so curvature exists.
+
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+use super::Shape;
+use super::graph::{self, Graph};
+
+/// Why a table of heights cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum HeightFieldError {
+    /// A cell is not a number.
+    #[error("line {line}, column {column}: `{text}` is not a finite number of metres")]
+    NotANumber {
+        /// From 1.
+        line: usize,
+        /// From 1.
+        column: usize,
+        /// The cell as it stands.
+        text: String,
+    },
+    /// A row has another length than the first.
+    #[error(
+        "line {line} has {got} cells, but {want} are needed (one coordinate, then one height per column)"
+    )]
+    Ragged {
+        /// From 1.
+        line: usize,
+        /// Cells found.
+        got: usize,
+        /// Cells wanted.
+        want: usize,
+    },
+    /// Too few rows or columns for a cubic.
+    #[error(
+        "the table has {columns} columns and {rows} rows of heights; at least 4 of each are needed"
+    )]
+    TooSmall {
+        /// Columns of heights.
+        columns: usize,
+        /// Rows of heights.
+        rows: usize,
+    },
+    /// Coordinates must increase by one constant step.
+    #[error(
+        "{axis} coordinates must increase by one constant step (m), but number {index} is {value} where {expected} was expected"
+    )]
+    NotUniform {
+        /// `x` or `y`.
+        axis: char,
+        /// From 1.
+        index: usize,
+        /// What stands there.
+        value: f64,
+        /// What a constant step gives.
+        expected: f64,
+    },
+}
+
+/// `z = h(x, y)` from a regular table; outside it, the border's tangent plane goes on.
+#[derive(Clone, Debug)]
+pub struct HeightField {
+    origin: [f64; 2],
+    step: [f64; 2],
+    /// Columns and rows of heights.
+    size: [usize; 2],
+    /// Spline coefficients with one extra on every side, row by row.
+    coefficients: Vec<f64>,
+}
+
+impl HeightField {
+    /// First row: an ignored cell, then the x coordinates. Further rows: y, then heights. All in m; empty lines and lines
+    /// that start with `#` are skipped.
+    ///
+    /// # Errors
+    /// Says which line, what stands there and what is allowed.
+    pub fn from_csv(text: &str) -> Result<Self, HeightFieldError> {
+        let mut lines = text
+            .lines()
+            .enumerate()
+            .map(|(i, line)| (i + 1, line.trim()))
+            .filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
+        let too_small = HeightFieldError::TooSmall {
+            columns: 0,
+            rows: 0,
+        };
+        let (first_line, header) = lines.next().ok_or(too_small)?;
+        let mut x = Vec::new();
+        for (column, cell) in header.split(',').enumerate().skip(1) {
+            x.push(number(cell, first_line, column + 1)?);
+        }
+        let (mut y, mut heights) = (Vec::new(), Vec::new());
+        for (line, row) in lines {
+            let got = row.split(',').count();
+            if got != x.len() + 1 {
+                return Err(HeightFieldError::Ragged {
+                    line,
+                    got,
+                    want: x.len() + 1,
+                });
+            }
+            for (column, cell) in row.split(',').enumerate() {
+                let value = number(cell, line, column + 1)?;
+                if column == 0 {
+                    y.push(value)
+                } else {
+                    heights.push(value)
+                }
+            }
+        }
+        if x.len() < 4 || y.len() < 4 {
+            return Err(HeightFieldError::TooSmall {
+                columns: x.len(),
+                rows: y.len(),
+            });
+        }
+        let step = [uniform_step('x', &x)?, uniform_step('y', &y)?];
+        let (nx, ny) = (x.len(), y.len());
+
+        // Interpolating coefficients: first along every row, then along every column.
+        let mut rows = vec![0.0; (nx + 2) * ny];
+        for j in 0..ny {
+            let line = spline_coefficients(&heights[j * nx..(j + 1) * nx]);
+            rows[j * (nx + 2)..(j + 1) * (nx + 2)].copy_from_slice(&line);
+        }
+        let mut coefficients = vec![0.0; (nx + 2) * (ny + 2)];
+        for i in 0..nx + 2 {
+            let column: Vec<f64> = (0..ny).map(|j| rows[j * (nx + 2) + i]).collect();
+            for (j, c) in spline_coefficients(&column).into_iter().enumerate() {
+                coefficients[j * (nx + 2) + i] = c;
+            }
+        }
+        Ok(Self {
+            origin: [x[0], y[0]],
+            step,
+            size: [nx, ny],
+            coefficients,
+        })
+    }
+
+    /// Interval, and the four cubic weights with their first and second derivatives, per unit of the step.
+    fn weights(&self, axis: usize, coordinate: f64) -> (usize, [[f64; 4]; 3], f64) {
+        let last = (self.size[axis] - 1) as f64;
+        let u = (coordinate - self.origin[axis]) / self.step[axis];
+        let inside = u.clamp(0.0, last);
+        let i = (inside as usize).min(self.size[axis] - 2);
+        let t = inside - i as f64;
+        let s = 1.0 - t;
+        let (t2, t3) = (t * t, t * t * t);
+        let value = [
+            s * s * s / 6.0,
+            (3.0 * t3 - 6.0 * t2 + 4.0) / 6.0,
+            (-3.0 * t3 + 3.0 * t2 + 3.0 * t + 1.0) / 6.0,
+            t3 / 6.0,
+        ];
+        let first = [
+            -s * s / 2.0,
+            (3.0 * t2 - 4.0 * t) / 2.0,
+            (-3.0 * t2 + 2.0 * t + 1.0) / 2.0,
+            t2 / 2.0,
+        ];
+        let second = [s, 3.0 * t - 2.0, 1.0 - 3.0 * t, t];
+        (i, [value, first, second], (u - inside) * self.step[axis])
+    }
+}
+
+impl Graph for HeightField {
+    fn height(&self, x: f64, y: f64) -> (f64, Vector2<f64>, Matrix2<f64>) {
+        let (i, wx, beyond_x) = self.weights(0, x);
+        let (j, wy, beyond_y) = self.weights(1, y);
+        let stride = self.size[0] + 2;
+        let mut sums = [[0.0; 3]; 3];
+        for (b, row) in (j..j + 4).enumerate() {
+            let c = &self.coefficients[row * stride + i..row * stride + i + 4];
+            for (dx, weights) in wx.iter().enumerate() {
+                let along =
+                    weights[0] * c[0] + weights[1] * c[1] + weights[2] * c[2] + weights[3] * c[3];
+                for (dy, weights_y) in wy.iter().enumerate().take(3 - dx) {
+                    sums[dx][dy] += along * weights_y[b];
+                }
+            }
+        }
+        let [sx, sy] = self.step;
+        let gradient = Vector2::new(sums[1][0] / sx, sums[0][1] / sy);
+        let mixed = sums[1][1] / (sx * sy);
+        // Past the border the surface goes on straight, so it bends there no more.
+        let outside = beyond_x != 0.0 || beyond_y != 0.0;
+        let hessian = if outside {
+            Matrix2::zeros()
+        } else {
+            Matrix2::new(sums[2][0] / (sx * sx), mixed, mixed, sums[0][2] / (sy * sy))
+        };
+        let height = sums[0][0] + gradient.x * beyond_x + gradient.y * beyond_y;
+        (height, gradient, hessian)
+    }
+}
+
+impl Shape for HeightField {
+    fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        graph::distance_and_normal(self, point)
+    }
+
+    fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
+        graph::curvature(self, point)
+    }
+}
+
+fn number(cell: &str, line: usize, column: usize) -> Result<f64, HeightFieldError> {
+    let value: Option<f64> = cell.trim().parse().ok().filter(|v: &f64| v.is_finite());
+    value.ok_or_else(|| HeightFieldError::NotANumber {
+        line,
+        column,
+        text: cell.trim().to_owned(),
+    })
+}
+
+fn uniform_step(axis: char, values: &[f64]) -> Result<f64, HeightFieldError> {
+    let step = (values[values.len() - 1] - values[0]) / (values.len() - 1) as f64;
+    for (index, &value) in values.iter().enumerate() {
+        let expected = values[0] + step * index as f64;
+        if step <= 0.0 || (value - expected).abs() > 1e-6 * step {
+            return Err(HeightFieldError::NotUniform {
+                axis,
+                index: index + 1,
+                value,
+                expected,
+            });
+        }
+    }
+    Ok(step)
+}
+
+/// Uniform cubic B-spline coefficients (two more than values) that interpolate `values`, with natural ends.
+fn spline_coefficients(values: &[f64]) -> Vec<f64> {
+    let n = values.len();
+    let mut c = vec![0.0; n + 2];
+    // Natural ends make the end coefficients equal to the end values; between them a tridiagonal system (1, 4, 1).
+    c[1] = values[0];
+    c[n] = values[n - 1];
+    let inner = n - 2;
+    let (mut upper, mut right) = (vec![0.0; inner], vec![0.0; inner]);
+    for k in 0..inner {
+        let mut b = 6.0 * values[k + 1];
+        if k == 0 {
+            b -= c[1];
+        }
+        if k == inner - 1 {
+            b -= c[n];
+        }
+        let (above, before) = if k == 0 {
+            (0.0, 0.0)
+        } else {
+            (upper[k - 1], right[k - 1])
+        };
+        let pivot = 4.0 - above;
+        upper[k] = 1.0 / pivot;
+        right[k] = (b - before) / pivot;
+    }
+    for k in (0..inner).rev() {
+        let next = if k == inner - 1 {
+            0.0
+        } else {
+            upper[k] * c[k + 3]
+        };
+        c[k + 2] = right[k] - next;
+    }
+    c[0] = 2.0 * c[1] - c[2];
+    c[n + 1] = 2.0 * c[n] - c[n - 1];
+    c
+}

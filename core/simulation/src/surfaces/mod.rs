@@ -1,0 +1,266 @@
+//! Surfaces to press on: signed distance, closest point, outward normal and curvature, in base axes.
+//!
+//! Each shape lives in its own file and speaks in its own frame; [`Surface`] places one in the arm's base. Used by the
+//! plant for contact and by everything that needs the truth about a normal.
+
+mod cone;
+mod cylinder;
+mod graph;
+mod height_field;
+mod plane;
+mod sheet;
+mod sphere;
+mod torus;
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+pub use cone::Cone;
+pub use cylinder::Cylinder;
+pub use height_field::{HeightField, HeightFieldError};
+pub use plane::Plane;
+pub use sheet::Sheet;
+pub use sphere::Sphere;
+pub use torus::Torus;
+
+use crate::plant_config::PoseConfig;
+
+/// The surface seen from one query point. Same axes as the query.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Signed distance, m: negative inside the material.
+    pub distance: f64,
+    /// Closest point of the surface, m.
+    pub point: Vector3<f64>,
+    /// Unit normal at that point, out of the material.
+    pub normal: Vector3<f64>,
+    /// Shape operator at that point, 1/m: moving by `dp` on the surface turns the normal by `curvature * dp`. Symmetric,
+    /// zero along the normal, positive eigenvalues for a convex body.
+    pub curvature: Matrix3<f64>,
+}
+
+/// What every shape answers, in its own frame (m).
+pub trait Shape {
+    /// Signed distance and the unit normal at the closest point.
+    fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>);
+
+    /// Shape operator at the closest point, 1/m.
+    fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64>;
+}
+
+/// Which shape, with its dimensions; the tagged form of the `[plant.surface]` table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "shape", rename_all = "snake_case", deny_unknown_fields)]
+pub enum ShapeConfig {
+    /// Half space below `z = 0`.
+    Plane,
+    /// Around the local z axis, without end.
+    Cylinder {
+        /// m
+        radius_m: f64,
+    },
+    /// Around the local z axis, wide at `z = 0`, its tip at `z = height_m`.
+    Cone {
+        /// Height of the tip over the base, m.
+        height_m: f64,
+        /// Radius at `z = 0`, m.
+        base_radius_m: f64,
+    },
+    /// Around the origin.
+    Sphere {
+        /// m
+        radius_m: f64,
+    },
+    /// Around the local z axis.
+    Torus {
+        /// From the axis to the middle of the tube, m.
+        major_radius_m: f64,
+        /// Of the tube, m.
+        minor_radius_m: f64,
+    },
+    /// `z = a_x sin(2 pi x / l_x) + a_y sin(2 pi y / l_y)`.
+    Sheet {
+        /// `[a_x, a_y]`, m.
+        amplitude_m: [f64; 2],
+        /// `[l_x, l_y]`, m.
+        wavelength_m: [f64; 2],
+    },
+    /// A table of heights, interpolated by a cubic spline.
+    HeightField {
+        /// The table as CSV text: first row `,x0,x1,…`, then `y0,z00,z01,…` (m). Either this or `csv_file`.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        csv: Option<String>,
+        /// Name of a file with that text, resolved by whoever loads the scenario.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        csv_file: Option<String>,
+    },
+}
+
+/// A dimension that no surface can have.
+#[derive(Debug, thiserror::Error)]
+pub enum SurfaceError {
+    /// Not a positive, finite length.
+    #[error("surface {shape}: `{key}` is {value}, but must be a positive length in metres{advice}")]
+    Dimension {
+        /// Shape in question.
+        shape: &'static str,
+        /// Key in question.
+        key: &'static str,
+        /// What was given.
+        value: f64,
+        /// What else to know; may be empty.
+        advice: &'static str,
+    },
+    /// The table of heights is bad.
+    #[error("surface height_field: {0}")]
+    HeightField(#[from] HeightFieldError),
+    /// The table of heights was not loaded.
+    #[error(
+        "surface height_field: give the table as `csv`, or load the file named in `csv_file` first"
+    )]
+    HeightFieldMissing,
+}
+
+#[derive(Clone, Debug)]
+enum AnyShape {
+    Plane(Plane),
+    Cylinder(Cylinder),
+    Cone(Cone),
+    Sphere(Sphere),
+    Torus(Torus),
+    Sheet(Sheet),
+    HeightField(HeightField),
+}
+
+impl AnyShape {
+    fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        match self {
+            Self::Plane(s) => s.distance_and_normal(point),
+            Self::Cylinder(s) => s.distance_and_normal(point),
+            Self::Cone(s) => s.distance_and_normal(point),
+            Self::Sphere(s) => s.distance_and_normal(point),
+            Self::Torus(s) => s.distance_and_normal(point),
+            Self::Sheet(s) => s.distance_and_normal(point),
+            Self::HeightField(s) => s.distance_and_normal(point),
+        }
+    }
+
+    fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
+        match self {
+            Self::Plane(s) => s.curvature(point),
+            Self::Cylinder(s) => s.curvature(point),
+            Self::Cone(s) => s.curvature(point),
+            Self::Sphere(s) => s.curvature(point),
+            Self::Torus(s) => s.curvature(point),
+            Self::Sheet(s) => s.curvature(point),
+            Self::HeightField(s) => s.curvature(point),
+        }
+    }
+}
+
+/// A shape placed in the arm's base.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    shape: AnyShape,
+    rotation: Rotation3<f64>,
+    translation: Vector3<f64>,
+}
+
+fn positive(shape: &'static str, key: &'static str, value: f64) -> Result<f64, SurfaceError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(value)
+    } else {
+        Err(SurfaceError::Dimension {
+            shape,
+            key,
+            value,
+            advice: "",
+        })
+    }
+}
+
+impl Surface {
+    /// `pose` is `base_from_surface`.
+    ///
+    /// # Errors
+    /// A dimension that is not positive and finite, or a bad table of heights.
+    pub fn new(shape: &ShapeConfig, pose: &PoseConfig) -> Result<Self, SurfaceError> {
+        let shape = match shape {
+            ShapeConfig::Plane => AnyShape::Plane(Plane),
+            ShapeConfig::Cylinder { radius_m } => {
+                AnyShape::Cylinder(Cylinder::new(positive("cylinder", "radius_m", *radius_m)?))
+            }
+            ShapeConfig::Cone {
+                height_m,
+                base_radius_m,
+            } => AnyShape::Cone(Cone::new(
+                positive("cone", "height_m", *height_m)?,
+                positive("cone", "base_radius_m", *base_radius_m)?,
+            )),
+            ShapeConfig::Sphere { radius_m } => {
+                AnyShape::Sphere(Sphere::new(positive("sphere", "radius_m", *radius_m)?))
+            }
+            ShapeConfig::Torus {
+                major_radius_m,
+                minor_radius_m,
+            } => {
+                let major = positive("torus", "major_radius_m", *major_radius_m)?;
+                let minor = positive("torus", "minor_radius_m", *minor_radius_m)?;
+                if minor >= major {
+                    return Err(SurfaceError::Dimension {
+                        shape: "torus",
+                        key: "minor_radius_m",
+                        value: minor,
+                        advice: " smaller than `major_radius_m`",
+                    });
+                }
+                AnyShape::Torus(Torus::new(major, minor))
+            }
+            ShapeConfig::Sheet {
+                amplitude_m,
+                wavelength_m,
+            } => {
+                positive("sheet", "wavelength_m[0]", wavelength_m[0])?;
+                positive("sheet", "wavelength_m[1]", wavelength_m[1])?;
+                AnyShape::Sheet(Sheet::new(*amplitude_m, *wavelength_m))
+            }
+            ShapeConfig::HeightField { csv, .. } => {
+                let text = csv.as_deref().ok_or(SurfaceError::HeightFieldMissing)?;
+                AnyShape::HeightField(HeightField::from_csv(text)?)
+            }
+        };
+        let isometry = pose.isometry();
+        Ok(Self {
+            shape,
+            rotation: isometry.rotation.to_rotation_matrix(),
+            translation: isometry.translation.vector,
+        })
+    }
+
+    fn local(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.rotation.matrix().tr_mul(&(point - self.translation))
+    }
+
+    /// Signed distance (m) and unit normal at the closest point, base axes. The cheap part of [`Surface::query`].
+    pub fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let (distance, normal) = self.shape.distance_and_normal(&self.local(point));
+        (distance, self.rotation * normal)
+    }
+
+    /// Everything about the surface's closest point to `point` (base axes, m).
+    pub fn query(&self, point: &Vector3<f64>) -> SurfacePoint {
+        let local = self.local(point);
+        let (distance, normal) = self.shape.distance_and_normal(&local);
+        let curvature = self.shape.curvature(&local);
+        let normal = self.rotation * normal;
+        SurfacePoint {
+            distance,
+            point: point - normal * distance,
+            normal,
+            curvature: self.rotation.matrix() * curvature * self.rotation.matrix().transpose(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,35 @@
+//! What really happens at the contact. The system under test never reads it.
+
+use nalgebra::{Matrix3, Vector3};
+use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench};
+
+/// The truth at the end of an arm period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Truth {
+    /// Time since the plant was made, s.
+    pub time_s: f64,
+    /// Closest point of the surface to the tool's origin, base axes, m.
+    pub point: Vector3<f64>,
+    /// Unit normal there, out of the material, base axes.
+    pub normal: Vector3<f64>,
+    /// Shape operator there, base axes, 1/m, positive for a convex body.
+    pub curvature: Matrix3<f64>,
+    /// Signed distance of the tool's origin from the surface, m.
+    pub distance_m: f64,
+    /// Some pad point carries load.
+    pub in_contact: bool,
+    /// Depth of the deepest pad point, m; 0 without contact.
+    pub penetration_m: f64,
+    /// What the surface does to the tool at the tool's origin, base axes.
+    pub wrench: Wrench<Aligned<Tool, Base>>,
+    /// The pad's true pose, with the deflection of the tool.
+    pub base_from_tool: Pose<Base, Tool>,
+    /// The pad's true velocity: of the tool's origin, base axes.
+    pub twist: Twist<Aligned<Tool, Base>>,
+    /// Speed of the tool's origin in the tangent plane, m/s.
+    pub sliding_speed_m_per_s: f64,
+    /// Ratio of tangential to normal force now; 0 without contact.
+    pub friction_ratio: f64,
+    /// Sliding friction coefficient of the material.
+    pub friction_coefficient: f64,
+}
