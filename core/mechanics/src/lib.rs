@@ -3,8 +3,20 @@
 //! Everything above this crate (estimation, control, simulation, the services) takes its poses, wrenches and arm
 //! models from here. Nothing here reads a clock, allocates in a step or does I/O.
 
+pub mod arm;
+pub mod damped_least_squares;
+pub mod golden;
+pub mod inverse_kinematics;
+mod linear_solve;
+pub mod manipulability;
+pub mod model;
 pub mod spatial;
 
+pub use arm::{Arm, Limits, Payload};
+pub use damped_least_squares::{DampedLeastSquares, DampedSolution};
+pub use inverse_kinematics::{InverseKinematics, InverseKinematicsError, inverse_kinematics};
+pub use manipulability::{manipulability, smallest_singular_value};
+pub use model::{ModelData, ModelError};
 pub use spatial::{
     Aligned, Base, Camera, Contact, Flange, Frame, Pose, Sensor, Tool, Twist, World, Wrench,
 };

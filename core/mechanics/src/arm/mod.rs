@@ -1,0 +1,261 @@
+//! An arm with `N` revolute joints: kinematics and dynamics of fixed size, computed from [`ModelData`] once.
+//!
+//! Control, simulation and the robot bridge hold one of these by value; no method allocates.
+
+mod dynamics;
+mod kinematics;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::Joints;
+use crate::model::{DhConvention, DhRow, ModelData, ModelError};
+
+/// A rotation and the origin it leads to: a fixed step of the chain, or a frame in base axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Step {
+    rotation: Matrix3<f64>,
+    origin: Vector3<f64>,
+}
+
+/// Mass properties of one moving body in its joint's frame (or of several, in base axes, while they are summed).
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Body {
+    mass: f64,
+    com: Vector3<f64>,
+    /// About `com`.
+    inertia: Matrix3<f64>,
+}
+
+/// Limits of an arm's joints; all but position are symmetric. `None` was not published.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits<const N: usize> {
+    /// Lowest angle, rad.
+    pub position_lower: Joints<N>,
+    /// Highest angle, rad.
+    pub position_upper: Joints<N>,
+    /// Highest speed, rad/s.
+    pub velocity: Joints<N>,
+    /// Highest acceleration, rad/s².
+    pub acceleration: Option<Joints<N>>,
+    /// Highest jerk, rad/s³.
+    pub jerk: Option<Joints<N>>,
+    /// Highest torque, Nm.
+    pub effort: Option<Joints<N>>,
+    /// Highest change of torque, Nm/s.
+    pub effort_rate: Option<Joints<N>>,
+}
+
+impl<const N: usize> Limits<N> {
+    /// Every joint's angle (rad) is within its limits; false for NaN.
+    pub fn contains(&self, q: &Joints<N>) -> bool {
+        (0..N).all(|i| q[i] >= self.position_lower[i] && q[i] <= self.position_upper[i])
+    }
+
+    /// Each angle (rad) moved to the nearest one allowed.
+    pub fn clamp(&self, q: &Joints<N>) -> Joints<N> {
+        Joints::from_fn(|i, _| q[i].clamp(self.position_lower[i], self.position_upper[i]))
+    }
+}
+
+/// A body fixed to the flange: a tool, a sensor, what a gripper holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Payload {
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Centre of mass in flange axes, from the flange's origin, m.
+    pub com_in_flange_m: Vector3<f64>,
+    /// Inertia about the centre of mass, flange axes, kg m²; zero for a point mass.
+    pub inertia_kg_m2: Matrix3<f64>,
+}
+
+/// Kinematics and dynamics of one arm. Joint vectors are ordered base to flange.
+///
+/// Link `i`'s frame lies in joint `i`, z along its axis, and turns with it; both Denavit-Hartenberg conventions are
+/// brought to that form, so the rest of the code knows no convention.
+///
+/// ```
+/// use tangent_mechanics::{Arm, ModelData};
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5")?)?;
+/// let base_from_flange = arm.base_from_flange(&arm.home());
+/// # let _ = base_from_flange;
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arm<const N: usize> {
+    /// From link i-1's frame (the base's for the first) to joint i at angle zero.
+    steps: [Step; N],
+    /// From the last link's frame to the flange.
+    flange: Step,
+    bodies: [Body; N],
+    offsets: Joints<N>,
+    gravity: Vector3<f64>,
+    limits: Limits<N>,
+    home: Joints<N>,
+}
+
+impl<const N: usize> Arm<N> {
+    /// Checks `model` and brings it to the form computed with; fails if it has not `N` joints.
+    pub fn new(model: &ModelData) -> Result<Self, ModelError> {
+        model.validate()?;
+        if model.dof != N {
+            return Err(ModelError::Dof {
+                model: model.name.clone(),
+                found: model.dof,
+                expected: N,
+            });
+        }
+        let joints = |values: &Vec<f64>| Joints::<N>::from_fn(|i, _| values[i]);
+        let dh = &model.dh;
+        let mut reached = Step::from_rows(&dh.base_from_dh0);
+        let mut steps = [Step::IDENTITY; N];
+        let mut bodies = [Body::NONE; N];
+        for (i, row) in dh.rows.iter().enumerate() {
+            let link = &model.links[i];
+            // From joint i, already turned, to DH frame i: what follows the rotation about z in either convention.
+            let (before, after) = match dh.convention {
+                DhConvention::Standard => (
+                    Step::IDENTITY,
+                    Step::along_z(row.d_m).then(&Step::about_x(row)),
+                ),
+                DhConvention::Modified => (Step::about_x(row), Step::along_z(row.d_m)),
+            };
+            steps[i] = reached.then(&before);
+            let inertia = Matrix3::from_fn(|r, c| {
+                0.5 * (link.inertia_kg_m2[r][c] + link.inertia_kg_m2[c][r])
+            });
+            bodies[i] = Body {
+                mass: link.mass_kg,
+                com: Vector3::from(link.com_m),
+                inertia,
+            }
+            .seen_from(&after);
+            reached = after;
+        }
+        let limits = &model.limits;
+        Ok(Self {
+            steps,
+            flange: reached.then(&Step::from_rows(&dh.dhn_from_flange)),
+            bodies,
+            offsets: Joints::from_fn(|i, _| dh.rows[i].theta_offset_rad),
+            gravity: Vector3::from(model.gravity_m_per_s2),
+            limits: Limits {
+                position_lower: joints(&limits.position_lower_rad),
+                position_upper: joints(&limits.position_upper_rad),
+                velocity: joints(&limits.velocity_rad_per_s),
+                acceleration: limits.acceleration_rad_per_s2.as_ref().map(joints),
+                jerk: limits.jerk_rad_per_s3.as_ref().map(joints),
+                effort: limits.effort_nm.as_ref().map(joints),
+                effort_rate: limits.effort_rate_nm_per_s.as_ref().map(joints),
+            },
+            home: joints(&model.home_rad),
+        })
+    }
+
+    /// The same arm with a body fixed to its flange. Kinematics stay as they are.
+    pub fn with_payload(mut self, payload: &Payload) -> Self {
+        let body = Body {
+            mass: payload.mass_kg,
+            com: payload.com_in_flange_m,
+            inertia: payload.inertia_kg_m2,
+        }
+        .seen_from(&self.flange);
+        if let Some(last) = self.bodies.last_mut() {
+            *last = last.joined_with(&body);
+        }
+        self
+    }
+
+    /// The same arm hung on a wall or a ceiling: `gravity` is its acceleration in base axes, m/s².
+    pub fn with_gravity(mut self, gravity: Vector3<f64>) -> Self {
+        self.gravity = gravity;
+        self
+    }
+
+    /// What the joints may do.
+    pub fn limits(&self) -> &Limits<N> {
+        &self.limits
+    }
+
+    /// The model's own starting pose, rad.
+    pub fn home(&self) -> Joints<N> {
+        self.home
+    }
+
+    /// Acceleration of gravity in base axes, m/s².
+    pub fn gravity_in_base(&self) -> Vector3<f64> {
+        self.gravity
+    }
+}
+
+impl Step {
+    const IDENTITY: Self = Self {
+        rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        origin: Vector3::new(0.0, 0.0, 0.0),
+    };
+
+    fn from_rows(rows: &[[f64; 4]; 4]) -> Self {
+        Self {
+            rotation: Matrix3::from_fn(|i, j| rows[i][j]),
+            origin: Vector3::from_fn(|i, _| rows[i][3]),
+        }
+    }
+
+    fn along_z(distance: f64) -> Self {
+        Self {
+            origin: Vector3::new(0.0, 0.0, distance),
+            ..Self::IDENTITY
+        }
+    }
+
+    /// TransX(a) RotX(alpha); the two commute.
+    fn about_x(row: &DhRow) -> Self {
+        let (s, c) = row.alpha_rad.sin_cos();
+        Self {
+            rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c),
+            origin: Vector3::new(row.a_m, 0.0, 0.0),
+        }
+    }
+
+    fn then(&self, next: &Self) -> Self {
+        Self {
+            rotation: self.rotation * next.rotation,
+            origin: self.origin + self.rotation * next.origin,
+        }
+    }
+}
+
+impl Body {
+    const NONE: Self = Self {
+        mass: 0.0,
+        com: Vector3::new(0.0, 0.0, 0.0),
+        inertia: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    };
+
+    /// The same body in the frame that `frame` is given in.
+    fn seen_from(&self, frame: &Step) -> Self {
+        Self {
+            mass: self.mass,
+            com: frame.origin + frame.rotation * self.com,
+            inertia: frame.rotation * self.inertia * frame.rotation.transpose(),
+        }
+    }
+
+    /// Both bodies as one: parallel-axis theorem with the reduced mass, so nothing large cancels.
+    fn joined_with(&self, other: &Self) -> Self {
+        let mass = self.mass + other.mass;
+        if mass <= 0.0 {
+            return *self;
+        }
+        let apart = other.com - self.com;
+        let reduced = self.mass * (other.mass / mass);
+        Self {
+            mass,
+            com: self.com + apart * (other.mass / mass),
+            inertia: self.inertia
+                + other.inertia
+                + (Matrix3::from_diagonal_element(apart.norm_squared())
+                    - apart * apart.transpose())
+                    * reduced,
+        }
+    }
+}
