@@ -1,0 +1,369 @@
+//! Whatever the guard is told, every limit holds.
+
+use nalgebra::{Matrix3x6, Vector6};
+use proptest::prelude::*;
+
+use super::guard::*;
+
+const PERIOD: f64 = 0.008;
+
+fn limits() -> GuardLimits {
+    GuardLimits {
+        speed_rad_per_s: Vector6::repeat(1.0),
+        acceleration_rad_per_s2: Vector6::new(8.0, 8.0, 8.0, 12.0, 12.0, 15.0),
+        position_lower_rad: Vector6::repeat(-2.0),
+        position_upper_rad: Vector6::repeat(2.0),
+        tool_speed_max_m_per_s: 0.25,
+        response_s: 0.04,
+        patience_cycles: 2,
+        silence_latch_s: 0.1,
+    }
+}
+
+/// Linear velocity of a made-up arm's tool: smooth in q, and large enough that the limit bites.
+fn jacobian(q: &Vector6<f64>) -> Matrix3x6<f64> {
+    Matrix3x6::from_fn(|r, c| 0.4 * (q[c] + (r * 2 + c) as f64).sin())
+}
+
+fn velocity(values: &[f64], cycle: u64) -> Wanted<'_> {
+    Wanted {
+        cycle,
+        kind: 1,
+        values,
+        acceleration: 0.0,
+        activation: 1,
+        source: "test/0",
+    }
+}
+
+fn step(guard: &mut Guard, cycle: u64, wanted: Option<&Wanted<'_>>) -> Allowed {
+    guard.step(
+        cycle,
+        Permission::Move,
+        &Vector6::zeros(),
+        &Matrix3x6::zeros(),
+        wanted,
+    )
+}
+
+#[derive(Clone, Debug)]
+struct Move {
+    kind: u8,
+    values: Vec<f64>,
+    acceleration: f64,
+    late: u64,
+    activation: u64,
+    given: bool,
+    permission: Permission,
+    repeat: u8,
+}
+
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        12 => -1.0f64..1.0,
+        2 => prop_oneof![Just(1.0), Just(-1.0), Just(0.0)],
+        1 => -5.0f64..5.0,
+        1 => any::<u64>().prop_map(f64::from_bits),
+    ]
+}
+
+fn moves() -> impl Strategy<Value = Vec<Move>> {
+    let one = (
+        prop_oneof![12 => Just(1u8), 1 => Just(0u8), 1 => any::<u8>()],
+        prop_oneof![
+            12 => prop::collection::vec(number(), 6),
+            1 => prop::collection::vec(number(), 0..8),
+        ],
+        prop_oneof![4 => Just(0.0), 2 => 0.1f64..50.0, 1 => any::<u64>().prop_map(f64::from_bits)],
+        prop_oneof![10 => Just(0u64), 2 => 1u64..4],
+        prop_oneof![8 => Just(u64::MAX), 1 => 0u64..4],
+        prop::bool::weighted(0.9),
+        prop_oneof![20 => Just(Permission::Move), 1 => Just(Permission::RampDown)],
+        1u8..60,
+    );
+    prop::collection::vec(one, 1..30).prop_map(|list| {
+        list.into_iter()
+            .map(
+                |(kind, values, acceleration, late, activation, given, permission, repeat)| Move {
+                    kind,
+                    values,
+                    acceleration,
+                    late,
+                    activation,
+                    given,
+                    permission,
+                    repeat,
+                },
+            )
+            .collect()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+    #[test]
+    fn for_any_stream_of_commands_every_limit_holds(
+        start in prop::array::uniform6(-2.0f64..2.0), moves in moves(),
+    ) {
+        let limits = limits();
+        let mut guard = Guard::new(limits.clone(), PERIOD);
+        let mut q = Vector6::from(start);
+        let mut before = Vector6::<f64>::zeros();
+        let mut cycle = 0;
+        for m in &moves {
+            for _ in 0..m.repeat {
+                cycle += 1;
+                let activation = if m.activation == u64::MAX { guard.activation_latched() + 1 } else { m.activation };
+                let wanted = Wanted {
+                    cycle: u64::saturating_sub(cycle, m.late),
+                    kind: m.kind,
+                    values: &m.values,
+                    acceleration: m.acceleration,
+                    activation,
+                    source: "test/0",
+                };
+                let jacobian = jacobian(&q);
+                let soft = m.kind == 3;
+                let out = guard.step(cycle, m.permission, &q, &jacobian, m.given.then_some(&wanted));
+                prop_assert!(out.qd.iter().all(|v| v.is_finite()));
+                for i in 0..6 {
+                    prop_assert!(out.qd[i].abs() <= limits.speed_rad_per_s[i] + 1e-12);
+                    // A soft stop is the robot's own ramp: there the guard lets go at once.
+                    if !soft {
+                        let reach = limits.acceleration_rad_per_s2[i] * PERIOD;
+                        prop_assert!((out.qd[i] - before[i]).abs() <= reach * (1.0 + 1e-9),
+                            "joint {i}: {} after {}", out.qd[i], before[i]);
+                    }
+                }
+                let tool_speed = (jacobian * out.qd).norm();
+                prop_assert!(tool_speed <= limits.tool_speed_max_m_per_s * (1.0 + 1e-9), "tool at {tool_speed} m/s");
+                if m.kind == 1 && m.acceleration > 0.0 && m.given && guard.cycle_accepted() == cycle
+                    && out.qd.norm() > before.norm() {
+                    for i in 0..6 {
+                        prop_assert!((out.qd[i] - before[i]).abs() <= m.acceleration * PERIOD * (1.0 + 1e-9) + 1e-12);
+                    }
+                }
+                before = out.qd;
+                q += out.qd * PERIOD;
+                for i in 0..6 {
+                    prop_assert!((-2.0 - 1e-9..=2.0 + 1e-9).contains(&q[i]), "joint {i} at {} rad", q[i]);
+                }
+            }
+        }
+    }
+
+    /// Also from outside its range, where somebody may have jogged it: it never moves further out.
+    #[test]
+    fn from_beyond_a_stop_it_only_moves_inwards(
+        over in 0.0f64..1.0, joint in 0usize..6, values in prop::array::uniform6(-1.0f64..1.0),
+    ) {
+        let mut guard = Guard::new(limits(), PERIOD);
+        let mut q = Vector6::zeros();
+        q[joint] = 2.0 + over;
+        for cycle in 1..200 {
+            let out = guard.step(cycle, Permission::Move, &q, &Matrix3x6::zeros(), Some(&velocity(&values, cycle)));
+            prop_assert!(q[joint] < 2.0 || out.qd[joint] <= 0.0);
+            q += out.qd * PERIOD;
+        }
+    }
+}
+
+#[test]
+fn a_good_stream_is_followed_exactly_once_up_to_speed() {
+    let mut guard = Guard::new(limits(), PERIOD);
+    let values = [0.1, -0.2, 0.3, 0.0, 0.05, -0.05];
+    for cycle in 1..=10 {
+        let out = step(&mut guard, cycle, Some(&velocity(&values, cycle)));
+        assert!(out.streaming);
+    }
+    assert_eq!(*guard.qd(), Vector6::from(values));
+    assert_eq!(
+        (guard.refused(), guard.missed(), guard.limited()),
+        (0, 0, 0)
+    );
+}
+
+#[test]
+fn it_slows_down_before_a_joint_limit_and_gets_close_to_it() {
+    let mut guard = Guard::new(limits(), PERIOD);
+    let mut q = Vector6::new(1.5, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let values = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    for cycle in 1..1000 {
+        let wanted = velocity(&values, cycle);
+        let out = guard.step(
+            cycle,
+            Permission::Move,
+            &q,
+            &Matrix3x6::zeros(),
+            Some(&wanted),
+        );
+        q += out.qd * PERIOD;
+    }
+    assert!(q[0] <= 2.0 && q[0] > 1.9999, "{}", q[0]);
+}
+
+#[test]
+fn silence_is_ridden_out_for_two_cycles_then_ramps_then_latches() {
+    let mut guard = Guard::new(limits(), PERIOD);
+    let values = [0.5; 6];
+    let mut cycle = 0;
+    for _ in 0..20 {
+        cycle += 1;
+        step(&mut guard, cycle, Some(&velocity(&values, cycle)));
+    }
+    for _ in 0..2 {
+        cycle += 1;
+        assert_eq!(step(&mut guard, cycle, None).qd, Vector6::repeat(0.5));
+    }
+    cycle += 1;
+    let first = step(&mut guard, cycle, None).qd;
+    assert!((first[0] - (0.5 - 8.0 * PERIOD)).abs() < 1e-12);
+    assert_eq!(guard.activation_latched(), 0);
+    for _ in 0..12 {
+        cycle += 1;
+        step(&mut guard, cycle, None);
+    }
+    assert_eq!(*guard.qd(), Vector6::zeros());
+    assert_eq!(guard.activation_latched(), 1);
+    // The same task does not go on by itself; a newer one does.
+    cycle += 1;
+    let out = step(&mut guard, cycle, Some(&velocity(&values, cycle)));
+    assert!(!out.streaming && out.qd == Vector6::zeros());
+    assert!(matches!(
+        guard.refusal(),
+        Some(Refusal::Latched {
+            activation: 1,
+            latched: 1
+        })
+    ));
+    cycle += 1;
+    let newer = Wanted {
+        activation: 2,
+        ..velocity(&values, cycle)
+    };
+    assert!(step(&mut guard, cycle, Some(&newer)).qd[0] > 0.0);
+}
+
+#[test]
+fn every_refusal_is_named_counted_and_slows_down() {
+    let good = [0.3; 6];
+    let fast = [0.0, 0.0, 1.5, 0.0, 0.0, 0.0];
+    let nan = [f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let base = velocity(&good, 0);
+    for (bad, text, ramps) in [
+        (
+            Wanted { kind: 2, ..base },
+            "kind 2; 0 hold, 1 joint velocity, 3 soft stop are taken",
+            true,
+        ),
+        (
+            Wanted {
+                values: &good[..5],
+                ..base
+            },
+            "5 joint values for 6 joints",
+            true,
+        ),
+        (
+            Wanted {
+                values: &nan,
+                ..base
+            },
+            "a value is not a finite number",
+            true,
+        ),
+        (
+            Wanted {
+                acceleration: f64::NAN,
+                ..base
+            },
+            "a value is not a finite number",
+            true,
+        ),
+        (
+            Wanted {
+                values: &fast,
+                ..base
+            },
+            "joint 3 at 1.500 rad/s, limit 1.000 rad/s",
+            true,
+        ),
+        (
+            Wanted {
+                source: "other/0",
+                ..base
+            },
+            "a second source commands under the same activation",
+            false,
+        ),
+    ] {
+        let mut guard = Guard::new(limits(), PERIOD);
+        for cycle in 1..=20 {
+            step(&mut guard, cycle, Some(&velocity(&good, cycle)));
+        }
+        let out = step(&mut guard, 21, Some(&Wanted { cycle: 21, ..bad }));
+        assert_eq!(guard.refused(), 1, "{text}");
+        assert_eq!(guard.refusal().unwrap().to_string(), text);
+        assert_eq!(out.qd[0] < 0.3, ramps, "{text}");
+        // One bad command among good ones is not yet a reason to start over.
+        for cycle in 22..=40 {
+            step(&mut guard, cycle, Some(&velocity(&good, cycle)));
+        }
+        assert_eq!(*guard.qd(), Vector6::repeat(0.3), "{text}");
+    }
+}
+
+#[test]
+fn old_future_and_repeated_cycles_are_refused() {
+    let mut guard = Guard::new(limits(), PERIOD);
+    let values = [0.1; 6];
+    step(&mut guard, 100, Some(&velocity(&values, 97)));
+    assert_eq!(guard.refusal(), Some(&Refusal::Old { age: 3 }));
+    step(&mut guard, 101, Some(&velocity(&values, 102)));
+    assert_eq!(guard.refusal(), Some(&Refusal::Future { cycle: 102 }));
+    step(&mut guard, 102, Some(&velocity(&values, 101)));
+    step(&mut guard, 103, Some(&velocity(&values, 101)));
+    assert_eq!(guard.refusal(), Some(&Refusal::Duplicate { cycle: 101 }));
+    assert_eq!(guard.refused(), 3);
+}
+
+#[test]
+fn what_was_running_while_the_robot_could_not_move_stays_out() {
+    let mut guard = Guard::new(limits(), PERIOD);
+    let values = [0.1; 6];
+    let five = |cycle| Wanted {
+        activation: 5,
+        ..velocity(&values, cycle)
+    };
+    let zero = (Vector6::zeros(), Matrix3x6::zeros());
+    guard.step(1, Permission::Off, &zero.0, &zero.1, Some(&five(1)));
+    assert_eq!(guard.activation_latched(), 5);
+    for cycle in 2..10 {
+        let out = guard.step(
+            cycle,
+            Permission::Move,
+            &zero.0,
+            &zero.1,
+            Some(&five(cycle)),
+        );
+        assert!(!out.streaming);
+    }
+}
+
+#[test]
+fn a_soft_stop_goes_to_the_robot_whatever_the_activation() {
+    let mut guard = Guard::new(limits(), PERIOD);
+    let values = [0.3; 6];
+    for cycle in 1..=10 {
+        step(&mut guard, cycle, Some(&velocity(&values, cycle)));
+    }
+    let stop = Wanted {
+        kind: 3,
+        values: &[],
+        activation: 0,
+        ..velocity(&values, 11)
+    };
+    let out = step(&mut guard, 11, Some(&stop));
+    assert!(out.soft_stop && !out.streaming);
+    assert_eq!(guard.activation_latched(), 1);
+}
