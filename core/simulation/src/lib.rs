@@ -5,7 +5,6 @@
 
 mod compliance;
 pub mod contact;
-mod kinematics;
 mod measurement;
 mod plant;
 mod plant_config;

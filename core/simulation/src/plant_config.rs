@@ -304,7 +304,7 @@ pub struct FrictionConfig {
     pub stribeck_m_per_s: f64,
     /// Viscous part, per unit of normal force, s/m.
     pub viscous_s_per_m: f64,
-    /// LuGre bristle stiffness per unit of normal force, 1/m. For `coulomb` it sets the slope near zero speed.
+    /// LuGre bristle stiffness per unit of normal force, 1/m.
     pub bristle_stiffness_per_m: f64,
     /// LuGre bristle damping per unit of normal force, s/m.
     pub bristle_damping_s_per_m: f64,

@@ -1,6 +1,6 @@
 //! The arm as its maker's controller shows it from outside: a velocity servo with a delay, a limit and a lag.
 
-use tangent_mechanics::Joints;
+use tangent_mechanics::{Joints, Limits};
 
 use crate::measurement::VelocityCommand;
 use crate::plant_config::{Lag, ServoConfig};
@@ -30,19 +30,13 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// At rest at `q` (rad), inside `lower..upper` (rad) and `speed_max` (rad/s).
-    pub fn new(
-        config: &ServoConfig,
-        lower: Joints<6>,
-        upper: Joints<6>,
-        speed_max: Joints<6>,
-        q: Joints<6>,
-    ) -> Self {
+    /// At rest at `q` (rad), inside the arm's `limits`.
+    pub fn new(config: &ServoConfig, limits: &Limits<6>, q: Joints<6>) -> Self {
         Self {
             config: config.clone(),
-            lower,
-            upper,
-            speed_max,
+            lower: limits.position_lower,
+            upper: limits.position_upper,
+            speed_max: limits.velocity,
             line: [VelocityCommand::hold(); DELAY_CYCLES_MAX],
             q,
             qd: Joints::<6>::zeros(),
@@ -137,14 +131,16 @@ mod tests {
     use super::*;
 
     fn servo(config: &ServoConfig) -> Servo {
-        let wide = Joints::<6>::repeat(6.0);
-        Servo::new(
-            config,
-            -wide,
-            wide,
-            Joints::<6>::repeat(3.0),
-            Joints::<6>::zeros(),
-        )
+        let limits = Limits {
+            position_lower: Joints::<6>::repeat(-6.0),
+            position_upper: Joints::<6>::repeat(6.0),
+            velocity: Joints::<6>::repeat(3.0),
+            acceleration: None,
+            jerk: None,
+            effort: None,
+            effort_rate: None,
+        };
+        Servo::new(config, &limits, Joints::<6>::zeros())
     }
 
     /// Time until the velocity has reached 1 - 1/e of a small step.

@@ -1,16 +1,17 @@
 //! Where the tool starts: over the surface, by a gap, with a tilt; joints by inverse kinematics.
 
 use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
-use tangent_mechanics::{Base, Flange, Joints, Pose, Tool};
+use tangent_mechanics::{
+    Arm, Base, Flange, InverseKinematicsError, Joints, Pose, Tool, inverse_kinematics,
+};
 
-use crate::kinematics::Arm6;
 use crate::plant_config::StartConfig;
 use crate::surfaces::Surface;
 
 /// The start pose is out of reach.
 #[derive(Debug, thiserror::Error)]
 #[error(
-    "start: no joint positions bring the tool to ({x:.3}, {y:.3}, {z:.3}) m over the surface ({reason}); move the surface or `start.near_m`, or give `start.seed_rad` nearer to a solution"
+    "start: no joint positions bring the tool to ({x:.3}, {y:.3}, {z:.3}) m over the surface ({source}); move the surface or `start.near_m`, or give `start.seed_rad` nearer to a solution"
 )]
 pub struct StartError {
     /// Tool's origin, base axes, m.
@@ -20,7 +21,7 @@ pub struct StartError {
     /// m
     pub z: f64,
     /// From the inverse kinematics.
-    pub reason: String,
+    pub source: InverseKinematicsError,
 }
 
 /// The tool's start pose.
@@ -52,20 +53,19 @@ pub fn tool_pose(start: &StartConfig, surface: &Surface) -> Pose<Base, Tool> {
 /// # Errors
 /// When the pose is out of reach from the seed.
 pub fn joints(
-    arm: &Arm6,
+    arm: &Arm<6>,
     flange_from_tool: &Pose<Flange, Tool>,
     target: &Pose<Base, Tool>,
     start: &StartConfig,
 ) -> Result<Joints<6>, StartError> {
     let seed = start.seed_rad.map_or_else(|| arm.home(), Joints::<6>::from);
-    arm.inverse(flange_from_tool, target, &seed)
-        .map_err(|reason| {
-            let p = target.translation();
-            StartError {
-                x: p.x,
-                y: p.y,
-                z: p.z,
-                reason,
-            }
-        })
+    inverse_kinematics(arm, flange_from_tool, target, &seed).map_err(|source| {
+        let p = target.translation();
+        StartError {
+            x: p.x,
+            y: p.y,
+            z: p.z,
+            source,
+        }
+    })
 }

@@ -61,8 +61,9 @@ impl Friction {
             }
             FrictionModel::Coulomb => {
                 let level = self.coefficient(speed);
-                let slope = c.bristle_stiffness_per_m * dt.max(1e-3) + c.bristle_damping_s_per_m;
-                let slope = slope.min(level / speed.max(1e-12));
+                // A line through zero speed as steep as reaches the cone at a tenth of the Stribeck speed.
+                let steepest = c.static_coefficient / (0.1 * c.stribeck_m_per_s);
+                let slope = steepest.min(level / speed.max(1e-12));
                 return FrictionForce {
                     force: velocity * (-load * (slope + c.viscous_s_per_m)),
                     damping: load * (slope + c.viscous_s_per_m),

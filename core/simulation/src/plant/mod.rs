@@ -1,15 +1,18 @@
 //! The simulated cell: arm, tool, surface and sensor, one arm period per step. Driven by the live simulator and by `evaluate`.
 
+mod check;
+
 use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
-use tangent_mechanics::{Flange, Joints, Pose, Sensor as SensorFrame, Tool, Twist, Wrench};
+use tangent_mechanics::{
+    Arm, Flange, Joints, ModelData, ModelError, Pose, Sensor as SensorFrame, Tool, Twist, Wrench,
+};
 
 use crate::compliance::Compliance;
 use crate::contact::{Pad, PadContact, PadMotion};
-use crate::kinematics::Arm6;
 use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 use crate::plant_config::{PlantConfig, PoseConfig};
 use crate::sensor::Sensor;
-use crate::servo::{DELAY_CYCLES_MAX, Servo};
+use crate::servo::Servo;
 use crate::start::{self, StartError};
 use crate::surfaces::{Surface, SurfaceError};
 use crate::truth::Truth;
@@ -21,13 +24,8 @@ const GRAVITY_M_PER_S2: f64 = 9.80665;
 #[derive(Debug, thiserror::Error)]
 pub enum PlantError {
     /// The arm model is unknown or not usable.
-    #[error("robot `{name}`: {reason}")]
-    Robot {
-        /// As given.
-        name: String,
-        /// What is wrong and what is allowed.
-        reason: String,
-    },
+    #[error("plant.robot: {0}")]
+    Robot(#[from] ModelError),
     /// The surface is bad.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
@@ -50,7 +48,7 @@ pub enum PlantError {
 #[derive(Clone, Debug)]
 pub struct Plant {
     config: PlantConfig,
-    arm: Arm6,
+    arm: Arm<6>,
     servo: Servo,
     surface: Surface,
     pad: Pad,
@@ -87,11 +85,8 @@ impl Plant {
     /// # Errors
     /// Says which key is wrong and what is allowed, or why the start pose cannot be reached.
     pub fn new(config: &PlantConfig, seed: u64) -> Result<Self, PlantError> {
-        check(config)?;
-        let arm = Arm6::builtin(&config.robot).map_err(|reason| PlantError::Robot {
-            name: config.robot.clone(),
-            reason,
-        })?;
+        check::check(config)?;
+        let arm = Arm::<6>::new(&ModelData::builtin(&config.robot)?)?;
         let surface_pose = PoseConfig {
             position_m: config.surface.position_m,
             roll_pitch_yaw_rad: config.surface.roll_pitch_yaw_rad,
@@ -114,9 +109,8 @@ impl Plant {
         let samples_per_period = (config.arm.period_s * config.sensor.rate_hz).ceil() as usize + 1;
         let payload = &config.tool.payload;
         let error = &config.tool.payload_error;
-        let (lower, upper, speed_max) = arm.limits();
         let mut plant = Self {
-            servo: Servo::new(&config.arm, lower, upper, speed_max, q),
+            servo: Servo::new(&config.arm, arm.limits(), q),
             pad: Pad::new(&config.tool.pad, &config.contact, pad_stiffness),
             compliance: config.tool.compliance.as_ref().map(Compliance::new),
             sensor: Sensor::new(&config.sensor, seed),
@@ -297,6 +291,11 @@ impl Plant {
         &self.config
     }
 
+    /// The arm's model.
+    pub fn model(&self) -> &Arm<6> {
+        &self.arm
+    }
+
     /// The surface, for drawing and for truth.
     pub fn surface(&self) -> &Surface {
         &self.surface
@@ -324,8 +323,7 @@ impl Plant {
 
     /// Moves the arm to `q` (rad) at once, at rest: for a teleport between tests, never for motion.
     pub fn reset_joints(&mut self, q: &Joints<6>) {
-        let (lower, upper, speed_max) = self.arm.limits();
-        self.servo = Servo::new(&self.config.arm, lower, upper, speed_max, *q);
+        self.servo = Servo::new(&self.config.arm, self.arm.limits(), *q);
         self.body = Body {
             pose: *self.arm.base_from_flange(q).isometry(),
             linear: Vector3::zeros(),
@@ -355,155 +353,5 @@ fn small_rotation(turn: &UnitQuaternion<f64>) -> Vector3<f64> {
     }
 }
 
-fn check(config: &PlantConfig) -> Result<(), PlantError> {
-    let value = |key, value: f64, allowed, ok: bool| {
-        if ok && value.is_finite() {
-            Ok(())
-        } else {
-            Err(PlantError::Value {
-                key,
-                value,
-                allowed,
-            })
-        }
-    };
-    let (arm, contact, sensor, tool) = (&config.arm, &config.contact, &config.sensor, &config.tool);
-    value(
-        "arm.period_s",
-        arm.period_s,
-        "0.0005 to 0.1 s",
-        (5e-4..=0.1).contains(&arm.period_s),
-    )?;
-    value(
-        "arm.input_delay_cycles",
-        arm.input_delay_cycles as f64,
-        "0 to 31",
-        arm.input_delay_cycles < DELAY_CYCLES_MAX,
-    )?;
-    value(
-        "arm.acceleration_max_rad_per_s2",
-        arm.acceleration_max_rad_per_s2,
-        "above 0",
-        arm.acceleration_max_rad_per_s2 > 0.0,
-    )?;
-    match arm.lag {
-        crate::plant_config::Lag::FirstOrder { time_constant_s: t } => {
-            value("arm.lag.time_constant_s", t, "above 0", t > 0.0)?;
-        }
-        crate::plant_config::Lag::SecondOrder {
-            natural_frequency_rad_per_s: w,
-            damping_ratio: z,
-        } => {
-            value("arm.lag.natural_frequency_rad_per_s", w, "above 0", w > 0.0)?;
-            value("arm.lag.damping_ratio", z, "above 0", z > 0.0)?;
-        }
-    }
-    value(
-        "substep_max_s",
-        config.substep_max_s,
-        "0.00001 to 0.002 s",
-        (1e-5..=2e-3).contains(&config.substep_max_s),
-    )?;
-    value(
-        "contact.stiffness_n_per_m",
-        contact.stiffness_n_per_m,
-        "100 to 1000000 N/m",
-        (100.0..=1e6).contains(&contact.stiffness_n_per_m),
-    )?;
-    value(
-        "contact.exponent",
-        contact.exponent,
-        "1 to 2",
-        (1.0..=2.0).contains(&contact.exponent),
-    )?;
-    value(
-        "contact.dissipation_s_per_m",
-        contact.dissipation_s_per_m,
-        "0 or above",
-        contact.dissipation_s_per_m >= 0.0,
-    )?;
-    let friction = &contact.friction;
-    value(
-        "contact.friction.coulomb_coefficient",
-        friction.coulomb_coefficient,
-        "above 0 to 2 (use model = \"none\" for a frictionless surface)",
-        friction.coulomb_coefficient > 0.0 && friction.coulomb_coefficient <= 2.0,
-    )?;
-    value(
-        "contact.friction.static_coefficient",
-        friction.static_coefficient,
-        "at least coulomb_coefficient",
-        friction.static_coefficient >= friction.coulomb_coefficient,
-    )?;
-    value(
-        "contact.friction.stribeck_m_per_s",
-        friction.stribeck_m_per_s,
-        "above 0",
-        friction.stribeck_m_per_s > 0.0,
-    )?;
-    value(
-        "contact.friction.bristle_stiffness_per_m",
-        friction.bristle_stiffness_per_m,
-        "above 0",
-        friction.bristle_stiffness_per_m > 0.0,
-    )?;
-    value(
-        "sensor.rate_hz",
-        sensor.rate_hz,
-        "125 to 7000",
-        (125.0..=7000.0).contains(&sensor.rate_hz),
-    )?;
-    value(
-        "sensor.drift_time_constant_s",
-        sensor.drift_time_constant_s,
-        "above 0",
-        sensor.drift_time_constant_s > 0.0,
-    )?;
-    value(
-        "tool.pad.radius_m",
-        tool.pad.radius_m,
-        "0 to 0.1",
-        (0.0..=0.1).contains(&tool.pad.radius_m),
-    )?;
-    value(
-        "tool.pad.rings",
-        tool.pad.rings as f64,
-        "0 to 8",
-        tool.pad.rings <= 8,
-    )?;
-    let mass = tool.payload.mass_kg + tool.payload_error.mass_kg;
-    value(
-        "tool.payload.mass_kg (with its error)",
-        mass,
-        "0 to 10",
-        (0.0..=10.0).contains(&mass),
-    )?;
-    if let Some(compliance) = &tool.compliance {
-        let z = compliance.stiffness_n_per_m[2];
-        value(
-            "tool.compliance.stiffness_n_per_m[2]",
-            z,
-            "above contact.stiffness_n_per_m, which is the stiffness of tool and pad in series",
-            z > contact.stiffness_n_per_m,
-        )?;
-        value(
-            "tool.compliance.relaxation_s",
-            compliance.relaxation_s,
-            "above 0",
-            compliance.relaxation_s > 0.0,
-        )?;
-        let all = compliance
-            .stiffness_n_per_m
-            .iter()
-            .chain(&compliance.stiffness_nm_per_rad);
-        for &stiffness in all {
-            value(
-                "tool.compliance stiffness",
-                stiffness,
-                "above 0",
-                stiffness > 0.0,
-            )?;
-        }
-    }
-    Ok(())
-}
+#[cfg(test)]
+mod tests;
