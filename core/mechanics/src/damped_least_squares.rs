@@ -175,3 +175,165 @@ fn rotate<const N: usize>(
     );
     true
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Arm, ModelData, manipulability, smallest_singular_value};
+    use proptest::prelude::*;
+
+    fn arm<const N: usize>(name: &str) -> Arm<N> {
+        Arm::new(&ModelData::builtin(name).unwrap()).unwrap()
+    }
+
+    fn bounded<const N: usize>(
+        name: &str,
+        q: &[f64],
+        twist: [f64; 6],
+        law: &DampedLeastSquares,
+    ) -> Result<(), TestCaseError> {
+        let jacobian = arm::<N>(name).jacobian(&Joints::from_column_slice(&q[..N]));
+        let twist = Vector6::from(twist);
+        let solution = law.solve_with_damping(&jacobian, &twist);
+        let bound = law.gain_max() * twist.norm() * (1.0 + 1e-9);
+        prop_assert!(
+            solution.qd.norm() <= bound,
+            "{name}: {} > {bound}",
+            solution.qd.norm()
+        );
+        if solution.damping == 0.0 && N >= 6 {
+            let missed = (jacobian * solution.qd - twist).norm();
+            prop_assert!(
+                missed < 1e-9 * (1.0 + twist.norm()),
+                "{name}: misses by {missed}"
+            );
+        }
+        Ok(())
+    }
+
+    proptest! {
+        #[test]
+        fn no_pose_and_no_twist_breaks_the_bound(
+            q in prop::collection::vec(-3.2f64..3.2, 7),
+            closeness in 1e-12f64..1.0,
+            twist in prop::array::uniform6(-1.0f64..1.0),
+            damping_max in 0.01f64..0.2,
+            threshold in 0.02f64..0.2,
+        ) {
+            let law = DampedLeastSquares { damping_max, threshold };
+            bounded::<6>("ur5", &q, twist, &law)?;
+            bounded::<7>("panda", &q, twist, &law)?;
+            bounded::<6>("smart3s_substitute", &q, twist, &law)?;
+            bounded::<2>("planar2", &q, twist, &law)?;
+            // Down to the singularity: elbow straight, then wrist axes parallel.
+            let mut near = q;
+            near[2] = closeness.powi(3);
+            bounded::<6>("ur5", &near, twist, &law)?;
+            near[4] = closeness.powi(5);
+            bounded::<6>("ur5", &near, twist, &law)?;
+        }
+
+        #[test]
+        fn singular_values_rebuild_the_jacobian(q in prop::collection::vec(-3.2f64..3.2, 7)) {
+            let jacobian = arm::<7>("panda").jacobian(&Joints::from_column_slice(&q));
+            let singular = Singular::of(&jacobian);
+            let mut rebuilt = SMatrix::<f64, 6, 7>::zeros();
+            let mut product = 1.0;
+            for i in 0..6 {
+                rebuilt += singular.left[i] * singular.scaled_right[i].transpose();
+                product *= singular.scaled_right[i].norm();
+            }
+            prop_assert!((rebuilt - jacobian).amax() < 1e-13);
+            let volume = manipulability(&jacobian);
+            prop_assert!((product - volume).abs() < 1e-13, "{product} {volume}");
+            let squared = (jacobian * jacobian.transpose()).determinant();
+            prop_assert!((squared - volume * volume).abs() < 1e-10);
+        }
+    }
+
+    #[test]
+    fn every_near_singular_pose_of_every_model_is_bounded_and_seen() {
+        let law = DampedLeastSquares::default();
+        for name in ["ur5", "ur5e", "smart3s_substitute"] {
+            let model = ModelData::builtin(name).unwrap();
+            let arm = arm::<6>(name);
+            for pose in &model.near_singular {
+                let jacobian = arm.jacobian(&Joints::from_column_slice(&pose.q_rad));
+                for axis in 0..6 {
+                    let twist = Vector6::ith(axis, 1.0);
+                    let solution = law.solve_with_damping(&jacobian, &twist);
+                    assert!(
+                        solution.smallest_singular_value < 1e-4,
+                        "{name} {}",
+                        pose.id
+                    );
+                    assert!(solution.damping > 0.999 * law.damping_max);
+                    assert!(solution.qd.norm() <= law.gain_max());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn exactly_singular_costs_no_speed_in_the_lost_direction() {
+        // UR5 with its elbow straight: one direction of the tool is lost, and no joint runs for it.
+        let jacobian = arm::<6>("ur5").jacobian(&Joints::from([0.3, -0.9, 0.0, 0.5, 1.1, -0.4]));
+        let singular = Singular::of(&jacobian);
+        let lost = (0..6)
+            .min_by(|&a, &b| {
+                let length = |i: usize| singular.scaled_right[i].norm();
+                length(a).total_cmp(&length(b))
+            })
+            .unwrap();
+        let qd = DampedLeastSquares::default().solve(&jacobian, &singular.left[lost]);
+        assert!(qd.norm() < 1e-10, "{qd}");
+    }
+
+    #[test]
+    fn smallest_singular_values_of_the_golden_file() {
+        let file: serde_json::Value =
+            serde_json::from_str(include_str!("../tests/golden/golden.json")).unwrap();
+        let cases = file["models"]["ur5"].as_array().unwrap();
+        for case in cases {
+            let q: Vec<f64> = serde_json::from_value(case["q"].clone()).unwrap();
+            let jacobian = arm::<6>("ur5").jacobian(&Joints::from_column_slice(&q));
+            let expected = case["jacobian_smallest_singular_value"].as_f64().unwrap();
+            let found = smallest_singular_value(&jacobian);
+            assert!(
+                (found - expected).abs() < 1e-14,
+                "{}: {found} {expected}",
+                case["id"]
+            );
+        }
+    }
+
+    #[test]
+    fn planar2_manipulability_by_hand() {
+        // J'J = [[a + 1, b + 1], [b + 1, 0.25 + 1]] with a = 1.25 + cos q2, b = 0.25 + 0.5 cos q2.
+        let q2 = 0.8_f64;
+        let jacobian = arm::<2>("planar2").jacobian(&Joints::<2>::new(0.2, q2));
+        let (a, b) = (1.25 + q2.cos(), 0.25 + 0.5 * q2.cos());
+        let by_hand = ((a + 1.0) * 1.25 - (b + 1.0) * (b + 1.0)).sqrt();
+        assert!((manipulability(&jacobian) - by_hand).abs() < 1e-15);
+    }
+
+    #[test]
+    fn damping_is_continuous_and_grows_towards_the_singularity() {
+        let law = DampedLeastSquares {
+            damping_max: 0.1,
+            threshold: 0.05,
+        };
+        assert_eq!(law.damping(0.0), 0.1);
+        assert_eq!(law.damping(0.05), 0.0);
+        assert_eq!(law.damping(1.0), 0.0);
+        assert!((law.damping(0.025) - 0.1 * 0.75_f64.sqrt()).abs() < 1e-16);
+        assert!(law.damping(0.049_999_9) < 1e-3);
+    }
+
+    #[test]
+    fn not_a_number_ends() {
+        let qd = DampedLeastSquares::default()
+            .solve(&SMatrix::<f64, 6, 6>::repeat(f64::NAN), &Vector6::zeros());
+        assert!(qd.iter().all(|x| x.is_nan() || *x == 0.0));
+    }
+}

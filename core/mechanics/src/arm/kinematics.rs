@@ -165,3 +165,112 @@ fn jacobian_dot_of<const N: usize>(
     }
     derivative
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ModelData;
+    use proptest::prelude::*;
+
+    fn joints<const N: usize>(values: &[f64]) -> Joints<N> {
+        Joints::from_column_slice(&values[..N])
+    }
+
+    fn tool() -> Pose<Flange, Tool> {
+        Pose::new(
+            Vector3::new(0.03, -0.08, 0.17),
+            UnitQuaternion::new(Vector3::new(0.4, -0.3, 0.9)),
+        )
+    }
+
+    /// Central difference of the tool's pose along `qd`: what the Jacobian's columns are by definition.
+    fn twist_by_difference<const N: usize>(
+        arm: &Arm<N>,
+        q: &Joints<N>,
+        qd: &Joints<N>,
+    ) -> Vector6<f64> {
+        let h = 1e-6;
+        let after = arm.base_from_flange(&(q + qd * h)) * tool();
+        let before = arm.base_from_flange(&(q - qd * h)) * tool();
+        let linear = (after.translation() - before.translation()) / (2.0 * h);
+        let angular = (after.rotation() * before.rotation().inverse()).scaled_axis() / (2.0 * h);
+        Vector6::new(
+            linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+        )
+    }
+
+    fn jacobians_are_derivatives<const N: usize>(
+        name: &str,
+        q: &[f64],
+        qd: &[f64],
+    ) -> Result<(), TestCaseError> {
+        let arm = Arm::<N>::new(&ModelData::builtin(name).unwrap()).unwrap();
+        let (q, qd) = (joints::<N>(q), joints::<N>(qd));
+        let (pose, jacobian) = arm.tool_and_jacobian(&q, &tool());
+        prop_assert_eq!(jacobian, arm.jacobian_at(&q, &tool()));
+        prop_assert_eq!(pose, arm.base_from_flange(&q) * tool());
+        let difference = (jacobian * qd - twist_by_difference(&arm, &q, &qd)).amax();
+        prop_assert!(difference < 1e-8, "{name}: J off by {difference}");
+
+        let h = 1e-6;
+        let by_difference = (arm.jacobian_at(&(q + qd * h), &tool())
+            - arm.jacobian_at(&(q - qd * h), &tool()))
+            / (2.0 * h);
+        let difference = (arm.jacobian_dot_at(&q, &qd, &tool()) - by_difference).amax();
+        prop_assert!(difference < 1e-8, "{name}: Jdot off by {difference}");
+
+        // A tool without length is the flange.
+        let flange = Pose::identity();
+        prop_assert_eq!(arm.jacobian(&q), arm.jacobian_at(&q, &flange));
+        prop_assert_eq!(
+            arm.jacobian_dot(&q, &qd),
+            arm.jacobian_dot_at(&q, &qd, &flange)
+        );
+        Ok(())
+    }
+
+    proptest! {
+        #[test]
+        fn jacobian_and_its_derivative_match_finite_differences(
+            q in prop::collection::vec(-3.0f64..3.0, 7),
+            qd in prop::collection::vec(-1.0f64..1.0, 7),
+        ) {
+            jacobians_are_derivatives::<6>("ur5", &q, &qd)?;
+            jacobians_are_derivatives::<6>("ur5e", &q, &qd)?;
+            jacobians_are_derivatives::<7>("panda", &q, &qd)?;
+            jacobians_are_derivatives::<6>("smart3s_substitute", &q, &qd)?;
+            jacobians_are_derivatives::<2>("planar2", &q, &qd)?;
+        }
+    }
+
+    #[test]
+    fn planar2_by_hand() {
+        let arm = Arm::<2>::new(&ModelData::builtin("planar2").unwrap()).unwrap();
+        let (q1, q2) = (0.3_f64, -1.1_f64);
+        let (s1, c1) = q1.sin_cos();
+        let (s12, c12) = (q1 + q2).sin_cos();
+        let q = Joints::<2>::new(q1, q2);
+        let tip = arm.base_from_flange(&q);
+        let by_hand = Vector3::new(c1 + 0.5 * c12, s1 + 0.5 * s12, 0.0);
+        assert!((tip.translation() - by_hand).norm() < 1e-15);
+        assert!((tip.rotation().scaled_axis() - Vector3::new(0.0, 0.0, q1 + q2)).norm() < 1e-15);
+        let jacobian = arm.jacobian(&q);
+        let rows = [[-s1 - 0.5 * s12, -0.5 * s12], [c1 + 0.5 * c12, 0.5 * c12]];
+        for (i, row) in rows.iter().enumerate() {
+            for (j, entry) in row.iter().enumerate() {
+                assert!((jacobian[(i, j)] - entry).abs() < 1e-15);
+            }
+        }
+        assert_eq!(jacobian[(5, 0)], 1.0);
+        assert_eq!(jacobian[(5, 1)], 1.0);
+    }
+
+    #[test]
+    fn ur5_reaches_as_far_as_its_table_says() {
+        // Stretched along x with the elbow straight: the sums of the table's rows.
+        let arm = Arm::<6>::new(&ModelData::builtin("ur5").unwrap()).unwrap();
+        let pose = arm.base_from_flange(&Joints::zeros());
+        let by_hand = Vector3::new(-0.425 - 0.39225, -0.10915 - 0.0823, 0.089159 - 0.09465);
+        assert!((pose.translation() - by_hand).norm() < 1e-15, "{pose:?}");
+    }
+}

@@ -197,3 +197,6 @@ impl ModelData {
 fn identity() -> [[f64; 4]; 4] {
     std::array::from_fn(|i| std::array::from_fn(|j| f64::from(i == j)))
 }
+
+#[cfg(test)]
+mod tests;
