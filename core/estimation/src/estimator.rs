@@ -55,6 +55,18 @@ impl NormalEstimate {
             curvature: None,
         }
     }
+
+    /// As [`NormalEstimate::invalid`], but finite whatever the pose holds.
+    pub(crate) fn refused(base_from_tool: &Pose<Base, Tool>, validity: Validity) -> Self {
+        let usable = Self::invalid(base_from_tool, validity);
+        let sound =
+            usable.point.iter().all(|x| x.abs() < 1e6) && (usable.normal.norm() - 1.0).abs() < 1e-6;
+        if sound {
+            usable
+        } else {
+            Self::invalid(&Pose::identity(), validity)
+        }
+    }
 }
 
 /// A surface-normal estimator. One call per control cycle; no clock, no allocation after construction.

@@ -2,6 +2,32 @@
 //!
 //! Called by the `estimator` service and by the closed loop of `evaluate`.
 
+mod blend;
+mod config;
+mod contact_filter;
+mod error;
 mod estimator;
+mod gaussian_process;
+mod gaussian_process_paper;
+mod motion;
+mod quadratic;
+mod quadratic_paper;
+mod reactive;
+mod reactive_paper;
+mod registry;
+mod tangent_frame;
 
+pub use blend::Blend;
+pub use config::{
+    BlendConfig, ContactConfig, EstimatorConfig, GaussianProcessConfig, PaperConfig,
+    QuadraticConfig, SensingConfig, SurfaceConfig,
+};
+pub use error::EstimationError;
 pub use estimator::{ContactSample, NormalEstimate, NormalEstimator};
+pub use gaussian_process::GaussianProcess;
+pub use gaussian_process_paper::GaussianProcessPaper;
+pub use quadratic::Quadratic;
+pub use quadratic_paper::QuadraticPaper;
+pub use reactive::Reactive;
+pub use reactive_paper::ReactivePaper;
+pub use registry::{build, estimator_names};

@@ -1,0 +1,488 @@
+//! The filter under every sound estimator: normal on the sphere, shape operator, friction, and force bias, each
+//! with its covariance.
+//!
+//! While sliding with contact force `N`, the force on the tool is `f = N (n - mu t) + b` with `t` the direction of
+//! sliding, and the contact point moves along the surface, `n · v = 0`. `N` is never estimated: the force is used
+//! only across the line it is expected along. Nine error states: the normal's two tangent components (rad), the
+//! shape operator's `k11, k22, k12` (1/m), friction, and the bias's three components in tool axes (N).
+
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
+use tangent_sensing::Validity;
+
+use crate::motion::{Motion, free_space};
+use crate::tangent_frame::TangentFrame;
+use crate::{EstimatorConfig, NormalEstimate};
+
+const STATES: usize = 9;
+const NORMAL: usize = 0;
+const SHAPE: usize = 2;
+const FRICTION: usize = 5;
+const BIAS: usize = 6;
+
+type Row = SVector<f64, STATES>;
+
+/// Correlation time of what disturbs the force in free space: inertia, cables, s.
+const FREE_CORRELATION_S: f64 = 0.5;
+/// What inertia and cables add to the force in free space, N.
+const FREE_FORCE_SD_N: f64 = 0.05;
+/// Distance over which velocity errors and friction's own fluctuations stay alike, m.
+const FLUCTUATION_LENGTH_M: f64 = 0.002;
+/// Friction's fluctuation around Coulomb's law, relative.
+const FRICTION_FLUCTUATION: f64 = 0.03;
+/// Innovations beyond this many standard deviations count less.
+const HUBER_SD: f64 = 2.5;
+
+/// How the tool touches the surface in this cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ContactState {
+    Free,
+    Pressing,
+    Sliding,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct ContactFilter {
+    config: EstimatorConfig,
+    frame: TangentFrame,
+    shape: Matrix2<f64>,
+    friction: f64,
+    bias: Vector3<f64>,
+    covariance: SMatrix<f64, STATES, STATES>,
+    state: ContactState,
+    touched: bool,
+    slid: bool,
+    free_distance_m: f64,
+    free_time_s: f64,
+    slide_direction: Vector3<f64>,
+    slide_distance_m: f64,
+    pressing_information: f64,
+    force_n: f64,
+    force_filtered_n: f64,
+    force_rate_n_per_s: f64,
+    friction_residual_n2: f64,
+    centre: Vector3<f64>,
+    centre_sd_m: f64,
+}
+
+impl ContactFilter {
+    pub fn new(config: &EstimatorConfig) -> Self {
+        let mut filter = Self {
+            config: *config,
+            frame: TangentFrame::new(Vector3::z(), Vector3::x()),
+            shape: Matrix2::zeros(),
+            friction: config.surface.friction_initial,
+            bias: Vector3::zeros(),
+            covariance: SMatrix::zeros(),
+            state: ContactState::Free,
+            touched: false,
+            slid: false,
+            free_distance_m: 0.0,
+            free_time_s: 0.0,
+            slide_direction: Vector3::zeros(),
+            slide_distance_m: 0.0,
+            pressing_information: 0.0,
+            force_n: 0.0,
+            force_filtered_n: 0.0,
+            force_rate_n_per_s: 0.0,
+            friction_residual_n2: 0.0,
+            centre: Vector3::zeros(),
+            centre_sd_m: 0.0,
+        };
+        for i in 0..3 {
+            filter.covariance[(BIAS + i, BIAS + i)] = config.sensing.force_bias_sd_n.powi(2);
+        }
+        filter.covariance[(FRICTION, FRICTION)] = config.surface.friction_sd.powi(2);
+        filter
+    }
+
+    /// Takes one cycle's motion and force.
+    pub fn update(&mut self, motion: &Motion) {
+        self.drift(motion);
+        let force = motion.rotation * (motion.force_in_tool - self.bias);
+        // Along the tool's axis, so that a sideways bias does not look like pressing.
+        let pressing_n = -(motion.force_in_tool - self.bias).z;
+        let contact = &self.config.contact;
+        let threshold = if self.state == ContactState::Free {
+            contact.force_on_n
+        } else {
+            contact.force_off_n
+        };
+        if pressing_n < threshold {
+            self.in_free_space(motion);
+            return;
+        }
+        if self.state == ContactState::Free {
+            self.touch_down(motion);
+        }
+        self.centre_of_pressure(motion, pressing_n);
+        self.travel(motion);
+        self.track_force(&force, motion.dt_s);
+
+        let velocity = self.contact_velocity(motion);
+        let tangential = velocity - self.frame.normal * self.frame.normal.dot(&velocity);
+        let speed = tangential.norm();
+        let sliding = speed > self.config.contact.sliding_speed_min_m_per_s;
+        self.track_sliding(&tangential, speed, sliding, motion.dt_s);
+        if sliding {
+            self.state = ContactState::Sliding;
+            self.slid = true;
+            self.measure_velocity(&velocity, speed, motion);
+            if self.slide_distance_m >= self.config.contact.presliding_distance_m {
+                self.measure_sliding_force(motion, speed);
+            }
+        } else {
+            self.state = ContactState::Pressing;
+            if !self.slid {
+                self.measure_pressing_force(motion);
+            }
+        }
+    }
+
+    /// Bias walks, and a turn of the tool moves the payload's error between its axes.
+    fn drift(&mut self, motion: &Motion) {
+        let s = &self.config.sensing;
+        let turn = motion.angular.norm() * motion.dt_s;
+        let q = s.force_bias_drift_n_per_sqrt_s.powi(2) * motion.dt_s
+            + s.payload_error_n.powi(2) * turn;
+        for i in BIAS..BIAS + 3 {
+            self.covariance[(i, i)] += q;
+        }
+    }
+
+    /// Nothing touches, so all that the sensor reads is bias.
+    fn in_free_space(&mut self, motion: &Motion) {
+        if self.state != ContactState::Free {
+            self.state = ContactState::Free;
+            self.free_distance_m = 0.0;
+            self.free_time_s = 0.0;
+        }
+        self.free_distance_m += motion.step.norm();
+        self.free_time_s += motion.dt_s;
+        self.slide_distance_m = 0.0;
+        self.slide_direction = Vector3::zeros();
+        // Just after a contact the filter of the wrench still forgets it.
+        let settled = !self.touched || self.free_time_s > 0.2;
+        let bias_sd =
+            self.config.sensing.force_bias_sd_n + self.config.sensing.force_bias_drift_n_per_sqrt_s;
+        if !settled || bias_sd <= 0.0 {
+            return;
+        }
+        let variance = (FREE_FORCE_SD_N.powi(2) + self.config.sensing.force_noise_n.powi(2))
+            * (FREE_CORRELATION_S / motion.dt_s).max(1.0);
+        for axis in 0..3 {
+            let mut row = Row::zeros();
+            row[BIAS + axis] = 1.0;
+            let innovation = motion.force_in_tool[axis] - self.bias[axis];
+            self.correct(&row, innovation, variance);
+        }
+    }
+
+    fn touch_down(&mut self, motion: &Motion) {
+        let c = &self.config.contact;
+        let remembered = self.touched && self.free_distance_m <= c.memory_distance_m;
+        self.force_filtered_n = 0.0;
+        self.force_rate_n_per_s = 0.0;
+        self.pressing_information = 0.0;
+        if remembered {
+            let sd = self.config.surface.curvature_sd_per_m * self.free_distance_m;
+            for i in NORMAL..NORMAL + 2 {
+                self.covariance[(i, i)] += sd * sd;
+            }
+            return;
+        }
+        self.touched = true;
+        self.slid = false;
+        self.frame =
+            TangentFrame::new(-motion.rotation.column(2), motion.rotation.column(0).into());
+        self.shape = Matrix2::zeros();
+        for i in 0..FRICTION {
+            self.covariance.row_mut(i).fill(0.0);
+            self.covariance.column_mut(i).fill(0.0);
+        }
+        for i in NORMAL..NORMAL + 2 {
+            self.covariance[(i, i)] = c.approach_misalignment_sd_rad.powi(2);
+        }
+        let curvature = self.config.surface.curvature_sd_per_m.powi(2);
+        self.covariance[(SHAPE, SHAPE)] = curvature;
+        self.covariance[(SHAPE + 1, SHAPE + 1)] = curvature;
+        self.covariance[(SHAPE + 2, SHAPE + 2)] = 0.5 * curvature;
+    }
+
+    /// Where in the pad the force acts, from the torque: shrunk to the middle as far as the torque is in doubt.
+    fn centre_of_pressure(&mut self, motion: &Motion, pressing_n: f64) {
+        let radius = self.config.contact.pad_radius_m;
+        let spread = 0.5 * radius;
+        let measured_sd = self.config.sensing.torque_sd_nm / pressing_n;
+        let total = spread * spread + measured_sd * measured_sd;
+        if total <= 0.0 {
+            self.centre = Vector3::zeros();
+            self.centre_sd_m = 0.0;
+            return;
+        }
+        let share = spread * spread / total;
+        self.centre_sd_m = spread * measured_sd / total.sqrt();
+        let torque = &motion.torque_in_tool;
+        let mut centre = Vector3::new(torque.y, -torque.x, 0.0) * (share / pressing_n);
+        if centre.norm() > radius {
+            centre *= radius / centre.norm();
+        }
+        self.centre = motion.rotation * centre;
+    }
+
+    /// The normal turns with the surface under the tool: `dn = S dp`.
+    fn travel(&mut self, motion: &Motion) {
+        let d = self.frame.project(&motion.step);
+        let distance = d.norm();
+        if distance <= 0.0 {
+            return;
+        }
+        let mut f = SMatrix::<f64, STATES, STATES>::identity();
+        f[(NORMAL, SHAPE)] = d.x;
+        f[(NORMAL, SHAPE + 2)] = d.y;
+        f[(NORMAL + 1, SHAPE + 1)] = d.y;
+        f[(NORMAL + 1, SHAPE + 2)] = d.x;
+        self.covariance = f * self.covariance * f.transpose();
+        let s = &self.config.surface;
+        let waviness = s.waviness_rad_per_sqrt_m.powi(2) * distance;
+        let curvature = s.curvature_change_per_m_per_sqrt_m.powi(2) * distance;
+        let friction = s.friction_change_per_sqrt_m.powi(2) * distance;
+        for (state, q) in [
+            (NORMAL, waviness),
+            (NORMAL + 1, waviness),
+            (SHAPE, curvature),
+            (SHAPE + 1, curvature),
+            (SHAPE + 2, 0.5 * curvature),
+            (FRICTION, friction),
+        ] {
+            self.covariance[(state, state)] += q;
+        }
+        self.frame = self.frame.turned(&(self.shape * d));
+    }
+
+    fn track_force(&mut self, force: &Vector3<f64>, dt_s: f64) {
+        self.force_n = self.frame.normal.dot(force);
+        // 50 ms tell a touchdown from noise.
+        let gain = dt_s / (0.05 + dt_s);
+        let before = self.force_filtered_n;
+        self.force_filtered_n += (self.force_n - before) * gain;
+        self.force_rate_n_per_s = (self.force_filtered_n - before) / dt_s;
+    }
+
+    fn contact_velocity(&self, motion: &Motion) -> Vector3<f64> {
+        motion.velocity + motion.angular.cross(&self.centre)
+    }
+
+    fn track_sliding(&mut self, tangential: &Vector3<f64>, speed: f64, sliding: bool, dt_s: f64) {
+        if !sliding {
+            self.slide_distance_m = 0.0;
+            return;
+        }
+        let direction = tangential / speed;
+        // Sixty degrees: friction follows a gentle turn by itself.
+        if direction.dot(&self.slide_direction) < 0.5 {
+            self.slide_distance_m = 0.0;
+        }
+        self.slide_direction = direction;
+        self.slide_distance_m += speed * dt_s;
+    }
+
+    /// The contact point moves along the surface, but for what compliance gives way.
+    fn measure_velocity(&mut self, velocity: &Vector3<f64>, speed: f64, motion: &Motion) {
+        let s = &self.config.sensing;
+        let mut sd2 = s.velocity_sd_m_per_s.powi(2);
+        sd2 += (s.compliance_m_per_n * self.force_rate_n_per_s).powi(2);
+        sd2 += (self.centre_sd_m * motion.angular.norm()).powi(2);
+        let mut row = Row::zeros();
+        let normal = self.normal_at_centre();
+        let tangent = self.frame.project(velocity);
+        row[NORMAL] = tangent.x;
+        row[NORMAL + 1] = tangent.y;
+        self.shape_row(&mut row, velocity);
+        let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
+        self.correct(&row, -normal.dot(velocity), sd2 * alike);
+    }
+
+    /// `f = N (n - mu t) + b`, seen across and along the direction of sliding.
+    fn measure_sliding_force(&mut self, motion: &Motion, speed: f64) {
+        let normal = self.normal_at_centre();
+        let force = motion.rotation * (motion.force_in_tool - self.bias);
+        let t = (self.slide_direction - normal * normal.dot(&self.slide_direction)).normalize();
+        let expected = normal - t * self.friction;
+        let load = expected.dot(&force) / expected.norm_squared();
+        if load < self.config.contact.force_off_n {
+            return;
+        }
+        let line = expected.normalize();
+        let across = normal.cross(&t);
+        let along = across.cross(&line);
+        let s = &self.config.sensing;
+        // The wrench filter leaves neighbouring samples alike.
+        let noise = s.force_noise_n.powi(2) * (2.0 * 0.01 / motion.dt_s).max(1.0);
+        let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
+
+        let across_innovation = across.dot(&force);
+        let row = self.force_row(&across, &normal, &t, load, motion);
+        // The direction of sliding is known to a few degrees: friction leaks across by that much.
+        let leak = (self.friction * load * 0.02).powi(2);
+        self.correct(&row, across_innovation, noise + leak * alike);
+
+        let along_innovation = along.dot(&force);
+        let row = self.force_row(&along, &normal, &t, load, motion);
+        let fluctuation = (FRICTION_FLUCTUATION * load * self.friction.max(0.1)).powi(2)
+            + self.friction_residual_n2;
+        self.correct(&row, along_innovation, noise + fluctuation * alike);
+        let gain = (speed * motion.dt_s / 0.02).min(0.2);
+        self.friction_residual_n2 += gain
+            * ((along_innovation * along_innovation - noise).clamp(0.0, (0.3 * load).powi(2))
+                - self.friction_residual_n2);
+    }
+
+    /// Pressing without sliding, friction points anywhere inside its cone: one look at the force, however long it takes.
+    fn measure_pressing_force(&mut self, motion: &Motion) {
+        let force = motion.rotation * (motion.force_in_tool - self.bias);
+        let load = self.frame.normal.dot(&force);
+        if load < self.config.contact.force_on_n {
+            return;
+        }
+        let s = &self.config.surface;
+        let cone = s.friction_initial.hypot(s.friction_sd) / std::f64::consts::SQRT_2;
+        // Information grows with the load and never with time.
+        let whole = (load - self.config.contact.force_off_n).max(0.0) / load;
+        let gained = whole - self.pressing_information;
+        if gained < 1e-3 {
+            return;
+        }
+        self.pressing_information = whole;
+        let variance = ((cone * load).powi(2) + self.config.sensing.force_noise_n.powi(2)) / gained;
+        let (normal, t) = (self.frame.normal, Vector3::zeros());
+        for axis in [self.frame.first, self.frame.second] {
+            let row = self.force_row(&axis, &normal, &t, load, motion);
+            self.correct(&row, axis.dot(&force), variance);
+        }
+    }
+
+    fn normal_at_centre(&self) -> Vector3<f64> {
+        let offset = self.shape * self.frame.project(&self.centre);
+        self.frame.turned(&offset).normal
+    }
+
+    /// Derivative of `normal_at_centre · v` by the shape operator.
+    fn shape_row(&self, row: &mut Row, v: &Vector3<f64>) {
+        let r = self.frame.project(&self.centre);
+        let w = self.frame.project(v);
+        row[SHAPE] = w.x * r.x;
+        row[SHAPE + 1] = w.y * r.y;
+        row[SHAPE + 2] = w.x * r.y + w.y * r.x;
+    }
+
+    /// Derivative of `axis · f` by the states; `axis` is perpendicular to the line of the force.
+    fn force_row(
+        &self,
+        axis: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        t: &Vector3<f64>,
+        load: f64,
+        motion: &Motion,
+    ) -> Row {
+        let mut row = Row::zeros();
+        // Turning the normal towards the direction of sliding tilts that direction out of the old tangent plane.
+        let sensitive = (axis + t * (self.friction * axis.dot(normal))) * load;
+        let tangent = self.frame.project(&sensitive);
+        row[NORMAL] = tangent.x;
+        row[NORMAL + 1] = tangent.y;
+        self.shape_row(&mut row, &sensitive);
+        row[FRICTION] = -load * axis.dot(t);
+        let bias = motion.rotation.tr_mul(axis);
+        row.fixed_rows_mut::<3>(BIAS).copy_from(&bias);
+        row
+    }
+
+    /// One scalar measurement. Outliers count less (Huber), so that a seam does not throw the state.
+    fn correct(&mut self, row: &Row, innovation: f64, variance: f64) {
+        let gain = self.covariance * row;
+        let mut total = row.dot(&gain) + variance;
+        let excess = innovation.abs() / (HUBER_SD * total.sqrt());
+        if excess > 1.0 {
+            total *= excess;
+        }
+        let gain = gain / total;
+        let change = gain * innovation;
+        self.covariance -= gain * gain.transpose() * total;
+        // Symmetric to the last bit, and never below zero on the diagonal.
+        for i in 0..STATES {
+            for j in 0..i {
+                let mean = 0.5 * (self.covariance[(i, j)] + self.covariance[(j, i)]);
+                self.covariance[(i, j)] = mean;
+                self.covariance[(j, i)] = mean;
+            }
+            self.covariance[(i, i)] = self.covariance[(i, i)].max(0.0);
+        }
+        self.frame = self.frame.turned(&Vector2::new(change[0], change[1]));
+        self.shape.m11 += change[SHAPE];
+        self.shape.m22 += change[SHAPE + 1];
+        self.shape.m12 += change[SHAPE + 2];
+        self.shape.m21 = self.shape.m12;
+        self.friction =
+            (self.friction + change[FRICTION]).clamp(0.0, self.config.surface.friction_max);
+        self.bias += change.fixed_rows::<3>(BIAS);
+    }
+
+    pub fn state(&self) -> ContactState {
+        self.state
+    }
+
+    /// Tangent frame, and covariance in it, of the normal at the tool's origin at the wrench's time.
+    pub fn frame(&self) -> &TangentFrame {
+        &self.frame
+    }
+
+    /// Covariance of the normal in tangent axes, rad².
+    pub fn normal_covariance(&self) -> Matrix2<f64> {
+        let filtered = self.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        // Where in the pad the force acts is never averaged out: a torque bias stays.
+        filtered + self.shape * self.shape * self.centre_sd_m.powi(2)
+    }
+
+    /// Unit direction of sliding, tangent; zero while there was none.
+    pub fn slide_direction(&self) -> Vector3<f64> {
+        self.slide_direction
+    }
+
+    /// Centre of pressure relative to the tool's origin, base axes, m.
+    pub fn centre(&self) -> Vector3<f64> {
+        self.centre
+    }
+
+    /// Pressing force along the normal, N.
+    pub fn force_n(&self) -> f64 {
+        self.force_n
+    }
+
+    /// The estimate at the time of the motion.
+    pub fn estimate(&self, motion: &Motion) -> NormalEstimate {
+        let friction = self.slid.then_some(self.friction);
+        if self.state == ContactState::Free {
+            return NormalEstimate {
+                friction,
+                ..free_space(motion)
+            };
+        }
+        let since = self.frame.project(&(motion.point - motion.point_lagged));
+        let now = self.frame.turned(&(self.shape * since));
+        let covariance = self.normal_covariance();
+        let sd = covariance.trace().max(0.0).sqrt() * std::f64::consts::FRAC_1_SQRT_2;
+        let validity = if sd <= self.config.contact.normal_sd_max_rad {
+            Validity::Valid
+        } else {
+            Validity::NotSliding
+        };
+        NormalEstimate {
+            point: motion.point,
+            normal: now.normal,
+            covariance: now.lift_matrix(&covariance),
+            validity,
+            friction,
+            curvature: Some(now.lift_matrix(&self.shape)),
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! What can go wrong when an estimator is built.
+
+use thiserror::Error;
+
+/// Why an estimator could not be built.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum EstimationError {
+    /// The registry has no such estimator.
+    #[error("no estimator is called \"{name}\"; there are: {allowed}")]
+    Unknown {
+        /// The name asked for.
+        name: String,
+        /// All names, separated by commas.
+        allowed: String,
+    },
+    /// A setting no estimator can work with.
+    #[error("estimator setting {key} = {value} is out of range: {lower} to {upper} is allowed")]
+    OutOfRange {
+        /// Dotted key, as in the configuration file.
+        key: &'static str,
+        /// The value given.
+        value: f64,
+        /// Smallest value allowed.
+        lower: f64,
+        /// Largest value allowed.
+        upper: f64,
+    },
+}

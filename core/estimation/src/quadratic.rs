@@ -1,0 +1,174 @@
+//! `quadratic`: a quadratic surface through the recent contact points, in the tangent frame of the present normal
+//! (Tugal et al., IV.B.b).
+//!
+//! The published fit is of `z(x, y)` in base axes and without regularisation; here the direction of the force
+//! stands in where the points leave the slope open, as across a single straight stroke. Called by the registry.
+
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
+
+use crate::contact_filter::ContactState;
+use crate::motion::Motion;
+use crate::reactive::Reactive;
+use crate::tangent_frame::TangentFrame;
+use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+
+const CAPACITY: usize = 128;
+type Coefficients = SVector<f64, 6>;
+
+/// Sliding-window fit, regularised by the reactive estimate.
+#[derive(Clone, Debug)]
+pub struct Quadratic {
+    config: EstimatorConfig,
+    reactive: Reactive,
+    points: [Vector3<f64>; CAPACITY],
+    count: usize,
+    next: usize,
+    height_variance_m2: f64,
+}
+
+/// Slope and shape at the tool's origin, tangent axes of the frame they were fitted in.
+struct Fit {
+    turn: Vector2<f64>,
+    covariance: Matrix2<f64>,
+    shape: Matrix2<f64>,
+}
+
+impl Quadratic {
+    /// The configuration must have passed [`EstimatorConfig::check`].
+    pub fn new(config: &EstimatorConfig) -> Self {
+        Self {
+            config: *config,
+            reactive: Reactive::new(config),
+            points: [Vector3::zeros(); CAPACITY],
+            count: 0,
+            next: 0,
+            height_variance_m2: config.quadratic.height_sd_m.powi(2),
+        }
+    }
+
+    fn newest(&self) -> Option<&Vector3<f64>> {
+        (self.count > 0).then(|| &self.points[(self.next + CAPACITY - 1) % CAPACITY])
+    }
+
+    fn store(&mut self, motion: &Motion) {
+        let filter = self.reactive.filter();
+        let give = self.config.sensing.compliance_m_per_n * filter.force_n();
+        let point = motion.point_lagged + filter.centre() + filter.frame().normal * give;
+        let spacing = self.config.quadratic.spacing_m;
+        if self.newest().is_some_and(|p| (point - p).norm() < spacing) {
+            return;
+        }
+        self.points[self.next] = point;
+        self.next = (self.next + 1) % CAPACITY;
+        self.count = (self.count + 1).min(CAPACITY);
+    }
+
+    /// Least squares in the frame, around the tool's origin. `z = -(k11 x² + k22 y²)/2 - k12 x y + d x + e y + f`.
+    fn fit(&mut self, motion: &Motion, frame: &TangentFrame, prior: &Matrix2<f64>) -> Option<Fit> {
+        let q = &self.config.quadratic;
+        let alike = (q.height_correlation_m / q.spacing_m).max(1.0);
+        let weight = 1.0 / (self.height_variance_m2 * alike);
+        let mut information = SMatrix::<f64, 6, 6>::zeros();
+        let mut right = Coefficients::zeros();
+        let mut rows = 0;
+        let local = |p: &Vector3<f64>| {
+            let r = p - motion.point_lagged;
+            let xy = frame.project(&r);
+            (xy.norm_squared() <= q.radius_m * q.radius_m).then(|| {
+                let row = Coefficients::new(
+                    -0.5 * xy.x * xy.x,
+                    -0.5 * xy.y * xy.y,
+                    -xy.x * xy.y,
+                    xy.x,
+                    xy.y,
+                    1.0,
+                );
+                (row, frame.normal.dot(&r))
+            })
+        };
+        for (row, height) in self.points[..self.count].iter().filter_map(local) {
+            information.syger(weight, &row, &row, 1.0);
+            right.axpy(weight * height, &row, 1.0);
+            rows += 1;
+        }
+        if rows < 6 {
+            return None;
+        }
+        let curvature = 1.0 / self.config.surface.curvature_sd_per_m.max(1e-3).powi(2);
+        information[(0, 0)] += curvature;
+        information[(1, 1)] += curvature;
+        information[(2, 2)] += 2.0 * curvature;
+        // The height itself is of no interest; a metre's doubt keeps the matrix regular.
+        information[(5, 5)] += 1.0;
+        let slope = prior.try_inverse()?;
+        for (i, j) in [(0, 0), (1, 0), (1, 1)] {
+            information[(3 + i, 3 + j)] += slope[(i, j)];
+        }
+        information.fill_upper_triangle_with_lower_triangle();
+        let cholesky = information.cholesky()?;
+        let solution = cholesky.solve(&right);
+        let mut residual = 0.0;
+        for (row, height) in self.points[..self.count].iter().filter_map(local) {
+            residual += (height - row.dot(&solution)).powi(2);
+        }
+        // A surface that is no quadratic shows here, and counts as height error in the next cycles.
+        let floor = q.height_sd_m * q.height_sd_m;
+        let found = (residual / f64::from(rows)).max(floor);
+        self.height_variance_m2 += 0.05 * (found - self.height_variance_m2);
+        let covariance = cholesky.inverse().fixed_view::<2, 2>(3, 3).into_owned();
+        Some(Fit {
+            turn: Vector2::new(-solution[3], -solution[4]),
+            covariance,
+            shape: Matrix2::new(solution[0], solution[2], solution[2], solution[1]),
+        })
+    }
+
+    fn refine(&mut self, motion: &Motion, base: &NormalEstimate) -> NormalEstimate {
+        let filter = self.reactive.filter();
+        let frame = *filter.frame();
+        let mut prior = filter.normal_covariance();
+        // Along the stroke the reactive estimate has seen the same motion as the points: half of it is not new.
+        let t = frame.project(&filter.slide_direction());
+        prior += t * t.transpose() * (t.dot(&(prior * t)));
+        let Some(fit) = self.fit(motion, &frame, &prior) else {
+            return *base;
+        };
+        let since = frame.project(&(motion.point - motion.point_lagged));
+        let now = frame.turned(&(fit.turn + fit.shape * since));
+        NormalEstimate {
+            normal: now.normal,
+            covariance: now.lift_matrix(&fit.covariance),
+            curvature: Some(now.lift_matrix(&fit.shape)),
+            ..*base
+        }
+    }
+}
+
+impl NormalEstimator for Quadratic {
+    fn name(&self) -> &'static str {
+        "quadratic"
+    }
+
+    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+        let (base, motion) = self.reactive.step(sample);
+        let Some(motion) = motion else {
+            return base;
+        };
+        match self.reactive.filter().state() {
+            ContactState::Free => {
+                self.count = 0;
+                self.next = 0;
+                return base;
+            }
+            ContactState::Pressing => {}
+            ContactState::Sliding => self.store(&motion),
+        }
+        let estimate = self.refine(&motion, &base);
+        self.reactive.hold(estimate);
+        estimate
+    }
+
+    fn reset(&mut self) {
+        *self = Self::new(&self.config);
+    }
+}

@@ -1,0 +1,127 @@
+//! `quadratic_paper`: `z = ax² + by² + cxy + dx + ey + f` in base axes, as published (Tugal et al., IV.B.b).
+//!
+//! Fragile on steep surfaces, where z is no function of x and y, and across a single straight stroke, which leaves
+//! a slope open (least squares of least norm sets it to zero). Called by the registry, for the tables.
+
+use nalgebra::{SMatrix, SVector, SymmetricEigen, Vector3};
+use tangent_sensing::Validity;
+
+use crate::reactive_paper::{ReactivePaper, published_covariance};
+use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+
+const CAPACITY: usize = 64;
+/// Spread below which there is nothing to fit yet, m.
+const SPREAD_MIN_M: f64 = 0.001;
+
+/// The published refinement, "Adt. C.+Quadratic" in Tables 2 and 3.
+#[derive(Clone, Debug)]
+pub struct QuadraticPaper {
+    config: EstimatorConfig,
+    reactive: ReactivePaper,
+    points: [Vector3<f64>; CAPACITY],
+    count: usize,
+    next: usize,
+}
+
+enum Fit {
+    TooEarly,
+    Singular,
+    Normal(Vector3<f64>),
+}
+
+impl QuadraticPaper {
+    /// The configuration must have passed [`EstimatorConfig::check`].
+    pub fn new(config: &EstimatorConfig) -> Self {
+        Self {
+            config: *config,
+            reactive: ReactivePaper::new(config),
+            points: [Vector3::zeros(); CAPACITY],
+            count: 0,
+            next: 0,
+        }
+    }
+
+    fn store(&mut self, point: &Vector3<f64>) {
+        let window = self.config.paper.window_points.min(CAPACITY);
+        let newest = &self.points[(self.next + window - 1) % window];
+        if self.count > 0 && (point - newest).norm() < self.config.paper.spacing_m {
+            return;
+        }
+        self.points[self.next] = *point;
+        self.next = (self.next + 1) % window;
+        self.count = (self.count + 1).min(window);
+    }
+
+    fn fit(&self, point: &Vector3<f64>) -> Fit {
+        let points = &self.points[..self.count];
+        let spread = points
+            .iter()
+            .map(|p| (p - point).norm())
+            .fold(0.0, f64::max);
+        if self.count < 6 || spread < SPREAD_MIN_M {
+            return Fit::TooEarly;
+        }
+        // Around the newest point and in units of the window: the same fit, better conditioned.
+        let mut normal = SMatrix::<f64, 6, 6>::zeros();
+        let mut right = SVector::<f64, 6>::zeros();
+        for p in points {
+            let r = (p - point) / spread;
+            let row = SVector::<f64, 6>::new(r.x * r.x, r.y * r.y, r.x * r.y, r.x, r.y, 1.0);
+            normal += row * row.transpose();
+            right += row * r.z;
+        }
+        let eigen = SymmetricEigen::new(normal);
+        let largest = eigen.eigenvalues.max();
+        let mut solution = SVector::<f64, 6>::zeros();
+        let mut rank = 0;
+        for (i, value) in eigen.eigenvalues.iter().enumerate() {
+            if *value > 1e-9 * largest {
+                let axis = eigen.eigenvectors.column(i);
+                solution += axis * (axis.dot(&right) / value);
+                rank += 1;
+            }
+        }
+        // Less than a line's slope and curvature: z is no function of x and y here.
+        if rank < 3 {
+            return Fit::Singular;
+        }
+        match Vector3::new(solution[3], solution[4], -1.0).try_normalize(1e-9) {
+            Some(n) if n.iter().all(|x| x.is_finite()) => Fit::Normal(n),
+            _ => Fit::Singular,
+        }
+    }
+}
+
+impl NormalEstimator for QuadraticPaper {
+    fn name(&self) -> &'static str {
+        "quadratic_paper"
+    }
+
+    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+        let step = self.reactive.step(sample);
+        let mut estimate = step.estimate;
+        let Some((motion, _)) = step.contact else {
+            if estimate.validity == Validity::NoContact {
+                self.count = 0;
+                self.next = 0;
+            }
+            return estimate;
+        };
+        self.store(&motion.point);
+        match self.fit(&motion.point) {
+            Fit::TooEarly => {}
+            Fit::Singular => estimate.validity = Validity::Degenerate,
+            Fit::Normal(n) => {
+                // The gradient has two signs; the reactive normal says which one leaves the material.
+                estimate.normal = if n.dot(&estimate.normal) < 0.0 { -n } else { n };
+                estimate = published_covariance(estimate);
+            }
+        }
+        self.reactive.hold(estimate);
+        estimate
+    }
+
+    fn reset(&mut self) {
+        *self = Self::new(&self.config);
+    }
+}
