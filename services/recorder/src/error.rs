@@ -1,0 +1,79 @@
+//! What can go wrong with a recording, in words that say which file.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A recording could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// The operating system refused.
+    #[error("recording {path}: {source}{}", advice(source))]
+    Io {
+        /// File or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file's content is not as it should be, or writing it failed.
+    #[error("recording {path}: {source}{}", mcap_advice(source))]
+    Mcap {
+        /// File.
+        path: PathBuf,
+        /// What the format's library said.
+        source: mcap::McapError,
+    },
+    /// A message in the file does not decode as its type says.
+    #[error("recording {path}: message {index} on {topic} is not a whole {type_name}: {reason}")]
+    Message {
+        /// File.
+        path: PathBuf,
+        /// Position in the file, from 0.
+        index: u64,
+        /// Topic.
+        topic: String,
+        /// Type.
+        type_name: &'static str,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// The bus refused a subscription.
+    #[error("recorder: {0}")]
+    Bus(#[from] tangent_runtime::BusError),
+}
+
+impl RecorderError {
+    pub(crate) fn io(path: &Path, source: io::Error) -> Self {
+        Self::Io {
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    pub(crate) fn mcap(path: &Path, source: mcap::McapError) -> Self {
+        Self::Mcap {
+            path: path.to_owned(),
+            source,
+        }
+    }
+}
+
+fn advice(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull => {
+            "; free some space or set [recorder] folder to another disk: what is recorded so far is safe"
+        }
+        io::ErrorKind::PermissionDenied => {
+            "; let this user write there, or set [recorder] folder to another place"
+        }
+        io::ErrorKind::NotFound => "; check the path",
+        _ => "",
+    }
+}
+
+fn mcap_advice(error: &mcap::McapError) -> &'static str {
+    match error {
+        mcap::McapError::Io(e) => advice(e),
+        mcap::McapError::BadMagic => "; this is no MCAP file, or it was cut before its first record",
+        _ => "",
+    }
+}

@@ -1,0 +1,176 @@
+//! A recording read back, whole or torn.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use mcap::read::{LinearReader, Options};
+use mcap::records::Record as McapRecord;
+use mcap::{McapError, Message};
+
+use crate::RecorderError;
+
+/// A file's bytes, and how far they are whole.
+pub(crate) struct WholeFile {
+    bytes: Vec<u8>,
+    whole: usize,
+}
+
+impl WholeFile {
+    pub(crate) fn read(path: &Path) -> Result<Self, RecorderError> {
+        let bytes = fs::read(path).map_err(|source| RecorderError::io(path, source))?;
+        let whole = whole_length(&bytes);
+        Ok(Self { bytes, whole })
+    }
+
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Bytes up to the end of the last whole record.
+    pub(crate) fn whole_bytes(&self) -> u64 {
+        self.whole as u64
+    }
+
+    /// Every message up to the first damage.
+    pub(crate) fn messages(&self) -> impl Iterator<Item = Message<'_>> {
+        mcap::MessageStream::new_with_options(
+            &self.bytes[..self.whole],
+            Options::IgnoreEndMagic.into(),
+        )
+        .into_iter()
+        .flatten()
+        .map_while(Result::ok)
+    }
+}
+
+/// Length of the longest prefix that ends with a whole record.
+fn whole_length(bytes: &[u8]) -> usize {
+    const RECORD_HEADER: usize = 9;
+    let magic = mcap::MAGIC.len();
+    if !bytes.starts_with(mcap::MAGIC) {
+        return 0;
+    }
+    let mut at = magic;
+    while let Some(header) = bytes.get(at..at + RECORD_HEADER) {
+        let length = u64::from_le_bytes(
+            header[1..]
+                .try_into()
+                .expect("a record's length has eight bytes"),
+        );
+        let Some(end) = usize::try_from(length)
+            .ok()
+            .and_then(|n| (at + RECORD_HEADER).checked_add(n))
+            .filter(|&end| end <= bytes.len())
+        else {
+            break;
+        };
+        at = end;
+    }
+    if bytes[at..] == *mcap::MAGIC {
+        bytes.len()
+    } else {
+        at
+    }
+}
+
+/// One message of a recording.
+#[derive(Clone, Debug)]
+pub struct RecordedMessage {
+    /// Topic with its leading slash.
+    pub topic: String,
+    /// ROS 2 message type.
+    pub type_name: String,
+    /// When the recorder received it, ns since the Unix epoch.
+    pub log_time_ns: u64,
+    /// When it was measured, ns since the Unix epoch.
+    pub publish_time_ns: u64,
+    /// Publisher's sequence number, lower 32 bits.
+    pub sequence: u32,
+    /// CDR.
+    pub bytes: Vec<u8>,
+}
+
+/// Everything a recording holds.
+pub struct Recording {
+    path: PathBuf,
+    whole: WholeFile,
+    attachments: BTreeMap<String, String>,
+    metadata: BTreeMap<String, BTreeMap<String, String>>,
+    truncated: bool,
+}
+
+impl Recording {
+    /// Reads a file; a torn one is read up to its last whole chunk.
+    ///
+    /// # Errors
+    /// When it cannot be read or is no MCAP file at all.
+    pub fn open(path: &Path) -> Result<Self, RecorderError> {
+        let whole = WholeFile::read(path)?;
+        if whole.whole_bytes() == 0 {
+            return Err(RecorderError::mcap(path, McapError::BadMagic));
+        }
+        let truncated = !whole.bytes().ends_with(mcap::MAGIC)
+            || whole.bytes().len() < 2 * mcap::MAGIC.len();
+        let mut attachments = BTreeMap::new();
+        let mut metadata = BTreeMap::new();
+        let readable = &whole.bytes()[..whole.whole_bytes() as usize];
+        let records =
+            LinearReader::new_with_options(readable, Options::IgnoreEndMagic.into())
+                .map_err(|source| RecorderError::mcap(path, source))?;
+        for record in records.map_while(Result::ok) {
+            match record {
+                McapRecord::Attachment { header, data, .. } => {
+                    attachments.insert(header.name, String::from_utf8_lossy(&data).into_owned());
+                }
+                McapRecord::Metadata(m) => {
+                    metadata.insert(m.name, m.metadata);
+                }
+                _ => {}
+            }
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            whole,
+            attachments,
+            metadata,
+            truncated,
+        })
+    }
+
+    /// Where it was read from.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// True when the file lacks its end: the recorder was killed and has not been started since.
+    pub fn is_truncated(&self) -> bool {
+        self.truncated
+    }
+
+    /// Files stored inside, by name.
+    pub fn attachments(&self) -> &BTreeMap<String, String> {
+        &self.attachments
+    }
+
+    /// Tables stored inside, by name.
+    pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
+        &self.metadata
+    }
+
+    /// Every message, in the file's order.
+    pub fn messages(&self) -> impl Iterator<Item = RecordedMessage> {
+        self.whole.messages().map(|m| RecordedMessage {
+            topic: m.channel.topic.clone(),
+            type_name: m
+                .channel
+                .schema
+                .as_ref()
+                .map_or_else(String::new, |s| s.name.clone()),
+            log_time_ns: m.log_time,
+            publish_time_ns: m.publish_time,
+            sequence: m.sequence,
+            bytes: m.data.into_owned(),
+        })
+    }
+}

@@ -1,0 +1,195 @@
+//! One MCAP file being written: channels appear with their first message, chunks reach the disk whole.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Attachment, Compression, McapError, WriteOptions};
+
+/// One message as the recorder takes it from the bus.
+#[derive(Clone, Copy, Debug)]
+pub struct Record<'a> {
+    /// Topic with its leading slash.
+    pub topic: &'a str,
+    /// ROS 2 message type, `PACKAGE/msg/NAME`.
+    pub type_name: &'a str,
+    /// Text of the `.msg` definition with its dependencies; `None` for a type this build does not know.
+    pub definition: Option<&'a str>,
+    /// Publisher's sequence number.
+    pub sequence: u32,
+    /// When the recorder received it, ns since the Unix epoch.
+    pub log_time_ns: u64,
+    /// When the publisher says it was measured, ns since the Unix epoch.
+    pub publish_time_ns: u64,
+    /// CDR with its encapsulation header.
+    pub bytes: &'a [u8],
+}
+
+/// Counts what went to the disk, so that rotation by size needs no system call.
+struct CountingFile {
+    file: File,
+    written: Arc<AtomicU64>,
+}
+
+impl Write for CountingFile {
+    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
+        let n = self.file.write(buffer)?;
+        self.written.fetch_add(n as u64, Ordering::Relaxed);
+        Ok(n)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// An open recording.
+///
+/// Chunks are built in memory and written in one go: a recorder that is killed leaves whole chunks and at most one
+/// torn record at the end, which [`crate::repair`] cuts off.
+pub struct RecordingWriter {
+    writer: mcap::Writer<NoSeek<CountingFile>>,
+    /// By topic, then type: a topic whose type changes gets a second channel.
+    channels: HashMap<String, HashMap<String, u16>>,
+    path: PathBuf,
+    written: Arc<AtomicU64>,
+    messages: u64,
+}
+
+impl RecordingWriter {
+    /// Creates `path`, which must not exist.
+    ///
+    /// # Errors
+    /// When the file cannot be created or its header not be written.
+    pub fn create(path: &Path) -> Result<Self, McapError> {
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        let written = Arc::new(AtomicU64::new(0));
+        let counting = CountingFile {
+            file,
+            written: Arc::clone(&written),
+        };
+        let writer = WriteOptions::new()
+            .profile("ros2")
+            .library(concat!("tangent ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Lz4))
+            .chunk_size(Some(1 << 20))
+            .disable_seeking(true)
+            .create(NoSeek::new(counting))?;
+        Ok(Self {
+            writer,
+            channels: HashMap::new(),
+            path: path.to_owned(),
+            written,
+            messages: 0,
+        })
+    }
+
+    /// Appends one message.
+    ///
+    /// # Errors
+    /// When the disk refuses; the file then stays readable up to its last whole chunk.
+    pub fn write(&mut self, record: &Record<'_>) -> Result<(), McapError> {
+        let channel_id = match self
+            .channels
+            .get(record.topic)
+            .and_then(|types| types.get(record.type_name))
+        {
+            Some(&id) => id,
+            None => self.add_channel(record)?,
+        };
+        let header = MessageHeader {
+            channel_id,
+            sequence: record.sequence,
+            log_time: record.log_time_ns,
+            publish_time: record.publish_time_ns,
+        };
+        self.writer.write_to_known_channel(&header, record.bytes)?;
+        self.messages += 1;
+        Ok(())
+    }
+
+    fn add_channel(&mut self, record: &Record<'_>) -> Result<u16, McapError> {
+        let schema_id = match record.definition {
+            Some(text) => {
+                self.writer
+                    .add_schema(record.type_name, "ros2msg", text.as_bytes())?
+            }
+            None => self.writer.add_schema(record.type_name, "", &[])?,
+        };
+        let id = self
+            .writer
+            .add_channel(schema_id, record.topic, "cdr", &BTreeMap::new())?;
+        self.channels
+            .entry(record.topic.to_owned())
+            .or_default()
+            .insert(record.type_name.to_owned(), id);
+        Ok(id)
+    }
+
+    /// Stores a file (cell, task) inside the recording.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn attach(&mut self, name: &str, text: &str, time_ns: u64) -> Result<(), McapError> {
+        self.writer.attach(&Attachment {
+            log_time: time_ns,
+            create_time: time_ns,
+            name: name.to_owned(),
+            media_type: "application/toml".to_owned(),
+            data: text.as_bytes().into(),
+        })
+    }
+
+    /// Stores a table of names and values inside the recording.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn metadata(
+        &mut self,
+        name: &str,
+        entries: BTreeMap<String, String>,
+    ) -> Result<(), McapError> {
+        self.writer.write_metadata(&Metadata {
+            name: name.to_owned(),
+            metadata: entries,
+        })
+    }
+
+    /// Ends the present chunk and hands it to the operating system: a crash loses at most what came since.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn flush(&mut self) -> Result<(), McapError> {
+        self.writer.flush()
+    }
+
+    /// Writes index and footer.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn finish(mut self) -> Result<PathBuf, McapError> {
+        self.writer.finish()?;
+        self.writer.into_inner().into_inner().file.sync_all()?;
+        Ok(self.path)
+    }
+
+    /// Where it is written.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Bytes on the disk so far.
+    pub fn bytes(&self) -> u64 {
+        self.written.load(Ordering::Relaxed)
+    }
+
+    /// Messages taken so far.
+    pub fn messages(&self) -> u64 {
+        self.messages
+    }
+}

@@ -1,0 +1,206 @@
+//! The command line: what can be asked for, and the help that explains it.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Keep a robot's tool pressed on a surface nobody has modelled.
+#[derive(Debug, Parser)]
+#[command(name = "tangent", version, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+
+    /// Print one JSON object on standard output instead of words.
+    #[arg(long, global = true)]
+    pub json: bool,
+
+    /// The cell's configuration file; the built-in simulated cell if none is named.
+    #[arg(long, global = true, value_name = "FILE", env = "TANGENT_CELL")]
+    pub cell: Option<PathBuf>,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run the whole system against the simulator on this machine: approach, wipe, retract, recording and report.
+    Up(Up),
+    /// Run one or more services in this process.
+    Run(Run),
+    /// Start, pause, resume or stop the cell's task.
+    #[command(subcommand)]
+    Task(TaskCommand),
+    /// See who publishes normals, and choose whose are used.
+    #[command(subcommand)]
+    Estimator(EstimatorCommand),
+    /// Set the force sensor's zero: the tool must hang free.
+    Tare,
+    /// Read or set live parameters.
+    #[command(subcommand)]
+    Param(ParamCommand),
+    /// Services, rates, ages and faults of the cell.
+    Status,
+    /// Record every topic of the cell until Ctrl-C.
+    Record(Record),
+    /// Read a recording: figures, and a page with plots.
+    Report(Report),
+    /// Run a scenario in a closed loop without hardware or network, faster than real time.
+    Evaluate(Evaluate),
+    /// Reproduce a paper's tables beside ours.
+    Reproduce(Reproduce),
+    /// Robot models: list them, show one, or check them against reference values.
+    #[command(subcommand)]
+    Model(ModelCommand),
+}
+
+/// Options of `tangent up`.
+#[derive(Debug, Args)]
+pub struct Up {
+    /// Task file; the scenario's own task if none is named.
+    pub task: Option<PathBuf>,
+    /// Scenario that the simulator plays: a name from `scenarios/` or a file.
+    #[arg(long, default_value = "pipe_realistic")]
+    pub scenario: String,
+    /// Seed of the simulator's noise.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Folder for the recording and the report.
+    #[arg(long, default_value = "recordings")]
+    pub folder: PathBuf,
+    /// Added to every port of the simulated robot and sensor, and to the router's.
+    #[arg(long, default_value_t = 0)]
+    pub port_offset: u16,
+    /// Keep the system running after the task, until Ctrl-C.
+    #[arg(long)]
+    pub stay: bool,
+}
+
+/// Options of `tangent run`.
+#[derive(Debug, Args)]
+pub struct Run {
+    /// Any of router, netft, rtde, estimator, controller, recorder, simulator.
+    #[arg(required = true, value_parser = ["router", "netft", "rtde", "estimator", "controller", "recorder", "simulator"])]
+    pub services: Vec<String>,
+}
+
+/// What to do with a task.
+#[derive(Debug, Subcommand)]
+pub enum TaskCommand {
+    /// Start the task in a file.
+    Start {
+        /// Task file (TOML).
+        file: PathBuf,
+    },
+    /// Stop sliding, keep the force.
+    Pause,
+    /// Go on after a pause.
+    Resume,
+    /// Retract and end the task.
+    Stop,
+    /// What the controller does now.
+    Status,
+}
+
+/// What to do with estimators.
+#[derive(Debug, Subcommand)]
+pub enum EstimatorCommand {
+    /// Who publishes normals, how old, how far from the one in use.
+    List,
+    /// Use another estimator from now on.
+    Use {
+        /// Its name, as in `estimate/NAME/normal`.
+        name: String,
+        /// Switch although the newcomer is stale, invalid or disagrees; recorded.
+        #[arg(long)]
+        force: bool,
+    },
+}
+
+/// What to do with parameters.
+#[derive(Debug, Subcommand)]
+pub enum ParamCommand {
+    /// Print one parameter, or all of a service, or all.
+    Get {
+        /// `SERVICE/NAME`, `SERVICE`, or nothing.
+        name: Option<String>,
+    },
+    /// Set a parameter; the service ramps to it where a step would jerk the arm.
+    Set {
+        /// `SERVICE/NAME`.
+        name: String,
+        /// New value, in the parameter's unit.
+        value: String,
+    },
+}
+
+/// Options of `tangent record`.
+#[derive(Debug, Args)]
+pub struct Record {
+    /// Folder for the recording.
+    #[arg(long, default_value = "recordings")]
+    pub folder: PathBuf,
+}
+
+/// Options of `tangent report`.
+#[derive(Debug, Args)]
+pub struct Report {
+    /// Recording (`.mcap`).
+    pub file: PathBuf,
+    /// Where to write the page; beside the recording if not named.
+    #[arg(long)]
+    pub html: Option<PathBuf>,
+    /// Write no page.
+    #[arg(long)]
+    pub no_html: bool,
+}
+
+/// Options of `tangent evaluate`.
+#[derive(Debug, Args)]
+pub struct Evaluate {
+    /// A name from `scenarios/`, or a file; `list` names them.
+    pub scenario: String,
+    /// Estimator in place of the scenario's.
+    #[arg(long)]
+    pub estimator: Option<String>,
+    /// Controller preset in place of the scenario's.
+    #[arg(long)]
+    pub controller: Option<String>,
+    /// Seed in place of the scenario's.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Override one key of the scenario, `KEY.PATH=VALUE`; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// Options of `tangent reproduce`.
+#[derive(Debug, Args)]
+pub struct Reproduce {
+    /// Which paper.
+    #[arg(value_parser = ["tugal", "all"])]
+    pub paper: String,
+    /// Seeds per row; the figures are means over them.
+    #[arg(long, default_value_t = 5)]
+    pub seeds: u64,
+}
+
+/// What to do with robot models.
+#[derive(Debug, Subcommand)]
+pub enum ModelCommand {
+    /// Names of the built-in models.
+    List,
+    /// One model's data: a built-in name or a file.
+    Show {
+        /// Name or file.
+        name: String,
+    },
+    /// Compare with reference values and print the largest relative differences.
+    Check {
+        /// Reference values (JSON).
+        file: PathBuf,
+        /// A model file of your own to check instead of the built-in ones; may be repeated.
+        #[arg(long)]
+        model: Vec<PathBuf>,
+    },
+}

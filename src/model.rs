@@ -1,0 +1,101 @@
+//! `tangent model`: list, show and check robot models.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use serde_json::json;
+use tangent_mechanics::{ModelData, golden};
+
+use crate::cli::ModelCommand;
+use crate::output::{Outcome, bad_usage, print_json};
+
+/// Runs one of the model commands.
+///
+/// # Errors
+/// Unknown names, files that cannot be read or are not models.
+pub fn run(command: &ModelCommand, json: bool) -> Result<Outcome> {
+    match command {
+        ModelCommand::List => list(json),
+        ModelCommand::Show { name } => show(name, json),
+        ModelCommand::Check { file, model } => check(file, model, json),
+    }
+}
+
+fn list(json: bool) -> Result<Outcome> {
+    let models: Vec<ModelData> = ModelData::builtin_names()
+        .map(ModelData::builtin)
+        .collect::<Result<_, _>>()?;
+    if json {
+        let rows: Vec<_> = models
+            .iter()
+            .map(|m| json!({"name": m.name, "title": m.title, "joints": m.dof}))
+            .collect();
+        print_json(&json!({ "models": rows }))?;
+    } else {
+        for model in &models {
+            println!("{:<20} {} joints  {}", model.name, model.dof, model.title);
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+/// A built-in model by name, or one of the user's own by file.
+pub fn load(name: &str) -> Result<ModelData> {
+    if let Ok(model) = ModelData::builtin(name) {
+        return Ok(model);
+    }
+    if !Path::new(name).exists() {
+        let names: Vec<_> = ModelData::builtin_names().collect();
+        return Err(bad_usage(format!(
+            "robot model \"{name}\": neither built in ({}) nor a file",
+            names.join(", ")
+        )));
+    }
+    load_file(Path::new(name))
+}
+
+fn load_file(path: &Path) -> Result<ModelData> {
+    let text = fs::read_to_string(path)
+        .map_err(|e| bad_usage(format!("robot model {}: {e}", path.display())))?;
+    ModelData::from_toml(&text)
+        .map_err(|e| bad_usage(format!("robot model {}: {e}", path.display())))
+}
+
+fn show(name: &str, json: bool) -> Result<Outcome> {
+    let model = load(name)?;
+    if json {
+        print_json(&model)?;
+    } else if let Some(text) = ModelData::builtin_text(name) {
+        print!("{text}");
+    } else {
+        print!("{}", toml::to_string(&model)?);
+    }
+    Ok(Outcome::Done)
+}
+
+fn check(file: &Path, own: &[PathBuf], json: bool) -> Result<Outcome> {
+    let text = fs::read_to_string(file)
+        .map_err(|e| bad_usage(format!("reference values {}: {e}", file.display())))?;
+    let own: Vec<ModelData> = own.iter().map(|path| load_file(path)).collect::<Result<_>>()?;
+    let rows = golden::compare(&text, &own)
+        .map_err(|e| bad_usage(format!("reference values {}: {e}", file.display())))?;
+    if json {
+        print_json(&json!({ "models": rows }))?;
+    } else {
+        for row in &rows {
+            println!(
+                "{:<20} {:<18} {:>9.2e}  {}",
+                row.name,
+                row.quantity,
+                row.max_relative_difference,
+                if row.agrees() { "agrees" } else { "DIFFERS" }
+            );
+        }
+    }
+    Ok(if rows.iter().all(golden::Row::agrees) {
+        Outcome::Done
+    } else {
+        Outcome::Failed
+    })
+}
