@@ -2,16 +2,28 @@
 //!
 //! Called by the `controller` service inside the robot's cycle, and by the closed loop of `evaluate`.
 
+pub mod admittance;
+pub mod alignment;
 mod config;
 mod controller;
 mod error;
+mod estimator_choice;
+pub mod force_integral;
+pub mod force_law;
 mod interface;
+pub mod joint_velocity;
 mod limits;
+mod parameter;
 mod path;
 mod phases;
 mod profile;
 mod program;
+mod run;
+pub mod stiffness;
+pub mod surface;
 mod task;
+pub mod tracking;
+pub mod wrench_guard;
 
 pub use config::{
     AlignmentConfig, ContactConfig, ControllerConfig, ForceConfig, NormalConfig, PathConfig,
@@ -19,8 +31,10 @@ pub use config::{
 };
 pub use controller::Controller;
 pub use error::ControlError;
+pub use estimator_choice::SwitchRefusal;
 pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
+pub use parameter::Parameter;
 pub use path::{Circle, Line, Path, PathPoint, PathSpec, Raster, Stay, Waypoints};
 pub use phases::{Fault, Phase};
 pub use profile::Profile;

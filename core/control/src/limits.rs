@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use tangent_mechanics::{Aligned, Base, Tool, Twist};
+use tangent_mechanics::{Aligned, Base, DampedLeastSquares, Tool, Twist};
 
 use crate::ControlError;
 use crate::error::check_range;
@@ -31,10 +31,8 @@ pub struct Limits {
     pub power_max_w: f64,
     /// Way against the normal without contact before the arm gives up and retracts, m.
     pub blind_distance_max_m: f64,
-    /// Damping of the inverse Jacobian at a singularity (eq. 3), and manipulability below which it begins.
-    pub damping_max: f64,
-    /// See `damping_max`; in units of `sqrt(det(J Jᵀ))`.
-    pub manipulability_threshold: f64,
+    /// How the inverse Jacobian (eq. 3) is damped near a singularity.
+    pub singularity: DampedLeastSquares,
 }
 
 impl Default for Limits {
@@ -50,8 +48,7 @@ impl Default for Limits {
             force_max_n: 40.0,
             power_max_w: 0.5,
             blind_distance_max_m: 0.03,
-            damping_max: 0.1,
-            manipulability_threshold: 0.01,
+            singularity: DampedLeastSquares::default(),
         }
     }
 }
@@ -83,12 +80,12 @@ impl Limits {
         positive("force_max_n", self.force_max_n, 1000.0)?;
         positive("power_max_w", self.power_max_w, 100.0)?;
         positive("blind_distance_max_m", self.blind_distance_max_m, 0.5)?;
-        positive("damping_max", self.damping_max, 10.0)?;
         positive(
-            "manipulability_threshold",
-            self.manipulability_threshold,
-            1.0,
-        )
+            "singularity.damping_max",
+            self.singularity.damping_max,
+            10.0,
+        )?;
+        positive("singularity.threshold", self.singularity.threshold, 10.0)
     }
 }
 

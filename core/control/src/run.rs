@@ -1,0 +1,468 @@
+//! One run of a program: the memory that starts fresh with every task, and the phase machine's decisions.
+//!
+//! Called by the controller each cycle: `perceive` first, then `decide`; `controller` turns the outcome into motion.
+
+use nalgebra::Vector3;
+use tangent_mechanics::{Aligned, Base, Tool, Wrench};
+use tangent_sensing::Validity;
+
+use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
+use crate::force_law::ForceLaw;
+use crate::surface::Surface;
+use crate::tracking::Tracking;
+use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
+use crate::{ControlInput, ControllerConfig, Fault, Limits, Phase, Program};
+
+/// Why the tool stands on the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum HoldReason {
+    Paused,
+    PathEnd,
+    NoEstimate,
+    /// Not even force is controlled: nothing moves. Back to the phase it came from when the wrench is good again.
+    NoWrench(Phase),
+}
+
+/// What was asked of a running task from outside.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Requests {
+    pub paused: bool,
+    pub stopping: bool,
+}
+
+/// One cycle as perceived.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Percept {
+    pub position: Vector3<f64>,
+    pub z_tool: Vector3<f64>,
+    /// At the tool's origin, base axes; zero when there is none to use.
+    pub wrench: Wrench<Aligned<Tool, Base>>,
+    pub verdict: WrenchVerdict,
+    /// Pressing force along the normal (before contact: against the approach), N.
+    pub force_n: f64,
+    pub estimate: EstimateStatus,
+}
+
+/// One run of a program.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Run {
+    pub phase: Phase,
+    pub hold: HoldReason,
+    pub fault: Option<Fault>,
+    pub choice: EstimatorChoice,
+    pub surface: Surface,
+    pub tracking: Tracking,
+    pub force: ForceLaw,
+    pub in_contact: bool,
+    pub lost_count: u32,
+    pub approach: Vector3<f64>,
+    pub retract: Vector3<f64>,
+    guard: WrenchGuard,
+    begun: bool,
+    touched: bool,
+    estimated: bool,
+    in_phase_s: f64,
+    elapsed_s: f64,
+    settled_s: f64,
+    low_cycles: u32,
+    phase_start: Vector3<f64>,
+}
+
+impl Run {
+    /// Nothing happens until the first `perceive` of an active phase.
+    pub fn idle() -> Self {
+        Self {
+            phase: Phase::Idle,
+            hold: HoldReason::Paused,
+            fault: None,
+            choice: EstimatorChoice::default(),
+            surface: Surface::new(Vector3::z()),
+            tracking: Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros()),
+            force: ForceLaw::new(1e4),
+            in_contact: false,
+            lost_count: 0,
+            approach: -Vector3::z(),
+            retract: Vector3::z(),
+            guard: WrenchGuard::default(),
+            begun: false,
+            touched: false,
+            estimated: false,
+            in_phase_s: 0.0,
+            elapsed_s: 0.0,
+            settled_s: 0.0,
+            low_cycles: 0,
+            phase_start: Vector3::zeros(),
+        }
+    }
+
+    /// Ready for the first cycle of `program`.
+    pub fn start(program: &Program) -> Self {
+        Self {
+            phase: if program.task.tare {
+                Phase::Tare
+            } else {
+                Phase::Approach
+            },
+            ..Self::idle()
+        }
+    }
+
+    /// Takes the cycle's measurements: what touches, where the surface faces, whether the wrench can be believed.
+    pub fn perceive(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        input: &ControlInput,
+        reference_n: f64,
+    ) -> Percept {
+        let pose = &input.base_from_tool;
+        let (position, z_tool) = (pose.translation(), pose.z_axis());
+        if !self.begun {
+            self.begin(program, config, input);
+        }
+        let verdict = if self.phase == Phase::Tare {
+            WrenchVerdict::Good
+        } else {
+            self.guard.step(
+                &config.patience,
+                input.wrench_validity,
+                input.wrench.is_finite(),
+                input.wrench_age_s,
+                input.dt_s,
+            )
+        };
+        let wrench = if verdict == WrenchVerdict::Good && input.wrench.is_finite() {
+            pose.align_wrench(&input.wrench)
+        } else {
+            Wrench::zero()
+        };
+        let on_surface = self.phase.is_pressing() || self.phase == Phase::Seek;
+        let mut estimate = EstimateStatus::Waiting;
+        if on_surface {
+            let slid = if self.phase == Phase::Seek {
+                Vector3::zeros()
+            } else {
+                input.twist.linear
+            };
+            let way = crate::alignment::tangential(&slid, &self.surface.normal).norm() * input.dt_s;
+            estimate = self.choice.step(
+                &config.normal,
+                &config.patience,
+                &input.estimates,
+                &self.surface.normal,
+                way,
+            );
+            let usable = match &estimate {
+                EstimateStatus::Usable(estimate) if self.phase != Phase::Seek => Some(estimate),
+                _ => None,
+            };
+            self.estimated |= usable.is_some();
+            if self.estimated {
+                self.surface.step(&config.normal, usable, &slid, input.dt_s);
+            } else {
+                // Until somebody knows better, the surface faces the tool (Tugal et al., IV.B.d): the torques alone
+                // lay the tool flat.
+                self.surface = Surface::new(-z_tool);
+            }
+        } else if !self.touched {
+            self.surface = Surface::new(-z_tool);
+        }
+        let against = if self.touched {
+            self.surface.normal
+        } else {
+            -self.approach
+        };
+        let force_n = wrench.force.dot(&against);
+        if verdict == WrenchVerdict::Good {
+            self.feel(config, force_n, reference_n);
+        }
+        Percept {
+            position,
+            z_tool,
+            wrench,
+            verdict,
+            force_n,
+            estimate,
+        }
+    }
+
+    fn begin(&mut self, program: &Program, config: &ControllerConfig, input: &ControlInput) {
+        let pose = &input.base_from_tool;
+        let task = &program.task;
+        self.begun = true;
+        self.approach = task.approach.direction.in_base(pose);
+        self.retract = -self.approach;
+        self.tracking = Tracking::new(
+            -self.approach,
+            task.plane.x_axis.in_base(pose),
+            pose.translation(),
+        );
+        self.surface = Surface::new(-pose.z_axis());
+        self.force = ForceLaw::new(stiffness_expected(program, config));
+        self.phase_start = pose.translation();
+    }
+
+    /// Contact by force, with hysteresis and a count against noise.
+    fn feel(&mut self, config: &ControllerConfig, force_n: f64, reference_n: f64) {
+        let contact = &config.contact;
+        let touch = (contact.touch_share * reference_n).max(contact.noise_n);
+        let lost = (contact.lost_share * reference_n)
+            .max(0.5 * contact.noise_n)
+            .min(0.7 * touch);
+        if force_n >= touch {
+            self.in_contact = true;
+        }
+        if force_n < lost {
+            self.low_cycles = self.low_cycles.saturating_add(1);
+            if self.low_cycles >= contact.lost_cycles {
+                self.in_contact = false;
+            }
+        } else {
+            self.low_cycles = 0;
+        }
+    }
+
+    /// Moves the phase machine on.
+    pub fn decide(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+        requests: &Requests,
+        reference_n: f64,
+        input: &ControlInput,
+        percept: &Percept,
+    ) {
+        let dt = input.dt_s;
+        self.in_phase_s += dt;
+        self.elapsed_s += dt;
+        let task = &program.task;
+        if self.phase != Phase::Retract {
+            if requests.stopping {
+                return self.leave(percept, None);
+            }
+            if self.phase != Phase::Tare
+                && let Some(fault) = urgent_fault(limits, percept)
+            {
+                return self.leave(percept, Some(fault));
+            }
+            if task.timeouts.task_s > 0.0 && self.elapsed_s > task.timeouts.task_s {
+                return self.leave(percept, Some(Fault::TaskTimeout));
+            }
+            if matches!(percept.verdict, WrenchVerdict::Stop(_)) {
+                if !self.stands_without_wrench() {
+                    let from = self.phase;
+                    self.enter(Phase::Hold, percept);
+                    self.hold = HoldReason::NoWrench(from);
+                }
+                return;
+            }
+            if !self.in_contact && self.phase.is_pressing() && !self.stands_without_wrench() {
+                self.lost_count += 1;
+                self.tracking.freeze();
+                return self.enter(Phase::Seek, percept);
+            }
+        }
+        match self.phase {
+            Phase::Tare => {
+                // A tare younger than this phase is the one that was asked for.
+                if input.bias_age_s.is_some_and(|age| age < self.in_phase_s)
+                    && input.wrench_validity == Validity::Valid
+                {
+                    self.enter(Phase::Approach, percept);
+                } else if self.in_phase_s > task.timeouts.tare_s {
+                    self.leave(percept, Some(Fault::NoTare));
+                }
+            }
+            Phase::Approach => {
+                let way = (percept.position - self.phase_start).dot(&self.approach);
+                let patience =
+                    5.0 + 3.0 * task.approach.distance_max_m / approach_speed(program, config);
+                if self.in_contact {
+                    self.touch(config, percept, approach_speed(program, config));
+                } else if way > task.approach.distance_max_m || self.in_phase_s > patience {
+                    self.leave(percept, Some(Fault::NoSurface));
+                }
+            }
+            Phase::Contact => {
+                let near = config.contact.settled_share * reference_n;
+                let arrived = (self.force.reference_n() - reference_n).abs() < 1e-9;
+                if arrived && (percept.force_n - reference_n).abs() < near {
+                    self.settled_s += dt;
+                } else {
+                    self.settled_s = 0.0;
+                }
+                if self.settled_s > config.contact.settled_s {
+                    self.enter(Phase::Slide, percept);
+                } else if self.in_phase_s > task.timeouts.contact_s {
+                    self.leave(percept, Some(Fault::ForceNotReached));
+                }
+            }
+            Phase::Slide => {
+                let reason = if let EstimateStatus::None(_) = percept.estimate {
+                    Some(HoldReason::NoEstimate)
+                } else if requests.paused {
+                    Some(HoldReason::Paused)
+                } else if self.tracking.is_finished(&program.path) {
+                    Some(HoldReason::PathEnd)
+                } else {
+                    None
+                };
+                if let Some(reason) = reason {
+                    self.enter(Phase::Hold, percept);
+                    self.hold = reason;
+                }
+            }
+            Phase::Hold => self.decide_hold(program, config, requests, percept),
+            Phase::Seek => {
+                let way = -(percept.position - self.phase_start).dot(&self.surface.normal);
+                let patience =
+                    1.0 + 3.0 * limits.blind_distance_max_m / config.contact.seek_speed_m_per_s;
+                if self.in_contact {
+                    self.touch(config, percept, config.contact.seek_speed_m_per_s);
+                } else if way > limits.blind_distance_max_m || self.in_phase_s > patience {
+                    self.leave(percept, Some(Fault::SurfaceLost));
+                }
+            }
+            Phase::Retract => {
+                let way = (percept.position - self.phase_start).dot(&self.retract);
+                let end = &task.end;
+                let patience = 1.0 + 3.0 * end.retract_distance_m / end.retract_speed_m_per_s;
+                if way >= end.retract_distance_m || self.in_phase_s > patience {
+                    let phase = if self.fault.is_some() {
+                        Phase::Fault
+                    } else {
+                        Phase::Done
+                    };
+                    self.enter(phase, percept);
+                }
+            }
+            Phase::Idle | Phase::Done | Phase::Fault => {}
+        }
+    }
+
+    fn decide_hold(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        requests: &Requests,
+        percept: &Percept,
+    ) {
+        match self.hold {
+            HoldReason::NoWrench(from) => {
+                if percept.verdict == WrenchVerdict::Good {
+                    // Pressing again starts from rest, wherever it stopped.
+                    let back = if from == Phase::Hold {
+                        Phase::Slide
+                    } else {
+                        from
+                    };
+                    let start = self.phase_start;
+                    self.enter(back, percept);
+                    if matches!(back, Phase::Approach | Phase::Seek) {
+                        // The way already gone counts on.
+                        self.phase_start = start;
+                    }
+                }
+            }
+            HoldReason::Paused => {
+                if !requests.paused {
+                    self.enter(Phase::Slide, percept);
+                }
+            }
+            HoldReason::PathEnd => {
+                if self.in_phase_s >= program.task.end.hold_s {
+                    self.leave(percept, None);
+                }
+            }
+            HoldReason::NoEstimate => match percept.estimate {
+                EstimateStatus::None(reason) => {
+                    if self.in_phase_s > config.patience.estimate_retract_s {
+                        self.leave(percept, Some(Fault::Estimate(reason)));
+                    }
+                }
+                _ => self.enter(Phase::Slide, percept),
+            },
+        }
+    }
+
+    /// Not even force is controlled now.
+    pub fn stands_without_wrench(&self) -> bool {
+        self.phase == Phase::Hold && matches!(self.hold, HoldReason::NoWrench(_))
+    }
+
+    fn touch(&mut self, config: &ControllerConfig, percept: &Percept, speed_m_per_s: f64) {
+        self.force.touch(config, percept.force_n, speed_m_per_s);
+        if !self.touched {
+            self.touched = true;
+            self.tracking.begin_at(percept.position);
+        }
+        self.settled_s = 0.0;
+        self.low_cycles = 0;
+        self.enter(Phase::Contact, percept);
+    }
+
+    /// Off the surface along the last good normal; straight to the end where nothing has moved yet.
+    fn leave(&mut self, percept: &Percept, fault: Option<Fault>) {
+        self.fault = fault.or(self.fault);
+        if self.phase == Phase::Tare {
+            let phase = if self.fault.is_some() {
+                Phase::Fault
+            } else {
+                Phase::Done
+            };
+            return self.enter(phase, percept);
+        }
+        self.retract = if self.touched {
+            self.surface.normal
+        } else {
+            -self.approach
+        };
+        self.enter(Phase::Retract, percept);
+    }
+
+    fn enter(&mut self, phase: Phase, percept: &Percept) {
+        self.phase = phase;
+        self.in_phase_s = 0.0;
+        self.phase_start = percept.position;
+        if phase == Phase::Seek {
+            self.low_cycles = 0;
+        }
+    }
+
+    /// Ends at once, without a motion: the arm cannot be moved.
+    pub fn abort(&mut self, fault: Fault) {
+        self.phase = Phase::Fault;
+        self.fault = Some(fault);
+    }
+}
+
+/// Faults that leave the surface whatever the phase.
+fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> {
+    if let WrenchVerdict::Retract(reason) = percept.verdict {
+        return Some(Fault::Wrench(reason));
+    }
+    (percept.wrench.force.norm() > limits.force_max_n).then_some(Fault::ForceLimit)
+}
+
+fn stiffness_expected(program: &Program, config: &ControllerConfig) -> f64 {
+    program
+        .task
+        .approach
+        .stiffness_expected_n_per_m
+        .unwrap_or(config.force.stiffness_expected_n_per_m)
+}
+
+/// Speed of the approach, m/s: the task's, slowed so that the force that builds up before the loop can answer stays
+/// within the accepted overshoot on the expected stiffness.
+pub(crate) fn approach_speed(program: &Program, config: &ControllerConfig) -> f64 {
+    let wanted = program.task.approach.speed_m_per_s;
+    if !config.force.approach_slowed {
+        return wanted;
+    }
+    let reference = program.task.force.reference_n;
+    let touch = (config.contact.touch_share * reference).max(config.contact.noise_n);
+    let room = (1.0 + config.force.overshoot_accepted) * reference - touch;
+    let gentle = room / (stiffness_expected(program, config) * config.force.loop_delay_s);
+    wanted.min(gentle.max(0.0005))
+}

@@ -1,0 +1,197 @@
+//! Following a plane path on a curved surface.
+//!
+//! The path's plane lies against the approach direction. Each cycle its velocity is turned from the plane into the
+//! tangent plane of the surface by the smallest rotation, so a metre of path is a metre on the surface however steep it
+//! gets, and the reference point moves with it; the error is fed back in the tangent plane. The path runs on its own
+//! clock: pause, speed, a waiting arm and a lost contact slow or stop the clock, and it goes on where it stood.
+
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+
+use crate::alignment::{any_perpendicular, tangential};
+use crate::limits::clamp_norm;
+use crate::{Path, PathConfig};
+
+/// Runs a path on a surface. Its state is the clock and the reference point.
+#[derive(Clone, Copy, Debug)]
+pub struct Tracking {
+    x_axis: Vector3<f64>,
+    y_axis: Vector3<f64>,
+    plane_normal: Vector3<f64>,
+    clock_s: f64,
+    clock_rate: f64,
+    /// Where the path wants the tool, base axes, m.
+    pub reference: Vector3<f64>,
+}
+
+impl Tracking {
+    /// A plane with `plane_normal` (unit, out of the material), x along `x_axis` as far as the plane allows, starting
+    /// at `start`; base axes.
+    pub fn new(plane_normal: Vector3<f64>, x_axis: Vector3<f64>, start: Vector3<f64>) -> Self {
+        let x = tangential(&x_axis, &plane_normal);
+        let x = if x.norm() > 1e-3 {
+            x.normalize()
+        } else {
+            any_perpendicular(&plane_normal)
+        };
+        Self {
+            x_axis: x,
+            y_axis: plane_normal.cross(&x),
+            plane_normal,
+            clock_s: 0.0,
+            clock_rate: 0.0,
+            reference: start,
+        }
+    }
+
+    /// The path's start is here: where the tool touched down.
+    pub fn begin_at(&mut self, start: Vector3<f64>) {
+        self.reference = start;
+        self.clock_s = 0.0;
+        self.clock_rate = 0.0;
+    }
+
+    /// Stops the clock at once: contact is lost.
+    pub fn freeze(&mut self) {
+        self.clock_rate = 0.0;
+    }
+
+    /// One cycle: the velocity wanted in the tangent plane of `normal`, base axes, m/s. `speed_factor` is 1 at the
+    /// path's own speed and 0 to stand.
+    pub fn step(
+        &mut self,
+        config: &PathConfig,
+        path: &Path,
+        speed_factor: f64,
+        position: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        dt_s: f64,
+    ) -> Vector3<f64> {
+        // The reference lies in the tangent plane through the tool: along the normal, force rules.
+        let error = tangential(&(self.reference - position), normal);
+        let waiting = (2.0 - error.norm() / config.wait_error_m).clamp(0.0, 1.0);
+        let step = dt_s / config.clock_ramp_s;
+        self.clock_rate += (speed_factor - self.clock_rate).clamp(-step, step);
+        let before = path.at(self.clock_s).position;
+        self.clock_s = (self.clock_s + self.clock_rate * waiting * dt_s).min(path.duration_s());
+        let way = self.on_surface(path.at(self.clock_s).position - before, normal);
+        self.reference = position + error + way;
+        way / dt_s + clamp_norm(error * config.gain_per_s, config.feedback_speed_max_m_per_s)
+    }
+
+    /// A vector of the plane, laid into the tangent plane of `normal`; base axes.
+    fn on_surface(&self, in_plane: Vector2<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+        let flat = self.x_axis * in_plane.x + self.y_axis * in_plane.y;
+        match UnitQuaternion::rotation_between(&self.plane_normal, normal) {
+            Some(rotation) => rotation * flat,
+            // Exactly behind: no smallest rotation. Stand still.
+            None => Vector3::zeros(),
+        }
+    }
+
+    /// Share of the path's time that has run, 0 to 1.
+    pub fn progress(&self, path: &Path) -> f64 {
+        if path.duration_s() > 0.0 {
+            (self.clock_s / path.duration_s()).min(1.0)
+        } else {
+            1.0
+        }
+    }
+
+    /// The path is at its end.
+    pub fn is_finished(&self, path: &Path) -> bool {
+        self.clock_s >= path.duration_s()
+    }
+
+    /// Distance of `position` from the reference in the tangent plane of `normal`, m.
+    pub fn error_m(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
+        tangential(&(self.reference - position), normal).norm()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::PathSpec;
+
+    fn circle(radius: f64) -> Path {
+        let spec: PathSpec = toml::from_str(&format!(
+            "kind = \"circle\"\nradius_m = {radius}\nspeed_m_per_s = 0.02"
+        ))
+        .unwrap();
+        Path::new(&spec, 0.1, 1.0).unwrap()
+    }
+
+    /// On a cylinder (flat when unrolled) a circle closes, and is as long as drawn.
+    #[test]
+    fn a_circle_on_a_pipe_closes() {
+        let (config, path, dt) = (PathConfig::default(), circle(0.08), 0.008);
+        let radius = 0.25;
+        let mut tracking =
+            Tracking::new(Vector3::z(), Vector3::x(), Vector3::new(0.0, 0.0, radius));
+        let mut position = Vector3::new(0.0, 0.0, radius);
+        let (mut length, mut steepest) = (0.0, 0.0f64);
+        while !tracking.is_finished(&path) {
+            let normal = Vector3::new(0.0, position.y, position.z).normalize();
+            let v = tracking.step(&config, &path, 1.0, &position, &normal, dt);
+            assert!(v.dot(&normal).abs() < 1e-12);
+            position += v * dt;
+            let outward = Vector3::new(0.0, position.y, position.z).normalize() * radius;
+            position = Vector3::new(position.x, outward.y, outward.z);
+            length += v.norm() * dt;
+            steepest = steepest.max(normal.y.abs().asin());
+        }
+        assert!(steepest > 0.25, "{steepest}");
+        assert!(
+            (position - Vector3::new(0.0, 0.0, radius)).norm() < 1e-3,
+            "{position}"
+        );
+        assert!(
+            (length - std::f64::consts::TAU * 0.08).abs() < 2e-3,
+            "{length}"
+        );
+    }
+
+    #[test]
+    fn stops_where_it_is_and_goes_on_there() {
+        let (config, path, dt) = (PathConfig::default(), circle(0.05), 0.008);
+        let mut tracking = Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros());
+        let mut position = Vector3::zeros();
+        let mut run = |factor: f64, cycles: usize, freeze: bool| {
+            for _ in 0..cycles {
+                if freeze {
+                    tracking.freeze();
+                }
+                position +=
+                    tracking.step(&config, &path, factor, &position, &Vector3::z(), dt) * dt;
+            }
+            (tracking.progress(&path), position)
+        };
+        run(1.0, 500, false);
+        run(0.0, 100, false);
+        let stopped = run(0.0, 1, false);
+        let later = run(0.0, 200, false);
+        assert_eq!(stopped.0, later.0);
+        assert!((stopped.1 - later.1).norm() < 1e-6);
+        let frozen = run(1.0, 0, false);
+        assert_eq!(frozen.0, later.0);
+        assert!(run(1.0, 100, false).0 > later.0);
+    }
+
+    #[test]
+    fn waits_for_an_arm_that_does_not_follow() {
+        let (config, path) = (PathConfig::default(), circle(0.05));
+        let mut tracking = Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros());
+        for _ in 0..5000 {
+            tracking.step(&config, &path, 1.0, &Vector3::zeros(), &Vector3::z(), 0.008);
+        }
+        assert!(!tracking.is_finished(&path));
+        assert!(tracking.reference.norm() <= 2.0 * config.wait_error_m + 1e-6);
+    }
+
+    #[test]
+    fn the_x_axis_is_laid_into_the_plane() {
+        let tracking = Tracking::new(Vector3::x(), Vector3::x(), Vector3::zeros());
+        assert!(tracking.x_axis.dot(&Vector3::x()).abs() < 1e-12);
+        assert!((tracking.x_axis.norm() - 1.0).abs() < 1e-12);
+    }
+}
