@@ -3,24 +3,34 @@
 //! Called by the `simulator` service, which puts the [`Plant`] behind sockets, and by `tangent evaluate`, which closes the
 //! loop in one thread. Nothing here reads a clock; equal configuration and seed give equal bits.
 
+mod closed_loop;
 mod compliance;
+mod conditioner_stand_in;
 pub mod contact;
+mod digest;
 mod measurement;
+pub mod metrics;
+mod overrides;
 mod plant;
 mod plant_config;
+mod scenario;
 mod sensor;
 mod servo;
 mod start;
 pub mod surfaces;
 mod truth;
 
+pub use closed_loop::{ClosedLoop, Evaluation, LoopCycle, evaluate, evaluate_with};
+pub use digest::TrajectoryDigest;
 pub use measurement::{ArmMeasurement, SensorSample, VelocityCommand};
+pub use overrides::OverrideError;
 pub use plant::{Plant, PlantError};
 pub use plant_config::{
     ComplianceConfig, ContactConfig, FrictionConfig, FrictionModel, Lag, PadConfig, PayloadConfig,
     PayloadErrorConfig, PlantConfig, PoseConfig, SensorConfig, ServoConfig, StartConfig,
     SurfaceConfig,
 };
+pub use scenario::{PipelineConfig, Scenario, ScenarioError, SensingConfig};
 pub use sensor::Sensor;
 pub use servo::Servo;
 pub use start::StartError;

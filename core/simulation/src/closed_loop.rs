@@ -1,0 +1,390 @@
+//! Plant, conditioning, estimators and controller in one thread: what `tangent evaluate` runs.
+//!
+//! The parts are those of the live system, and so are the delays between them: samples of the period that ended, an
+//! estimate of the cycle before, a command that acts from the next period on.
+
+use serde::Serialize;
+use tangent_control::{
+    CommandKind, ControlInput, ControlOutput, Controller, EstimateInput, MAX_ESTIMATORS, Phase,
+    Program,
+};
+use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
+use tangent_mechanics::{Aligned, Base, Pose, Sensor, Tool, Twist, Wrench, manipulability};
+
+use crate::conditioner_stand_in::{ConditionedWrench, WrenchConditioner};
+use crate::digest::TrajectoryDigest;
+use crate::measurement::{ArmMeasurement, VelocityCommand};
+use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
+use crate::plant::Plant;
+use crate::scenario::{PIPELINE_CYCLES_MAX, Scenario, ScenarioError};
+use crate::truth::Truth;
+
+/// Time that a run goes on after its task has ended, s.
+const AFTER_END_S: f64 = 0.2;
+
+/// What `evaluate --json` prints. The wall time is the caller's to add: `core/` has no clock.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Evaluation {
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Preset of the control law.
+    pub controller: String,
+    /// Estimator in use at the end.
+    pub estimator: String,
+    /// Seed.
+    pub seed: u64,
+    /// Simulated, s.
+    pub duration_s: f64,
+    /// Arm periods.
+    pub steps: u64,
+    /// Time that the run took, s.
+    pub wall_s: Option<f64>,
+    /// Simulated time over wall time.
+    pub real_time_factor: Option<f64>,
+    /// Everything that follows from the samples.
+    #[serde(flatten)]
+    pub figures: Figures,
+    /// Of `lippiello` scenarios only.
+    pub object_pose: Option<()>,
+    /// Live only.
+    pub r#loop: Option<()>,
+    /// Phase at the end.
+    pub phase: &'static str,
+    /// Why the task ended before its time; null when it did not.
+    pub fault: Option<&'static str>,
+    /// Hash of the whole trajectory.
+    pub state_digest: String,
+}
+
+impl Evaluation {
+    /// Adds how long it took.
+    pub fn with_wall_time(mut self, wall_s: f64) -> Self {
+        self.wall_s = Some(wall_s);
+        self.real_time_factor = (wall_s > 0.0).then(|| self.duration_s / wall_s);
+        self
+    }
+}
+
+/// One cycle of the loop, for those who watch.
+#[derive(Clone, Copy, Debug)]
+pub struct LoopCycle<'a> {
+    /// What the arm reported.
+    pub arm: &'a ArmMeasurement,
+    /// What the controller saw.
+    pub input: &'a ControlInput,
+    /// What it answered.
+    pub output: &'a ControlOutput,
+    /// Newest estimate of the estimator in use.
+    pub estimate: Option<&'a NormalEstimate>,
+    /// What really happened.
+    pub truth: &'a Truth,
+}
+
+/// Runs a scenario to its end.
+///
+/// # Errors
+/// What [`ClosedLoop::new`] says.
+pub fn evaluate(scenario: &Scenario) -> Result<Evaluation, ScenarioError> {
+    evaluate_with(scenario, |_| ())
+}
+
+/// The same, showing every cycle to `watch`.
+///
+/// # Errors
+/// What [`ClosedLoop::new`] says.
+pub fn evaluate_with(
+    scenario: &Scenario,
+    mut watch: impl FnMut(&LoopCycle<'_>),
+) -> Result<Evaluation, ScenarioError> {
+    let mut closed_loop = ClosedLoop::new(scenario)?;
+    let steps = (scenario.duration_s / closed_loop.plant.period_s()).round() as u64;
+    let mut samples = Vec::with_capacity(steps as usize);
+    let mut ended_at = None;
+    let (mut phase, mut fault, mut estimator) = (Phase::Idle, None, 0);
+    for _ in 0..steps {
+        let sample = closed_loop.step(&mut watch);
+        samples.push(sample);
+        let output = &closed_loop.output;
+        phase = output.phase;
+        fault = output.fault.or(fault);
+        estimator = output.estimator;
+        if !phase.is_active() {
+            let since = *ended_at.get_or_insert(sample.time_s);
+            if sample.time_s - since >= AFTER_END_S {
+                break;
+            }
+        }
+    }
+    let names = closed_loop.controller.estimators();
+    let preset = scenario
+        .task
+        .controller
+        .as_ref()
+        .unwrap_or(&scenario.controller);
+    Ok(Evaluation {
+        scenario: scenario.name.clone(),
+        controller: preset.clone(),
+        estimator: names
+            .get(estimator)
+            .map(|n| n.to_string())
+            .unwrap_or_default(),
+        seed: scenario.seed,
+        duration_s: closed_loop.plant.time_s(),
+        steps: samples.len() as u64,
+        wall_s: None,
+        real_time_factor: None,
+        figures: Figures::of(&samples),
+        object_pose: None,
+        r#loop: None,
+        phase: phase.name(),
+        fault: fault.map(|f| f.text()),
+        state_digest: closed_loop.digest.finish(),
+    })
+}
+
+/// The loop, cycle by cycle.
+pub struct ClosedLoop {
+    plant: Plant,
+    conditioner: WrenchConditioner,
+    estimators: Vec<Box<dyn NormalEstimator>>,
+    controller: Controller,
+    flange_from_tool: Pose<tangent_mechanics::Flange, Tool>,
+    flange_from_sensor: Pose<tangent_mechanics::Flange, Sensor>,
+    sensor_scale: [f64; 6],
+    sample_dt: f64,
+    exchange_cycles: usize,
+    estimate_cycles: usize,
+    /// Commands under way to the arm, oldest first.
+    commands: [VelocityCommand; PIPELINE_CYCLES_MAX + 1],
+    /// Estimates under way to the controller, newest first.
+    estimates: [[Option<NormalEstimate>; MAX_ESTIMATORS]; PIPELINE_CYCLES_MAX + 1],
+    conditioned: Option<ConditionedWrench>,
+    wrench_time: f64,
+    output: ControlOutput,
+    digest: TrajectoryDigest,
+}
+
+impl ClosedLoop {
+    /// Builds the cell, starts the task.
+    ///
+    /// # Errors
+    /// A scenario whose cell cannot be built, or whose task, law or estimators are not usable.
+    pub fn new(scenario: &Scenario) -> Result<Self, ScenarioError> {
+        let plant = Plant::new(&scenario.plant, scenario.seed)?;
+        let (flange_from_tool, flange_from_sensor) =
+            (plant.flange_from_tool(), plant.flange_from_sensor());
+        let payload = &scenario.plant.tool.payload;
+        let conditioner = WrenchConditioner::new(
+            payload.mass_kg,
+            payload.com_in_sensor_m,
+            flange_from_sensor.inverse() * flange_from_tool,
+            scenario.sensing.cutoff_hz,
+            scenario.sensing.tare_s,
+        );
+        let config = scenario.controller_config()?;
+        // The preset is already in `config`, together with the scenario's own parameters.
+        let mut task = scenario.task.clone();
+        task.controller = None;
+        let mut controller =
+            Controller::new(*plant.model(), flange_from_tool, scenario.limits, config)?;
+        controller.start(Program::new(&task, &config)?, 1)?;
+        let estimators = controller
+            .estimators()
+            .iter()
+            .map(|name| build(name, &scenario.estimation))
+            .collect::<Result<Vec<_>, _>>()?;
+        let sensor = &scenario.plant.sensor;
+        let input = blank_input(&plant);
+        Ok(Self {
+            conditioner,
+            estimators,
+            controller,
+            flange_from_tool,
+            flange_from_sensor,
+            sensor_scale: [
+                sensor.counts_per_n,
+                sensor.counts_per_n,
+                sensor.counts_per_n,
+                sensor.counts_per_nm,
+                sensor.counts_per_nm,
+                sensor.counts_per_nm,
+            ]
+            .map(|counts| 1.0 / counts),
+            sample_dt: 1.0 / sensor.rate_hz,
+            exchange_cycles: scenario.pipeline.exchange_cycles,
+            estimate_cycles: scenario.pipeline.estimate_cycles,
+            commands: [VelocityCommand::hold(); PIPELINE_CYCLES_MAX + 1],
+            estimates: [[None; MAX_ESTIMATORS]; PIPELINE_CYCLES_MAX + 1],
+            conditioned: None,
+            wrench_time: 0.0,
+            output: ControlOutput::hold(&input),
+            digest: TrajectoryDigest::default(),
+            plant,
+        })
+    }
+
+    /// The cell.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// The controller, for pausing, switching and stopping.
+    pub fn controller(&mut self) -> &mut Controller {
+        &mut self.controller
+    }
+
+    /// One arm period: the plant moves, then everybody answers to what it reports.
+    pub fn step(&mut self, watch: &mut impl FnMut(&LoopCycle<'_>)) -> CycleSample {
+        self.plant.step(&self.commands[0]);
+        let arm = self.plant.arm();
+        let (base_from_tool, jacobian) = self
+            .plant
+            .model()
+            .tool_and_jacobian(&arm.q, &self.flange_from_tool);
+        let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * arm.qd));
+
+        let base_from_sensor =
+            (base_from_tool * self.flange_from_tool.inverse() * self.flange_from_sensor).rotation();
+        for sample in self.plant.sensor_samples() {
+            let raw = nalgebra::Vector6::from_fn(|i, _| {
+                f64::from(sample.counts[i]) * self.sensor_scale[i]
+            });
+            self.conditioned = Some(self.conditioner.update(
+                &raw,
+                sample.saturated,
+                &base_from_sensor,
+                sample.time_s,
+                self.sample_dt,
+            ));
+            self.wrench_time = sample.time_s;
+        }
+
+        let mut input = blank_input(&self.plant);
+        input.base_from_tool = base_from_tool;
+        input.twist = twist;
+        if let Some(conditioned) = &self.conditioned {
+            input.wrench = conditioned.wrench;
+            input.wrench_validity = conditioned.validity;
+            input.wrench_delay_s = conditioned.delay_s;
+            input.bias_age_s = conditioned.bias_age_s;
+            input.wrench_age_s = arm.time_s - self.wrench_time;
+        }
+
+        let contact = ContactSample {
+            time_s: input.time_s,
+            dt_s: input.dt_s,
+            base_from_tool,
+            twist,
+            twist_commanded: self.output.twist_commanded,
+            wrench: input.wrench,
+            wrench_delay_s: input.wrench_delay_s,
+            wrench_validity: input.wrench_validity,
+        };
+        self.estimates[..=self.estimate_cycles].rotate_right(1);
+        for (slot, estimator) in self.estimates[0].iter_mut().zip(&mut self.estimators) {
+            *slot = Some(estimator.update(&contact));
+        }
+        let age_s = self.estimate_cycles as f64 * input.dt_s;
+        for (slot, estimate) in input
+            .estimates
+            .iter_mut()
+            .zip(&self.estimates[self.estimate_cycles])
+        {
+            *slot = estimate.map(|estimate| EstimateInput { estimate, age_s });
+        }
+
+        self.output = self.controller.step(&input);
+        if self.output.tare_requested {
+            self.conditioner.tare(input.time_s);
+        }
+        let command = match self.output.kind {
+            CommandKind::Hold => VelocityCommand::hold(),
+            CommandKind::JointVelocity => VelocityCommand {
+                qd: self.output.qd,
+                acceleration: self.output.acceleration,
+            },
+        };
+        // Without an exchange the command acts in the period that begins now, with it so many periods later.
+        self.commands[..=self.exchange_cycles].rotate_left(1);
+        self.commands[self.exchange_cycles] = command;
+
+        let truth = self.plant.truth();
+        let estimate = self.estimates[0]
+            .get(self.output.estimator)
+            .copied()
+            .flatten();
+        watch(&LoopCycle {
+            arm: &arm,
+            input: &input,
+            output: &self.output,
+            estimate: estimate.as_ref(),
+            truth: &truth,
+        });
+        self.digest_cycle(&arm, &input.wrench, estimate.as_ref(), &truth);
+        CycleSample {
+            time_s: arm.time_s,
+            phase: self.output.phase,
+            estimate: estimate.map(|e| EstimateSample {
+                normal: e.normal,
+                covariance: e.covariance,
+                valid: e.validity.is_valid(),
+            }),
+            truth: Some(TruthSample {
+                normal: truth.normal,
+                tool_z: truth.base_from_tool.z_axis(),
+                in_contact: truth.in_contact,
+                force_n: truth.wrench.force.dot(&truth.normal),
+            }),
+            tool_position: base_from_tool.translation(),
+            tool_z: base_from_tool.z_axis(),
+            force_n: self.output.force_n,
+            force_reference_n: self.output.force_reference_n,
+            in_contact: self.output.in_contact,
+            path_reference: self.output.path_reference,
+            path_error_m: self.output.path_error_m,
+            joint_speed_rad_per_s: arm.qd.amax(),
+            manipulability: manipulability(&jacobian),
+            motion_tank_j: None,
+            force_tank_j: None,
+        }
+    }
+
+    fn digest_cycle(
+        &mut self,
+        arm: &ArmMeasurement,
+        wrench: &Wrench<Tool>,
+        estimate: Option<&NormalEstimate>,
+        truth: &Truth,
+    ) {
+        self.digest.add(arm.q.as_slice());
+        self.digest.add(arm.qd.as_slice());
+        self.digest.add(wrench.vector().as_slice());
+        self.digest.add(self.output.qd.as_slice());
+        self.digest.add(truth.wrench.vector().as_slice());
+        if let Some(estimate) = estimate {
+            self.digest.add(estimate.normal.as_slice());
+            self.digest.add(estimate.covariance.as_slice());
+        }
+    }
+}
+
+/// The arm's part of an input; nothing felt, nothing estimated.
+fn blank_input(plant: &Plant) -> ControlInput {
+    let arm = plant.arm();
+    ControlInput {
+        time_s: arm.time_s,
+        dt_s: plant.period_s(),
+        q: arm.q,
+        qd: arm.qd,
+        base_from_tool: plant.model().base_from_flange(&arm.q) * plant.flange_from_tool(),
+        twist: Twist::zero(),
+        speed_scaling: 1.0,
+        arm_ready: true,
+        wrench: Wrench::zero(),
+        wrench_validity: tangent_sensing::Validity::Missing,
+        wrench_age_s: f64::INFINITY,
+        wrench_delay_s: 0.0,
+        bias_age_s: None,
+        estimates: [None; MAX_ESTIMATORS],
+    }
+}

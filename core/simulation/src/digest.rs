@@ -1,0 +1,47 @@
+//! A hash of a whole trajectory: equal for equal input, debug or release, run after run.
+
+use sha2::{Digest, Sha256};
+
+/// SHA-256 over the little-endian bits of every number given.
+#[derive(Clone, Default)]
+pub struct TrajectoryDigest {
+    hash: Sha256,
+}
+
+impl TrajectoryDigest {
+    /// Adds numbers in order.
+    pub fn add(&mut self, values: &[f64]) {
+        for value in values {
+            self.hash.update(value.to_bits().to_le_bytes());
+        }
+    }
+
+    /// 64 hexadecimal digits.
+    pub fn finish(self) -> String {
+        use std::fmt::Write;
+        let mut text = String::with_capacity(64);
+        for byte in self.hash.finalize() {
+            // Writing to a string cannot fail.
+            let _ = write!(text, "{byte:02x}");
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_sha_256_of_the_bits() {
+        let empty = TrajectoryDigest::default().finish();
+        assert!(empty.starts_with("e3b0c44298fc1c14"));
+        let of = |values: &[f64]| {
+            let mut digest = TrajectoryDigest::default();
+            digest.add(values);
+            digest.finish()
+        };
+        assert_eq!(of(&[1.0, 2.0]), of(&[1.0, 2.0]));
+        assert_ne!(of(&[0.0]), of(&[-0.0]), "one bit is enough");
+    }
+}
