@@ -210,6 +210,11 @@ impl Guard {
         }
     }
 
+    /// The robot's control period, s, once it is known.
+    pub fn set_period(&mut self, period_s: f64) {
+        self.period_s = period_s;
+    }
+
     /// One cycle. `q` is measured (rad); `tool_jacobian` takes joint velocity to the velocity of the tool's origin, m/s.
     /// `arrived` is a command that was not given before. `cycle` is the number of the robot packet in hand.
     pub fn step(

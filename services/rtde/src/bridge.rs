@@ -1,0 +1,398 @@
+//! The bridge as a state machine: what came from the robot and from the controller goes in with the time, bytes for
+//! the robot come out. It owns the link, the watch over the robot's program, the guard, and the counters.
+//!
+//! The cycle is: [`Bridge::package`] says [`BridgeEvent::Cycle`], the caller publishes the state, and
+//! [`Bridge::command`] writes the answer. Neither allocates while streaming.
+
+use nalgebra::{Matrix3x6, Vector6};
+
+use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
+use crate::guard::{Guard, GuardLimits, Permission, Wanted};
+use crate::link::{Link, LinkError, LinkEvent};
+use crate::program::{CommandCode, ProgramState, RegisterMap};
+use crate::sample::Sample;
+use crate::status::RUNTIME_PLAYING;
+use crate::supervisor::{Reason, Supervisor};
+
+/// Sequences wrap here.
+const SEQUENCE_MAX: i32 = 1 << 30;
+/// Sent sequences whose time is remembered.
+const REMEMBERED: usize = 256;
+/// A soft stop is repeated over so many packages at most.
+const SOFT_STOP_PACKAGES: u32 = 25;
+/// The end of the program is waited for so long at shutdown, s.
+const EXIT_S: f64 = 2.0;
+/// The ramp to rest is waited for so long at shutdown, s.
+const REST_S: f64 = 3.0;
+
+/// What the bridge has to know; everything else it learns from the robot.
+#[derive(Clone, Debug)]
+pub struct BridgeConfig {
+    /// Where its registers are.
+    pub registers: RegisterMap,
+    /// The cell's model name, for messages.
+    pub model: String,
+    /// What that model is, if known.
+    pub series: Option<Series>,
+    /// For the guard.
+    pub limits: GuardLimits,
+    /// Least speed scaling at which the arm may move, 0 to 1.
+    pub speed_scaling_min: f64,
+    /// For session tokens; fresh at each start.
+    pub seed: u64,
+}
+
+/// What a package meant to the caller.
+#[derive(Clone, Debug, PartialEq)]
+pub enum BridgeEvent {
+    /// Nothing to do.
+    None,
+    /// Which software runs there.
+    Version(ControllerVersion),
+    /// A robot packet is in: publish the state, then [`Bridge::command`].
+    Cycle,
+    /// A line from the controller, for the log.
+    Text(TextMessage),
+    /// The orderly end is done: close the connection.
+    Finished,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ending {
+    No,
+    ToRest { since_s: f64 },
+    Exit { since_s: f64 },
+    Pausing,
+    Finished,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Bridge {
+    config: BridgeConfig,
+    link: Link,
+    supervisor: Supervisor,
+    guard: Guard,
+    period_s: f64,
+    sample: Sample,
+    has_sample: bool,
+    cycle: u64,
+    packets_lost: u64,
+    sequence: i32,
+    sent: [(i32, f64); REMEMBERED],
+    latency_s: f64,
+    latency_is_new: bool,
+    soft_stop: u32,
+    ending: Ending,
+    values: Vec<Value>,
+}
+
+impl Bridge {
+    /// Not connected.
+    pub fn new(config: BridgeConfig) -> Self {
+        let period_s = config.series.unwrap_or(Series::Cb3).period_s();
+        Self {
+            link: Link::new(config.registers, &config.model, config.series),
+            supervisor: Supervisor::new(config.speed_scaling_min, config.seed),
+            guard: Guard::new(config.limits.clone(), period_s),
+            period_s,
+            sample: Sample::default(),
+            has_sample: false,
+            cycle: 0,
+            packets_lost: 0,
+            sequence: 0,
+            sent: [(0, 0.0); REMEMBERED],
+            latency_s: 0.0,
+            latency_is_new: false,
+            soft_stop: 0,
+            ending: Ending::No,
+            values: Vec::with_capacity(16),
+            config,
+        }
+    }
+
+    /// A connection was made.
+    pub fn open(&mut self, now_s: f64, out: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.close();
+        self.link.open(now_s, out)
+    }
+
+    /// The connection is gone, or is given up. Whatever was commanded is latched out.
+    pub fn close(&mut self) {
+        self.link.close();
+        self.supervisor.disconnected();
+        self.guard.latch();
+        self.has_sample = false;
+        self.soft_stop = 0;
+        if self.ending != Ending::No {
+            self.ending = Ending::Finished;
+        }
+    }
+
+    /// A package came.
+    pub fn package(
+        &mut self,
+        package: Package<'_>,
+        now_s: f64,
+        out: &mut Vec<u8>,
+    ) -> Result<BridgeEvent, LinkError> {
+        match self.link.package(package, now_s, out)? {
+            LinkEvent::None => Ok(BridgeEvent::None),
+            LinkEvent::Text(text) => Ok(BridgeEvent::Text(text)),
+            LinkEvent::Version(version) => {
+                self.period_s = version.series().period_s();
+                self.guard.set_period(self.period_s);
+                Ok(BridgeEvent::Version(version))
+            }
+            LinkEvent::Paused => {
+                self.ending = Ending::Finished;
+                Ok(BridgeEvent::Finished)
+            }
+            LinkEvent::Sample => {
+                self.take(*self.link.sample(), now_s)?;
+                Ok(BridgeEvent::Cycle)
+            }
+        }
+    }
+
+    /// Says when the controller is overdue.
+    pub fn check(&self, now_s: f64) -> Result<(), LinkError> {
+        self.link.check(now_s)
+    }
+
+    /// Writes the package of this cycle: after each [`BridgeEvent::Cycle`], and when one is overdue, as a heartbeat.
+    /// `tool_jacobian`: joint velocity to the velocity of the tool's origin, m/s. `arrived`: a command not given before.
+    pub fn command(
+        &mut self,
+        tool_jacobian: &Matrix3x6<f64>,
+        arrived: Option<&Wanted<'_>>,
+        now_s: f64,
+        out: &mut Vec<u8>,
+    ) -> Result<(), LinkError> {
+        let mut permission = self.supervisor.permission();
+        if self.soft_stop > 0 {
+            permission = Permission::Off;
+        } else if self.ending != Ending::No {
+            permission = permission.min_with(Permission::RampDown);
+        }
+        let q = Vector6::from(self.sample.q);
+        let allowed = self
+            .guard
+            .step(self.cycle, permission, &q, tool_jacobian, arrived);
+        if allowed.soft_stop {
+            self.soft_stop = 1;
+        }
+        self.advance_ending(now_s, out)?;
+        let code = if matches!(self.ending, Ending::Exit { .. }) {
+            CommandCode::Exit
+        } else if self.soft_stop > 0 {
+            CommandCode::SoftStop
+        } else if allowed.streaming {
+            CommandCode::Stream
+        } else {
+            CommandCode::Hold
+        };
+        let Some(recipe) = self.link.input() else {
+            return Ok(());
+        };
+        self.sequence = (self.sequence + 1) % SEQUENCE_MAX;
+        self.sent[self.sequence as usize % REMEMBERED] = (self.sequence, now_s);
+        self.values.clear();
+        for word in [
+            code as i32,
+            self.sequence,
+            self.supervisor.session(),
+            self.supervisor.flags(),
+        ] {
+            self.values.push(Value::Int32(word));
+        }
+        for v in &allowed.qd {
+            self.values.push(Value::Double(*v));
+        }
+        self.values.push(Value::Double(self.guard.acceleration()));
+        recipe.encode(&self.values, out)?;
+        Ok(())
+    }
+
+    /// True once for each time that the program has to be sent, with [`Bridge::session`] compiled in.
+    pub fn take_upload(&mut self) -> Option<i32> {
+        self.supervisor
+            .take_upload()
+            .then(|| self.supervisor.session())
+    }
+
+    /// The program goes on the robot again, also where another runs, and a latched stop may be left.
+    pub fn reset(&mut self) {
+        self.supervisor.reset();
+    }
+
+    /// The robot decelerates and latches; motion needs a newer activation.
+    pub fn stop(&mut self) {
+        self.guard.latch();
+        self.soft_stop = 1;
+    }
+
+    /// Begins the orderly end: ramp to rest, end the program, pause the stream.
+    pub fn end(&mut self, now_s: f64) {
+        if self.ending == Ending::No {
+            self.ending = if self.link.is_streaming() && self.has_sample {
+                Ending::ToRest { since_s: now_s }
+            } else {
+                Ending::Finished
+            };
+        }
+    }
+
+    /// The orderly end is done.
+    pub fn is_finished(&self) -> bool {
+        self.ending == Ending::Finished
+    }
+
+    /// The last state; meaningful after the first [`BridgeEvent::Cycle`].
+    pub fn sample(&self) -> &Sample {
+        &self.sample
+    }
+
+    /// Robot packets since the bridge started.
+    pub fn cycle(&self) -> u64 {
+        self.cycle
+    }
+
+    /// Time between robot packets, s.
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// Packets lost since start, by the robot's own clock.
+    pub fn packets_lost(&self) -> u64 {
+        self.packets_lost
+    }
+
+    /// From sending a sequence to the robot's word that it used it, s; of the newest one used.
+    pub fn latency_s(&self) -> f64 {
+        self.latency_s
+    }
+
+    /// The latency was measured anew in this cycle.
+    pub fn latency_is_new(&self) -> bool {
+        self.latency_is_new
+    }
+
+    /// The guard with its counters.
+    pub fn guard(&self) -> &Guard {
+        &self.guard
+    }
+
+    /// The link with its version.
+    pub fn link(&self) -> &Link {
+        &self.link
+    }
+
+    /// What runs on the robot.
+    pub fn supervisor(&self) -> &Supervisor {
+        &self.supervisor
+    }
+
+    /// The cell's side of it.
+    pub fn config(&self) -> &BridgeConfig {
+        &self.config
+    }
+
+    /// A command of a fresh activation would move the arm now.
+    pub fn is_ready(&self) -> bool {
+        self.reason().is_none()
+    }
+
+    /// Why it would not.
+    pub fn reason(&self) -> Option<Reason> {
+        if !self.link.is_streaming() || !self.has_sample {
+            Some(Reason::NoLink)
+        } else if self.ending != Ending::No {
+            Some(Reason::ShuttingDown)
+        } else if let Some(reason) = self.supervisor.reason() {
+            Some(reason)
+        } else if self.soft_stop > 0 {
+            Some(Reason::StopAsked)
+        } else {
+            None
+        }
+    }
+
+    fn take(&mut self, sample: Sample, now_s: f64) -> Result<(), LinkError> {
+        let mut lost = 0;
+        if self.has_sample {
+            let step_s = sample.timestamp_s - self.sample.timestamp_s;
+            if step_s < 0.0 {
+                return Err(LinkError::Restarted {
+                    before_s: self.sample.timestamp_s,
+                    now_s: sample.timestamp_s,
+                });
+            }
+            lost = ((step_s / self.period_s).round() as u64).saturating_sub(1);
+            self.packets_lost += lost;
+        }
+        self.measure_latency(&sample, now_s);
+        self.cycle += 1;
+        self.sample = sample;
+        self.has_sample = true;
+        self.supervisor.observe(&self.sample, lost, now_s);
+        if self.soft_stop > 0 {
+            let state = ProgramState::from_number(sample.program_state);
+            let done = matches!(
+                state,
+                Some(ProgramState::Stopping | ProgramState::Stopped | ProgramState::Exiting)
+            );
+            self.soft_stop += 1;
+            if done || self.soft_stop > SOFT_STOP_PACKAGES || !self.supervisor.is_present() {
+                self.soft_stop = 0;
+            }
+        }
+        Ok(())
+    }
+
+    fn measure_latency(&mut self, sample: &Sample, now_s: f64) {
+        self.latency_is_new = false;
+        let used = sample.sequence_used;
+        if used <= 0 || used == self.sample.sequence_used || !self.supervisor.is_present() {
+            return;
+        }
+        let (sequence, sent_s) = self.sent[used as usize % REMEMBERED];
+        if sequence == used {
+            self.latency_s = now_s - sent_s;
+            self.latency_is_new = true;
+        }
+    }
+
+    fn advance_ending(&mut self, now_s: f64, out: &mut Vec<u8>) -> Result<(), LinkError> {
+        match self.ending {
+            Ending::No | Ending::Pausing | Ending::Finished => {}
+            Ending::ToRest { since_s } => {
+                let rests = *self.guard.qd() == Vector6::zeros();
+                if rests || now_s - since_s > REST_S {
+                    self.ending = Ending::Exit { since_s: now_s };
+                }
+            }
+            Ending::Exit { since_s } => {
+                let gone = !self.supervisor.is_present()
+                    || self.sample.runtime_state != RUNTIME_PLAYING
+                    || self.sample.program_state == i32::from(ProgramState::Exiting.number());
+                if gone || now_s - since_s > EXIT_S {
+                    self.ending = Ending::Pausing;
+                    self.link.pause(now_s, out)?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Permission {
+    /// The stricter of the two.
+    fn min_with(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::Off, _) | (_, Self::Off) => Self::Off,
+            (Self::RampDown, _) | (_, Self::RampDown) => Self::RampDown,
+            _ => Self::Move,
+        }
+    }
+}

@@ -1,0 +1,748 @@
+//! The bridge against a small scripted controller that speaks through the codec's other side.
+
+use nalgebra::{Matrix3x6, Vector6};
+
+use crate::bridge::*;
+use crate::codec::*;
+use crate::guard::{GuardLimits, Wanted};
+use crate::link::LinkError;
+use crate::program::{IDENT, RegisterMap};
+use crate::sample::Sample;
+use crate::supervisor::Reason;
+
+/// What the program on the scripted robot is doing.
+#[derive(Clone, Copy, PartialEq)]
+enum Program {
+    None,
+    Loading { session: i32, cycles: u32 },
+    Running,
+}
+
+/// A controller with just enough behaviour: set-up, one state per cycle, and the program's register protocol.
+struct Robot {
+    version: ControllerVersion,
+    v2: bool,
+    protocol: Protocol,
+    framer: Framer,
+    inputs: Option<Recipe>,
+    outputs: bool,
+    output_names: Vec<String>,
+    refuse: Option<(&'static str, Slot)>,
+    streaming: bool,
+    paused: bool,
+    registers: Vec<Value>,
+    sample: Sample,
+    program: Program,
+    fresh: u32,
+    rearm_low: bool,
+    compiled: i32,
+}
+
+impl Robot {
+    fn new(version: ControllerVersion) -> Self {
+        Self {
+            version,
+            v2: true,
+            protocol: Protocol::V1,
+            framer: Framer::new(2300),
+            inputs: None,
+            outputs: false,
+            output_names: Vec::new(),
+            refuse: None,
+            streaming: false,
+            paused: false,
+            registers: vec![Value::Int32(0); 11],
+            sample: Sample {
+                timestamp_s: 100.0,
+                robot_mode: 7,
+                safety_mode: 1,
+                runtime_state: 1,
+                speed_scaling: 1.0,
+                target_speed_fraction: 1.0,
+                ..Sample::default()
+            },
+            program: Program::None,
+            fresh: 0,
+            rearm_low: false,
+            compiled: 0,
+        }
+    }
+
+    fn int(&self, i: usize) -> i32 {
+        self.registers[i].as_int32().unwrap()
+    }
+
+    fn receive(&mut self, bytes: &[u8], out: &mut Vec<u8>) {
+        assert_eq!(self.framer.push(bytes), bytes.len());
+        while let Some(p) = self.framer.next_package().unwrap() {
+            let request = Request::decode(p.kind, p.payload, self.protocol).unwrap();
+            let reply = match request {
+                Request::ProtocolVersion(n) => {
+                    let accepted = n == 1 || (n == 2 && self.v2);
+                    let reply = Reply::ProtocolVersion { accepted };
+                    reply.encode(self.protocol, out).unwrap();
+                    if accepted {
+                        self.protocol = Protocol::from_number(n).unwrap();
+                    }
+                    continue;
+                }
+                Request::ControllerVersion => Reply::ControllerVersion(self.version),
+                Request::SetupInputs { names } => {
+                    let slots: Vec<Slot> = names
+                        .iter()
+                        .map(|n| match self.refuse {
+                            Some((name, slot)) if name == n => slot,
+                            _ => Slot::Type(input_field(n).unwrap().data_type),
+                        })
+                        .collect();
+                    self.inputs = Some(Recipe::new(1, crate::sample::input_types()).unwrap());
+                    Reply::SetupInputs {
+                        recipe_id: 1,
+                        slots,
+                    }
+                }
+                Request::SetupOutputs {
+                    frequency_hz,
+                    names,
+                } => {
+                    assert_eq!(frequency_hz.is_some(), self.protocol == Protocol::V2);
+                    let slots = names
+                        .iter()
+                        .map(|n| match self.refuse {
+                            Some((name, slot)) if name == n => slot,
+                            _ => Slot::Type(output_field(n).unwrap().data_type),
+                        })
+                        .collect();
+                    self.output_names = names;
+                    self.outputs = true;
+                    Reply::SetupOutputs {
+                        recipe_id: Some(7),
+                        slots,
+                    }
+                }
+                Request::Start => {
+                    self.streaming = self.outputs;
+                    Reply::Start {
+                        accepted: self.outputs,
+                    }
+                }
+                Request::Pause => {
+                    self.streaming = false;
+                    self.paused = true;
+                    Reply::Pause { accepted: true }
+                }
+                Request::Data(payload) => {
+                    let before = self.registers[1].as_int32();
+                    let recipe = self.inputs.as_ref().unwrap();
+                    let mut values = Vec::new();
+                    recipe.decode(payload, &mut values).unwrap();
+                    self.registers = values;
+                    assert_ne!(
+                        self.registers[1].as_int32(),
+                        before,
+                        "every package has a new sequence"
+                    );
+                    continue;
+                }
+                Request::Text(_) => continue,
+            };
+            reply.encode(self.protocol, out).unwrap();
+        }
+    }
+
+    fn upload(&mut self, session: i32) {
+        self.program = Program::Loading {
+            session,
+            cycles: 40,
+        };
+        self.sample.runtime_state = 1;
+    }
+
+    /// One control cycle: the program's step, then a state package.
+    fn cycle(&mut self, out: &mut Vec<u8>) {
+        self.sample.timestamp_s += self.version.series().period_s();
+        match self.program {
+            Program::None => {}
+            Program::Loading { session, cycles: 0 } => {
+                self.program = Program::Running;
+                self.compiled = session;
+                self.sample.ident = IDENT;
+                self.sample.session = session;
+                self.sample.program_state = 0;
+                self.sample.cause = 0;
+                self.sample.runtime_state = 2;
+                self.fresh = 0;
+            }
+            Program::Loading { session, cycles } => {
+                self.program = Program::Loading {
+                    session,
+                    cycles: cycles - 1,
+                };
+            }
+            Program::Running if self.sample.runtime_state == 2 => self.run(),
+            Program::Running => {}
+        }
+        if !self.streaming {
+            return;
+        }
+        let s = &self.sample;
+        let mut values: Vec<Value> = vec![
+            Value::Double(s.timestamp_s),
+            Value::Vector6d(s.q),
+            Value::Vector6d(s.qd),
+            Value::Vector6d(s.qd_target),
+            Value::Int32(s.robot_mode),
+            Value::Int32(s.safety_mode),
+            Value::Uint32(s.runtime_state),
+            Value::Uint32(s.robot_status_bits),
+            Value::Uint32(s.safety_status_bits),
+            Value::Double(s.speed_scaling),
+            Value::Double(s.target_speed_fraction),
+        ];
+        for i in [
+            s.program_state,
+            s.sequence_used,
+            s.ident,
+            s.session,
+            s.cause,
+            s.loops,
+            s.stale_max,
+        ] {
+            values.push(Value::Int32(i));
+        }
+        values.extend(s.qd_commanded.map(Value::Double));
+        let recipe = Recipe::new(7, crate::sample::output_types()).unwrap();
+        match self.protocol {
+            Protocol::V1 => recipe.encode_without_id(&values, out).unwrap(),
+            Protocol::V2 => recipe.encode(&values, out).unwrap(),
+        }
+    }
+
+    fn run(&mut self) {
+        let (cmd, seq, session, flags) = (self.int(0), self.int(1), self.int(2), self.int(3));
+        let s = &mut self.sample;
+        s.loops += 1;
+        self.fresh = if seq == s.sequence_used {
+            0
+        } else {
+            self.fresh + 1
+        };
+        s.sequence_used = seq;
+        if session != self.compiled {
+            (s.program_state, s.cause) = (4, 4);
+        }
+        match s.program_state {
+            0 if self.fresh >= 3 && cmd == 0 => s.program_state = 1,
+            1 | 2 => match cmd {
+                1 => {
+                    s.program_state = 2;
+                    for (i, v) in s.qd_commanded.iter_mut().enumerate() {
+                        *v = self.registers[4 + i].as_double().unwrap();
+                    }
+                }
+                0 => (s.program_state, s.qd_commanded) = (1, [0.0; 6]),
+                2 => (s.program_state, s.cause, s.qd_commanded) = (4, 3, [0.0; 6]),
+                _ => {
+                    (s.program_state, s.cause, s.qd_commanded) = (9, 3, [0.0; 6]);
+                    s.runtime_state = 1;
+                    self.program = Program::None;
+                }
+            },
+            4 if cmd == 0 && flags == 0 => self.rearm_low = true,
+            4 if cmd == 0 && flags == 1 && self.rearm_low && self.fresh >= 3 => {
+                s.program_state = 1;
+                s.cause = 0;
+                self.rearm_low = false;
+            }
+            _ => {}
+        }
+        s.qd_target = s.qd_commanded;
+    }
+}
+
+struct Cell {
+    bridge: Bridge,
+    robot: Robot,
+    framer: Framer,
+    now_s: f64,
+    to_robot: Vec<u8>,
+    uploads: u32,
+    activation: u64,
+    wanted: Option<[f64; 6]>,
+}
+
+impl Cell {
+    fn new(robot: Robot, series: Option<Series>) -> Self {
+        let config = BridgeConfig {
+            registers: RegisterMap::new(24).unwrap(),
+            model: "ur5".into(),
+            series,
+            limits: GuardLimits {
+                speed_rad_per_s: Vector6::repeat(1.0),
+                acceleration_rad_per_s2: Vector6::repeat(8.0),
+                position_lower_rad: Vector6::repeat(-6.0),
+                position_upper_rad: Vector6::repeat(6.0),
+                tool_speed_max_m_per_s: 0.25,
+                response_s: 0.04,
+                patience_cycles: 2,
+                silence_latch_s: 0.1,
+            },
+            speed_scaling_min: 0.3,
+            seed: 42,
+        };
+        Self {
+            bridge: Bridge::new(config),
+            robot,
+            framer: Framer::new(PACKAGE_BYTES_MAX),
+            now_s: 0.0,
+            to_robot: Vec::new(),
+            uploads: 0,
+            activation: 0,
+            wanted: None,
+        }
+    }
+
+    fn connect(&mut self) {
+        self.to_robot.clear();
+        self.framer = Framer::new(PACKAGE_BYTES_MAX);
+        self.bridge.open(self.now_s, &mut self.to_robot).unwrap();
+    }
+
+    /// One robot cycle: bytes there, bytes back, the bridge's answer.
+    fn step(&mut self) -> Result<bool, LinkError> {
+        self.now_s += self.robot.version.series().period_s();
+        let mut bytes = Vec::new();
+        let sent = std::mem::take(&mut self.to_robot);
+        self.robot.receive(&sent, &mut bytes);
+        self.robot.cycle(&mut bytes);
+        assert_eq!(self.framer.push(&bytes), bytes.len());
+        let mut finished = false;
+        while let Some(package) = self.framer.next_package()? {
+            match self
+                .bridge
+                .package(package, self.now_s, &mut self.to_robot)?
+            {
+                BridgeEvent::Cycle => {
+                    let cycle = self.bridge.cycle();
+                    let values = self.wanted.unwrap_or_default();
+                    let wanted = Wanted {
+                        cycle,
+                        kind: u8::from(self.wanted.is_some()),
+                        values: &values,
+                        acceleration: 0.0,
+                        activation: self.activation,
+                        source: "test/0",
+                    };
+                    let jacobian = Matrix3x6::zeros();
+                    self.bridge.command(
+                        &jacobian,
+                        Some(&wanted),
+                        self.now_s,
+                        &mut self.to_robot,
+                    )?;
+                    if let Some(session) = self.bridge.take_upload() {
+                        self.uploads += 1;
+                        self.robot.upload(session);
+                    }
+                }
+                BridgeEvent::Finished => finished = true,
+                _ => {}
+            }
+        }
+        self.bridge.check(self.now_s)?;
+        Ok(finished)
+    }
+
+    fn steps(&mut self, n: usize) {
+        for _ in 0..n {
+            self.step().unwrap();
+        }
+    }
+
+    fn until(&mut self, what: &str, condition: impl Fn(&Self) -> bool) {
+        for _ in 0..3000 {
+            if condition(self) {
+                return;
+            }
+            self.step().unwrap();
+        }
+        panic!("{what} never came; reason {:?}", self.bridge.reason());
+    }
+
+    fn ready(series: Series) -> Self {
+        let version = match series {
+            Series::Cb3 => ControllerVersion::new(3, 15, 8),
+            Series::ESeries => ControllerVersion::new(5, 11, 0),
+        };
+        let mut cell = Self::new(Robot::new(version), Some(series));
+        cell.connect();
+        cell.until("ready", |c| c.bridge.is_ready());
+        cell
+    }
+
+    /// A task is started.
+    fn task(&mut self) {
+        self.activation = self
+            .bridge
+            .guard()
+            .activation_latched()
+            .max(self.activation)
+            + 1;
+        self.wanted = Some([0.1, 0.0, 0.0, 0.0, 0.0, -0.1]);
+    }
+
+    fn moves(&self) -> bool {
+        self.robot.sample.qd_commanded == [0.1, 0.0, 0.0, 0.0, 0.0, -0.1]
+    }
+
+    fn rests(&self) -> bool {
+        self.robot.sample.qd_commanded == [0.0; 6]
+    }
+}
+
+#[test]
+fn from_connection_to_motion_on_both_series() {
+    for series in [Series::Cb3, Series::ESeries] {
+        let mut cell = Cell::ready(series);
+        assert_eq!(cell.uploads, 1);
+        assert!(cell.rests());
+        cell.task();
+        cell.until("motion", Cell::moves);
+        cell.steps(100);
+        assert!(cell.moves());
+        assert_eq!(cell.bridge.packets_lost(), 0);
+        assert_eq!(cell.bridge.guard().missed(), 0);
+        // Sent after one state, used in the next cycle, told in that cycle's state.
+        let latency = cell.bridge.latency_s();
+        assert!((latency - series.period_s()).abs() < 1e-9, "{latency}");
+    }
+}
+
+#[test]
+fn protocol_1_is_fallen_back_to() {
+    let mut robot = Robot::new(ControllerVersion::new(3, 10, 0));
+    robot.v2 = false;
+    let mut cell = Cell::new(robot, Some(Series::Cb3));
+    cell.connect();
+    cell.until("ready", |c| c.bridge.is_ready());
+    assert_eq!(cell.bridge.link().protocol(), Protocol::V1);
+    cell.task();
+    cell.until("motion", Cell::moves);
+}
+
+fn refused(robot: Robot, series: Option<Series>) -> LinkError {
+    let mut cell = Cell::new(robot, series);
+    cell.connect();
+    for _ in 0..100 {
+        if let Err(error) = cell.step() {
+            return error;
+        }
+    }
+    panic!("nothing was refused");
+}
+
+#[test]
+fn what_cannot_work_is_refused_by_name() {
+    let robot = Robot::new(ControllerVersion::new(3, 8, 1));
+    let text = refused(robot, None).to_string();
+    assert!(
+        text.contains("3.8.1.0") && text.contains("needs 3.9"),
+        "{text}"
+    );
+
+    let robot = Robot::new(ControllerVersion::new(5, 11, 0));
+    let text = refused(robot, Some(Series::Cb3)).to_string();
+    assert!(text.contains("model = \"ur5\" is a CB3 robot"), "{text}");
+
+    let mut robot = Robot::new(ControllerVersion::new(3, 15, 8));
+    robot.refuse = Some(("input_double_register_27", Slot::InUse));
+    let text = refused(robot, None).to_string();
+    assert!(
+        text.starts_with(
+            "input_double_register_27 is in use by another client: likely a second bridge"
+        ),
+        "{text}"
+    );
+
+    let mut robot = Robot::new(ControllerVersion::new(3, 15, 8));
+    robot.refuse = Some(("output_int_register_30", Slot::NotFound));
+    let text = refused(robot, None).to_string();
+    assert_eq!(
+        text,
+        "the controller (3.15.8.0) does not have output_int_register_30"
+    );
+}
+
+#[test]
+fn a_mute_controller_is_noticed() {
+    let mut cell = Cell::new(Robot::new(ControllerVersion::new(3, 15, 8)), None);
+    cell.connect();
+    assert!(cell.bridge.check(1.9).is_ok());
+    let text = cell.bridge.check(2.1).unwrap_err().to_string();
+    assert_eq!(
+        text,
+        "the controller did not answer which protocol it speaks within 2 s"
+    );
+
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.robot.streaming = false;
+    let error = (0..1000).find_map(|_| cell.step().err()).unwrap();
+    assert_eq!(error, LinkError::Silent { after_s: 1.0 });
+}
+
+#[test]
+fn after_a_reconnection_nothing_moves_until_a_task_is_started() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    let session = cell.bridge.supervisor().session();
+    cell.bridge.close();
+    assert_eq!(cell.bridge.reason(), Some(Reason::NoLink));
+    // The controller restarts: registers and program are gone. The old task goes on commanding.
+    cell.robot = Robot::new(cell.robot.version);
+    cell.connect();
+    cell.until("ready again", |c| c.bridge.is_ready());
+    assert_eq!(cell.uploads, 2);
+    assert_ne!(cell.bridge.supervisor().session(), session);
+    for _ in 0..200 {
+        cell.step().unwrap();
+        assert!(cell.rests());
+    }
+    assert!(cell.bridge.guard().refused() > 0);
+    cell.task();
+    cell.until("motion", Cell::moves);
+}
+
+#[test]
+fn a_protective_stop_is_reported_and_survived_without_moving() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    cell.robot.sample.safety_mode = 3;
+    cell.robot.sample.runtime_state = 4;
+    cell.robot.sample.qd_commanded = [0.0; 6];
+    cell.steps(2);
+    assert_eq!(cell.bridge.reason(), Some(Reason::Safety(3)));
+    assert_eq!(cell.bridge.reason().unwrap().to_string(), "protective stop");
+    cell.steps(700);
+    assert_eq!(cell.uploads, 1, "nothing is sent into a stop");
+    cell.robot.sample.safety_mode = 1;
+    cell.until("ready again", |c| c.bridge.is_ready());
+    assert_eq!(cell.uploads, 2);
+    cell.steps(50);
+    assert!(cell.rests());
+    cell.task();
+    cell.until("motion", Cell::moves);
+}
+
+#[test]
+fn another_program_in_our_place_is_left_alone_until_somebody_says_otherwise() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.robot.program = Program::None;
+    cell.robot.sample.ident = 77;
+    cell.steps(2);
+    assert_eq!(cell.bridge.reason(), Some(Reason::Replaced));
+    cell.steps(500);
+    assert_eq!(cell.uploads, 1);
+    cell.bridge.reset();
+    cell.until("ready again", |c| c.bridge.is_ready());
+    assert_eq!(cell.uploads, 2);
+}
+
+#[test]
+fn a_foreign_program_at_the_start_is_not_killed() {
+    let mut robot = Robot::new(ControllerVersion::new(3, 15, 8));
+    robot.sample.runtime_state = 2;
+    let mut cell = Cell::new(robot, None);
+    cell.connect();
+    cell.steps(300);
+    assert_eq!(cell.uploads, 0);
+    assert_eq!(cell.bridge.reason(), Some(Reason::OtherProgram));
+}
+
+#[test]
+fn a_program_that_never_starts_is_tried_again_at_growing_intervals() {
+    let mut cell = Cell::new(Robot::new(ControllerVersion::new(5, 11, 0)), None);
+    cell.connect();
+    let mut at = Vec::new();
+    for _ in 0..20_000 {
+        cell.step().unwrap();
+        if cell.uploads as usize > at.len() {
+            at.push(cell.now_s);
+        }
+        cell.robot.program = Program::None;
+        cell.robot.sample.runtime_state = 1;
+    }
+    assert!((3..=5).contains(&at.len()), "{at:?}");
+    assert!(at[2] - at[1] > at[1] - at[0], "{at:?}");
+    let text = cell.bridge.reason().unwrap().to_string();
+    assert!(
+        text == "robot program is starting" || text.contains("remote control"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_slow_slider_ramps_down_and_says_so() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    cell.robot.sample.target_speed_fraction = 0.2;
+    cell.until("rest", Cell::rests);
+    let text = cell.bridge.reason().unwrap().to_string();
+    assert!(text.starts_with("robot runs at 20 % speed"), "{text}");
+    cell.robot.sample.target_speed_fraction = 1.0;
+    cell.steps(100);
+    assert!(cell.bridge.is_ready() && cell.rests());
+}
+
+#[test]
+fn skipped_packets_are_counted_and_a_long_gap_stops() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    cell.robot.sample.timestamp_s += 3.0 * 0.008;
+    cell.steps(20);
+    assert_eq!(cell.bridge.packets_lost(), 3);
+    assert!(cell.moves(), "three lost packets are no reason to stop");
+    cell.robot.sample.timestamp_s += 6.0 * 0.008;
+    cell.steps(30);
+    assert_eq!(cell.bridge.packets_lost(), 9);
+    assert!(cell.rests());
+    assert_eq!(cell.bridge.guard().activation_latched(), cell.activation);
+}
+
+#[test]
+fn a_clock_that_goes_back_is_a_restart() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.robot.sample.timestamp_s = 0.0;
+    let error = (0..5).find_map(|_| cell.step().err()).unwrap();
+    assert!(matches!(error, LinkError::Restarted { .. }), "{error}");
+}
+
+#[test]
+fn a_hung_program_is_noticed() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    cell.robot.program = Program::None;
+    cell.steps(8);
+    assert_eq!(cell.bridge.reason(), Some(Reason::Hung));
+    assert!(!cell.bridge.supervisor().is_alive());
+}
+
+#[test]
+fn a_stop_latches_the_robot_and_it_is_armed_again_at_rest() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    cell.bridge.stop();
+    cell.until("latched", |c| c.robot.sample.program_state == 4);
+    cell.until("armed", |c| c.bridge.is_ready());
+    cell.steps(50);
+    assert!(cell.rests());
+    assert_eq!(cell.uploads, 1);
+    cell.task();
+    cell.until("motion", Cell::moves);
+}
+
+#[test]
+fn a_foreign_session_needs_somebody_to_look() {
+    let mut cell = Cell::ready(Series::Cb3);
+    (cell.robot.sample.program_state, cell.robot.sample.cause) = (4, 4);
+    cell.steps(100);
+    assert_eq!(cell.bridge.reason(), Some(Reason::ResetNeeded { cause: 4 }));
+    cell.bridge.reset();
+    cell.until("armed", |c| c.bridge.is_ready());
+}
+
+#[test]
+fn the_end_is_ramp_exit_pause() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    cell.bridge.end(cell.now_s);
+    let finished = (0..200).any(|_| cell.step().unwrap());
+    assert!(finished && cell.bridge.is_finished() && cell.robot.paused);
+    assert_eq!(
+        (cell.robot.sample.program_state, cell.robot.sample.cause),
+        (9, 3)
+    );
+}
+
+#[test]
+fn without_a_connection_the_end_is_at_once() {
+    let mut cell = Cell::new(Robot::new(ControllerVersion::new(3, 15, 8)), None);
+    cell.bridge.end(0.0);
+    assert!(cell.bridge.is_finished());
+}
+
+#[test]
+fn a_silent_controller_task_ramps_down() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    // The heartbeat goes on without a command.
+    let mut bytes = Vec::new();
+    for _ in 0..40 {
+        cell.now_s += 0.008;
+        cell.bridge
+            .command(&Matrix3x6::zeros(), None, cell.now_s, &mut bytes)
+            .unwrap();
+        cell.robot
+            .receive(&std::mem::take(&mut bytes), &mut Vec::new());
+        cell.robot.cycle(&mut Vec::new());
+    }
+    assert!(cell.rests());
+    assert_eq!(cell.bridge.guard().activation_latched(), 1);
+    assert!(cell.bridge.guard().missed() > 2);
+}
+
+mod hostile {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn no_package_makes_it_panic(
+            packages in prop::collection::vec((any::<u8>(), prop::collection::vec(any::<u8>(), 0..400), any::<bool>()), 1..40),
+        ) {
+            let mut cell = Cell::ready(Series::Cb3);
+            for (kind, payload, known) in &packages {
+                let kind = if *known { PackageKind::ALL[usize::from(*kind) % 8].code() } else { *kind };
+                let mut out = Vec::new();
+                let _ = cell.bridge.package(Package { kind, payload }, cell.now_s, &mut out);
+                let _ = cell.bridge.command(&Matrix3x6::zeros(), None, cell.now_s, &mut out);
+                prop_assert!(out.len() < 10_000);
+            }
+        }
+
+        /// Also whatever numbers a well-formed state carries: what is sent stays within the limits.
+        #[test]
+        fn no_state_makes_it_send_nonsense(doubles in prop::collection::vec(any::<u64>(), 30), words in prop::collection::vec(any::<i32>(), 12)) {
+            let mut cell = Cell::ready(Series::Cb3);
+            cell.task();
+            cell.until("motion", Cell::moves);
+            let d = |i: usize| f64::from_bits(doubles[i]);
+            let s = &mut cell.robot.sample;
+            s.q = std::array::from_fn(d);
+            s.qd = std::array::from_fn(|i| d(6 + i));
+            s.speed_scaling = d(20);
+            s.target_speed_fraction = d(21);
+            s.robot_mode = words[0];
+            s.safety_mode = words[1];
+            s.program_state = words[2];
+            s.loops = words[3];
+            s.cause = words[4];
+            s.sequence_used = words[5];
+            for _ in 0..5 {
+                if cell.step().is_err() {
+                    break;
+                }
+                for i in 4..10 {
+                    prop_assert!(cell.robot.registers[i].as_double().unwrap().abs() <= 1.0);
+                }
+            }
+        }
+    }
+}

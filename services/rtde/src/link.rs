@@ -1,0 +1,453 @@
+//! The RTDE connection up to streaming: versions, recipes, start; and pausing at the end.
+//!
+//! No socket and no clock: packages and monotonic seconds go in, bytes and what they mean come out. Every connection
+//! starts from nothing, since recipes do not survive the last one.
+
+use crate::codec::{
+    ControllerVersion, DataType, DecodeError, EncodeError, FrameError, Package, Protocol, Recipe,
+    RecipeError, Reply, Request, Series, Slot, TextMessage, Value,
+};
+use crate::program::RegisterMap;
+use crate::sample::{Sample, input_types, output_names, output_types};
+
+/// Longest wait for the answer to a request, s.
+const ANSWER_S: f64 = 2.0;
+/// Longest silence while streaming, s.
+const SILENCE_S: f64 = 1.0;
+
+/// Why a connection cannot be used; connect again later.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum LinkError {
+    /// The upper registers came with 3.9 and 5.3.
+    #[error(
+        "the controller runs software {version}; the bridge needs 3.9 or later on CB3, 5.3 or later on e-Series \
+         (before that, registers 24 to 47 are closed to RTDE): update PolyScope"
+    )]
+    TooOld {
+        /// What runs there.
+        version: ControllerVersion,
+    },
+    /// Another robot than the cell file says.
+    #[error(
+        "the controller runs software {version}, which is {found}, but [robot] model = \"{model}\" is {expected}: \
+         correct the model in the cell file, or the address"
+    )]
+    WrongSeries {
+        /// What runs there.
+        version: ControllerVersion,
+        /// In words.
+        found: &'static str,
+        /// The cell file's model.
+        model: String,
+        /// In words.
+        expected: &'static str,
+    },
+    /// Only one client may own an input.
+    #[error(
+        "{name} is in use by another client: likely {owner}. Stop that, or set another [robot] register_base"
+    )]
+    InUse {
+        /// The field.
+        name: String,
+        /// Who that may be.
+        owner: &'static str,
+    },
+    /// The controller does not have a field.
+    #[error("the controller ({version}) does not have {name}")]
+    NotFound {
+        /// The field.
+        name: String,
+        /// What runs there.
+        version: ControllerVersion,
+    },
+    /// A field has another type than it should.
+    #[error("the controller gives {name} the type {found}; it should be {expected}")]
+    WrongType {
+        /// The field.
+        name: String,
+        /// What it says.
+        found: DataType,
+        /// What belongs there.
+        expected: DataType,
+    },
+    /// It said no.
+    #[error("the controller refused to {what}")]
+    Refused {
+        /// What was asked.
+        what: &'static str,
+    },
+    /// No answer.
+    #[error("the controller did not answer {what} within {after_s} s")]
+    NoAnswer {
+        /// What was asked.
+        what: &'static str,
+        /// How long was waited.
+        after_s: f64,
+    },
+    /// Nothing came while it should stream.
+    #[error(
+        "no package from the controller for {after_s} s: cable, controller overloaded or switched off"
+    )]
+    Silent {
+        /// How long.
+        after_s: f64,
+    },
+    /// The robot's clock went back.
+    #[error("the controller restarted (its clock went from {before_s:.3} s to {now_s:.3} s)")]
+    Restarted {
+        /// Before.
+        before_s: f64,
+        /// Now.
+        now_s: f64,
+    },
+    /// A package with numbers that are none.
+    #[error("the controller sent a state with a number that is not finite")]
+    NotFinite,
+    /// Bytes that are no packages.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// A package that makes no sense.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// A data package that does not fit its recipe.
+    #[error(transparent)]
+    Recipe(#[from] RecipeError),
+    /// A request that does not fit a package.
+    #[error(transparent)]
+    Encode(#[from] EncodeError),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Step {
+    Closed,
+    /// This version was asked for.
+    ProtocolVersion(Protocol),
+    ControllerVersion,
+    Inputs,
+    Outputs,
+    Start,
+    Streaming,
+    Pausing,
+    Paused,
+}
+
+/// What a package meant.
+#[derive(Clone, Debug, PartialEq)]
+pub enum LinkEvent {
+    /// Part of the set-up, or nothing.
+    None,
+    /// The controller's version is known and good.
+    Version(ControllerVersion),
+    /// The robot's state came, see [`Link::sample`]; a cycle is due.
+    Sample,
+    /// The controller says something.
+    Text(TextMessage),
+    /// Outputs have ceased; the connection can be closed.
+    Paused,
+}
+
+/// One RTDE connection.
+#[derive(Debug)]
+pub struct Link {
+    registers: RegisterMap,
+    model: String,
+    expected: Option<Series>,
+    step: Step,
+    protocol: Protocol,
+    version: ControllerVersion,
+    deadline_s: f64,
+    input: Option<Recipe>,
+    output: Option<Recipe>,
+    values: Vec<Value>,
+    sample: Sample,
+}
+
+impl Link {
+    /// `expected`: what the cell's `model` is, if that is known.
+    pub fn new(registers: RegisterMap, model: &str, expected: Option<Series>) -> Self {
+        Self {
+            registers,
+            model: model.to_owned(),
+            expected,
+            step: Step::Closed,
+            protocol: Protocol::V1,
+            version: ControllerVersion::default(),
+            deadline_s: f64::INFINITY,
+            input: None,
+            output: None,
+            values: Vec::with_capacity(output_types().len()),
+            sample: Sample::default(),
+        }
+    }
+
+    /// A connection was made: appends the first request.
+    pub fn open(&mut self, now_s: f64, out: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.close();
+        self.ask_protocol(Protocol::V2, now_s, out)
+    }
+
+    /// The connection is gone.
+    pub fn close(&mut self) {
+        self.step = Step::Closed;
+        self.protocol = Protocol::V1;
+        self.input = None;
+        self.output = None;
+        self.deadline_s = f64::INFINITY;
+    }
+
+    /// The robot's states flow.
+    pub fn is_streaming(&self) -> bool {
+        self.step == Step::Streaming
+    }
+
+    /// Input packages may be sent.
+    pub fn input(&self) -> Option<&Recipe> {
+        match self.step {
+            Step::Streaming => self.input.as_ref(),
+            _ => None,
+        }
+    }
+
+    /// Which software runs there; all zero until it is known.
+    pub fn version(&self) -> ControllerVersion {
+        self.version
+    }
+
+    /// Which protocol is spoken.
+    pub fn protocol(&self) -> Protocol {
+        self.protocol
+    }
+
+    /// The last state that came.
+    pub fn sample(&self) -> &Sample {
+        &self.sample
+    }
+
+    /// Ends the stream; [`LinkEvent::Paused`] follows.
+    pub fn pause(&mut self, now_s: f64, out: &mut Vec<u8>) -> Result<(), LinkError> {
+        self.ask(Step::Pausing, &Request::Pause, now_s, out)
+    }
+
+    /// Call it now and then: says when an answer, or the stream, is overdue.
+    pub fn check(&self, now_s: f64) -> Result<(), LinkError> {
+        if now_s <= self.deadline_s {
+            return Ok(());
+        }
+        let what = match self.step {
+            Step::Closed | Step::Paused => return Ok(()),
+            Step::Streaming => return Err(LinkError::Silent { after_s: SILENCE_S }),
+            Step::ProtocolVersion(_) => "which protocol it speaks",
+            Step::ControllerVersion => "which software it runs",
+            Step::Inputs => "the set-up of inputs",
+            Step::Outputs => "the set-up of outputs",
+            Step::Start => "the request to start",
+            Step::Pausing => "the request to pause",
+        };
+        Err(LinkError::NoAnswer {
+            what,
+            after_s: ANSWER_S,
+        })
+    }
+
+    /// A package came. No allocation while streaming.
+    pub fn package(
+        &mut self,
+        package: Package<'_>,
+        now_s: f64,
+        out: &mut Vec<u8>,
+    ) -> Result<LinkEvent, LinkError> {
+        let reply = Reply::decode(package.kind, package.payload, self.protocol)?;
+        match (self.step, reply) {
+            (_, Reply::Text(text)) => Ok(LinkEvent::Text(text)),
+            (Step::Streaming, Reply::Data(payload)) => self.take_sample(payload, now_s),
+            // Data still under way while something else is asked.
+            (_, Reply::Data(_)) => Ok(LinkEvent::None),
+            (Step::ProtocolVersion(asked), Reply::ProtocolVersion { accepted }) => {
+                match (accepted, asked) {
+                    (true, _) => {
+                        self.protocol = asked;
+                        let request = Request::ControllerVersion;
+                        self.ask(Step::ControllerVersion, &request, now_s, out)?;
+                    }
+                    (false, Protocol::V2) => self.ask_protocol(Protocol::V1, now_s, out)?,
+                    (false, Protocol::V1) => {
+                        return Err(LinkError::Refused {
+                            what: "speak RTDE protocol 2 or 1",
+                        });
+                    }
+                }
+                Ok(LinkEvent::None)
+            }
+            (Step::ControllerVersion, Reply::ControllerVersion(version)) => {
+                self.version_answered(version, now_s, out)
+            }
+            (Step::Inputs, Reply::SetupInputs { recipe_id, slots }) => {
+                let names = self.registers.input_names();
+                let types = self.check_slots(&names, &slots, &input_types())?;
+                self.input = Some(Recipe::new(recipe_id, types)?);
+                let request = Request::SetupOutputs {
+                    frequency_hz: (self.protocol == Protocol::V2)
+                        .then(|| self.version.series().rate_hz()),
+                    names: output_names(&self.registers),
+                };
+                self.ask(Step::Outputs, &request, now_s, out)?;
+                Ok(LinkEvent::None)
+            }
+            (Step::Outputs, Reply::SetupOutputs { recipe_id, slots }) => {
+                let names = output_names(&self.registers);
+                let types = self.check_slots(&names, &slots, &output_types())?;
+                self.output = Some(Recipe::new(recipe_id.unwrap_or(0), types)?);
+                self.ask(Step::Start, &Request::Start, now_s, out)?;
+                Ok(LinkEvent::None)
+            }
+            (Step::Start, Reply::Start { accepted }) => {
+                if !accepted {
+                    return Err(LinkError::Refused {
+                        what: "start sending its state",
+                    });
+                }
+                self.step = Step::Streaming;
+                self.deadline_s = now_s + SILENCE_S;
+                Ok(LinkEvent::None)
+            }
+            (Step::Pausing, Reply::Pause { .. }) => {
+                self.step = Step::Paused;
+                Ok(LinkEvent::Paused)
+            }
+            // An answer to nothing that was asked: harmless.
+            _ => Ok(LinkEvent::None),
+        }
+    }
+
+    fn ask(
+        &mut self,
+        step: Step,
+        request: &Request<'_>,
+        now_s: f64,
+        out: &mut Vec<u8>,
+    ) -> Result<(), LinkError> {
+        request.encode(self.protocol, out)?;
+        self.step = step;
+        self.deadline_s = now_s + ANSWER_S;
+        Ok(())
+    }
+
+    fn ask_protocol(
+        &mut self,
+        protocol: Protocol,
+        now_s: f64,
+        out: &mut Vec<u8>,
+    ) -> Result<(), LinkError> {
+        let request = Request::ProtocolVersion(protocol.number());
+        self.ask(Step::ProtocolVersion(protocol), &request, now_s, out)
+    }
+
+    fn version_answered(
+        &mut self,
+        version: ControllerVersion,
+        now_s: f64,
+        out: &mut Vec<u8>,
+    ) -> Result<LinkEvent, LinkError> {
+        self.version = version;
+        let series = version.series();
+        if let Some(expected) = self.expected.filter(|expected| *expected != series) {
+            return Err(LinkError::WrongSeries {
+                version,
+                found: series_text(series),
+                model: self.model.clone(),
+                expected: series_text(expected),
+            });
+        }
+        if !version.has_upper_registers() {
+            return Err(LinkError::TooOld { version });
+        }
+        let request = Request::SetupInputs {
+            names: self.registers.input_names(),
+        };
+        self.ask(Step::Inputs, &request, now_s, out)?;
+        Ok(LinkEvent::Version(version))
+    }
+
+    fn check_slots(
+        &self,
+        names: &[String],
+        slots: &[Slot],
+        types: &[DataType],
+    ) -> Result<Vec<DataType>, LinkError> {
+        if slots.len() != names.len() {
+            return Err(LinkError::Refused {
+                what: "give one type per field",
+            });
+        }
+        for ((name, slot), expected) in names.iter().zip(slots).zip(types) {
+            match slot {
+                Slot::Type(found) if found == expected => {}
+                Slot::Type(found) => {
+                    return Err(LinkError::WrongType {
+                        name: name.clone(),
+                        found: *found,
+                        expected: *expected,
+                    });
+                }
+                Slot::InUse => {
+                    return Err(LinkError::InUse {
+                        name: name.clone(),
+                        owner: likely_owner(name),
+                    });
+                }
+                Slot::NotFound => {
+                    return Err(LinkError::NotFound {
+                        name: name.clone(),
+                        version: self.version,
+                    });
+                }
+            }
+        }
+        Ok(types.to_vec())
+    }
+
+    fn take_sample(&mut self, payload: &[u8], now_s: f64) -> Result<LinkEvent, LinkError> {
+        let Some(recipe) = &self.output else {
+            return Ok(LinkEvent::None);
+        };
+        match self.protocol {
+            Protocol::V1 => recipe.decode_without_id(payload, &mut self.values)?,
+            Protocol::V2 => recipe.decode(payload, &mut self.values)?,
+        }
+        let Some(sample) = Sample::from_values(&self.values) else {
+            return Ok(LinkEvent::None);
+        };
+        if !sample.is_finite() {
+            return Err(LinkError::NotFinite);
+        }
+        self.deadline_s = now_s + SILENCE_S;
+        self.sample = sample;
+        Ok(LinkEvent::Sample)
+    }
+}
+
+fn series_text(series: Series) -> &'static str {
+    match series {
+        Series::Cb3 => "a CB3 robot (software 3, 125 Hz)",
+        Series::ESeries => "an e-Series robot (software 5 or later, 500 Hz)",
+    }
+}
+
+/// Who that is known to use registers may hold this one.
+fn likely_owner(name: &str) -> &'static str {
+    let index = name
+        .rsplit('_')
+        .next()
+        .and_then(|index| index.parse::<u32>().ok());
+    match index {
+        Some(0..24) => {
+            "a PLC over EtherNet/IP, PROFINET or Modbus, or ur_rtde with its default registers"
+        }
+        Some(42..48) => "ur_rtde's IO interface with upper-range registers",
+        Some(_) => {
+            "a second bridge, ur_rtde's control interface with upper-range registers, or an earlier connection of ours \
+             that the controller has not given up yet"
+        }
+        None => "another RTDE client",
+    }
+}

@@ -1,0 +1,180 @@
+//! One output package of the robot, decoded.
+
+use crate::codec::{DataType, Value};
+use crate::program::RegisterMap;
+
+/// What the bridge asks of every robot, before the registers; all exist since software 3.9.
+const FIELDS: [(&str, DataType); 11] = [
+    ("timestamp", DataType::Double),
+    ("actual_q", DataType::Vector6d),
+    ("actual_qd", DataType::Vector6d),
+    ("target_qd", DataType::Vector6d),
+    ("robot_mode", DataType::Int32),
+    ("safety_mode", DataType::Int32),
+    ("runtime_state", DataType::Uint32),
+    ("robot_status_bits", DataType::Uint32),
+    ("safety_status_bits", DataType::Uint32),
+    ("speed_scaling", DataType::Double),
+    ("target_speed_fraction", DataType::Double),
+];
+
+/// Names of the output recipe, in order.
+pub fn output_names(registers: &RegisterMap) -> Vec<String> {
+    FIELDS
+        .iter()
+        .map(|(name, _)| (*name).to_owned())
+        .chain(registers.output_names())
+        .collect()
+}
+
+/// Types of the output recipe, in order.
+pub fn output_types() -> Vec<DataType> {
+    FIELDS
+        .iter()
+        .map(|(_, t)| *t)
+        .chain([DataType::Int32; 7])
+        .chain([DataType::Double; 6])
+        .collect()
+}
+
+/// Types of the input recipe, in order; its names are [`RegisterMap::input_names`].
+pub fn input_types() -> Vec<DataType> {
+    [DataType::Int32; 4]
+        .into_iter()
+        .chain([DataType::Double; 7])
+        .collect()
+}
+
+/// The robot's state as one package tells it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sample {
+    /// Since the controller started, s.
+    pub timestamp_s: f64,
+    /// Measured, rad.
+    pub q: [f64; 6],
+    /// Measured, rad/s.
+    pub qd: [f64; 6],
+    /// What the robot's own controller aims for, rad/s.
+    pub qd_target: [f64; 6],
+    /// See [`crate::status::robot_mode_text`].
+    pub robot_mode: i32,
+    /// See [`crate::status::safety_mode_text`].
+    pub safety_mode: i32,
+    /// See [`crate::status::runtime_state_text`].
+    pub runtime_state: u32,
+    /// Bit 0 power on, 1 program running.
+    pub robot_status_bits: u32,
+    /// Bit 0 normal, 1 reduced, others are stops.
+    pub safety_status_bits: u32,
+    /// Limiter's scaling, 0 to 1.
+    pub speed_scaling: f64,
+    /// Slider, 0 to 1.
+    pub target_speed_fraction: f64,
+    /// Out int B+0.
+    pub program_state: i32,
+    /// Out int B+1.
+    pub sequence_used: i32,
+    /// Out int B+2.
+    pub ident: i32,
+    /// Out int B+3.
+    pub session: i32,
+    /// Out int B+4.
+    pub cause: i32,
+    /// Out int B+5.
+    pub loops: i32,
+    /// Out int B+6.
+    pub stale_max: i32,
+    /// Out double B+0..5: given to `speedj`, rad/s.
+    pub qd_commanded: [f64; 6],
+}
+
+impl Sample {
+    /// From the values of the output recipe; `None` when they are not those.
+    pub fn from_values(values: &[Value]) -> Option<Self> {
+        let mut rest = values.iter();
+        let sample = Self {
+            timestamp_s: rest.next()?.as_double()?,
+            q: rest.next()?.as_vector6d()?,
+            qd: rest.next()?.as_vector6d()?,
+            qd_target: rest.next()?.as_vector6d()?,
+            robot_mode: rest.next()?.as_int32()?,
+            safety_mode: rest.next()?.as_int32()?,
+            runtime_state: rest.next()?.as_uint32()?,
+            robot_status_bits: rest.next()?.as_uint32()?,
+            safety_status_bits: rest.next()?.as_uint32()?,
+            speed_scaling: rest.next()?.as_double()?,
+            target_speed_fraction: rest.next()?.as_double()?,
+            program_state: rest.next()?.as_int32()?,
+            sequence_used: rest.next()?.as_int32()?,
+            ident: rest.next()?.as_int32()?,
+            session: rest.next()?.as_int32()?,
+            cause: rest.next()?.as_int32()?,
+            loops: rest.next()?.as_int32()?,
+            stale_max: rest.next()?.as_int32()?,
+            qd_commanded: {
+                let mut qd = [0.0; 6];
+                for v in &mut qd {
+                    *v = rest.next()?.as_double()?;
+                }
+                qd
+            },
+        };
+        rest.next().is_none().then_some(sample)
+    }
+
+    /// Every number is finite; a controller never sends others.
+    pub fn is_finite(&self) -> bool {
+        let scalars = [
+            self.timestamp_s,
+            self.speed_scaling,
+            self.target_speed_fraction,
+        ];
+        [&self.q, &self.qd, &self.qd_target]
+            .into_iter()
+            .flatten()
+            .chain(&scalars)
+            .all(|x| x.is_finite())
+    }
+
+    /// Limiter times slider, 0 to 1.
+    pub fn scaling(&self) -> f64 {
+        (self.speed_scaling * self.target_speed_fraction).clamp(0.0, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::{ControllerVersion, input_field, output_field};
+
+    #[test]
+    fn the_recipes_exist_on_the_oldest_robots_taken() {
+        let registers = RegisterMap::new(40).unwrap();
+        for version in [
+            ControllerVersion::new(3, 9, 0),
+            ControllerVersion::new(5, 3, 0),
+        ] {
+            for (name, data_type) in output_names(&registers).iter().zip(output_types()) {
+                let field = output_field(name).unwrap();
+                assert_eq!(field.data_type, data_type, "{name}");
+                assert!(field.exists_on(&version), "{name}");
+            }
+            for (name, data_type) in registers.input_names().iter().zip(input_types()) {
+                let field = input_field(name).unwrap();
+                assert_eq!(field.data_type, data_type, "{name}");
+                assert!(field.exists_on(&version), "{name}");
+            }
+        }
+        assert_eq!(output_names(&registers).len(), output_types().len());
+    }
+
+    #[test]
+    fn only_the_right_values_make_a_sample() {
+        let mut values: Vec<Value> = output_types().into_iter().map(DataType::zero).collect();
+        assert_eq!(Sample::from_values(&values), Some(Sample::default()));
+        values.push(Value::Double(0.0));
+        assert_eq!(Sample::from_values(&values), None);
+        values.truncate(20);
+        assert_eq!(Sample::from_values(&values), None);
+    }
+}

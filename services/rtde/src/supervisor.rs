@@ -1,0 +1,440 @@
+//! Watches the robot and our program on it: what runs there, whether it is alive, whether the arm may move, and when
+//! the program has to be sent again.
+//!
+//! "Connected" says nothing about motion: the socket stays open while the program is dead, replaced or paused. So
+//! presence (identity and session), life (its loop counts) and readiness are told apart, and each has its reason.
+
+use std::fmt;
+
+use crate::guard::Permission;
+use crate::program::{IDENT, ProgramState, cause_text};
+use crate::sample::Sample;
+use crate::status::{
+    ROBOT_RUNNING, RUNTIME_PLAYING, RUNTIME_STOPPED, robot_mode_text, runtime_state_text,
+    safety_allows_motion, safety_mode_text,
+};
+
+/// States through which the program's loop counter may stand still.
+const STUCK_CYCLES: u32 = 5;
+/// How long a program that was sent may take until it is ready, s.
+const START_S: f64 = 4.0;
+/// A program that hangs this long is given up, s.
+const HUNG_S: f64 = 2.0;
+/// A program that does not go on by itself this long after a safety stop is dead, s.
+const HALTED_S: f64 = 1.0;
+/// First and longest pause between attempts to start the program, s.
+const RETRY_S: (f64, f64) = (1.0, 16.0);
+
+/// Why the arm does not follow commands now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reason {
+    /// No state from the controller.
+    NoLink,
+    /// `robot_mode`.
+    RobotMode(i32),
+    /// `safety_mode`.
+    Safety(i32),
+    /// `runtime_state` while our program should run.
+    Runtime(u32),
+    /// A program that is not ours runs.
+    OtherProgram,
+    /// Ours ran, and another took its place.
+    Replaced,
+    /// Ours was sent and is not ready yet.
+    Starting,
+    /// Ours was sent and never became ready.
+    NotStarting {
+        /// How often that was tried.
+        attempts: u32,
+    },
+    /// Ours is there, but its loop stands still.
+    Hung,
+    /// Ours decelerates or is latched, with its cause.
+    Stopped {
+        /// See [`cause_text`].
+        cause: i32,
+    },
+    /// Ours ended, with its cause.
+    Ended {
+        /// See [`cause_text`].
+        cause: i32,
+    },
+    /// Needs `rtde/reset`.
+    ResetNeeded {
+        /// See [`cause_text`].
+        cause: i32,
+    },
+    /// The robot runs slower than the cell allows.
+    Scaling {
+        /// Limiter times slider.
+        scaling: f64,
+    },
+    /// The robot's clock jumped over so many cycles.
+    Gap {
+        /// Cycles.
+        lost: u64,
+    },
+    /// `rtde` was asked to stop.
+    StopAsked,
+    /// `rtde` ends.
+    ShuttingDown,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoLink => write!(f, "no connection to the controller"),
+            Self::RobotMode(mode) => write!(f, "robot is {}", robot_mode_text(*mode)),
+            Self::Safety(mode) => write!(f, "{}", safety_mode_text(*mode)),
+            Self::Runtime(state) => write!(f, "robot program is {}", runtime_state_text(*state)),
+            Self::OtherProgram => write!(
+                f,
+                "another program runs on the robot: stop it there, or replace it with rtde/reset"
+            ),
+            Self::Replaced => write!(
+                f,
+                "our program was replaced by another: stop that, or replace it with rtde/reset"
+            ),
+            Self::Starting => write!(f, "robot program is starting"),
+            Self::NotStarting { attempts } => write!(
+                f,
+                "robot program did not start ({attempts} tries): remote control mode on? message on the pendant?"
+            ),
+            Self::Hung => write!(f, "robot program hangs"),
+            Self::Stopped { cause } => write!(f, "robot program stopped: {}", cause_text(*cause)),
+            Self::Ended { cause } => write!(f, "robot program ended: {}", cause_text(*cause)),
+            Self::ResetNeeded { cause } => {
+                write!(f, "{}; look into it, then rtde/reset", cause_text(*cause))
+            }
+            Self::Scaling { scaling } => write!(
+                f,
+                "robot runs at {:.0} % speed, less than the cell allows: speed slider or a limit",
+                scaling * 100.0
+            ),
+            Self::Gap { lost } => write!(f, "{lost} robot packets in a row were lost"),
+            Self::StopAsked => write!(f, "stop asked for"),
+            Self::ShuttingDown => write!(f, "rtde ends"),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    /// Not there, and not sent.
+    Absent,
+    /// Sent, not ready yet.
+    Starting { since_s: f64 },
+    /// Was ready with the present session.
+    Running,
+}
+
+/// See the module.
+#[derive(Clone, Debug)]
+pub struct Supervisor {
+    scaling_min: f64,
+    stage: Stage,
+    session: i32,
+    random: u64,
+    attempts: u32,
+    next_attempt_s: f64,
+    /// Wants `rtde/reset` before the program is sent or re-armed.
+    reset_needed: Option<Reason>,
+    take_over: bool,
+    loops: i32,
+    stuck: u32,
+    hung_since_s: Option<f64>,
+    safety_stopped: bool,
+    halted_since_s: Option<f64>,
+    rearm: u32,
+    permission: Permission,
+    reason: Option<Reason>,
+    upload_due: bool,
+}
+
+impl Supervisor {
+    /// `scaling_min`: least speed scaling at which the arm may move. `seed`: for session tokens, fresh at each start.
+    pub fn new(scaling_min: f64, seed: u64) -> Self {
+        Self {
+            scaling_min,
+            stage: Stage::Absent,
+            session: 1,
+            random: seed | 1,
+            attempts: 0,
+            next_attempt_s: 0.0,
+            reset_needed: None,
+            take_over: false,
+            loops: 0,
+            stuck: 0,
+            hung_since_s: None,
+            safety_stopped: false,
+            halted_since_s: None,
+            rearm: 0,
+            permission: Permission::Off,
+            reason: Some(Reason::NoLink),
+            upload_due: false,
+        }
+    }
+
+    /// The connection was lost or is new: the program has to be sent again, with a fresh session.
+    pub fn disconnected(&mut self) {
+        self.stage = Stage::Absent;
+        self.permission = Permission::Off;
+        self.reason = Some(Reason::NoLink);
+        self.upload_due = false;
+        self.attempts = 0;
+        self.next_attempt_s = 0.0;
+        self.renew_session();
+    }
+
+    /// A person looked into it: the program may be sent, also in another's place, and re-armed.
+    pub fn reset(&mut self) {
+        self.reset_needed = None;
+        self.take_over = true;
+        self.attempts = 0;
+        self.next_attempt_s = 0.0;
+    }
+
+    /// Goes into every package, and into the program when it is sent.
+    pub fn session(&self) -> i32 {
+        self.session
+    }
+
+    /// True once for each time that the program has to be sent, with [`Supervisor::session`] compiled in.
+    pub fn take_upload(&mut self) -> bool {
+        std::mem::take(&mut self.upload_due)
+    }
+
+    /// May the arm move.
+    pub fn permission(&self) -> Permission {
+        self.permission
+    }
+
+    /// Why it may not; `None` when it may.
+    pub fn reason(&self) -> Option<Reason> {
+        self.reason
+    }
+
+    /// Our program is there with our session, and its loop counts.
+    pub fn is_alive(&self) -> bool {
+        self.stage == Stage::Running && self.stuck <= STUCK_CYCLES
+    }
+
+    /// Our program was seen ready, and no other has taken its place.
+    pub fn is_present(&self) -> bool {
+        self.stage == Stage::Running
+    }
+
+    /// Flag register for the next package: raised for a while, low for a while, as long as the program is latched and
+    /// may be armed again. The program wants to see it low first.
+    pub fn flags(&self) -> i32 {
+        i32::from(self.rearm % 16 >= 4)
+    }
+
+    /// A state came. `lost`: cycles that the robot's clock jumped over.
+    pub fn observe(&mut self, sample: &Sample, lost: u64, now_s: f64) {
+        let ours = sample.ident == IDENT && sample.session == self.session;
+        let advanced = sample.loops != self.loops;
+        self.loops = sample.loops;
+        self.follow(sample, ours, advanced, now_s);
+        self.plan_rearm(sample);
+        self.plan_upload(sample, now_s);
+        (self.permission, self.reason) = self.verdict(sample, lost);
+    }
+
+    /// Brings the stage up to date.
+    fn follow(&mut self, sample: &Sample, ours: bool, advanced: bool, now_s: f64) {
+        match self.stage {
+            Stage::Absent => {}
+            Stage::Starting { since_s } => {
+                let ready = sample.program_state == i32::from(ProgramState::Ready.number());
+                if ours && ready && advanced && sample.runtime_state == RUNTIME_PLAYING {
+                    self.stage = Stage::Running;
+                    self.attempts = 0;
+                    self.stuck = 0;
+                    self.hung_since_s = None;
+                    self.safety_stopped = false;
+                    self.halted_since_s = None;
+                    self.take_over = false;
+                } else if now_s - since_s > START_S {
+                    self.give_up(now_s);
+                }
+            }
+            Stage::Running => {
+                let exited = sample.program_state == i32::from(ProgramState::Exiting.number());
+                if !ours {
+                    self.stage = Stage::Absent;
+                    self.reset_needed = Some(Reason::Replaced);
+                } else if exited || sample.runtime_state == RUNTIME_STOPPED {
+                    self.stage = Stage::Absent;
+                    self.next_attempt_s = now_s + RETRY_S.0;
+                    if matches!(sample.cause, 4 | 5) {
+                        self.reset_needed = Some(Reason::ResetNeeded {
+                            cause: sample.cause,
+                        });
+                    }
+                } else if self.died_in_a_safety_stop(sample, now_s) {
+                    self.stage = Stage::Absent;
+                } else {
+                    self.watch_loop(sample, advanced, now_s);
+                }
+            }
+        }
+    }
+
+    /// After a protective or safeguard stop the program may go on by itself, or stay paused for ever. The second is
+    /// known when the stop is over and nothing plays for a while; then ours is replaced by a fresh one.
+    fn died_in_a_safety_stop(&mut self, sample: &Sample, now_s: f64) -> bool {
+        let safe = safety_allows_motion(sample.safety_mode) && sample.robot_mode == ROBOT_RUNNING;
+        if !safe {
+            self.safety_stopped = true;
+        }
+        if sample.runtime_state == RUNTIME_PLAYING {
+            self.safety_stopped &= !safe;
+            self.halted_since_s = None;
+            return false;
+        }
+        if !safe || !self.safety_stopped {
+            self.halted_since_s = None;
+            return false;
+        }
+        now_s - *self.halted_since_s.get_or_insert(now_s) > HALTED_S
+    }
+
+    fn watch_loop(&mut self, sample: &Sample, advanced: bool, now_s: f64) {
+        // stopj blocks, and a paused program counts no loops either.
+        let stopping = sample.program_state == i32::from(ProgramState::Stopping.number());
+        if advanced || stopping || sample.runtime_state != RUNTIME_PLAYING {
+            self.stuck = 0;
+            self.hung_since_s = None;
+            return;
+        }
+        self.stuck = self.stuck.saturating_add(1);
+        // A slider below 100 % stretches each motion call, so the loop counts slower.
+        let patience = f64::from(STUCK_CYCLES) / sample.scaling().max(0.05);
+        if f64::from(self.stuck) > patience {
+            let since = *self.hung_since_s.get_or_insert(now_s);
+            if now_s - since > HUNG_S {
+                self.hung_since_s = None;
+                self.stage = Stage::Absent;
+                self.reset_needed = Some(Reason::Hung);
+            }
+        }
+    }
+
+    fn give_up(&mut self, now_s: f64) {
+        self.stage = Stage::Absent;
+        self.attempts = self.attempts.saturating_add(1);
+        let pause = RETRY_S.0 * f64::from(1u32 << self.attempts.min(6));
+        self.next_attempt_s = now_s + pause.min(RETRY_S.1);
+    }
+
+    /// Decides on motion.
+    fn verdict(&self, sample: &Sample, lost: u64) -> (Permission, Option<Reason>) {
+        let off = |reason| (Permission::Off, Some(reason));
+        let ramp = |reason| (Permission::RampDown, Some(reason));
+        if !safety_allows_motion(sample.safety_mode) {
+            return off(Reason::Safety(sample.safety_mode));
+        }
+        if sample.robot_mode != ROBOT_RUNNING {
+            return off(Reason::RobotMode(sample.robot_mode));
+        }
+        if let Some(reason) = self.reset_needed {
+            return off(reason);
+        }
+        match self.stage {
+            Stage::Absent if self.attempts > 0 => {
+                return off(Reason::NotStarting {
+                    attempts: self.attempts,
+                });
+            }
+            Stage::Absent if self.foreign_program_runs(sample) => {
+                return off(Reason::OtherProgram);
+            }
+            Stage::Absent => {
+                return off(Reason::Ended {
+                    cause: if sample.session == self.session {
+                        sample.cause
+                    } else {
+                        0
+                    },
+                });
+            }
+            Stage::Starting { .. } => return off(Reason::Starting),
+            Stage::Running => {}
+        }
+        if sample.runtime_state != RUNTIME_PLAYING {
+            return off(Reason::Runtime(sample.runtime_state));
+        }
+        match ProgramState::from_number(sample.program_state) {
+            Some(ProgramState::Ready | ProgramState::Streaming) => {}
+            _ => {
+                return off(Reason::Stopped {
+                    cause: sample.cause,
+                });
+            }
+        }
+        if self.hung_since_s.is_some() {
+            return ramp(Reason::Hung);
+        }
+        if lost >= u64::from(STUCK_CYCLES) {
+            return ramp(Reason::Gap { lost });
+        }
+        let scaling = sample.scaling();
+        if scaling < self.scaling_min {
+            return ramp(Reason::Scaling { scaling });
+        }
+        (Permission::Move, None)
+    }
+
+    fn foreign_program_runs(&self, sample: &Sample) -> bool {
+        sample.runtime_state != RUNTIME_STOPPED && sample.ident != IDENT
+    }
+
+    /// A latched program is armed again while it may be: it only holds still then; motion needs a newer activation.
+    fn plan_rearm(&mut self, sample: &Sample) {
+        let latched = self.stage == Stage::Running
+            && sample.program_state == i32::from(ProgramState::Stopped.number())
+            && sample.runtime_state == RUNTIME_PLAYING
+            && safety_allows_motion(sample.safety_mode);
+        if latched && matches!(sample.cause, 4 | 5) && !self.take_over {
+            self.reset_needed = Some(Reason::ResetNeeded {
+                cause: sample.cause,
+            });
+        }
+        if latched && self.reset_needed.is_none() {
+            self.rearm = self.rearm.wrapping_add(1);
+        } else {
+            self.rearm = 0;
+            if !latched && self.stage == Stage::Running {
+                self.take_over = false;
+            }
+        }
+    }
+
+    /// The program is sent only to a robot that is up, in no stop, and runs nobody else's program.
+    fn plan_upload(&mut self, sample: &Sample, now_s: f64) {
+        let may = self.stage == Stage::Absent
+            && self.reset_needed.is_none()
+            && safety_allows_motion(sample.safety_mode)
+            && sample.robot_mode == ROBOT_RUNNING
+            && (self.take_over || !self.foreign_program_runs(sample))
+            && now_s >= self.next_attempt_s;
+        if may {
+            self.renew_session();
+            self.stage = Stage::Starting { since_s: now_s };
+            self.upload_due = true;
+        }
+    }
+
+    /// Another positive number than before: splitmix64 over a counter.
+    fn renew_session(&mut self) {
+        let before = self.session;
+        while self.session == before || self.session == 0 {
+            self.random = self.random.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mut x = self.random;
+            x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            self.session = ((x ^ (x >> 31)) & 0x7fff_ffff) as i32;
+        }
+    }
+}
