@@ -17,7 +17,7 @@ pub struct Stiffness {
 }
 
 /// Least spread of depth that says anything, m: well above a joint encoder's noise at the tool.
-const SPREAD_MIN_M: f64 = 3e-5;
+const SPREAD_MIN_M: f64 = 1.5e-5;
 /// Softest and stiffest believed, N/m.
 const BELIEVED: (f64, f64) = (300.0, 60_000.0);
 /// Memory of the regression, s.

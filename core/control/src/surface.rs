@@ -59,7 +59,10 @@ impl Surface {
         if estimate.is_some_and(|e| e.curvature.is_none()) {
             self.learn(config, &correction, &along, dt_s);
         }
-        self.normal = (Rotation3::new(rate * dt_s) * self.normal).normalize();
+        let turned = Rotation3::new(rate * dt_s);
+        self.normal = (turned * self.normal).normalize();
+        // What was learnt goes along with the tangent plane.
+        self.learnt = turned * self.learnt * turned.inverse();
     }
 
     /// Turning that the curvature did not foresee corrects it, over a way of `curvature_distance_m`.
@@ -152,7 +155,8 @@ mod tests {
                 t += dt;
             }
             assert!(error < 1e-3, "{given}: {error}");
-            assert!((surface.turn_rate.norm() - speed / radius).abs() < 0.01 * speed / radius);
+            let ratio = surface.turn_rate.norm() / (speed / radius);
+            assert!((ratio - 1.0).abs() < 0.01, "{given}: {ratio}");
         }
     }
 
