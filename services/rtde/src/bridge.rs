@@ -4,10 +4,10 @@
 //! The cycle is: [`Bridge::package`] says [`BridgeEvent::Cycle`], the caller publishes the state, and
 //! [`Bridge::command`] writes the answer. Neither allocates while streaming.
 
-use nalgebra::{Matrix3x6, Vector6};
+use nalgebra::Vector6;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
-use crate::guard::{Guard, GuardLimits, Permission, Wanted};
+use crate::guard::{Guard, GuardLimits, Permission, Posture, Wanted};
 use crate::link::{Link, LinkError, LinkEvent};
 use crate::program::{CommandCode, ProgramState, RegisterMap};
 use crate::sample::Sample;
@@ -161,10 +161,10 @@ impl Bridge {
     }
 
     /// Writes the package of this cycle: after each [`BridgeEvent::Cycle`], and when one is overdue, as a heartbeat.
-    /// `tool_jacobian`: joint velocity to the velocity of the tool's origin, m/s. `arrived`: a command not given before.
+    /// `posture`: of the last state. `arrived`: a command not given before.
     pub fn command(
         &mut self,
-        tool_jacobian: &Matrix3x6<f64>,
+        posture: &Posture,
         arrived: Option<&Wanted<'_>>,
         now_s: f64,
         out: &mut Vec<u8>,
@@ -175,10 +175,7 @@ impl Bridge {
         } else if self.ending != Ending::No {
             permission = permission.min_with(Permission::RampDown);
         }
-        let q = Vector6::from(self.sample.q);
-        let allowed = self
-            .guard
-            .step(self.cycle, permission, &q, tool_jacobian, arrived);
+        let allowed = self.guard.step(self.cycle, permission, posture, arrived);
         if allowed.soft_stop {
             self.soft_stop = 1;
         }

@@ -1,10 +1,10 @@
 //! The bridge against a small scripted controller that speaks through the codec's other side.
 
-use nalgebra::{Matrix3x6, Vector6};
+use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::bridge::*;
 use crate::codec::*;
-use crate::guard::{GuardLimits, Wanted};
+use crate::guard::{GuardLimits, Posture, Wanted};
 use crate::link::LinkError;
 use crate::program::{IDENT, RegisterMap};
 use crate::sample::Sample;
@@ -260,6 +260,15 @@ impl Robot {
     }
 }
 
+/// Only the joints count here.
+fn posture(bridge: &Bridge) -> Posture {
+    Posture {
+        q: Vector6::from(bridge.sample().q),
+        tool_m: Vector3::zeros(),
+        tool_jacobian: Matrix6::zeros(),
+    }
+}
+
 struct Cell {
     bridge: Bridge,
     robot: Robot,
@@ -283,6 +292,9 @@ impl Cell {
                 position_lower_rad: Vector6::repeat(-6.0),
                 position_upper_rad: Vector6::repeat(6.0),
                 tool_speed_max_m_per_s: 0.25,
+                tool_turn_rate_max_rad_per_s: 1.0,
+                workspace_lower_m: Vector3::repeat(-1.0),
+                workspace_upper_m: Vector3::repeat(1.0),
                 response_s: 0.04,
                 patience_cycles: 2,
                 silence_latch_s: 0.1,
@@ -333,13 +345,9 @@ impl Cell {
                         activation: self.activation,
                         source: "test/0",
                     };
-                    let jacobian = Matrix3x6::zeros();
-                    self.bridge.command(
-                        &jacobian,
-                        Some(&wanted),
-                        self.now_s,
-                        &mut self.to_robot,
-                    )?;
+                    let posture = posture(&self.bridge);
+                    self.bridge
+                        .command(&posture, Some(&wanted), self.now_s, &mut self.to_robot)?;
                     if let Some(session) = self.bridge.take_upload() {
                         self.uploads += 1;
                         self.robot.upload(session);
@@ -687,7 +695,7 @@ fn a_silent_controller_task_ramps_down() {
     for _ in 0..40 {
         cell.now_s += 0.008;
         cell.bridge
-            .command(&Matrix3x6::zeros(), None, cell.now_s, &mut bytes)
+            .command(&posture(&cell.bridge), None, cell.now_s, &mut bytes)
             .unwrap();
         cell.robot
             .receive(&std::mem::take(&mut bytes), &mut Vec::new());
@@ -712,7 +720,8 @@ mod hostile {
                 let kind = if *known { PackageKind::ALL[usize::from(*kind) % 8].code() } else { *kind };
                 let mut out = Vec::new();
                 let _ = cell.bridge.package(Package { kind, payload }, cell.now_s, &mut out);
-                let _ = cell.bridge.command(&Matrix3x6::zeros(), None, cell.now_s, &mut out);
+                let posture = posture(&cell.bridge);
+                let _ = cell.bridge.command(&posture, None, cell.now_s, &mut out);
                 prop_assert!(out.len() < 10_000);
             }
         }

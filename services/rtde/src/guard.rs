@@ -11,10 +11,12 @@
 
 use std::fmt;
 
-use nalgebra::{Matrix3x6, Vector6};
+use nalgebra::{Matrix6, Vector3, Vector6};
 
-/// Share of the tool speed limit that is used; the rest covers what the Jacobian changes within a cycle.
+/// Share of the tool's speed limits that is used; the rest covers what the Jacobian changes within a cycle.
 const TOOL_SPEED_SHARE: f64 = 0.98;
+/// The tool keeps this far from the walls of its box, m: its path while it stops is not quite straight.
+const WALL_MARGIN_M: f64 = 0.002;
 /// A command this much beyond the speed limit is rounding, and is scaled; beyond it, it is refused.
 const SPEED_TOLERANCE: f64 = 1.01;
 
@@ -31,6 +33,12 @@ pub struct GuardLimits {
     pub position_upper_rad: Vector6<f64>,
     /// Speed of the tool's origin, m/s.
     pub tool_speed_max_m_per_s: f64,
+    /// Turn rate of the tool, rad/s.
+    pub tool_turn_rate_max_rad_per_s: f64,
+    /// The tool's origin stays inside this box: lower corner, base axes, m.
+    pub workspace_lower_m: Vector3<f64>,
+    /// Upper corner, base axes, m.
+    pub workspace_upper_m: Vector3<f64>,
     /// Time from a velocity sent to the arm following it, s: how much later than planned a stop may begin.
     pub response_s: f64,
     /// Cycles without a good command through which the last one is kept.
@@ -54,6 +62,17 @@ pub struct Wanted<'a> {
     pub activation: u64,
     /// Who commands.
     pub source: &'a str,
+}
+
+/// Where the arm is, as measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Posture {
+    /// rad.
+    pub q: Vector6<f64>,
+    /// Tool's origin, base axes, m.
+    pub tool_m: Vector3<f64>,
+    /// Joint velocity to the twist of the tool's origin, base axes: m/s above rad/s.
+    pub tool_jacobian: Matrix6<f64>,
 }
 
 /// Whether the robot would follow.
@@ -215,14 +234,12 @@ impl Guard {
         self.period_s = period_s;
     }
 
-    /// One cycle. `q` is measured (rad); `tool_jacobian` takes joint velocity to the velocity of the tool's origin, m/s.
-    /// `arrived` is a command that was not given before. `cycle` is the number of the robot packet in hand.
+    /// One cycle. `arrived` is a command that was not given before. `cycle` is the number of the robot packet in hand.
     pub fn step(
         &mut self,
         cycle: u64,
         permission: Permission,
-        q: &Vector6<f64>,
-        tool_jacobian: &Matrix3x6<f64>,
+        posture: &Posture,
         arrived: Option<&Wanted<'_>>,
     ) -> Allowed {
         let mut soft_stop = false;
@@ -279,7 +296,7 @@ impl Guard {
                 moves: false,
             },
         };
-        self.qd = self.limit(&target, q, tool_jacobian);
+        self.qd = self.limit(&target, posture);
         Allowed {
             qd: self.qd,
             streaming: target.moves || self.qd != Vector6::zeros(),
@@ -404,12 +421,7 @@ impl Guard {
     }
 
     /// The velocity nearest to the target that keeps every limit and the invariant.
-    fn limit(
-        &mut self,
-        target: &Target,
-        q: &Vector6<f64>,
-        tool_jacobian: &Matrix3x6<f64>,
-    ) -> Vector6<f64> {
+    fn limit(&mut self, target: &Target, posture: &Posture) -> Vector6<f64> {
         let limits = &self.limits;
         let mut scale: f64 = 1.0;
         for (value, limit) in target.qd.iter().zip(&limits.speed_rad_per_s) {
@@ -417,12 +429,11 @@ impl Guard {
                 scale = scale.min(limit / value.abs());
             }
         }
-        let tool_speed = (tool_jacobian * target.qd).norm();
-        let tool_limit = TOOL_SPEED_SHARE * limits.tool_speed_max_m_per_s;
-        if tool_speed > tool_limit {
-            scale = scale.min(tool_limit / tool_speed);
+        let excess = self.tool_excess(&target.qd, posture) / TOOL_SPEED_SHARE;
+        if excess > 1.0 {
+            scale = scale.min(1.0 / excess);
         }
-        scale = scale.min(self.scale_that_can_stop(&target.qd, q));
+        scale = scale.min(self.scale_that_can_stop(&target.qd, posture));
         let aim = target.qd * scale;
         if scale < 1.0 {
             self.limited += 1;
@@ -443,12 +454,19 @@ impl Guard {
         } else {
             aim
         };
-        let tool_ok = (tool_jacobian * next).norm() <= self.limits.tool_speed_max_m_per_s;
-        if tool_ok && self.can_stop(&next, q) {
+        if self.tool_excess(&next, posture) <= 1.0 && self.can_stop(&next, posture) {
             next
         } else {
             self.brake()
         }
+    }
+
+    /// The tool's speed and turn rate as shares of their limits, the larger of both.
+    fn tool_excess(&self, qd: &Vector6<f64>, posture: &Posture) -> f64 {
+        let twist = posture.tool_jacobian * qd;
+        let speed = twist.fixed_rows::<3>(0).norm() / self.limits.tool_speed_max_m_per_s;
+        let turn = twist.fixed_rows::<3>(3).norm() / self.limits.tool_turn_rate_max_rad_per_s;
+        speed.max(turn)
     }
 
     /// Slower along its own direction, as hard as the acceleration limits allow.
@@ -469,13 +487,28 @@ impl Guard {
             .fold(0.0, f64::max)
     }
 
-    /// Room towards the stop that joint `i` would meet at this velocity, rad; negative beyond it.
-    fn room_rad(&self, i: usize, v: f64, q: &Vector6<f64>) -> f64 {
-        if v > 0.0 {
-            self.limits.position_upper_rad[i] - q[i]
-        } else {
-            q[i] - self.limits.position_lower_rad[i]
-        }
+    /// What must stop in time: for each joint and each coordinate of the tool that moves, its speed and the room left
+    /// in that direction (rad/s and rad, m/s and m); room is negative beyond the limit.
+    fn approaches(
+        &self,
+        qd: &Vector6<f64>,
+        posture: &Posture,
+    ) -> impl Iterator<Item = (f64, f64)> + use<> {
+        let l = &self.limits;
+        let tool = (posture.tool_jacobian * qd).fixed_rows::<3>(0).into_owned();
+        let joints: [(f64, f64); 6] = std::array::from_fn(|i| {
+            let (lower, upper) = (l.position_lower_rad[i], l.position_upper_rad[i]);
+            (qd[i].abs(), room(qd[i], posture.q[i], lower, upper))
+        });
+        let walls: [(f64, f64); 3] = std::array::from_fn(|i| {
+            let (lower, upper) = (l.workspace_lower_m[i], l.workspace_upper_m[i]);
+            let room = room(tool[i], posture.tool_m[i], lower, upper);
+            (tool[i].abs(), room - WALL_MARGIN_M)
+        });
+        joints
+            .into_iter()
+            .chain(walls)
+            .filter(|(speed, _)| *speed > 0.0)
     }
 
     /// How far a stop may be off in time, s: half a cycle of the discrete ramp, and the arm's response.
@@ -483,28 +516,26 @@ impl Guard {
         0.5 * self.period_s + self.limits.response_s
     }
 
-    /// The invariant: a stop along its own direction ends before every joint's stop.
-    fn can_stop(&self, qd: &Vector6<f64>, q: &Vector6<f64>) -> bool {
+    /// The invariant: a stop along its own direction ends before every joint's stop and every wall.
+    fn can_stop(&self, qd: &Vector6<f64>, posture: &Posture) -> bool {
         let reach_s = 0.5 * self.stop_time_s(qd) + self.lag_s();
-        qd.iter()
-            .enumerate()
-            .all(|(i, v)| *v == 0.0 || v.abs() * reach_s <= self.room_rad(i, *v, q))
+        self.approaches(qd, posture)
+            .all(|(speed, room)| speed * reach_s <= room)
     }
 
     /// The largest scale of `qd`, at most 1, for which the invariant holds: `|v|σ (σ t/2 + lag) = room`.
-    fn scale_that_can_stop(&self, qd: &Vector6<f64>, q: &Vector6<f64>) -> f64 {
+    fn scale_that_can_stop(&self, qd: &Vector6<f64>, posture: &Posture) -> f64 {
         let half_stop_s = 0.5 * self.stop_time_s(qd);
         let lag_s = self.lag_s();
         let mut scale: f64 = 1.0;
-        for (i, v) in qd.iter().enumerate() {
-            let room = self.room_rad(i, *v, q);
-            if *v == 0.0 || v.abs() * (half_stop_s + lag_s) <= room {
+        for (speed, room) in self.approaches(qd, posture) {
+            if speed * (half_stop_s + lag_s) <= room {
                 continue;
             }
             if room <= 0.0 {
                 return 0.0;
             }
-            let (a, c) = (v.abs() * half_stop_s, v.abs() * lag_s);
+            let (a, c) = (speed * half_stop_s, speed * lag_s);
             // The positive root, in the form that does not cancel.
             let root = 2.0 * room / (c + (c * c + 4.0 * a * room).sqrt());
             // A hair less, so that rounding does not break the invariant it stands for.
@@ -512,4 +543,9 @@ impl Guard {
         }
         scale
     }
+}
+
+/// How far `x` may still go in the direction of `v`.
+fn room(v: f64, x: f64, lower: f64, upper: f64) -> f64 {
+    if v > 0.0 { upper - x } else { x - lower }
 }

@@ -1,6 +1,6 @@
 //! Whatever the guard is told, every limit holds.
 
-use nalgebra::{Matrix3x6, Vector6};
+use nalgebra::{Matrix6, Vector3, Vector6};
 use proptest::prelude::*;
 
 use super::guard::*;
@@ -14,15 +14,44 @@ fn limits() -> GuardLimits {
         position_lower_rad: Vector6::repeat(-2.0),
         position_upper_rad: Vector6::repeat(2.0),
         tool_speed_max_m_per_s: 0.25,
+        tool_turn_rate_max_rad_per_s: 1.5,
+        workspace_lower_m: Vector3::new(-0.3, -0.4, -0.5),
+        workspace_upper_m: Vector3::new(0.3, 0.4, 0.5),
         response_s: 0.04,
         patience_cycles: 2,
         silence_latch_s: 0.1,
     }
 }
 
-/// Linear velocity of a made-up arm's tool: smooth in q, and large enough that the limit bites.
-fn jacobian(q: &Vector6<f64>) -> Matrix3x6<f64> {
-    Matrix3x6::from_fn(|r, c| 0.4 * (q[c] + (r * 2 + c) as f64).sin())
+/// Turn of joint `c` in row `r` of a made-up arm.
+fn phase(r: usize, c: usize) -> f64 {
+    (r * 2 + c) as f64
+}
+
+/// Tool position of a made-up arm: smooth in q, and large enough that speed limit and walls bite.
+fn tool(q: &Vector6<f64>) -> Vector3<f64> {
+    Vector3::from_fn(|r, _| (0..6).map(|c| -0.2 * (q[c] + phase(r, c)).cos()).sum())
+}
+
+/// Its Jacobian; the turn rates are made up too.
+fn posture(q: &Vector6<f64>) -> Posture {
+    Posture {
+        q: *q,
+        tool_m: tool(q),
+        tool_jacobian: Matrix6::from_fn(|r, c| match r {
+            0..3 => 0.2 * (q[c] + phase(r, c)).sin(),
+            _ => 0.7 * (q[c] - phase(r, c)).cos(),
+        }),
+    }
+}
+
+/// An arm whose tool never moves: only the joints count.
+fn joints_only(q: &Vector6<f64>) -> Posture {
+    Posture {
+        q: *q,
+        tool_m: Vector3::zeros(),
+        tool_jacobian: Matrix6::zeros(),
+    }
 }
 
 fn velocity(values: &[f64], cycle: u64) -> Wanted<'_> {
@@ -40,8 +69,7 @@ fn step(guard: &mut Guard, cycle: u64, wanted: Option<&Wanted<'_>>) -> Allowed {
     guard.step(
         cycle,
         Permission::Move,
-        &Vector6::zeros(),
-        &Matrix3x6::zeros(),
+        &joints_only(&Vector6::zeros()),
         wanted,
     )
 }
@@ -100,7 +128,7 @@ fn moves() -> impl Strategy<Value = Vec<Move>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(512))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
     #[test]
     fn for_any_stream_of_commands_every_limit_holds(
         start in prop::array::uniform6(-2.0f64..2.0), moves in moves(),
@@ -122,9 +150,9 @@ proptest! {
                     activation,
                     source: "test/0",
                 };
-                let jacobian = jacobian(&q);
+                let posture = posture(&q);
                 let soft = m.kind == 3;
-                let out = guard.step(cycle, m.permission, &q, &jacobian, m.given.then_some(&wanted));
+                let out = guard.step(cycle, m.permission, &posture, m.given.then_some(&wanted));
                 prop_assert!(out.qd.iter().all(|v| v.is_finite()));
                 for i in 0..6 {
                     prop_assert!(out.qd[i].abs() <= limits.speed_rad_per_s[i] + 1e-12);
@@ -135,8 +163,10 @@ proptest! {
                             "joint {i}: {} after {}", out.qd[i], before[i]);
                     }
                 }
-                let tool_speed = (jacobian * out.qd).norm();
-                prop_assert!(tool_speed <= limits.tool_speed_max_m_per_s * (1.0 + 1e-9), "tool at {tool_speed} m/s");
+                let twist = posture.tool_jacobian * out.qd;
+                let (speed, turn) = (twist.fixed_rows::<3>(0).norm(), twist.fixed_rows::<3>(3).norm());
+                prop_assert!(speed <= limits.tool_speed_max_m_per_s * (1.0 + 1e-9), "tool at {speed} m/s");
+                prop_assert!(turn <= limits.tool_turn_rate_max_rad_per_s * (1.0 + 1e-9), "tool at {turn} rad/s");
                 if m.kind == 1 && m.acceleration > 0.0 && m.given && guard.cycle_accepted() == cycle
                     && out.qd.norm() > before.norm() {
                     for i in 0..6 {
@@ -145,6 +175,14 @@ proptest! {
                 }
                 before = out.qd;
                 q += out.qd * PERIOD;
+                let at = tool(&q);
+                for i in 0..3 {
+                    let (lower, upper) = (limits.workspace_lower_m[i], limits.workspace_upper_m[i]);
+                    // The tool may start outside the box; once inside, it stays.
+                    if (lower..=upper).contains(&posture.tool_m[i]) {
+                        prop_assert!((lower..=upper).contains(&at[i]), "tool at {} m, axis {i}", at[i]);
+                    }
+                }
                 for i in 0..6 {
                     prop_assert!((-2.0 - 1e-9..=2.0 + 1e-9).contains(&q[i]), "joint {i} at {} rad", q[i]);
                 }
@@ -161,7 +199,7 @@ proptest! {
         let mut q = Vector6::zeros();
         q[joint] = 2.0 + over;
         for cycle in 1..200 {
-            let out = guard.step(cycle, Permission::Move, &q, &Matrix3x6::zeros(), Some(&velocity(&values, cycle)));
+            let out = guard.step(cycle, Permission::Move, &joints_only(&q), Some(&velocity(&values, cycle)));
             prop_assert!(q[joint] < 2.0 || out.qd[joint] <= 0.0);
             q += out.qd * PERIOD;
         }
@@ -190,13 +228,7 @@ fn it_slows_down_before_a_joint_limit_and_gets_close_to_it() {
     let values = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     for cycle in 1..1000 {
         let wanted = velocity(&values, cycle);
-        let out = guard.step(
-            cycle,
-            Permission::Move,
-            &q,
-            &Matrix3x6::zeros(),
-            Some(&wanted),
-        );
+        let out = guard.step(cycle, Permission::Move, &joints_only(&q), Some(&wanted));
         q += out.qd * PERIOD;
     }
     assert!(q[0] <= 2.0 && q[0] > 1.9999, "{}", q[0]);
@@ -335,17 +367,11 @@ fn what_was_running_while_the_robot_could_not_move_stays_out() {
         activation: 5,
         ..velocity(&values, cycle)
     };
-    let zero = (Vector6::zeros(), Matrix3x6::zeros());
-    guard.step(1, Permission::Off, &zero.0, &zero.1, Some(&five(1)));
+    let zero = joints_only(&Vector6::zeros());
+    guard.step(1, Permission::Off, &zero, Some(&five(1)));
     assert_eq!(guard.activation_latched(), 5);
     for cycle in 2..10 {
-        let out = guard.step(
-            cycle,
-            Permission::Move,
-            &zero.0,
-            &zero.1,
-            Some(&five(cycle)),
-        );
+        let out = guard.step(cycle, Permission::Move, &zero, Some(&five(cycle)));
         assert!(!out.streaming);
     }
 }
