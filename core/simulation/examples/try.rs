@@ -47,7 +47,7 @@ fn main() {
                     .map(|e| tangent_simulation::metrics::angle_deg(&e.normal, &t.normal))
                     .unwrap_or(-1.0);
                 println!(
-                    "{:7.3} {:8} Ft {:6.3} Fm {:6.3} ref {:5.2} tool {:6.2} est {:6.2} al {:6.2} v {:6.4} pe {:7.4} d {:7.0} k {:7.0} p {:.3?} w {:.2?} val {:?}",
+                    "{:7.3} {:8} Ft {:6.3} Fm {:6.3} ref {:5.2} tool {:6.2} est {:6.2} al {:6.2} v {:6.4} pe {:7.4} d {:7.0} k {:7.0} p {:.3?} w {:.2?} val {:?} vc {:.4} va {:.4} wc {:.3} wa {:.3} man {:.3} q {:.2?} qd {:.2?}",
                     c.arm.time_s,
                     c.output.phase.name(),
                     t.wrench.force.dot(&t.normal),
@@ -62,7 +62,14 @@ fn main() {
                     c.output.stiffness_n_per_m,
                     t.base_from_tool.translation().as_slice(),
                     c.input.wrench.force.as_slice(),
-                    c.estimate.map(|e| e.validity)
+                    c.estimate.map(|e| e.validity),
+                    c.output.twist_commanded.linear.dot(&t.normal),
+                    c.input.twist.linear.dot(&t.normal),
+                    c.output.twist_commanded.angular.norm(),
+                    c.input.twist.angular.norm(),
+                    c.output.manipulability,
+                    c.arm.q.as_slice(),
+                    c.output.qd.as_slice()
                 );
             }
             i += 1;

@@ -9,9 +9,12 @@ use tangent_control::{
     Program,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
-use tangent_mechanics::{Aligned, Base, Pose, Sensor, Tool, Twist, Wrench, manipulability};
+use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench, manipulability};
+use tangent_sensing::{
+    ConditionedWrench, Payload, Reading, SensorCondition, Validity, WrenchConditioner,
+    WrenchConditionerState,
+};
 
-use crate::conditioner_stand_in::{ConditionedWrench, WrenchConditioner};
 use crate::digest::TrajectoryDigest;
 use crate::measurement::{ArmMeasurement, VelocityCommand};
 use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
@@ -146,12 +149,13 @@ pub fn evaluate_with(
 pub struct ClosedLoop {
     plant: Plant,
     conditioner: WrenchConditioner,
+    conditioning: WrenchConditionerState,
     estimators: Vec<Box<dyn NormalEstimator>>,
     controller: Controller,
     flange_from_tool: Pose<tangent_mechanics::Flange, Tool>,
-    flange_from_sensor: Pose<tangent_mechanics::Flange, Sensor>,
+    /// Measured tool pose of the period before, and its time.
+    pose_before: (Pose<Base, Tool>, f64),
     sensor_scale: [f64; 6],
-    sample_dt: f64,
     exchange_cycles: usize,
     estimate_cycles: usize,
     /// Commands under way to the arm, oldest first.
@@ -175,12 +179,15 @@ impl ClosedLoop {
             (plant.flange_from_tool(), plant.flange_from_sensor());
         let payload = &scenario.plant.tool.payload;
         let conditioner = WrenchConditioner::new(
-            payload.mass_kg,
-            payload.com_in_sensor_m,
+            &scenario.sensing,
+            &Payload {
+                mass_kg: payload.mass_kg,
+                com_in_sensor_m: payload.com_in_sensor_m,
+                inertia_kg_m2: payload.inertia_kg_m2,
+            },
             flange_from_sensor.inverse() * flange_from_tool,
-            scenario.sensing.cutoff_hz,
-            scenario.sensing.tare_s,
-        );
+            scenario.plant.sensor.rate_hz,
+        )?;
         let config = scenario.controller_config()?;
         // The preset is already in `config`, together with the scenario's own parameters.
         let mut task = scenario.task.clone();
@@ -197,10 +204,11 @@ impl ClosedLoop {
         let input = blank_input(&plant);
         Ok(Self {
             conditioner,
+            conditioning: WrenchConditionerState::default(),
             estimators,
             controller,
             flange_from_tool,
-            flange_from_sensor,
+            pose_before: (input.base_from_tool, 0.0),
             sensor_scale: [
                 sensor.counts_per_n,
                 sensor.counts_per_n,
@@ -210,7 +218,6 @@ impl ClosedLoop {
                 sensor.counts_per_nm,
             ]
             .map(|counts| 1.0 / counts),
-            sample_dt: 1.0 / sensor.rate_hz,
             exchange_cycles: scenario.pipeline.exchange_cycles,
             estimate_cycles: scenario.pipeline.estimate_cycles,
             commands: [VelocityCommand::hold(); PIPELINE_CYCLES_MAX + 1],
@@ -243,21 +250,30 @@ impl ClosedLoop {
             .tool_and_jacobian(&arm.q, &self.flange_from_tool);
         let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * arm.qd));
 
-        let base_from_sensor =
-            (base_from_tool * self.flange_from_tool.inverse() * self.flange_from_sensor).rotation();
         for sample in self.plant.sensor_samples() {
             let raw = nalgebra::Vector6::from_fn(|i, _| {
                 f64::from(sample.counts[i]) * self.sensor_scale[i]
             });
+            // The arm's packet of this period comes after these samples: they know the pose of the one before.
+            let (pose, at) = self.pose_before;
             self.conditioned = Some(self.conditioner.update(
-                &raw,
-                sample.saturated,
-                &base_from_sensor,
-                sample.time_s,
-                self.sample_dt,
+                &mut self.conditioning,
+                &Reading {
+                    time_s: sample.time_s,
+                    wrench: Wrench::from_vector(&raw),
+                    condition: if sample.saturated {
+                        SensorCondition::Saturated
+                    } else {
+                        SensorCondition::Good
+                    },
+                    missed: 0,
+                    base_from_tool: Some((pose, sample.time_s - at)),
+                    motion: None,
+                },
             ));
             self.wrench_time = sample.time_s;
         }
+        self.pose_before = (base_from_tool, arm.time_s);
 
         let mut input = blank_input(&self.plant);
         input.base_from_tool = base_from_tool;
@@ -295,7 +311,9 @@ impl ClosedLoop {
 
         self.output = self.controller.step(&input);
         if self.output.tare_requested {
-            self.conditioner.tare(input.time_s);
+            if !self.conditioning.is_taring() {
+                self.conditioner.start_tare(&mut self.conditioning);
+            }
         }
         let command = match self.output.kind {
             CommandKind::Hold => VelocityCommand::hold(),
@@ -381,7 +399,7 @@ fn blank_input(plant: &Plant) -> ControlInput {
         speed_scaling: 1.0,
         arm_ready: true,
         wrench: Wrench::zero(),
-        wrench_validity: tangent_sensing::Validity::Missing,
+        wrench_validity: Validity::Missing,
         wrench_age_s: f64::INFINITY,
         wrench_delay_s: 0.0,
         bias_age_s: None,

@@ -5,7 +5,6 @@
 
 mod closed_loop;
 mod compliance;
-mod conditioner_stand_in;
 pub mod contact;
 mod digest;
 mod measurement;
@@ -30,7 +29,7 @@ pub use plant_config::{
     PayloadErrorConfig, PlantConfig, PoseConfig, SensorConfig, ServoConfig, StartConfig,
     SurfaceConfig,
 };
-pub use scenario::{PipelineConfig, Scenario, ScenarioError, SensingConfig};
+pub use scenario::{PipelineConfig, Scenario, ScenarioError};
 pub use sensor::Sensor;
 pub use servo::Servo;
 pub use start::StartError;

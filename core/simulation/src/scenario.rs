@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tangent_control::{ControlError, ControllerConfig, Limits, Task};
 use tangent_estimation::{EstimationError, EstimatorConfig};
+use tangent_sensing::{ConditioningConfig, SensingError};
 use toml::{Table, Value};
 
 use crate::overrides::{self, OverrideError};
@@ -38,7 +39,7 @@ pub struct Scenario {
     pub estimation: EstimatorConfig,
     /// Wrench conditioning.
     #[serde(default)]
-    pub sensing: SensingConfig,
+    pub sensing: ConditioningConfig,
     /// Delays of the pipeline between plant and controller.
     #[serde(default)]
     pub pipeline: PipelineConfig,
@@ -46,25 +47,6 @@ pub struct Scenario {
     pub plant: PlantConfig,
     /// The job.
     pub task: Task,
-}
-
-/// Wrench conditioning, as the cell file's `[sensor]` has it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SensingConfig {
-    /// Cut-off of the low-pass filter, Hz.
-    pub cutoff_hz: f64,
-    /// Duration averaged by a tare, s.
-    pub tare_s: f64,
-}
-
-impl Default for SensingConfig {
-    fn default() -> Self {
-        Self {
-            cutoff_hz: 15.0,
-            tare_s: 1.0,
-        }
-    }
 }
 
 /// Delays of the live pipeline, in arm periods.
@@ -148,6 +130,9 @@ pub enum ScenarioError {
     /// The law or the task is bad.
     #[error(transparent)]
     Control(#[from] ControlError),
+    /// Wrench conditioning is badly set.
+    #[error(transparent)]
+    Sensing(#[from] SensingError),
     /// An estimator is unknown or badly set.
     #[error(transparent)]
     Estimation(#[from] EstimationError),
@@ -214,20 +199,6 @@ impl Scenario {
             self.duration_s,
             "0.1 to 86400 s",
             (0.1..=86_400.0).contains(&self.duration_s),
-        )?;
-        let cutoff = self.sensing.cutoff_hz;
-        value(
-            "sensing.cutoff_hz",
-            cutoff,
-            "1 to 200 Hz",
-            (1.0..=200.0).contains(&cutoff),
-        )?;
-        let tare = self.sensing.tare_s;
-        value(
-            "sensing.tare_s",
-            tare,
-            "0.05 to 10 s",
-            (0.05..=10.0).contains(&tare),
         )?;
         for (key, cycles) in [
             ("pipeline.exchange_cycles", self.pipeline.exchange_cycles),
