@@ -4,10 +4,12 @@ pub mod bridge;
 #[cfg(test)]
 mod bridge_tests;
 pub mod codec;
+pub mod dashboard;
 pub mod guard;
 #[cfg(test)]
 mod guard_tests;
 pub mod link;
+pub mod primary;
 pub mod program;
 pub mod sample;
 pub mod status;
