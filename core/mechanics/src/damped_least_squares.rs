@@ -25,7 +25,7 @@ pub struct DampedLeastSquares {
 }
 
 impl Default for DampedLeastSquares {
-    /// λ_max 0.04 and ε 0.06: at most 17 rad/s per m/s. A UR5 in a working pose has σ_min of 0.1 to 0.25.
+    /// λ_max 0.04 and ε 0.06: at most 17 rad/s per m/s. A UR5 at home has σ_min = 0.22.
     fn default() -> Self {
         Self {
             damping_max: 0.04,
@@ -157,8 +157,9 @@ fn rotate<const N: usize>(
 ) -> bool {
     let (a, b) = (right[i].norm_squared(), right[j].norm_squared());
     let product = right[i].dot(&right[j]);
-    // A few ulp of the lengths; NaN leaves here as well.
-    if !(product.abs() > 4.0 * f64::EPSILON * (a * b).sqrt()) || a.min(b) <= square_floor {
+    // A few ulp of the lengths.
+    let orthogonal = product.abs() <= 4.0 * f64::EPSILON * (a * b).sqrt();
+    if orthogonal || product.is_nan() || a.min(b) <= square_floor {
         return false;
     }
     let zeta = (b - a) / (2.0 * product);
