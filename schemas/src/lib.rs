@@ -5,6 +5,7 @@
 
 pub mod cdr;
 pub mod convert;
+pub mod definition;
 pub mod standard;
 pub mod tangent;
 pub mod topics;
@@ -26,6 +27,11 @@ pub trait Message:
 {
     /// `PACKAGE/msg/NAME`.
     const NAME: &'static str;
+
+    /// The `.msg` text with everything it is made of, as the schema of a recording (`ros2msg`).
+    fn definition() -> String {
+        definition::definition(Self::NAME).expect("a test checks that every message has its file")
+    }
 }
 
 macro_rules! message {

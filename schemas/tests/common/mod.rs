@@ -1,0 +1,22 @@
+//! Shared by the tests: the list of all messages, and what a type looks like to serde.
+#![allow(dead_code, unused_macros, unused_imports)]
+
+pub mod sample;
+pub mod trace;
+
+/// Calls a generic function once for each message type.
+macro_rules! for_every_message {
+    ($check:ident, $argument:expr) => {
+        $crate::common::for_every_message!(@ $check, $argument,
+            tangent_schemas::standard: Time Duration Header ColorRGBA Vector3 Point Quaternion Pose PoseStamped Twist
+                Wrench WrenchStamped Transform TransformStamped TFMessage CompressedImage JointState UVCoordinate MeshFile
+                Marker MarkerArray;
+            tangent_schemas::tangent: ArmState ArmCommand WrenchStatus NormalEstimate ControlState Health ContactTruth
+                Request Answer;
+        )
+    };
+    (@ $check:ident, $argument:expr, $($a:ident::$b:ident: $($name:ident)*;)*) => {
+        $($($check::<$a::$b::$name>($argument);)*)*
+    };
+}
+pub(crate) use for_every_message;

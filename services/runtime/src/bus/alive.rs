@@ -1,0 +1,115 @@
+//! Who is here: liveliness tokens `alive/SERVICE/INSTANCE`.
+//!
+//! A token says that a process's session is connected, not that its thread still works: silence of data is what loops
+//! judge by.
+
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use tangent_schemas::topics;
+
+use super::Inner;
+use super::error::BusError;
+use super::registry::parse_concrete_key;
+
+/// A service that is here.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+pub struct Alive {
+    /// Cell; the bus's own, or the one in the key on a bus outside any cell.
+    pub cell: String,
+    /// For instance `netft`.
+    pub service: String,
+    /// Tells several of a kind apart: host and process.
+    pub instance: String,
+}
+
+/// Says that a service is here until it is dropped.
+#[must_use = "dropping the token says that the service has gone"]
+pub struct AliveToken {
+    alive: Alive,
+    bus: Weak<Inner>,
+    _token: Option<zenoh::liveliness::LivelinessToken>,
+}
+
+impl Drop for AliveToken {
+    fn drop(&mut self) {
+        if let Some(bus) = self.bus.upgrade() {
+            let mut tokens = bus.lock_tokens();
+            if let Some(index) = tokens.iter().position(|alive| *alive == self.alive) {
+                tokens.swap_remove(index);
+            }
+        }
+    }
+}
+
+pub(crate) fn declare(
+    bus: &Arc<Inner>,
+    service: &str,
+    instance: &str,
+) -> Result<AliveToken, BusError> {
+    let key = topics::alive(service, instance);
+    parse_concrete_key(&key)?;
+    let token = match &bus.session {
+        Some(session) => Some(session.token(&key)?),
+        None => None,
+    };
+    let alive = Alive {
+        cell: bus.name.clone(),
+        service: service.to_owned(),
+        instance: instance.to_owned(),
+    };
+    bus.lock_tokens().push(alive.clone());
+    Ok(AliveToken {
+        alive,
+        bus: Arc::downgrade(bus),
+        _token: token,
+    })
+}
+
+pub(crate) fn list(bus: &Arc<Inner>, timeout: Duration) -> Result<Vec<Alive>, BusError> {
+    let mut all = bus.lock_tokens().clone();
+    if let Some(session) = &bus.session {
+        let outside = bus.name.is_empty();
+        let pattern = topics::alive("*", "*");
+        let keys = if outside {
+            session.tokens(&format!("*/{pattern}"), timeout)?
+        } else {
+            session.tokens(&pattern, timeout)?
+        };
+        all.extend(keys.iter().filter_map(|key| parse(key, &bus.name)));
+    }
+    all.sort();
+    all.dedup();
+    Ok(all)
+}
+
+/// `[CELL/]alive/SERVICE/INSTANCE`.
+fn parse(key: &str, cell: &str) -> Option<Alive> {
+    let mut parts = key.rsplit('/');
+    let (instance, service) = (parts.next()?, parts.next()?);
+    if parts.next()? != "alive" {
+        return None;
+    }
+    Some(Alive {
+        cell: parts.next().unwrap_or(cell).to_owned(),
+        service: service.to_owned(),
+        instance: instance.to_owned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_inside_and_outside_a_cell() {
+        let inside = parse("alive/netft/host-1", "cell1").unwrap();
+        assert_eq!(
+            (inside.cell.as_str(), inside.service.as_str()),
+            ("cell1", "netft")
+        );
+        let outside = parse("cell2/alive/rtde/host-2", "").unwrap();
+        assert_eq!(outside.cell, "cell2");
+        assert_eq!(parse("cell2/other/rtde/host-2", ""), None);
+    }
+}

@@ -1,0 +1,96 @@
+//! What every sample carries beside its payload, in rmw_zenoh's layout: sequence, source time, publisher's id.
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes of an attachment: i64 sequence, i64 source time in ns since the Unix epoch, u8 16, 16 bytes of id; all
+/// little-endian.
+pub const LENGTH: usize = 33;
+
+/// The attachment in words.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Attachment {
+    /// Counts the publisher's messages from 1; 0 for a publisher that does not say.
+    pub sequence: u64,
+    /// When it was published, ns since the Unix epoch on the publisher's host.
+    pub source_time_ns: i64,
+    /// Random per publisher and start.
+    pub publisher: [u8; 16],
+}
+
+impl Attachment {
+    /// As bytes.
+    pub fn to_bytes(self) -> [u8; LENGTH] {
+        let mut bytes = [0; LENGTH];
+        bytes[..8].copy_from_slice(&(self.sequence as i64).to_le_bytes());
+        bytes[8..16].copy_from_slice(&self.source_time_ns.to_le_bytes());
+        bytes[16] = 16;
+        bytes[17..].copy_from_slice(&self.publisher);
+        bytes
+    }
+
+    /// From bytes; `None` when they are not an attachment.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let (sequence, rest) = bytes.split_first_chunk::<8>()?;
+        let (time, rest) = rest.split_first_chunk::<8>()?;
+        let (&length, publisher) = rest.split_first()?;
+        let publisher = <[u8; 16]>::try_from(publisher).ok()?;
+        let sequence = u64::try_from(i64::from_le_bytes(*sequence)).ok()?;
+        (length == 16).then_some(Self {
+            sequence,
+            source_time_ns: i64::from_le_bytes(*time),
+            publisher,
+        })
+    }
+}
+
+/// A new publisher's id: eight random bytes of the process, eight that count its publishers.
+pub fn new_publisher_id() -> [u8; 16] {
+    static PROCESS: OnceLock<u64> = OnceLock::new();
+    static NEXT: AtomicU64 = AtomicU64::new(1);
+    // The standard library seeds its hash maps from the system's randomness.
+    let process = PROCESS.get_or_init(|| RandomState::new().build_hasher().finish());
+    let mut id = [0; 16];
+    id[..8].copy_from_slice(&process.to_le_bytes());
+    id[8..].copy_from_slice(&NEXT.fetch_add(1, Ordering::Relaxed).to_le_bytes());
+    id
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_layout_is_that_of_rmw_zenoh() {
+        let attachment = Attachment {
+            sequence: 258,
+            source_time_ns: -2,
+            publisher: *b"0123456789abcdef",
+        };
+        let bytes = attachment.to_bytes();
+        assert_eq!(bytes[..8], [2, 1, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(bytes[8..16], [0xfe, 255, 255, 255, 255, 255, 255, 255]);
+        assert_eq!(bytes[16], 16);
+        assert_eq!(&bytes[17..], b"0123456789abcdef");
+        assert_eq!(Attachment::from_bytes(&bytes), Some(attachment));
+    }
+
+    #[test]
+    fn other_lengths_and_negative_sequences_are_none() {
+        let mut bytes = Attachment::default().to_bytes();
+        for length in 0..LENGTH {
+            assert_eq!(Attachment::from_bytes(&bytes[..length]), None);
+        }
+        bytes[16] = 15;
+        assert_eq!(Attachment::from_bytes(&bytes), None);
+        bytes[16] = 16;
+        bytes[7] = 0x80;
+        assert_eq!(Attachment::from_bytes(&bytes), None);
+    }
+
+    #[test]
+    fn ids_differ() {
+        assert_ne!(new_publisher_id(), new_publisher_id());
+    }
+}

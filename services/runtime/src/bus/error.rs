@@ -1,0 +1,85 @@
+//! What can go wrong on the bus, and what to do about it.
+
+use std::time::Duration;
+
+/// Errors of the bus.
+#[derive(Debug, thiserror::Error)]
+pub enum BusError {
+    /// The key is not one that Zenoh and this bus take.
+    #[error("`{key}` is not a valid key: {reason}")]
+    Key {
+        /// As given.
+        key: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The key is in use with another message type in this process.
+    #[error(
+        "`{key}` carries {present} in this process, not {asked}: one topic has one message type"
+    )]
+    Type {
+        /// The key.
+        key: String,
+        /// Type in use.
+        present: &'static str,
+        /// Type asked for.
+        asked: &'static str,
+    },
+    /// Another process listens on the router's port.
+    #[error(
+        "{endpoint} is taken: another process listens there, perhaps another `tangent up` or `tangent run router`. \
+         Stop it, or give this cell a free port in cell.toml (zenoh.listen and zenoh.connect)"
+    )]
+    PortBusy {
+        /// The endpoint asked for.
+        endpoint: String,
+    },
+    /// No router at any of the endpoints.
+    #[error(
+        "no router answered at {endpoints} within {} s: start `tangent up` or `tangent run router`, or correct \
+         zenoh.connect in cell.toml", .patience.as_secs_f64()
+    )]
+    NoRouter {
+        /// Where it was looked for.
+        endpoints: String,
+        /// For how long.
+        patience: Duration,
+    },
+    /// Zenoh refused its configuration.
+    #[error("Zenoh does not take {key} = {value}: {reason}")]
+    Configuration {
+        /// Zenoh's key.
+        key: String,
+        /// Value it got.
+        value: String,
+        /// What it says.
+        reason: String,
+    },
+    /// Any other refusal by Zenoh.
+    #[error("{action} failed: {reason}")]
+    Zenoh {
+        /// What was tried.
+        action: String,
+        /// What Zenoh says.
+        reason: String,
+    },
+    /// Nobody answered a request.
+    #[error("nobody answered on `{key}` within {} s: is the service running? (`tangent status`)", .timeout.as_secs_f64())]
+    NoAnswer {
+        /// Key asked.
+        key: String,
+        /// Patience.
+        timeout: Duration,
+    },
+    /// An answer that cannot be read.
+    #[error("the answer on `{key}` cannot be read: {reason}")]
+    BadAnswer {
+        /// Key asked.
+        key: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// Asked to stop while waiting.
+    #[error("stopped while waiting for the network")]
+    Stopped,
+}

@@ -1,0 +1,294 @@
+//! The bus: typed publish, latest, subscribe and ask, whatever lies beneath.
+//!
+//! Two lanes. Readers in the same process get a message inside `publish`, in the sender's thread, through lock-free
+//! slots or a direct call. Everybody else gets it from a publishing thread, which encodes it as CDR and calls Zenoh; a
+//! Zenoh `put` can take milliseconds and drop without a word, so a control loop must never call it.
+
+mod alive;
+pub mod answer;
+mod attachment;
+mod error;
+mod guard;
+mod outlet;
+mod publisher;
+mod raw;
+mod reader;
+mod registry;
+mod session;
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tangent_schemas::Message;
+use tangent_schemas::tangent::{Answer, Request};
+use tangent_schemas::topics::Topic;
+
+pub use alive::{Alive, AliveToken};
+pub use error::BusError;
+pub use publisher::{Publisher, RawPublisher};
+pub use raw::{RawMessage, RawSubscription};
+pub use reader::{Counts, Handle, Latest, Received, Subscription};
+
+use crate::config::{CellConfig, ZenohConfig};
+use crate::stop::Stop;
+use reader::{ReaderCore, Sink};
+use registry::Registry;
+use session::Session;
+
+/// What a session is to the others on the network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Dials the cell's router.
+    Client,
+    /// Is the cell's router: listens, and passes everybody's messages on.
+    Router,
+}
+
+/// A cell's bus. Clones are cheap and share one session.
+#[derive(Clone)]
+pub struct Bus {
+    inner: Arc<Inner>,
+}
+
+pub(crate) struct Inner {
+    name: String,
+    registry: Arc<Registry>,
+    pump: outlet::Pump,
+    answerers: answer::Answerers,
+    tokens: Mutex<Vec<Alive>>,
+    session: Option<Session>,
+}
+
+impl Bus {
+    /// A bus without any network, for tests and for closed loops within one process.
+    pub fn in_process(name: &str) -> Self {
+        Self::assemble(name, None)
+    }
+
+    /// Joins the cell's network, and waits for the router for as long as it takes, with a log line each second.
+    ///
+    /// # Errors
+    /// A busy or bad endpoint. See also [`Bus::open_within`].
+    pub fn open(config: &CellConfig, role: Role) -> Result<Self, BusError> {
+        Self::open_until(config, role, None, &Stop::new())
+    }
+
+    /// The same, for at most `patience` (for commands that a person waits for).
+    ///
+    /// # Errors
+    /// [`BusError::NoRouter`] when nobody answers in time; [`BusError::PortBusy`] for a router whose port is taken.
+    pub fn open_within(
+        config: &CellConfig,
+        role: Role,
+        patience: Duration,
+    ) -> Result<Self, BusError> {
+        Self::open_until(config, role, Some(patience), &Stop::new())
+    }
+
+    /// The same, given up when `stop` is triggered.
+    ///
+    /// # Errors
+    /// As [`Bus::open_within`], and [`BusError::Stopped`].
+    pub fn open_until(
+        config: &CellConfig,
+        role: Role,
+        patience: Option<Duration>,
+        stop: &Stop,
+    ) -> Result<Self, BusError> {
+        let namespace = Some(config.cell.name.as_str());
+        let session = Session::open(&config.zenoh, namespace, role, patience, stop)?;
+        Ok(Self::assemble(&config.cell.name, Some(session)))
+    }
+
+    /// Joins the network outside any cell: keys begin with the cell's name, `*/health/*` reads every cell's health.
+    ///
+    /// # Errors
+    /// As [`Bus::open_within`].
+    pub fn open_network(config: &ZenohConfig, patience: Duration) -> Result<Self, BusError> {
+        let session = Session::open(config, None, Role::Client, Some(patience), &Stop::new())?;
+        Ok(Self::assemble("", Some(session)))
+    }
+
+    fn assemble(name: &str, session: Option<Session>) -> Self {
+        let registry = Arc::new(Registry::default());
+        Self {
+            inner: Arc::new(Inner {
+                name: name.to_owned(),
+                pump: outlet::Pump::start(),
+                registry,
+                answerers: answer::Answerers::default(),
+                tokens: Mutex::default(),
+                session,
+            }),
+        }
+    }
+
+    /// The cell's name; empty outside any cell.
+    pub fn cell(&self) -> &str {
+        &self.inner.name
+    }
+
+    /// A publisher for one topic. Each counts its own sequence under its own id.
+    ///
+    /// # Errors
+    /// A key with wildcards, or one that is in use with another message type.
+    pub fn publisher<M: Message>(&self, topic: &Topic<M>) -> Result<Publisher<M>, BusError> {
+        Publisher::declare(&self.inner, topic)
+    }
+
+    /// The newest message of a topic, and nothing before it.
+    ///
+    /// # Errors
+    /// A bad key, or one that is in use with another message type.
+    pub fn latest<M: Message>(&self, topic: &Topic<M>) -> Result<Latest<M>, BusError> {
+        let core = Arc::new(ReaderCore::new(Sink::latest()));
+        let handle = self.register(topic, &core)?;
+        Ok(Latest::new(core, handle))
+    }
+
+    /// Every message of a topic, in a queue that holds `capacity`: when it is full the oldest goes, counted.
+    ///
+    /// # Errors
+    /// A bad key, or one that is in use with another message type.
+    pub fn subscribe<M: Message>(
+        &self,
+        topic: &Topic<M>,
+        capacity: usize,
+    ) -> Result<Subscription<M>, BusError> {
+        let core = Arc::new(ReaderCore::new(Sink::queue(capacity)));
+        let handle = self.register(topic, &core)?;
+        Ok(Subscription::new(core, handle))
+    }
+
+    /// Calls `callback` for every message: from the same process inside `publish`, in the publisher's thread, in the
+    /// order of registration; from elsewhere in a Zenoh thread. It must be short and must not wait. It ends with the
+    /// handle. A callback that publishes what it listens to is not called again from within itself: that message is
+    /// counted as dropped.
+    ///
+    /// # Errors
+    /// A bad key, or one that is in use with another message type.
+    pub fn on<M: Message>(
+        &self,
+        topic: &Topic<M>,
+        callback: impl FnMut(&Received<M>) + Send + 'static,
+    ) -> Result<Handle, BusError> {
+        let core = Arc::new(ReaderCore::new(Sink::callback(callback)));
+        self.register(topic, &core)
+    }
+
+    fn register<M: Message>(
+        &self,
+        topic: &Topic<M>,
+        core: &Arc<ReaderCore<M>>,
+    ) -> Result<Handle, BusError> {
+        let mut handle = registry::add_reader(&self.inner.registry, topic.key(), core)?;
+        if let Some(session) = &self.inner.session {
+            handle.keep(session.subscribe(topic.key(), Arc::clone(core) as _)?);
+        }
+        Ok(handle)
+    }
+
+    /// Every message on keys that match `pattern`, encoded, from this process and from others. For the recorder.
+    ///
+    /// # Errors
+    /// A bad pattern.
+    pub fn subscribe_raw(
+        &self,
+        pattern: &str,
+        capacity: usize,
+    ) -> Result<RawSubscription, BusError> {
+        raw::subscribe(&self.inner, pattern, capacity)
+    }
+
+    /// Publishes bytes that are encoded already, for replay. Not for real-time threads.
+    ///
+    /// # Errors
+    /// A key with wildcards.
+    pub fn raw_publisher(&self, key: &str, type_name: &str) -> Result<RawPublisher, BusError> {
+        RawPublisher::declare(&self.inner, key, type_name)
+    }
+
+    /// Answers requests on `key`, which may hold wildcards; the handler gets the key that was asked. Requests from
+    /// this process run it in the asker's thread, others in the bus's answering thread, one after another.
+    ///
+    /// # Errors
+    /// A bad key.
+    pub fn answer(
+        &self,
+        key: &str,
+        handler: impl Fn(&str, Request) -> Answer + Send + Sync + 'static,
+    ) -> Result<Handle, BusError> {
+        answer::declare(&self.inner, key, Arc::new(handler))
+    }
+
+    /// Asks and waits for the first answer.
+    ///
+    /// # Errors
+    /// [`BusError::NoAnswer`] when nobody answers in time.
+    pub fn ask(&self, key: &str, request: &Request, timeout: Duration) -> Result<Answer, BusError> {
+        answer::ask(&self.inner, key, request, timeout)
+    }
+
+    /// Asks everybody whose key matches, and waits until all have answered or the time is up.
+    ///
+    /// # Errors
+    /// A bad key, or a closed session.
+    pub fn ask_all(
+        &self,
+        key: &str,
+        request: &Request,
+        timeout: Duration,
+    ) -> Result<Vec<(String, Answer)>, BusError> {
+        answer::ask_all(&self.inner, key, request, timeout)
+    }
+
+    /// Says that a service is here, until the token is dropped. [`crate::HealthReporter`] does it for services.
+    ///
+    /// # Errors
+    /// A name that cannot stand in a key.
+    pub fn declare_alive(&self, service: &str, instance: &str) -> Result<AliveToken, BusError> {
+        alive::declare(&self.inner, service, instance)
+    }
+
+    /// Who is here now, in this process and on the network, sorted.
+    ///
+    /// # Errors
+    /// A closed session.
+    pub fn alive(&self, timeout: Duration) -> Result<Vec<Alive>, BusError> {
+        alive::list(&self.inner, timeout)
+    }
+
+    /// True when somebody in another process reads this topic now.
+    pub fn is_networked(&self) -> bool {
+        self.inner.session.is_some()
+    }
+
+    /// Messages for other processes that were dropped before the wire because the publishing thread fell behind.
+    pub fn dropped(&self) -> u64 {
+        self.inner.pump.dropped()
+    }
+
+    /// Sends what waits, then leaves the network. Without it, the last clone's end does the same.
+    pub fn close(&self) {
+        self.inner.shut_down();
+    }
+}
+
+impl Inner {
+    fn shut_down(&self) {
+        self.pump.stop();
+        if let Some(session) = &self.session {
+            session.close();
+        }
+    }
+
+    fn lock_tokens(&self) -> std::sync::MutexGuard<'_, Vec<Alive>> {
+        self.tokens.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        self.shut_down();
+    }
+}

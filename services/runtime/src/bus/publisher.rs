@@ -1,0 +1,190 @@
+//! The sending ends.
+
+use std::cell::{Cell, RefCell};
+use std::sync::Arc;
+use std::thread::Thread;
+use std::time::Instant;
+
+use tangent_schemas::Message;
+use tangent_schemas::topics::{Delivery, Topic};
+use zenoh::key_expr::OwnedKeyExpr;
+
+use super::Inner;
+use super::attachment::{Attachment, new_publisher_id};
+use super::error::BusError;
+use super::outlet::Outlet;
+use super::raw::{self, RawMessage};
+use super::reader::{Arrival, Received};
+use super::registry::{Channel, Readers, parse_concrete_key};
+use super::session::RemotePublisher;
+use crate::clock;
+
+/// Publishes one topic from one thread at a time.
+///
+/// `publish` takes no lock, no memory and never calls Zenoh, except that the first call after readers in this process
+/// came or went looks them up anew. Messages that own memory (`Vec`, `String`) allocate when they are copied; those of
+/// the control loop own none.
+pub struct Publisher<M: Message> {
+    channel: Arc<Channel<M>>,
+    known: RefCell<(u64, Readers<M>)>,
+    sequence: Cell<u64>,
+    id: [u8; 16],
+    outlet: Arc<Outlet<M>>,
+    pump: Option<Thread>,
+    // The bus lives as long as its publishers.
+    _bus: Arc<Inner>,
+}
+
+impl<M: Message> Publisher<M> {
+    pub(crate) fn declare(bus: &Arc<Inner>, topic: &Topic<M>) -> Result<Self, BusError> {
+        let key = parse_concrete_key(topic.key())?;
+        let channel = bus.registry.channel::<M>(&key)?;
+        let remote = match &bus.session {
+            Some(session) => Some(session.publisher(&key, topic.delivery(), M::NAME)?),
+            None => None,
+        };
+        let outlet = Arc::new(Outlet::new(
+            key,
+            topic.delivery(),
+            remote,
+            Arc::clone(&bus.registry),
+            &bus.pump,
+        ));
+        bus.pump.add(Arc::clone(&outlet) as _);
+        Ok(Self {
+            known: RefCell::new((channel.generation(), channel.readers())),
+            channel,
+            sequence: Cell::new(0),
+            id: new_publisher_id(),
+            outlet,
+            pump: bus.pump.thread(),
+            _bus: Arc::clone(bus),
+        })
+    }
+
+    /// Delivers to every reader in this process, callbacks first and in this thread, then leaves the message for the
+    /// publishing thread if anybody else wants it. Returns the message's sequence.
+    pub fn publish(&self, message: &M) -> u64 {
+        let sequence = self.sequence.get() + 1;
+        self.sequence.set(sequence);
+        let readers = self.readers();
+        let wanted = self.outlet.is_wanted();
+        if readers.is_empty() && !wanted {
+            return sequence;
+        }
+        let received = Received {
+            message: message.clone(),
+            sequence,
+            source_time_ns: clock::now_ns(),
+            received: Instant::now(),
+            publisher: self.id,
+        };
+        for reader in readers.iter() {
+            reader.deliver(&received);
+        }
+        if wanted {
+            self.outlet.push(received);
+            if let Some(pump) = &self.pump {
+                pump.unpark();
+            }
+        }
+        sequence
+    }
+
+    /// The readers as last looked up; looked up again when they changed.
+    fn readers(&self) -> Readers<M> {
+        let generation = self.channel.generation();
+        let mut known = self.known.borrow_mut();
+        if known.0 != generation {
+            *known = (generation, self.channel.readers());
+        }
+        Arc::clone(&known.1)
+    }
+
+    /// This publisher's id, as its readers see it.
+    pub fn id(&self) -> [u8; 16] {
+        self.id
+    }
+
+    /// Sequence of the last message; 0 before the first.
+    pub fn sequence(&self) -> u64 {
+        self.sequence.get()
+    }
+
+    /// Somebody in another process reads this topic now.
+    pub fn is_read_remotely(&self) -> bool {
+        self.outlet.is_wanted_remotely()
+    }
+
+    /// Somebody anywhere reads this topic now.
+    pub fn is_read(&self) -> bool {
+        !self.readers().is_empty() || self.outlet.is_wanted()
+    }
+}
+
+impl<M: Message> Drop for Publisher<M> {
+    fn drop(&mut self) {
+        self.outlet.close();
+        if let Some(pump) = &self.pump {
+            pump.unpark();
+        }
+    }
+}
+
+/// Publishes messages that are encoded already.
+pub struct RawPublisher {
+    key: OwnedKeyExpr,
+    type_name: String,
+    sequence: Cell<u64>,
+    id: [u8; 16],
+    remote: Option<RemotePublisher>,
+    bus: Arc<Inner>,
+}
+
+impl RawPublisher {
+    pub(crate) fn declare(bus: &Arc<Inner>, key: &str, type_name: &str) -> Result<Self, BusError> {
+        let key = parse_concrete_key(key)?;
+        let remote = match &bus.session {
+            Some(session) => Some(session.publisher(&key, Delivery::Stream, type_name)?),
+            None => None,
+        };
+        Ok(Self {
+            key,
+            type_name: type_name.to_owned(),
+            sequence: Cell::new(0),
+            id: new_publisher_id(),
+            remote,
+            bus: Arc::clone(bus),
+        })
+    }
+
+    /// Sends CDR bytes (with their encapsulation header) to everybody who reads the key, in this thread.
+    pub fn publish(&self, payload: &[u8]) {
+        let sequence = self.sequence.get() + 1;
+        self.sequence.set(sequence);
+        let attachment = Attachment {
+            sequence,
+            source_time_ns: clock::now_ns(),
+            publisher: self.id,
+        };
+        let arrival = Arrival::now(payload, attachment);
+        self.bus
+            .registry
+            .deliver_encoded(&self.key, &self.type_name, arrival);
+        let readers = self.bus.registry.raw_readers(&self.key);
+        if !readers.is_empty() {
+            raw::deliver(
+                &readers,
+                &RawMessage::arrived(self.key.as_str(), self.type_name.clone(), arrival),
+            );
+        }
+        if let Some(remote) = &self.remote {
+            remote.put(payload, attachment);
+        }
+    }
+
+    /// Somebody in another process reads this topic now.
+    pub fn is_read_remotely(&self) -> bool {
+        self.remote.as_ref().is_some_and(RemotePublisher::matches)
+    }
+}

@@ -1,0 +1,449 @@
+//! The reading ends: newest value, queue, callback. Delivery from the same process takes no lock and no memory.
+
+use std::any::Any;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::thread::Thread;
+use std::time::{Duration, Instant};
+
+use crossbeam_queue::ArrayQueue;
+use tangent_schemas::{Message, cdr};
+
+use super::attachment::Attachment;
+use super::guard::{Guard, Verdict};
+use crate::clock;
+
+/// More than one, so that a sender does not meet a reader that was pre-empted in the middle of taking the only value.
+const LATEST_SLOTS: usize = 8;
+
+/// A message and how it came.
+#[derive(Clone, Debug)]
+pub struct Received<M> {
+    /// What was said.
+    pub message: M,
+    /// Counts its publisher's messages from 1; 0 when the publisher does not say.
+    pub sequence: u64,
+    /// When it was published, ns since the Unix epoch on the publisher's host.
+    pub source_time_ns: i64,
+    /// When it arrived here, on the clock that judges silence.
+    pub received: Instant,
+    /// Its publisher's id.
+    pub publisher: [u8; 16],
+}
+
+impl<M> Received<M> {
+    /// Time since it arrived here.
+    pub fn age(&self) -> Duration {
+        self.received.elapsed()
+    }
+}
+
+/// What happened to a reader's messages since it was made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Delivered to this reader.
+    pub received: u64,
+    /// Missing by sequence: lost between the processes.
+    pub missing: u64,
+    /// Pushed out of a full queue, or arrived while the callback was running in the same thread.
+    pub dropped: u64,
+    /// Refused: doubled or overtaken by a newer one.
+    pub overtaken: u64,
+    /// Refused: older than the reader accepts.
+    pub too_old: u64,
+    /// Refused: another type, or bytes that are no message.
+    pub undecodable: u64,
+}
+
+#[derive(Debug, Default)]
+struct AtomicCounts {
+    received: AtomicU64,
+    missing: AtomicU64,
+    dropped: AtomicU64,
+    overtaken: AtomicU64,
+    too_old: AtomicU64,
+    undecodable: AtomicU64,
+}
+
+fn add(count: &AtomicU64, more: u64) {
+    count.fetch_add(more, Ordering::Relaxed);
+}
+
+type Callback<M> = Box<dyn FnMut(&Received<M>) + Send>;
+
+/// Where messages go.
+pub(crate) enum Sink<M> {
+    Slots {
+        queue: ArrayQueue<Received<M>>,
+        /// The reader's thread while it sleeps.
+        sleeper: ArrayQueue<Thread>,
+        /// A queue's losses count, those of a newest-value slot do not.
+        counts_drops: bool,
+    },
+    Callback {
+        callback: Mutex<Callback<M>>,
+        /// Thread that is in the callback, by number; 0: none.
+        inside: AtomicU64,
+    },
+}
+
+impl<M> Sink<M> {
+    pub(crate) fn latest() -> Self {
+        Self::slots(LATEST_SLOTS, false)
+    }
+
+    pub(crate) fn queue(capacity: usize) -> Self {
+        Self::slots(capacity, true)
+    }
+
+    fn slots(capacity: usize, counts_drops: bool) -> Self {
+        Self::Slots {
+            queue: ArrayQueue::new(capacity.max(1)),
+            sleeper: ArrayQueue::new(1),
+            counts_drops,
+        }
+    }
+
+    pub(crate) fn callback(callback: impl FnMut(&Received<M>) + Send + 'static) -> Self {
+        Self::Callback {
+            callback: Mutex::new(Box::new(callback)),
+            inside: AtomicU64::new(0),
+        }
+    }
+}
+
+/// A reader without its type: takes encoded samples from other processes.
+pub(crate) trait ErasedReader: Send + Sync {
+    fn message_name(&self) -> &'static str;
+    fn deliver_encoded(&self, key: &str, type_name: Option<&str>, at: Arrival<'_>);
+}
+
+/// An encoded sample.
+#[derive(Clone, Copy)]
+pub(crate) struct Arrival<'a> {
+    pub payload: &'a [u8],
+    pub attachment: Attachment,
+    pub received: Instant,
+    pub received_ns: i64,
+}
+
+pub(crate) struct ReaderCore<M> {
+    sink: Sink<M>,
+    guard: Mutex<Guard>,
+    counts: AtomicCounts,
+    /// Oldest source time accepted, as an age in ns; 0: any.
+    age_max_ns: AtomicI64,
+}
+
+impl<M: Message> ReaderCore<M> {
+    pub(crate) fn new(sink: Sink<M>) -> Self {
+        Self {
+            sink,
+            guard: Mutex::default(),
+            counts: AtomicCounts::default(),
+            age_max_ns: AtomicI64::new(0),
+        }
+    }
+
+    pub(crate) fn is_callback(&self) -> bool {
+        matches!(self.sink, Sink::Callback { .. })
+    }
+
+    /// In the sender's thread, or in Zenoh's.
+    pub(crate) fn deliver(&self, received: &Received<M>) {
+        match &self.sink {
+            Sink::Slots {
+                queue,
+                sleeper,
+                counts_drops,
+            } => {
+                add(&self.counts.received, 1);
+                if queue.force_push(received.clone()).is_some() && *counts_drops {
+                    add(&self.counts.dropped, 1);
+                }
+                if let Some(thread) = sleeper.pop() {
+                    thread.unpark();
+                }
+            }
+            Sink::Callback { callback, inside } => {
+                let me = thread_number();
+                let mut guard = match callback.try_lock() {
+                    Ok(guard) => guard,
+                    Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+                    Err(TryLockError::WouldBlock) => {
+                        if inside.load(Ordering::Acquire) == me {
+                            add(&self.counts.dropped, 1);
+                            return;
+                        }
+                        // Two publishers on one topic: the second waits for the first to be done.
+                        callback.lock().unwrap_or_else(PoisonError::into_inner)
+                    }
+                };
+                inside.store(me, Ordering::Release);
+                add(&self.counts.received, 1);
+                (*guard)(received);
+                inside.store(0, Ordering::Release);
+            }
+        }
+    }
+
+    fn age_max(&self) -> Option<Duration> {
+        match self.age_max_ns.load(Ordering::Relaxed) {
+            0 => None,
+            ns => Some(Duration::from_nanos(ns.unsigned_abs())),
+        }
+    }
+
+    fn refuse_older_than(&self, age: Duration) {
+        let ns = i64::try_from(age.as_nanos()).unwrap_or(i64::MAX).max(1);
+        self.age_max_ns.store(ns, Ordering::Relaxed);
+    }
+
+    pub(crate) fn counts(&self) -> Counts {
+        let load = |count: &AtomicU64| count.load(Ordering::Relaxed);
+        Counts {
+            received: load(&self.counts.received),
+            missing: load(&self.counts.missing),
+            dropped: load(&self.counts.dropped),
+            overtaken: load(&self.counts.overtaken),
+            too_old: load(&self.counts.too_old),
+            undecodable: load(&self.counts.undecodable),
+        }
+    }
+
+    fn undecodable(&self, key: &str, why: &dyn std::fmt::Display) {
+        // Once is enough for a person; the count says the rest.
+        if self.counts.undecodable.fetch_add(1, Ordering::Relaxed) == 0 {
+            tracing::warn!("{key}: a sample was refused: {why} (further ones are only counted)");
+        }
+    }
+}
+
+impl<M: Message> ErasedReader for ReaderCore<M> {
+    fn message_name(&self) -> &'static str {
+        M::NAME
+    }
+
+    fn deliver_encoded(&self, key: &str, type_name: Option<&str>, at: Arrival<'_>) {
+        if let Some(other) = type_name.filter(|name| *name != M::NAME) {
+            return self.undecodable(key, &format_args!("it is {other}, not {}", M::NAME));
+        }
+        let message = match cdr::decode::<M>(at.payload) {
+            Ok(message) => message,
+            Err(error) => return self.undecodable(key, &error),
+        };
+        let verdict = self
+            .guard
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .judge(&at.attachment, at.received_ns, self.age_max());
+        match verdict {
+            Verdict::Accept { missing } => {
+                add(&self.counts.missing, missing);
+                self.deliver(&Received {
+                    message,
+                    sequence: at.attachment.sequence,
+                    source_time_ns: at.attachment.source_time_ns,
+                    received: at.received,
+                    publisher: at.attachment.publisher,
+                });
+            }
+            Verdict::Overtaken => add(&self.counts.overtaken, 1),
+            Verdict::TooOld => add(&self.counts.too_old, 1),
+        }
+    }
+}
+
+impl Arrival<'_> {
+    pub(crate) fn now(payload: &[u8], attachment: Attachment) -> Arrival<'_> {
+        Arrival {
+            payload,
+            attachment,
+            received: Instant::now(),
+            received_ns: clock::now_ns(),
+        }
+    }
+}
+
+/// A small number per thread, never 0; `ThreadId` has none on stable Rust.
+fn thread_number() -> u64 {
+    static NEXT: AtomicU64 = AtomicU64::new(1);
+    thread_local!(static NUMBER: u64 = NEXT.fetch_add(1, Ordering::Relaxed));
+    NUMBER.with(|number| *number)
+}
+
+/// Keeps a callback, an answerer or a subscription in force; dropping it ends it. Do not drop one inside its own
+/// callback.
+#[must_use = "dropping the handle ends what it stands for"]
+pub struct Handle {
+    release: Option<Box<dyn FnOnce() + Send + Sync>>,
+    kept: Vec<Box<dyn Any + Send + Sync>>,
+}
+
+impl Handle {
+    pub(crate) fn new(release: impl FnOnce() + Send + Sync + 'static) -> Self {
+        Self {
+            release: Some(Box::new(release)),
+            kept: Vec::new(),
+        }
+    }
+
+    /// Keeps something else for as long.
+    pub(crate) fn keep(&mut self, what: impl Any + Send + Sync) {
+        self.kept.push(Box::new(what));
+    }
+}
+
+impl Drop for Handle {
+    fn drop(&mut self) {
+        if let Some(release) = self.release.take() {
+            release();
+        }
+    }
+}
+
+/// The newest message of a topic.
+pub struct Latest<M> {
+    core: Arc<ReaderCore<M>>,
+    current: Option<Received<M>>,
+    _handle: Handle,
+}
+
+impl<M: Message> Latest<M> {
+    pub(crate) fn new(core: Arc<ReaderCore<M>>, handle: Handle) -> Self {
+        Self {
+            core,
+            current: None,
+            _handle: handle,
+        }
+    }
+
+    /// Takes in what came since the last call; true when there was something. No lock, no memory.
+    pub fn refresh(&mut self) -> bool {
+        let Sink::Slots { queue, .. } = &self.core.sink else {
+            return false;
+        };
+        let mut fresh = false;
+        // Bounded, so that a flood cannot hold the reader here.
+        for _ in 0..2 * LATEST_SLOTS {
+            match queue.pop() {
+                Some(received) => {
+                    self.current = Some(received);
+                    fresh = true;
+                }
+                None => break,
+            }
+        }
+        fresh
+    }
+
+    /// The newest message so far, however old. No lock, no memory.
+    pub fn get(&mut self) -> Option<&Received<M>> {
+        self.refresh();
+        self.current.as_ref()
+    }
+
+    /// The newest message, if it arrived within `patience`.
+    pub fn fresh(&mut self, patience: Duration) -> Option<&Received<M>> {
+        self.get().filter(|received| received.age() <= patience)
+    }
+
+    /// The newest message, if it came since the last call of any of these.
+    pub fn take_new(&mut self) -> Option<&Received<M>> {
+        if self.refresh() {
+            self.current.as_ref()
+        } else {
+            None
+        }
+    }
+
+    /// Refuses samples from other processes whose source time is older than `age` when they arrive. Only where the
+    /// hosts' clocks agree.
+    pub fn refuse_older_than(&self, age: Duration) {
+        self.core.refuse_older_than(age);
+    }
+
+    /// What happened to this reader's messages.
+    pub fn counts(&self) -> Counts {
+        self.core.counts()
+    }
+
+    /// Messages that never came, by sequence.
+    pub fn lost(&self) -> u64 {
+        self.counts().missing
+    }
+}
+
+/// Every message of a topic, through a bounded queue.
+pub struct Subscription<M> {
+    core: Arc<ReaderCore<M>>,
+    _handle: Handle,
+}
+
+impl<M: Message> Subscription<M> {
+    pub(crate) fn new(core: Arc<ReaderCore<M>>, handle: Handle) -> Self {
+        Self {
+            core,
+            _handle: handle,
+        }
+    }
+
+    /// The oldest message that waits, if one does.
+    pub fn try_recv(&self) -> Option<Received<M>> {
+        match &self.core.sink {
+            Sink::Slots { queue, .. } => queue.pop(),
+            Sink::Callback { .. } => None,
+        }
+    }
+
+    /// The oldest message, waiting for it at most so long. For one thread at a time.
+    pub fn recv_timeout(&self, timeout: Duration) -> Option<Received<M>> {
+        let Sink::Slots { queue, sleeper, .. } = &self.core.sink else {
+            return None;
+        };
+        sleep_for(queue, sleeper, timeout)
+    }
+
+    /// Refuses samples from other processes whose source time is older than `age` when they arrive. Only where the
+    /// hosts' clocks agree.
+    pub fn refuse_older_than(&self, age: Duration) {
+        self.core.refuse_older_than(age);
+    }
+
+    /// What happened to this reader's messages.
+    pub fn counts(&self) -> Counts {
+        self.core.counts()
+    }
+
+    /// Messages that were not read: never came, or pushed out of the full queue.
+    pub fn lost(&self) -> u64 {
+        let counts = self.counts();
+        counts.missing + counts.dropped
+    }
+}
+
+/// Pops, or parks until a sender finds this thread in `sleeper` and wakes it.
+pub(crate) fn sleep_for<T>(
+    queue: &ArrayQueue<T>,
+    sleeper: &ArrayQueue<Thread>,
+    timeout: Duration,
+) -> Option<T> {
+    let deadline = Instant::now() + timeout;
+    loop {
+        if let Some(item) = queue.pop() {
+            return Some(item);
+        }
+        sleeper.force_push(std::thread::current());
+        // Between the first look and lying down something may have come, whose sender saw nobody asleep.
+        if let Some(item) = queue.pop() {
+            sleeper.pop();
+            return Some(item);
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            sleeper.pop();
+            return None;
+        }
+        std::thread::park_timeout(left);
+    }
+}

@@ -1,0 +1,470 @@
+//! The Zenoh session of a bus: the far lane. Nothing else in the workspace names Zenoh.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use tangent_schemas::topics::Delivery;
+use tangent_schemas::{Message, tangent};
+use zenoh::bytes::Encoding;
+use zenoh::handlers::FifoChannelHandler;
+use zenoh::key_expr::OwnedKeyExpr;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{Query, Reply};
+use zenoh::sample::{Locality, Sample, SampleKind};
+use zenoh::{Config, Wait};
+
+use super::Role;
+use super::attachment::Attachment;
+use super::error::BusError;
+use super::raw::{RawCore, RawMessage};
+use super::reader::{Arrival, ErasedReader};
+use crate::config::ZenohConfig;
+use crate::stop::Stop;
+
+const CDR: &str = "application/cdr;";
+
+pub(crate) struct Session {
+    session: zenoh::Session,
+}
+
+fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
+    let action = action.into();
+    move |error| BusError::Zenoh {
+        action,
+        reason: error.to_string(),
+    }
+}
+
+impl Session {
+    /// Opens on a thread of its own, since `open` says nothing while it waits; logs each second until it is there.
+    pub(crate) fn open(
+        config: &ZenohConfig,
+        namespace: Option<&str>,
+        role: Role,
+        patience: Option<Duration>,
+        stop: &Stop,
+    ) -> Result<Self, BusError> {
+        let zenoh_config = session_config(config, namespace, role, patience)?;
+        let endpoints = match role {
+            Role::Client => config.connect.join(", "),
+            Role::Router => config.listen.join(", "),
+        };
+        let (sender, opened) = channel();
+        let start = Instant::now();
+        std::thread::Builder::new()
+            .name("bus-open".into())
+            .spawn(move || {
+                let _ = sender.send(zenoh::open(zenoh_config).wait());
+            })
+            .map_err(|error| BusError::Zenoh {
+                action: "starting a thread".into(),
+                reason: error.to_string(),
+            })?;
+        let mut said = 0;
+        loop {
+            match opened.recv_timeout(Duration::from_millis(50)) {
+                Ok(Ok(session)) => {
+                    tracing::debug!("{role:?} at {endpoints} after {:?}", start.elapsed());
+                    return Ok(Self { session });
+                }
+                Ok(Err(error)) => return Err(open_error(&error, role, endpoints, patience)),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(BusError::Zenoh {
+                        action: "opening the session".into(),
+                        reason: "its thread panicked".into(),
+                    });
+                }
+                Err(RecvTimeoutError::Timeout) => {
+                    if stop.is_stopped() {
+                        return Err(BusError::Stopped);
+                    }
+                    let waited = start.elapsed();
+                    if let Some(patience) = patience
+                        && waited > patience + Duration::from_secs(1)
+                    {
+                        return Err(BusError::NoRouter {
+                            endpoints,
+                            patience,
+                        });
+                    }
+                    if waited.as_secs() > said {
+                        said = waited.as_secs();
+                        tracing::info!("waiting for a router at {endpoints}, {said} s so far");
+                    }
+                }
+            }
+        }
+    }
+
+    pub(crate) fn publisher(
+        &self,
+        key: &OwnedKeyExpr,
+        delivery: Delivery,
+        type_name: &str,
+    ) -> Result<RemotePublisher, BusError> {
+        let (priority, express) = match delivery {
+            Delivery::RealTime => (Priority::RealTime, true),
+            Delivery::Stream => (Priority::Data, false),
+            Delivery::Background => (Priority::Background, false),
+        };
+        let publisher = self
+            .session
+            .declare_publisher(key.clone())
+            .encoding(Encoding::APPLICATION_CDR.with_schema(type_name))
+            .congestion_control(CongestionControl::Drop)
+            .priority(priority)
+            .express(express)
+            // Readers in this process were served before; the session must not bring them the same again.
+            .allowed_destination(Locality::Remote)
+            .wait()
+            .map_err(failed(format!("publishing `{key}`")))?;
+        let matching = Arc::new(AtomicBool::new(false));
+        let told = Arc::clone(&matching);
+        publisher
+            .matching_listener()
+            .callback(move |status| told.store(status.matching(), Ordering::Release))
+            .background()
+            .wait()
+            .map_err(failed(format!("watching the readers of `{key}`")))?;
+        if publisher
+            .matching_status()
+            .wait()
+            .is_ok_and(|status| status.matching())
+        {
+            matching.store(true, Ordering::Release);
+        }
+        Ok(RemotePublisher {
+            publisher,
+            matching,
+        })
+    }
+
+    pub(crate) fn subscribe(
+        &self,
+        pattern: &str,
+        reader: Arc<dyn ErasedReader>,
+    ) -> Result<zenoh::pubsub::Subscriber<()>, BusError> {
+        let name = reader.message_name();
+        self.subscribe_samples(pattern, move |sample, at| {
+            let encoding = sample.encoding().to_string();
+            let type_name = encoding.strip_prefix(CDR);
+            if type_name.is_none() && *sample.encoding() != Encoding::default() {
+                // Some other serialisation: let the reader refuse it by name.
+                return reader.deliver_encoded(sample.key_expr().as_str(), Some(&encoding), at);
+            }
+            reader.deliver_encoded(sample.key_expr().as_str(), type_name, at);
+        })
+        .map_err(|error| match error {
+            BusError::Zenoh { action, reason } => BusError::Zenoh {
+                action: format!("{action} ({name})"),
+                reason,
+            },
+            other => other,
+        })
+    }
+
+    pub(crate) fn subscribe_raw(
+        &self,
+        pattern: &str,
+        core: Arc<RawCore>,
+    ) -> Result<zenoh::pubsub::Subscriber<()>, BusError> {
+        self.subscribe_samples(pattern, move |sample, at| {
+            let encoding = sample.encoding().to_string();
+            let type_name = encoding.strip_prefix(CDR).unwrap_or_default();
+            core.deliver(RawMessage::arrived(
+                sample.key_expr().as_str(),
+                type_name.to_owned(),
+                at,
+            ));
+        })
+    }
+
+    fn subscribe_samples(
+        &self,
+        pattern: &str,
+        deliver: impl Fn(&Sample, Arrival<'_>) + Send + Sync + 'static,
+    ) -> Result<zenoh::pubsub::Subscriber<()>, BusError> {
+        self.session
+            .declare_subscriber(pattern.to_owned())
+            .allowed_origin(Locality::Remote)
+            .callback(move |sample: Sample| {
+                if sample.kind() != SampleKind::Put {
+                    return;
+                }
+                let attachment = sample
+                    .attachment()
+                    .and_then(|bytes| Attachment::from_bytes(&bytes.to_bytes()))
+                    .unwrap_or_default();
+                let payload = sample.payload().to_bytes();
+                deliver(&sample, Arrival::now(&payload, attachment));
+            })
+            .wait()
+            .map_err(failed(format!("subscribing to `{pattern}`")))
+    }
+
+    pub(crate) fn queryable(
+        &self,
+        key: &str,
+        callback: impl Fn(Query) + Send + Sync + 'static,
+    ) -> Result<zenoh::query::Queryable<()>, BusError> {
+        self.session
+            .declare_queryable(key.to_owned())
+            .allowed_origin(Locality::Remote)
+            .callback(callback)
+            .wait()
+            .map_err(failed(format!("answering on `{key}`")))
+    }
+
+    pub(crate) fn get(
+        &self,
+        key: &str,
+        payload: &[u8],
+        timeout: Duration,
+    ) -> Result<Replies, BusError> {
+        let replies = self
+            .session
+            .get(key.to_owned())
+            .payload(payload)
+            .encoding(Encoding::APPLICATION_CDR.with_schema(tangent::Request::NAME))
+            .target(zenoh::query::QueryTarget::All)
+            .consolidation(zenoh::query::ConsolidationMode::None)
+            .allowed_destination(Locality::Remote)
+            .timeout(timeout)
+            .wait()
+            .map_err(failed(format!("asking on `{key}`")))?;
+        Ok(Replies { replies })
+    }
+
+    pub(crate) fn token(&self, key: &str) -> Result<zenoh::liveliness::LivelinessToken, BusError> {
+        self.session
+            .liveliness()
+            .declare_token(key.to_owned())
+            .wait()
+            .map_err(failed(format!("declaring `{key}`")))
+    }
+
+    pub(crate) fn tokens(&self, pattern: &str, timeout: Duration) -> Result<Vec<String>, BusError> {
+        let replies = self
+            .session
+            .liveliness()
+            .get(pattern.to_owned())
+            .timeout(timeout)
+            .wait()
+            .map_err(failed(format!("looking for `{pattern}`")))?;
+        let mut keys = Vec::new();
+        while let Ok(reply) = replies.recv() {
+            if let Ok(sample) = reply.result() {
+                keys.push(sample.key_expr().to_string());
+            }
+        }
+        Ok(keys)
+    }
+
+    pub(crate) fn close(&self) {
+        if !self.session.is_closed()
+            && let Err(error) = self.session.close().wait()
+        {
+            tracing::warn!("leaving the network failed: {error}");
+        }
+    }
+}
+
+/// Answers from other processes.
+pub(crate) struct Replies {
+    replies: FifoChannelHandler<Reply>,
+}
+
+impl Replies {
+    /// Key and payload of the next answer; `None` when no more come, or not in time.
+    pub(crate) fn recv_timeout(
+        &self,
+        timeout: Duration,
+    ) -> Option<Result<(String, Vec<u8>), String>> {
+        let reply = self.replies.recv_timeout(timeout).ok()??;
+        Some(match reply.into_result() {
+            Ok(sample) => Ok((
+                sample.key_expr().to_string(),
+                sample.payload().to_bytes().into_owned(),
+            )),
+            Err(error) => Err(String::from_utf8_lossy(&error.payload().to_bytes()).into_owned()),
+        })
+    }
+}
+
+/// Sends one answer.
+pub(crate) fn reply(query: &Query, key: &str, payload: &[u8]) {
+    let result = query
+        .reply(key, payload)
+        .encoding(Encoding::APPLICATION_CDR.with_schema(tangent::Answer::NAME))
+        .wait();
+    if let Err(error) = result {
+        tracing::warn!("{key}: an answer could not be sent: {error}");
+    }
+}
+
+/// A declared publisher, and whether anybody in another process reads it.
+pub(crate) struct RemotePublisher {
+    publisher: zenoh::pubsub::Publisher<'static>,
+    matching: Arc<AtomicBool>,
+}
+
+impl RemotePublisher {
+    pub(crate) fn matches(&self) -> bool {
+        self.matching.load(Ordering::Acquire)
+    }
+
+    pub(crate) fn put(&self, payload: &[u8], attachment: Attachment) {
+        let result = self
+            .publisher
+            .put(payload)
+            .attachment(attachment.to_bytes())
+            .wait();
+        if let Err(error) = result {
+            // The session is closed; readers notice the silence.
+            tracing::debug!("{}: {error}", self.publisher.key_expr());
+        }
+    }
+}
+
+fn open_error(
+    error: &zenoh::Error,
+    role: Role,
+    endpoint: String,
+    patience: Option<Duration>,
+) -> BusError {
+    let reason = error.to_string();
+    if role == Role::Router
+        && (reason.contains("Address already in use") || reason.contains("os error 98"))
+    {
+        return BusError::PortBusy { endpoint };
+    }
+    match (role, patience) {
+        (Role::Client, Some(patience)) => {
+            tracing::debug!("{reason}");
+            BusError::NoRouter {
+                endpoints: endpoint,
+                patience,
+            }
+        }
+        _ => BusError::Zenoh {
+            action: format!("opening the session at {endpoint}"),
+            reason,
+        },
+    }
+}
+
+/// The session's configuration: what was measured to matter for a control loop's neighbours, and nothing else.
+fn session_config(
+    config: &ZenohConfig,
+    namespace: Option<&str>,
+    role: Role,
+    patience: Option<Duration>,
+) -> Result<Config, BusError> {
+    let mut zenoh_config = match &config.file {
+        Some(path) => Config::from_file(path).map_err(|error| BusError::Configuration {
+            key: "zenoh.file".into(),
+            value: path.display().to_string(),
+            reason: error.to_string(),
+        })?,
+        None => Config::default(),
+    };
+    let mut set = |key: &str, value: String| {
+        zenoh_config
+            .insert_json5(key, &value)
+            .map_err(|error| BusError::Configuration {
+                key: key.to_owned(),
+                value,
+                reason: error.to_string(),
+            })
+    };
+    if let Some(namespace) = namespace {
+        set("namespace", json(namespace))?;
+    }
+    match role {
+        Role::Client => {
+            set("mode", json("client"))?;
+            set("connect/endpoints", json(&config.connect))?;
+            let timeout_ms = patience.map_or(-1, |p| i64::try_from(p.as_millis()).unwrap_or(-1));
+            set("connect/timeout_ms", timeout_ms.to_string())?;
+            set("connect/exit_on_failure", patience.is_some().to_string())?;
+        }
+        Role::Router => {
+            set("mode", json("router"))?;
+            set("listen/endpoints", json(&config.listen))?;
+            set("listen/exit_on_failure", "true".into())?;
+            set("connect/endpoints", "[]".into())?;
+        }
+    }
+    let fixed = [
+        // Back within half a second after a router restart.
+        ("connect/retry/period_init_ms", "100"),
+        ("connect/retry/period_max_ms", "500"),
+        ("connect/retry/period_increase_factor", "1.5"),
+        // Nobody joins who was not told where.
+        ("scouting/multicast/enabled", "false"),
+        ("scouting/gossip/enabled", "false"),
+        ("timestamping/enabled", "false"),
+        // With the default of 2, express messages were lost under CPU load.
+        ("transport/link/tx/queue/size/real_time", "16"),
+        // Dropping must not wait: the next message is newer.
+        (
+            "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
+            "0",
+        ),
+        // A stalled neighbour is cut off after half a second, not five.
+        (
+            "transport/link/tx/queue/congestion_control/block/wait_before_close",
+            "500000",
+        ),
+    ];
+    for (key, value) in fixed {
+        set(key, value.into())?;
+    }
+    set("transport/link/tx/lease", config.lease_ms.to_string())?;
+    set(
+        "transport/link/tx/keep_alive",
+        config.keep_alive.to_string(),
+    )?;
+    Ok(zenoh_config)
+}
+
+fn json<T: serde::Serialize + ?Sized>(value: &T) -> String {
+    serde_json::to_string(value).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn zenoh_takes_the_configuration_and_has_what_was_asked_for() {
+        let config = ZenohConfig::default();
+        for role in [Role::Client, Role::Router] {
+            let taken = session_config(&config, Some("cell1"), role, None).unwrap();
+            let get = |key: &str| taken.get_json(key).unwrap();
+            assert_eq!(get("namespace"), "\"cell1\"");
+            assert_eq!(get("scouting/multicast/enabled"), "false");
+            assert_eq!(get("transport/link/tx/lease"), "1000");
+            assert_eq!(get("transport/link/tx/queue/size/real_time"), "16");
+            assert_eq!(
+                get("transport/link/tx/queue/congestion_control/drop/wait_before_drop"),
+                "0"
+            );
+        }
+        let client = session_config(&config, Some("cell1"), Role::Client, None).unwrap();
+        assert_eq!(client.get_json("connect/timeout_ms").unwrap(), "-1");
+        assert_eq!(client.get_json("mode").unwrap(), "\"client\"");
+    }
+
+    #[test]
+    fn a_bad_endpoint_is_named() {
+        let config = ZenohConfig {
+            connect: vec!["nonsense".into()],
+            ..ZenohConfig::default()
+        };
+        let error = session_config(&config, None, Role::Client, None).unwrap_err();
+        assert!(error.to_string().contains("nonsense"), "{error}");
+    }
+}

@@ -1,0 +1,92 @@
+//! Range checks that say where the value stands and what is allowed.
+
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
+use super::load::{ConfigError, locate};
+
+/// Checks values of one file. Other crates check their own files with it too.
+pub struct Checker<'a> {
+    file: &'a str,
+    text: &'a str,
+}
+
+impl<'a> Checker<'a> {
+    /// For the text of `file`.
+    pub fn new(file: &'a str, text: &'a str) -> Self {
+        Self { file, text }
+    }
+
+    /// The error for one value. `allowed` completes "is not allowed: ".
+    pub fn refuse(
+        &self,
+        key: &str,
+        value: impl Display,
+        allowed: impl Into<String>,
+    ) -> ConfigError {
+        let (line, shown) = locate(self.text, key).unwrap_or((0, value.to_string()));
+        ConfigError::Value {
+            file: self.file.to_owned(),
+            line,
+            key: key.to_owned(),
+            value: shown,
+            allowed: allowed.into(),
+        }
+    }
+
+    /// A condition on a value.
+    ///
+    /// # Errors
+    /// When it does not hold.
+    pub fn require(
+        &self,
+        holds: bool,
+        key: &str,
+        value: impl Display,
+        allowed: &str,
+    ) -> Result<(), ConfigError> {
+        if holds {
+            Ok(())
+        } else {
+            Err(self.refuse(key, value, allowed))
+        }
+    }
+
+    /// A number within bounds; NaN never is.
+    ///
+    /// # Errors
+    /// When it is outside.
+    pub fn range(
+        &self,
+        key: &str,
+        value: f64,
+        range: RangeInclusive<f64>,
+        unit: &str,
+    ) -> Result<(), ConfigError> {
+        let allowed = format!("from {} to {} {unit}", range.start(), range.end());
+        self.require(range.contains(&value), key, value, allowed.trim_end())
+    }
+
+    /// Every number of a list within bounds.
+    ///
+    /// # Errors
+    /// At the first one outside.
+    pub fn ranges(
+        &self,
+        key: &str,
+        values: &[f64],
+        range: RangeInclusive<f64>,
+        unit: &str,
+    ) -> Result<(), ConfigError> {
+        match values.iter().find(|value| !range.contains(value)) {
+            Some(bad) => Err(self.refuse(
+                key,
+                bad,
+                format!("each from {} to {} {unit}", range.start(), range.end())
+                    .trim_end()
+                    .to_owned(),
+            )),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,282 @@
+//! TOML with errors that a person can act on: which file, line and key, what stands there, and what may.
+
+use std::ops::Range;
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use toml::de::{DeTable, DeValue};
+
+/// What is wrong with a configuration file.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ConfigError {
+    /// It cannot be read.
+    #[error("{file}: {reason}")]
+    Read {
+        /// Path as given.
+        file: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// It is not TOML.
+    #[error("{file}, line {line}: not TOML: {reason}")]
+    Syntax {
+        /// Path as given.
+        file: String,
+        /// Counted from 1.
+        line: usize,
+        /// What the parser says.
+        reason: String,
+    },
+    /// A key that nobody reads.
+    #[error("{file}, line {line}: unknown key `{key}`{}", suggest(.suggestion, .allowed))]
+    UnknownKey {
+        /// Path as given.
+        file: String,
+        /// Counted from 1.
+        line: usize,
+        /// Dotted.
+        key: String,
+        /// The key that was perhaps meant.
+        suggestion: Option<String>,
+        /// All keys of that place.
+        allowed: String,
+    },
+    /// A key that must be there.
+    #[error("{file}: `{key}` is missing")]
+    Missing {
+        /// Path as given.
+        file: String,
+        /// Dotted.
+        key: String,
+    },
+    /// A value of another type, or of another kind than listed.
+    #[error("{file}, line {line}: `{key}` = {value}: {reason}")]
+    Type {
+        /// Path as given.
+        file: String,
+        /// Counted from 1.
+        line: usize,
+        /// Dotted.
+        key: String,
+        /// As it stands there.
+        value: String,
+        /// What was expected.
+        reason: String,
+    },
+    /// A value that is not allowed.
+    #[error("{file}, line {line}: `{key}` = {value} is not allowed: {allowed}")]
+    Value {
+        /// Path as given.
+        file: String,
+        /// Counted from 1; 0 for a default.
+        line: usize,
+        /// Dotted.
+        key: String,
+        /// As it stands there.
+        value: String,
+        /// What is.
+        allowed: String,
+    },
+}
+
+fn suggest(suggestion: &Option<String>, allowed: &str) -> String {
+    match suggestion {
+        Some(near) => format!(", did you mean `{near}`? (there are: {allowed})"),
+        None => format!(" (there are: {allowed})"),
+    }
+}
+
+/// Reads a TOML file into a type, with this crate's errors.
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
+    let file = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Read {
+        file: file.clone(),
+        reason: error.to_string(),
+    })?;
+    toml_from_str(&file, &text)
+}
+
+/// Reads a TOML text into a type; `file` is what errors call it.
+///
+/// # Errors
+/// [`ConfigError`].
+pub fn toml_from_str<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, ConfigError> {
+    let document = match DeTable::parse(text) {
+        Ok(document) => document,
+        Err(error) => {
+            let span = error.span().unwrap_or_default();
+            return Err(ConfigError::Syntax {
+                file: file.to_owned(),
+                line: line_of(text, span.start),
+                reason: error.message().replace('\n', ", "),
+            });
+        }
+    };
+    toml::from_str(text).map_err(|error| explain(file, text, document.get_ref(), &error))
+}
+
+fn explain(file: &str, text: &str, document: &DeTable<'_>, error: &toml::de::Error) -> ConfigError {
+    let file = file.to_owned();
+    let span = error.span().unwrap_or(0..0);
+    let line = line_of(text, span.start);
+    let path = path_at(document, &span);
+    let message = error.message();
+    if let Some(field) = quoted_after(message, "missing field `") {
+        return ConfigError::Missing {
+            file,
+            key: join(&path, field),
+        };
+    }
+    if let Some(field) = quoted_after(message, "unknown field `") {
+        let allowed: Vec<&str> = message
+            .split_once("expected")
+            .map(|(_, rest)| rest.split('`').skip(1).step_by(2).collect())
+            .unwrap_or_default();
+        return ConfigError::UnknownKey {
+            file,
+            line,
+            key: if path.ends_with(field) {
+                path
+            } else {
+                join(&path, field)
+            },
+            suggestion: nearest(field, &allowed),
+            allowed: allowed.join(", "),
+        };
+    }
+    let value = text.get(span).unwrap_or_default();
+    ConfigError::Type {
+        file,
+        line,
+        key: path,
+        value: value.lines().next().unwrap_or_default().to_owned(),
+        reason: message.replace('\n', ", "),
+    }
+}
+
+fn quoted_after<'a>(message: &'a str, start: &str) -> Option<&'a str> {
+    message.strip_prefix(start)?.split('`').next()
+}
+
+fn join(path: &str, key: &str) -> String {
+    if path.is_empty() {
+        key.to_owned()
+    } else {
+        format!("{path}.{key}")
+    }
+}
+
+pub(super) fn line_of(text: &str, offset: usize) -> usize {
+    let end = offset.min(text.len());
+    text.as_bytes()[..end]
+        .iter()
+        .filter(|byte| **byte == b'\n')
+        .count()
+        + 1
+}
+
+/// The dotted key whose key or value is at `span`.
+fn path_at(table: &DeTable<'_>, span: &Range<usize>) -> String {
+    for (key, value) in table {
+        let name = key.get_ref().to_string();
+        if contains(&key.span(), span) && !span.is_empty() {
+            return name;
+        }
+        if let Some(inner) = inside(value.get_ref(), span) {
+            return join_index(&name, &inner);
+        }
+        if contains(&value.span(), span) && !span.is_empty() {
+            return name;
+        }
+    }
+    String::new()
+}
+
+/// The path within a value, when something of it is at `span`. A table's own span covers only its header, so every
+/// value is looked into.
+fn inside(value: &DeValue<'_>, span: &Range<usize>) -> Option<String> {
+    match value {
+        DeValue::Table(table) => Some(path_at(table, span)).filter(|path| !path.is_empty()),
+        DeValue::Array(items) => {
+            items
+                .iter()
+                .enumerate()
+                .find_map(|(index, item)| match inside(item.get_ref(), span) {
+                    Some(path) => Some(join_index(&format!("[{index}]"), &path)),
+                    None => contains(&item.span(), span).then(|| format!("[{index}]")),
+                })
+        }
+        _ => None,
+    }
+}
+
+fn join_index(name: &str, inner: &str) -> String {
+    if inner.starts_with('[') {
+        format!("{name}{inner}")
+    } else {
+        format!("{name}.{inner}")
+    }
+}
+
+fn contains(outer: &Range<usize>, inner: &Range<usize>) -> bool {
+    outer.start <= inner.start && inner.end <= outer.end
+}
+
+/// Where a dotted key's value stands: line and text.
+pub(super) fn locate(text: &str, key: &str) -> Option<(usize, String)> {
+    let document = DeTable::parse(text).ok()?;
+    let mut parts = key.split('.');
+    let mut value = document.get_ref().get(parts.next()?)?;
+    for part in parts {
+        value = value.get_ref().as_table()?.get(part)?;
+    }
+    let shown = text.get(value.span()).unwrap_or_default();
+    Some((line_of(text, value.span().start), shown.to_owned()))
+}
+
+/// The candidate that a few typing errors turn into `word`.
+pub(super) fn nearest(word: &str, candidates: &[&str]) -> Option<String> {
+    let limit = (word.chars().count() / 3).max(1);
+    candidates
+        .iter()
+        .map(|candidate| (distance(word, candidate), candidate))
+        .filter(|(distance, candidate)| *distance <= limit || candidate.starts_with(word))
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, candidate)| (*candidate).to_owned())
+}
+
+/// Insertions, deletions and replacements between two words (Levenshtein).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(row[j + 1] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_are_those_of_levenshtein() {
+        assert_eq!(distance("kitten", "sitting"), 3);
+        assert_eq!(distance("", "abc"), 3);
+        assert_eq!(distance("abc", "abc"), 0);
+        assert_eq!(
+            nearest("adress", &["name", "address"]),
+            Some("address".into())
+        );
+        assert_eq!(nearest("xyz", &["name", "address"]), None);
+    }
+}

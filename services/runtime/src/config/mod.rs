@@ -1,0 +1,112 @@
+//! `cell.toml`: everything about one cell that is not the task. Every key is checked when it is loaded, and an error
+//! says file, key, value and what is allowed.
+
+mod check;
+mod load;
+mod sections;
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+pub use check::Checker;
+pub use load::{ConfigError, read_toml, toml_from_str};
+pub use sections::{
+    CellSection, ControllerConfig, EstimatorsConfig, LimitsConfig, PoseConfig, RealtimeConfig,
+    RecorderConfig, RobotConfig, SensorConfig, SensorMode, SimulatorConfig, ToolConfig,
+    ZenohConfig,
+};
+
+/// The cell file that ships: a simulated UR5 with a Gamma sensor on loopback.
+pub const DEFAULT_CELL: &str = include_str!("../../../../deploy/cell.toml");
+
+/// One cell.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CellConfig {
+    /// Name.
+    pub cell: CellSection,
+    /// The arm and where it is reached.
+    pub robot: RobotConfig,
+    /// The force/torque sensor.
+    pub sensor: SensorConfig,
+    /// What is mounted behind the sensor.
+    pub tool: ToolConfig,
+    /// What the arm may never exceed.
+    #[serde(default)]
+    pub limits: LimitsConfig,
+    /// The network.
+    #[serde(default)]
+    pub zenoh: ZenohConfig,
+    /// Which normal estimators run, and which is used.
+    #[serde(default)]
+    pub estimators: EstimatorsConfig,
+    /// The control law's preset and gains.
+    #[serde(default)]
+    pub controller: ControllerConfig,
+    /// Recordings.
+    #[serde(default)]
+    pub recorder: RecorderConfig,
+    /// The simulated cell.
+    #[serde(default)]
+    pub simulator: SimulatorConfig,
+    /// Scheduling.
+    #[serde(default)]
+    pub realtime: RealtimeConfig,
+}
+
+impl CellConfig {
+    /// Reads and checks a file. Relative paths in it are taken from the file's folder.
+    ///
+    /// # Errors
+    /// [`ConfigError`], naming file, key, value and what is allowed.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Read {
+            file: path.display().to_string(),
+            reason: error.to_string(),
+        })?;
+        let mut config = Self::parse(&path.display().to_string(), &text)?;
+        config.resolve_paths(path.parent().unwrap_or(Path::new("")));
+        Ok(config)
+    }
+
+    /// Checks a text; `file` is what errors call it.
+    ///
+    /// # Errors
+    /// [`ConfigError`], naming file, key, value and what is allowed.
+    pub fn parse(file: &str, text: &str) -> Result<Self, ConfigError> {
+        let config: Self = toml_from_str(file, text)?;
+        let checker = Checker::new(file, text);
+        config.check(&checker)?;
+        Ok(config)
+    }
+
+    /// The cell that ships ([`DEFAULT_CELL`]); its relative paths stay relative to the working directory.
+    pub fn default_cell() -> Self {
+        Self::parse("the built-in cell.toml", DEFAULT_CELL)
+            .expect("the cell file that ships is loaded by a test")
+    }
+
+    fn resolve_paths(&mut self, folder: &Path) {
+        let resolve = |path: &mut PathBuf| {
+            if path.is_relative() {
+                *path = folder.join(&*path);
+            }
+        };
+        self.robot.model_file.iter_mut().for_each(resolve);
+        self.zenoh.file.iter_mut().for_each(resolve);
+        self.simulator.scenario.iter_mut().for_each(resolve);
+    }
+
+    fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
+        self.cell.check(checker)?;
+        self.robot.check(checker)?;
+        self.sensor.check(checker)?;
+        self.tool.check(checker)?;
+        self.limits.check(checker)?;
+        self.zenoh.check(checker)?;
+        self.estimators.check(checker)?;
+        self.recorder.check(checker)?;
+        self.realtime.check(checker)
+    }
+}
