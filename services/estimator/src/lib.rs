@@ -1,1 +1,199 @@
-//! Estimator service: runs normal estimators on arm state and wrench.
+//! The estimator service: listens to the arm's state and the wrench, steps one or more normal estimators, and
+//! publishes each on a topic of its own.
+//!
+//! Runs in a thread of its own, in any process and on any host: the control loop's thread only leaves a message in
+//! a queue. The newest state wins; those that were skipped are counted.
+
+mod config;
+mod error;
+mod host;
+mod message;
+mod sample;
+
+use std::time::{Duration, Instant};
+
+use tangent_runtime::{
+    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters, Rate, Stop,
+    Subscription,
+};
+use tangent_schemas::standard::WrenchStamped;
+use tangent_schemas::tangent::{ArmState, ControlState, WrenchStatus};
+use tangent_schemas::topics;
+use tangent_sensing::Validity;
+
+pub use config::{ALL, Config, EstimatorChoice};
+pub use error::EstimatorError;
+use host::Host;
+use sample::{CommandedTwist, NewestWrench, SampleBuilder, commanded_twist};
+
+/// Name in topics and health messages.
+pub const SERVICE: &str = "estimator";
+/// How often the thread looks for a stop while no arm state comes.
+const LOOK: Duration = Duration::from_millis(50);
+/// Silence of the arm's state beyond this is reported.
+const ARM_PATIENCE_S: f64 = 0.5;
+
+/// Runs until `stop`. Blocks.
+///
+/// # Errors
+/// Unknown estimator or setting, an arm model without code, or a topic that the bus refuses.
+pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), EstimatorError> {
+    let mut service = Service::new(&config, &bus)?;
+    while !stop.is_stopped() {
+        service.turn(LOOK);
+    }
+    Ok(())
+}
+
+struct Service {
+    arm: Subscription<ArmState>,
+    wrench: Latest<WrenchStamped>,
+    status: Latest<WrenchStatus>,
+    control: Latest<ControlState>,
+    activation: u64,
+    commanded: CommandedTwist,
+    builder: SampleBuilder,
+    host: Host,
+    wrench_patience: Parameter,
+    meters: Meters,
+    said: Option<Trouble>,
+    health: HealthReporter,
+    _parameters: Parameters,
+}
+
+struct Meters {
+    cycles: Rate,
+    skipped: Gauge,
+    arm_age: Age,
+    wrench_age: Age,
+    update: Histogram,
+    lost: Counter,
+}
+
+/// Why no estimate comes, or none that can be used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Trouble {
+    None,
+    NoArm,
+    BadArm,
+    Wrench(Validity),
+}
+
+impl Service {
+    fn new(config: &Config, bus: &Bus) -> Result<Self, EstimatorError> {
+        let health = HealthReporter::start(bus, SERVICE)?;
+        let parameters = Parameters::new(bus, SERVICE)?;
+        let wrench_patience = parameters.number(
+            "wrench_patience_s",
+            config.wrench_patience_s,
+            0.01..=1.0,
+            "s",
+            "Age at which a wrench is no longer used.",
+        );
+        Ok(Self {
+            host: Host::new(&config.estimators, bus, &parameters)?,
+            commanded: commanded_twist(&config.model, config.flange_from_tool)?,
+            // A few, so that a pre-empted thread finds the newest and sees how many it missed.
+            arm: bus.subscribe(&topics::ARM_STATE, 8)?,
+            wrench: bus.latest(&topics::WRENCH_TOOL)?,
+            status: bus.latest(&topics::WRENCH_STATUS)?,
+            control: bus.latest(&topics::CONTROL_STATE)?,
+            activation: 0,
+            builder: SampleBuilder::default(),
+            wrench_patience,
+            meters: Meters {
+                cycles: health.rate("arm_state"),
+                skipped: health.gauge("arm_states_skipped"),
+                arm_age: health.age("arm_state"),
+                wrench_age: health.age("wrench_tool"),
+                update: health.histogram("update"),
+                lost: health.lost(),
+            },
+            said: None,
+            health,
+            _parameters: parameters,
+        })
+    }
+
+    /// One arm state: the newest that waits, or the next to come.
+    fn turn(&mut self, patience: Duration) {
+        let Some(mut newest) = self.arm.recv_timeout(patience) else {
+            let age = self.meters.arm_age.seconds();
+            if !(0.0..=ARM_PATIENCE_S).contains(&age) {
+                self.say(Trouble::NoArm);
+            }
+            return;
+        };
+        while let Some(newer) = self.arm.try_recv() {
+            self.meters.skipped.set(self.meters.skipped.get() + 1.0);
+            newest = newer;
+        }
+        self.meters.cycles.tick();
+        self.meters.arm_age.mark_at(newest.received);
+        self.meters.lost.set(self.arm.lost());
+        let arm = newest.message;
+        self.reset_on_new_task();
+
+        self.status.refresh();
+        self.wrench.refresh();
+        let pair = self.wrench.get().zip(self.status.get()).map(|(w, s)| {
+            self.meters.wrench_age.mark_at(w.received);
+            NewestWrench {
+                wrench: &w.message,
+                status: &s.message,
+                age: w.age(),
+            }
+        });
+        let patience = Duration::from_secs_f64(self.wrench_patience.get());
+        let Some(built) = self.builder.build(&arm, &self.commanded, pair, patience) else {
+            self.say(Trouble::BadArm);
+            return;
+        };
+        if built.restarted {
+            tracing::info!(
+                "the robot's clock started anew: all estimators forget what they learnt"
+            );
+            self.host.reset();
+        }
+        let begin = Instant::now();
+        self.host.step(&built.sample, &arm);
+        self.meters.update.record(begin.elapsed());
+        self.say(match built.sample.wrench_validity {
+            Validity::Valid => Trouble::None,
+            why => Trouble::Wrench(why),
+        });
+    }
+
+    /// A new task may be on another surface.
+    fn reset_on_new_task(&mut self) {
+        let Some(control) = self.control.get() else {
+            return;
+        };
+        if control.message.activation != self.activation {
+            self.activation = control.message.activation;
+            self.host.reset();
+        }
+    }
+
+    fn say(&mut self, trouble: Trouble) {
+        if self.said == Some(trouble) {
+            return;
+        }
+        self.said = Some(trouble);
+        match trouble {
+            Trouble::None => self.health.running(),
+            Trouble::NoArm => self.health.degraded(format_args!(
+                "no arm/state for more than {ARM_PATIENCE_S} s: is the robot bridge running?"
+            )),
+            Trouble::BadArm => self.health.degraded(format_args!(
+                "arm/state has no usable tool pose or robot time"
+            )),
+            Trouble::Wrench(why) => self
+                .health
+                .degraded(format_args!("wrench not usable: {}", why.reason())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

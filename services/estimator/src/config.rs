@@ -1,0 +1,152 @@
+//! What the estimator service runs, and with what settings.
+
+use serde::Deserialize;
+use tangent_estimation::{EstimatorConfig, estimator_names};
+use tangent_mechanics::{Flange, ModelData, Pose, Tool};
+use tangent_runtime::CellConfig;
+use toml::{Table, Value};
+
+use crate::EstimatorError;
+
+/// Key under `[estimators.settings]` for what all estimators share.
+pub const ALL: &str = "all";
+
+/// One estimator and its settings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EstimatorChoice {
+    /// As in [`estimator_names`]; also its topic, `estimate/NAME/normal`.
+    pub name: String,
+    /// Its settings.
+    pub settings: EstimatorConfig,
+}
+
+/// What the service runs.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Estimators, each on its own topic.
+    pub estimators: Vec<EstimatorChoice>,
+    /// The arm, for the twist that commanded joint velocities stand for.
+    pub model: ModelData,
+    /// Where the tool is on the flange.
+    pub flange_from_tool: Pose<Flange, Tool>,
+    /// Age at which a wrench is no longer used, s.
+    pub wrench_patience_s: f64,
+}
+
+impl Config {
+    /// From the cell file: `[estimators]` and `[tool]`.
+    ///
+    /// # Errors
+    /// Names the estimator, key and value that are wrong.
+    pub fn from_cell(cell: &CellConfig, model: ModelData) -> Result<Self, EstimatorError> {
+        let settings = &cell.estimators.settings;
+        let names = estimator_names();
+        if let Some(name) = settings
+            .keys()
+            .find(|k| k.as_str() != ALL && !names.contains(&k.as_str()))
+        {
+            return Err(EstimatorError::Settings {
+                name: name.clone(),
+                reason: format!(
+                    "there is no such estimator; there are: {}, and \"{ALL}\" for what they share",
+                    names.join(", ")
+                ),
+            });
+        }
+        let choose = |name: &String| {
+            let mut table = Table::new();
+            for key in [ALL, name.as_str()] {
+                if let Some(own) = settings.get(key) {
+                    overlay(&mut table, own);
+                }
+            }
+            let parsed = EstimatorConfig::deserialize(Value::Table(table));
+            let settings = parsed.map_err(|e| EstimatorError::Settings {
+                name: name.clone(),
+                reason: e.to_string(),
+            })?;
+            Ok(EstimatorChoice {
+                name: name.clone(),
+                settings,
+            })
+        };
+        let chosen: Result<Vec<_>, EstimatorError> =
+            cell.estimators.run.iter().map(choose).collect();
+        Ok(Self {
+            estimators: chosen?,
+            model,
+            flange_from_tool: cell.tool.flange_from_tool(),
+            wrench_patience_s: 0.05,
+        })
+    }
+}
+
+fn overlay(base: &mut Table, own: &Table) {
+    for (key, value) in own {
+        match (base.get_mut(key), value) {
+            (Some(Value::Table(inner)), Value::Table(outer)) => overlay(inner, outer),
+            _ => {
+                base.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cell(estimators: &str) -> CellConfig {
+        let mut cell = CellConfig::default_cell();
+        let table: Table = toml::from_str(estimators).unwrap();
+        cell.estimators = Value::Table(table).try_into().unwrap();
+        cell
+    }
+
+    fn config(estimators: &str) -> Result<Config, EstimatorError> {
+        Config::from_cell(&cell(estimators), ModelData::builtin("ur5").unwrap())
+    }
+
+    #[test]
+    fn an_estimators_own_settings_stand_above_the_shared_ones() {
+        let config = config(
+            "run = ['reactive', 'blend']\n[settings.all.contact]\npad_radius_m = 0.02\nforce_on_n = 0.8\n\
+             [settings.blend.contact]\npad_radius_m = 0.03",
+        )
+        .unwrap();
+        let radii: Vec<f64> = config
+            .estimators
+            .iter()
+            .map(|e| e.settings.contact.pad_radius_m)
+            .collect();
+        assert_eq!(radii, [0.02, 0.03]);
+        assert_eq!(config.estimators[1].settings.contact.force_on_n, 0.8);
+    }
+
+    #[test]
+    fn unknown_settings_are_named() {
+        let text = config("run = ['blend']\n[settings.blend.contact]\npad_radius = 0.02")
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(
+            text.contains("blend") && text.contains("pad_radius"),
+            "{text}"
+        );
+        let text = config("run = ['blend']\n[settings.blnd]")
+            .err()
+            .unwrap()
+            .to_string();
+        assert!(
+            text.contains("blnd") && text.contains("gaussian_process"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn the_built_in_cell_is_accepted() {
+        let cell = CellConfig::default_cell();
+        let config = Config::from_cell(&cell, ModelData::builtin("ur5").unwrap()).unwrap();
+        assert!(!config.estimators.is_empty());
+    }
+}
