@@ -173,7 +173,10 @@ impl Run {
             -self.approach
         };
         let force_n = wrench.force.dot(&against);
-        if verdict == WrenchVerdict::Good {
+        if self.phase == Phase::Tare {
+            // An unloaded sensor may read anything before its bias is taken.
+            self.in_contact = false;
+        } else if verdict == WrenchVerdict::Good {
             self.feel(config, force_n, reference_n);
         }
         Percept {
@@ -269,6 +272,9 @@ impl Run {
                 if input.bias_age_s.is_some_and(|age| age < self.in_phase_s)
                     && input.wrench_validity == Validity::Valid
                 {
+                    // An untared sensor's zero can look like a touch; only what is felt from here on is one.
+                    self.in_contact = false;
+                    self.low_cycles = 0;
                     self.enter(Phase::Approach, percept);
                 } else if self.in_phase_s > task.timeouts.tare_s {
                     self.leave(percept, Some(Fault::NoTare));
