@@ -1,3 +1,65 @@
-//! The `tangent` command.
+//! The `tangent` command: a thin layer over the crates.
 
-fn main() {}
+mod cell;
+mod cli;
+mod compose;
+mod control;
+mod evaluate;
+mod live_view;
+mod model;
+mod output;
+mod report;
+mod reproduce;
+mod run;
+mod scenarios;
+mod status;
+mod up;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Parser;
+use tracing_subscriber::EnvFilter;
+
+use cli::{Cli, Command, EstimatorCommand};
+use output::{BadUsage, Outcome};
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let filter = EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| EnvFilter::new("info,zenoh=warn,zenoh_transport=warn,zenoh_link=warn"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_target(false)
+        .with_writer(std::io::stderr)
+        .init();
+    match dispatch(&cli) {
+        Ok(outcome) => ExitCode::from(outcome as u8),
+        Err(error) => {
+            eprintln!("tangent: {error:#}");
+            ExitCode::from(if error.is::<BadUsage>() { 2 } else { 1 })
+        }
+    }
+}
+
+fn dispatch(cli: &Cli) -> Result<Outcome> {
+    let json = cli.json;
+    let config = || cell::load(cli.cell.as_deref());
+    match &cli.command {
+        Command::Up(args) => up::run(args, config()?, json),
+        Command::Run(args) => run::run(args, &config()?),
+        Command::Task(command) => control::task(command, &config()?, json),
+        Command::Estimator(EstimatorCommand::List) => status::estimators(&config()?, json),
+        Command::Estimator(EstimatorCommand::Use { name, force }) => {
+            control::use_estimator(name, *force, &config()?, json)
+        }
+        Command::Tare => control::tare(&config()?, json),
+        Command::Param(command) => control::param(command, &config()?, json),
+        Command::Status => status::run(&config()?, json),
+        Command::Record(args) => run::record(args, &config()?),
+        Command::Report(args) => report::run(args, json),
+        Command::Evaluate(args) => evaluate::run(args, json),
+        Command::Reproduce(args) => reproduce::run(args, json),
+        Command::Model(command) => model::run(command, json),
+    }
+}

@@ -55,7 +55,11 @@ pub fn load(name: &str) -> Result<ModelData> {
     load_file(Path::new(name))
 }
 
-fn load_file(path: &Path) -> Result<ModelData> {
+/// A model file of the user's own.
+///
+/// # Errors
+/// A file that cannot be read or is no model: exit code 2.
+pub fn load_file(path: &Path) -> Result<ModelData> {
     let text = fs::read_to_string(path)
         .map_err(|e| bad_usage(format!("robot model {}: {e}", path.display())))?;
     ModelData::from_toml(&text)

@@ -1,0 +1,91 @@
+//! The cell that a command speaks to: its file, and a session on its bus.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use serde_json::{Value, json};
+use tangent_runtime::{Bus, CellConfig, Role};
+use tangent_schemas::tangent::{Answer, Request};
+
+use crate::output::{Outcome, bad_usage, print_json};
+
+/// How long a person waits for the cell's router.
+const ROUTER_PATIENCE: Duration = Duration::from_secs(3);
+/// How long a person waits for a service's answer.
+pub const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Reads the cell file that `--cell` or TANGENT_CELL names; without one, the built-in simulated cell.
+///
+/// # Errors
+/// A file that cannot be read or a bad key: exit code 2.
+pub fn load(path: Option<&Path>) -> Result<CellConfig> {
+    match path {
+        Some(path) => CellConfig::load(path).map_err(bad_usage),
+        None => Ok(CellConfig::default_cell()),
+    }
+}
+
+/// Joins the cell's network as a client.
+///
+/// # Errors
+/// When no router answers.
+pub fn join(config: &CellConfig) -> Result<Bus> {
+    Bus::open_within(config, Role::Client, ROUTER_PATIENCE).with_context(|| {
+        format!(
+            "cell {} cannot be reached; start it with `tangent up`, or `tangent run router` and its services",
+            config.cell.name
+        )
+    })
+}
+
+/// Asks one service and prints what it answers.
+///
+/// # Errors
+/// When nobody answers.
+pub fn ask_and_print(bus: &Bus, key: &str, action: &str, argument: &str, json: bool) -> Result<Outcome> {
+    let answer = ask(bus, key, action, argument)?;
+    print_answer(&answer, json)?;
+    Ok(if answer.done { Outcome::Done } else { Outcome::Failed })
+}
+
+/// Asks one service.
+///
+/// # Errors
+/// When nobody answers.
+pub fn ask(bus: &Bus, key: &str, action: &str, argument: &str) -> Result<Answer> {
+    let request = Request {
+        action: action.to_owned(),
+        argument: argument.to_owned(),
+    };
+    bus.ask(key, &request, ANSWER_PATIENCE)
+        .with_context(|| format!("`{action}` to {key}"))
+}
+
+/// Prints one answer, for a person or for a program.
+///
+/// # Errors
+/// When it cannot be written as JSON.
+pub fn print_answer(answer: &Answer, json: bool) -> Result<()> {
+    if json {
+        return print_json(&json!({
+            "done": answer.done,
+            "message": answer.message,
+            "data": data(answer),
+        }));
+    }
+    println!("{}", answer.message);
+    if !answer.data.is_empty()
+        && let Value::Object(fields) = data(answer)
+    {
+        for (name, value) in fields {
+            println!("  {name:<24} {value}");
+        }
+    }
+    Ok(())
+}
+
+/// The answer's JSON, or null.
+pub fn data(answer: &Answer) -> Value {
+    serde_json::from_str(&answer.data).unwrap_or(Value::Null)
+}

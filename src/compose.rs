@@ -1,0 +1,137 @@
+//! Puts services into this process: each in a thread of its own, all on one bus.
+
+use std::path::PathBuf;
+use std::thread::JoinHandle;
+
+use anyhow::{Context, Result, anyhow};
+use tangent_mechanics::ModelData;
+use tangent_runtime::{Bus, CellConfig, Stop};
+
+use crate::output::bad_usage;
+
+/// The arm model that the cell names: built in, or the user's own file.
+///
+/// # Errors
+/// An unknown name or a bad file.
+pub fn model(config: &CellConfig) -> Result<ModelData> {
+    match &config.robot.model_file {
+        Some(path) => crate::model::load_file(path),
+        None => ModelData::builtin(&config.robot.model)
+            .map_err(|e| bad_usage(format!("[robot] model: {e}"))),
+    }
+}
+
+/// A service running in a thread of this process.
+pub struct Running {
+    name: &'static str,
+    stop: Stop,
+    thread: JoinHandle<Result<()>>,
+}
+
+impl Running {
+    /// Starts `body` in a thread. It ends when its own [`Stop`] is triggered; when it ends by itself with an error,
+    /// `everybody` is triggered, so that nobody goes on without it.
+    ///
+    /// # Errors
+    /// When the system has no thread to give.
+    pub fn start(
+        name: &'static str,
+        everybody: &Stop,
+        body: impl FnOnce(Stop) -> Result<()> + Send + 'static,
+    ) -> Result<Self> {
+        let stop = Stop::new();
+        let (own, everybody) = (stop.clone(), everybody.clone());
+        let thread = std::thread::Builder::new()
+            .name(name.to_owned())
+            .spawn(move || {
+                let ended = body(own.clone());
+                if let Err(error) = &ended {
+                    tracing::error!("{name}: {error:#}");
+                    everybody.trigger();
+                }
+                ended
+            })
+            .with_context(|| format!("starting the thread of {name}"))?;
+        Ok(Self { name, stop, thread })
+    }
+
+    /// Ends the service and waits for it.
+    ///
+    /// # Errors
+    /// What the service ended with.
+    pub fn end(self) -> Result<()> {
+        self.stop.trigger();
+        self.thread
+            .join()
+            .unwrap_or_else(|_| Err(anyhow!("panicked; this is a defect")))
+            .with_context(|| self.name.to_owned())
+    }
+}
+
+/// Starts one service by its name.
+///
+/// # Errors
+/// A cell file that does not fit the service.
+pub fn service(
+    name: &str,
+    config: &CellConfig,
+    bus: &Bus,
+    everybody: &Stop,
+    extra: &RecorderExtra,
+) -> Result<Running> {
+    let bus = bus.clone();
+    match name {
+        "netft" => {
+            let config = tangent_netft::Config::from_cell(config);
+            Running::start("netft", everybody, move |stop| {
+                Ok(tangent_netft::run(config, bus, stop)?)
+            })
+        }
+        "rtde" => {
+            let config = tangent_rtde::Config::from_cell(config).map_err(bad_usage)?;
+            Running::start("rtde", everybody, move |stop| {
+                Ok(tangent_rtde::run(config, bus, stop)?)
+            })
+        }
+        "estimator" => {
+            let config = tangent_estimator::Config::from_cell(config, model(config)?)
+                .map_err(bad_usage)?;
+            Running::start("estimator", everybody, move |stop| {
+                Ok(tangent_estimator::run(config, bus, stop)?)
+            })
+        }
+        "controller" => {
+            let config = tangent_controller::Config::from_cell(config, model(config)?)
+                .map_err(bad_usage)?;
+            Running::start("controller", everybody, move |stop| {
+                Ok(tangent_controller::run(config, bus, stop)?)
+            })
+        }
+        "recorder" => {
+            let config = recorder(config, extra);
+            Running::start("recorder", everybody, move |stop| {
+                tangent_recorder::run(config, bus, stop)?;
+                Ok(())
+            })
+        }
+        other => Err(bad_usage(format!("there is no service \"{other}\""))),
+    }
+}
+
+/// What a recording holds besides the topics.
+#[derive(Clone, Debug, Default)]
+pub struct RecorderExtra {
+    /// Folder in place of the cell's.
+    pub folder: Option<PathBuf>,
+    /// Files to store inside: name and text.
+    pub attachments: Vec<(String, String)>,
+}
+
+fn recorder(config: &CellConfig, extra: &RecorderExtra) -> tangent_recorder::RecorderConfig {
+    let mut recorder = tangent_recorder::RecorderConfig::from_cell(config);
+    if let Some(folder) = &extra.folder {
+        recorder.folder.clone_from(folder);
+    }
+    recorder.attachments.extend(extra.attachments.clone());
+    recorder
+}

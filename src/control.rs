@@ -1,0 +1,128 @@
+//! `tangent task`, `tare`, `param`: requests to a running cell.
+
+use std::fs;
+
+use anyhow::Result;
+use serde_json::{Value, json};
+use tangent_control::Task;
+use tangent_runtime::parameters::ParameterInfo;
+use tangent_runtime::{Bus, CellConfig};
+use tangent_schemas::tangent::Request;
+use tangent_schemas::topics::queries;
+
+use crate::cell::{self, ANSWER_PATIENCE, ask, ask_and_print, data};
+use crate::cli::{ParamCommand, TaskCommand};
+use crate::output::{Outcome, bad_usage, print_json};
+
+/// Runs one of the task commands.
+///
+/// # Errors
+/// A bad task file, or a cell that does not answer.
+pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Outcome> {
+    let (key, action, argument) = match command {
+        TaskCommand::Start { file } => {
+            let text = fs::read_to_string(file)
+                .map_err(|e| bad_usage(format!("task file {}: {e}", file.display())))?;
+            // A mistake in the file is told here, with its name, before anything is asked of the cell.
+            let _: Task = text
+                .parse()
+                .map_err(|e| bad_usage(format!("task file {}: {e}", file.display())))?;
+            (queries::CONTROL_TASK, "start", text)
+        }
+        TaskCommand::Pause => (queries::CONTROL_TASK, "pause", String::new()),
+        TaskCommand::Resume => (queries::CONTROL_TASK, "resume", String::new()),
+        TaskCommand::Stop => (queries::CONTROL_STOP, "stop", String::new()),
+        TaskCommand::Status => (queries::CONTROL_TASK, "status", String::new()),
+    };
+    ask_and_print(&cell::join(config)?, key, action, &argument, json)
+}
+
+/// Sets the force sensor's zero.
+///
+/// # Errors
+/// A cell that does not answer.
+pub fn tare(config: &CellConfig, json: bool) -> Result<Outcome> {
+    ask_and_print(&cell::join(config)?, queries::NETFT_TARE, "tare", "", json)
+}
+
+/// Reads or sets live parameters.
+///
+/// # Errors
+/// A bad name, or a cell that does not answer.
+pub fn param(command: &ParamCommand, config: &CellConfig, json: bool) -> Result<Outcome> {
+    match command {
+        ParamCommand::Set { name, value } => {
+            let (service, parameter) = split(name)?;
+            let key = queries::parameter(service, parameter);
+            ask_and_print(&cell::join(config)?, &key, "set", value, json)
+        }
+        ParamCommand::Get { name: Some(name) } if name.contains('/') => {
+            let (service, parameter) = split(name)?;
+            let key = queries::parameter(service, parameter);
+            ask_and_print(&cell::join(config)?, &key, "get", "", json)
+        }
+        ParamCommand::Get { name } => {
+            let key = queries::parameters(name.as_deref().unwrap_or("*"));
+            list(&cell::join(config)?, &key, json)
+        }
+    }
+}
+
+fn split(name: &str) -> Result<(&str, &str)> {
+    name.split_once('/').ok_or_else(|| {
+        bad_usage(format!(
+            "parameter \"{name}\": write SERVICE/NAME; `tangent param get` lists them all"
+        ))
+    })
+}
+
+fn list(bus: &Bus, key: &str, json: bool) -> Result<Outcome> {
+    let request = Request {
+        action: "list".to_owned(),
+        argument: String::new(),
+    };
+    let answers = bus.ask_all(key, &request, ANSWER_PATIENCE)?;
+    if answers.is_empty() {
+        anyhow::bail!("no service answers {key}; `tangent status` shows who is there");
+    }
+    if json {
+        let all: serde_json::Map<String, Value> = answers
+            .iter()
+            .map(|(key, answer)| (key.clone(), data(answer)))
+            .collect();
+        print_json(&json!({ "parameters": all }))?;
+    } else {
+        for parameter in answers
+            .iter()
+            .filter_map(|(_, a)| serde_json::from_str::<Vec<ParameterInfo>>(&a.data).ok())
+            .flatten()
+        {
+            println!(
+                "{:<44} {:>10} {:<6} {} to {}  {}",
+                format!("{}/{}", parameter.service, parameter.name),
+                parameter.value,
+                parameter.unit,
+                parameter.minimum,
+                parameter.maximum,
+                parameter.description
+            );
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+/// Uses another estimator from now on.
+///
+/// # Errors
+/// A cell that does not answer.
+pub fn use_estimator(name: &str, force: bool, config: &CellConfig, json: bool) -> Result<Outcome> {
+    let bus = cell::join(config)?;
+    let action = if force { "force" } else { "select" };
+    let answer = ask(&bus, queries::CONTROL_SELECT, action, name)?;
+    cell::print_answer(&answer, json)?;
+    Ok(if answer.done {
+        Outcome::Done
+    } else {
+        Outcome::Failed
+    })
+}

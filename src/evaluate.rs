@@ -1,0 +1,132 @@
+//! `tangent evaluate`: a scenario in a closed loop, one thread, no bus.
+
+use std::time::Instant;
+
+use anyhow::Result;
+use serde_json::json;
+use tangent_simulation::{Evaluation, evaluate};
+
+use crate::cli::Evaluate;
+use crate::output::{Outcome, bad_usage, print_json};
+use crate::scenarios;
+
+/// Runs one scenario and prints its figures.
+///
+/// # Errors
+/// A bad scenario, override, estimator or preset.
+pub fn run(args: &Evaluate, json: bool) -> Result<Outcome> {
+    if args.scenario == "list" {
+        return list(json);
+    }
+    let evaluation = once(&args.scenario, &overrides(args))?;
+    if json {
+        print_json(&evaluation)?;
+    } else {
+        print(&evaluation);
+    }
+    Ok(if evaluation.phase == "done" {
+        Outcome::Done
+    } else {
+        Outcome::Failed
+    })
+}
+
+fn list(json: bool) -> Result<Outcome> {
+    let mut rows = Vec::new();
+    for (name, _) in scenarios::builtin() {
+        rows.push((name, scenarios::load(name, &[])?.title));
+    }
+    if json {
+        let rows: Vec<_> = rows
+            .iter()
+            .map(|(name, title)| json!({"name": name, "title": title}))
+            .collect();
+        print_json(&json!({ "scenarios": rows }))?;
+    } else {
+        for (name, title) in rows {
+            println!("{name:<24} {title}");
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+/// The options of the command line as overrides of the scenario.
+fn overrides(args: &Evaluate) -> Vec<String> {
+    let mut set = args.set.clone();
+    if let Some(name) = &args.estimator {
+        set.push(format!("task.estimators=[\"{name}\"]"));
+    }
+    if let Some(name) = &args.controller {
+        set.push(format!("controller=\"{name}\""));
+    }
+    if let Some(seed) = args.seed {
+        set.push(format!("seed={seed}"));
+    }
+    set
+}
+
+/// Runs a scenario by name with overrides, timed.
+///
+/// # Errors
+/// As [`run`].
+pub fn once(scenario: &str, overrides: &[String]) -> Result<Evaluation> {
+    let scenario = scenarios::load(scenario, overrides)?;
+    let start = Instant::now();
+    let evaluation = evaluate(&scenario).map_err(bad_usage)?;
+    Ok(evaluation.with_wall_time(start.elapsed().as_secs_f64()))
+}
+
+fn print(e: &Evaluation) {
+    println!(
+        "{}: {:.1} s simulated with estimator {} and preset {}, seed {}",
+        e.scenario, e.duration_s, e.estimator, e.controller, e.seed
+    );
+    match e.fault {
+        Some(fault) => println!("  ended in phase {}: {fault}", e.phase),
+        None => println!("  ended in phase {}", e.phase),
+    }
+    let f = &e.figures;
+    for (name, spread) in [
+        ("normal against truth", &f.normal_error_deg),
+        ("  from 1 s after contact", &f.normal_error_settled_deg),
+        ("normal against the tool", &f.alignment_error_deg),
+        ("tool against truth", &f.tool_error_deg),
+    ] {
+        if let Some(s) = spread {
+            println!(
+                "  {name:<26} mean {:6.3}  rmse {:6.3}  p95 {:6.3}  max {:6.3} deg",
+                s.mean, s.rmse, s.p95, s.max
+            );
+        }
+    }
+    if let Some(nees) = f.normal_nees_per_dof {
+        println!("  {:<26} {nees:.2} per degree of freedom", "normal's consistency");
+    }
+    let or_dash = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
+    println!(
+        "  {:<26} reference {:.3}  mean {}  rmse {}  peak {} N  overshoot {} %",
+        "force",
+        f.force.reference_n,
+        or_dash(f.force.mean_n),
+        or_dash(f.force.rmse_n),
+        or_dash(f.force.peak_n),
+        or_dash(f.force.overshoot_percent)
+    );
+    println!(
+        "  {:<26} rmse {} mm  max {} mm",
+        "path",
+        or_dash(f.path.rmse_m.map(|x| x * 1e3)),
+        or_dash(f.path.max_m.map(|x| x * 1e3))
+    );
+    println!(
+        "  {:<26} first at {} s, lost {} times for {:.3} s",
+        "contact",
+        or_dash(f.contact.first_s),
+        f.contact.lost_count,
+        f.contact.lost_s
+    );
+    if let Some(factor) = e.real_time_factor {
+        println!("  {:<26} {factor:.0} x real time", "speed");
+    }
+    println!("  {:<26} {}", "digest", e.state_digest);
+}

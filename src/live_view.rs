@@ -1,0 +1,129 @@
+//! What a person sees while a task runs: one line that renews itself in a terminal, plain lines elsewhere.
+
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use tangent_runtime::{Bus, BusError, Latest};
+use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState};
+use tangent_schemas::topics;
+
+/// Shows the cell's state as it changes.
+pub struct LiveView {
+    bar: Option<ProgressBar>,
+    control: Latest<ControlState>,
+    arm: Latest<ArmState>,
+    truth: Latest<ContactTruth>,
+    phase: String,
+    printed: Option<Instant>,
+}
+
+/// Plain lines come this often.
+const PLAIN_EVERY: Duration = Duration::from_secs(1);
+
+impl LiveView {
+    /// Listens to the cell.
+    ///
+    /// # Errors
+    /// When the bus refuses.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            ProgressBar::new(1000).with_style(
+                ProgressStyle::with_template("{prefix:>9} {bar:24} {msg}")
+                    .expect("the template is well formed"),
+            )
+        });
+        Ok(Self {
+            bar,
+            control: bus.latest(&topics::CONTROL_STATE)?,
+            arm: bus.latest(&topics::ARM_STATE)?,
+            truth: bus.latest(&topics::TRUTH_CONTACT)?,
+            phase: String::new(),
+            printed: None,
+        })
+    }
+
+    /// The controller's newest state.
+    pub fn control(&mut self) -> Option<&ControlState> {
+        self.control.get().map(|r| &r.message)
+    }
+
+    /// The arm's newest state.
+    pub fn arm(&mut self) -> Option<&ArmState> {
+        self.arm.get().map(|r| &r.message)
+    }
+
+    /// Draws or prints what is new.
+    pub fn refresh(&mut self) {
+        let Some(control) = self.control.get().map(|r| r.message.clone()) else {
+            return;
+        };
+        let truth = self.truth.get().map(|r| r.message.clone());
+        let text = describe(&control, truth.as_ref());
+        let changed = self.phase != control.phase_text.as_str();
+        if changed {
+            self.phase = control.phase_text.to_string();
+        }
+        match &self.bar {
+            Some(bar) => {
+                bar.set_prefix(self.phase.clone());
+                bar.set_position((control.path_progress * 1000.0) as u64);
+                bar.set_message(text);
+            }
+            None => {
+                let due = self.printed.is_none_or(|at| at.elapsed() >= PLAIN_EVERY);
+                if changed || due {
+                    self.printed = Some(Instant::now());
+                    eprintln!(
+                        "{:>9} {:3.0} %  {text}",
+                        self.phase,
+                        control.path_progress * 100.0
+                    );
+                }
+            }
+        }
+    }
+
+    /// Says something above the live line.
+    pub fn say(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.println(text),
+            None => eprintln!("{text}"),
+        }
+    }
+
+    /// Clears the live line.
+    pub fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+fn describe(control: &ControlState, truth: Option<&ContactTruth>) -> String {
+    let mut text = format!(
+        "force {:5.2} of {:.2} N  tool {:4.1} deg off square  path {:4.1} mm off",
+        control.force_n,
+        control.force_reference_n,
+        control.alignment_error_rad.to_degrees(),
+        control.path_error_m * 1e3,
+    );
+    if let Some(truth) = truth.filter(|t| t.in_contact) {
+        text.push_str(&format!("  normal {:4.1} deg off truth", true_error_deg(control, truth)));
+    }
+    text.push_str(&format!(
+        "  ages: wrench {:.1} ms, normal {:.1} ms",
+        control.wrench_age_s * 1e3,
+        control.estimate_age_s * 1e3
+    ));
+    if !control.fault.is_empty() {
+        text.push_str(&format!("  FAULT: {}", control.fault));
+    }
+    text
+}
+
+fn true_error_deg(control: &ControlState, truth: &ContactTruth) -> f64 {
+    let a = nalgebra::Vector3::new(control.normal.x, control.normal.y, control.normal.z);
+    let b = nalgebra::Vector3::new(truth.normal.x, truth.normal.y, truth.normal.z);
+    a.cross(&b).norm().atan2(a.dot(&b)).to_degrees()
+}

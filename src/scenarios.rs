@@ -1,0 +1,84 @@
+//! Scenarios by name or by file. Those of `scenarios/` are part of the program, so that it runs from anywhere.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::Result;
+use tangent_simulation::Scenario;
+
+use crate::output::bad_usage;
+
+macro_rules! builtin {
+    ($($name:literal),* $(,)?) => {
+        const BUILTIN: &[(&str, &str)] = &[$((
+            $name,
+            include_str!(concat!("../scenarios/", $name, ".toml")),
+        )),*];
+    };
+}
+
+builtin!["cone_ideal", "cone_realistic", "pipe_ideal", "pipe_realistic"];
+
+/// Files that scenarios name, by their name in `scenarios/`.
+const BUILTIN_FILES: &[(&str, &str)] = &[];
+
+/// Names of the built-in scenarios, and their texts.
+pub fn builtin() -> &'static [(&'static str, &'static str)] {
+    BUILTIN
+}
+
+/// Reads a scenario by its built-in name or its file, with `KEY=VALUE` overrides.
+///
+/// # Errors
+/// An unknown name, a file that cannot be read, a bad key or value: exit code 2.
+pub fn load(name: &str, overrides: &[String]) -> Result<Scenario> {
+    if let Some((_, text)) = BUILTIN.iter().find(|(n, _)| *n == name) {
+        let read = |file: &str| {
+            BUILTIN_FILES
+                .iter()
+                .find(|(n, _)| *n == file)
+                .map(|(_, text)| (*text).to_owned())
+                .ok_or_else(|| "not among the built-in files".to_owned())
+        };
+        return Scenario::parse(name, text, overrides, &read).map_err(bad_usage);
+    }
+    let path = Path::new(name);
+    let text = fs::read_to_string(path).map_err(|e| {
+        let names: Vec<_> = BUILTIN.iter().map(|(n, _)| *n).collect();
+        bad_usage(format!(
+            "scenario \"{name}\": not built in ({}), and as a file: {e}",
+            names.join(", ")
+        ))
+    })?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let read = |file: &str| fs::read_to_string(folder.join(file)).map_err(|e| e.to_string());
+    Scenario::parse(name, &text, overrides, &read).map_err(bad_usage)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_of_the_folder_is_built_in_and_loads() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+        let mut files: Vec<String> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.extension().is_some_and(|e| e == "toml"))
+            .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
+            .collect();
+        files.sort();
+        let names: Vec<&str> = BUILTIN.iter().map(|(name, _)| *name).collect();
+        assert_eq!(files, names);
+        for name in names {
+            load(name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+        }
+    }
+
+    #[test]
+    fn an_unknown_name_is_answered_with_the_known_ones() {
+        let error = load("pipes", &[]).unwrap_err().to_string();
+        assert!(error.contains("pipes") && error.contains("pipe_ideal"), "{error}");
+    }
+}

@@ -1,0 +1,285 @@
+//! `tangent up`: the whole system against the simulator, in this process, from approach to report.
+
+use std::fs;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use nalgebra::{UnitQuaternion, Vector3};
+use tangent_control::{Phase, Task};
+use tangent_runtime::config::PoseConfig;
+use tangent_runtime::{Bus, CellConfig, Latest, Role, Stop};
+use tangent_schemas::tangent::{ArmState, WrenchStatus};
+use tangent_schemas::topics::{self, queries};
+use tangent_simulation::Scenario;
+
+use crate::cell::ask;
+use crate::cli::Up;
+use crate::compose::{self, RecorderExtra, Running};
+use crate::live_view::LiveView;
+use crate::output::{Outcome, bad_usage, print_json};
+use crate::{report, scenarios};
+
+/// Longest wait for the arm to be powered, its program to run and the sensor to stream.
+const READY_PATIENCE: Duration = Duration::from_secs(30);
+/// Longest wait for the retract after Ctrl-C.
+const RETRACT_PATIENCE: Duration = Duration::from_secs(20);
+/// How often the view is renewed.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Runs the system, the task, and the report.
+///
+/// # Errors
+/// A bad file, a busy port, or a service that cannot run.
+pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
+    let mut overrides = Vec::new();
+    if let Some(seed) = args.seed {
+        overrides.push(format!("seed={seed}"));
+    }
+    let scenario = scenarios::load(&args.scenario, &overrides)?;
+    let task = task_text(args, &scenario)?;
+    let config = simulated_cell(base, &scenario, args)?;
+
+    let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
+    eprintln!(
+        "cell {}: {} ({}); Ctrl-C retracts and stops",
+        config.cell.name, scenario.title, scenario.name
+    );
+    let bus = Bus::open_until(&config, Role::Router, Some(READY_PATIENCE), &stop)?;
+    let extra = RecorderExtra {
+        folder: Some(args.folder.clone()),
+        attachments: vec![
+            ("scenario.toml".to_owned(), toml::to_string(&scenario)?),
+            ("task.toml".to_owned(), task.clone()),
+        ],
+    };
+    let began = Instant::now();
+    let mut system = System::start(&config, &scenario, &bus, &stop, &extra)?;
+    let wiped = wipe(&bus, &task, &stop, args.stay);
+    let recordings = system.end(&args.folder, began)?;
+    let phase = wiped?;
+
+    let (figures, page) = report::write_for(&recordings)?;
+    if json {
+        print_json(&figures)?;
+    } else {
+        report::print(&figures);
+        for path in &recordings {
+            println!("recording  {}", path.display());
+        }
+        println!("report     {}", page.display());
+    }
+    Ok(match phase {
+        Phase::Done if figures.lost() == 0 => Outcome::Done,
+        Phase::Done => Outcome::Lossy,
+        _ => Outcome::Failed,
+    })
+}
+
+fn task_text(args: &Up, scenario: &Scenario) -> Result<String> {
+    let Some(file) = &args.task else {
+        return Ok(toml::to_string(&scenario.task)?);
+    };
+    let text = fs::read_to_string(file)
+        .map_err(|e| bad_usage(format!("task file {}: {e}", file.display())))?;
+    let _: Task = text
+        .parse()
+        .map_err(|e| bad_usage(format!("task file {}: {e}", file.display())))?;
+    Ok(text)
+}
+
+/// The cell file that fits the simulated cell: what a person would have measured and written down.
+fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Result<CellConfig> {
+    let tool = &scenario.plant.tool;
+    let pose = |p: &tangent_simulation::PoseConfig| {
+        let [roll, pitch, yaw] = p.roll_pitch_yaw_rad;
+        let turn: Vector3<f64> =
+            UnitQuaternion::from_euler_angles(roll, pitch, yaw).scaled_axis();
+        PoseConfig {
+            translation_m: p.position_m,
+            rotation_vector_rad: turn.into(),
+        }
+    };
+    cell.robot.model.clone_from(&scenario.plant.robot);
+    cell.robot.address = "127.0.0.1".to_owned();
+    cell.sensor.address = "127.0.0.1".to_owned();
+    cell.robot.port_offset = offset(cell.robot.port_offset, args.port_offset)?;
+    cell.sensor.port_offset = offset(cell.sensor.port_offset, args.port_offset)?;
+    if args.port_offset > 0 {
+        let endpoint = format!("tcp/127.0.0.1:{}", offset(7447, args.port_offset)?);
+        cell.zenoh.listen = vec![endpoint.clone()];
+        cell.zenoh.connect = vec![endpoint];
+    }
+    cell.sensor.flange_from_sensor = pose(&tool.flange_from_sensor);
+    cell.sensor.filter_cutoff_hz = scenario.sensing.filter_cutoff_hz;
+    cell.tool.flange_from_tool = pose(&tool.flange_from_tool);
+    cell.tool.mass_kg = tool.payload.mass_kg;
+    cell.tool.com_in_sensor_m = tool.payload.com_in_sensor_m;
+    cell.controller.preset.clone_from(&scenario.controller);
+    cell.controller.settings.clone_from(&scenario.control);
+    cell.estimators.active.clone_from(&scenario.task.estimators[0]);
+    for name in &scenario.task.estimators {
+        if !cell.estimators.run.contains(name) {
+            cell.estimators.run.push(name.clone());
+        }
+    }
+    cell.estimators.settings.insert(
+        tangent_estimator::ALL.to_owned(),
+        toml::Table::try_from(&scenario.estimation)?,
+    );
+    Ok(cell)
+}
+
+fn offset(port: u16, by: u16) -> Result<u16> {
+    // The highest port in use is the sensor's, 49152.
+    match port.checked_add(by) {
+        Some(sum) if sum <= u16::MAX - 49_152 || port >= 7447 => Ok(sum),
+        _ => Err(bad_usage(format!(
+            "--port-offset {by}: must keep every port below 65536; 0 to 16383 is allowed"
+        ))),
+    }
+}
+
+/// Everything that runs, in the order in which it is ended.
+struct System {
+    services: Vec<Running>,
+}
+
+impl System {
+    fn start(
+        config: &CellConfig,
+        scenario: &Scenario,
+        bus: &Bus,
+        everybody: &Stop,
+        extra: &RecorderExtra,
+    ) -> Result<Self> {
+        let simulator = compose::simulator(config, Some(scenario), bus, everybody)?;
+        let recorder = compose::service("recorder", config, bus, everybody, extra)?;
+        let mut services = Vec::new();
+        for name in ["controller", "estimator", "netft", "rtde"] {
+            services.push(compose::service(name, config, bus, everybody, extra)?);
+        }
+        // The bridge says goodbye to the robot before the robot goes; the recorder hears everybody's last word.
+        services.reverse();
+        services.push(simulator);
+        services.push(recorder);
+        Ok(Self { services })
+    }
+
+    /// Ends everything and returns the recordings made since `began`.
+    fn end(&mut self, folder: &std::path::Path, began: Instant) -> Result<Vec<PathBuf>> {
+        let mut failed = None;
+        for service in self.services.drain(..) {
+            if let Err(error) = service.end() {
+                failed.get_or_insert(error);
+            }
+        }
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        let age = began.elapsed();
+        let mut files = Vec::new();
+        let entries = fs::read_dir(folder)
+            .with_context(|| format!("listing recordings in {}", folder.display()))?;
+        for entry in entries.flatten() {
+            let path = entry.path();
+            let recent = entry
+                .metadata()
+                .and_then(|m| m.modified())
+                .is_ok_and(|at| at.elapsed().is_ok_and(|e| e <= age));
+            if path.extension().is_some_and(|e| e == "mcap") && recent {
+                files.push(path);
+            }
+        }
+        files.sort();
+        if files.is_empty() {
+            bail!("no recording was written to {}", folder.display());
+        }
+        Ok(files)
+    }
+}
+
+/// Starts the task when everything is ready, shows it, and waits for its end.
+fn wipe(bus: &Bus, task: &str, stop: &Stop, stay: bool) -> Result<Phase> {
+    let mut view = LiveView::new(bus)?;
+    wait_until_ready(bus, stop)?;
+    let answer = ask(bus, queries::CONTROL_TASK, "start", task)?;
+    if !answer.done {
+        bail!("the controller does not start the task: {}", answer.message);
+    }
+    view.say(&answer.message);
+    let mut asked_to_stop: Option<Instant> = None;
+    let mut seen_active = false;
+    let phase = loop {
+        view.refresh();
+        let phase = view.control().and_then(|c| Phase::from_code(c.phase));
+        if let Some(phase) = phase {
+            seen_active |= phase.is_active();
+            if seen_active && !phase.is_active() && !(stay && !stop.is_stopped()) {
+                break phase;
+            }
+        }
+        if stop.is_stopped() {
+            let since = *asked_to_stop.get_or_insert_with(|| {
+                view.say("retracting");
+                if let Err(error) = ask(bus, queries::CONTROL_STOP, "stop", "") {
+                    view.say(&format!("{error:#}"));
+                }
+                Instant::now()
+            });
+            if since.elapsed() > RETRACT_PATIENCE {
+                view.end();
+                bail!("the arm did not retract within {RETRACT_PATIENCE:?}");
+            }
+            std::thread::sleep(LOOK);
+        } else {
+            stop.wait(LOOK);
+        }
+    };
+    view.refresh();
+    view.end();
+    if phase == Phase::Fault
+        && let Some(control) = view.control()
+    {
+        eprintln!("the task ended with a fault: {}", control.fault);
+    }
+    Ok(phase)
+}
+
+fn wait_until_ready(bus: &Bus, stop: &Stop) -> Result<()> {
+    let mut arm: Latest<ArmState> = bus.latest(&topics::ARM_STATE)?;
+    let mut sensor: Latest<WrenchStatus> = bus.latest(&topics::WRENCH_STATUS)?;
+    let began = Instant::now();
+    let mut said = String::new();
+    loop {
+        let arm_waits = match arm.get() {
+            None => Some("no packet from the robot yet".to_owned()),
+            Some(r) if r.message.ready => None,
+            Some(r) => Some(r.message.not_ready_reason.to_string()),
+        };
+        let sensor_waits = match sensor.get() {
+            None => Some("no record from the sensor yet".to_owned()),
+            Some(r) if r.message.validity == 0 => None,
+            Some(r) => Some(r.message.status_text.to_string()),
+        };
+        let waits: Vec<String> = arm_waits
+            .map(|w| format!("robot: {w}"))
+            .into_iter()
+            .chain(sensor_waits.map(|w| format!("sensor: {w}")))
+            .collect();
+        if waits.is_empty() {
+            return Ok(());
+        }
+        let waits = waits.join("; ");
+        if waits != said {
+            eprintln!("waiting: {waits}");
+            said = waits;
+        }
+        if began.elapsed() > READY_PATIENCE {
+            bail!("not ready after {READY_PATIENCE:?}: {said}");
+        }
+        if stop.wait(LOOK) {
+            bail!("stopped before the task began");
+        }
+    }
+}
