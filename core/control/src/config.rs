@@ -87,6 +87,8 @@ pub struct AlignmentConfig {
 pub struct NormalConfig {
     /// Low pass on the way from the estimate to the normal in use, s; 0 is none.
     pub filter_s: f64,
+    /// Standard deviation per axis at which an estimate is filtered twice as long, rad; 0 takes every estimate alike.
+    pub sure_rad: f64,
     /// Rate at which the normal in use may turn, rad/s.
     pub turn_rate_max_rad_per_s: f64,
     /// An estimate further than this from the normal in use is refused, rad.
@@ -178,8 +180,8 @@ impl Default for ForceConfig {
             damping_n_s_per_m: 150.0,
             adaptive: true,
             damping_max_n_s_per_m: 4000.0,
-            loop_delay_s: 0.035,
-            delay_margin_rad: 0.3,
+            loop_delay_s: 0.04,
+            delay_margin_rad: 0.45,
             stiffness_expected_n_per_m: 10_000.0,
             overshoot_accepted: 0.2,
             approach_slowed: true,
@@ -214,7 +216,8 @@ impl Default for AlignmentConfig {
 impl Default for NormalConfig {
     fn default() -> Self {
         Self {
-            filter_s: 0.08,
+            filter_s: 0.06,
+            sure_rad: 2f64.to_radians(),
             turn_rate_max_rad_per_s: 0.8,
             gate_rad: 60f64.to_radians(),
             switch_gate_rad: 20f64.to_radians(),
@@ -302,6 +305,7 @@ impl ControllerConfig {
             },
             normal: NormalConfig {
                 filter_s: 0.0,
+                sure_rad: 0.0,
                 ..default.normal
             },
             path: PathConfig {
@@ -370,6 +374,7 @@ impl ControllerConfig {
         )?;
         let n = &self.normal;
         check_range("normal.filter_s", n.filter_s, 0.0, 2.0)?;
+        check_range("normal.sure_rad", n.sure_rad, 0.0, 1.0)?;
         check_range(
             "normal.turn_rate_max_rad_per_s",
             n.turn_rate_max_rad_per_s,

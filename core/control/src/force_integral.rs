@@ -1,8 +1,9 @@
 //! What is left of a force error after eq. (1): the velocity along the normal that the surface itself asks for.
 //!
 //! A proportional admittance holds a steady error while the surface moves under the tool (2.947 of 3 N on a slope).
-//! While sliding, the integral is kept as a *slope*, metres along the normal per metre along the surface: it starts,
-//! stops and turns with the path. Called by the controller each cycle in contact.
+//! Standing, eq. (1) against a spring has no error left and needs no integral (one would only overshoot at touchdown).
+//! Sliding, the integral is kept as a *slope*, metres along the normal per metre along the surface: it starts, stops and
+//! turns with the path. Called by the controller each cycle in contact.
 
 use nalgebra::Vector3;
 
@@ -13,25 +14,22 @@ use crate::limits::clamp_norm;
 const SPEED_MIN: f64 = 0.004;
 /// Below this speed the slope is learnt ever more slowly, m/s: a force error over a small speed is a large slope.
 const SPEED_SURE: f64 = 0.01;
-/// Time in which what was gathered in another situation fades, s: the slope while standing (a path goes on elsewhere
-/// from a stop), the standing part while sliding.
+/// Time in which the slope fades while standing: from a stop the path goes on elsewhere, s.
 const FADE_S: f64 = 0.5;
 /// Steepest slope that it may hold.
 const SLOPE_MAX: f64 = 0.5;
 
-/// Integral over the force error, as a velocity standing still plus a slope along the surface.
+/// Integral over the force error, as a slope along the surface.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ForceIntegral {
-    /// Along the normal, m/s; out of the material.
-    standing_m_per_s: f64,
     /// In the tangent plane, base axes: times the sliding velocity it is a velocity along the normal.
     slope: Vector3<f64>,
 }
 
 impl ForceIntegral {
-    /// The velocity along the normal now, m/s, while sliding with `along`.
+    /// The velocity along the normal now, out of the material, m/s, while sliding with `along`.
     pub fn velocity(&self, along: &Vector3<f64>) -> f64 {
-        self.standing_m_per_s + self.slope.dot(along)
+        self.slope.dot(along)
     }
 
     /// One cycle: `rate` is the integral's growth, m/s² (force error over damping and integral time), `along` the
@@ -46,21 +44,13 @@ impl ForceIntegral {
     ) {
         self.slope = tangential(&self.slope, normal);
         let speed = along.norm();
-        let growth = rate_m_per_s2 * dt_s;
-        if speed > SPEED_MIN {
-            let sure = speed * speed + SPEED_SURE * SPEED_SURE;
-            self.slope = clamp_norm(self.slope + along * (growth / sure), SLOPE_MAX);
-            self.standing_m_per_s *= 1.0 - (dt_s / FADE_S).min(1.0);
-        } else {
-            self.standing_m_per_s += growth;
+        if speed < SPEED_MIN {
             self.slope *= 1.0 - (dt_s / FADE_S).min(1.0);
+            return;
         }
-        self.standing_m_per_s = self
-            .standing_m_per_s
-            .clamp(-speed_max_m_per_s, speed_max_m_per_s);
-        if speed > SPEED_MIN {
-            self.slope = clamp_norm(self.slope, SLOPE_MAX.min(speed_max_m_per_s / speed));
-        }
+        let sure = speed * speed + SPEED_SURE * SPEED_SURE;
+        self.slope += along * (rate_m_per_s2 * dt_s / sure);
+        self.slope = clamp_norm(self.slope, SLOPE_MAX.min(speed_max_m_per_s / speed));
     }
 
     /// Nothing gathered.
@@ -100,7 +90,7 @@ mod tests {
         for i in 0..2000 {
             let along = Vector3::new(f64::from(i % 3) * 0.05, 0.0, 0.0);
             integral.step(5.0, &along, &Vector3::z(), 0.02, 0.008);
-            assert!(integral.velocity(&along) <= 0.04 + 1e-12);
+            assert!(integral.velocity(&along) <= 0.02 + 1e-12);
         }
     }
 }

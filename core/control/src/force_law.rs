@@ -41,6 +41,9 @@ pub struct ForceLaw {
     reference_n: f64,
     touch_wait_s: f64,
     damping: f64,
+    /// Depth along the normal, summed up from steps: the normal may turn meanwhile, and the origin is far away.
+    depth_m: f64,
+    position: Option<Vector3<f64>>,
 }
 
 impl ForceLaw {
@@ -53,6 +56,8 @@ impl ForceLaw {
             reference_n: 0.0,
             touch_wait_s: 0.0,
             damping: 0.0,
+            depth_m: 0.0,
+            position: None,
         }
     }
 
@@ -63,6 +68,7 @@ impl ForceLaw {
         self.state = AdmittanceState { twist };
         self.integral.reset();
         self.stiffness.restart();
+        self.position = None;
         self.reference_n = force_n;
         // What is already on its way arrives first; the law then starts from what is there.
         self.touch_wait_s = if config.force.adaptive {
@@ -104,9 +110,12 @@ impl ForceLaw {
         let (force, dt) = (&config.force, sample.dt_s);
         let force_n = sample.wrench.force.dot(&sample.normal);
         if force.adaptive && sample.settling {
-            let depth = -sample.base_from_tool.translation().dot(&sample.normal);
+            let position = sample.base_from_tool.translation();
+            let step = position - self.position.unwrap_or(position);
+            self.position = Some(position);
+            self.depth_m -= step.dot(&sample.normal);
             self.stiffness
-                .update(depth, force_n, sample.wrench_delay_s, dt);
+                .update(self.depth_m, force_n, sample.wrench_delay_s, dt);
         }
         self.damping = if force.adaptive {
             (self.stiffness.value_n_per_m() * force.loop_delay_s / force.delay_margin_rad)

@@ -53,7 +53,7 @@ impl Surface {
             config.turn_rate_max_rad_per_s,
         );
         let correction = estimate.map_or_else(Vector3::zeros, |estimate| {
-            rotation_to(&self.normal, &estimate.normal) / config.filter_s.max(dt_s)
+            rotation_to(&self.normal, &estimate.normal) / Self::filter_s(config, estimate).max(dt_s)
         });
         let rate = clamp_norm(self.turn_rate + correction, config.turn_rate_max_rad_per_s);
         if estimate.is_some_and(|e| e.curvature.is_none()) {
@@ -63,6 +63,15 @@ impl Surface {
         self.normal = (turned * self.normal).normalize();
         // What was learnt goes along with the tangent plane.
         self.learnt = turned * self.learnt * turned.inverse();
+    }
+
+    /// The low pass, slower for an estimate that is unsure of itself (standing on friction, for instance).
+    fn filter_s(config: &NormalConfig, estimate: &NormalEstimate) -> f64 {
+        let variance = 0.5 * estimate.covariance.trace();
+        if !(variance.is_finite() && variance > 0.0) || config.sure_rad <= 0.0 {
+            return config.filter_s;
+        }
+        config.filter_s * (1.0 + variance / (config.sure_rad * config.sure_rad))
     }
 
     /// Turning that the curvature did not foresee corrects it, over a way of `curvature_distance_m`.
@@ -112,6 +121,7 @@ mod tests {
     fn estimate(normal: Vector3<f64>, curvature: Option<Matrix3<f64>>) -> NormalEstimate {
         let mut e = NormalEstimate::invalid(&Pose::identity(), Validity::Valid);
         e.normal = normal;
+        e.covariance = Matrix3::zeros();
         e.curvature = curvature;
         e
     }
