@@ -282,6 +282,19 @@ impl ControllerConfig {
         }
     }
 
+    /// A preset with single keys changed, as in `[controller.settings]` of a cell file.
+    pub fn preset_with(name: &str, changes: &toml::Table) -> Result<Self, ControlError> {
+        let wrong = |e: String| ControlError::Syntax(format!("controller settings: {e}"));
+        let mut table =
+            toml::Table::try_from(Self::preset(name)?).map_err(|e| wrong(e.to_string()))?;
+        overlay(&mut table, changes);
+        let config: Self = table
+            .try_into()
+            .map_err(|e: toml::de::Error| wrong(e.message().to_owned()))?;
+        config.check()?;
+        Ok(config)
+    }
+
     fn paper() -> Self {
         let default = Self::default();
         Self {
@@ -446,6 +459,20 @@ impl ControllerConfig {
     }
 }
 
+/// Puts `changes` over `base`, table by table.
+fn overlay(base: &mut toml::Table, changes: &toml::Table) {
+    for (key, value) in changes {
+        match (base.get_mut(key), value) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(changes)) => {
+                overlay(inner, changes);
+            }
+            _ => {
+                base.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -472,6 +499,26 @@ mod tests {
         expected.alignment.gain_per_s = 1.0;
         assert_eq!(config, expected);
         assert!(toml::from_str::<ControllerConfig>("alignment.gain = 1.0").is_err());
+    }
+
+    #[test]
+    fn changes_lie_over_a_preset() {
+        let changes: toml::Table = toml::from_str("[force]\ndamping_n_s_per_m = 400.0").unwrap();
+        let config = ControllerConfig::preset_with("paper", &changes).unwrap();
+        let mut expected = ControllerConfig::preset("paper").unwrap();
+        expected.force.damping_n_s_per_m = 400.0;
+        assert_eq!(config, expected);
+        for bad in [
+            "[force]\ndamping = 1.0",
+            "force = 1",
+            "[force]\ndamping_n_s_per_m = -1.0",
+        ] {
+            let changes: toml::Table = toml::from_str(bad).unwrap();
+            assert!(
+                ControllerConfig::preset_with("paper", &changes).is_err(),
+                "{bad}"
+            );
+        }
     }
 
     #[test]

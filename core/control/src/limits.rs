@@ -27,6 +27,12 @@ pub struct Limits {
     pub joint_margin_rad: f64,
     /// Force at the tool beyond which the arm retracts, N.
     pub force_max_n: f64,
+    /// Torque at the tool beyond which the arm retracts, Nm.
+    pub torque_max_nm: f64,
+    /// The tool's origin stays in this box while it works: lower corner, base axes, m.
+    pub workspace_min_m: [f64; 3],
+    /// Upper corner.
+    pub workspace_max_m: [f64; 3],
     /// Power put into the surface along the normal, W.
     pub power_max_w: f64,
     /// Way against the normal without contact before the arm gives up and retracts, m.
@@ -46,6 +52,9 @@ impl Default for Limits {
             joint_acceleration_max_rad_per_s2: 15.0,
             joint_margin_rad: 0.05,
             force_max_n: 40.0,
+            torque_max_nm: 5.0,
+            workspace_min_m: [-2.0; 3],
+            workspace_max_m: [2.0; 3],
             power_max_w: 0.5,
             blind_distance_max_m: 0.03,
             singularity: DampedLeastSquares::default(),
@@ -78,6 +87,12 @@ impl Limits {
         )?;
         check_range("limits.joint_margin_rad", self.joint_margin_rad, 0.0, 1.0)?;
         positive("force_max_n", self.force_max_n, 1000.0)?;
+        positive("torque_max_nm", self.torque_max_nm, 1000.0)?;
+        for i in 0..3 {
+            let (lower, upper) = (self.workspace_min_m[i], self.workspace_max_m[i]);
+            check_range("limits.workspace_min_m", lower, -10.0, 10.0)?;
+            check_range("limits.workspace_max_m", upper, lower, 10.0)?;
+        }
         positive("power_max_w", self.power_max_w, 100.0)?;
         positive("blind_distance_max_m", self.blind_distance_max_m, 0.5)?;
         positive(

@@ -42,6 +42,11 @@ impl Phase {
         Self::Tare,
     ];
 
+    /// From `ControlState.phase`.
+    pub fn from_code(code: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(code)).copied()
+    }
+
     /// As in `ControlState.phase_text`.
     pub fn name(self) -> &'static str {
         match self {
@@ -82,6 +87,10 @@ pub enum Fault {
     SurfaceLost,
     /// The force exceeds the cell's limit.
     ForceLimit,
+    /// The torque exceeds the cell's limit.
+    TorqueLimit,
+    /// The tool leaves the cell's workspace.
+    Workspace,
     /// The force did not settle in time.
     ForceNotReached,
     /// No tare in time.
@@ -116,6 +125,8 @@ impl Fault {
                 "surface lost and not found again within limits.blind_distance_max_m"
             }
             Self::ForceLimit => "force beyond limits.force_max_n",
+            Self::TorqueLimit => "torque beyond limits.torque_max_nm",
+            Self::Workspace => "tool at the edge of the workspace (limits.workspace_min_m, _max_m)",
             Self::ForceNotReached => "force did not settle within timeouts.contact_s",
             Self::NoTare => "no tare within timeouts.tare_s: is netft running?",
             Self::ArmNotReady => "arm does not take commands: see arm/state",
@@ -133,6 +144,7 @@ mod tests {
     fn names_are_distinct_and_numbers_fixed() {
         for (i, a) in Phase::ALL.iter().enumerate() {
             assert_eq!(*a as usize, i);
+            assert_eq!(Phase::from_code(i as u8), Some(*a));
             for b in &Phase::ALL[..i] {
                 assert_ne!(a.name(), b.name());
             }

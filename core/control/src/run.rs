@@ -448,7 +448,16 @@ fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> {
     if let WrenchVerdict::Retract(reason) = percept.verdict {
         return Some(Fault::Wrench(reason));
     }
-    (percept.wrench.force.norm() > limits.force_max_n).then_some(Fault::ForceLimit)
+    if percept.wrench.force.norm() > limits.force_max_n {
+        return Some(Fault::ForceLimit);
+    }
+    if percept.wrench.torque.norm() > limits.torque_max_nm {
+        return Some(Fault::TorqueLimit);
+    }
+    let inside = (0..3).all(|i| {
+        (limits.workspace_min_m[i]..=limits.workspace_max_m[i]).contains(&percept.position[i])
+    });
+    (!inside).then_some(Fault::Workspace)
 }
 
 fn stiffness_expected(program: &Program, config: &ControllerConfig) -> f64 {
