@@ -12,6 +12,9 @@ use crate::servo::quantise;
 /// Share of a gauge's range that one rated load alone takes up.
 const RATED_SHARE: f64 = 0.98;
 
+/// Steps of the random walk per second: fixed, so that it is the same walk whatever the sample rate.
+const WALK_RATE_HZ: f64 = 100.0;
+
 /// Sensor with its state. One [`Sensor::read`] per sample.
 #[derive(Clone, Debug)]
 pub struct Sensor {
@@ -24,8 +27,9 @@ pub struct Sensor {
     /// Where the warm-up leads, N and Nm.
     drift: Vector6<f64>,
     walk: Vector6<f64>,
+    walk_rng: Pcg64Mcg,
+    walk_steps: u64,
     noise: Vector6<f64>,
-    dt: f64,
 }
 
 impl Sensor {
@@ -66,8 +70,9 @@ impl Sensor {
             offset,
             drift,
             walk: Vector6::zeros(),
+            walk_rng: Pcg64Mcg::seed_from_u64(seed ^ 0x0a1c_77e5_3b90_d2f6),
+            walk_steps: 0,
             noise,
-            dt: 1.0 / config.rate_hz,
             config: config.clone(),
         }
     }
@@ -95,10 +100,13 @@ impl Sensor {
             }
         }
         if self.config.walk_n_per_sqrt_s > 0.0 {
-            let step = self.config.walk_n_per_sqrt_s * self.dt.sqrt();
-            for i in 0..3 {
-                let draw: f64 = StandardNormal.sample(&mut self.rng);
-                self.walk[i] += step * draw;
+            let step = self.config.walk_n_per_sqrt_s / WALK_RATE_HZ.sqrt();
+            while (self.walk_steps as f64) < time_s * WALK_RATE_HZ {
+                self.walk_steps += 1;
+                for i in 0..3 {
+                    let draw: f64 = StandardNormal.sample(&mut self.walk_rng);
+                    self.walk[i] += step * draw;
+                }
             }
         }
         reading += self.bias(time_s);
@@ -254,6 +262,26 @@ mod tests {
         let moved = sensor.bias(100.0) - sensor.bias(0.0);
         assert!((moved.fixed_rows::<3>(0).norm() - 0.3).abs() < 1e-4);
         assert_eq!(sensor.bias(0.0), Vector6::zeros());
+    }
+
+    #[test]
+    fn the_random_walk_is_the_same_at_every_rate_and_as_wide_as_asked_for() {
+        let walk = |rate_hz: f64, seed| {
+            let config = SensorConfig {
+                rate_hz,
+                walk_n_per_sqrt_s: 0.1,
+                ..SensorConfig::ideal()
+            };
+            let mut sensor = Sensor::new(&config, seed);
+            for i in 1..=(4.0 * rate_hz) as usize {
+                sensor.read(i as f64 / rate_hz, &Vector6::zeros());
+            }
+            sensor.bias(4.0)
+        };
+        assert_eq!(walk(1000.0, 5), walk(7000.0, 5));
+        let squares: f64 = (0..100).map(|seed| walk(125.0, seed).norm_squared()).sum();
+        let sd = (squares / 300.0).sqrt();
+        assert!((sd / 0.2 - 1.0).abs() < 0.15, "{sd} N after 4 s, not 0.2 N");
     }
 
     #[test]
