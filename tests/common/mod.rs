@@ -1,0 +1,132 @@
+//! What the system tests share: the built program, folders, free ports.
+#![allow(dead_code)]
+
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// The program under test.
+pub fn tangent() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_tangent"));
+    command
+        .env_remove("TANGENT_CELL")
+        .stdin(Stdio::null())
+        .current_dir(env!("CARGO_MANIFEST_DIR"));
+    command
+}
+
+/// The repository.
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).to_owned()
+}
+
+/// Runs to the end and returns what was said.
+pub fn run(args: &[&str]) -> Output {
+    tangent().args(args).output().unwrap()
+}
+
+/// The JSON object on standard output.
+pub fn json(output: &Output) -> Value {
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|e| {
+        panic!(
+            "no JSON ({e}) but: {}\n{}",
+            String::from_utf8_lossy(&output.stdout),
+            String::from_utf8_lossy(&output.stderr)
+        )
+    })
+}
+
+/// What went to standard error.
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// An offset at which all ports of a simulated cell are free now.
+pub fn port_offset() -> u16 {
+    for offset in (100..16_000).step_by(37) {
+        let ports = [7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152];
+        if ports
+            .iter()
+            .all(|p| TcpListener::bind(("127.0.0.1", p + offset)).is_ok())
+        {
+            return offset;
+        }
+    }
+    panic!("no free ports on loopback");
+}
+
+/// A process that is ended with the test.
+pub struct Process {
+    child: Child,
+    name: String,
+}
+
+impl Process {
+    /// Starts the program with these arguments; its log goes to the test's.
+    pub fn start(name: &str, args: &[&str]) -> Self {
+        let child = tangent()
+            .args(args)
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap_or_else(|e| panic!("{name}: {e}"));
+        Self {
+            child,
+            name: name.to_owned(),
+        }
+    }
+
+    /// Its process id.
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// SIGKILL, at once.
+    pub fn kill(&mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// SIGTERM, and its exit code within `patience`.
+    pub fn terminate(&mut self, patience: Duration) -> Option<i32> {
+        let id = self.child.id().to_string();
+        Command::new("kill").args(["-TERM", &id]).status().unwrap();
+        let until = Instant::now() + patience;
+        while Instant::now() < until {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                return status.code();
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        panic!("{} did not end within {patience:?} of SIGTERM", self.name);
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Tries until `attempt` gives something.
+pub fn wait_for<T>(what: &str, patience: Duration, mut attempt: impl FnMut() -> Option<T>) -> T {
+    let until = Instant::now() + patience;
+    loop {
+        if let Some(found) = attempt() {
+            return found;
+        }
+        assert!(Instant::now() < until, "{what}: not within {patience:?}");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// A number deep in a JSON object.
+pub fn number(value: &Value, path: &str) -> f64 {
+    value
+        .pointer(path)
+        .and_then(Value::as_f64)
+        .unwrap_or_else(|| panic!("{path} is no number in {value}"))
+}
