@@ -34,6 +34,8 @@ pub struct BridgeConfig {
     pub model: String,
     /// What that model is, if known.
     pub series: Option<Series>,
+    /// States per second asked for, Hz; the controller's own without it.
+    pub rate_hz: Option<f64>,
     /// For the guard.
     pub limits: GuardLimits,
     /// Least speed scaling at which the arm may move, 0 to 1.
@@ -92,7 +94,12 @@ impl Bridge {
     pub fn new(config: BridgeConfig) -> Self {
         let period_s = config.series.unwrap_or(Series::Cb3).period_s();
         Self {
-            link: Link::new(config.registers, &config.model, config.series),
+            link: Link::new(
+                config.registers,
+                &config.model,
+                config.series,
+                config.rate_hz,
+            ),
             supervisor: Supervisor::new(config.speed_scaling_min, config.seed),
             guard: Guard::new(config.limits.clone(), period_s),
             period_s,
@@ -140,7 +147,7 @@ impl Bridge {
             LinkEvent::None => Ok(BridgeEvent::None),
             LinkEvent::Text(text) => Ok(BridgeEvent::Text(text)),
             LinkEvent::Version(version) => {
-                self.period_s = version.series().period_s();
+                self.period_s = self.link.period_s();
                 self.guard.set_period(self.period_s);
                 Ok(BridgeEvent::Version(version))
             }
@@ -221,6 +228,11 @@ impl Bridge {
     /// The program goes on the robot again, also where another runs, and a latched stop may be left.
     pub fn reset(&mut self) {
         self.supervisor.reset();
+    }
+
+    /// The robot's word on its model is in.
+    pub fn set_wrong_model(&mut self, wrong: bool) {
+        self.supervisor.set_wrong_model(wrong);
     }
 
     /// The robot decelerates and latches; motion needs a newer activation.

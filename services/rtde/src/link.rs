@@ -5,7 +5,7 @@
 
 use crate::codec::{
     ControllerVersion, DataType, DecodeError, EncodeError, FrameError, Package, Protocol, Recipe,
-    RecipeError, Reply, Request, Series, Slot, TextMessage, Value,
+    RecipeError, Reply, Request, Series, Slot, TextMessage, Value, output_cycles,
 };
 use crate::program::RegisterMap;
 use crate::sample::{Sample, input_types, output_names, output_types};
@@ -152,6 +152,7 @@ pub struct Link {
     registers: RegisterMap,
     model: String,
     expected: Option<Series>,
+    rate_hz: Option<f64>,
     step: Step,
     protocol: Protocol,
     version: ControllerVersion,
@@ -163,12 +164,19 @@ pub struct Link {
 }
 
 impl Link {
-    /// `expected`: what the cell's `model` is, if that is known.
-    pub fn new(registers: RegisterMap, model: &str, expected: Option<Series>) -> Self {
+    /// `expected`: what the cell's `model` is, if that is known. `rate_hz`: states per second asked for; the
+    /// controller's own without it.
+    pub fn new(
+        registers: RegisterMap,
+        model: &str,
+        expected: Option<Series>,
+        rate_hz: Option<f64>,
+    ) -> Self {
         Self {
             registers,
             model: model.to_owned(),
             expected,
+            rate_hz,
             step: Step::Closed,
             protocol: Protocol::V1,
             version: ControllerVersion::default(),
@@ -211,6 +219,17 @@ impl Link {
     /// Which software runs there; all zero until it is known.
     pub fn version(&self) -> ControllerVersion {
         self.version
+    }
+
+    /// Time between states, s: a whole number of control cycles.
+    pub fn period_s(&self) -> f64 {
+        let series = self.version.series();
+        match (self.protocol, self.rate_hz) {
+            (Protocol::V2, Some(rate_hz)) => {
+                f64::from(output_cycles(series, rate_hz)) * series.period_s()
+            }
+            _ => series.period_s(),
+        }
     }
 
     /// Which protocol is spoken.
@@ -286,8 +305,7 @@ impl Link {
                 let types = self.check_slots(&names, &slots, &input_types())?;
                 self.input = Some(Recipe::new(recipe_id, types)?);
                 let request = Request::SetupOutputs {
-                    frequency_hz: (self.protocol == Protocol::V2)
-                        .then(|| self.version.series().rate_hz()),
+                    frequency_hz: (self.protocol == Protocol::V2).then_some(1.0 / self.period_s()),
                     names: output_names(&self.registers),
                 };
                 self.ask(Step::Outputs, &request, now_s, out)?;

@@ -74,6 +74,8 @@ pub enum Reason {
         /// Cycles.
         lost: u64,
     },
+    /// Another arm than the cell's model: what is computed from it would be wrong.
+    WrongModel,
     /// `rtde` was asked to stop.
     StopAsked,
     /// `rtde` ends.
@@ -112,6 +114,10 @@ impl fmt::Display for Reason {
                 scaling * 100.0
             ),
             Self::Gap { lost } => write!(f, "{lost} robot packets in a row were lost"),
+            Self::WrongModel => write!(
+                f,
+                "the robot is another model than the cell file says: correct [robot] model or address"
+            ),
             Self::StopAsked => write!(f, "stop asked for"),
             Self::ShuttingDown => write!(f, "rtde ends"),
         }
@@ -140,6 +146,7 @@ pub struct Supervisor {
     /// Wants `rtde/reset` before the program is sent or re-armed.
     reset_needed: Option<Reason>,
     take_over: bool,
+    wrong_model: bool,
     loops: i32,
     stuck: u32,
     hung_since_s: Option<f64>,
@@ -163,6 +170,7 @@ impl Supervisor {
             next_attempt_s: 0.0,
             reset_needed: None,
             take_over: false,
+            wrong_model: false,
             loops: 0,
             stuck: 0,
             hung_since_s: None,
@@ -192,6 +200,11 @@ impl Supervisor {
         self.take_over = true;
         self.attempts = 0;
         self.next_attempt_s = 0.0;
+    }
+
+    /// The robot's word on its model is in.
+    pub fn set_wrong_model(&mut self, wrong: bool) {
+        self.wrong_model = wrong;
     }
 
     /// Goes into every package, and into the program when it is sent.
@@ -338,6 +351,9 @@ impl Supervisor {
         if sample.robot_mode != ROBOT_RUNNING {
             return off(Reason::RobotMode(sample.robot_mode));
         }
+        if self.wrong_model {
+            return off(Reason::WrongModel);
+        }
         if let Some(reason) = self.reset_needed {
             return off(reason);
         }
@@ -415,6 +431,7 @@ impl Supervisor {
     fn plan_upload(&mut self, sample: &Sample, now_s: f64) {
         let may = self.stage == Stage::Absent
             && self.reset_needed.is_none()
+            && !self.wrong_model
             && safety_allows_motion(sample.safety_mode)
             && sample.robot_mode == ROBOT_RUNNING
             && (self.take_over || !self.foreign_program_runs(sample))

@@ -80,7 +80,7 @@ pub struct RobotConfig {
     /// RTDE.
     #[serde(default = "ports::rtde")]
     pub rtde_port: u16,
-    /// Where the program is sent: the secondary interface.
+    /// Where the program is sent: the primary interface, which also says why a program failed.
     #[serde(default = "ports::script")]
     pub script_port: u16,
     /// Dashboard server.
@@ -101,6 +101,12 @@ pub struct RobotConfig {
     /// Cycles without a fresh command before the bridge ramps the joint speed to zero.
     #[serde(default = "command_patience")]
     pub command_patience_cycles: u32,
+    /// Least speed scaling (limiter times slider, 0 to 1) at which the arm may move.
+    #[serde(default = "speed_scaling_min")]
+    pub speed_scaling_min: f64,
+    /// Arm the controller's own watchdog behind the bridge's program. On CB3 a trip is a protective stop.
+    #[serde(default = "controller_watchdog")]
+    pub controller_watchdog: bool,
     /// Connection attempts wait this long, s.
     #[serde(default = "connect_timeout")]
     pub connect_timeout_s: f64,
@@ -111,7 +117,7 @@ mod ports {
         30004
     }
     pub fn script() -> u16 {
-        30002
+        30001
     }
     pub fn dashboard() -> u16 {
         29999
@@ -133,6 +139,14 @@ fn standard_gravity() -> [f64; 3] {
 
 fn command_patience() -> u32 {
     2
+}
+
+fn speed_scaling_min() -> f64 {
+    0.3
+}
+
+fn controller_watchdog() -> bool {
+    true
 }
 
 fn connect_timeout() -> f64 {
@@ -172,16 +186,22 @@ impl RobotConfig {
             "0 (the controller's own) or from 1 to 1000 Hz",
         )?;
         checker.require(
-            matches!(self.register_base, 0 | 24),
+            (24..=40).contains(&self.register_base),
             "robot.register_base",
             self.register_base,
-            "24 (the registers for external clients), or 0 where no PLC uses 0 to 23",
+            "from 24 to 40: 0 to 23 belong to a PLC, and the bridge needs 7 of the 48",
         )?;
         checker.range(
             "robot.command_patience_cycles",
             f64::from(self.command_patience_cycles),
             1.0..=20.0,
             "cycles",
+        )?;
+        checker.range(
+            "robot.speed_scaling_min",
+            self.speed_scaling_min,
+            0.05..=1.0,
+            "",
         )?;
         checker.range(
             "robot.connect_timeout_s",

@@ -1,0 +1,296 @@
+//! The service as it runs: real sockets and threads on loopback, a scripted controller behind them.
+
+use std::io::{Read, Write};
+use std::net::TcpListener;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use tangent_runtime::{Bus, CellConfig, Stop, Subscription};
+use tangent_schemas::tangent::{ArmCommand, ArmState, Request};
+use tangent_schemas::topics;
+
+use crate::codec::ControllerVersion;
+use crate::scripted_robot::Robot;
+use crate::{Config, queries, run};
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Sockets around a scripted robot; each connection to RTDE starts it anew.
+struct Controller {
+    config: Config,
+    robot: Arc<Mutex<Robot>>,
+    /// Programs as they came.
+    programs: Receiver<String>,
+    /// Cuts the present RTDE connection.
+    cut: Sender<()>,
+}
+
+fn controller() -> Controller {
+    let rtde = TcpListener::bind("127.0.0.1:0").unwrap();
+    let script = TcpListener::bind("127.0.0.1:0").unwrap();
+    let dashboard = TcpListener::bind("127.0.0.1:0").unwrap();
+    let mut cell = CellConfig::default_cell();
+    cell.robot.rtde_port = rtde.local_addr().unwrap().port();
+    cell.robot.script_port = script.local_addr().unwrap().port();
+    cell.robot.dashboard_port = dashboard.local_addr().unwrap().port();
+    cell.robot.power_on = false;
+    cell.realtime.enabled = false;
+    let version = ControllerVersion::new(3, 15, 8);
+    let robot = Arc::new(Mutex::new(Robot::new(version)));
+    let (told, programs) = channel();
+    let (cut, cuts) = channel::<()>();
+
+    let shared = Arc::clone(&robot);
+    std::thread::spawn(move || {
+        for stream in script.incoming() {
+            let (shared, told) = (Arc::clone(&shared), told.clone());
+            std::thread::spawn(move || take_programs(stream.unwrap(), &shared, &told));
+        }
+    });
+    let shared = Arc::clone(&robot);
+    std::thread::spawn(move || {
+        for stream in rtde.incoming() {
+            let mut stream = stream.unwrap();
+            *shared.lock().unwrap() = Robot::new(version);
+            serve(&mut stream, &shared, &cuts);
+        }
+    });
+    std::thread::spawn(move || {
+        for stream in dashboard.incoming() {
+            let mut stream = stream.unwrap();
+            stream
+                .write_all(b"Connected: Universal Robots Dashboard Server\n")
+                .unwrap();
+            let mut bytes = [0; 256];
+            while let Ok(n) = stream.read(&mut bytes) {
+                let answer: &[u8] = match bytes[..n].trim_ascii() {
+                    b"" => break,
+                    b"get robot model" => b"UR5\n",
+                    b"unlock protective stop" => b"Protective stop releasing\n",
+                    b"close safety popup" => b"closing safety popup\n",
+                    _ => b"could not understand\n",
+                };
+                stream.write_all(answer).unwrap();
+            }
+        }
+    });
+    Controller {
+        config: Config::from_cell(&cell).unwrap(),
+        robot,
+        programs,
+        cut,
+    }
+}
+
+/// Reads programs up to their last line and starts them.
+fn take_programs(mut stream: std::net::TcpStream, robot: &Mutex<Robot>, told: &Sender<String>) {
+    let (mut text, mut bytes) = (String::new(), [0; 4096]);
+    while let Ok(n @ 1..) = stream.read(&mut bytes) {
+        text.push_str(std::str::from_utf8(&bytes[..n]).unwrap());
+        if text.ends_with("\nend\n") {
+            // The token stands where the program compares its session.
+            let (_, rest) = text.split_once("(session == ").unwrap();
+            let session = rest.split(')').next().unwrap().parse().unwrap();
+            robot.lock().unwrap().upload(session);
+            let _ = told.send(std::mem::take(&mut text));
+        }
+    }
+}
+
+/// A cycle every 2 ms: the clock on the wire says 8, which is nobody's business here.
+fn serve(stream: &mut std::net::TcpStream, robot: &Mutex<Robot>, cuts: &Receiver<()>) {
+    stream.set_nodelay(true).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_millis(2)))
+        .unwrap();
+    let mut bytes = [0; 4096];
+    while cuts.try_recv().is_err() {
+        let mut out = Vec::new();
+        {
+            let mut robot = robot.lock().unwrap();
+            match stream.read(&mut bytes) {
+                Ok(0) => return,
+                Ok(n) => robot.receive(&bytes[..n], &mut out),
+                Err(_) => {}
+            }
+            robot.cycle(&mut out);
+        }
+        if stream.write_all(&out).is_err() {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+struct Service {
+    bus: Bus,
+    stop: Stop,
+    states: Subscription<ArmState>,
+    thread: JoinHandle<Result<(), crate::Error>>,
+}
+
+fn service(config: &Config) -> Service {
+    let bus = Bus::in_process("test");
+    let states = bus.subscribe(&topics::ARM_STATE, 64).unwrap();
+    let stop = Stop::new();
+    let (b, s, c) = (bus.clone(), stop.clone(), config.clone());
+    let thread = std::thread::spawn(move || run(c, b, s));
+    Service {
+        bus,
+        stop,
+        states,
+        thread,
+    }
+}
+
+impl Service {
+    fn until(&self, what: &str, condition: impl Fn(&ArmState) -> bool) -> ArmState {
+        let mut last = None;
+        for _ in 0..100_000 {
+            let Some(received) = self.states.recv_timeout(PATIENCE) else {
+                break;
+            };
+            if condition(&received.message) {
+                return received.message;
+            }
+            last = Some(received.message);
+        }
+        panic!("{what} never came; last state: {last:?}");
+    }
+
+    fn ask(&self, key: &str) -> String {
+        let answer = self.bus.ask(key, &Request::default(), PATIENCE).unwrap();
+        assert!(answer.done, "{key}: {}", answer.message);
+        answer.message
+    }
+
+    /// A controller in the same process: answers each state within publishing it.
+    fn controller(&self, activation: u64) -> tangent_runtime::Handle {
+        let commands = self.bus.publisher(&topics::ARM_COMMAND).unwrap();
+        self.bus
+            .on(&topics::ARM_STATE, move |received| {
+                let command = ArmCommand {
+                    cycle: received.message.cycle,
+                    kind: 1,
+                    values: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0].into_iter().collect(),
+                    activation,
+                    source: "test/0".try_into().unwrap(),
+                    ..ArmCommand::default()
+                };
+                commands.publish(&command);
+            })
+            .unwrap()
+    }
+}
+
+#[test]
+fn from_the_first_packet_to_motion_to_an_orderly_end() {
+    let controller = controller();
+    let service = service(&controller.config);
+    let ready = service.until("ready", |s| s.ready);
+    assert_eq!(ready.program_state, 1);
+    assert!(
+        controller
+            .programs
+            .recv_timeout(PATIENCE)
+            .unwrap()
+            .starts_with("def tangent_bridge():")
+    );
+    // The tool is where the model says it is for q = 0, and does not move.
+    let arm = &controller.config.arm;
+    let (pose, _) = arm.tool_and_jacobian(
+        &nalgebra::Vector6::zeros(),
+        &controller.config.flange_from_tool,
+    );
+    assert_eq!(ready.tool_pose, (&pose).into());
+
+    let task = service.controller(ready.activation_latched + 1);
+    let moving = service.until("motion", |s| s.qd_target.first() == Some(&0.1));
+    assert!(moving.command_latency_s > 0.0 && moving.packet_to_command_s > 0.0);
+    // The answer to a state is in the bytes of the same cycle.
+    assert_eq!(moving.command_cycle_accepted + 1, moving.cycle);
+    drop(task);
+    let latched = service.until("silence", |s| {
+        s.activation_latched > ready.activation_latched
+    });
+    assert!(latched.missed_cycles > 2);
+
+    service.stop.trigger();
+    service.thread.join().unwrap().unwrap();
+    let robot = controller.robot.lock().unwrap();
+    assert!(robot.paused);
+    assert_eq!((robot.sample.program_state, robot.sample.cause), (9, 3));
+}
+
+#[test]
+fn it_comes_back_after_a_lost_connection_and_does_not_move() {
+    let controller = controller();
+    let service = service(&controller.config);
+    let ready = service.until("ready", |s| s.ready);
+    let activation = ready.activation_latched + 1;
+    let task = service.controller(activation);
+    service.until("motion", |s| s.qd_target.first() == Some(&0.1));
+    controller.cut.send(()).unwrap();
+    let again = service.until("ready again", |s| {
+        s.ready && s.activation_latched == activation
+    });
+    assert!(again.qd_target.iter().all(|v| *v == 0.0));
+    let later = service.until("refusals", |s| {
+        s.commands_refused > again.commands_refused + 20
+    });
+    assert!(later.qd_target.iter().all(|v| *v == 0.0));
+    assert!(
+        later.refusal_reason.contains("latched out"),
+        "{}",
+        later.refusal_reason
+    );
+    drop(task);
+    let _task = service.controller(activation + 1);
+    service.until("motion", |s| s.qd_target.first() == Some(&0.1));
+    service.stop.trigger();
+    service.thread.join().unwrap().unwrap();
+}
+
+#[test]
+fn queries_reach_the_robot() {
+    let controller = controller();
+    let service = service(&controller.config);
+    service.until("ready", |s| s.ready);
+    service.ask(queries::STOP);
+    service.until("latched or armed again", |s| {
+        s.stop_cause == 3 || s.program_state == 4
+    });
+    service.until("ready", |s| s.ready);
+    assert_eq!(service.ask(queries::UNLOCK), "Protective stop releasing");
+    let refused = service
+        .bus
+        .ask(queries::POWER_OFF, &Request::default(), PATIENCE)
+        .unwrap();
+    assert!(!refused.done && refused.message.contains("refused `power off`"));
+    controller.robot.lock().unwrap().sample.ident = 77;
+    service.until("replaced", |s| {
+        s.not_ready_reason.contains("replaced by another")
+    });
+    service.ask(queries::RESET);
+    service.until("ready", |s| s.ready);
+    service.stop.trigger();
+    service.thread.join().unwrap().unwrap();
+}
+
+#[test]
+fn without_a_robot_it_waits_and_ends_at_once_when_told() {
+    let mut config = controller().config;
+    config.rtde_port = 1;
+    let service = service(&config);
+    let health = service.bus.subscribe(&topics::health("rtde"), 16).unwrap();
+    loop {
+        let told = health.recv_timeout(PATIENCE).unwrap().message;
+        if told.fault.contains("127.0.0.1:1:") {
+            break;
+        }
+    }
+    service.stop.trigger();
+    service.thread.join().unwrap().unwrap();
+}

@@ -1,0 +1,271 @@
+//! What the service has to know, out of the cell file.
+
+use std::time::Duration;
+
+use nalgebra::{Vector3, Vector6};
+use tangent_mechanics::{Arm, Flange, ModelData, ModelError, Pose, Tool};
+use tangent_runtime::CellConfig;
+use tangent_runtime::config::RealtimeConfig;
+
+use crate::bridge::BridgeConfig;
+use crate::codec::Series;
+use crate::dashboard::ur_size;
+use crate::guard::GuardLimits;
+use crate::program::{ProgramConfig, ProgramError, RegisterMap};
+
+/// Time from a velocity sent to the arm following it, s: what the guard reckons with.
+const RESPONSE_CB3_S: f64 = 0.040;
+const RESPONSE_E_SERIES_S: f64 = 0.016;
+/// Silence of the controller after which its activation is latched out, s.
+const SILENCE_LATCH_S: f64 = 0.1;
+/// Deceleration of the robot program's own stops, rad/s².
+const STOP_DECELERATION: f64 = 4.0;
+
+/// A cell file that cannot work with this service.
+#[derive(Debug, thiserror::Error)]
+pub enum SettingsError {
+    /// The arm is none of this vendor's.
+    #[error(
+        "[robot] model = \"{model}\" is no Universal Robots arm: rtde drives ur5, ur5e and their relatives (or a model_file of six joints)"
+    )]
+    NotUr {
+        /// The cell file's model.
+        model: String,
+    },
+    /// The model cannot be read.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The model file cannot be read.
+    #[error("[robot] model_file = {path}: {reason}")]
+    ModelFile {
+        /// Path.
+        path: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// A list of limits of the wrong length.
+    #[error("[limits] {key} has {got} values; 1 or 6 are allowed for this arm")]
+    JointCount {
+        /// Which list.
+        key: &'static str,
+        /// Its length.
+        got: usize,
+    },
+    /// Slower than the program on the robot bears.
+    #[error(
+        "[robot] rate_hz = {rate_hz} is not allowed: 0 (the controller's own) or at least 125, or the robot's program takes each pause for silence"
+    )]
+    Rate {
+        /// What was configured, Hz.
+        rate_hz: f64,
+    },
+    /// The robot's program cannot be made of these numbers.
+    #[error(transparent)]
+    Program(#[from] ProgramError),
+}
+
+/// Everything `run` needs.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Host name or address of the controller.
+    pub host: String,
+    /// RTDE port.
+    pub rtde_port: u16,
+    /// Script port.
+    pub script_port: u16,
+    /// Dashboard port.
+    pub dashboard_port: u16,
+    /// For each attempt to connect.
+    pub connect_timeout: Duration,
+    /// Power on and release the brakes when the bridge starts.
+    pub power_on: bool,
+    /// Arm the controller's own watchdog behind the program.
+    pub watchdog: bool,
+    /// The state machine's part; its seed is drawn at start.
+    pub bridge: BridgeConfig,
+    /// The arm's kinematics.
+    pub arm: Arm<6>,
+    /// The cell's tcp.
+    pub flange_from_tool: Pose<Flange, Tool>,
+    /// Scheduling of the loop's thread.
+    pub realtime: RealtimeConfig,
+}
+
+impl Config {
+    /// From a cell file.
+    ///
+    /// # Errors
+    /// [`SettingsError`], naming key, value and what is allowed.
+    pub fn from_cell(cell: &CellConfig) -> Result<Self, SettingsError> {
+        let robot = &cell.robot;
+        let series = series_of(&robot.model);
+        let model = match &robot.model_file {
+            Some(path) => {
+                let text =
+                    std::fs::read_to_string(path).map_err(|error| SettingsError::ModelFile {
+                        path: path.display().to_string(),
+                        reason: error.to_string(),
+                    })?;
+                ModelData::from_toml(&text)?
+            }
+            None if ur_size(&robot.model).is_none() => {
+                return Err(SettingsError::NotUr {
+                    model: robot.model.clone(),
+                });
+            }
+            None => ModelData::builtin(&robot.model)?,
+        };
+        if robot.rate_hz != 0.0 && robot.rate_hz < Series::Cb3.rate_hz() {
+            return Err(SettingsError::Rate {
+                rate_hz: robot.rate_hz,
+            });
+        }
+        let arm = Arm::<6>::new(&model)?;
+        let limits = guard_limits(cell, &arm, series)?;
+        let config = Self {
+            host: robot.address.clone(),
+            rtde_port: robot.rtde_port.saturating_add(robot.port_offset),
+            script_port: robot.script_port.saturating_add(robot.port_offset),
+            dashboard_port: robot.dashboard_port.saturating_add(robot.port_offset),
+            connect_timeout: Duration::from_secs_f64(robot.connect_timeout_s),
+            power_on: robot.power_on,
+            watchdog: robot.controller_watchdog,
+            bridge: BridgeConfig {
+                registers: RegisterMap::new(robot.register_base)?,
+                model: robot.model.clone(),
+                series,
+                rate_hz: (robot.rate_hz > 0.0).then_some(robot.rate_hz),
+                limits,
+                speed_scaling_min: robot.speed_scaling_min,
+                seed: 1,
+            },
+            arm,
+            flange_from_tool: cell.tool.flange_from_tool(),
+            realtime: cell.realtime.clone(),
+        };
+        // Whatever the program cannot be compiled with shall be said before a robot is called.
+        config.program(1, Series::Cb3).render()?;
+        Ok(config)
+    }
+
+    /// The program for one session.
+    pub fn program(&self, session: i32, series: Series) -> ProgramConfig {
+        let limits = &self.bridge.limits;
+        ProgramConfig {
+            registers: self.bridge.registers,
+            session,
+            series,
+            speed_max_rad_per_s: limits.speed_rad_per_s.max(),
+            acceleration_max_rad_per_s2: limits.acceleration_rad_per_s2.max(),
+            stop_deceleration_rad_per_s2: STOP_DECELERATION,
+            watchdog: self.watchdog,
+        }
+    }
+}
+
+/// CB3 or e-Series by the model's name; `None` for names that do not say.
+fn series_of(model: &str) -> Option<Series> {
+    let size = ur_size(model)?;
+    let e_series = model.trim().to_ascii_lowercase().ends_with('e') || size >= 15;
+    match (e_series, size) {
+        (true, _) => Some(Series::ESeries),
+        (false, 3 | 5 | 10) => Some(Series::Cb3),
+        _ => None,
+    }
+}
+
+fn guard_limits(
+    cell: &CellConfig,
+    arm: &Arm<6>,
+    series: Option<Series>,
+) -> Result<GuardLimits, SettingsError> {
+    let per_joint = |key, list: &[f64], found: Option<tangent_schemas::JointArray>| {
+        found
+            .and_then(|joints| <[f64; 6]>::try_from(joints.as_slice()).ok())
+            .map(Vector6::from)
+            .ok_or(SettingsError::JointCount {
+                key,
+                got: list.len(),
+            })
+    };
+    let l = &cell.limits;
+    let own = arm.limits();
+    let speed = per_joint(
+        "joint_speed_max_rad_per_s",
+        &l.joint_speed_max_rad_per_s,
+        l.joint_speed_max(6),
+    )?;
+    Ok(GuardLimits {
+        // The arm's own limit counts where it is lower.
+        speed_rad_per_s: speed.inf(&own.velocity),
+        acceleration_rad_per_s2: per_joint(
+            "joint_acceleration_max_rad_per_s2",
+            &l.joint_acceleration_max_rad_per_s2,
+            l.joint_acceleration_max(6),
+        )?,
+        position_lower_rad: own.position_lower,
+        position_upper_rad: own.position_upper,
+        tool_speed_max_m_per_s: l.tool_speed_max_m_per_s,
+        tool_turn_rate_max_rad_per_s: l.tool_turn_rate_max_rad_per_s,
+        workspace_lower_m: Vector3::from(l.workspace_min_m),
+        workspace_upper_m: Vector3::from(l.workspace_max_m),
+        response_s: match series {
+            Some(Series::ESeries) => RESPONSE_E_SERIES_S,
+            _ => RESPONSE_CB3_S,
+        },
+        patience_cycles: cell.robot.command_patience_cycles,
+        silence_latch_s: SILENCE_LATCH_S,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cell_that_ships_works() {
+        let config = Config::from_cell(&CellConfig::default_cell()).unwrap();
+        assert_eq!(config.bridge.series, Some(Series::Cb3));
+        let program = config.program(77, Series::Cb3);
+        assert_eq!(
+            program.speed_max_rad_per_s,
+            config.bridge.limits.speed_rad_per_s.max()
+        );
+        assert!(program.render().unwrap().contains("== 77"));
+    }
+
+    #[test]
+    fn what_cannot_work_is_named() {
+        let mut cell = CellConfig::default_cell();
+        cell.robot.model = "panda".into();
+        let text = Config::from_cell(&cell).unwrap_err().to_string();
+        assert!(
+            text.starts_with("[robot] model = \"panda\" is no Universal Robots arm"),
+            "{text}"
+        );
+
+        let mut cell = CellConfig::default_cell();
+        cell.limits.joint_speed_max_rad_per_s = vec![1.0; 5];
+        let text = Config::from_cell(&cell).unwrap_err().to_string();
+        assert!(text.contains("has 5 values"), "{text}");
+
+        let mut cell = CellConfig::default_cell();
+        cell.robot.rate_hz = 50.0;
+        assert!(matches!(
+            Config::from_cell(&cell),
+            Err(SettingsError::Rate { .. })
+        ));
+    }
+
+    #[test]
+    fn a_model_says_its_series() {
+        for (model, series) in [
+            ("ur5", Some(Series::Cb3)),
+            ("ur5e", Some(Series::ESeries)),
+            ("ur20", Some(Series::ESeries)),
+            ("my_arm", None),
+        ] {
+            assert_eq!(series_of(model), series, "{model}");
+        }
+    }
+}
