@@ -310,10 +310,8 @@ impl ClosedLoop {
         }
 
         self.output = self.controller.step(&input);
-        if self.output.tare_requested {
-            if !self.conditioning.is_taring() {
-                self.conditioner.start_tare(&mut self.conditioning);
-            }
+        if self.output.tare_requested && !self.conditioning.is_taring() {
+            self.conditioner.start_tare(&mut self.conditioning);
         }
         let command = match self.output.kind {
             CommandKind::Hold => VelocityCommand::hold(),

@@ -1,5 +1,8 @@
 //! The scenarios that the repository ships: they are read, they run, and the physics comes out right.
 
+// A whole file of tests: what fails here is the test.
+#![allow(clippy::unwrap_used)]
+
 use tangent_simulation::{Evaluation, Scenario, ScenarioError, evaluate};
 
 macro_rules! scenarios {

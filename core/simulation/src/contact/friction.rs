@@ -34,10 +34,23 @@ impl Friction {
 
     /// Steady sliding coefficient at a speed (m/s), without the viscous part.
     pub fn coefficient(&self, speed: f64) -> f64 {
+        self.level(self.stribeck(speed))
+    }
+
+    /// `exp(-(v / v_s)²)`: 1 at rest, 0 when sliding.
+    fn stribeck(&self, speed: f64) -> f64 {
+        let ratio = speed / self.config.stribeck_m_per_s;
+        // Below the last digit beyond six times the Stribeck speed, which is where most of a wipe is.
+        if ratio > 6.1 {
+            0.0
+        } else {
+            (-ratio * ratio).exp()
+        }
+    }
+
+    fn level(&self, stribeck: f64) -> f64 {
         let c = &self.config;
-        let ratio = speed / c.stribeck_m_per_s;
-        c.coulomb_coefficient
-            + (c.static_coefficient - c.coulomb_coefficient) * (-ratio * ratio).exp()
+        c.coulomb_coefficient + (c.static_coefficient - c.coulomb_coefficient) * stribeck
     }
 
     /// One step of `dt` (s): `bristle` (m) is the point's state, `velocity` (m/s) its sliding velocity in the tangent
@@ -52,7 +65,9 @@ impl Friction {
     ) -> FrictionForce {
         let c = &self.config;
         let speed = velocity.norm();
-        let slide = match c.model {
+        let stribeck = self.stribeck(speed);
+        let slide = self.level(stribeck);
+        match c.model {
             FrictionModel::None => {
                 return FrictionForce {
                     force: Vector3::zeros(),
@@ -60,17 +75,16 @@ impl Friction {
                 };
             }
             FrictionModel::Coulomb => {
-                let level = self.coefficient(speed);
                 // A line through zero speed as steep as reaches the cone at a tenth of the Stribeck speed.
                 let steepest = c.static_coefficient / (0.1 * c.stribeck_m_per_s);
-                let slope = steepest.min(level / speed.max(1e-12));
+                let slope = steepest.min(slide / speed.max(1e-12));
                 return FrictionForce {
                     force: velocity * (-load * (slope + c.viscous_s_per_m)),
                     damping: load * (slope + c.viscous_s_per_m),
                 };
             }
-            FrictionModel::Lugre => self.coefficient(speed),
-        };
+            FrictionModel::Lugre => {}
+        }
         // The bristle turns with the surface, and follows exactly over a step of constant velocity.
         *bristle -= normal * normal.dot(bristle);
         let before = *bristle;
@@ -80,8 +94,7 @@ impl Friction {
             *bristle = steady + (before - steady) * (-rate * dt).exp();
         }
         let bristle_rate = (*bristle - before) / dt;
-        let ratio = speed / c.stribeck_m_per_s;
-        let damping = c.bristle_damping_s_per_m * (-ratio * ratio).exp();
+        let damping = c.bristle_damping_s_per_m * stribeck;
         let mut friction = -(*bristle * c.bristle_stiffness_per_m + bristle_rate * damping);
         // Bristle damping must not lift a transient out of the friction cone.
         let size = friction.norm();
