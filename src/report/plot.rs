@@ -25,6 +25,19 @@ pub struct Axes<'a> {
     pub equal: bool,
     /// A horizontal line to compare with, and its name.
     pub reference: Option<(f64, &'a str)>,
+    /// Shaded spans of x.
+    pub bands: &'a [Band],
+}
+
+/// A shaded span of x.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Band {
+    /// From.
+    pub from: f64,
+    /// To.
+    pub to: f64,
+    /// Colour.
+    pub colour: RGBColor,
 }
 
 /// First colour: what was measured.
@@ -35,6 +48,18 @@ pub const ORANGE: RGBColor = RGBColor(214, 112, 28);
 pub const GREEN: RGBColor = RGBColor(48, 138, 74);
 /// Fourth colour.
 pub const PURPLE: RGBColor = RGBColor(126, 78, 160);
+
+/// Colours for as many curves as there are joints or estimators.
+pub const PALETTE: [RGBColor; 8] = [
+    BLUE,
+    ORANGE,
+    GREEN,
+    PURPLE,
+    RGBColor(176, 42, 48),
+    RGBColor(0, 135, 145),
+    RGBColor(120, 110, 40),
+    RGBColor(110, 110, 110),
+];
 
 const WIDTH: u32 = 900;
 /// More points than this are thinned: the page must stay light.
@@ -75,10 +100,19 @@ pub fn draw(axes: &Axes<'_>, series: &[Series<'_>]) -> Result<String> {
             .build_cartesian_2d(x.0..x.1, y.0..y.1)
             .map_err(|e| failed(&e))?;
         chart
+            .draw_series(axes.bands.iter().map(|band| {
+                Rectangle::new(
+                    [(band.from.max(x.0), y.0), (band.to.min(x.1), y.1)],
+                    band.colour.filled(),
+                )
+            }))
+            .map_err(|e| failed(&e))?;
+        chart
             .configure_mesh()
             .x_desc(axes.x)
             .y_desc(axes.y)
-            .light_line_style(WHITE)
+            .disable_x_mesh()
+            .light_line_style(TRANSPARENT)
             .bold_line_style(RGBColor(226, 226, 226))
             .draw()
             .map_err(|e| failed(&e))?;
@@ -161,7 +195,7 @@ mod tests {
     use super::*;
 
     fn axes(reference: Option<(f64, &'static str)>) -> Axes<'static> {
-        Axes { title: "force", x: "s", y: "N", equal: false, reference }
+        Axes { title: "force", x: "s", y: "N", equal: false, reference, bands: &[] }
     }
 
     #[test]

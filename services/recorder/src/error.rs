@@ -36,6 +36,12 @@ pub enum RecorderError {
         /// What the decoder said.
         reason: String,
     },
+    /// The system gave no thread.
+    #[error("recorder: no thread could be started: {source}")]
+    Thread {
+        /// What the system said.
+        source: io::Error,
+    },
     /// The bus refused a subscription.
     #[error("recorder: {0}")]
     Bus(#[from] tangent_runtime::BusError),
@@ -73,7 +79,9 @@ fn advice(error: &io::Error) -> &'static str {
 fn mcap_advice(error: &mcap::McapError) -> &'static str {
     match error {
         mcap::McapError::Io(e) => advice(e),
-        mcap::McapError::BadMagic => "; this is no MCAP file, or it was cut before its first record",
+        mcap::McapError::BadMagic => {
+            "; this is no MCAP file, or it was cut before its first record"
+        }
         _ => "",
     }
 }

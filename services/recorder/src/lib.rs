@@ -1,1 +1,21 @@
-//! Recorder service: every topic of the cell to MCAP, and reading recordings back.
+//! Recorder service: every topic of the cell to MCAP, and recordings read back.
+//!
+//! It listens to everything through a bounded queue of its own, so that a slow disk costs recorded messages and never
+//! a publisher's time; what could not be written is counted and said.
+
+mod config;
+mod disk;
+mod error;
+mod inquiry;
+mod pattern;
+mod recording;
+pub mod repair;
+mod service;
+mod writer;
+
+pub use config::Config;
+pub use disk::Disk;
+pub use error::RecorderError;
+pub use recording::{RecordedMessage, Recording};
+pub use service::{SERVICE, Summary, run};
+pub use writer::{Record, RecordingWriter};

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use mcap::read::{LinearReader, Options};
 use mcap::records::Record as McapRecord;
+use mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
 use mcap::{McapError, Message};
 
 use crate::RecorderError;
@@ -32,15 +33,46 @@ impl WholeFile {
         self.whole as u64
     }
 
-    /// Every message up to the first damage.
-    pub(crate) fn messages(&self) -> impl Iterator<Item = Message<'_>> {
-        mcap::MessageStream::new_with_options(
-            &self.bytes[..self.whole],
-            Options::IgnoreEndMagic.into(),
-        )
-        .into_iter()
-        .flatten()
-        .map_while(Result::ok)
+    /// Every message up to the first damage, and the damage as the last item.
+    pub(crate) fn messages(&self) -> Messages<'_> {
+        let options = LinearReaderOptions::default()
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(RECORD_BYTES_MAX);
+        Messages {
+            left: &self.bytes[..self.whole],
+            reader: MessageReader::new_with_options(options),
+        }
+    }
+}
+
+/// A longer record is damage: without a limit a single flipped bit can ask for all memory there is.
+const RECORD_BYTES_MAX: usize = 256 << 20;
+
+/// The messages of a file's bytes.
+pub(crate) struct Messages<'a> {
+    left: &'a [u8],
+    reader: MessageReader,
+}
+
+impl Iterator for Messages<'_> {
+    type Item = Result<Message<'static>, McapError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            match self.reader.next_event()? {
+                Ok(MessageReadEvent::ReadRequest(wanted)) => {
+                    let (now, later) = self.left.split_at(wanted.min(self.left.len()));
+                    self.reader.insert(now.len()).copy_from_slice(now);
+                    self.reader.notify_read(now.len());
+                    self.left = later;
+                }
+                Ok(MessageReadEvent::Message(message)) => return Some(Ok(message)),
+                // A file that just ends between two records is torn, not damaged; that is known already.
+                Err(McapError::UnexpectedEof) => return None,
+                Err(error) => return Some(Err(error)),
+            }
+        }
     }
 }
 
@@ -110,14 +142,13 @@ impl Recording {
         if whole.whole_bytes() == 0 {
             return Err(RecorderError::mcap(path, McapError::BadMagic));
         }
-        let truncated = !whole.bytes().ends_with(mcap::MAGIC)
-            || whole.bytes().len() < 2 * mcap::MAGIC.len();
+        let truncated =
+            !whole.bytes().ends_with(mcap::MAGIC) || whole.bytes().len() < 2 * mcap::MAGIC.len();
         let mut attachments = BTreeMap::new();
         let mut metadata = BTreeMap::new();
         let readable = &whole.bytes()[..whole.whole_bytes() as usize];
-        let records =
-            LinearReader::new_with_options(readable, Options::IgnoreEndMagic.into())
-                .map_err(|source| RecorderError::mcap(path, source))?;
+        let records = LinearReader::new_with_options(readable, Options::IgnoreEndMagic.into())
+            .map_err(|source| RecorderError::mcap(path, source))?;
         for record in records.map_while(Result::ok) {
             match record {
                 McapRecord::Attachment { header, data, .. } => {
@@ -158,19 +189,29 @@ impl Recording {
         &self.metadata
     }
 
-    /// Every message, in the file's order.
-    pub fn messages(&self) -> impl Iterator<Item = RecordedMessage> {
-        self.whole.messages().map(|m| RecordedMessage {
-            topic: m.channel.topic.clone(),
-            type_name: m
-                .channel
-                .schema
-                .as_ref()
-                .map_or_else(String::new, |s| s.name.clone()),
-            log_time_ns: m.log_time,
-            publish_time_ns: m.publish_time,
-            sequence: m.sequence,
-            bytes: m.data.into_owned(),
+    /// Every message up to the first damage, in the file's order.
+    pub fn messages(&self) -> impl Iterator<Item = RecordedMessage> + '_ {
+        self.try_messages().map_while(Result::ok)
+    }
+
+    /// The same, with the damage as the last item.
+    pub fn try_messages(
+        &self,
+    ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + '_ {
+        self.whole.messages().map(|message| {
+            let m = message.map_err(|source| RecorderError::mcap(&self.path, source))?;
+            Ok(RecordedMessage {
+                topic: m.channel.topic.clone(),
+                type_name: m
+                    .channel
+                    .schema
+                    .as_ref()
+                    .map_or_else(String::new, |s| s.name.clone()),
+                log_time_ns: m.log_time,
+                publish_time_ns: m.publish_time,
+                sequence: m.sequence,
+                bytes: m.data.into_owned(),
+            })
         })
     }
 }

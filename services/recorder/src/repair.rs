@@ -1,6 +1,7 @@
 //! Mends recordings that a crash left without their end.
 
-use std::fs;
+use std::fs::{self, File, TryLockError};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use mcap::read::Options;
@@ -26,11 +27,25 @@ pub struct Repair {
 /// # Errors
 /// When the file cannot be read.
 pub fn is_finished(path: &Path) -> Result<bool, RecorderError> {
-    let bytes = WholeFile::read(path)?;
-    Ok(bytes.bytes().len() >= 2 * mcap::MAGIC.len() && bytes.bytes().ends_with(mcap::MAGIC))
+    let fail = |source| RecorderError::io(path, source);
+    let mut file = File::open(path).map_err(fail)?;
+    let magic = mcap::MAGIC.len() as u64;
+    if file.metadata().map_err(fail)?.len() < 2 * magic {
+        return Ok(false);
+    }
+    file.seek(SeekFrom::End(-(magic as i64))).map_err(fail)?;
+    let mut end = [0; mcap::MAGIC.len()];
+    file.read_exact(&mut end).map_err(fail)?;
+    Ok(end == *mcap::MAGIC)
 }
 
-/// Mends every unfinished recording in `folder`.
+/// True while another recorder writes the file.
+fn is_being_written(path: &Path) -> bool {
+    File::open(path)
+        .is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+/// Mends every unfinished recording in `folder`, except those that another recorder is writing.
 ///
 /// # Errors
 /// When the folder cannot be listed or a file not be read or written; files mended before stay mended.
@@ -43,7 +58,7 @@ pub fn repair_folder(folder: &Path) -> Result<Vec<Repair>, RecorderError> {
         .collect();
     paths.sort();
     for path in paths {
-        if !is_finished(&path)? {
+        if !is_finished(&path)? && !is_being_written(&path) {
             repairs.push(repair(&path)?);
         }
     }
@@ -82,7 +97,7 @@ pub fn repair(path: &Path) -> Result<Repair, RecorderError> {
         }
     }
     let mut payload = 0;
-    for message in whole.messages() {
+    for message in whole.messages().map_while(Result::ok) {
         payload += message.data.len() as u64;
         let schema = message.channel.schema.as_ref();
         let definition = schema

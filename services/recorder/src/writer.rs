@@ -67,7 +67,18 @@ impl RecordingWriter {
     /// # Errors
     /// When the file cannot be created or its header not be written.
     pub fn create(path: &Path) -> Result<Self, McapError> {
+        Self::create_with(path, true)
+    }
+
+    /// The same, with or without LZ4.
+    ///
+    /// # Errors
+    /// When the file cannot be created or its header not be written.
+    pub fn create_with(path: &Path, compress: bool) -> Result<Self, McapError> {
         let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        // Held while the file is written, so that nobody takes it for torn and mends it. Where a file system knows no
+        // locks, recordings are made all the same.
+        let _ = file.try_lock();
         let written = Arc::new(AtomicU64::new(0));
         let counting = CountingFile {
             file,
@@ -76,7 +87,7 @@ impl RecordingWriter {
         let writer = WriteOptions::new()
             .profile("ros2")
             .library(concat!("tangent ", env!("CARGO_PKG_VERSION")))
-            .compression(Some(Compression::Lz4))
+            .compression(compress.then_some(Compression::Lz4))
             .chunk_size(Some(1 << 20))
             .disable_seeking(true)
             .create(NoSeek::new(counting))?;
@@ -115,10 +126,9 @@ impl RecordingWriter {
 
     fn add_channel(&mut self, record: &Record<'_>) -> Result<u16, McapError> {
         let schema_id = match record.definition {
-            Some(text) => {
-                self.writer
-                    .add_schema(record.type_name, "ros2msg", text.as_bytes())?
-            }
+            Some(text) => self
+                .writer
+                .add_schema(record.type_name, "ros2msg", text.as_bytes())?,
             None => self.writer.add_schema(record.type_name, "", &[])?,
         };
         let id = self

@@ -1,0 +1,125 @@
+//! Where recordings go and what goes into them.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use tangent_runtime::CellConfig;
+
+/// What the recorder is told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Folder of the recordings; made when it does not exist.
+    pub folder: PathBuf,
+    /// First part of the files' names: the cell.
+    pub prefix: String,
+    /// Key patterns to record, relative to the cell: `*` is one part of a key, `**` any number of parts.
+    pub include: Vec<String>,
+    /// A new file after this many bytes on the disk.
+    pub rotate_bytes: u64,
+    /// A new file after this long.
+    pub rotate_after: Duration,
+    /// A crash loses at most what came in this time.
+    pub flush_every: Duration,
+    /// Stop writing while the disk has less than this left, bytes: the file's index still needs room.
+    pub free_min_bytes: u64,
+    /// Chunks are compressed with LZ4.
+    pub compress: bool,
+    /// Files stored inside each recording: name and text.
+    pub attachments: Vec<(String, String)>,
+    /// Names and values stored inside each recording as metadata `tangent`, beside the version.
+    pub facts: BTreeMap<String, String>,
+    /// Messages that may wait for the disk.
+    pub queue: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            folder: PathBuf::from("recordings"),
+            prefix: "cell".to_owned(),
+            include: vec!["**".to_owned()],
+            rotate_bytes: 1 << 30,
+            rotate_after: Duration::from_secs(3600),
+            flush_every: Duration::from_secs(1),
+            free_min_bytes: 64 << 20,
+            compress: true,
+            attachments: Vec::new(),
+            facts: version_facts(),
+            queue: 1 << 16,
+        }
+    }
+}
+
+impl Config {
+    /// From a cell's `[recorder]` section; `cell_text` is the cell file as it was read, stored as `cell.toml`.
+    pub fn from_cell(cell: &CellConfig, cell_text: &str) -> Self {
+        let section = &cell.recorder;
+        let mut facts = version_facts();
+        facts.insert("cell".to_owned(), cell.cell.name.clone());
+        facts.insert("robot".to_owned(), cell.robot.model.clone());
+        facts.insert("controller".to_owned(), cell.controller.preset.clone());
+        Self {
+            folder: section.folder.clone(),
+            prefix: cell.cell.name.clone(),
+            include: section.include.clone(),
+            rotate_bytes: (section.rotate_mb * 1e6) as u64,
+            rotate_after: Duration::from_secs_f64(section.rotate_s),
+            compress: section.compress,
+            attachments: vec![("cell.toml".to_owned(), cell_text.to_owned())],
+            facts,
+            queue: section.queue_messages,
+            ..Self::default()
+        }
+    }
+
+    /// Adds a fact about the run: `scenario`, `seed`, `estimator`.
+    pub fn with_fact(mut self, name: &str, value: &str) -> Self {
+        self.facts.insert(name.to_owned(), value.to_owned());
+        self
+    }
+
+    /// Adds a file that is stored inside each recording: `task.toml`, `scenario.toml`.
+    pub fn with_attachment(mut self, name: &str, text: &str) -> Self {
+        self.attachments.push((name.to_owned(), text.to_owned()));
+        self
+    }
+}
+
+/// What can be said of the program without asking anybody.
+fn version_facts() -> BTreeMap<String, String> {
+    [
+        ("version", env!("CARGO_PKG_VERSION")),
+        ("target_arch", std::env::consts::ARCH),
+        ("target_os", std::env::consts::OS),
+        (
+            "build",
+            if cfg!(debug_assertions) {
+                "debug"
+            } else {
+                "release"
+            },
+        ),
+    ]
+    .map(|(name, value)| (name.to_owned(), value.to_owned()))
+    .into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cell_that_ships_is_taken_over_key_by_key() {
+        let cell = CellConfig::default_cell();
+        let config = Config::from_cell(&cell, "[cell]").with_fact("seed", "7");
+        assert_eq!(config.prefix, "cell1");
+        assert_eq!(config.rotate_bytes, 1_024_000_000);
+        assert_eq!(config.rotate_after, Duration::from_secs(3600));
+        assert_eq!(config.queue, 65_536);
+        assert_eq!(config.include, ["**"]);
+        assert_eq!(config.facts["seed"], "7");
+        assert_eq!(config.facts["version"], env!("CARGO_PKG_VERSION"));
+        assert_eq!(config.attachments[0].0, "cell.toml");
+    }
+}

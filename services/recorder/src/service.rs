@@ -1,0 +1,442 @@
+//! The service: takes every message from the bus and gives it to the disk, with what belongs beside the messages.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use tangent_runtime::{
+    Bus, Counter, Gauge, HealthReporter, Rate, RawMessage, RawSubscription, State, Stop,
+};
+use tangent_schemas::convert::cut;
+use tangent_schemas::tangent::ControlState;
+use tangent_schemas::{Message, cdr, definition, topics};
+
+use crate::config::Config;
+use crate::disk::Disk;
+use crate::error::RecorderError;
+use crate::inquiry::{Finding, Inquirer};
+use crate::pattern::matches_any;
+use crate::repair::{self, Repair};
+use crate::writer::Record;
+
+/// Name in topics and health messages.
+pub const SERVICE: &str = "recorder";
+/// How often the thread looks at the clock while nothing comes.
+const LOOK: Duration = Duration::from_millis(50);
+/// Services have this long to come up before they are asked for their parameters.
+const ASK_AFTER: Duration = Duration::from_secs(1);
+/// After a stop, messages that were under way still arrive for this long.
+const LATE: Duration = Duration::from_millis(200);
+
+/// What was recorded.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Summary {
+    /// Files of this run, in order.
+    pub files: Vec<PathBuf>,
+    /// Messages in them.
+    pub recorded: u64,
+    /// Messages pushed out of the queue while the disk was slow.
+    pub queue_dropped: u64,
+    /// Messages that the disk refused.
+    pub disk_refused: u64,
+    /// Messages that never came, by their publishers' sequence numbers.
+    pub missing: u64,
+    /// Files of earlier runs that were mended at the start.
+    pub mended: Vec<Repair>,
+}
+
+impl Summary {
+    /// Messages that should have been recorded and were not.
+    pub fn lost(&self) -> u64 {
+        self.queue_dropped + self.disk_refused + self.missing
+    }
+}
+
+/// Records until `stop`, then writes what still waits and ends the file. Blocks.
+///
+/// # Errors
+/// A folder that can neither be found nor made, or a topic that the bus refuses. A disk that refuses later is no
+/// error: the service stands by, counts and tries again.
+pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<Summary, RecorderError> {
+    let mut service = Service::new(config, &bus)?;
+    while !stop.is_stopped() {
+        if let Some(message) = service.messages.recv_timeout(LOOK) {
+            service.take(&message);
+        }
+        service.tend();
+    }
+    Ok(service.finish())
+}
+
+struct Service {
+    messages: RawSubscription,
+    /// Patterns to look at one by one; empty when the subscription does it.
+    include: Vec<String>,
+    disk: Disk,
+    definitions: Definitions,
+    inquirer: Inquirer,
+    /// When to ask for parameters; none once asked.
+    ask_at: Option<Instant>,
+    activation: u64,
+    mended: Vec<Repair>,
+    health: HealthReporter,
+    meters: Meters,
+    tended: Instant,
+}
+
+struct Meters {
+    messages: Rate,
+    lost: Counter,
+    waiting: Gauge,
+    recorded: Gauge,
+    said: Option<String>,
+}
+
+/// Text of each type's definition, put together once.
+#[derive(Default)]
+struct Definitions(HashMap<String, Option<String>>);
+
+impl Definitions {
+    fn of(&mut self, type_name: &str) -> Option<&str> {
+        if !self.0.contains_key(type_name) {
+            let text = definition::definition(type_name);
+            if text.is_none() {
+                tracing::warn!(
+                    "`{type_name}` is not a message of this version: recorded without its definition"
+                );
+            }
+            self.0.insert(type_name.to_owned(), text);
+        }
+        self.0.get(type_name)?.as_deref()
+    }
+}
+
+impl Service {
+    fn new(config: Config, bus: &Bus) -> Result<Self, RecorderError> {
+        let health = HealthReporter::start(bus, SERVICE)?;
+        let (pattern, include) = match config.include.as_slice() {
+            [one] => (one.clone(), Vec::new()),
+            // Patterns may overlap; one subscription hears each message once.
+            several => ("**".to_owned(), several.to_vec()),
+        };
+        // Before the disk: messages wait in the queue while old files are mended.
+        let messages = bus.subscribe_raw(&pattern, config.queue)?;
+        let folder = config.folder.clone();
+        let disk = Disk::open(config)?;
+        let mended = repair::repair_folder(&folder).unwrap_or_else(|error| {
+            // An old file that cannot be mended must not keep a new one from being written.
+            tracing::error!("{error}");
+            Vec::new()
+        });
+        for one in &mended {
+            tracing::warn!(
+                "{} had no end (its recorder was killed): mended, {} messages saved, {} bytes cut off; the original \
+                 is beside it with the ending .torn",
+                one.path.display(),
+                one.messages,
+                one.bytes_cut
+            );
+        }
+        let now = Instant::now();
+        Ok(Self {
+            messages,
+            include,
+            disk,
+            definitions: Definitions::default(),
+            inquirer: Inquirer::start(bus.clone())?,
+            ask_at: Some(now + ASK_AFTER),
+            activation: 0,
+            mended,
+            meters: Meters {
+                messages: health.rate("messages"),
+                lost: health.lost(),
+                waiting: health.gauge("messages_waiting"),
+                recorded: health.gauge("messages_recorded"),
+                said: Some(String::new()),
+            },
+            health,
+            tended: now,
+        })
+    }
+
+    fn take(&mut self, message: &RawMessage) {
+        if !self.include.is_empty() && !matches_any(&self.include, &message.key) {
+            return;
+        }
+        self.meters.messages.tick();
+        let topic = format!("/{}", message.key);
+        let received_ns = u64::try_from(message.received_ns).unwrap_or(0);
+        self.disk.take(
+            &Record {
+                topic: &topic,
+                type_name: &message.type_name,
+                definition: self.definitions.of(&message.type_name),
+                sequence: message.sequence as u32,
+                log_time_ns: received_ns,
+                publish_time_ns: match u64::try_from(message.source_time_ns) {
+                    Ok(ns) if ns > 0 => ns,
+                    _ => received_ns,
+                },
+                bytes: &message.payload,
+            },
+            message.received.max(self.tended),
+        );
+        if *message.key == *topics::CONTROL_STATE.key() && message.type_name == ControlState::NAME {
+            self.watch_task(&message.payload);
+        }
+    }
+
+    /// A new activation is a new task: its text belongs into the recording.
+    fn watch_task(&mut self, payload: &[u8]) {
+        if let Ok(state) = cdr::decode::<ControlState>(payload)
+            && state.activation != self.activation
+        {
+            self.activation = state.activation;
+            if state.activation > 0 {
+                self.inquirer.ask_task(state.activation);
+            }
+        }
+    }
+
+    /// What is done now and then: flush, rotate, ask, say how it fares.
+    fn tend(&mut self) {
+        let now = Instant::now();
+        if now.duration_since(self.tended) < LOOK {
+            return;
+        }
+        self.tended = now;
+        self.disk.tend(now);
+        if self.ask_at.is_some_and(|at| now >= at) {
+            self.ask_at = None;
+            self.inquirer.ask_parameters();
+        }
+        let findings: Vec<Finding> = self.inquirer.findings().collect();
+        for finding in findings {
+            self.store(finding, now);
+        }
+        self.say();
+    }
+
+    fn store(&mut self, finding: Finding, now: Instant) {
+        match finding {
+            Finding::Parameters(table) if table.is_empty() => {}
+            Finding::Parameters(table) => {
+                self.disk.metadata("parameters", table, now);
+            }
+            Finding::Task { activation, toml } => {
+                let name = format!("task-{activation}.toml");
+                let time_ns = u64::try_from(tangent_runtime::clock::now_ns()).unwrap_or(0);
+                self.disk.attach(&name, &toml, time_ns, now);
+            }
+        }
+    }
+
+    fn say(&mut self) {
+        let (recorded, refused) = self.disk.counts();
+        let counts = self.messages.counts();
+        self.meters.recorded.set(recorded as f64);
+        self.meters.waiting.set(self.messages.waiting() as f64);
+        self.meters
+            .lost
+            .set(refused + counts.dropped + counts.missing);
+        self.disk.last_words("losses", self.losses());
+        let trouble = self.disk.refusal().map(str::to_owned);
+        if trouble != self.meters.said {
+            match &trouble {
+                Some(reason) => self.health.set(State::Degraded, cut(reason)),
+                None => self.health.running(),
+            }
+            self.meters.said = trouble;
+        }
+    }
+
+    fn losses(&self) -> BTreeMap<String, String> {
+        let (recorded, refused) = self.disk.counts();
+        let counts = self.messages.counts();
+        [
+            ("received", counts.received),
+            ("recorded", recorded),
+            ("queue_dropped", counts.dropped),
+            ("disk_refused", refused),
+            ("missing", counts.missing),
+        ]
+        .map(|(name, count)| (name.to_owned(), count.to_string()))
+        .into()
+    }
+
+    fn finish(mut self) -> Summary {
+        let stopped = Instant::now();
+        self.inquirer.ask_parameters();
+        // What was published before the stop may still be on its way here; what comes after it may go on for ever.
+        while let Some(message) = self
+            .messages
+            .recv_timeout(LATE.saturating_sub(stopped.elapsed()))
+        {
+            let late = message.received > stopped + LATE;
+            self.take(&message);
+            if late {
+                break;
+            }
+        }
+        let now = Instant::now();
+        for finding in self.inquirer.finish() {
+            self.store(finding, now);
+        }
+        let counts = self.messages.counts();
+        self.disk.last_words("losses", self.losses());
+        let (files, recorded, disk_refused) = self.disk.finish(now);
+        Summary {
+            files,
+            recorded,
+            queue_dropped: counts.dropped,
+            disk_refused,
+            missing: counts.missing,
+            mended: self.mended,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Recording;
+    use tangent_runtime::Parameters;
+    use tangent_runtime::bus::answer::{done_with, refused};
+    use tangent_schemas::tangent::ArmState;
+
+    fn config(folder: &std::path::Path) -> Config {
+        Config {
+            folder: folder.to_owned(),
+            free_min_bytes: 0,
+            ..Config::default()
+        }
+    }
+
+    /// Waits for what another thread does; fails after half a minute.
+    fn until(what: &str, mut done: impl FnMut() -> bool) {
+        let start = Instant::now();
+        while !done() {
+            assert!(start.elapsed() < Duration::from_secs(30), "never: {what}");
+            std::thread::yield_now();
+        }
+    }
+
+    #[test]
+    fn every_topic_is_recorded_with_what_belongs_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let bus = Bus::in_process("cell1");
+        let parameters = Parameters::new(&bus, "netft").unwrap();
+        parameters.number("cutoff_hz", 50.0, 1.0..=100.0, "Hz", "Filter.");
+        let _task = bus
+            .answer(topics::queries::CONTROL_TASK, |_, request| {
+                if request.action == "show" {
+                    done_with("wipe", &serde_json::json!({"task_toml": "name = \"wipe\""}))
+                } else {
+                    refused("no")
+                }
+            })
+            .unwrap();
+        let mut service = Service::new(config(folder.path()), &bus).unwrap();
+        let arm = bus.publisher(&topics::ARM_STATE).unwrap();
+        let control = bus.publisher(&topics::CONTROL_STATE).unwrap();
+        let foreign = bus.raw_publisher("camera/odd", "odd_msgs/msg/Odd").unwrap();
+        let mut sent = Vec::new();
+        for cycle in 0..50 {
+            let state = ArmState {
+                cycle,
+                ..ArmState::default()
+            };
+            arm.publish(&state);
+            sent.push(state);
+            foreign.publish(&[0, 1, 0, 0, cycle as u8]);
+        }
+        control.publish(&ControlState {
+            activation: 3,
+            ..ControlState::default()
+        });
+        until("messages arrive", || service.messages.waiting() >= 101);
+        while let Some(message) = service.messages.try_recv() {
+            service.take(&message);
+        }
+        assert_eq!(service.activation, 3);
+        let summary = service.finish();
+        assert_eq!(summary.lost(), 0);
+        assert_eq!(summary.files.len(), 1);
+
+        let recording = Recording::open(&summary.files[0]).unwrap();
+        assert!(!recording.is_truncated());
+        let messages: Vec<_> = recording.messages().collect();
+        assert_eq!(messages.len() as u64, summary.recorded);
+        let states: Vec<ArmState> = messages
+            .iter()
+            .filter(|m| m.topic == "/arm/state")
+            .map(|m| cdr::decode(&m.bytes).unwrap())
+            .collect();
+        assert_eq!(states, sent);
+        let odd: Vec<_> = messages
+            .iter()
+            .filter(|m| m.type_name == "odd_msgs/msg/Odd")
+            .collect();
+        assert_eq!(odd.len(), 50);
+        assert_eq!(odd[49].bytes, [0, 1, 0, 0, 49]);
+        assert!(messages.iter().any(|m| m.topic == "/health/recorder"));
+        assert!(messages.iter().all(|m| m.publish_time_ns > 0));
+        assert_eq!(recording.attachments()["task-3.toml"], "name = \"wipe\"");
+        let metadata = recording.metadata();
+        assert_eq!(metadata["parameters"]["netft/cutoff_hz"], "50 Hz");
+        assert_eq!(metadata["losses"]["queue_dropped"], "0");
+        assert_eq!(metadata["losses"]["recorded"], summary.recorded.to_string());
+        assert_eq!(metadata["tangent"]["version"], env!("CARGO_PKG_VERSION"));
+    }
+
+    #[test]
+    fn a_queue_that_overflows_costs_messages_that_are_counted_and_no_publisher_waits() {
+        let folder = tempfile::tempdir().unwrap();
+        let bus = Bus::in_process("cell1");
+        let service = Service::new(
+            Config {
+                queue: 10,
+                include: vec!["arm/state".to_owned()],
+                ..config(folder.path())
+            },
+            &bus,
+        )
+        .unwrap();
+        // Nobody takes anything: a disk that hangs.
+        let arm = bus.publisher(&topics::ARM_STATE).unwrap();
+        for i in 1..=100 {
+            arm.publish(&ArmState::default());
+            until("one more arrives", || {
+                service.messages.counts().received == i
+            });
+        }
+        let summary = service.finish();
+        assert_eq!((summary.recorded, summary.queue_dropped), (10, 90));
+        assert_eq!(summary.lost(), 90);
+        let recording = Recording::open(&summary.files[0]).unwrap();
+        assert_eq!(recording.metadata()["losses"]["queue_dropped"], "90");
+    }
+
+    #[test]
+    fn only_what_is_included_is_recorded() {
+        let folder = tempfile::tempdir().unwrap();
+        let bus = Bus::in_process("cell1");
+        let mut service = Service::new(
+            Config {
+                include: vec!["arm/*".to_owned(), "arm/state".to_owned()],
+                ..config(folder.path())
+            },
+            &bus,
+        )
+        .unwrap();
+        let arm = bus.publisher(&topics::ARM_STATE).unwrap();
+        let control = bus.publisher(&topics::CONTROL_STATE).unwrap();
+        control.publish(&ControlState::default());
+        arm.publish(&ArmState::default());
+        until("messages arrive", || service.messages.waiting() >= 2);
+        while let Some(message) = service.messages.try_recv() {
+            service.take(&message);
+        }
+        assert_eq!(service.finish().recorded, 1);
+    }
+}

@@ -1,0 +1,229 @@
+//! One run as its recording tells it: the messages that the figures and plots need, decoded and in order.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use tangent_recorder::{RecordedMessage, Recording};
+use tangent_schemas::tangent::{
+    ArmState, ContactTruth, ControlState, Health, NormalEstimate, WrenchStatus,
+};
+use tangent_schemas::{Message, cdr};
+
+/// What was recorded of one run, from one file or from the several it was rotated through.
+#[derive(Default)]
+pub struct Run {
+    /// Files, in order.
+    pub files: Vec<PathBuf>,
+    /// Those that lack their end.
+    pub truncated: Vec<PathBuf>,
+    /// Damage inside a file, after which nothing of it was read.
+    pub damages: Vec<String>,
+    /// Tables stored inside, by name; the last of a name counts.
+    pub tables: BTreeMap<String, BTreeMap<String, String>>,
+    /// Files stored inside, by name.
+    pub attachments: BTreeMap<String, String>,
+    /// `arm/state`
+    pub arm: Vec<ArmState>,
+    /// `control/state`
+    pub control: Vec<ControlState>,
+    /// `estimate/NAME/normal` by estimator.
+    pub estimates: BTreeMap<String, Vec<NormalEstimate>>,
+    /// `truth/contact`
+    pub truth: Vec<ContactTruth>,
+    /// Sensor records lost while it was recorded.
+    pub wrench_records_lost: Option<u64>,
+    /// Last health message of each service.
+    pub health: BTreeMap<String, Health>,
+    /// What went wrong and when (ns since the Unix epoch): each text once per time that it came up.
+    pub faults: Vec<(i64, String)>,
+    /// Type and number of messages by topic.
+    pub topics: BTreeMap<String, (String, u64)>,
+    /// Messages that did not decode.
+    pub undecodable: u64,
+}
+
+impl Run {
+    /// Reads the files of one run.
+    ///
+    /// # Errors
+    /// A file that cannot be read, is no recording, or holds nothing of a tangent cell.
+    pub fn read(paths: &[PathBuf]) -> Result<Self> {
+        let mut run = Self::default();
+        let mut wrench_lost = Growth::default();
+        let mut said = BTreeMap::new();
+        for path in paths {
+            run.read_file(path, &mut wrench_lost, &mut said)?;
+        }
+        if run.arm.is_empty() && run.control.is_empty() {
+            let topics: Vec<&str> = run.topics.keys().take(8).map(String::as_str).collect();
+            let found = if topics.is_empty() {
+                "no message at all".to_owned()
+            } else {
+                format!("these topics: {}", topics.join(", "))
+            };
+            let names: Vec<_> = paths.iter().map(|p| p.display().to_string()).collect();
+            bail!(
+                "{}: neither /arm/state nor /control/state is in it, but {found}; a report needs a recording that \
+                 `tangent record`, `tangent run recorder` or `tangent up` made",
+                names.join(", ")
+            );
+        }
+        run.wrench_records_lost = wrench_lost.seen.then_some(wrench_lost.total);
+        run.arm.sort_by_key(|m| m.header.stamp.to_ns());
+        run.control.sort_by_key(|m| m.header.stamp.to_ns());
+        run.truth.sort_by_key(|m| m.header.stamp.to_ns());
+        for estimates in run.estimates.values_mut() {
+            estimates.sort_by_key(|m| m.header.stamp.to_ns());
+        }
+        Ok(run)
+    }
+
+    fn read_file(
+        &mut self,
+        path: &Path,
+        wrench_lost: &mut Growth,
+        said: &mut BTreeMap<String, String>,
+    ) -> Result<()> {
+        let recording = Recording::open(path).context("the report needs a recording (.mcap)")?;
+        self.files.push(path.to_owned());
+        if recording.is_truncated() {
+            self.truncated.push(path.to_owned());
+        }
+        self.tables.extend(recording.metadata().clone());
+        self.attachments.extend(recording.attachments().clone());
+        for message in recording.try_messages() {
+            let message = match message {
+                Ok(message) => message,
+                Err(error) => {
+                    self.damages.push(error.to_string());
+                    break;
+                }
+            };
+            let entry = self
+                .topics
+                .entry(message.topic.clone())
+                .or_insert_with(|| (message.type_name.clone(), 0));
+            entry.1 += 1;
+            if self.take(&message, wrench_lost, said).is_err() {
+                self.undecodable += 1;
+            }
+        }
+        Ok(())
+    }
+
+    fn take(
+        &mut self,
+        message: &RecordedMessage,
+        wrench_lost: &mut Growth,
+        said: &mut BTreeMap<String, String>,
+    ) -> Result<(), cdr::CdrError> {
+        let bytes = &message.bytes;
+        let mut fault = None;
+        match message.type_name.as_str() {
+            ArmState::NAME => {
+                let state: ArmState = cdr::decode(bytes)?;
+                fault = Some(("robot", state.not_ready_reason.to_string()));
+                self.arm.push(state);
+            }
+            ControlState::NAME => {
+                let state: ControlState = cdr::decode(bytes)?;
+                fault = Some(("controller", state.fault.to_string()));
+                self.control.push(state);
+            }
+            NormalEstimate::NAME => {
+                let estimate: NormalEstimate = cdr::decode(bytes)?;
+                let name = estimate.estimator.to_string();
+                self.estimates.entry(name).or_default().push(estimate);
+            }
+            ContactTruth::NAME => self.truth.push(cdr::decode(bytes)?),
+            WrenchStatus::NAME => {
+                let status: WrenchStatus = cdr::decode(bytes)?;
+                wrench_lost.add(status.records_lost);
+            }
+            Health::NAME => {
+                let health: Health = cdr::decode(bytes)?;
+                let source = health.service.to_string();
+                note(&mut self.faults, said, message, &source, &health.fault);
+                self.health.insert(source, health);
+            }
+            _ => {}
+        }
+        if let Some((source, text)) = fault {
+            note(&mut self.faults, said, message, source, &text);
+        }
+        Ok(())
+    }
+
+    /// Value of a fact that the recorder was told, for instance `scenario`.
+    pub fn fact(&self, name: &str) -> Option<&str> {
+        self.tables
+            .get("tangent")?
+            .get(name)
+            .map(String::as_str)
+            .filter(|value| !value.is_empty())
+    }
+
+    /// Messages that should be in the recording and are not, by the recorder's own count.
+    pub fn messages_dropped(&self) -> Option<u64> {
+        let counted = self.tables.get("losses").map(|losses| {
+            ["queue_dropped", "disk_refused", "missing"]
+                .iter()
+                .filter_map(|name| losses.get(*name)?.parse::<u64>().ok())
+                .sum()
+        });
+        // A recorder that was killed said it last in its health message.
+        counted.or_else(|| self.health.get("recorder").map(|health| health.lost))
+    }
+}
+
+fn note(
+    faults: &mut Vec<(i64, String)>,
+    said: &mut BTreeMap<String, String>,
+    message: &RecordedMessage,
+    source: &str,
+    text: &str,
+) {
+    if said.get(source).map_or("", String::as_str) != text {
+        said.insert(source.to_owned(), text.to_owned());
+        if !text.is_empty() {
+            let at = i64::try_from(message.log_time_ns).unwrap_or(i64::MAX);
+            faults.push((at, format!("{source}: {text}")));
+        }
+    }
+}
+
+/// How much a counter grew while it was watched, across restarts of its service.
+#[derive(Default)]
+pub struct Growth {
+    last: u64,
+    /// Sum of all growth.
+    pub total: u64,
+    /// There was at least one value.
+    pub seen: bool,
+}
+
+impl Growth {
+    /// Takes the counter's next value.
+    pub fn add(&mut self, value: u64) {
+        if self.seen {
+            self.total += value.checked_sub(self.last).unwrap_or(value);
+        }
+        self.seen = true;
+        self.last = value;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_counter_is_followed_across_restarts() {
+        let mut growth = Growth::default();
+        for value in [5, 5, 7, 0, 1, 1, 4] {
+            growth.add(value);
+        }
+        assert_eq!(growth.total, 6);
+    }
+}
