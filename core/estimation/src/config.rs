@@ -32,12 +32,15 @@ pub struct EstimatorConfig {
 pub struct SensingConfig {
     /// Noise of the conditioned force, N.
     pub force_noise_n: f64,
-    /// Force bias left after the tare, N.
+    /// Force bias just after the tare, N.
     pub force_bias_sd_n: f64,
     /// Random walk of that bias, N per root second.
     pub force_bias_drift_n_per_sqrt_s: f64,
-    /// Weight that the payload compensation may be wrong by, N; a turn of the tool moves it between the axes.
+    /// Weight that the payload compensation may be wrong by, N; a turn of the tool away from where it was tared
+    /// brings it out.
     pub payload_error_n: f64,
+    /// Where gravity points, base axes; any length but zero.
+    pub gravity_direction_in_base: [f64; 3],
     /// Error of the torque at the tool, bias and noise together, Nm.
     pub torque_sd_nm: f64,
     /// Error of the velocity across the surface, m/s: kinematics, roughness and seams.
@@ -50,9 +53,10 @@ impl Default for SensingConfig {
     fn default() -> Self {
         Self {
             force_noise_n: 0.03,
-            force_bias_sd_n: 0.17,
-            force_bias_drift_n_per_sqrt_s: 0.02,
+            force_bias_sd_n: 0.05,
+            force_bias_drift_n_per_sqrt_s: 0.03,
             payload_error_n: 0.2,
+            gravity_direction_in_base: [0.0, 0.0, -1.0],
             torque_sd_nm: 0.01,
             velocity_sd_m_per_s: 0.0002,
             compliance_m_per_n: 2e-4,
@@ -263,6 +267,8 @@ impl EstimatorConfig {
         let (s, c, f) = (&self.sensing, &self.contact, &self.surface);
         let (q, g, p) = (&self.quadratic, &self.gaussian_process, &self.paper);
         let positive = 1e-9;
+        let [gx, gy, gz] = s.gravity_direction_in_base;
+        let gravity = gx.hypot(gy).hypot(gz);
         let rows = [
             ("sensing.force_noise_n", s.force_noise_n, positive, 100.0),
             ("sensing.force_bias_sd_n", s.force_bias_sd_n, 0.0, 100.0),
@@ -273,6 +279,7 @@ impl EstimatorConfig {
                 10.0,
             ),
             ("sensing.payload_error_n", s.payload_error_n, 0.0, 100.0),
+            ("sensing.gravity_direction_in_base", gravity, 1e-3, 1e3),
             ("sensing.torque_sd_nm", s.torque_sd_nm, positive, 100.0),
             (
                 "sensing.velocity_sd_m_per_s",

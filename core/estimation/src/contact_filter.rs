@@ -3,8 +3,9 @@
 //!
 //! While sliding with contact force `N`, the force on the tool is `f = N (n - mu t) + b` with `t` the direction of
 //! sliding, and the contact point moves along the surface, `n · v = 0`. `N` is never estimated: the force is used
-//! only across the line it is expected along. Nine error states: the normal's two tangent components (rad), the
-//! shape operator's `k11, k22, k12` (1/m), friction, and the bias's three components in tool axes (N).
+//! only across the line it is expected along. Ten error states: the normal's two tangent components (rad), the
+//! shape operator's `k11, k22, k12` (1/m), friction, the bias's three components in tool axes (N), and the weight
+//! that the payload's compensation is wrong by (N), which shows as the tool turns away from where it was tared.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 use tangent_sensing::Validity;
@@ -13,11 +14,12 @@ use crate::motion::{Motion, free_space};
 use crate::tangent_frame::TangentFrame;
 use crate::{EstimatorConfig, NormalEstimate};
 
-const STATES: usize = 9;
+const STATES: usize = 10;
 const NORMAL: usize = 0;
 const SHAPE: usize = 2;
 const FRICTION: usize = 5;
 const BIAS: usize = 6;
+const WEIGHT: usize = 9;
 
 type Row = SVector<f64, STATES>;
 
@@ -47,6 +49,13 @@ pub(crate) struct ContactFilter {
     shape: Matrix2<f64>,
     friction: f64,
     bias: Vector3<f64>,
+    weight_n: f64,
+    /// Direction of gravity, base axes.
+    gravity: Vector3<f64>,
+    /// The same in tool axes when the sensor was tared; none before the first sample.
+    gravity_at_tare: Option<Vector3<f64>>,
+    /// What a newton of wrong weight adds to the force now, tool axes.
+    leverage: Vector3<f64>,
     covariance: SMatrix<f64, STATES, STATES>,
     state: ContactState,
     touched: bool,
@@ -72,6 +81,10 @@ impl ContactFilter {
             shape: Matrix2::zeros(),
             friction: config.surface.friction_initial,
             bias: Vector3::zeros(),
+            weight_n: 0.0,
+            gravity: Vector3::from(config.sensing.gravity_direction_in_base).normalize(),
+            gravity_at_tare: None,
+            leverage: Vector3::zeros(),
             covariance: SMatrix::zeros(),
             state: ContactState::Free,
             touched: false,
@@ -91,16 +104,25 @@ impl ContactFilter {
         for i in 0..3 {
             filter.covariance[(BIAS + i, BIAS + i)] = config.sensing.force_bias_sd_n.powi(2);
         }
+        filter.covariance[(WEIGHT, WEIGHT)] = config.sensing.payload_error_n.powi(2);
         filter.covariance[(FRICTION, FRICTION)] = config.surface.friction_sd.powi(2);
         filter
     }
 
     /// Takes one cycle's motion and force.
     pub fn update(&mut self, motion: &Motion) {
+        if motion.tared {
+            *self = Self::new(&self.config);
+            let s = &self.config.sensing;
+            let drift = s.force_bias_drift_n_per_sqrt_s.powi(2) * motion.bias_age_s;
+            for i in BIAS..BIAS + 3 {
+                self.covariance[(i, i)] += drift;
+            }
+        }
         self.drift(motion);
-        let force = motion.rotation * (motion.force_in_tool - self.bias);
+        let force = self.force(motion);
         // Along the tool's axis, so that a sideways bias does not look like pressing.
-        let pressing_n = -(motion.force_in_tool - self.bias).z;
+        let pressing_n = -self.force_in_tool(motion).z;
         let contact = &self.config.contact;
         let threshold = if self.state == ContactState::Free {
             contact.force_on_n
@@ -138,15 +160,24 @@ impl ContactFilter {
         }
     }
 
-    /// Bias walks, and a turn of the tool moves the payload's error between its axes.
+    /// Bias walks, and a turn of the tool brings the payload's error out.
     fn drift(&mut self, motion: &Motion) {
-        let s = &self.config.sensing;
-        let turn = motion.angular.norm() * motion.dt_s;
-        let q = s.force_bias_drift_n_per_sqrt_s.powi(2) * motion.dt_s
-            + s.payload_error_n.powi(2) * turn;
+        let q = self.config.sensing.force_bias_drift_n_per_sqrt_s.powi(2) * motion.dt_s;
         for i in BIAS..BIAS + 3 {
             self.covariance[(i, i)] += q;
         }
+        let gravity = motion.rotation.tr_mul(&self.gravity);
+        self.leverage = gravity - *self.gravity_at_tare.get_or_insert(gravity);
+    }
+
+    /// Force on the tool without bias and wrong weight, tool axes.
+    fn force_in_tool(&self, motion: &Motion) -> Vector3<f64> {
+        motion.force_in_tool - self.bias - self.leverage * self.weight_n
+    }
+
+    /// The same in base axes.
+    fn force(&self, motion: &Motion) -> Vector3<f64> {
+        motion.rotation * self.force_in_tool(motion)
     }
 
     /// Nothing touches, so all that the sensor reads is bias.
@@ -172,14 +203,15 @@ impl ContactFilter {
         for axis in 0..3 {
             let mut row = Row::zeros();
             row[BIAS + axis] = 1.0;
-            let innovation = motion.force_in_tool[axis] - self.bias[axis];
+            row[WEIGHT] = self.leverage[axis];
+            let innovation = self.force_in_tool(motion)[axis];
             self.correct(&row, innovation, variance);
         }
     }
 
     fn touch_down(&mut self, motion: &Motion) {
         let c = &self.config.contact;
-        let remembered = self.touched && self.free_distance_m <= c.memory_distance_m;
+        let remembered = self.slid && self.free_distance_m <= c.memory_distance_m;
         self.force_filtered_n = 0.0;
         self.force_rate_n_per_s = 0.0;
         self.pressing_information = 0.0;
@@ -305,7 +337,7 @@ impl ContactFilter {
     /// `f = N (n - mu t) + b`, seen across and along the direction of sliding.
     fn measure_sliding_force(&mut self, motion: &Motion, speed: f64) {
         let normal = self.normal_at_centre();
-        let force = motion.rotation * (motion.force_in_tool - self.bias);
+        let force = self.force(motion);
         let t = (self.slide_direction - normal * normal.dot(&self.slide_direction)).normalize();
         let expected = normal - t * self.friction;
         let load = expected.dot(&force) / expected.norm_squared();
@@ -339,7 +371,7 @@ impl ContactFilter {
 
     /// Pressing without sliding, friction points anywhere inside its cone: one look at the force, however long it takes.
     fn measure_pressing_force(&mut self, motion: &Motion) {
-        let force = motion.rotation * (motion.force_in_tool - self.bias);
+        let force = self.force(motion);
         let load = self.frame.normal.dot(&force);
         if load < self.config.contact.force_on_n {
             return;
@@ -394,6 +426,7 @@ impl ContactFilter {
         row[FRICTION] = -load * axis.dot(t);
         let bias = motion.rotation.tr_mul(axis);
         row.fixed_rows_mut::<3>(BIAS).copy_from(&bias);
+        row[WEIGHT] = bias.dot(&self.leverage);
         row
     }
 
@@ -425,6 +458,7 @@ impl ContactFilter {
         self.friction =
             (self.friction + change[FRICTION]).clamp(0.0, self.config.surface.friction_max);
         self.bias += change.fixed_rows::<3>(BIAS);
+        self.weight_n += change[WEIGHT];
     }
 
     pub fn state(&self) -> ContactState {

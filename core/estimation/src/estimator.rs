@@ -23,6 +23,8 @@ pub struct ContactSample {
     pub wrench_delay_s: f64,
     /// Whether `wrench` can be used.
     pub wrench_validity: Validity,
+    /// Age of the sensor's tare, s; `None` while there was none. A new tare makes an estimator forget the old bias.
+    pub wrench_bias_age_s: Option<f64>,
 }
 
 /// Where the surface faces, and how sure that is.

@@ -15,6 +15,10 @@ const GAP_MAX_S: f64 = 0.25;
 pub(crate) struct Motion {
     /// s since the previous sample.
     pub dt_s: f64,
+    /// The sensor was tared since the previous sample.
+    pub tared: bool,
+    /// Age of that tare, s.
+    pub bias_age_s: f64,
     /// Tool origin now, base axes, m.
     pub point: Vector3<f64>,
     /// Tool origin at the wrench's time, m.
@@ -35,6 +39,7 @@ pub(crate) struct Motion {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct MotionTracker {
     last: Option<Last>,
+    bias_age_s: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -99,9 +104,18 @@ impl MotionTracker {
             velocity,
             angular,
         });
+        let age = sample.wrench_bias_age_s.filter(|age| *age >= 0.0);
+        let tared = match (self.bias_age_s, age) {
+            (None, Some(_)) => true,
+            (Some(before), Some(now)) => now < before,
+            _ => false,
+        };
+        self.bias_age_s = age;
         let unturn = nalgebra::UnitQuaternion::from_scaled_axis(-angular * delay_s);
         Ok(Motion {
             dt_s: dt_s.min(GAP_MAX_S),
+            tared,
+            bias_age_s: age.unwrap_or(0.0).min(1e6),
             point,
             point_lagged: lagged,
             step,

@@ -1,9 +1,11 @@
 //! Every estimator on contacts in closed form: error bounds and honesty.
 
+#![allow(clippy::unwrap_used)]
+
 mod synthetic;
 
 use synthetic::{Figures, Flaws, Surface, Trial};
-use tangent_estimation::{EstimatorConfig, SensingConfig, build, estimator_names};
+use tangent_estimation::{EstimatorConfig, SensingConfig, build};
 
 const PIPE: Surface = Surface::Cylinder(0.25);
 const TRAFFIC_CONE: Surface = Surface::Cone(0.19, 0.5);
@@ -71,27 +73,5 @@ fn ideal() -> EstimatorConfig {
     EstimatorConfig {
         sensing: SensingConfig::ideal(),
         ..Default::default()
-    }
-}
-
-#[test]
-#[ignore = "prints a table for people"]
-fn table() {
-    for (title, flaws, config) in [
-        ("ideal", Flaws::NONE, ideal()),
-        ("gamma", Flaws::GAMMA, EstimatorConfig::default()),
-    ] {
-        for surface in [Surface::Plane, PIPE, TRAFFIC_CONE] {
-            for name in estimator_names() {
-                let f = over_seeds(name, &config, surface, flaws);
-                println!(
-                    "{title:6} {surface:?} {name:24} mean {:6.2} rmse {:6.2} max {:6.2} nees {:6.2}",
-                    f.mean_deg(),
-                    f.rmse_deg(),
-                    f.max_deg(),
-                    f.nees_per_dof()
-                );
-            }
-        }
     }
 }

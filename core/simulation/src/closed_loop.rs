@@ -295,6 +295,7 @@ impl ClosedLoop {
             wrench: input.wrench,
             wrench_delay_s: input.wrench_delay_s,
             wrench_validity: input.wrench_validity,
+            wrench_bias_age_s: input.bias_age_s,
         };
         self.estimates[..=self.estimate_cycles].rotate_right(1);
         for (slot, estimator) in self.estimates[0].iter_mut().zip(&mut self.estimators) {

@@ -95,6 +95,9 @@ impl SampleBuilder {
         self.robot_time_s = Some(arm.robot_time_s);
         self.time_s += dt_s.max(0.0);
         let twist = Twist::from(&arm.tool_twist);
+        let wrench_bias_age_s = wrench
+            .map(|w| w.status.bias_age_s)
+            .filter(|age| *age >= 0.0);
         let (wrench, wrench_delay_s, wrench_validity) = judge(arm, wrench, patience);
         Some(BuiltSample {
             sample: ContactSample {
@@ -106,6 +109,7 @@ impl SampleBuilder {
                 wrench,
                 wrench_delay_s,
                 wrench_validity,
+                wrench_bias_age_s,
             },
             restarted,
         })

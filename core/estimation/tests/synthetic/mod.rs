@@ -173,6 +173,7 @@ impl Trial {
                     wrench: Wrench::new(force, torque),
                     wrench_delay_s: 0.0,
                     wrench_validity: Validity::Valid,
+                    wrench_bias_age_s: Some(t),
                 },
                 self.world * normal,
                 load > 0.0,
