@@ -181,6 +181,11 @@ impl Controller {
         self.run.phase
     }
 
+    /// Counts task starts.
+    pub fn activation(&self) -> u64 {
+        self.activation
+    }
+
     /// Limits in force.
     pub fn limits(&self) -> &Limits {
         &self.limits
