@@ -18,6 +18,11 @@ impl Parameter {
     pub fn get(&self) -> f64 {
         f64::from_bits(self.0.load(Ordering::Relaxed))
     }
+
+    /// The owner's own change, for instance when a task brings its value. Not checked against the range. No lock.
+    pub fn set(&self, value: f64) {
+        self.0.store(value.to_bits(), Ordering::Relaxed);
+    }
 }
 
 /// What a parameter is, as listed to a person or a program.

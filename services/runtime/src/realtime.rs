@@ -79,7 +79,11 @@ pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> Realtime
 
 /// SCHED_FIFO for the calling thread, and what came of it in words.
 fn schedule(priority: u8) -> (bool, String) {
-    let Ok(value) = ThreadPriorityValue::try_from(priority) else {
+    let in_range = (1..=99).contains(&priority);
+    let Some(value) = ThreadPriorityValue::try_from(priority)
+        .ok()
+        .filter(|_| in_range)
+    else {
         return (
             false,
             format!("priority {priority} is not between 1 and 99, normal scheduling"),

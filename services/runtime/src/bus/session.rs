@@ -399,9 +399,10 @@ fn session_config(
     }
     let fixed = [
         // Back within half a second after a router restart.
-        ("connect/retry/period_init_ms", "100"),
-        ("connect/retry/period_max_ms", "500"),
-        ("connect/retry/period_increase_factor", "1.5"),
+        (
+            "connect/retry",
+            "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 1.5 }",
+        ),
         // Nobody joins who was not told where.
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),

@@ -1,0 +1,204 @@
+//! The bus between sessions, over a real router on loopback.
+
+mod common;
+
+use std::net::TcpListener;
+use std::time::Duration;
+
+use common::{PATIENCE, cell, client, until};
+use tangent_runtime::bus::answer;
+use tangent_runtime::{Bus, BusError, Role, Stop};
+use tangent_schemas::cdr;
+use tangent_schemas::standard::WrenchStamped;
+use tangent_schemas::tangent::{ArmState, Request};
+use tangent_schemas::topics::{self, queries};
+
+fn state(cycle: u64) -> ArmState {
+    ArmState {
+        cycle,
+        ..ArmState::default()
+    }
+}
+
+#[test]
+fn a_message_arrives_once_in_order_with_its_attachment() {
+    let config = cell();
+    let router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+    let (near, far) = (client(&config), client(&config));
+    let here = near.subscribe(&topics::ARM_STATE, 1000).unwrap();
+    let there = far.subscribe(&topics::ARM_STATE, 1000).unwrap();
+    let at_router = router.subscribe(&topics::ARM_STATE, 1000).unwrap();
+    let raw = far.subscribe_raw("**", 1000).unwrap();
+    let states = near.publisher(&topics::ARM_STATE).unwrap();
+    until("a remote reader", || states.is_read_remotely());
+    // The router's reader and the client's are announced apart: wait until one message has reached both.
+    let mut first = 0;
+    until("both readers", || {
+        first = states.publish(&state(0));
+        at_router.try_recv().is_some() && there.try_recv().is_some()
+    });
+    while there.recv_timeout(PATIENCE).unwrap().sequence < first {}
+    for cycle in 1..=200 {
+        states.publish(&state(cycle));
+    }
+    for cycle in 1..=200 {
+        let received = there.recv_timeout(PATIENCE).expect("every message");
+        assert_eq!(received.message.cycle, cycle);
+        assert_eq!(received.sequence, first + cycle);
+        assert_eq!(received.publisher, states.id());
+    }
+    assert_eq!((there.lost(), near.dropped()), (0, 0));
+    // Readers in the sender's own process got each exactly once: the session brought no echo.
+    assert_eq!(here.counts().received, first + 200);
+    let message = raw.recv_timeout(PATIENCE).expect("an encoded message");
+    assert_eq!(
+        (&*message.key, &*message.type_name),
+        ("arm/state", "tangent_msgs/msg/ArmState")
+    );
+    assert!(cdr::decode::<ArmState>(&message.payload).is_ok());
+}
+
+#[test]
+fn cells_do_not_hear_each_other_but_a_network_bus_hears_all() {
+    let one = cell();
+    let mut two = one.clone();
+    two.cell.name = format!("{}b", one.cell.name);
+    let _router = Bus::open_within(&one, Role::Router, PATIENCE).unwrap();
+    let (bus_one, bus_two) = (client(&one), client(&two));
+    let network = Bus::open_network(&one.zenoh, PATIENCE).unwrap();
+    let all = network
+        .subscribe(&topics::WRENCH_TOOL.of_cell("*"), 100)
+        .unwrap();
+    let other = bus_two.subscribe(&topics::WRENCH_TOOL, 100).unwrap();
+    let wrenches = bus_one.publisher(&topics::WRENCH_TOOL).unwrap();
+    until("the network's reader", || {
+        wrenches.publish(&WrenchStamped::default());
+        all.try_recv().is_some()
+    });
+    assert_eq!(other.counts().received, 0);
+    let _token = bus_one.declare_alive("netft", "here-1").unwrap();
+    until("the token on the network", || {
+        network.alive(PATIENCE).unwrap().iter().any(|alive| {
+            alive.cell == one.cell.name && alive.service == "netft" && alive.instance == "here-1"
+        })
+    });
+    assert_eq!(bus_two.alive(PATIENCE).unwrap(), []);
+}
+
+#[test]
+fn a_question_comes_back_answered_and_a_token_goes_with_its_process() {
+    let config = cell();
+    let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+    let (service, asker) = (client(&config), client(&config));
+    let handle = service
+        .answer(queries::CONTROL_TASK, |key, request: Request| {
+            answer::done(format!("{key}: {} {}", request.action, request.argument))
+        })
+        .unwrap();
+    let token = service.declare_alive("controller", "x-1").unwrap();
+    let request = Request {
+        action: "start".into(),
+        argument: "wipe".into(),
+    };
+    until("an answer", || {
+        matches!(asker.ask(queries::CONTROL_TASK, &request, PATIENCE),
+            Ok(answer) if answer.done && answer.message == "control/task: start wipe")
+    });
+    let all = asker.ask_all("control/*", &request, PATIENCE).unwrap();
+    assert_eq!(all.len(), 1);
+    assert_eq!(all[0].0, "control/task");
+    until("the token", || asker.alive(PATIENCE).unwrap().len() == 1);
+    drop(handle);
+    until("silence", || {
+        matches!(
+            asker.ask(queries::CONTROL_TASK, &request, PATIENCE),
+            Err(BusError::NoAnswer { .. })
+        )
+    });
+    drop(token);
+    until("the token's end", || {
+        asker.alive(PATIENCE).unwrap().is_empty()
+    });
+}
+
+#[test]
+fn after_a_router_restart_everything_goes_on_by_itself() {
+    let config = cell();
+    let router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+    let (near, far) = (client(&config), client(&config));
+    let mut there = far.latest(&topics::ARM_STATE).unwrap();
+    let states = near.publisher(&topics::ARM_STATE).unwrap();
+    let _token = near.declare_alive("rtde", "x-1").unwrap();
+    until("data before", || {
+        states.publish(&state(1));
+        there.take_new().is_some()
+    });
+    router.close();
+    until("the cut", || !states.is_read_remotely());
+    // The near lane does not need the network.
+    let mut here = near.latest(&topics::ARM_STATE).unwrap();
+    states.publish(&state(2));
+    assert_eq!(here.get().unwrap().message.cycle, 2);
+    let mut again = None;
+    until("the port", || {
+        again = Bus::open_within(&config, Role::Router, PATIENCE).ok();
+        again.is_some()
+    });
+    until("data after", || {
+        states.publish(&state(3));
+        there
+            .take_new()
+            .is_some_and(|received| received.message.cycle == 3)
+    });
+    until("the token after", || {
+        !far.alive(PATIENCE).unwrap().is_empty()
+    });
+}
+
+#[test]
+fn a_busy_port_and_a_missing_router_are_named() {
+    let config = cell();
+    let endpoint = config.zenoh.listen[0].clone();
+    let error = Bus::open_within(&config, Role::Client, Duration::from_millis(300))
+        .err()
+        .expect("no router");
+    assert!(matches!(error, BusError::NoRouter { .. }), "{error:?}");
+    assert!(error.to_string().contains(&endpoint), "{error}");
+
+    let address = endpoint.trim_start_matches("tcp/");
+    let _squatter = TcpListener::bind(address).unwrap();
+    let error = Bus::open_within(&config, Role::Router, PATIENCE)
+        .err()
+        .expect("a busy port");
+    assert!(matches!(error, BusError::PortBusy { .. }), "{error:?}");
+    assert!(error.to_string().contains(&endpoint), "{error}");
+}
+
+#[test]
+fn waiting_for_a_router_ends_with_the_service() {
+    let config = cell();
+    let stop = Stop::new();
+    let stopping = stop.clone();
+    let opening =
+        std::thread::spawn(move || Bus::open_until(&config, Role::Client, None, &stopping).err());
+    stop.trigger();
+    assert!(matches!(opening.join().unwrap(), Some(BusError::Stopped)));
+}
+
+/// After a cut shorter than the lease, seconds of queued samples arrive at once.
+#[test]
+fn samples_older_than_asked_are_refused_and_counted() {
+    let config = cell();
+    let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+    let (near, far) = (client(&config), client(&config));
+    let strict = far.subscribe(&topics::ARM_STATE, 100).unwrap();
+    let open = far.subscribe(&topics::ARM_STATE, 100).unwrap();
+    strict.refuse_older_than(Duration::from_nanos(1));
+    let states = near.publisher(&topics::ARM_STATE).unwrap();
+    until("a sample", || {
+        states.publish(&state(1));
+        open.try_recv().is_some()
+    });
+    until("its refusal", || strict.counts().too_old > 0);
+    assert_eq!(strict.counts().received, 0);
+}
