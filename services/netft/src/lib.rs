@@ -1,1 +1,121 @@
 //! ATI Net F/T sensor service: RDT records in, conditioned wrench out.
+//!
+//! It reads units and scales from the box over HTTP, asks for the stream, and from then on: every record, with its time of
+//! measurement recovered from the box's own count, goes out on `wrench/raw`, and the newest, conditioned, on `wrench/status` and
+//! `wrench/tool`. Silence is met by asking again, for ever. `netft/tare` averages the zero, on this host, never in the box.
+
+#![deny(missing_docs)]
+
+pub mod box_config;
+pub mod clock;
+pub mod codec;
+mod config;
+mod error;
+mod receiver;
+mod socket;
+pub mod stream;
+mod tare;
+
+use std::time::Duration;
+
+use tangent_runtime::{Bus, HealthReporter, Parameters, Stop};
+use tangent_schemas::topics::queries;
+
+pub use box_config::BoxConfig;
+pub use config::{Config, SOCKET_BUFFER_BYTES, TOOL_RATE_DEFAULT_HZ};
+pub use error::NetftError;
+pub use socket::RdtSocket;
+
+use receiver::{Ended, Receiver};
+
+/// Name of the service in topics, health and parameters.
+pub const SERVICE: &str = "netft";
+
+/// Longest pause between two attempts to reach the box's web server.
+const PAUSE_MAX: Duration = Duration::from_secs(2);
+/// Patience with the box's web server.
+const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Runs until `stop`. A box that is unreachable, silent or unusable is reported and tried again, for ever.
+///
+/// # Errors
+/// Numbers out of range, or a bus, socket or thread that cannot be had.
+pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
+    let health = HealthReporter::start(&bus, SERVICE)?;
+    let parameters = Parameters::new(&bus, SERVICE)?;
+    let (desk, work) = tare::tare_desk(config.conditioning.tare.duration_s);
+    let _answering = bus.answer(queries::NETFT_TARE, move |_, request| {
+        desk.respond(&request)
+    })?;
+    let mut receiver = Receiver::new(config, &bus, &parameters, health, work)?;
+    // A thread of its own: real-time scheduling must not spread to whoever called.
+    std::thread::Builder::new()
+        .name(SERVICE.into())
+        .spawn(move || {
+            receiver.setup_thread();
+            serve(&mut receiver, &stop)
+        })
+        .map_err(|source| NetftError::System {
+            action: "starting the receiving thread",
+            source,
+        })?
+        .join()
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+/// Find the box, receive, and again.
+fn serve(receiver: &mut Receiver, stop: &Stop) -> Result<(), NetftError> {
+    let mut pause = Duration::from_millis(100);
+    while !stop.is_stopped() {
+        match find(receiver.config()) {
+            Ok(found) => {
+                pause = Duration::from_millis(100);
+                match receiver.receive(&found, stop)? {
+                    Ended::Stopped => break,
+                    Ended::Silent => tracing::warn!("the box is silent; looking for it"),
+                    Ended::Restarted => {
+                        tracing::warn!("the box counts anew; reading its units and scales again");
+                    }
+                }
+            }
+            Err(error) => {
+                receiver.report_fault(&error);
+                stop.wait(pause);
+                pause = (pause * 2).min(PAUSE_MAX);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The box's units and scales, after setting the rate if it is another than asked for.
+fn find(config: &Config) -> Result<BoxConfig, NetftError> {
+    let fetch = || BoxConfig::fetch(&config.address, config.http_port, HTTP_TIMEOUT);
+    let mut found = fetch()?;
+    let rate_differs = found
+        .rate_hz
+        .is_some_and(|rate| (rate - config.rate_hz).abs() > 0.5);
+    let buffer_differs = config.buffer_records.is_some_and(|records| {
+        found
+            .buffer_records
+            .is_some_and(|n| n != u32::from(records))
+    });
+    if rate_differs || buffer_differs {
+        BoxConfig::set_rate(
+            &config.address,
+            config.http_port,
+            config.rate_hz,
+            config.buffer_records,
+            HTTP_TIMEOUT,
+        )?;
+        found = fetch()?;
+        tracing::info!("the box now sends {:?} records per second", found.rate_hz);
+    }
+    if found.transformed {
+        tracing::warn!(
+            "the box turns its readings with a tool transform of its own; clear it on its web page, or the payload and \
+             the tool's frame are wrong"
+        );
+    }
+    Ok(found)
+}

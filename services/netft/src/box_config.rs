@@ -1,0 +1,318 @@
+//! What the box says about itself over HTTP: units, scales, rate.
+
+use std::io::Read as _;
+use std::time::Duration;
+
+use crate::NetftError;
+
+/// Longest answer that is read: a real one has about 6 kB.
+const ANSWER_MAX: u64 = 256 * 1024;
+
+/// Newton per unit of force, by the names that boxes use; case, spaces, dots and dashes do not matter.
+const FORCE_UNITS: [(&str, f64); 10] = [
+    ("n", 1.0),
+    ("kn", 1000.0),
+    ("lb", POUND_FORCE_N),
+    ("lbf", POUND_FORCE_N),
+    ("klb", 1000.0 * POUND_FORCE_N),
+    ("klbf", 1000.0 * POUND_FORCE_N),
+    ("kg", KILOGRAM_FORCE_N),
+    ("kgf", KILOGRAM_FORCE_N),
+    ("g", KILOGRAM_FORCE_N / 1000.0),
+    ("gf", KILOGRAM_FORCE_N / 1000.0),
+];
+
+/// Newton metre per unit of torque.
+const TORQUE_UNITS: [(&str, f64); 9] = [
+    ("nm", 1.0),
+    ("nmm", 0.001),
+    ("knm", 1000.0),
+    ("lbin", POUND_FORCE_N * INCH_M),
+    ("lbfin", POUND_FORCE_N * INCH_M),
+    ("lbft", POUND_FORCE_N * 12.0 * INCH_M),
+    ("lbfft", POUND_FORCE_N * 12.0 * INCH_M),
+    ("kgcm", KILOGRAM_FORCE_N / 100.0),
+    ("kgfcm", KILOGRAM_FORCE_N / 100.0),
+];
+
+const POUND_FORCE_N: f64 = 4.448_221_615_260_5;
+const KILOGRAM_FORCE_N: f64 = 9.806_65;
+const INCH_M: f64 = 0.0254;
+
+/// One box as configured now.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoxConfig {
+    /// Product.
+    pub product: String,
+    /// Serial number; empty when the box does not say.
+    pub serial: String,
+    /// Name of the calibration in use; empty when the box does not say.
+    pub calibration: String,
+    /// N per count.
+    pub newton_per_count: f64,
+    /// Nm per count.
+    pub newton_metre_per_count: f64,
+    /// Records per second; none when the box does not say.
+    pub rate_hz: Option<f64>,
+    /// Records per buffered datagram; none when the box does not say.
+    pub buffer_records: Option<u32>,
+    /// The box turns its readings into another frame: something was typed in on its web page.
+    pub transformed: bool,
+}
+
+impl BoxConfig {
+    /// Reads `/netftapi2.xml`. At most `timeout` in all.
+    ///
+    /// # Errors
+    /// The box does not answer, or answers something else.
+    pub fn fetch(address: &str, http_port: u16, timeout: Duration) -> Result<Self, NetftError> {
+        let text = get(address, http_port, "/netftapi2.xml", timeout)?;
+        Self::parse(&text).map_err(|reason| NetftError::Configuration {
+            address: format!("{address}:{http_port}"),
+            reason,
+        })
+    }
+
+    /// Sets the rate of records, and for buffered streams how many share a datagram; the box may choose the nearest
+    /// it can do.
+    ///
+    /// # Errors
+    /// The box does not answer or refuses.
+    pub fn set_rate(
+        address: &str,
+        http_port: u16,
+        rate_hz: f64,
+        buffer_records: Option<u8>,
+        timeout: Duration,
+    ) -> Result<(), NetftError> {
+        let mut path = format!("/comm.cgi?comrdtrate={}", rate_hz.round());
+        if let Some(records) = buffer_records {
+            path.push_str(&format!("&comrdtbsiz={records}"));
+        }
+        get(address, http_port, &path, timeout).map(drop)
+    }
+
+    /// From the text of `/netftapi2.xml`.
+    ///
+    /// # Errors
+    /// In words: no XML, a missing or unusable value, a unit that is not known.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let document = roxmltree::Document::parse(text)
+            .map_err(|error| format!("/netftapi2.xml is no XML: {error}"))?;
+        let find = |tag: &str| {
+            document
+                .descendants()
+                .find(|node| node.has_tag_name(tag))
+                .and_then(|node| node.text())
+                .map(str::trim)
+                .filter(|text| !text.is_empty())
+        };
+        let number = |tag: &str| -> Result<Option<f64>, String> {
+            find(tag)
+                .map(|text| {
+                    text.parse::<f64>()
+                        .ok()
+                        .filter(|value| value.is_finite())
+                        .ok_or(format!("<{tag}> is `{text}`, not a number"))
+                })
+                .transpose()
+        };
+        let scale = |tag: &str| match number(tag)? {
+            Some(counts) if counts > 0.0 => Ok(counts),
+            Some(counts) => Err(format!(
+                "<{tag}> is {counts}: counts per unit must be positive"
+            )),
+            None => Err(format!("<{tag}> is missing")),
+        };
+        let unit = |tag: &str, units: &[(&str, f64)]| {
+            let text = find(tag).ok_or(format!("<{tag}> is missing"))?;
+            convert(text, units).ok_or_else(|| {
+                let known: Vec<_> = units.iter().map(|(name, _)| *name).collect();
+                format!(
+                    "<{tag}> is `{text}`, a unit this program does not know; it knows {}",
+                    known.join(", ")
+                )
+            })
+        };
+        let mut transformed = false;
+        for axis in ["x", "y", "z", "rx", "ry", "rz"] {
+            // A box with nothing typed in says 0; one that keeps the six in one element is looked at below.
+            transformed |= number(&format!("cfgtf{axis}"))
+                .unwrap_or(None)
+                .unwrap_or(0.0)
+                != 0.0;
+        }
+        if let Some(list) = find("cfgtfx") {
+            transformed |= list
+                .split([';', ',', ' '])
+                .filter_map(|number| number.parse::<f64>().ok())
+                .any(|number| number != 0.0);
+        }
+        Ok(Self {
+            product: find("prodname").unwrap_or_default().to_owned(),
+            serial: find("setserial").unwrap_or_default().to_owned(),
+            calibration: find("cfgname")
+                .or(find("calsn"))
+                .unwrap_or_default()
+                .to_owned(),
+            newton_per_count: unit("scfgfu", &FORCE_UNITS)? / scale("cfgcpf")?,
+            newton_metre_per_count: unit("scfgtu", &TORQUE_UNITS)? / scale("cfgcpt")?,
+            rate_hz: number("comrdtrate")?.filter(|rate| *rate > 0.0),
+            buffer_records: number("comrdtbsiz")?.map(|n| n.clamp(0.0, 1e6) as u32),
+            transformed,
+        })
+    }
+
+    /// N and Nm per count, in the order of a record's counts.
+    pub fn scales(&self) -> [f64; 6] {
+        let (n, nm) = (self.newton_per_count, self.newton_metre_per_count);
+        [n, n, n, nm, nm, nm]
+    }
+}
+
+fn convert(text: &str, units: &[(&str, f64)]) -> Option<f64> {
+    let plain: String = text
+        .chars()
+        .filter(|c| !matches!(c, ' ' | '-' | '.' | '·' | '_' | '*'))
+        .collect();
+    // Not lower case throughout: mN is not MN, and neither is known.
+    if plain.starts_with('m') || plain.starts_with('M') {
+        return None;
+    }
+    let plain = plain.to_lowercase();
+    units
+        .iter()
+        .find(|(name, _)| *name == plain)
+        .map(|(_, value)| *value)
+}
+
+fn get(address: &str, port: u16, path: &str, timeout: Duration) -> Result<String, NetftError> {
+    let unreachable = |reason: String| NetftError::Unreachable {
+        address: format!("{address}:{port}"),
+        reason,
+    };
+    let agent: ureq::Agent = ureq::Agent::config_builder()
+        .timeout_global(Some(timeout))
+        .max_redirects(0)
+        .max_redirects_will_error(false)
+        .http_status_as_error(false)
+        .build()
+        .into();
+    let mut answer = agent
+        .get(format!("http://{address}:{port}{path}"))
+        .call()
+        .map_err(|error| unreachable(error.to_string()))?;
+    let status = answer.status().as_u16();
+    if !(200..400).contains(&status) {
+        return Err(NetftError::Configuration {
+            address: format!("{address}:{port}"),
+            reason: format!("{path} is answered with HTTP status {status}: is this a Net F/T box?"),
+        });
+    }
+    let mut text = Vec::new();
+    answer
+        .body_mut()
+        .as_reader()
+        .take(ANSWER_MAX)
+        .read_to_end(&mut text)
+        .map_err(|error| unreachable(error.to_string()))?;
+    Ok(String::from_utf8_lossy(&text).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn xml(force: &str, torque: &str) -> String {
+        format!(
+            "<?xml version=\"1.0\"?><netft><prodname>Net F/T</prodname><setserial>FT12345</setserial>\
+             <cfgcpf>1000000</cfgcpf><cfgcpt>2000000</cfgcpt><scfgfu>{force}</scfgfu><scfgtu>{torque}</scfgtu>\
+             <comrdtrate>7000</comrdtrate><comrdtbsiz>7</comrdtbsiz><cfgtfx>0;0;0;0;0;0</cfgtfx></netft>"
+        )
+    }
+
+    #[test]
+    fn every_unit_of_the_maker_is_converted() {
+        for (unit, newton) in [
+            ("N", 1.0),
+            ("kN", 1e3),
+            ("lbf", 4.4482216152605),
+            ("lb", 4.4482216152605),
+            ("klbf", 4448.2216152605),
+            ("kgf", 9.80665),
+            ("kg", 9.80665),
+            ("g", 0.00980665),
+        ] {
+            let found = BoxConfig::parse(&xml(unit, "N-m")).unwrap();
+            assert!(
+                (found.newton_per_count * 1e6 / newton - 1.0).abs() < 1e-12,
+                "{unit}"
+            );
+        }
+        for (unit, newton_metre) in [
+            ("N-m", 1.0),
+            ("Nm", 1.0),
+            ("N-mm", 1e-3),
+            ("kN-m", 1e3),
+            ("lbf-in", 0.1129848290276167),
+            ("lbf-ft", 1.3558179483314004),
+            ("in-lbf", f64::NAN),
+            ("kgf-cm", 0.0980665),
+            ("kg-cm", 0.0980665),
+        ] {
+            let found = BoxConfig::parse(&xml("N", unit));
+            if newton_metre.is_nan() {
+                assert!(found.is_err());
+                continue;
+            }
+            let ratio = found.unwrap().newton_metre_per_count * 2e6 / newton_metre;
+            assert!((ratio - 1.0).abs() < 1e-12, "{unit}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_unit_is_refused_by_name() {
+        let error = BoxConfig::parse(&xml("stone", "N-m")).unwrap_err();
+        assert!(error.starts_with("<scfgfu> is `stone`"), "{error}");
+        assert!(BoxConfig::parse(&xml("mN", "N-m")).is_err());
+        assert!(BoxConfig::parse(&xml("N", "MN-m")).is_err());
+    }
+
+    #[test]
+    fn what_is_missing_or_wrong_is_named() {
+        let good = xml("N", "N-m");
+        assert_eq!(BoxConfig::parse(&good).unwrap().serial, "FT12345");
+        assert!(!BoxConfig::parse(&good).unwrap().transformed);
+        for (from, to, says) in [
+            ("<cfgcpf>1000000</cfgcpf>", "", "<cfgcpf> is missing"),
+            ("1000000", "0", "<cfgcpf> is 0"),
+            ("1000000", "many", "<cfgcpf> is `many`"),
+            ("1000000", "inf", "<cfgcpf> is `inf`"),
+            ("<scfgtu>N-m</scfgtu>", "", "<scfgtu> is missing"),
+            ("</netft>", "", "no XML"),
+        ] {
+            let error = BoxConfig::parse(&good.replace(from, to)).unwrap_err();
+            assert!(error.contains(says), "{error}");
+        }
+        let turned = good.replace("0;0;0;0;0;0", "0;0;0;0;0;45");
+        assert!(BoxConfig::parse(&turned).unwrap().transformed);
+    }
+
+    proptest! {
+        #[test]
+        fn garbage_is_refused(text in "\\PC{0,300}") {
+            prop_assert!(BoxConfig::parse(&text).is_err());
+        }
+
+        #[test]
+        fn a_damaged_answer_never_panics(at in 0usize..300, with in any::<u8>()) {
+            let mut bytes = xml("N", "N-m").into_bytes();
+            let at = at % bytes.len();
+            bytes[at] = with;
+            if let Ok(found) = BoxConfig::parse(&String::from_utf8_lossy(&bytes)) {
+                prop_assert!(found.newton_per_count > 0.0 && found.newton_metre_per_count > 0.0);
+            }
+        }
+    }
+}

@@ -1,0 +1,535 @@
+//! The receiving thread: every datagram there is, every record published, the newest one conditioned.
+
+use std::time::{Duration, Instant};
+
+use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
+use tangent_runtime::{
+    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters, Publisher,
+    Ramp, Rate, RealtimeReport, Stop, clock as host_clock, realtime,
+};
+use tangent_schemas::Text;
+use tangent_schemas::standard::{Header, WrenchStamped};
+use tangent_schemas::tangent::{ArmState, WrenchStatus};
+use tangent_schemas::topics;
+use tangent_sensing::{
+    ConditionedWrench, Reading, SensorCondition, Validity, WrenchConditioner,
+    WrenchConditionerState,
+};
+
+use crate::box_config::BoxConfig;
+use crate::clock::ClockRecovery;
+use crate::codec::{self, Command, DATAGRAM_MAX, FT_RATE_HZ, Record, Status};
+use crate::config::Config;
+use crate::socket::RdtSocket;
+use crate::stream::{Kind, Stream, StreamCounts};
+use crate::tare::TareWork;
+use crate::{NetftError, SERVICE};
+
+/// Datagrams taken at once before the newest is published: after a stall the backlog must not hide the present for long.
+const BATCH: usize = 512;
+/// Silence after which the box may be another one.
+const GONE: Duration = Duration::from_secs(2);
+/// How often silence is told.
+const SILENCE_PERIOD: Duration = Duration::from_millis(50);
+/// How fast a new cut-off is approached, Hz per second.
+const CUTOFF_RATE_HZ_PER_S: f64 = 100.0;
+
+/// Why receiving ended.
+pub(crate) enum Ended {
+    Stopped,
+    Silent,
+    Restarted,
+}
+
+/// Everything the thread owns.
+pub(crate) struct Receiver {
+    config: Config,
+    raw: Publisher<WrenchStamped>,
+    tool: Publisher<WrenchStamped>,
+    status: Publisher<WrenchStatus>,
+    arm: Latest<ArmState>,
+    pose: Option<(Pose<Base, Tool>, Instant)>,
+    conditioner: WrenchConditioner,
+    state: WrenchConditionerState,
+    cutoff: Parameter,
+    cutoff_ramp: Ramp,
+    tare: TareWork,
+    epoch: Instant,
+    counts: StreamCounts,
+    health: HealthReporter,
+    meters: Meters,
+}
+
+struct Meters {
+    records: Rate,
+    published: Rate,
+    record_age: Age,
+    lost: Counter,
+    arrival_to_publish: Histogram,
+    out_of_order: Gauge,
+    malformed: Gauge,
+    restarts: Gauge,
+    reconnects: Gauge,
+    rate_hz: Gauge,
+    clock_residual_us: Gauge,
+    bias_age_s: Gauge,
+    socket_buffer_records: Gauge,
+}
+
+impl Meters {
+    fn new(health: &HealthReporter) -> Self {
+        Self {
+            records: health.rate("wrench/raw"),
+            published: health.rate("wrench/tool"),
+            record_age: health.age("record"),
+            lost: health.lost(),
+            arrival_to_publish: health.histogram("arrival_to_publish"),
+            out_of_order: health.gauge("records_out_of_order"),
+            malformed: health.gauge("datagrams_malformed"),
+            restarts: health.gauge("restarts"),
+            reconnects: health.gauge("reconnects"),
+            rate_hz: health.gauge("sensor_rate_hz"),
+            clock_residual_us: health.gauge("clock_residual_us"),
+            bias_age_s: health.gauge("bias_age_s"),
+            socket_buffer_records: health.gauge("socket_buffer_records"),
+        }
+    }
+}
+
+/// One connection: what lasts from the box's answer to its loss.
+struct Connection {
+    scales: [f64; 6],
+    stream: Stream,
+    clock: ClockRecovery,
+    /// Counts of the box's clock between two publications.
+    interval: i64,
+    published: i64,
+    newest: Option<Newest>,
+    restarted: bool,
+    rate_hz: f64,
+}
+
+/// The newest record, conditioned.
+#[derive(Clone, Copy)]
+struct Newest {
+    sequence: i64,
+    record: Record,
+    stamp_ns: i64,
+    wrench: ConditionedWrench,
+    arrival: Duration,
+}
+
+impl Receiver {
+    pub(crate) fn new(
+        config: Config,
+        bus: &Bus,
+        parameters: &Parameters,
+        health: HealthReporter,
+        tare: TareWork,
+    ) -> Result<Self, NetftError> {
+        let conditioner = WrenchConditioner::new(
+            &config.conditioning,
+            &config.payload,
+            config.sensor_from_tool,
+            config.rate_hz,
+        )?;
+        let cutoff_hz = config.conditioning.filter_cutoff_hz;
+        Ok(Self {
+            raw: bus.publisher(&topics::WRENCH_RAW)?,
+            tool: bus.publisher(&topics::WRENCH_TOOL)?,
+            status: bus.publisher(&topics::WRENCH_STATUS)?,
+            arm: bus.latest(&topics::ARM_STATE)?,
+            pose: None,
+            conditioner,
+            state: WrenchConditionerState::default(),
+            cutoff: parameters.number(
+                "filter_cutoff_hz",
+                cutoff_hz,
+                1.0..=0.45 * config.rate_hz,
+                "Hz",
+                "Cut-off of the low-pass on the wrench; approached at 100 Hz per second.",
+            ),
+            cutoff_ramp: Ramp::new(cutoff_hz, CUTOFF_RATE_HZ_PER_S),
+            tare,
+            epoch: Instant::now(),
+            counts: StreamCounts::default(),
+            meters: Meters::new(&health),
+            health,
+            config,
+        })
+    }
+
+    pub(crate) fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Real-time scheduling, as far as it is granted.
+    pub(crate) fn setup_thread(&self) {
+        let report = match self.config.realtime_priority {
+            Some(priority) => realtime::setup_thread(SERVICE, priority),
+            None => RealtimeReport::not_asked(SERVICE),
+        };
+        self.health.realtime(&report);
+    }
+
+    pub(crate) fn report_fault(&self, error: &NetftError) {
+        tracing::warn!("{error}");
+        self.health.fault(format_args!("{error}"));
+    }
+
+    /// Receives until stopped, or until the box is gone or another one.
+    pub(crate) fn receive(&mut self, found: &BoxConfig, stop: &Stop) -> Result<Ended, NetftError> {
+        let rate_hz = found.rate_hz.unwrap_or(self.config.rate_hz);
+        // A stream slower than the patience is not silent.
+        let patience = self
+            .config
+            .patience
+            .max(Duration::from_secs_f64(3.0 / rate_hz));
+        let socket = RdtSocket::connect(
+            &self.config.address,
+            self.config.rdt_port,
+            self.config.socket_buffer_bytes,
+            patience.min(Duration::from_millis(20)) / 2,
+        )?;
+        tracing::info!(
+            "{} {} at {}, {} Hz; {}",
+            found.product,
+            found.serial,
+            self.config.address,
+            rate_hz,
+            socket.buffer_words(rate_hz, self.config.socket_buffer_bytes)
+        );
+        self.meters
+            .socket_buffer_records
+            .set(socket.buffer_records() as f64);
+        self.adopt_rate(rate_hz)?;
+        let command = match self.config.buffer_records {
+            None => Command::RealTime,
+            Some(_) => Command::Buffered,
+        };
+        let mut connection = Connection {
+            scales: found.scales(),
+            stream: Stream::new(command, rate_hz, patience).with_counts(self.counts),
+            clock: ClockRecovery::new(1.0 / FT_RATE_HZ),
+            interval: (FT_RATE_HZ / self.config.tool_rate_hz).round().max(1.0) as i64,
+            published: i64::MIN / 2,
+            newest: None,
+            restarted: false,
+            rate_hz,
+        };
+        let ended = self.stream(&socket, &mut connection, stop);
+        self.counts = *connection.stream.counts();
+        Ok(ended)
+    }
+
+    /// A box that runs at another rate than asked for needs another filter.
+    fn adopt_rate(&mut self, rate_hz: f64) -> Result<(), NetftError> {
+        if (rate_hz - self.conditioner.filter().sample_rate_hz()).abs() > 1e-9 {
+            self.conditioner = WrenchConditioner::new(
+                &self.config.conditioning,
+                &self.config.payload,
+                self.config.sensor_from_tool,
+                rate_hz,
+            )?;
+            self.cutoff_ramp =
+                Ramp::new(self.conditioner.filter().cutoff_hz(), CUTOFF_RATE_HZ_PER_S);
+        }
+        self.state.restart();
+        Ok(())
+    }
+
+    fn stream(&mut self, socket: &RdtSocket, connection: &mut Connection, stop: &Stop) -> Ended {
+        // One byte more than a datagram may have, so that a longer one is not cut to size unseen.
+        let mut buffer = [0; DATAGRAM_MAX + 1];
+        let begun = self.epoch.elapsed();
+        let mut silence_told = begun;
+        let mut was_silent = None;
+        loop {
+            if stop.is_stopped() {
+                socket.send(codec::Request {
+                    command: Command::Stop,
+                    sample_count: 0,
+                });
+                return Ended::Stopped;
+            }
+            let now = self.epoch.elapsed();
+            if let Some(request) = connection.stream.poll(now) {
+                socket.send(request);
+            }
+            if let Some(datagram) = socket.wait(&mut buffer) {
+                let offset_ns = self.unix_offset_ns();
+                self.refresh_pose();
+                self.datagram(connection, datagram, offset_ns);
+                for _ in 0..BATCH {
+                    match socket.next(&mut buffer) {
+                        Some(datagram) => self.datagram(connection, datagram, offset_ns),
+                        None => break,
+                    }
+                }
+                if connection.restarted {
+                    return Ended::Restarted;
+                }
+                self.publish_newest(connection);
+            }
+            let now = self.epoch.elapsed();
+            let silent = connection.stream.is_silent(now);
+            if was_silent != Some(silent) {
+                was_silent = Some(silent);
+                self.tell_silence(connection, silent);
+            }
+            if silent {
+                if now.saturating_sub(silence_told) >= SILENCE_PERIOD {
+                    silence_told = now;
+                    self.publish_silence(connection);
+                }
+                let since = connection
+                    .stream
+                    .silence(now)
+                    .unwrap_or(now.saturating_sub(begun));
+                if since >= GONE {
+                    return Ended::Silent;
+                }
+            }
+        }
+    }
+
+    /// Unix time of this thread's epoch, ns; measured anew for every batch, so that stamps follow the host's clock.
+    fn unix_offset_ns(&self) -> i64 {
+        host_clock::now_ns() - nanoseconds(self.epoch.elapsed())
+    }
+
+    fn refresh_pose(&mut self) {
+        if let Some(received) = self.arm.take_new() {
+            // A pose that is no pose counts as none.
+            self.pose = Pose::try_from(&received.message.tool_pose)
+                .ok()
+                .map(|pose| (pose, received.received));
+        }
+    }
+
+    fn datagram(&mut self, connection: &mut Connection, datagram: &[u8], offset_ns: i64) {
+        let arrival = self.epoch.elapsed();
+        let Ok(records) = codec::records(datagram) else {
+            connection.stream.malformed();
+            return;
+        };
+        self.meters.record_age.mark();
+        let mut records = records.peekable();
+        while let Some(record) = records.next() {
+            let is_last = records.peek().is_none();
+            self.record(connection, &record, arrival, is_last, offset_ns);
+        }
+    }
+
+    /// One record: book-keeping, stamp, raw out, conditioning.
+    fn record(
+        &mut self,
+        connection: &mut Connection,
+        record: &Record,
+        arrival: Duration,
+        is_last: bool,
+        offset_ns: i64,
+    ) {
+        let (sequence, kind) = connection.stream.take(record, arrival);
+        let arrival_ns = nanoseconds(arrival);
+        let missed = match kind {
+            Kind::Double => return,
+            Kind::First => {
+                // The first record of all is no restart.
+                connection.restarted |= connection.newest.is_some();
+                connection.clock.restart();
+                self.state.restart();
+                0
+            }
+            Kind::Next { missed } => missed,
+            Kind::Late => 0,
+        };
+        // Only the last record of a datagram was sent as soon as it was measured.
+        let stamp_ns = if is_last && kind != Kind::Late {
+            connection.clock.observe(sequence, arrival_ns)
+        } else {
+            connection.clock.stamp(sequence, arrival_ns)
+        };
+        let wrench = Wrench::<Sensor>::from_vector(
+            &std::array::from_fn::<f64, 6, _>(|i| {
+                f64::from(record.counts[i]) * connection.scales[i]
+            })
+            .into(),
+        );
+        self.raw.publish(&WrenchStamped {
+            header: Header::in_frame::<Sensor>(offset_ns + stamp_ns),
+            wrench: (&wrench).into(),
+        });
+        self.meters.records.tick();
+        if kind == Kind::Late {
+            return;
+        }
+        if self.tare.is_requested() {
+            self.conditioner.start_tare(&mut self.state);
+        }
+        let reading = Reading {
+            time_s: stamp_ns as f64 * 1e-9,
+            wrench,
+            condition: self.condition(record.status, &wrench),
+            missed,
+            base_from_tool: self
+                .pose
+                .map(|(pose, received)| (pose, received.elapsed().as_secs_f64())),
+            motion: None,
+        };
+        let wrench = self.conditioner.update(&mut self.state, &reading);
+        if let Some(outcome) = self.state.take_tare_outcome() {
+            self.tare.answer(outcome);
+        }
+        let turned_bad = wrench.validity != Validity::Valid
+            && connection
+                .newest
+                .is_some_and(|newest| newest.wrench.validity != wrench.validity);
+        if turned_bad {
+            // Bad news does not wait for its turn.
+            connection.published = i64::MIN / 2;
+        }
+        connection.newest = Some(Newest {
+            sequence,
+            record: *record,
+            stamp_ns: offset_ns + stamp_ns,
+            wrench,
+            arrival,
+        });
+    }
+
+    /// What the box says, and what it does not say: a load beyond the sensor's range.
+    fn condition(&self, status: Status, wrench: &Wrench<Sensor>) -> SensorCondition {
+        let load = wrench.vector();
+        let beyond = (0..6).any(|i| load[i].abs() > self.config.range[i]);
+        match status.condition() {
+            SensorCondition::Good if beyond => SensorCondition::Saturated,
+            condition => condition,
+        }
+    }
+
+    /// Status, then wrench, when their time has come.
+    fn publish_newest(&mut self, connection: &mut Connection) {
+        let Some(newest) = connection.newest else {
+            return;
+        };
+        let since = newest.sequence - connection.published;
+        if since < connection.interval {
+            return;
+        }
+        // In step with the sensor's clock, unless it has just begun or paused.
+        connection.published = if since < 2 * connection.interval {
+            connection.published + connection.interval
+        } else {
+            newest.sequence
+        };
+        self.status.publish(&self.status_of(
+            connection,
+            &newest,
+            newest.wrench.validity,
+            newest.stamp_ns,
+        ));
+        self.tool.publish(&WrenchStamped {
+            header: Header::in_frame::<Tool>(newest.stamp_ns),
+            wrench: (&newest.wrench.wrench).into(),
+        });
+        let delay = self.epoch.elapsed().saturating_sub(newest.arrival);
+        self.meters.arrival_to_publish.record(delay);
+        self.meters.published.tick();
+        self.tell_figures(connection, &newest);
+        self.follow_cutoff(connection);
+    }
+
+    fn status_of(
+        &self,
+        connection: &Connection,
+        newest: &Newest,
+        validity: Validity,
+        stamp_ns: i64,
+    ) -> WrenchStatus {
+        let counts = connection.stream.counts();
+        WrenchStatus {
+            header: Header::in_frame::<Tool>(stamp_ns),
+            validity: validity as u8,
+            status: newest.record.status.0,
+            status_text: status_text(newest.record.status),
+            rdt_sequence: newest.record.rdt_sequence,
+            ft_sequence: newest.record.ft_sequence,
+            records: counts.records,
+            records_lost: counts.lost,
+            records_out_of_order: counts.out_of_order,
+            restarts: counts.restarts,
+            reconnects: counts.reconnects,
+            rate_hz: connection.clock.rate_hz() / connection.stream.step() as f64,
+            bias_age_s: newest.wrench.bias_age_s.unwrap_or(-1.0),
+            bias: (&newest.wrench.bias).into(),
+            filter_delay_s: newest.wrench.delay_s,
+            clock_residual_s: connection.clock.residual_s(),
+        }
+    }
+
+    fn publish_silence(&self, connection: &Connection) {
+        if let Some(newest) = &connection.newest {
+            let now_ns = host_clock::now_ns();
+            self.status
+                .publish(&self.status_of(connection, newest, Validity::Stale, now_ns));
+        }
+    }
+
+    fn tell_silence(&self, connection: &Connection, silent: bool) {
+        if !silent {
+            self.health.running();
+        } else if connection.newest.is_some() {
+            self.health.fault(format_args!(
+                "{} is silent: another client may have taken its stream, or it lost power or network; asking again",
+                self.config.address
+            ));
+        }
+    }
+
+    fn tell_figures(&self, connection: &Connection, newest: &Newest) {
+        let counts = connection.stream.counts();
+        let meters = &self.meters;
+        meters.lost.set(counts.lost);
+        meters.out_of_order.set(counts.out_of_order as f64);
+        meters.malformed.set(counts.malformed as f64);
+        meters.restarts.set(counts.restarts as f64);
+        meters.reconnects.set(counts.reconnects as f64);
+        meters
+            .rate_hz
+            .set(connection.clock.rate_hz() / connection.stream.step() as f64);
+        meters
+            .clock_residual_us
+            .set(connection.clock.residual_s() * 1e6);
+        meters
+            .bias_age_s
+            .set(newest.wrench.bias_age_s.unwrap_or(-1.0));
+    }
+
+    /// A cut-off set live is approached slowly.
+    fn follow_cutoff(&mut self, connection: &Connection) {
+        let max = 0.45 * connection.rate_hz;
+        let dt_s = connection.interval as f64 / FT_RATE_HZ;
+        let before = self.cutoff_ramp.value;
+        let now = self.cutoff_ramp.step(self.cutoff.get().min(max), dt_s);
+        if now != before && self.conditioner.set_filter_cutoff_hz(now).is_err() {
+            self.cutoff_ramp.value = before;
+        }
+    }
+}
+
+fn nanoseconds(duration: Duration) -> i64 {
+    i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX)
+}
+
+/// The names of the bits that are set, as many as fit.
+fn status_text(status: Status) -> Text {
+    let mut text = Text::new();
+    for name in status.names() {
+        let separator = if text.is_empty() { "" } else { ", " };
+        if text.try_push_str(separator).is_err() || text.try_push_str(name).is_err() {
+            break;
+        }
+    }
+    text
+}

@@ -1,0 +1,227 @@
+//! A Net F/T box on sockets: RDT over UDP, its configuration over HTTP, fed with the plant's samples.
+//!
+//! Usable alone, for tests of any client: `NetbBox::start(NetbConfig::default())`. Its clock counts at 7 kHz whatever
+//! the rate of records; samples are played out at the times they are stamped with.
+
+mod fault;
+mod rdt;
+mod rdt_thread;
+mod web;
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+pub use fault::NetbFault;
+pub use rdt::BoxSample;
+
+use rdt::SampleQueue;
+
+/// What a box is and where it listens.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NetbConfig {
+    /// Any loopback address, or one of this host's.
+    pub address: IpAddr,
+    /// UDP port of RDT; 0: any free one.
+    pub rdt_port: u16,
+    /// TCP port of its web server; 0: any free one.
+    pub http_port: u16,
+    /// Counts per unit of force.
+    pub counts_per_force: f64,
+    /// Counts per unit of torque.
+    pub counts_per_torque: f64,
+    /// Unit of force, as on its web page.
+    pub force_unit: String,
+    /// Unit of torque, as on its web page.
+    pub torque_unit: String,
+    /// Serial number.
+    pub serial: String,
+    /// Records per second at the start, 1 to 7000.
+    pub rate_hz: u32,
+    /// Records per buffered datagram at the start, 1 to 40.
+    pub buffer_records: u32,
+    /// A count beyond latches the threshold warning.
+    pub threshold_counts: Option<[i32; 6]>,
+}
+
+impl Default for NetbConfig {
+    /// A Gamma in N and Nm on free ports of 127.0.0.1.
+    fn default() -> Self {
+        Self {
+            address: IpAddr::V4(Ipv4Addr::LOCALHOST),
+            rdt_port: 0,
+            http_port: 0,
+            counts_per_force: 1e6,
+            counts_per_torque: 1e6,
+            force_unit: "N".into(),
+            torque_unit: "N-m".into(),
+            serial: "FT00000".into(),
+            rate_hz: 7000,
+            buffer_records: 7,
+            threshold_counts: None,
+        }
+    }
+}
+
+/// Why a box cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum NetbError {
+    /// A port is taken or not allowed, or the address is not of this host.
+    #[error("the simulated Net F/T box cannot listen on {protocol} {address}: {source}; choose another port_offset or address")]
+    Listen {
+        /// `UDP` or `TCP`.
+        protocol: &'static str,
+        /// Address and port.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// No thread or runtime to be had.
+    #[error("the simulated Net F/T box cannot start: {0}")]
+    System(#[from] std::io::Error),
+}
+
+/// What may change while it runs: through HTTP, and read for every record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Settings {
+    rate_hz: u32,
+    buffer_records: u32,
+}
+
+/// Between handle, RDT thread and web server.
+struct Shared {
+    config: NetbConfig,
+    settings: Mutex<Settings>,
+    samples: Mutex<SampleQueue>,
+    stop: AtomicBool,
+    sent: AtomicU64,
+    requests: AtomicU64,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A running box; dropping it ends it.
+pub struct NetbBox {
+    shared: Arc<Shared>,
+    faults: Sender<NetbFault>,
+    rdt_address: SocketAddr,
+    http_address: SocketAddr,
+    rdt: Option<JoinHandle<()>>,
+    web: Option<web::WebServer>,
+}
+
+impl NetbBox {
+    /// Opens both ports and begins to answer. Without samples it reads zero.
+    ///
+    /// # Errors
+    /// A port that cannot be had, by name.
+    pub fn start(config: NetbConfig) -> Result<Self, NetbError> {
+        let listen = |protocol, port: u16| {
+            let address = SocketAddr::new(config.address, port);
+            move |source| NetbError::Listen {
+                protocol,
+                address,
+                source,
+            }
+        };
+        let udp = UdpSocket::bind((config.address, config.rdt_port))
+            .map_err(listen("UDP", config.rdt_port))?;
+        let tcp = TcpListener::bind((config.address, config.http_port))
+            .map_err(listen("TCP", config.http_port))?;
+        let (rdt_address, http_address) = (udp.local_addr()?, tcp.local_addr()?);
+        let settings = Settings {
+            rate_hz: config.rate_hz.clamp(1, 7000),
+            buffer_records: config.buffer_records.clamp(1, 40),
+        };
+        let shared = Arc::new(Shared {
+            config,
+            settings: Mutex::new(settings),
+            samples: Mutex::default(),
+            stop: AtomicBool::new(false),
+            sent: AtomicU64::new(0),
+            requests: AtomicU64::new(0),
+        });
+        let (faults, received) = channel();
+        let rdt = rdt_thread::spawn(udp, Arc::clone(&shared), received)?;
+        let web = web::WebServer::start(tcp, Arc::clone(&shared))?;
+        Ok(Self {
+            shared,
+            faults,
+            rdt_address,
+            http_address,
+            rdt: Some(rdt),
+            web: Some(web),
+        })
+    }
+
+    /// Where RDT listens.
+    pub fn rdt_address(&self) -> SocketAddr {
+        self.rdt_address
+    }
+
+    /// Where the web server listens.
+    pub fn http_address(&self) -> SocketAddr {
+        self.http_address
+    }
+
+    /// The end that samples go in at; clones go to other threads.
+    pub fn feed(&self) -> SampleFeed {
+        SampleFeed {
+            shared: Arc::clone(&self.shared),
+        }
+    }
+
+    /// Makes something go wrong, from the next record on.
+    pub fn inject(&self, fault: NetbFault) {
+        // A box that has ended has no faults.
+        let _ = self.faults.send(fault);
+    }
+
+    /// Records sent since the start; those that a fault kept back are counted too.
+    pub fn records_sent(&self) -> u64 {
+        self.shared.sent.load(Ordering::Relaxed)
+    }
+
+    /// Requests understood since the start.
+    pub fn requests(&self) -> u64 {
+        self.shared.requests.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for NetbBox {
+    fn drop(&mut self) {
+        self.shared.stop.store(true, Ordering::Relaxed);
+        if let Some(web) = self.web.take() {
+            web.stop();
+        }
+        if let Some(thread) = self.rdt.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the RDT thread of the simulated box panicked");
+        }
+    }
+}
+
+/// Where the plant's samples go in.
+#[derive(Clone)]
+pub struct SampleFeed {
+    shared: Arc<Shared>,
+}
+
+impl SampleFeed {
+    /// One period's samples: the first was measured at `first`, the others `interval` apart. Each is read by the box from its
+    /// time on, until the next one's; samples of the past are skipped, and without new ones the last stays.
+    pub fn push(&self, first: Instant, interval: Duration, samples: &[BoxSample]) {
+        lock(&self.shared.samples).push(first, interval, samples);
+    }
+
+    /// A steady reading from now on.
+    pub fn hold(&self, sample: BoxSample) {
+        lock(&self.shared.samples).hold(sample);
+    }
+}

@@ -1,0 +1,77 @@
+//! The socket and the clock around [`RdtBox`].
+
+use std::net::UdpSocket;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::Receiver;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use tangent_netft::codec::FT_RATE_HZ;
+
+use super::rdt::RdtBox;
+use super::{NetbFault, Shared, lock};
+
+/// Pause between two looks for a request while nobody is served.
+const IDLE: Duration = Duration::from_millis(1);
+/// Most records made up for after the host kept this thread from running; beyond, the clock jumps.
+const CATCH_UP_S: f64 = 2.0;
+
+pub(super) fn spawn(
+    socket: UdpSocket,
+    shared: Arc<Shared>,
+    faults: Receiver<NetbFault>,
+) -> std::io::Result<JoinHandle<()>> {
+    socket.set_nonblocking(true)?;
+    std::thread::Builder::new()
+        .name("netb-rdt".into())
+        .spawn(move || serve(&socket, &shared, &faults))
+}
+
+fn serve(socket: &UdpSocket, shared: &Shared, faults: &Receiver<NetbFault>) {
+    let mut simulated = RdtBox::new(shared.config.threshold_counts);
+    let mut request = [0; 64];
+    let mut due = Instant::now();
+    let mut deaf_until = due;
+    while !shared.stop.load(Ordering::Relaxed) {
+        for fault in faults.try_iter() {
+            simulated.inject(fault);
+            if let NetbFault::Restart(time) | NetbFault::Silence(time) = fault {
+                deaf_until = Instant::now() + time;
+            }
+        }
+        let now = Instant::now();
+        let deaf = now < deaf_until;
+        while let Ok((length, from)) = socket.recv_from(&mut request) {
+            if !deaf && simulated.request(&request[..length], from) {
+                shared.requests.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        let settings = *lock(&shared.settings);
+        let step = RdtBox::step(settings.rate_hz);
+        let interval = Duration::from_secs_f64(f64::from(step) / FT_RATE_HZ);
+        let behind = now.saturating_duration_since(due).as_secs_f64();
+        if behind > CATCH_UP_S {
+            let counts = (behind * FT_RATE_HZ) as u32 / step * step;
+            simulated.skip(counts);
+            due += Duration::from_secs_f64(f64::from(counts) / FT_RATE_HZ);
+        }
+        while due <= now {
+            let sample = lock(&shared.samples).at(due);
+            let made = simulated.tick(sample, settings, |datagram, to| {
+                // A client that is gone, or a full buffer, is the network's loss as with a real box.
+                if !deaf {
+                    let _ = socket.send_to(datagram, to);
+                }
+            });
+            shared.sent.fetch_add(u64::from(made), Ordering::Relaxed);
+            due += interval;
+        }
+        let next = if simulated.is_streaming() {
+            due
+        } else {
+            due.max(now + IDLE)
+        };
+        std::thread::sleep(next.saturating_duration_since(Instant::now()).min(5 * IDLE));
+    }
+}
