@@ -11,6 +11,7 @@ pub mod clock;
 pub mod codec;
 mod config;
 mod error;
+mod meters;
 mod receiver;
 mod socket;
 pub mod stream;

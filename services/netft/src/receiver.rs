@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
 use tangent_runtime::{
-    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters, Publisher,
-    Ramp, Rate, RealtimeReport, Stop, clock as host_clock, realtime,
+    Bus, HealthReporter, Latest, Parameter, Parameters, Publisher, Ramp, RealtimeReport, Stop,
+    clock as host_clock, realtime,
 };
 use tangent_schemas::Text;
 use tangent_schemas::standard::{Header, WrenchStamped};
@@ -20,6 +20,7 @@ use crate::box_config::BoxConfig;
 use crate::clock::ClockRecovery;
 use crate::codec::{self, Command, DATAGRAM_MAX, FT_RATE_HZ, Record, Status};
 use crate::config::Config;
+use crate::meters::Meters;
 use crate::socket::RdtSocket;
 use crate::stream::{Kind, Stream, StreamCounts};
 use crate::tare::TareWork;
@@ -60,42 +61,6 @@ pub(crate) struct Receiver {
     meters: Meters,
 }
 
-struct Meters {
-    records: Rate,
-    published: Rate,
-    record_age: Age,
-    lost: Counter,
-    arrival_to_publish: Histogram,
-    out_of_order: Gauge,
-    malformed: Gauge,
-    restarts: Gauge,
-    reconnects: Gauge,
-    rate_hz: Gauge,
-    clock_residual_us: Gauge,
-    bias_age_s: Gauge,
-    socket_buffer_records: Gauge,
-}
-
-impl Meters {
-    fn new(health: &HealthReporter) -> Self {
-        Self {
-            records: health.rate("wrench/raw"),
-            published: health.rate("wrench/tool"),
-            record_age: health.age("record"),
-            lost: health.lost(),
-            arrival_to_publish: health.histogram("arrival_to_publish"),
-            out_of_order: health.gauge("records_out_of_order"),
-            malformed: health.gauge("datagrams_malformed"),
-            restarts: health.gauge("restarts"),
-            reconnects: health.gauge("reconnects"),
-            rate_hz: health.gauge("sensor_rate_hz"),
-            clock_residual_us: health.gauge("clock_residual_us"),
-            bias_age_s: health.gauge("bias_age_s"),
-            socket_buffer_records: health.gauge("socket_buffer_records"),
-        }
-    }
-}
-
 /// One connection: what lasts from the box's answer to its loss.
 struct Connection {
     scales: [f64; 6],
@@ -107,6 +72,13 @@ struct Connection {
     newest: Option<Newest>,
     restarted: bool,
     rate_hz: f64,
+}
+
+impl Connection {
+    /// Records per second by this host's clock, Hz.
+    fn rate_measured_hz(&self) -> f64 {
+        self.clock.rate_hz() / self.stream.step() as f64
+    }
 }
 
 /// The newest record, conditioned.
@@ -460,7 +432,7 @@ impl Receiver {
             records_out_of_order: counts.out_of_order,
             restarts: counts.restarts,
             reconnects: counts.reconnects,
-            rate_hz: connection.clock.rate_hz() / connection.stream.step() as f64,
+            rate_hz: connection.rate_measured_hz(),
             bias_age_s: newest.wrench.bias_age_s.unwrap_or(-1.0),
             bias: (&newest.wrench.bias).into(),
             filter_delay_s: newest.wrench.delay_s,
@@ -488,22 +460,12 @@ impl Receiver {
     }
 
     fn tell_figures(&self, connection: &Connection, newest: &Newest) {
-        let counts = connection.stream.counts();
-        let meters = &self.meters;
-        meters.lost.set(counts.lost);
-        meters.out_of_order.set(counts.out_of_order as f64);
-        meters.malformed.set(counts.malformed as f64);
-        meters.restarts.set(counts.restarts as f64);
-        meters.reconnects.set(counts.reconnects as f64);
-        meters
-            .rate_hz
-            .set(connection.clock.rate_hz() / connection.stream.step() as f64);
-        meters
-            .clock_residual_us
-            .set(connection.clock.residual_s() * 1e6);
-        meters
-            .bias_age_s
-            .set(newest.wrench.bias_age_s.unwrap_or(-1.0));
+        self.meters.tell(
+            connection.stream.counts(),
+            connection.rate_measured_hz(),
+            connection.clock.residual_s(),
+            newest.wrench.bias_age_s,
+        );
     }
 
     /// A cut-off set live is approached slowly.

@@ -263,7 +263,7 @@ pub struct SensorConfig {
     /// Records per datagram when buffered, 1 to 40.
     #[serde(default = "buffer_records")]
     pub buffer_records: u8,
-    /// `wrench/tool` is published this often, Hz; 0: with every `arm/state`.
+    /// `wrench/tool` is published this often, Hz; 0: 1000, so that no reader finds it older than about 1 ms.
     #[serde(default)]
     pub tool_rate_hz: f64,
     /// Cut-off of the low-pass filter, Hz.
@@ -338,7 +338,7 @@ impl SensorConfig {
             self.tool_rate_hz == 0.0 || (1.0..=7000.0).contains(&self.tool_rate_hz),
             "sensor.tool_rate_hz",
             self.tool_rate_hz,
-            "0 (with every arm/state) or from 1 to 7000 Hz",
+            "0 (1000 Hz) or from 1 to 7000 Hz",
         )?;
         // A filter above half the rate does nothing and below 1 Hz the loop cannot be stable.
         checker.range(

@@ -70,7 +70,9 @@ impl Default for NetbConfig {
 #[derive(Debug, thiserror::Error)]
 pub enum NetbError {
     /// A port is taken or not allowed, or the address is not of this host.
-    #[error("the simulated Net F/T box cannot listen on {protocol} {address}: {source}; choose another port_offset or address")]
+    #[error(
+        "the simulated Net F/T box cannot listen on {protocol} {address}: {source}; choose another port_offset or address"
+    )]
     Listen {
         /// `UDP` or `TCP`.
         protocol: &'static str,

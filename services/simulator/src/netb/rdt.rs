@@ -357,7 +357,10 @@ mod tests {
         let latched = status(run(&mut simulated, 1, BoxSample::default()));
         assert_eq!(latched, Status(0x8001_0000));
         ask(&mut simulated, Command::ResetThresholdLatch, 0, 1);
-        assert_eq!(status(run(&mut simulated, 1, BoxSample::default())), Status(0));
+        assert_eq!(
+            status(run(&mut simulated, 1, BoxSample::default())),
+            Status(0)
+        );
     }
 
     #[test]
@@ -365,14 +368,26 @@ mod tests {
         let mut simulated = RdtBox::new(None);
         ask(&mut simulated, Command::RealTime, 0, 1);
         simulated.inject(NetbFault::Drop(2));
-        assert_eq!(sequences(&run(&mut simulated, 3, BoxSample::default())), [[3]]);
+        assert_eq!(
+            sequences(&run(&mut simulated, 3, BoxSample::default())),
+            [[3]]
+        );
         simulated.inject(NetbFault::Duplicate(1));
-        assert_eq!(sequences(&run(&mut simulated, 2, BoxSample::default())), [[4], [4], [5]]);
+        assert_eq!(
+            sequences(&run(&mut simulated, 2, BoxSample::default())),
+            [[4], [4], [5]]
+        );
         simulated.inject(NetbFault::Reorder);
-        assert_eq!(sequences(&run(&mut simulated, 2, BoxSample::default())), [[7], [6]]);
+        assert_eq!(
+            sequences(&run(&mut simulated, 2, BoxSample::default())),
+            [[7], [6]]
+        );
         simulated.inject(NetbFault::Corrupt(1));
         let damaged: [Vec<u32>; 2] = [vec![], vec![8]];
-        assert_eq!(sequences(&run(&mut simulated, 1, BoxSample::default())), damaged);
+        assert_eq!(
+            sequences(&run(&mut simulated, 1, BoxSample::default())),
+            damaged
+        );
         simulated.inject(NetbFault::Saturate(1));
         let sent = run(&mut simulated, 2, BoxSample::default());
         assert_eq!(sent[0].1[0].status, Status(0x8002_0000));
