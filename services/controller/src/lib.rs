@@ -1,1 +1,179 @@
-//! Controller service: one step of the law per robot packet.
+//! The controller service: one step of the law per robot packet.
+//!
+//! It listens to `arm/state` in the publisher's thread, so that beside the bridge the whole cycle, packet to command,
+//! is one call. The wrench and the estimates are read as they are then, each with its age. It says `arm/command` and
+//! `control/state` every cycle; it answers `control/task`, `control/stop` and `control/select`; a side thread asks for
+//! the tare, writes the log and draws for the viewers. At its own end it retracts first.
+
+mod age;
+mod config;
+mod cycle;
+mod desk;
+mod error;
+mod inputs;
+mod mailbox;
+mod messages;
+mod viewer;
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use tangent_control::{Controller, EstimatorName, Parameter, Phase};
+use tangent_runtime::{Bus, HealthReporter, Parameters, Stop};
+use tangent_schemas::convert::cut_format;
+use tangent_schemas::tangent::Request;
+use tangent_schemas::topics::{self, queries};
+
+pub use config::Config;
+pub use error::ControllerError;
+
+use cycle::{Cycle, Last, Live, Meters};
+use desk::Desk;
+use inputs::{EstimateReader, Inputs};
+use mailbox::{Ask, Mailbox, Note};
+use viewer::Viewer;
+
+/// Name in topics and health messages.
+pub const SERVICE: &str = "controller";
+/// Period of the side thread.
+const SIDE: Duration = Duration::from_millis(50);
+/// How long the end waits for the arm to retract.
+const RETRACT_PATIENCE: Duration = Duration::from_secs(12);
+/// Silence of the arm's state after which nothing is waited for.
+const SILENCE: Duration = Duration::from_millis(500);
+/// How long a tare may take.
+const TARE_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Runs until `stop`; a running task is then ended with a retraction. Blocks.
+///
+/// # Errors
+/// [`ControllerError`]: only what prevents it from starting.
+pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
+    let health = Arc::new(HealthReporter::start(&bus, SERVICE)?);
+    let parameters = Parameters::new(&bus, SERVICE)?;
+    let mailbox = Arc::new(Mailbox::default());
+    let mut inputs = Inputs::new(
+        bus.latest(&topics::WRENCH_TOOL)?,
+        bus.latest(&topics::WRENCH_STATUS)?,
+    );
+    for name in &config.estimators {
+        if let Ok(short) = EstimatorName::from(name) {
+            inputs.listen(EstimateReader {
+                name: short,
+                newest: bus.latest(&topics::estimate_normal(name))?,
+            });
+        }
+    }
+    let desk = Desk::new(&bus, &mailbox, config.control, &config.estimators)?;
+    let mut cycle = Cycle {
+        controller: Controller::new(
+            config.arm,
+            config.flange_from_tool,
+            config.limits,
+            config.control,
+        )?,
+        inputs,
+        command: bus.publisher(&topics::ARM_COMMAND)?,
+        state: bus.publisher(&topics::CONTROL_STATE)?,
+        source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
+        mailbox: Arc::clone(&mailbox),
+        health: Arc::clone(&health),
+        meters: Meters::new(&health),
+        live: Live::new(live_parameters(&parameters, &config)),
+        last: Last::default(),
+    };
+    health.running();
+    let mut viewer = Viewer::new(&bus)?;
+    let _loop = bus.on(&topics::ARM_STATE, move |arm| cycle.step(arm))?;
+    let _answers = desk.open()?;
+    std::thread::scope(|scope| -> Result<(), ControllerError> {
+        let taring = std::thread::Builder::new()
+            .name("controller-tare".into())
+            .spawn_scoped(scope, || tare_when_due(&bus, &mailbox, &stop))?;
+        while !stop.wait(SIDE) {
+            write_notes(&mailbox);
+            viewer.draw();
+        }
+        retract_first(&mailbox, &mut viewer);
+        taring
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        Ok(())
+    })
+}
+
+fn live_parameters(parameters: &Parameters, config: &Config) -> [tangent_runtime::Parameter; 4] {
+    Parameter::ALL.map(|parameter| {
+        let (unit, words, default) = match parameter {
+            Parameter::ForceReference => ("N", "Pressing force of the running task.", 3.0),
+            Parameter::Speed => ("m/s", "Speed along the path of the running task.", 0.02),
+            Parameter::AlignmentGain => (
+                "1/s",
+                "Gain k_R that turns the tool square to the surface.",
+                config.control.alignment.gain_per_s,
+            ),
+            Parameter::Damping => (
+                "Ns/m",
+                "Damping d_p along the normal; the least one where it follows the stiffness.",
+                config.control.force.damping_n_s_per_m,
+            ),
+        };
+        let (lower, upper) = parameter.range();
+        parameters.number(parameter.name(), default, lower..=upper, unit, words)
+    })
+}
+
+/// The tare is asked for outside the loop; the loop sees its effect in the wrench's status.
+fn tare_when_due(bus: &Bus, mailbox: &Mailbox, stop: &Stop) {
+    let request = Request {
+        action: "tare".into(),
+        argument: String::new(),
+    };
+    while !stop.wait(SIDE / 2) {
+        if !mailbox.tare_due.swap(false, Ordering::AcqRel) {
+            continue;
+        }
+        match bus.ask(queries::NETFT_TARE, &request, TARE_PATIENCE) {
+            Ok(answer) if answer.done => tracing::info!("{}", answer.message),
+            Ok(answer) => tracing::warn!("tare before contact refused: {}", answer.message),
+            Err(error) => tracing::warn!("tare before contact: {error}"),
+        }
+    }
+}
+
+fn write_notes(mailbox: &Mailbox) {
+    while let Some(note) = mailbox.notes.pop() {
+        match note {
+            Note::Phase(phase, fault) if fault.is_empty() => tracing::info!("{}", phase.name()),
+            Note::Phase(phase, fault) => tracing::warn!("{}: {fault}", phase.name()),
+            Note::Estimator(name) => tracing::info!("normal by {name}"),
+        }
+    }
+}
+
+/// Leaves the surface before the service goes; gives up when the robot is silent.
+fn retract_first(mailbox: &Mailbox, viewer: &mut Viewer) {
+    if !mailbox.phase().is_active() {
+        return;
+    }
+    mailbox.ask(Ask::Stop);
+    let deadline = Instant::now() + RETRACT_PATIENCE;
+    let mut last = (mailbox.cycles(), Instant::now());
+    let pause = Stop::new();
+    while mailbox.phase().is_active() && Instant::now() < deadline {
+        let cycles = mailbox.cycles();
+        if cycles != last.0 {
+            last = (cycles, Instant::now());
+        } else if last.1.elapsed() > SILENCE {
+            tracing::warn!("the robot is silent: ending without a retraction");
+            return;
+        }
+        pause.wait(SIDE);
+        write_notes(mailbox);
+        viewer.draw();
+    }
+    if mailbox.phase() == Phase::Retract {
+        tracing::warn!("the arm did not retract within {RETRACT_PATIENCE:?}");
+    }
+}

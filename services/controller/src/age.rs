@@ -1,0 +1,88 @@
+//! How old a message's content is, on the monotonic clock of this host.
+
+use std::time::Instant;
+
+/// Age of the content of one publisher's messages. The clocks of two hosts need not agree: what counts is how much later
+/// a message came than the promptest one did. So a burst of old messages after a cut is old although it has just arrived.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ContentAge {
+    first: Option<First>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct First {
+    publisher: [u8; 16],
+    stamp_ns: i64,
+    arrived: Instant,
+    /// The last message's delay, and the least so far, s: both clocks' offset, and the quickest way.
+    last_s: f64,
+    least_s: f64,
+}
+
+/// How fast the least delay is forgotten, s/s: clocks drift by up to 100 ppm.
+const DRIFT: f64 = 2e-4;
+
+impl ContentAge {
+    /// Takes a message's stamp (ns) and arrival. Returns how much later than promptly it came, s.
+    pub fn take(&mut self, publisher: [u8; 16], stamp_ns: i64, arrived: Instant) -> f64 {
+        let first = match &mut self.first {
+            Some(first) if first.publisher == publisher => first,
+            _ => {
+                self.first = Some(First {
+                    publisher,
+                    stamp_ns,
+                    arrived,
+                    last_s: 0.0,
+                    least_s: 0.0,
+                });
+                return 0.0;
+            }
+        };
+        let since_s = arrived
+            .saturating_duration_since(first.arrived)
+            .as_secs_f64();
+        let said_s = stamp_ns.saturating_sub(first.stamp_ns) as f64 * 1e-9;
+        let drift = (since_s - first.last_s).max(0.0) * DRIFT;
+        first.last_s = since_s;
+        first.least_s = (first.least_s + drift).min(since_s - said_s);
+        since_s - said_s - first.least_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    const STAMP: i64 = 1_800_000_000_000_000_000;
+
+    fn ms(n: u64) -> Duration {
+        Duration::from_millis(n)
+    }
+
+    #[test]
+    fn a_burst_after_a_cut_is_old() {
+        let mut age = ContentAge::default();
+        let begin = Instant::now();
+        for i in 0..100u64 {
+            let late = age.take([1; 16], STAMP + 8_000_000 * i as i64, begin + ms(8 * i));
+            assert!(late < 1e-3, "{late}");
+        }
+        // Two seconds of silence; then what was said in them arrives at once.
+        let arrival = begin + ms(800 + 2000);
+        for i in 100..350u64 {
+            let late = age.take([1; 16], STAMP + 8_000_000 * i as i64, arrival);
+            let truth = 2.8 - 0.008 * i as f64;
+            assert!((late - truth).abs() < 2e-3, "{i}: {late} {truth}");
+        }
+    }
+
+    #[test]
+    fn clocks_need_not_agree_and_a_new_publisher_starts_anew() {
+        let mut age = ContentAge::default();
+        let begin = Instant::now();
+        assert_eq!(age.take([1; 16], -5, begin), 0.0);
+        assert_eq!(age.take([2; 16], STAMP, begin + ms(8)), 0.0);
+        assert!(age.take([2; 16], STAMP + 1_000_000, begin + ms(16)) > 6e-3);
+    }
+}

@@ -1,0 +1,248 @@
+//! One cycle of the hard loop: called inside the bridge's `publish(arm/state)` when co-located, with `arm/command`
+//! published before it returns. Takes no lock and no memory.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use tangent_control::{ControlError, ControlOutput, Controller, Fault, Parameter, Phase};
+use tangent_runtime::clock::now_ns;
+use tangent_runtime::{
+    Age, Counter, Gauge, HealthReporter, Histogram, Parameter as LiveParameter, Publisher, Rate,
+    Received,
+};
+use tangent_schemas::Name;
+use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState};
+
+use crate::inputs::Inputs;
+use crate::mailbox::{Ask, Letter, Mailbox, Note, Outcome};
+use crate::messages;
+
+/// Live parameters in the order of [`Parameter::ALL`], with the value last seen of each.
+pub struct Live {
+    parameters: [LiveParameter; 4],
+    seen: [f64; 4],
+}
+
+impl Live {
+    /// As they stand.
+    pub fn new(parameters: [LiveParameter; 4]) -> Self {
+        let seen = [0, 1, 2, 3].map(|i: usize| parameters[i].get());
+        Self { parameters, seen }
+    }
+}
+
+/// Meters of the cycle.
+pub struct Meters {
+    cycles: Rate,
+    missed: Counter,
+    arm_age: Age,
+    wrench_age: Gauge,
+    estimate_age: Gauge,
+    step: Histogram,
+    unusable: Gauge,
+}
+
+impl Meters {
+    /// In the service's health.
+    pub fn new(health: &HealthReporter) -> Self {
+        Self {
+            cycles: health.rate("arm_state"),
+            missed: health.missed_cycles(),
+            arm_age: health.age("arm_state"),
+            wrench_age: health.gauge("wrench_age_s"),
+            estimate_age: health.gauge("estimate_age_s"),
+            step: health.histogram("step"),
+            unusable: health.gauge("arm_states_unusable"),
+        }
+    }
+}
+
+/// Everything the loop owns.
+pub struct Cycle {
+    pub controller: Controller,
+    pub inputs: Inputs,
+    pub command: Publisher<ArmCommand>,
+    pub state: Publisher<ControlState>,
+    pub source: Name,
+    pub mailbox: Arc<Mailbox>,
+    pub health: Arc<HealthReporter>,
+    pub meters: Meters,
+    pub live: Live,
+    pub last: Last,
+}
+
+/// What the cycle before was like.
+#[derive(Default)]
+pub struct Last {
+    cycle: Option<u64>,
+    phase: Phase,
+    estimator: usize,
+    tare: bool,
+    fault: Option<Fault>,
+    activation_latched: u64,
+    said: Option<bool>,
+}
+
+impl Cycle {
+    /// Answers one packet of the robot.
+    pub fn step(&mut self, arm: &Received<ArmState>) {
+        let begin = Instant::now();
+        let arm_age = begin.saturating_duration_since(arm.received);
+        self.meters.cycles.tick();
+        self.meters.arm_age.mark_at(arm.received);
+        self.count_missed(arm.message.cycle);
+        self.last.activation_latched = arm.message.activation_latched;
+        while let Some(letter) = self.mailbox.take() {
+            self.deal_with(letter);
+        }
+        self.take_parameters();
+        let names = self.controller.estimators().clone();
+        let Some(input) = self.inputs.gather(arm, &names) else {
+            // No answer: the bridge ramps the arm down by itself.
+            self.meters.unusable.set(self.meters.unusable.get() + 1.0);
+            self.say(false);
+            return;
+        };
+        let output = self.controller.step(&input);
+        self.command.publish(&messages::command(
+            &arm.message,
+            &output,
+            self.source,
+            now_ns(),
+        ));
+        let took = begin.elapsed();
+        self.state.publish(&messages::state(
+            &arm.message,
+            &output,
+            &self.controller,
+            arm_age.as_secs_f64(),
+            took.as_secs_f64(),
+        ));
+        self.meters.step.record(took);
+        self.meters.wrench_age.set(output.wrench_age_s);
+        self.meters.estimate_age.set(output.estimate_age_s);
+        self.after(&output);
+    }
+
+    fn count_missed(&mut self, cycle: u64) {
+        if let Some(last) = self.last.cycle
+            && cycle > last
+        {
+            self.meters.missed.add(cycle - last - 1);
+        }
+        self.last.cycle = Some(cycle);
+    }
+
+    fn deal_with(&mut self, mut letter: Letter) {
+        let controller = &mut self.controller;
+        let result = match letter.ask() {
+            Ask::Start(program) => {
+                if controller.phase().is_active() {
+                    Err(Outcome::Refused(ControlError::WrongPhase {
+                        request: "start a task",
+                        phase: controller.phase().name(),
+                        remedy: "stop the running task first",
+                    }))
+                } else if let Some(new) = program.take() {
+                    match controller.start(new, self.last.activation_latched) {
+                        Ok(old) => {
+                            **program = old;
+                            self.show_parameters();
+                            Ok(())
+                        }
+                        Err(error) => Err(Outcome::Refused(error)),
+                    }
+                } else {
+                    Ok(())
+                }
+            }
+            Ask::Pause => controller.pause().map_err(Outcome::Refused),
+            Ask::Resume => controller.resume().map_err(Outcome::Refused),
+            Ask::Stop => {
+                controller.stop();
+                Ok(())
+            }
+            Ask::Select { name, force } => {
+                controller.listen_to(*name);
+                controller
+                    .select_estimator(name, *force)
+                    .map_err(Outcome::SwitchRefused)
+            }
+            Ask::Listen(reader) => {
+                if let Some(new) = reader.take() {
+                    **reader = self.inputs.listen(new);
+                }
+                Ok(())
+            }
+        };
+        let activation = self.controller.activation();
+        letter.answer(match result {
+            Ok(()) => Outcome::Done { activation },
+            Err(refused) => refused,
+        });
+    }
+
+    /// A parameter that was set since the last cycle goes to the law, which ramps it.
+    fn take_parameters(&mut self) {
+        for (i, parameter) in Parameter::ALL.into_iter().enumerate() {
+            let value = self.live.parameters[i].get();
+            if value != self.live.seen[i] {
+                self.live.seen[i] = value;
+                self.controller.set(parameter, value);
+            }
+        }
+    }
+
+    /// A task brought its own values.
+    fn show_parameters(&mut self) {
+        for (i, parameter) in Parameter::ALL.into_iter().enumerate() {
+            let value = self.controller.get(parameter);
+            self.live.parameters[i].set(value);
+            self.live.seen[i] = value;
+        }
+    }
+
+    fn after(&mut self, output: &ControlOutput) {
+        if output.tare_requested && !self.last.tare {
+            self.mailbox.tare_due.store(true, Ordering::Release);
+        }
+        self.last.tare = output.tare_requested;
+        if output.phase != self.last.phase || output.fault != self.last.fault {
+            self.mailbox
+                .notes
+                .force_push(Note::Phase(output.phase, messages::fault(output)));
+            self.last.phase = output.phase;
+            self.last.fault = output.fault;
+            if output.phase == Phase::Fault {
+                self.health
+                    .set(tangent_runtime::State::Fault, messages::fault(output));
+                self.last.said = None;
+            }
+        }
+        if output.estimator != self.last.estimator {
+            self.last.estimator = output.estimator;
+            if let Some(name) = self.controller.estimators().get(output.estimator) {
+                self.mailbox.notes.force_push(Note::Estimator(*name));
+            }
+        }
+        if output.phase != Phase::Fault {
+            self.say(true);
+        }
+        self.mailbox.tick(output.phase);
+    }
+
+    fn say(&mut self, well: bool) {
+        if self.last.said == Some(well) {
+            return;
+        }
+        self.last.said = Some(well);
+        if well {
+            self.health.running();
+        } else {
+            self.health.degraded(format_args!(
+                "arm/state has no usable pose or joints: is it this cell's arm?"
+            ));
+        }
+    }
+}

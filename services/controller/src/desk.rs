@@ -1,0 +1,289 @@
+//! Answers people and programs: `control/task`, `control/stop`, `control/select`. Runs in the askers' threads.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use serde_json::json;
+use tangent_control::{ControllerConfig, EstimatorName, Phase, Program, Task};
+use tangent_runtime::bus::answer::{done_with, refused};
+use tangent_runtime::{Bus, BusError, Handle, Latest};
+use tangent_schemas::tangent::{
+    Answer, ArmState, ControlState, NormalEstimate, Request, WrenchStatus,
+};
+use tangent_schemas::topics::{self, queries};
+use tangent_sensing::Validity;
+
+use crate::inputs::EstimateReader;
+use crate::mailbox::{Ask, Mailbox, Outcome};
+
+/// Older than this, an input does not count as there when a task is to start.
+const FRESH: Duration = Duration::from_millis(200);
+/// How long an estimator that nobody listened to yet is waited for.
+const FIRST_ESTIMATE: Duration = Duration::from_millis(400);
+
+/// Where requests are answered.
+#[derive(Clone)]
+pub struct Desk {
+    bus: Bus,
+    mailbox: Arc<Mailbox>,
+    config: ControllerConfig,
+    seen: Arc<Mutex<Seen>>,
+}
+
+/// The desk's own readers: the loop's belong to the loop.
+struct Seen {
+    arm: Latest<ArmState>,
+    wrench: Latest<WrenchStatus>,
+    control: Latest<ControlState>,
+    estimates: Vec<(String, Latest<NormalEstimate>)>,
+    /// The task that was started last, as it came.
+    task_toml: String,
+}
+
+impl Desk {
+    /// Opens the desk's readers, those of `estimators` too.
+    pub fn new(
+        bus: &Bus,
+        mailbox: &Arc<Mailbox>,
+        config: ControllerConfig,
+        estimators: &[String],
+    ) -> Result<Self, BusError> {
+        let estimates = estimators
+            .iter()
+            .map(|name| Ok((name.clone(), bus.latest(&topics::estimate_normal(name))?)))
+            .collect::<Result<_, BusError>>()?;
+        Ok(Self {
+            seen: Arc::new(Mutex::new(Seen {
+                arm: bus.latest(&topics::ARM_STATE)?,
+                wrench: bus.latest(&topics::WRENCH_STATUS)?,
+                control: bus.latest(&topics::CONTROL_STATE)?,
+                estimates,
+                task_toml: String::new(),
+            })),
+            bus: bus.clone(),
+            mailbox: Arc::clone(mailbox),
+            config,
+        })
+    }
+
+    /// Begins to answer.
+    pub fn open(&self) -> Result<Vec<Handle>, BusError> {
+        let (task, stop, select) = (self.clone(), self.clone(), self.clone());
+        Ok(vec![
+            self.bus
+                .answer(queries::CONTROL_TASK, move |_, request| task.task(&request))?,
+            self.bus.answer(queries::CONTROL_STOP, move |_, _| {
+                stop.ask(Ask::Stop, "retracting")
+            })?,
+            self.bus
+                .answer(queries::CONTROL_SELECT, move |_, request| {
+                    select.select(&request)
+                })?,
+        ])
+    }
+
+    fn seen(&self) -> MutexGuard<'_, Seen> {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn task(&self, request: &Request) -> Answer {
+        match request.action.as_str() {
+            "start" => self.start(&request.argument),
+            "pause" => self.ask(Ask::Pause, "paused: pressing, not sliding"),
+            "resume" => self.ask(Ask::Resume, "going on"),
+            "stop" => self.ask(Ask::Stop, "retracting"),
+            "status" => self.status(),
+            "show" => self.show(),
+            other => refused(format!(
+                "unknown action `{other}`: start (with a task as TOML), pause, resume, stop, status or show"
+            )),
+        }
+    }
+
+    fn start(&self, text: &str) -> Answer {
+        let made = text
+            .parse::<Task>()
+            .and_then(|task| Program::new(&task, &self.config));
+        let program = match made {
+            Ok(program) => program,
+            Err(error) => return refused(error.to_string()),
+        };
+        if let Err(reason) = self.check_inputs(&program) {
+            return refused(reason);
+        }
+        let name = program.task.name.clone();
+        // Before the start: the recorder asks as soon as it sees one.
+        let before = std::mem::replace(&mut self.seen().task_toml, text.to_owned());
+        let answer = self.ask(
+            Ask::Start(Box::new(Some(program))),
+            &format!("task \"{name}\" started"),
+        );
+        if !answer.done {
+            self.seen().task_toml = before;
+        }
+        answer
+    }
+
+    /// The text of the task that was started last, for the recorder.
+    fn show(&self) -> Answer {
+        match self.seen().task_toml.as_str() {
+            "" => refused("no task was started yet"),
+            text => done_with("the task started last", &json!({ "task_toml": text })),
+        }
+    }
+
+    /// Everything that a task needs is there, now.
+    fn check_inputs(&self, program: &Program) -> Result<(), String> {
+        for name in &program.estimators {
+            self.listen(name)?;
+        }
+        let mut seen = self.seen();
+        match seen.arm.fresh(FRESH) {
+            None => return Err("no arm/state: is rtde running, and the robot reached?".into()),
+            Some(arm) if !arm.message.ready => {
+                return Err(format!(
+                    "the arm is not ready: {}",
+                    arm.message.not_ready_reason
+                ));
+            }
+            Some(_) => {}
+        }
+        match seen.wrench.fresh(FRESH) {
+            None => return Err("no wrench: is netft running, and the sensor reached?".into()),
+            Some(status) => {
+                let validity = Validity::from(status.message.validity);
+                if !validity.is_valid() {
+                    return Err(format!(
+                        "the wrench cannot be used: {} ({})",
+                        validity.reason(),
+                        status.message.status_text
+                    ));
+                }
+            }
+        }
+        let fresh = |(name, newest): &mut (String, Latest<NormalEstimate>)| {
+            program.estimators.iter().any(|n| n.as_str() == name) && newest.fresh(FRESH).is_some()
+        };
+        if seen.estimates.iter_mut().any(fresh) {
+            return Ok(());
+        }
+        Err(format!(
+            "none of the task's estimators publishes: {}; is the estimator running, with these in [estimators] run?",
+            program.task.estimators.join(", ")
+        ))
+    }
+
+    /// Has the desk and the loop read this estimator's topic, and waits for its first word.
+    fn listen(&self, name: &EstimatorName) -> Result<(), String> {
+        let topic = topics::estimate_normal(name);
+        {
+            let mut seen = self.seen();
+            if seen
+                .estimates
+                .iter()
+                .any(|(known, _)| known == name.as_str())
+            {
+                return Ok(());
+            }
+            let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
+            seen.estimates.push((name.to_string(), newest));
+        }
+        let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
+        let reader = EstimateReader {
+            name: *name,
+            newest,
+        };
+        self.mailbox
+            .ask(Ask::Listen(Box::new(Some(reader))))
+            .ok_or_else(|| NO_LOOP.to_owned())?;
+        let first = self.bus.subscribe(&topic, 1).map_err(|e| e.to_string())?;
+        // Nobody there is no error here: another of the list may be.
+        let _ = first.recv_timeout(FIRST_ESTIMATE);
+        Ok(())
+    }
+
+    fn select(&self, request: &Request) -> Answer {
+        let force = match request.action.as_str() {
+            "" | "select" => false,
+            "force" => true,
+            other => {
+                return refused(format!("unknown action `{other}`: select or force"));
+            }
+        };
+        let text = request.argument.trim();
+        let Ok(name) = EstimatorName::from(text) else {
+            return refused("an estimator's name has at most 64 bytes");
+        };
+        if name.is_empty() {
+            return refused("name an estimator, as in `tangent estimator list`");
+        }
+        if let Err(reason) = self.listen(&name) {
+            return refused(reason);
+        }
+        let words = format!("{name} in use; the normal turns to it at a bounded rate");
+        let first = self.ask(Ask::Select { name, force }, &words);
+        if first.done {
+            return first;
+        }
+        // One that the task does not name is read from the next cycle on: ask again then.
+        let cycles = self.mailbox.cycles();
+        for _ in 0..50 {
+            if self.mailbox.cycles() >= cycles + 3 {
+                return self.ask(Ask::Select { name, force }, &words);
+            }
+            std::thread::park_timeout(Duration::from_millis(2));
+        }
+        first
+    }
+
+    fn ask(&self, ask: Ask, done: &str) -> Answer {
+        let name = match &ask {
+            Ask::Select { name, .. } => *name,
+            _ => EstimatorName::new(),
+        };
+        match self.mailbox.ask(ask) {
+            None => refused(NO_LOOP),
+            Some(Outcome::Refused(error)) => refused(error.to_string()),
+            Some(Outcome::SwitchRefused(why)) => refused(why.error(&name).to_string()),
+            Some(Outcome::Done { activation }) => done_with(
+                done,
+                &json!({"activation": activation, "phase": self.mailbox.phase().name()}),
+            ),
+        }
+    }
+
+    fn status(&self) -> Answer {
+        let mut seen = self.seen();
+        let Some(newest) = seen.control.get() else {
+            return done_with(NO_LOOP, &json!({"phase": Phase::Idle.name()}));
+        };
+        let s = &newest.message;
+        let words = if s.task.is_empty() {
+            s.phase_text.to_string()
+        } else {
+            format!(
+                "{}: {}, {:.0} % of the path, {:.2} of {:.2} N{}{}",
+                s.task,
+                s.phase_text,
+                100.0 * s.path_progress,
+                s.force_n,
+                s.force_reference_n,
+                if s.fault.is_empty() { "" } else { "; " },
+                s.fault
+            )
+        };
+        done_with(
+            words,
+            &json!({
+                "phase": s.phase_text.as_str(), "task": s.task.as_str(), "activation": s.activation,
+                "estimator": s.estimator.as_str(), "path_progress": s.path_progress,
+                "force_n": s.force_n, "force_reference_n": s.force_reference_n,
+                "contact_lost_count": s.contact_lost_count, "fault": s.fault.as_str(),
+                "age_s": newest.age().as_secs_f64(),
+            }),
+        )
+    }
+}
+
+const NO_LOOP: &str =
+    "the loop does not run: no arm/state comes in; is rtde running, and the robot reached?";

@@ -1,0 +1,152 @@
+//! From what travels on the bus to what the law takes: one input per robot packet, every age judged here.
+
+use std::time::Instant;
+
+use arrayvec::ArrayVec;
+use nalgebra::{Matrix3, Vector3};
+use tangent_control::{ControlInput, EstimateInput, EstimatorName, MAX_ESTIMATORS};
+use tangent_estimation::NormalEstimate;
+use tangent_mechanics::{Pose, Twist, Wrench};
+use tangent_runtime::{Latest, Received};
+use tangent_schemas::convert::joints;
+use tangent_schemas::standard::WrenchStamped;
+use tangent_schemas::tangent::{ArmState, NormalEstimate as NormalMessage, WrenchStatus};
+use tangent_sensing::Validity;
+
+use crate::age::ContentAge;
+
+/// One estimator's topic.
+pub struct EstimateReader {
+    /// As in `estimate/NAME/normal`.
+    pub name: EstimatorName,
+    /// Its newest message.
+    pub newest: Latest<NormalMessage>,
+}
+
+/// All inputs but the arm's state, which calls.
+pub struct Inputs {
+    wrench: Latest<WrenchStamped>,
+    status: Latest<WrenchStatus>,
+    wrench_age: ContentAge,
+    wrench_late_s: f64,
+    estimates: ArrayVec<EstimateReader, MAX_READERS>,
+    started: Instant,
+}
+
+/// Estimators that can be listened to; a task names at most [`MAX_ESTIMATORS`] of them.
+pub const MAX_READERS: usize = 16;
+
+impl Inputs {
+    /// Reads from these.
+    pub fn new(wrench: Latest<WrenchStamped>, status: Latest<WrenchStatus>) -> Self {
+        Self {
+            wrench,
+            status,
+            wrench_age: ContentAge::default(),
+            wrench_late_s: 0.0,
+            estimates: ArrayVec::new(),
+            started: Instant::now(),
+        }
+    }
+
+    /// Also listens to this one; gives it back when there is no room or the name is listened to already.
+    pub fn listen(&mut self, reader: EstimateReader) -> Option<EstimateReader> {
+        if self.estimates.iter().any(|own| own.name == reader.name) {
+            return Some(reader);
+        }
+        self.estimates
+            .try_push(reader)
+            .err()
+            .map(|full| full.element())
+    }
+
+    /// One cycle's input; none when the arm's state makes no sense (another number of joints, no rotation).
+    pub fn gather(
+        &mut self,
+        arm: &Received<ArmState>,
+        names: &[EstimatorName],
+    ) -> Option<ControlInput> {
+        let state = &arm.message;
+        let base_from_tool: Pose<_, _> = (&state.tool_pose).try_into().ok()?;
+        let mut input = ControlInput {
+            time_s: arm
+                .received
+                .saturating_duration_since(self.started)
+                .as_secs_f64(),
+            dt_s: state.period_s,
+            q: joints(&state.q).ok()?,
+            qd: joints(&state.qd).ok()?,
+            base_from_tool,
+            twist: Twist::from(&state.tool_twist),
+            speed_scaling: state.speed_scaling,
+            arm_ready: state.ready,
+            wrench: Wrench::zero(),
+            wrench_validity: Validity::Missing,
+            wrench_age_s: f64::INFINITY,
+            wrench_delay_s: 0.0,
+            bias_age_s: None,
+            estimates: [None; MAX_ESTIMATORS],
+        };
+        self.read_wrench(&mut input);
+        for (slot, name) in input.estimates.iter_mut().zip(names) {
+            let reader = self
+                .estimates
+                .iter_mut()
+                .find(|reader| reader.name == *name);
+            *slot = reader.and_then(|reader| read_estimate(reader, state));
+        }
+        Some(input)
+    }
+
+    /// A wrench counts only with the status of the same stamp, published just before it.
+    fn read_wrench(&mut self, input: &mut ControlInput) {
+        self.status.refresh();
+        if let Some(new) = self.wrench.take_new() {
+            let stamp = new.message.header.stamp.to_ns();
+            self.wrench_late_s = self.wrench_age.take(new.publisher, stamp, new.received);
+        }
+        let Some((wrench, status)) = self.wrench.get().zip(self.status.get()) else {
+            return;
+        };
+        let validity = Validity::from(status.message.validity);
+        let said = wrench.message.header.stamp.to_ns();
+        let about = status.message.header.stamp.to_ns();
+        input.wrench = Wrench::from(&wrench.message.wrench);
+        input.wrench_age_s = self.wrench_late_s + wrench.age().as_secs_f64();
+        input.wrench_delay_s = status.message.filter_delay_s.clamp(0.0, 1.0);
+        // A status newer than its wrench (between the two messages) can only make it worse.
+        input.wrench_validity = if !validity.is_valid() || about >= said {
+            validity
+        } else {
+            Validity::Stale
+        };
+        input.bias_age_s = (status.message.bias_age_s >= 0.0)
+            .then(|| status.message.bias_age_s + status.age().as_secs_f64());
+    }
+}
+
+/// Its age counts the robot's packets since the one it rests on: no clock is asked, and a burst of old ones is old.
+fn read_estimate(reader: &mut EstimateReader, state: &ArmState) -> Option<EstimateInput> {
+    let newest = reader.newest.get()?;
+    let message = &newest.message;
+    let behind = state.cycle.saturating_sub(message.cycle) as f64 * state.period_s;
+    let future = message.cycle > state.cycle;
+    let age_s = if future {
+        // Of an earlier run of the bridge, whose count was higher.
+        f64::INFINITY
+    } else {
+        behind.max(newest.age().as_secs_f64())
+    };
+    let shape = Matrix3::from_row_slice(&message.curvature);
+    Some(EstimateInput {
+        estimate: NormalEstimate {
+            point: Vector3::from(&message.point),
+            normal: Vector3::from(&message.normal),
+            covariance: Matrix3::from_row_slice(&message.covariance),
+            validity: Validity::from(message.validity),
+            friction: (message.friction >= 0.0).then_some(message.friction),
+            curvature: (shape != Matrix3::zeros()).then_some(shape),
+        },
+        age_s,
+    })
+}
