@@ -31,6 +31,10 @@ const FREE_FORCE_SD_N: f64 = 0.05;
 const FLUCTUATION_LENGTH_M: f64 = 0.002;
 /// Friction's fluctuation around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
+/// Distance over which the surface's unrest is learnt, m.
+const UNREST_LENGTH_M: f64 = 0.01;
+/// Bounds of the unrest: the variance with which curvature changes, relative to the configured one.
+const UNREST: (f64, f64) = (1.0, 40.0);
 /// Innovations beyond this many standard deviations count less.
 const HUBER_SD: f64 = 2.5;
 
@@ -69,6 +73,9 @@ pub(crate) struct ContactFilter {
     force_filtered_n: f64,
     force_rate_n_per_s: f64,
     friction_residual_n2: f64,
+    unrest: f64,
+    innovation_m2_per_s2: f64,
+    expected_m2_per_s2: f64,
     centre: Vector3<f64>,
     centre_sd_m: f64,
 }
@@ -98,6 +105,9 @@ impl ContactFilter {
             force_filtered_n: 0.0,
             force_rate_n_per_s: 0.0,
             friction_residual_n2: 0.0,
+            unrest: 1.0,
+            innovation_m2_per_s2: 0.0,
+            expected_m2_per_s2: 0.0,
             centre: Vector3::zeros(),
             centre_sd_m: 0.0,
         };
@@ -276,7 +286,7 @@ impl ContactFilter {
         self.covariance = f * self.covariance * f.transpose();
         let s = &self.config.surface;
         let waviness = s.waviness_rad_per_sqrt_m.powi(2) * distance;
-        let curvature = s.curvature_change_per_m_per_sqrt_m.powi(2) * distance;
+        let curvature = s.curvature_change_per_m_per_sqrt_m.powi(2) * distance * self.unrest;
         let friction = s.friction_change_per_sqrt_m.powi(2) * distance;
         for (state, q) in [
             (NORMAL, waviness),
@@ -331,7 +341,22 @@ impl ContactFilter {
         row[NORMAL + 1] = tangent.y;
         self.shape_row(&mut row, velocity);
         let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
-        self.correct(&row, -normal.dot(velocity), sd2 * alike);
+        let innovation = -normal.dot(velocity);
+        let expected = row.dot(&(self.covariance * row)) + sd2;
+        self.learn_unrest(innovation, expected, speed * motion.dt_s);
+        self.correct(&row, innovation, sd2 * alike);
+    }
+
+    /// Motion across the surface that was larger than expected says that its curvature changes faster, and the
+    /// other way round. Velocity alone is asked: no force bias disturbs it.
+    fn learn_unrest(&mut self, innovation: f64, expected: f64, distance: f64) {
+        let share = (distance / UNREST_LENGTH_M).min(0.2);
+        self.innovation_m2_per_s2 += share * (innovation * innovation - self.innovation_m2_per_s2);
+        self.expected_m2_per_s2 += share * (expected - self.expected_m2_per_s2);
+        if self.expected_m2_per_s2 > 0.0 {
+            let ratio = (self.innovation_m2_per_s2 / self.expected_m2_per_s2).clamp(0.05, 20.0);
+            self.unrest = (self.unrest * ratio.powf(2.0 * share)).clamp(UNREST.0, UNREST.1);
+        }
     }
 
     /// `f = N (n - mu t) + b`, seen across and along the direction of sliding.
@@ -485,6 +510,11 @@ impl ContactFilter {
     /// Centre of pressure relative to the tool's origin, base axes, m.
     pub fn centre(&self) -> Vector3<f64> {
         self.centre
+    }
+
+    /// Its standard deviation per axis, m.
+    pub fn centre_sd_m(&self) -> f64 {
+        self.centre_sd_m
     }
 
     /// Pressing force along the normal, N.

@@ -20,10 +20,17 @@ type Coefficients = SVector<f64, 6>;
 pub struct Quadratic {
     config: EstimatorConfig,
     reactive: Reactive,
-    points: [Vector3<f64>; CAPACITY],
+    points: [Touch; CAPACITY],
     count: usize,
     next: usize,
     height_variance_m2: f64,
+}
+
+/// A point of the surface, and how far it may be off along the normal besides the common height error.
+#[derive(Clone, Copy, Debug)]
+struct Touch {
+    point: Vector3<f64>,
+    variance_m2: f64,
 }
 
 /// Slope and shape at the tool's origin, tangent axes of the frame they were fitted in.
@@ -39,14 +46,17 @@ impl Quadratic {
         Self {
             config: *config,
             reactive: Reactive::new(config),
-            points: [Vector3::zeros(); CAPACITY],
+            points: [Touch {
+                point: Vector3::zeros(),
+                variance_m2: 0.0,
+            }; CAPACITY],
             count: 0,
             next: 0,
             height_variance_m2: config.quadratic.height_sd_m.powi(2),
         }
     }
 
-    fn newest(&self) -> Option<&Vector3<f64>> {
+    fn newest(&self) -> Option<&Touch> {
         (self.count > 0).then(|| &self.points[(self.next + CAPACITY - 1) % CAPACITY])
     }
 
@@ -55,10 +65,18 @@ impl Quadratic {
         let give = self.config.sensing.compliance_m_per_n * filter.force_n();
         let point = motion.point_lagged + filter.centre() + filter.frame().normal * give;
         let spacing = self.config.quadratic.spacing_m;
-        if self.newest().is_some_and(|p| (point - p).norm() < spacing) {
+        if self
+            .newest()
+            .is_some_and(|t| (point - t.point).norm() < spacing)
+        {
             return;
         }
-        self.points[self.next] = point;
+        // A tool that is not square touches beside its origin, and where is known only so well.
+        let tilt = filter.frame().project(&motion.rotation.column(2).into());
+        self.points[self.next] = Touch {
+            point,
+            variance_m2: tilt.norm_squared() * filter.centre_sd_m().powi(2),
+        };
         self.next = (self.next + 1) % CAPACITY;
         self.count = (self.count + 1).min(CAPACITY);
     }
@@ -67,12 +85,12 @@ impl Quadratic {
     fn fit(&mut self, motion: &Motion, frame: &TangentFrame, prior: &Matrix2<f64>) -> Option<Fit> {
         let q = &self.config.quadratic;
         let alike = (q.height_correlation_m / q.spacing_m).max(1.0);
-        let weight = 1.0 / (self.height_variance_m2 * alike);
+        let common = self.height_variance_m2;
         let mut information = SMatrix::<f64, 6, 6>::zeros();
         let mut right = Coefficients::zeros();
         let mut rows = 0;
-        let local = |p: &Vector3<f64>| {
-            let r = p - motion.point_lagged;
+        let local = |t: &Touch| {
+            let r = t.point - motion.point_lagged;
             let xy = frame.project(&r);
             (xy.norm_squared() <= q.radius_m * q.radius_m).then(|| {
                 let row = Coefficients::new(
@@ -83,10 +101,11 @@ impl Quadratic {
                     xy.y,
                     1.0,
                 );
-                (row, frame.normal.dot(&r))
+                (row, frame.normal.dot(&r), t.variance_m2)
             })
         };
-        for (row, height) in self.points[..self.count].iter().filter_map(local) {
+        for (row, height, own) in self.points[..self.count].iter().filter_map(local) {
+            let weight = 1.0 / ((common + own) * alike);
             information.syger(weight, &row, &row, 1.0);
             right.axpy(weight * height, &row, 1.0);
             rows += 1;
@@ -108,7 +127,7 @@ impl Quadratic {
         let cholesky = information.cholesky()?;
         let solution = cholesky.solve(&right);
         let mut residual = 0.0;
-        for (row, height) in self.points[..self.count].iter().filter_map(local) {
+        for (row, height, _) in self.points[..self.count].iter().filter_map(local) {
             residual += (height - row.dot(&solution)).powi(2);
         }
         // A surface that is no quadratic shows here, and counts as height error in the next cycles.
@@ -116,10 +135,13 @@ impl Quadratic {
         let found = (residual / f64::from(rows)).max(floor);
         self.height_variance_m2 += 0.05 * (found - self.height_variance_m2);
         let covariance = cholesky.inverse().fixed_view::<2, 2>(3, 3).into_owned();
+        let shape = Matrix2::new(solution[0], solution[2], solution[2], solution[1]);
+        // All points are beside the tool by the same error of the torque: never averaged out.
+        let filter = self.reactive.filter();
         Some(Fit {
             turn: Vector2::new(-solution[3], -solution[4]),
-            covariance,
-            shape: Matrix2::new(solution[0], solution[2], solution[2], solution[1]),
+            covariance: covariance + shape * shape * filter.centre_sd_m().powi(2),
+            shape,
         })
     }
 

@@ -1,9 +1,10 @@
 //! `quadratic_paper`: `z = ax² + by² + cxy + dx + ey + f` in base axes, as published (Tugal et al., IV.B.b).
 //!
-//! Fragile on steep surfaces, where z is no function of x and y, and across a single straight stroke, which leaves
-//! a slope open (least squares of least norm sets it to zero). Called by the registry, for the tables.
+//! Fragile on steep surfaces, where z is no function of x and y: reported as degenerate where the fit is singular,
+//! wrong without a word where it is only bad. Along a single straight stroke, which leaves a slope open, the
+//! published text says nothing; the reactive normal stands in. Called by the registry, for the tables.
 
-use nalgebra::{SMatrix, SVector, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 use tangent_sensing::Validity;
 
 use crate::reactive_paper::{ReactivePaper, published_covariance};
@@ -11,7 +12,11 @@ use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
 
 const CAPACITY: usize = 64;
 /// Spread below which there is nothing to fit yet, m.
-const SPREAD_MIN_M: f64 = 0.001;
+const SPREAD_MIN_M: f64 = 0.008;
+/// Width over length of the window below which it is a single stroke.
+const STROKE_WIDTH: f64 = 0.1;
+/// Horizontal width over length of the window below which z is no function of x and y.
+const STEEP: f64 = 0.02;
 
 /// The published refinement, "Adt. C.+Quadratic" in Tables 2 and 3.
 #[derive(Clone, Debug)]
@@ -61,6 +66,23 @@ impl QuadraticPaper {
         if self.count < 6 || spread < SPREAD_MIN_M {
             return Fit::TooEarly;
         }
+        let count = points.len() as f64;
+        let mean: Vector3<f64> = points.iter().sum::<Vector3<f64>>() / count;
+        let scatter: Matrix3<f64> = points
+            .iter()
+            .map(|p| (p - mean) * (p - mean).transpose())
+            .sum::<Matrix3<f64>>()
+            / count;
+        let mut extents = scatter.symmetric_eigenvalues();
+        extents.as_mut_slice().sort_by(f64::total_cmp);
+        // A single stroke: the slope across it is anybody's guess, and least squares would guess from noise.
+        if extents[1] < STROKE_WIDTH.powi(2) * extents[2] {
+            return Fit::TooEarly;
+        }
+        let flat = scatter.fixed_view::<2, 2>(0, 0).into_owned();
+        if flat.symmetric_eigenvalues().min() < STEEP.powi(2) * extents[2] {
+            return Fit::Singular;
+        }
         // Around the newest point and in units of the window: the same fit, better conditioned.
         let mut normal = SMatrix::<f64, 6, 6>::zeros();
         let mut right = SVector::<f64, 6>::zeros();
@@ -70,20 +92,15 @@ impl QuadraticPaper {
             normal += row * row.transpose();
             right += row * r.z;
         }
+        // Least norm where the points leave a coefficient open.
         let eigen = SymmetricEigen::new(normal);
-        let largest = eigen.eigenvalues.max();
+        let smallest = 1e-7 * eigen.eigenvalues.max();
         let mut solution = SVector::<f64, 6>::zeros();
-        let mut rank = 0;
         for (i, value) in eigen.eigenvalues.iter().enumerate() {
-            if *value > 1e-9 * largest {
+            if *value > smallest {
                 let axis = eigen.eigenvectors.column(i);
                 solution += axis * (axis.dot(&right) / value);
-                rank += 1;
             }
-        }
-        // Less than a line's slope and curvature: z is no function of x and y here.
-        if rank < 3 {
-            return Fit::Singular;
         }
         match Vector3::new(solution[3], solution[4], -1.0).try_normalize(1e-9) {
             Some(n) if n.iter().all(|x| x.is_finite()) => Fit::Normal(n),
