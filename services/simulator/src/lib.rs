@@ -1,1 +1,30 @@
 //! A robot cell on sockets: UR controller and Net F/T box around the simulated plant.
+//!
+//! [`service::run`] is the service; tests of other crates start a [`SimulatedCell`] in their own process, on free ports.
+
+pub mod arm_plant;
+#[cfg(test)]
+mod bridge_program_tests;
+pub mod cell;
+pub mod config;
+pub mod connection;
+pub mod controller;
+pub mod dashboard;
+pub mod fault;
+pub mod kinematics;
+pub mod modes;
+pub mod motion;
+pub mod netb;
+pub mod primary;
+pub mod registers;
+#[cfg(test)]
+mod rig;
+pub mod rtde_server;
+pub mod script_ports;
+pub mod service;
+pub mod urscript;
+
+pub use cell::{Endpoints, SimulatedCell, Snapshot, StartError};
+pub use config::{Config, ControllerConfig, Flavour, Ports};
+pub use fault::Fault;
+pub use service::run;

@@ -1,0 +1,661 @@
+//! The running cell: one thread that paces controller, plant and all TCP servers by absolute deadlines.
+//!
+//! A cycle sends the state, leaves clients a moment to answer it, takes in what they sent, and steps controller and plant
+//! by one period. So an answer in time acts in the very period it answers, as in the closed loop of `evaluate`. A cycle that
+//! comes late is not made up for: simulated time then runs slow, but no client ever sees two states in a burst.
+
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use tangent_mechanics::{ModelData, ModelError};
+use tangent_rtde::codec::{PORT_DASHBOARD, PORT_PRIMARY, PORT_REALTIME, PORT_RTDE, PORT_SECONDARY};
+use tangent_runtime::clock::DeadlineClock;
+use tangent_simulation::{Plant, PlantError, Truth};
+
+use crate::arm_plant::ArmPlant;
+use crate::config::{Config, ControllerConfig, Ports};
+use crate::controller::{Controller, Summary};
+use crate::dashboard::DashboardServer;
+use crate::fault::Fault;
+use crate::netb::{BoxSample, NetbBox, NetbConfig, NetbError, SampleFeed};
+use crate::primary::Geometry;
+use crate::rtde_server::{RtdeServer, StreamFaults};
+use crate::script_ports::{ScriptPort, Stream};
+
+/// The sensor box's ports: RDT, and its web server (80 on a real one, which takes privileges).
+const PORT_RDT: u16 = 49152;
+const PORT_HTTP: u16 = 8080;
+/// Read-only twins of the script ports are this far above them.
+const READ_ONLY_ABOVE: u16 = 10;
+
+/// Why a cell cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The plant's configuration is wrong.
+    #[error(transparent)]
+    Plant(#[from] PlantError),
+    /// The robot's model is wrong.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// A port cannot be had.
+    #[error(
+        "cannot listen on {address} for {server}: {reason}; another simulator may hold it: use another address or port offset"
+    )]
+    Port {
+        /// Address and port.
+        address: String,
+        /// Which server.
+        server: &'static str,
+        /// The system's reason.
+        reason: io::Error,
+    },
+    /// The sensor box cannot start.
+    #[error(transparent)]
+    SensorBox(#[from] NetbError),
+    /// The offset leads past the last port.
+    #[error("port offset {offset} leads past port 65535; the most is 16383")]
+    Offset {
+        /// As configured.
+        offset: u16,
+    },
+    /// No thread to be had.
+    #[error("cannot start the cell's thread: {0}")]
+    Thread(io::Error),
+    /// Periods of plant and controller differ.
+    #[error(
+        "the plant steps {plant_s} s, but this controller's period is {controller_s} s; set plant.arm.period_s or controller.flavour"
+    )]
+    Period {
+        /// As configured.
+        plant_s: f64,
+        /// Of the flavour.
+        controller_s: f64,
+    },
+}
+
+/// Where the servers listen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Endpoints {
+    /// RTDE.
+    pub rtde: SocketAddr,
+    /// Dashboard.
+    pub dashboard: SocketAddr,
+    /// Primary client.
+    pub primary: SocketAddr,
+    /// Secondary client.
+    pub secondary: SocketAddr,
+    /// Real-time client.
+    pub realtime: SocketAddr,
+    /// Primary client, read-only.
+    pub primary_read_only: SocketAddr,
+    /// Secondary client, read-only.
+    pub secondary_read_only: SocketAddr,
+    /// Real-time client, read-only.
+    pub realtime_read_only: SocketAddr,
+}
+
+/// What the cell is doing, once per cycle.
+#[derive(Clone, Debug)]
+pub struct Snapshot {
+    /// Cycles since the start.
+    pub cycles: u64,
+    /// Deadlines that passed without a cycle.
+    pub missed: u64,
+    /// The controller.
+    pub summary: Summary,
+    /// Name of the program that runs.
+    pub program: Option<String>,
+    /// RTDE clients.
+    pub rtde_clients: usize,
+    /// The contact, if there is a surface.
+    pub truth: Option<Truth>,
+}
+
+/// A cell under way. Dropping it stops it.
+pub struct SimulatedCell {
+    endpoints: Endpoints,
+    controls: Sender<Control>,
+    snapshot: Arc<Mutex<Option<Snapshot>>>,
+    sensor_box: Option<NetbBox>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl std::fmt::Debug for SimulatedCell {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SimulatedCell")
+            .field("endpoints", &self.endpoints)
+            .finish_non_exhaustive()
+    }
+}
+
+enum Control {
+    Fault(Fault),
+    Log(Sender<Vec<String>>),
+}
+
+/// Called after every cycle with the truth about the contact, in the cell's thread.
+pub type TruthListener = Box<dyn FnMut(&Truth) + Send>;
+
+impl SimulatedCell {
+    /// Builds the plant and starts everything.
+    ///
+    /// # Errors
+    /// Says which part of the configuration is wrong, or which port is taken.
+    pub fn start(config: &Config) -> Result<Self, StartError> {
+        Self::start_with_truth(config, None)
+    }
+
+    /// The same, with a listener for the truth.
+    ///
+    /// # Errors
+    /// As [`SimulatedCell::start`].
+    pub fn start_with_truth(
+        config: &Config,
+        truth: Option<TruthListener>,
+    ) -> Result<Self, StartError> {
+        let plant = Plant::new(&config.plant, config.seed)?;
+        let (plant_s, controller_s) = (plant.period_s(), config.controller.flavour.period_s());
+        if (plant_s - controller_s).abs() > 1e-9 {
+            return Err(StartError::Period {
+                plant_s,
+                controller_s,
+            });
+        }
+        let offset = match config.ports {
+            Ports::Offset(offset) => offset,
+            Ports::Ephemeral => 0,
+        };
+        let port = |port| config.ports.of(port).ok_or(StartError::Offset { offset });
+        let sensor = &config.plant.sensor;
+        let sensor_box = NetbBox::start(NetbConfig {
+            address: config.address,
+            rdt_port: port(PORT_RDT)?,
+            http_port: port(PORT_HTTP)?,
+            counts_per_force: sensor.counts_per_n,
+            counts_per_torque: sensor.counts_per_nm,
+            ..NetbConfig::default()
+        })?;
+        let robot = config.plant.robot.clone();
+        Self::assemble(
+            config.address,
+            config.ports,
+            &config.controller,
+            &robot,
+            Box::new(plant),
+            truth,
+            Some(sensor_box),
+        )
+    }
+
+    /// Around any plant, without a sensor box; `robot` names the built-in model that the controller knows.
+    ///
+    /// # Errors
+    /// The model is unknown or a port is taken.
+    pub fn start_with_plant(
+        address: std::net::IpAddr,
+        ports: Ports,
+        config: &ControllerConfig,
+        robot: &str,
+        plant: Box<dyn ArmPlant>,
+        truth: Option<TruthListener>,
+    ) -> Result<Self, StartError> {
+        Self::assemble(address, ports, config, robot, plant, truth, None)
+    }
+
+    fn assemble(
+        address: std::net::IpAddr,
+        ports: Ports,
+        config: &ControllerConfig,
+        robot: &str,
+        plant: Box<dyn ArmPlant>,
+        truth: Option<TruthListener>,
+        sensor_box: Option<NetbBox>,
+    ) -> Result<Self, StartError> {
+        let controller = Controller::new(config, robot, plant.arm())?;
+        let model = ModelData::builtin(robot)?;
+        let wanted = Wanted::new(address, ports)?;
+        let servers = Servers::bind(&wanted)?;
+        let endpoints = servers.endpoints;
+        let (controls, control_receiver) = channel();
+        let snapshot = Arc::new(Mutex::new(None));
+        let stop = Arc::new(AtomicBool::new(false));
+        let mut cell = Cell {
+            geometry: geometry(&model),
+            controller,
+            plant,
+            servers: Some(servers),
+            wanted: endpoints.into(),
+            booted: None,
+            controls: control_receiver,
+            feed: sensor_box.as_ref().map(NetbBox::feed),
+            box_samples: Vec::new(),
+            snapshot: Arc::clone(&snapshot),
+            stop: Arc::clone(&stop),
+            truth,
+            cycles: 0,
+            missed: 0,
+            disturbance: Disturbance::default(),
+        };
+        let thread = std::thread::Builder::new()
+            .name("simulated cell".into())
+            .spawn(move || cell.run())
+            .map_err(StartError::Thread)?;
+        Ok(Self {
+            endpoints,
+            controls,
+            snapshot,
+            sensor_box,
+            stop,
+            thread: Some(thread),
+        })
+    }
+
+    /// Where the servers listen.
+    pub fn endpoints(&self) -> &Endpoints {
+        &self.endpoints
+    }
+
+    /// Provokes (or ends) a fault in the next cycle.
+    pub fn fault(&self, fault: Fault) {
+        // A cell that has ended has no faults left.
+        let _ = self.controls.send(Control::Fault(fault));
+    }
+
+    /// A sender of faults for other threads.
+    pub fn faults(&self) -> impl Fn(Fault) + Send + Sync + use<> {
+        let controls = self.controls.clone();
+        move |fault| {
+            let _ = controls.send(Control::Fault(fault));
+        }
+    }
+
+    /// The newest lines of the controller's log, oldest first.
+    pub fn log(&self) -> Vec<String> {
+        let (sender, receiver) = channel();
+        let _ = self.controls.send(Control::Log(sender));
+        receiver
+            .recv_timeout(Duration::from_secs(5))
+            .unwrap_or_default()
+    }
+
+    /// What the cell was doing in its last cycle; `None` before the first.
+    pub fn snapshot(&self) -> Option<Snapshot> {
+        self.snapshot
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    /// Waits until `condition` holds, looking once per millisecond; false when it does not within `at_most`.
+    pub fn wait_for(&self, at_most: Duration, condition: impl Fn(&Snapshot) -> bool) -> bool {
+        let deadline = Instant::now() + at_most;
+        loop {
+            if self.snapshot().is_some_and(|s| condition(&s)) {
+                return true;
+            }
+            if Instant::now() >= deadline {
+                return false;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// The force/torque box; `None` around a plant of one's own.
+    pub fn sensor_box(&self) -> Option<&NetbBox> {
+        self.sensor_box.as_ref()
+    }
+
+    /// The cell's thread has ended by itself, which it never should.
+    pub fn has_ended(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Ends the cell and waits for it.
+    pub fn stop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!(target: "simulator", "the cell's thread failed");
+        }
+    }
+}
+
+impl Drop for SimulatedCell {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+/// Addresses to bind, in the order of [`Endpoints`].
+struct Wanted([SocketAddr; 8]);
+
+const NAMES: [&str; 8] = [
+    "RTDE",
+    "the dashboard",
+    "the primary client",
+    "the secondary client",
+    "the real-time client",
+    "the primary client (read-only)",
+    "the secondary client (read-only)",
+    "the real-time client (read-only)",
+];
+
+impl Wanted {
+    fn new(address: std::net::IpAddr, ports: Ports) -> Result<Self, StartError> {
+        let offset = match ports {
+            Ports::Offset(offset) => offset,
+            Ports::Ephemeral => 0,
+        };
+        let at = |port: u16| {
+            let port = ports.of(port).ok_or(StartError::Offset { offset })?;
+            Ok::<_, StartError>(SocketAddr::new(address, port))
+        };
+        Ok(Self([
+            at(PORT_RTDE)?,
+            at(PORT_DASHBOARD)?,
+            at(PORT_PRIMARY)?,
+            at(PORT_SECONDARY)?,
+            at(PORT_REALTIME)?,
+            at(PORT_PRIMARY + READ_ONLY_ABOVE)?,
+            at(PORT_SECONDARY + READ_ONLY_ABOVE)?,
+            at(PORT_REALTIME + READ_ONLY_ABOVE)?,
+        ]))
+    }
+}
+
+impl From<Endpoints> for Wanted {
+    fn from(e: Endpoints) -> Self {
+        Self([
+            e.rtde,
+            e.dashboard,
+            e.primary,
+            e.secondary,
+            e.realtime,
+            e.primary_read_only,
+            e.secondary_read_only,
+            e.realtime_read_only,
+        ])
+    }
+}
+
+struct Servers {
+    endpoints: Endpoints,
+    rtde: RtdeServer,
+    dashboard: DashboardServer,
+    ports: Vec<ScriptPort>,
+}
+
+impl Servers {
+    fn bind(wanted: &Wanted) -> Result<Self, StartError> {
+        let mut listeners = Vec::new();
+        let mut addresses = Vec::new();
+        for (address, server) in wanted.0.iter().zip(NAMES) {
+            let refused = |reason| StartError::Port {
+                address: address.to_string(),
+                server,
+                reason,
+            };
+            let listener = TcpListener::bind(address).map_err(refused)?;
+            listener.set_nonblocking(true).map_err(refused)?;
+            addresses.push(listener.local_addr().map_err(refused)?);
+            listeners.push(listener);
+        }
+        let mut listeners = listeners.into_iter();
+        let mut next = || listeners.next().ok_or(StartError::Offset { offset: 0 });
+        Ok(Self {
+            endpoints: Endpoints {
+                rtde: addresses[0],
+                dashboard: addresses[1],
+                primary: addresses[2],
+                secondary: addresses[3],
+                realtime: addresses[4],
+                primary_read_only: addresses[5],
+                secondary_read_only: addresses[6],
+                realtime_read_only: addresses[7],
+            },
+            rtde: RtdeServer::new(next()?),
+            dashboard: DashboardServer::new(next()?),
+            ports: vec![
+                ScriptPort::new(next()?, Stream::Primary, false),
+                ScriptPort::new(next()?, Stream::Secondary, false),
+                ScriptPort::new(next()?, Stream::Realtime, false),
+                ScriptPort::new(next()?, Stream::Primary, true),
+                ScriptPort::new(next()?, Stream::Secondary, true),
+                ScriptPort::new(next()?, Stream::Realtime, true),
+            ],
+        })
+    }
+
+    fn disconnect_all(&mut self) {
+        self.rtde.disconnect_all();
+        self.dashboard.disconnect_all();
+        self.ports.iter_mut().for_each(ScriptPort::disconnect_all);
+    }
+}
+
+/// Faults of the stream that last.
+#[derive(Debug, Default)]
+struct Disturbance {
+    probability: f64,
+    burst: u32,
+    burst_left: u32,
+    delay_s: f64,
+    frozen_until: Option<Instant>,
+    /// State of the generator that decides on losses.
+    random: u64,
+}
+
+impl Disturbance {
+    fn of_cycle(&mut self, now: Instant) -> StreamFaults {
+        if self.burst_left > 0 {
+            self.burst_left -= 1;
+        } else if self.probability > 0.0 && self.draw() < self.probability {
+            self.burst_left = self.burst;
+        }
+        StreamFaults {
+            delay_s: self.delay_s,
+            frozen: self.frozen_until.is_some_and(|until| now < until),
+            skip: self.burst_left > 0,
+        }
+    }
+
+    /// Uniform in 0 to 1: splitmix64.
+    fn draw(&mut self) -> f64 {
+        self.random = self.random.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.random;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+struct Cell {
+    controller: Controller,
+    plant: Box<dyn ArmPlant>,
+    geometry: Geometry,
+    /// `None` while the controller boots.
+    servers: Option<Servers>,
+    wanted: Wanted,
+    booted: Option<Instant>,
+    controls: Receiver<Control>,
+    feed: Option<SampleFeed>,
+    box_samples: Vec<BoxSample>,
+    snapshot: Arc<Mutex<Option<Snapshot>>>,
+    stop: Arc<AtomicBool>,
+    truth: Option<TruthListener>,
+    cycles: u64,
+    missed: u64,
+    disturbance: Disturbance,
+}
+
+impl Cell {
+    fn run(&mut self) {
+        let config = self.controller.config();
+        let period = Duration::from_secs_f64(config.flavour.period_s());
+        let window = period.mul_f64(config.input_window.clamp(0.0, 0.9));
+        let mut clock = DeadlineClock::new(period);
+        while !self.stop.load(Ordering::Acquire) {
+            self.missed += clock.wait();
+            let now = Instant::now();
+            self.tell(now);
+            std::thread::sleep(window);
+            self.hear();
+            self.step(now);
+        }
+    }
+
+    /// Sends what the last period came to.
+    fn tell(&mut self, now: Instant) {
+        while let Ok(control) = self.controls.try_recv() {
+            match control {
+                Control::Fault(fault) => self.apply(fault, now),
+                Control::Log(reply) => {
+                    let _ = reply.send(self.controller.log().map(str::to_owned).collect());
+                }
+            }
+        }
+        self.finish_boot(now);
+        let truth = self.plant.truth();
+        let force = truth
+            .as_ref()
+            .map_or([0.0; 6], |t| t.wrench.vector().into());
+        self.controller.observe(self.plant.arm(), force);
+        self.cycles += 1;
+        let faults = self.disturbance.of_cycle(now);
+        let messages = self.controller.take_messages();
+        if let Some(servers) = &mut self.servers {
+            servers
+                .rtde
+                .publish(&self.controller, self.cycles, now, &faults);
+            for port in &mut servers.ports {
+                port.publish(&self.controller, &messages, &self.geometry, now);
+            }
+        }
+        if let (Some(listener), Some(truth)) = (&mut self.truth, &truth) {
+            listener(truth);
+        }
+        self.show(truth);
+    }
+
+    /// Takes in what clients sent.
+    fn hear(&mut self) {
+        let now = Instant::now();
+        if let Some(servers) = &mut self.servers {
+            servers.rtde.poll(&mut self.controller, now);
+            servers.dashboard.poll(&mut self.controller, now);
+            for port in &mut servers.ports {
+                port.poll(&mut self.controller, now);
+            }
+        }
+    }
+
+    /// The period that began at `start`; its sensor records are played out at the times they belong to.
+    fn step(&mut self, start: Instant) {
+        let command = self.controller.act();
+        let before = self.plant.arm().time_s;
+        self.plant.step(&command);
+        let samples = self.plant.sensor_samples();
+        let (Some(feed), Some(first)) = (&self.feed, samples.first()) else {
+            return;
+        };
+        self.box_samples.clear();
+        self.box_samples.extend(samples.iter().map(|s| BoxSample {
+            counts: s.counts,
+            saturated: s.saturated,
+        }));
+        let last = samples.last().map_or(first.time_s, |s| s.time_s);
+        let intervals = (samples.len() - 1).max(1) as f64;
+        let interval = Duration::from_secs_f64(((last - first.time_s) / intervals).max(0.0));
+        let offset = Duration::from_secs_f64((first.time_s - before).max(0.0));
+        feed.push(start + offset, interval, &self.box_samples);
+    }
+
+    fn finish_boot(&mut self, now: Instant) {
+        if self.servers.is_some() || self.booted.is_some_and(|at| now < at) {
+            return;
+        }
+        match Servers::bind(&self.wanted) {
+            Ok(servers) => {
+                self.controller.restart();
+                self.servers = Some(servers);
+            }
+            Err(error) => tracing::debug!(target: "simulator", "still booting: {error}"),
+        }
+    }
+
+    fn apply(&mut self, fault: Fault, now: Instant) {
+        let controller = &mut self.controller;
+        match fault {
+            Fault::ProtectiveStop => controller.protective_stop(157, 0, "provoked"),
+            Fault::EmergencyStop { robot, pressed } => controller.emergency_stop(robot, pressed),
+            Fault::Safeguard(open) => controller.safeguard(open),
+            Fault::Reduced(on) => controller.reduced(on),
+            Fault::SafetyFault { violation } => controller.safety_fault(violation),
+            Fault::PowerOff => controller.power_off(),
+            Fault::PowerOn => controller.release_brakes(),
+            Fault::SpeedSlider(fraction) => controller.set_slider(fraction),
+            Fault::StopProgram => controller.stop_program(),
+            Fault::PauseProgram => controller.pause(),
+            Fault::ResumeProgram => {
+                controller.resume();
+            }
+            Fault::DropPackets { probability, burst } => {
+                self.disturbance.probability = probability;
+                self.disturbance.burst = burst;
+            }
+            Fault::Delay(s) => self.disturbance.delay_s = s,
+            Fault::Freeze(s) => {
+                self.disturbance.frozen_until =
+                    Some(now + Duration::from_secs_f64(s.clamp(0.0, 3600.0)));
+            }
+            Fault::Disconnect => {
+                if let Some(servers) = &mut self.servers {
+                    servers.disconnect_all();
+                }
+            }
+            Fault::Restart => {
+                controller.stop_program();
+                self.servers = None;
+                let boot = self.controller.config().boot_s.clamp(0.0, 600.0);
+                self.booted = Some(now + Duration::from_secs_f64(boot));
+            }
+        }
+    }
+
+    fn show(&mut self, truth: Option<Truth>) {
+        let snapshot = Snapshot {
+            cycles: self.cycles,
+            missed: self.missed,
+            summary: self.controller.summary(),
+            program: self.controller.program_name().map(str::to_owned),
+            rtde_clients: self.servers.as_ref().map_or(0, |s| s.rtde.clients()),
+            truth,
+        };
+        *self.snapshot.lock().unwrap_or_else(PoisonError::into_inner) = Some(snapshot);
+    }
+}
+
+fn geometry(model: &ModelData) -> Geometry {
+    let mut geometry = Geometry::default();
+    for (i, row) in model.dh.rows.iter().take(6).enumerate() {
+        geometry.rows[0][i] = row.a_m;
+        geometry.rows[1][i] = row.d_m;
+        geometry.rows[2][i] = row.alpha_rad;
+        geometry.rows[3][i] = row.theta_offset_rad;
+    }
+    if let Ok(arm) = tangent_mechanics::Arm::<6>::new(model) {
+        let limits = arm.limits();
+        for i in 0..6 {
+            geometry.position[i] = [limits.position_lower[i], limits.position_upper[i]];
+            geometry.speed[i] = limits.velocity[i];
+        }
+    }
+    geometry
+}

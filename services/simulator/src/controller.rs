@@ -1,0 +1,562 @@
+//! The controller without its sockets: modes, safety, program and motion, one control cycle per call.
+//!
+//! The cell's thread calls [`Controller::cycle`] once per period and the servers call the rest in between. Time is the
+//! controller's own: it counts cycles.
+
+pub use state::Summary;
+
+mod robot;
+mod state;
+
+use std::collections::VecDeque;
+
+use tangent_mechanics::{Joints, ModelError};
+use tangent_rtde::codec::Value;
+use tangent_simulation::{ArmMeasurement, VelocityCommand};
+
+use crate::config::ControllerConfig;
+use crate::kinematics::Kinematics;
+use crate::modes::{RobotMode, RuntimeState, SafetyMode};
+use crate::motion::Planner;
+use crate::registers::Registers;
+use crate::urscript::{Frame, Machine, Program};
+
+/// Messages kept for clients that have not been served yet.
+const MESSAGES_MAX: usize = 256;
+/// From a protective stop until it can be unlocked, s.
+const UNLOCK_S: f64 = 5.0;
+/// From an emergency stop until power is gone, s.
+const POWER_CUT_S: f64 = 0.3;
+
+/// What the controller tells its clients besides its state.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Message {
+    /// A program started or stopped: title and program name.
+    Key(&'static str, String),
+    /// `textmsg`.
+    Text(String),
+    /// A code as in the controller's log, C`code`A`argument`, and words.
+    Error(i32, i32, String),
+    /// A program failed: line, column, what was wrong.
+    Exception(u32, u32, String),
+    /// The safety mode changed.
+    Safety(SafetyMode),
+}
+
+/// A controller's state.
+#[derive(Debug)]
+pub struct Controller {
+    config: ControllerConfig,
+    kinematics: Kinematics,
+    /// Registers, inputs and outputs.
+    pub registers: Registers,
+    arm: ArmMeasurement,
+    qd_target_before: Joints<6>,
+    qdd_target: Joints<6>,
+    tcp_force: [f64; 6],
+    time_s: f64,
+    robot_mode: RobotMode,
+    goal: RobotMode,
+    step_left_s: f64,
+    safety: SafetyMode,
+    safety_since_s: f64,
+    safety_before: SafetyMode,
+    runtime: RuntimeState,
+    machine: Option<Machine>,
+    waiting: Option<(f64, Program)>,
+    secondary: Option<Machine>,
+    planner: Planner,
+    slider: f64,
+    slider_was_zero: bool,
+    watchdogs: Vec<Watchdog>,
+    payload_kg: f64,
+    payload_centre_m: [f64; 3],
+    messages: VecDeque<Message>,
+    log: VecDeque<String>,
+    protective_stop_wanted: bool,
+}
+
+#[derive(Clone, Debug)]
+struct Watchdog {
+    variable: String,
+    period_s: f64,
+    action: Action,
+    updated_s: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Action {
+    Ignore,
+    Pause,
+    Stop,
+}
+
+impl Controller {
+    /// Powered as configured, with no program. `model` names a built-in arm, `arm` is where it stands.
+    ///
+    /// # Errors
+    /// The model is unknown.
+    pub fn new(
+        config: &ControllerConfig,
+        model: &str,
+        arm: ArmMeasurement,
+    ) -> Result<Self, ModelError> {
+        let mode = if config.running {
+            RobotMode::Running
+        } else {
+            RobotMode::PowerOff
+        };
+        Ok(Self {
+            kinematics: Kinematics::builtin(model)?,
+            registers: Registers::default(),
+            arm,
+            qd_target_before: Joints::<6>::zeros(),
+            qdd_target: Joints::<6>::zeros(),
+            tcp_force: [0.0; 6],
+            time_s: config.timestamp_s,
+            robot_mode: mode,
+            goal: mode,
+            step_left_s: 0.0,
+            safety: SafetyMode::Normal,
+            safety_since_s: f64::NEG_INFINITY,
+            safety_before: SafetyMode::Normal,
+            runtime: RuntimeState::Stopped,
+            machine: None,
+            waiting: None,
+            secondary: None,
+            planner: Planner::new(),
+            slider: 1.0,
+            slider_was_zero: false,
+            watchdogs: Vec::new(),
+            payload_kg: 0.0,
+            payload_centre_m: [0.0; 3],
+            messages: VecDeque::new(),
+            log: VecDeque::new(),
+            protective_stop_wanted: false,
+            config: config.clone(),
+        })
+    }
+
+    /// Starts over as after a reset: registers cleared, no program, time from 0. Power stays off unless configured on.
+    pub fn restart(&mut self) {
+        let kinematics = self.kinematics.clone();
+        let mut config = self.config.clone();
+        config.timestamp_s = 0.0;
+        // The model was known before.
+        if let Ok(mut fresh) = Self::new(&config, "ur5", self.arm) {
+            fresh.kinematics = kinematics;
+            fresh.config = self.config.clone();
+            *self = fresh;
+        }
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &ControllerConfig {
+        &self.config
+    }
+
+    /// One control cycle: what the arm did goes in, what it shall do comes out.
+    pub fn cycle(&mut self, arm: ArmMeasurement, tcp_force: [f64; 6]) -> VelocityCommand {
+        self.observe(arm, tcp_force);
+        self.act()
+    }
+
+    /// A cycle's first half: what the arm did. From here on clients see it.
+    pub fn observe(&mut self, arm: ArmMeasurement, tcp_force: [f64; 6]) {
+        let dt = self.config.flavour.period_s();
+        self.time_s += dt;
+        self.qdd_target = (arm.qd_target - self.qd_target_before) / dt;
+        self.qd_target_before = arm.qd_target;
+        self.arm = arm;
+        self.tcp_force = tcp_force;
+    }
+
+    /// A cycle's second half: what the arm shall do, given all inputs that have come.
+    pub fn act(&mut self) -> VelocityCommand {
+        let dt = self.config.flavour.period_s();
+        self.power(dt);
+        self.watch();
+        self.launch();
+        self.run_frame();
+        if std::mem::take(&mut self.protective_stop_wanted) {
+            self.protective_stop(0, 0, "protective_stop() of the program");
+        }
+        let slider = if self.safety == SafetyMode::Reduced {
+            self.slider.min(0.5)
+        } else {
+            self.slider
+        };
+        self.planner.step(&self.arm, &self.kinematics, dt, slider)
+    }
+
+    fn power(&mut self, dt: f64) {
+        if self.safety.cuts_power()
+            && self.robot_mode != RobotMode::PowerOff
+            && self.time_s - self.safety_since_s > POWER_CUT_S
+        {
+            self.goal = RobotMode::PowerOff;
+            self.robot_mode = RobotMode::PowerOff;
+        }
+        if self.robot_mode == self.goal {
+            return;
+        }
+        self.step_left_s -= dt;
+        if self.step_left_s > 0.0 {
+            return;
+        }
+        self.step_left_s = self.config.power_step_s;
+        self.robot_mode = match self.robot_mode {
+            RobotMode::PowerOff => RobotMode::PowerOn,
+            RobotMode::PowerOn => RobotMode::Idle,
+            RobotMode::Idle => RobotMode::Running,
+            other => other,
+        };
+    }
+
+    /// Power to the arm; brakes stay engaged.
+    pub fn power_on(&mut self) {
+        if self.robot_mode == RobotMode::PowerOff && !self.safety.cuts_power() {
+            self.goal = RobotMode::Idle;
+            self.step_left_s = 0.0;
+        }
+    }
+
+    /// Power on if need be, then the brakes open.
+    pub fn release_brakes(&mut self) {
+        if !self.safety.cuts_power() && self.robot_mode != RobotMode::Running {
+            self.goal = RobotMode::Running;
+            self.step_left_s = self.config.power_step_s;
+        }
+    }
+
+    /// No power, brakes engaged.
+    pub fn power_off(&mut self) {
+        self.end_program();
+        self.planner.brake();
+        self.goal = RobotMode::PowerOff;
+        self.robot_mode = RobotMode::PowerOff;
+    }
+
+    fn watch(&mut self) {
+        let tripped = self
+            .watchdogs
+            .iter()
+            .find(|w| w.action != Action::Ignore && self.time_s - w.updated_s > w.period_s)
+            .cloned();
+        let Some(watchdog) = tripped else { return };
+        self.watchdogs.clear();
+        let text = format!("RTDE watchdog: {} was not updated", watchdog.variable);
+        match watchdog.action {
+            // CB3 calls it a lost fieldbus and stops protectively. Of e-Series nothing else is known.
+            Action::Stop => self.protective_stop(207, 0, &text),
+            Action::Pause => {
+                self.say(Message::Error(207, 0, text));
+                self.pause();
+            }
+            Action::Ignore => {}
+        }
+    }
+
+    fn launch(&mut self) {
+        let due = self
+            .waiting
+            .as_ref()
+            .is_some_and(|(at, _)| self.time_s >= *at);
+        if !due {
+            return;
+        }
+        let Some((_, program)) = self.waiting.take() else {
+            return;
+        };
+        if self.robot_mode != RobotMode::Running || !self.safety.allows_motion() {
+            self.note("a program was not started: the robot is not running");
+            return;
+        }
+        self.end_program();
+        self.say(Message::Key(
+            "PROGRAM_XXX_STARTED",
+            program.name().to_owned(),
+        ));
+        self.machine = Some(Machine::new(program));
+        self.runtime = RuntimeState::Playing;
+    }
+
+    fn run_frame(&mut self) {
+        if let Some(mut secondary) = self.secondary.take() {
+            // It has this one frame.
+            match secondary.frame(self) {
+                Frame::Ended => {}
+                Frame::Running => {
+                    self.say(Message::Exception(
+                        0,
+                        0,
+                        "Runtime is too much behind".to_owned(),
+                    ));
+                }
+                Frame::Failed(e) => self.say(Message::Exception(e.line, e.column, e.text)),
+            }
+        }
+        if self.runtime != RuntimeState::Playing {
+            return;
+        }
+        let Some(mut machine) = self.machine.take() else {
+            return;
+        };
+        let frame = machine.frame(self);
+        self.machine = Some(machine);
+        match frame {
+            Frame::Running => {}
+            Frame::Ended => self.end_program(),
+            Frame::Failed(error) => {
+                self.note(&format!(
+                    "program failed at line {}: {}",
+                    error.line, error.text
+                ));
+                let overrun = error.overrun;
+                self.say(Message::Exception(
+                    error.line,
+                    error.column,
+                    error.text.clone(),
+                ));
+                self.end_program();
+                if overrun {
+                    self.protective_stop(0, 0, &error.text);
+                }
+            }
+        }
+    }
+
+    /// The program ends, and with it its watchdogs; a fast arm is not left to itself.
+    fn end_program(&mut self) {
+        self.waiting = None;
+        self.watchdogs.clear();
+        if let Some(machine) = self.machine.take() {
+            let name = machine.program().name().to_owned();
+            self.say(Message::Key("PROGRAM_XXX_STOPPED", name));
+            let speed = self.arm.qd_target.amax();
+            if speed > self.config.program_end_speed_max_rad_per_s && self.safety.allows_motion() {
+                self.protective_stop(
+                    153,
+                    0,
+                    &format!("the program ended while a joint moved at {speed:.2} rad/s"),
+                );
+            }
+            self.planner.brake();
+        }
+        self.runtime = RuntimeState::Stopped;
+    }
+
+    /// Takes a whole program's text from a script port. It starts after the time to compile it.
+    pub fn upload(&mut self, text: &str) {
+        let e_series = self.config.flavour == crate::config::Flavour::ESeries;
+        match Program::compile(text, e_series) {
+            Ok(program) if program.is_secondary() => self.secondary = Some(Machine::new(program)),
+            Ok(program) => {
+                let lines = text.lines().count() as f64;
+                let start = self.config.program_start_s + lines * self.config.compile_s_per_line;
+                // The one that runs is stopped by the new one's arrival.
+                self.end_program();
+                self.waiting = Some((self.time_s + start, program));
+            }
+            Err(error) => {
+                self.note(&format!("a program was refused: {error}"));
+                if error.unknown_name {
+                    self.say(Message::Exception(error.line, error.column, error.reason));
+                }
+            }
+        }
+    }
+
+    /// Ends the program.
+    pub fn stop_program(&mut self) {
+        self.end_program();
+    }
+
+    /// Holds the program; the arm stops.
+    pub fn pause(&mut self) {
+        if self.runtime == RuntimeState::Playing {
+            self.runtime = RuntimeState::Paused;
+            self.planner.brake();
+        }
+    }
+
+    /// Goes on with a paused program; false when there is none or the robot is not ready.
+    pub fn resume(&mut self) -> bool {
+        let ready = self.robot_mode == RobotMode::Running && self.safety.allows_motion();
+        if self.runtime == RuntimeState::Paused && ready {
+            let now = self.time_s;
+            self.watchdogs.iter_mut().for_each(|w| w.updated_s = now);
+            self.runtime = RuntimeState::Playing;
+            return true;
+        }
+        false
+    }
+
+    /// Stops the arm with power on; the program is over (or paused, as configured).
+    pub fn protective_stop(&mut self, code: i32, argument: i32, reason: &str) {
+        if self.safety.cuts_power() || self.safety == SafetyMode::ProtectiveStop {
+            return;
+        }
+        self.note(&format!("protective stop C{code}A{argument}: {reason}"));
+        self.say(Message::Error(code, argument, reason.to_owned()));
+        self.set_safety(SafetyMode::ProtectiveStop);
+        if self.config.protective_stop_pauses {
+            self.pause();
+        } else {
+            self.end_program();
+        }
+        self.planner.brake();
+    }
+
+    /// Ends a protective stop, not before 5 s after it began. Nothing moves by itself.
+    ///
+    /// # Errors
+    /// Seconds that are still missing.
+    pub fn unlock(&mut self) -> Result<(), f64> {
+        if self.safety != SafetyMode::ProtectiveStop {
+            return Ok(());
+        }
+        let left = UNLOCK_S - (self.time_s - self.safety_since_s);
+        if left > 0.0 {
+            return Err(left);
+        }
+        self.set_safety(SafetyMode::Normal);
+        Ok(())
+    }
+
+    /// The emergency button: `robot` its own, else the cell's. `pressed` false releases it; power stays off.
+    pub fn emergency_stop(&mut self, robot: bool, pressed: bool) {
+        if pressed {
+            self.set_safety(if robot {
+                SafetyMode::RobotEmergencyStop
+            } else {
+                SafetyMode::SystemEmergencyStop
+            });
+            self.end_program();
+            self.planner.brake();
+        } else if matches!(
+            self.safety,
+            SafetyMode::RobotEmergencyStop | SafetyMode::SystemEmergencyStop
+        ) {
+            self.set_safety(SafetyMode::Normal);
+        }
+    }
+
+    /// The safeguard input: open stops and pauses, closed goes on if so configured.
+    pub fn safeguard(&mut self, open: bool) {
+        if open && self.safety.allows_motion() {
+            self.set_safety(SafetyMode::SafeguardStop);
+            self.pause();
+        } else if !open && self.safety == SafetyMode::SafeguardStop {
+            self.set_safety(SafetyMode::Normal);
+            if self.config.safeguard_resumes {
+                self.resume();
+            }
+        }
+    }
+
+    /// Reduced mode on or off.
+    pub fn reduced(&mut self, on: bool) {
+        match (on, self.safety) {
+            (true, SafetyMode::Normal) => self.set_safety(SafetyMode::Reduced),
+            (false, SafetyMode::Reduced) => self.set_safety(SafetyMode::Normal),
+            _ => {}
+        }
+    }
+
+    /// A safety fault or violation; only [`Controller::restart_safety`] leads out.
+    pub fn safety_fault(&mut self, violation: bool) {
+        self.set_safety(if violation {
+            SafetyMode::Violation
+        } else {
+            SafetyMode::Fault
+        });
+        self.end_program();
+        self.planner.brake();
+    }
+
+    /// Back to normal with the power off.
+    pub fn restart_safety(&mut self) {
+        self.power_off();
+        self.set_safety(SafetyMode::Normal);
+    }
+
+    fn set_safety(&mut self, mode: SafetyMode) {
+        if mode != self.safety {
+            self.safety_before = self.safety;
+            self.safety = mode;
+            self.safety_since_s = self.time_s;
+            self.say(Message::Safety(mode));
+        }
+    }
+
+    /// Takes one input package: registers, outputs, speed slider; feeds the watchdogs.
+    pub fn write_inputs(&mut self, names: &[String], values: &[Value]) {
+        self.registers.write(names, values);
+        let now = self.time_s;
+        for watchdog in &mut self.watchdogs {
+            if names.contains(&watchdog.variable) {
+                watchdog.updated_s = now;
+            }
+        }
+        let value = |name: &str| {
+            names
+                .iter()
+                .position(|n| n == name)
+                .and_then(|at| values.get(at))
+        };
+        if let (Some(Value::Uint32(mask)), Some(Value::Double(fraction))) =
+            (value("speed_slider_mask"), value("speed_slider_fraction"))
+            && *mask != 0
+        {
+            self.set_slider(*fraction);
+        }
+    }
+
+    /// The speed slider, 0 to 1. Off its zero again, a controller stops protectively.
+    pub fn set_slider(&mut self, fraction: f64) {
+        if !fraction.is_finite() {
+            return;
+        }
+        self.slider = fraction.clamp(0.0, 1.0);
+        if self.slider == 0.0 {
+            self.slider_was_zero = true;
+        } else if std::mem::take(&mut self.slider_was_zero) {
+            self.protective_stop(204, 2, "the speed slider was raised from zero");
+        }
+    }
+
+    /// Forces the arm to be at rest where it is: after the plant was moved by hand.
+    pub fn forget_motion(&mut self) {
+        self.planner.brake();
+    }
+
+    fn say(&mut self, message: Message) {
+        if self.messages.len() < MESSAGES_MAX {
+            self.messages.push_back(message);
+        }
+    }
+
+    fn note(&mut self, line: &str) {
+        tracing::info!(target: "simulator", "controller: {line}");
+        if self.log.len() >= MESSAGES_MAX {
+            self.log.pop_front();
+        }
+        self.log.push_back(line.to_owned());
+    }
+
+    /// A line that a client wants in the log.
+    pub fn log_line(&mut self, line: &str) {
+        self.note(line);
+    }
+
+    /// The newest lines of the log, oldest first.
+    pub fn log(&self) -> impl Iterator<Item = &str> {
+        self.log.iter().map(String::as_str)
+    }
+
+    /// The messages since the last call.
+    pub fn take_messages(&mut self) -> Vec<Message> {
+        self.messages.drain(..).collect()
+    }
+}

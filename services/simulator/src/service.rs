@@ -1,0 +1,95 @@
+//! The simulator as a service: the cell, its truth on the bus, and faults by query.
+
+use std::time::Duration;
+
+use tangent_mechanics::Base;
+use tangent_runtime::{Bus, BusError, HealthReporter, Stop, clock};
+use tangent_schemas::standard::Header;
+use tangent_schemas::tangent::{Answer, ContactTruth, Request};
+use tangent_schemas::topics::TRUTH_CONTACT;
+use tangent_simulation::Truth;
+
+use crate::cell::{SimulatedCell, StartError};
+use crate::config::Config;
+use crate::fault::Fault;
+
+/// Key of the query that provokes faults: action is the fault's name, argument its value.
+pub const FAULT_KEY: &str = "simulator/fault";
+
+/// Why the service ended.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The cell could not start.
+    #[error("simulator: {0}")]
+    Start(#[from] StartError),
+    /// The bus refused a topic or key.
+    #[error("simulator: {0}")]
+    Bus(#[from] BusError),
+    /// The cell's thread died.
+    #[error("simulator: the simulated cell stopped by itself; the log says why")]
+    Ended,
+}
+
+/// Runs a cell until it is stopped.
+///
+/// # Errors
+/// The configuration is wrong, a port is taken, or the bus refuses.
+pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
+    let health = HealthReporter::start(&bus, "simulator")?;
+    let cycles = health.rate("cycles");
+    let publisher = bus.publisher(&TRUTH_CONTACT)?;
+    let told = cycles.clone();
+    let cell = SimulatedCell::start_with_truth(
+        &config,
+        Some(Box::new(move |truth| {
+            told.tick();
+            publisher.publish(&message(truth));
+        })),
+    )?;
+    let faults = cell.faults();
+    let _answering = bus.answer(FAULT_KEY, move |_, request: Request| {
+        match Fault::parse(&request.action, &request.argument) {
+            Ok(fault) => {
+                faults(fault);
+                answer(true, format!("{fault:?}"))
+            }
+            Err(error) => answer(false, error.to_string()),
+        }
+    })?;
+    tracing::info!(target: "simulator", "robot at {}, sensor at {:?}", cell.endpoints().rtde,
+        cell.sensor_box().map(|b| b.rdt_address()));
+    health.running();
+    let missed = health.missed_cycles();
+    while !stop.wait(Duration::from_millis(200)) {
+        if let Some(snapshot) = cell.snapshot() {
+            missed.set(snapshot.missed);
+        }
+        if cell.has_ended() {
+            return Err(Error::Ended);
+        }
+    }
+    Ok(())
+}
+
+fn answer(done: bool, message: String) -> Answer {
+    Answer {
+        done,
+        message,
+        ..Answer::default()
+    }
+}
+
+fn message(truth: &Truth) -> ContactTruth {
+    ContactTruth {
+        header: Header::in_frame::<Base>(clock::now_ns()),
+        point: (&truth.point).into(),
+        normal: (&truth.normal).into(),
+        in_contact: truth.in_contact,
+        penetration_m: truth.penetration_m,
+        wrench: (&truth.wrench).into(),
+        tool_pose: (&truth.base_from_tool).into(),
+        tool_twist: (&truth.twist).into(),
+        sliding_speed_m_per_s: truth.sliding_speed_m_per_s,
+        friction: truth.friction_coefficient,
+    }
+}
