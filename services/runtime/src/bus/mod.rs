@@ -258,7 +258,7 @@ impl Bus {
         alive::list(&self.inner, timeout)
     }
 
-    /// True when somebody in another process reads this topic now.
+    /// True when there is a network session; false for [`Bus::in_process`].
     pub fn is_networked(&self) -> bool {
         self.inner.session.is_some()
     }
