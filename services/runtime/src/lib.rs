@@ -3,6 +3,27 @@
 //! Every service has the shape `run(config, bus, stop)`: it reads a [`CellConfig`], speaks through a [`Bus`], ends
 //! when its [`Stop`] says so, tells how it fares through a [`HealthReporter`] and takes live [`Parameters`]. Zenoh is
 //! named nowhere else.
+//!
+//! ```no_run
+//! use std::time::Duration;
+//! use tangent_runtime::{Bus, CellConfig, HealthReporter, Role, Stop};
+//! use tangent_schemas::topics;
+//!
+//! fn main() -> Result<(), Box<dyn std::error::Error>> {
+//!     let config = CellConfig::load("deploy/cell.toml".as_ref())?;
+//!     let stop = Stop::on_signals()?;
+//!     let bus = Bus::open_until(&config, Role::Client, None, &stop)?;
+//!     let health = HealthReporter::start(&bus, "watcher")?;
+//!     let states = bus.subscribe(&topics::ARM_STATE, 100)?;
+//!     health.running();
+//!     while !stop.is_stopped() {
+//!         if let Some(received) = states.recv_timeout(Duration::from_millis(100)) {
+//!             println!("{} {:?}", received.sequence, received.message.q);
+//!         }
+//!     }
+//!     Ok(())
+//! }
+//! ```
 
 pub mod bus;
 pub mod clock;
