@@ -43,10 +43,20 @@ pub fn join(config: &CellConfig) -> Result<Bus> {
 ///
 /// # Errors
 /// When nobody answers.
-pub fn ask_and_print(bus: &Bus, key: &str, action: &str, argument: &str, json: bool) -> Result<Outcome> {
+pub fn ask_and_print(
+    bus: &Bus,
+    key: &str,
+    action: &str,
+    argument: &str,
+    json: bool,
+) -> Result<Outcome> {
     let answer = ask(bus, key, action, argument)?;
     print_answer(&answer, json)?;
-    Ok(if answer.done { Outcome::Done } else { Outcome::Failed })
+    Ok(if answer.done {
+        Outcome::Done
+    } else {
+        Outcome::Failed
+    })
 }
 
 /// Asks one service.

@@ -263,19 +263,27 @@ mod tests {
                 if let Err(error) = Cli::try_parse_from(&words) {
                     let fine = matches!(
                         error.kind(),
-                        clap::error::ErrorKind::DisplayHelp | clap::error::ErrorKind::DisplayVersion
+                        clap::error::ErrorKind::DisplayHelp
+                            | clap::error::ErrorKind::DisplayVersion
                     );
                     assert!(fine, "{}: `{line}`: {error}", page.display());
                 }
                 for word in words {
                     if word.starts_with("deploy/") || word.starts_with("scenarios/") {
-                        assert!(root.join(word).exists(), "{}: `{line}`: {word}", page.display());
+                        assert!(
+                            root.join(word).exists(),
+                            "{}: `{line}`: {word}",
+                            page.display()
+                        );
                     }
                 }
                 commands += 1;
             }
         }
-        assert!(commands > 10, "only {commands} commands found: is the search broken?");
+        assert!(
+            commands > 10,
+            "only {commands} commands found: is the search broken?"
+        );
     }
 
     /// Every link of the README and the documentation to a file of the repository leads somewhere.

@@ -1,13 +1,17 @@
 //! Puts services into this process: each in a thread of its own, all on one bus.
 
+use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::thread::JoinHandle;
 
 use anyhow::{Context, Result, anyhow};
 use tangent_mechanics::ModelData;
 use tangent_runtime::{Bus, CellConfig, Stop};
+use tangent_simulation::Scenario;
+use tangent_simulator::{Flavour, Ports};
 
 use crate::output::bad_usage;
+use crate::scenarios;
 
 /// The arm model that the cell names: built in, or the user's own file.
 ///
@@ -94,15 +98,15 @@ pub fn service(
             })
         }
         "estimator" => {
-            let config = tangent_estimator::Config::from_cell(config, model(config)?)
-                .map_err(bad_usage)?;
+            let config =
+                tangent_estimator::Config::from_cell(config, model(config)?).map_err(bad_usage)?;
             Running::start("estimator", everybody, move |stop| {
                 Ok(tangent_estimator::run(config, bus, stop)?)
             })
         }
         "controller" => {
-            let config = tangent_controller::Config::from_cell(config, model(config)?)
-                .map_err(bad_usage)?;
+            let config =
+                tangent_controller::Config::from_cell(config, model(config)?).map_err(bad_usage)?;
             Running::start("controller", everybody, move |stop| {
                 Ok(tangent_controller::run(config, bus, stop)?)
             })
@@ -116,6 +120,45 @@ pub fn service(
         }
         other => Err(bad_usage(format!("there is no service \"{other}\""))),
     }
+}
+
+/// Starts the simulated cell: the given scenario's, or the one that the cell file names.
+///
+/// # Errors
+/// A scenario that cannot be read.
+pub fn simulator(
+    config: &CellConfig,
+    scenario: Option<&Scenario>,
+    bus: &Bus,
+    everybody: &Stop,
+) -> Result<Running> {
+    let scenario = match (scenario, &config.simulator.scenario) {
+        (Some(scenario), _) => scenario.clone(),
+        (None, Some(path)) => scenarios::load(&path.display().to_string(), &[])?,
+        (None, None) => scenarios::load(scenarios::DEFAULT, &[])?,
+    };
+    let mut plant = scenario.plant;
+    // The box sends at the rate that the cell asks for; the physics do not depend on it.
+    plant.sensor.rate_hz = config.sensor.rate_hz;
+    let flavour = if plant.arm.period_s < 0.004 {
+        Flavour::ESeries
+    } else {
+        Flavour::Cb3
+    };
+    let simulated = tangent_simulator::Config {
+        address: IpAddr::V4(Ipv4Addr::LOCALHOST),
+        ports: Ports::Offset(config.robot.port_offset),
+        controller: tangent_simulator::ControllerConfig {
+            flavour,
+            ..tangent_simulator::ControllerConfig::default()
+        },
+        plant,
+        seed: config.simulator.seed.unwrap_or(scenario.seed),
+    };
+    let bus = bus.clone();
+    Running::start("simulator", everybody, move |stop| {
+        Ok(tangent_simulator::run(simulated, bus, stop)?)
+    })
 }
 
 /// What a recording holds besides the topics.

@@ -100,7 +100,10 @@ fn print(e: &Evaluation) {
         }
     }
     if let Some(nees) = f.normal_nees_per_dof {
-        println!("  {:<26} {nees:.2} per degree of freedom", "normal's consistency");
+        println!(
+            "  {:<26} {nees:.2} per degree of freedom",
+            "normal's consistency"
+        );
     }
     let or_dash = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
     println!(

@@ -5,14 +5,13 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use tangent_runtime::{Bus, BusError, Latest};
-use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState};
+use tangent_schemas::tangent::{ContactTruth, ControlState};
 use tangent_schemas::topics;
 
 /// Shows the cell's state as it changes.
 pub struct LiveView {
     bar: Option<ProgressBar>,
     control: Latest<ControlState>,
-    arm: Latest<ArmState>,
     truth: Latest<ContactTruth>,
     phase: String,
     printed: Option<Instant>,
@@ -36,7 +35,6 @@ impl LiveView {
         Ok(Self {
             bar,
             control: bus.latest(&topics::CONTROL_STATE)?,
-            arm: bus.latest(&topics::ARM_STATE)?,
             truth: bus.latest(&topics::TRUTH_CONTACT)?,
             phase: String::new(),
             printed: None,
@@ -46,11 +44,6 @@ impl LiveView {
     /// The controller's newest state.
     pub fn control(&mut self) -> Option<&ControlState> {
         self.control.get().map(|r| &r.message)
-    }
-
-    /// The arm's newest state.
-    pub fn arm(&mut self) -> Option<&ArmState> {
-        self.arm.get().map(|r| &r.message)
     }
 
     /// Draws or prints what is new.
@@ -109,7 +102,10 @@ fn describe(control: &ControlState, truth: Option<&ContactTruth>) -> String {
         control.path_error_m * 1e3,
     );
     if let Some(truth) = truth.filter(|t| t.in_contact) {
-        text.push_str(&format!("  normal {:4.1} deg off truth", true_error_deg(control, truth)));
+        text.push_str(&format!(
+            "  normal {:4.1} deg off truth",
+            true_error_deg(control, truth)
+        ));
     }
     text.push_str(&format!(
         "  ages: wrench {:.1} ms, normal {:.1} ms",

@@ -81,7 +81,10 @@ fn show(name: &str, json: bool) -> Result<Outcome> {
 fn check(file: &Path, own: &[PathBuf], json: bool) -> Result<Outcome> {
     let text = fs::read_to_string(file)
         .map_err(|e| bad_usage(format!("reference values {}: {e}", file.display())))?;
-    let own: Vec<ModelData> = own.iter().map(|path| load_file(path)).collect::<Result<_>>()?;
+    let own: Vec<ModelData> = own
+        .iter()
+        .map(|path| load_file(path))
+        .collect::<Result<_>>()?;
     let rows = golden::compare(&text, &own)
         .map_err(|e| bad_usage(format!("reference values {}: {e}", file.display())))?;
     if json {

@@ -115,19 +115,30 @@ fn batches() -> Vec<Batch> {
                 format!("controller=\"{preset}\""),
                 format!("task.estimators=[\"{estimator}\"]"),
             ];
-            let row = format!("{}, preset {preset}, estimator {estimator}", c.published_name);
+            let row = format!(
+                "{}, preset {preset}, estimator {estimator}",
+                c.published_name
+            );
             batches.push(Batch {
                 table: "Table 2 (pipe, ideal sensing)",
                 row: row.clone(),
                 scenario: "pipe_ideal",
                 set: set.clone(),
                 metrics: vec![
-                    ("normal error, mean", "deg", Some(c.table_2[0]), goal(1.0), |e| {
-                        e.figures.normal_error_deg.as_ref().map(|s| s.mean)
-                    }),
-                    ("normal error, RMSE", "deg", Some(c.table_2[1]), goal(2.0), |e| {
-                        e.figures.normal_error_deg.as_ref().map(|s| s.rmse)
-                    }),
+                    (
+                        "normal error, mean",
+                        "deg",
+                        Some(c.table_2[0]),
+                        goal(1.0),
+                        |e| e.figures.normal_error_deg.as_ref().map(|s| s.mean),
+                    ),
+                    (
+                        "normal error, RMSE",
+                        "deg",
+                        Some(c.table_2[1]),
+                        goal(2.0),
+                        |e| e.figures.normal_error_deg.as_ref().map(|s| s.rmse),
+                    ),
                     ("force while sliding, RMSE", "N", None, goal(0.10), |e| {
                         e.figures.force.rmse_n
                     }),
@@ -139,15 +150,27 @@ fn batches() -> Vec<Batch> {
                 scenario: "cone_realistic",
                 set,
                 metrics: vec![
-                    ("alignment, mean", "deg", Some(c.table_3[0]), goal(6.0), |e| {
-                        e.figures.alignment_error_deg.as_ref().map(|s| s.mean)
-                    }),
-                    ("alignment, RMSE", "deg", Some(c.table_3[1]), goal(9.0), |e| {
-                        e.figures.alignment_error_deg.as_ref().map(|s| s.rmse)
-                    }),
-                    ("tool against the true normal, mean", "deg", None, None, |e| {
-                        e.figures.tool_error_deg.as_ref().map(|s| s.mean)
-                    }),
+                    (
+                        "alignment, mean",
+                        "deg",
+                        Some(c.table_3[0]),
+                        goal(6.0),
+                        |e| e.figures.alignment_error_deg.as_ref().map(|s| s.mean),
+                    ),
+                    (
+                        "alignment, RMSE",
+                        "deg",
+                        Some(c.table_3[1]),
+                        goal(9.0),
+                        |e| e.figures.alignment_error_deg.as_ref().map(|s| s.rmse),
+                    ),
+                    (
+                        "tool against the true normal, mean",
+                        "deg",
+                        None,
+                        None,
+                        |e| e.figures.tool_error_deg.as_ref().map(|s| s.mean),
+                    ),
                     ("force while sliding, RMSE", "N", None, goal(0.25), |e| {
                         e.figures.force.rmse_n
                     }),
@@ -157,7 +180,7 @@ fn batches() -> Vec<Batch> {
         batches.push(Batch {
             table: "Touchdown at 10 kN/m",
             row: format!("preset {preset}"),
-            scenario: "touchdown_10kn_per_m",
+            scenario: "touchdown_10kN_per_m",
             set: vec![format!("controller=\"{preset}\"")],
             metrics: vec![("overshoot", "%", None, goal(30.0), |e| {
                 e.figures.force.overshoot_percent

@@ -17,10 +17,30 @@ macro_rules! builtin {
     };
 }
 
-builtin!["cone_ideal", "cone_realistic", "pipe_ideal", "pipe_realistic"];
+builtin![
+    "cone_ideal",
+    "cone_realistic",
+    "height_field",
+    "pipe_ideal",
+    "pipe_realistic",
+    "plane",
+    "sheet",
+    "sphere",
+    "torus",
+    "touchdown_10kN_per_m",
+    "touchdown_1kN_per_m",
+    "touchdown_25kN_per_m",
+    "touchdown_5kN_per_m",
+];
+
+/// What `up` and a simulator without a scenario play.
+pub const DEFAULT: &str = "pipe_realistic";
 
 /// Files that scenarios name, by their name in `scenarios/`.
-const BUILTIN_FILES: &[(&str, &str)] = &[];
+const BUILTIN_FILES: &[(&str, &str)] = &[(
+    "height_field.csv",
+    include_str!("../scenarios/height_field.csv"),
+)];
 
 /// Names of the built-in scenarios, and their texts.
 pub fn builtin() -> &'static [(&'static str, &'static str)] {
@@ -79,6 +99,9 @@ mod tests {
     #[test]
     fn an_unknown_name_is_answered_with_the_known_ones() {
         let error = load("pipes", &[]).unwrap_err().to_string();
-        assert!(error.contains("pipes") && error.contains("pipe_ideal"), "{error}");
+        assert!(
+            error.contains("pipes") && error.contains("pipe_ideal"),
+            "{error}"
+        );
     }
 }

@@ -90,7 +90,7 @@ pub fn run(config: &CellConfig, json: bool) -> Result<Outcome> {
         })
         .collect();
     // A token without health is a service that hangs.
-    for alive in bus.alive()? {
+    for alive in bus.alive(Duration::from_millis(500))? {
         let known = services
             .iter()
             .any(|s| s.name == alive.service && s.instance == alive.instance);
@@ -131,7 +131,10 @@ pub fn run(config: &CellConfig, json: bool) -> Result<Outcome> {
 fn print(status: &Status) {
     println!("cell {}: {} services", status.cell, status.services.len());
     for s in &status.services {
-        println!("{:<12} {:<9} on {} ({})", s.name, s.state, s.host, s.instance);
+        println!(
+            "{:<12} {:<9} on {} ({})",
+            s.name, s.state, s.host, s.instance
+        );
         for (name, hz) in &s.rates_hz {
             println!("    {name:<32} {hz:9.1} Hz");
         }
@@ -194,12 +197,18 @@ pub fn estimators(config: &CellConfig, json: bool) -> Result<Outcome> {
         }
     }
     if heard.is_empty() {
-        bail!("nobody publishes normals in cell {}; start `tangent run estimator`", config.cell.name);
+        bail!(
+            "nobody publishes normals in cell {}; start `tangent run estimator`",
+            config.cell.name
+        );
     }
     let seconds = start.elapsed().as_secs_f64();
     let state: Option<ControlState> = control.get().map(|r| r.message.clone());
     let active = state.as_ref().map(|s| s.estimator.to_string());
-    let reference = active.as_ref().and_then(|name| heard.get(name)).map(|h| normal(&h.1));
+    let reference = active
+        .as_ref()
+        .and_then(|name| heard.get(name))
+        .map(|h| normal(&h.1));
     let rows = heard
         .iter()
         .map(|(name, (count, m, age_s))| Estimator {
@@ -209,8 +218,12 @@ pub fn estimators(config: &CellConfig, json: bool) -> Result<Outcome> {
             reason: m.reason.to_string(),
             rate_hz: f64::from(*count) / seconds,
             age_ms: age_s * 1e3,
-            from_active_deg: reference
-                .map(|r| r.cross(&normal(m)).norm().atan2(r.dot(&normal(m))).to_degrees()),
+            from_active_deg: reference.map(|r| {
+                r.cross(&normal(m))
+                    .norm()
+                    .atan2(r.dot(&normal(m)))
+                    .to_degrees()
+            }),
             std_deg: (0.5 * (m.covariance[0] + m.covariance[4] + m.covariance[8]))
                 .sqrt()
                 .to_degrees(),

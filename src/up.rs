@@ -63,15 +63,15 @@ pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
     if json {
         print_json(&figures)?;
     } else {
-        report::print(&figures);
+        print!("{}", report::words(&figures));
         for path in &recordings {
             println!("recording  {}", path.display());
         }
         println!("report     {}", page.display());
     }
     Ok(match phase {
-        Phase::Done if figures.lost() == 0 => Outcome::Done,
-        Phase::Done => Outcome::Lossy,
+        Phase::Done if figures.is_lossy() => Outcome::Lossy,
+        Phase::Done => Outcome::Done,
         _ => Outcome::Failed,
     })
 }
@@ -93,8 +93,7 @@ fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Resul
     let tool = &scenario.plant.tool;
     let pose = |p: &tangent_simulation::PoseConfig| {
         let [roll, pitch, yaw] = p.roll_pitch_yaw_rad;
-        let turn: Vector3<f64> =
-            UnitQuaternion::from_euler_angles(roll, pitch, yaw).scaled_axis();
+        let turn: Vector3<f64> = UnitQuaternion::from_euler_angles(roll, pitch, yaw).scaled_axis();
         PoseConfig {
             translation_m: p.position_m,
             rotation_vector_rad: turn.into(),
@@ -117,7 +116,9 @@ fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Resul
     cell.tool.com_in_sensor_m = tool.payload.com_in_sensor_m;
     cell.controller.preset.clone_from(&scenario.controller);
     cell.controller.settings.clone_from(&scenario.control);
-    cell.estimators.active.clone_from(&scenario.task.estimators[0]);
+    cell.estimators
+        .active
+        .clone_from(&scenario.task.estimators[0]);
     for name in &scenario.task.estimators {
         if !cell.estimators.run.contains(name) {
             cell.estimators.run.push(name.clone());

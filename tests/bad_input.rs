@@ -20,11 +20,26 @@ fn refused(args: &[&str], words: &[&str]) {
 #[test]
 fn scenarios() {
     refused(&["evaluate", "pipes"], &["pipes", "pipe_ideal"]);
-    refused(&["evaluate", "pipe_ideal", "--estimator", "magic"], &["magic", "reactive"]);
-    refused(&["evaluate", "pipe_ideal", "--controller", "magic"], &["magic", "paper"]);
-    refused(&["evaluate", "pipe_ideal", "--set", "plant.nothing=1"], &["nothing"]);
-    refused(&["evaluate", "pipe_ideal", "--set", "duration_s=-1"], &["duration_s", "-1"]);
-    refused(&["evaluate", "pipe_ideal", "--set", "duration_s"], &["duration_s"]);
+    refused(
+        &["evaluate", "pipe_ideal", "--estimator", "magic"],
+        &["magic", "reactive"],
+    );
+    refused(
+        &["evaluate", "pipe_ideal", "--controller", "magic"],
+        &["magic", "paper"],
+    );
+    refused(
+        &["evaluate", "pipe_ideal", "--set", "plant.nothing=1"],
+        &["nothing"],
+    );
+    refused(
+        &["evaluate", "pipe_ideal", "--set", "duration_s=-1"],
+        &["duration_s", "-1"],
+    );
+    refused(
+        &["evaluate", "pipe_ideal", "--set", "duration_s"],
+        &["duration_s"],
+    );
     refused(&["evaluate", "pipe_ideal", "--seed", "x"], &["seed", "x"]);
 }
 
@@ -35,10 +50,22 @@ fn cell_files() {
     let good = fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
     let cases = [
         ("[robot]", "[robot]\nspeeed = 1", &["speeed"][..]),
-        ("rate_hz = 7000.0", "rate_hz = 9000.0", &["sensor.rate_hz", "9000"]),
-        ("rtde_port = 30004", "rtde_port = \"thirty\"", &["rtde_port"]),
+        (
+            "rate_hz = 7000.0",
+            "rate_hz = 9000.0",
+            &["sensor.rate_hz", "9000"],
+        ),
+        (
+            "rtde_port = 30004",
+            "rtde_port = \"thirty\"",
+            &["rtde_port"],
+        ),
         ("mass_kg = 0.3", "mass_kg = -0.3", &["tool.mass_kg", "-0.3"]),
-        ("register_base = 24", "register_base = 47", &["register_base", "47"]),
+        (
+            "register_base = 24",
+            "register_base = 47",
+            &["register_base", "47"],
+        ),
         ("[tool]", "[tol]", &["tol"]),
         ("model = \"ur5\"", "model = \"ur55\"", &["ur55"]),
     ];
@@ -47,9 +74,15 @@ fn cell_files() {
         assert_ne!(text, good, "{from} is not in deploy/cell.toml");
         fs::write(&path, text).unwrap();
         let file = path.to_str().unwrap();
-        refused(&["run", "rtde", "--cell", file], &[&["cell.toml"], words].concat());
+        refused(
+            &["run", "rtde", "--cell", file],
+            &[&["cell.toml"], words].concat(),
+        );
     }
-    refused(&["status", "--cell", "/nowhere/cell.toml"], &["/nowhere/cell.toml"]);
+    refused(
+        &["status", "--cell", "/nowhere/cell.toml"],
+        &["/nowhere/cell.toml"],
+    );
 }
 
 #[test]
@@ -81,7 +114,11 @@ fn nobody_there() {
     fs::write(&path, text).unwrap();
     let output = run(&["status", "--cell", path.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(stderr(&output).contains("tangent up"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("tangent up"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]
@@ -97,7 +134,11 @@ fn a_busy_port_is_named() {
         &offset.to_string(),
     ]);
     assert!(!output.status.success());
-    assert!(stderr(&output).contains(&(7447 + offset).to_string()), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains(&(7447 + offset).to_string()),
+        "{}",
+        stderr(&output)
+    );
 }
 
 #[test]

@@ -7,11 +7,25 @@ use serde_json::Value;
 
 #[test]
 fn the_same_input_gives_the_same_digest() {
-    let once = || json(&run(&["evaluate", "pipe_realistic", "--seed", "7", "--json"]));
+    let once = || {
+        json(&run(&[
+            "evaluate",
+            "pipe_realistic",
+            "--seed",
+            "7",
+            "--json",
+        ]))
+    };
     let (a, b) = (once(), once());
     assert_eq!(a["state_digest"], b["state_digest"]);
     assert_eq!(a["force"], b["force"]);
-    let other = json(&run(&["evaluate", "pipe_realistic", "--seed", "8", "--json"]));
+    let other = json(&run(&[
+        "evaluate",
+        "pipe_realistic",
+        "--seed",
+        "8",
+        "--json",
+    ]));
     assert_ne!(a["state_digest"], other["state_digest"]);
 }
 
@@ -19,14 +33,35 @@ fn the_same_input_gives_the_same_digest() {
 fn every_key_of_the_contract_is_there() {
     let value = json(&run(&["evaluate", "pipe_ideal", "--json"]));
     for key in [
-        "scenario", "controller", "estimator", "seed", "duration_s", "steps", "wall_s", "real_time_factor",
-        "normal_error_deg", "normal_error_settled_deg", "alignment_error_deg", "tool_error_deg",
-        "normal_nees_per_dof", "force", "path", "contact", "joints", "object_pose", "tanks", "loop", "state_digest",
+        "scenario",
+        "controller",
+        "estimator",
+        "seed",
+        "duration_s",
+        "steps",
+        "wall_s",
+        "real_time_factor",
+        "normal_error_deg",
+        "normal_error_settled_deg",
+        "alignment_error_deg",
+        "tool_error_deg",
+        "normal_nees_per_dof",
+        "force",
+        "path",
+        "contact",
+        "joints",
+        "object_pose",
+        "tanks",
+        "loop",
+        "state_digest",
     ] {
         assert!(value.get(key).is_some(), "{key} is missing");
     }
     for key in ["mean", "median", "std", "rmse", "p95", "max", "n"] {
-        assert!(value["normal_error_deg"][key].is_number(), "normal_error_deg.{key}");
+        assert!(
+            value["normal_error_deg"][key].is_number(),
+            "normal_error_deg.{key}"
+        );
     }
 }
 
@@ -52,7 +87,11 @@ fn models_agree_with_the_reference_values() {
     assert_eq!(rows.len(), 45);
     for row in rows {
         let difference = row["max_relative_difference"].as_f64().unwrap();
-        let bound = if row["quantity"] == "fd_qdd" { 1e-9 } else { 1e-10 };
+        let bound = if row["quantity"] == "fd_qdd" {
+            1e-9
+        } else {
+            1e-10
+        };
         assert!(difference <= bound, "{row}");
     }
 }

@@ -23,7 +23,11 @@ fn up_wipes_the_pipe_as_evaluate_does() {
     ]);
     let code = up.status.code();
     // 3 is "done, but something was lost": a busy machine may miss a cycle, which is no matter of this test.
-    assert!(code == Some(0) || code == Some(3), "{code:?}: {}", stderr(&up));
+    assert!(
+        code == Some(0) || code == Some(3),
+        "{code:?}: {}",
+        stderr(&up)
+    );
     let live = json(&up);
     let evaluation = json(&run(&["evaluate", "pipe_realistic", "--json"]));
 
@@ -51,8 +55,14 @@ fn up_wipes_the_pipe_as_evaluate_does() {
         .unwrap()
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .collect();
-    let recording = names.iter().find(|n| n.ends_with(".mcap")).expect("a recording");
-    assert!(names.iter().any(|n| n.ends_with(".html")), "no report in {names:?}");
+    let recording = names
+        .iter()
+        .find(|n| n.ends_with(".mcap"))
+        .expect("a recording");
+    assert!(
+        names.iter().any(|n| n.ends_with(".html")),
+        "no report in {names:?}"
+    );
 
     // `report` on the recording says the same again.
     let path = folder.path().join(recording);

@@ -333,12 +333,12 @@ impl Report {
             })
             .collect();
         Self {
-            scenario: run.fact("scenario").map(str::to_owned),
+            scenario: text_fact(run, "scenario", "name"),
             controller: controller(run),
             estimator: last
                 .map(|c| c.control.estimator.to_string())
                 .filter(|name| !name.is_empty()),
-            seed: run.fact("seed").and_then(|seed| seed.parse().ok()),
+            seed: text_fact(run, "seed", "seed").and_then(|seed| seed.parse().ok()),
             duration_s: last.map_or(0.0, |c| c.time_s),
             steps: samples.len() as u64,
             wall_s: None,
@@ -376,19 +376,32 @@ impl Report {
     }
 }
 
-/// The preset: the task's own if it names one, else what the recorder was told.
+/// What the recorder was told, else what the scenario stored in the recording says under `key`.
+fn text_fact(run: &Run, fact: &str, key: &str) -> Option<String> {
+    let told = run.fact(fact).map(str::to_owned);
+    told.or_else(|| {
+        let scenario: toml::Table = run.attachments.get("scenario.toml")?.parse().ok()?;
+        Some(match scenario.get(key)? {
+            toml::Value::String(text) => text.clone(),
+            other => other.to_string(),
+        })
+    })
+}
+
+/// The preset: the task's own if it names one, else the scenario's or the cell's.
 fn controller(run: &Run) -> Option<String> {
-    let tasks = run
+    // `task-10.toml` is newer than `task-9.toml`.
+    let newest_task = run
         .attachments
         .iter()
-        .filter(|(name, _)| name.starts_with("task"));
-    let named = tasks.filter_map(|(_, text)| {
-        let table: toml::Table = text.parse().ok()?;
-        Some(table.get("controller")?.as_str()?.to_owned())
-    });
-    named
-        .last()
-        .or_else(|| run.fact("controller").map(str::to_owned))
+        .filter(|(name, _)| name.starts_with("task"))
+        .max_by_key(|(name, _)| (name.len(), name.as_str()));
+    newest_task
+        .and_then(|(_, text)| {
+            let table: toml::Table = text.parse().ok()?;
+            Some(table.get("controller")?.as_str()?.to_owned())
+        })
+        .or_else(|| text_fact(run, "controller", "controller"))
 }
 
 fn loop_figures(run: &Run) -> LoopFigures {
@@ -417,7 +430,10 @@ mod tests {
     #[test]
     fn quantiles_are_nearest_ranks() {
         let found = Quantiles::of((1..=1000).rev().map(f64::from).collect()).unwrap();
-        assert_eq!((found.p50, found.p99, found.p999, found.max), (500.0, 990.0, 999.0, 1000.0));
+        assert_eq!(
+            (found.p50, found.p99, found.p999, found.max),
+            (500.0, 990.0, 999.0, 1000.0)
+        );
         assert_eq!(Quantiles::of(Vec::new()), None);
     }
 

@@ -124,7 +124,8 @@ fn losses(run: &Run, report: &Report) -> String {
         lines.push(format!("{n} records of the force sensor were lost."));
     }
     if lines.is_empty() {
-        return "<p class=\"good\">Nothing was lost that should be in this recording.</p>\n".to_owned();
+        return "<p class=\"good\">Nothing was lost that should be in this recording.</p>\n"
+            .to_owned();
     }
     let items: String = lines
         .iter()
@@ -136,7 +137,8 @@ fn losses(run: &Run, report: &Report) -> String {
 fn headline(report: &Report) -> String {
     let f = &report.figures;
     let spread = |s: &Option<Spread>| s.map(|s| format!("{:.2}° / {:.2}°", s.mean, s.rmse));
-    let number = |v: Option<f64>, digits: usize, unit: &str| v.map(|v| format!("{v:.digits$} {unit}"));
+    let number =
+        |v: Option<f64>, digits: usize, unit: &str| v.map(|v| format!("{v:.digits$} {unit}"));
     let milli = |v: Option<f64>| number(v.map(|v| v * 1e3), 2, "mm");
     let latency = report.r#loop.packet_to_command_us;
     let rows = [
@@ -183,7 +185,11 @@ fn headline(report: &Report) -> String {
             "",
             number(f.force.p95_abs_error_n, 3, "N"),
         ),
-        ("Force: highest", "of the whole task", number(f.force.peak_n, 2, "N")),
+        (
+            "Force: highest",
+            "of the whole task",
+            number(f.force.peak_n, 2, "N"),
+        ),
         (
             "Touchdown: overshoot",
             "peak above what was asked for",
@@ -204,9 +210,9 @@ fn headline(report: &Report) -> String {
         (
             "Contact",
             "share of the time between first contact and retraction",
-            f.contact.fraction.map(|x| {
-                format!("{:.2} %, lost {} times", 100.0 * x, f.contact.lost_count)
-            }),
+            f.contact
+                .fraction
+                .map(|x| format!("{:.2} %, lost {} times", 100.0 * x, f.contact.lost_count)),
         ),
         (
             "Joints: highest speed",
@@ -420,7 +426,10 @@ fn plots(run: &Run, task: &TaskRun<'_>) -> Result<String> {
     html += &figure(
         &axes("Age of the controller's inputs", "ms"),
         &[
-            ("wrench", curve(task, |c| positive(1e3 * c.control.wrench_age_s))),
+            (
+                "wrench",
+                curve(task, |c| positive(1e3 * c.control.wrench_age_s)),
+            ),
             (
                 "estimate",
                 curve(task, |c| positive(1e3 * c.control.estimate_age_s)),
@@ -533,7 +542,10 @@ fn estimators(run: &Run, task: &TaskRun<'_>, report: &Report) -> Result<String> 
                     <th>Settled, mean / RMS</th><th>Tool against it, mean / RMS</th><th>NEES</th></tr>\n"
         .to_owned();
     let spread = |s: Option<Spread>| {
-        s.map_or_else(|| "-".to_owned(), |s| format!("{:.2}° / {:.2}°", s.mean, s.rmse))
+        s.map_or_else(
+            || "-".to_owned(),
+            |s| format!("{:.2}° / {:.2}°", s.mean, s.rmse),
+        )
     };
     for (name, figures) in &report.estimators {
         let used = if report.estimator.as_ref() == Some(name) {
@@ -590,7 +602,9 @@ fn faults(run: &Run, task: &TaskRun<'_>) -> String {
     if run.faults.is_empty() {
         return "<h2>Faults</h2>\n<p>No service reported one.</p>\n".to_owned();
     }
-    let mut html = "<h2>Faults and notices</h2>\n<table><tr><th>When</th><th>Who and what</th></tr>\n".to_owned();
+    let mut html =
+        "<h2>Faults and notices</h2>\n<table><tr><th>When</th><th>Who and what</th></tr>\n"
+            .to_owned();
     /// More is a page that nobody reads; the recording has them all.
     const ROWS: usize = 100;
     for (at_ns, text) in run.faults.iter().take(ROWS) {

@@ -75,9 +75,7 @@ fn read(paths: &[PathBuf], page: bool) -> Result<(Read, Option<String>)> {
     let run = Run::read(paths)?;
     let task = TaskRun::of(&run);
     let report = Report::of(&run, &task);
-    let page = page
-        .then(|| html::page(&run, &task, &report))
-        .transpose()?;
+    let page = page.then(|| html::page(&run, &task, &report)).transpose()?;
     let read = Read {
         report,
         truncated: run.truncated,

@@ -72,7 +72,8 @@ const POINTS_MAX: usize = 2500;
 pub fn draw(axes: &Axes<'_>, series: &[Series<'_>]) -> Result<String> {
     let height = if axes.equal { 620 } else { 300 };
     let mut svg = String::new();
-    let failed = |e: &dyn std::fmt::Display| anyhow!("plot \"{}\" could not be drawn: {e}", axes.title);
+    let failed =
+        |e: &dyn std::fmt::Display| anyhow!("plot \"{}\" could not be drawn: {e}", axes.title);
     {
         let area = SVGBackend::with_string(&mut svg, (WIDTH, height)).into_drawing_area();
         area.fill(&WHITE).map_err(|e| failed(&e))?;
@@ -118,7 +119,10 @@ pub fn draw(axes: &Axes<'_>, series: &[Series<'_>]) -> Result<String> {
             .map_err(|e| failed(&e))?;
         if let Some((level, name)) = axes.reference {
             chart
-                .draw_series(LineSeries::new([(x.0, level), (x.1, level)], ORANGE.mix(0.9)))
+                .draw_series(LineSeries::new(
+                    [(x.0, level), (x.1, level)],
+                    ORANGE.mix(0.9),
+                ))
                 .map_err(|e| failed(&e))?
                 .label(name)
                 .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], ORANGE));
@@ -195,7 +199,14 @@ mod tests {
     use super::*;
 
     fn axes(reference: Option<(f64, &'static str)>) -> Axes<'static> {
-        Axes { title: "force", x: "s", y: "N", equal: false, reference, bands: &[] }
+        Axes {
+            title: "force",
+            x: "s",
+            y: "N",
+            equal: false,
+            reference,
+            bands: &[],
+        }
     }
 
     #[test]
@@ -207,8 +218,15 @@ mod tests {
     #[test]
     fn a_nan_breaks_the_line_and_nothing_else() {
         let points = [(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0), (3.0, 4.0)];
-        assert_eq!(runs(&points), vec![vec![(0.0, 1.0)], vec![(2.0, 3.0), (3.0, 4.0)]]);
-        let one = Series { name: "f", points: &points, colour: BLUE };
+        assert_eq!(
+            runs(&points),
+            vec![vec![(0.0, 1.0)], vec![(2.0, 3.0), (3.0, 4.0)]]
+        );
+        let one = Series {
+            name: "f",
+            points: &points,
+            colour: BLUE,
+        };
         assert!(draw(&axes(Some((3.0, "reference"))), &[one]).is_ok());
     }
 
