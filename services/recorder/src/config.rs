@@ -8,7 +8,7 @@ use tangent_runtime::CellConfig;
 
 /// What the recorder is told.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Config {
+pub struct RecorderConfig {
     /// Folder of the recordings; made when it does not exist.
     pub folder: PathBuf,
     /// First part of the files' names: the cell.
@@ -33,7 +33,7 @@ pub struct Config {
     pub queue: usize,
 }
 
-impl Default for Config {
+impl Default for RecorderConfig {
     fn default() -> Self {
         Self {
             folder: PathBuf::from("recordings"),
@@ -51,9 +51,9 @@ impl Default for Config {
     }
 }
 
-impl Config {
-    /// From a cell's `[recorder]` section; `cell_text` is the cell file as it was read, stored as `cell.toml`.
-    pub fn from_cell(cell: &CellConfig, cell_text: &str) -> Self {
+impl RecorderConfig {
+    /// From a cell's `[recorder]` section. The cell file's text is not in it: add it with [`Self::with_attachment`].
+    pub fn from_cell(cell: &CellConfig) -> Self {
         let section = &cell.recorder;
         let mut facts = version_facts();
         facts.insert("cell".to_owned(), cell.cell.name.clone());
@@ -66,7 +66,6 @@ impl Config {
             rotate_bytes: (section.rotate_mb * 1e6) as u64,
             rotate_after: Duration::from_secs_f64(section.rotate_s),
             compress: section.compress,
-            attachments: vec![("cell.toml".to_owned(), cell_text.to_owned())],
             facts,
             queue: section.queue_messages,
             ..Self::default()
@@ -112,7 +111,9 @@ mod tests {
     #[test]
     fn the_cell_that_ships_is_taken_over_key_by_key() {
         let cell = CellConfig::default_cell();
-        let config = Config::from_cell(&cell, "[cell]").with_fact("seed", "7");
+        let config = RecorderConfig::from_cell(&cell)
+            .with_fact("seed", "7")
+            .with_attachment("cell.toml", "[cell]");
         assert_eq!(config.prefix, "cell1");
         assert_eq!(config.rotate_bytes, 1_024_000_000);
         assert_eq!(config.rotate_after, Duration::from_secs(3600));

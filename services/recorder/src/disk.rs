@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::config::Config;
+use crate::config::RecorderConfig;
 use crate::error::RecorderError;
 use crate::repair;
 use crate::writer::{Record, RecordingWriter};
@@ -26,7 +26,7 @@ enum State {
 
 /// Writes records to rotating files. Never gives up: after a refusal it tries again.
 pub struct Disk {
-    config: Config,
+    config: RecorderConfig,
     state: State,
     /// Counts files of this run.
     files: u32,
@@ -49,7 +49,7 @@ impl Disk {
     ///
     /// # Errors
     /// When the folder can neither be found nor made.
-    pub fn open(config: Config) -> Result<Self, RecorderError> {
+    pub fn open(config: RecorderConfig) -> Result<Self, RecorderError> {
         fs::create_dir_all(&config.folder)
             .map_err(|source| RecorderError::io(&config.folder, source))?;
         Ok(Self {
@@ -315,7 +315,7 @@ mod tests {
         assert_eq!(utc_name(0), "19700101T000000Z");
         assert_eq!(utc_name(951_782_399_000_000_000), "20000228T235959Z");
         assert_eq!(utc_name(951_868_800_000_000_000), "20000301T000000Z");
-        assert_eq!(utc_name(1_795_260_245_000_000_000), "20261121T110405Z");
+        assert_eq!(utc_name(1_795_260_245_000_000_000), "20261121T112405Z");
     }
 
     fn record(i: u64) -> Record<'static> {
@@ -330,18 +330,18 @@ mod tests {
         }
     }
 
-    fn config(folder: &Path) -> Config {
-        Config {
+    fn config(folder: &Path) -> RecorderConfig {
+        RecorderConfig {
             folder: folder.to_owned(),
             free_min_bytes: 0,
-            ..Config::default()
+            ..RecorderConfig::default()
         }
     }
 
     #[test]
     fn files_rotate_by_time_and_nothing_is_lost_between_them() {
         let folder = tempfile::tempdir().unwrap();
-        let mut disk = Disk::open(Config {
+        let mut disk = Disk::open(RecorderConfig {
             rotate_after: Duration::from_secs(2),
             flush_every: Duration::ZERO,
             attachments: vec![("cell.toml".into(), "[cell]".into())],
@@ -369,7 +369,7 @@ mod tests {
     #[test]
     fn a_disk_that_is_nearly_full_is_left_alone_and_what_is_recorded_stays_whole() {
         let folder = tempfile::tempdir().unwrap();
-        let mut disk = Disk::open(Config {
+        let mut disk = Disk::open(RecorderConfig {
             flush_every: Duration::from_millis(10),
             free_min_bytes: u64::MAX,
             ..config(folder.path())

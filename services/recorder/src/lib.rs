@@ -13,7 +13,7 @@ pub mod repair;
 mod service;
 mod writer;
 
-pub use config::Config;
+pub use config::RecorderConfig;
 pub use disk::Disk;
 pub use error::RecorderError;
 pub use recording::{RecordedMessage, Recording};

@@ -11,7 +11,7 @@ use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::ControlState;
 use tangent_schemas::{Message, cdr, definition, topics};
 
-use crate::config::Config;
+use crate::config::RecorderConfig;
 use crate::disk::Disk;
 use crate::error::RecorderError;
 use crate::inquiry::{Finding, Inquirer};
@@ -57,7 +57,7 @@ impl Summary {
 /// # Errors
 /// A folder that can neither be found nor made, or a topic that the bus refuses. A disk that refuses later is no
 /// error: the service stands by, counts and tries again.
-pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<Summary, RecorderError> {
+pub fn run(config: RecorderConfig, bus: Bus, stop: Stop) -> Result<Summary, RecorderError> {
     let mut service = Service::new(config, &bus)?;
     while !stop.is_stopped() {
         if let Some(message) = service.messages.recv_timeout(LOOK) {
@@ -112,15 +112,15 @@ impl Definitions {
 }
 
 impl Service {
-    fn new(config: Config, bus: &Bus) -> Result<Self, RecorderError> {
-        let health = HealthReporter::start(bus, SERVICE)?;
+    fn new(config: RecorderConfig, bus: &Bus) -> Result<Self, RecorderError> {
         let (pattern, include) = match config.include.as_slice() {
             [one] => (one.clone(), Vec::new()),
             // Patterns may overlap; one subscription hears each message once.
             several => ("**".to_owned(), several.to_vec()),
         };
-        // Before the disk: messages wait in the queue while old files are mended.
+        // First of all: messages wait in the queue while old files are mended.
         let messages = bus.subscribe_raw(&pattern, config.queue)?;
+        let health = HealthReporter::start(bus, SERVICE)?;
         let folder = config.folder.clone();
         let disk = Disk::open(config)?;
         let mended = repair::repair_folder(&folder).unwrap_or_else(|error| {
@@ -304,11 +304,11 @@ mod tests {
     use tangent_runtime::bus::answer::{done_with, refused};
     use tangent_schemas::tangent::ArmState;
 
-    fn config(folder: &std::path::Path) -> Config {
-        Config {
+    fn config(folder: &std::path::Path) -> RecorderConfig {
+        RecorderConfig {
             folder: folder.to_owned(),
             free_min_bytes: 0,
-            ..Config::default()
+            ..RecorderConfig::default()
         }
     }
 
@@ -354,7 +354,8 @@ mod tests {
             activation: 3,
             ..ControlState::default()
         });
-        until("messages arrive", || service.messages.waiting() >= 101);
+        // 101 of ours, and the first health message.
+        until("messages arrive", || service.messages.waiting() >= 102);
         while let Some(message) = service.messages.try_recv() {
             service.take(&message);
         }
@@ -394,7 +395,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let bus = Bus::in_process("cell1");
         let service = Service::new(
-            Config {
+            RecorderConfig {
                 queue: 10,
                 include: vec!["arm/state".to_owned()],
                 ..config(folder.path())
@@ -422,7 +423,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let bus = Bus::in_process("cell1");
         let mut service = Service::new(
-            Config {
+            RecorderConfig {
                 include: vec!["arm/*".to_owned(), "arm/state".to_owned()],
                 ..config(folder.path())
             },

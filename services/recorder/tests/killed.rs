@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use tangent_recorder::{Config, Recording, repair};
+use tangent_recorder::{RecorderConfig, Recording, repair};
 use tangent_runtime::{Bus, Stop};
 use tangent_schemas::tangent::ArmState;
 use tangent_schemas::topics;
@@ -14,13 +14,13 @@ const FOLDER: &str = "TANGENT_TEST_RECORDER_FOLDER";
 /// Messages that are surely on the disk when the recorder is killed.
 const SAFE: usize = 500;
 
-fn config(folder: &Path) -> Config {
-    Config {
+fn config(folder: &Path) -> RecorderConfig {
+    RecorderConfig {
         folder: folder.to_owned(),
         include: vec!["arm/state".to_owned()],
         flush_every: Duration::from_millis(10),
         free_min_bytes: 0,
-        ..Config::default()
+        ..RecorderConfig::default()
     }
 }
 
