@@ -38,6 +38,10 @@ impl Robot for Controller {
         self.config.flavour.period_s()
     }
 
+    fn is_e_series(&self) -> bool {
+        self.config.flavour == crate::config::Flavour::ESeries
+    }
+
     fn speed_fraction(&self) -> f64 {
         self.slider
     }
@@ -152,7 +156,9 @@ impl Robot for Controller {
     }
 
     fn text_message(&mut self, text: String) {
-        self.say(Message::Text(text.chars().take(TEXT_MAX).collect()));
+        let text: String = text.chars().take(TEXT_MAX).collect();
+        self.note(&format!("textmsg: {text}"));
+        self.say(Message::Text(text));
     }
 
     fn watchdog(&mut self, variable: &str, rate_hz: f64, action: &str) -> Result<(), String> {

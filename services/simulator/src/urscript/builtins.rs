@@ -6,6 +6,8 @@ use super::value::Value;
 pub trait Robot {
     /// Control period, s.
     fn step_s(&self) -> f64;
+    /// Not a CB3.
+    fn is_e_series(&self) -> bool;
     /// Speed slider, 0 to 1: time in motions runs this much slower.
     fn speed_fraction(&self) -> f64;
     /// Input register; `None` when there is no such register.
@@ -273,7 +275,8 @@ builtins! {
     end_force_mode() = |_, _| nothing();
     force_mode_set_damping(damping) = |_, _| nothing();
     #[e_series] force_mode_set_gain_scaling(scaling) = |_, _| nothing();
-    #[e_series] zero_ftsensor() = |_, _| nothing();
+    // CB3 compiles it (clients' programs name it) and has no such sensor.
+    zero_ftsensor() = |r, _| if r.is_e_series() { nothing() } else { Err("zero_ftsensor: no force/torque sensor".to_owned()) };
     teach_mode() = |_, _| nothing();
     end_teach_mode() = |_, _| nothing();
     #[e_series] freedrive_mode(freeAxes, feature) = |_, _| nothing();

@@ -254,10 +254,10 @@ impl Machine {
                 }
                 Op::Kill => {
                     let id = pop(thread).integer()?;
-                    if id == thread.id {
+                    // 0 is no thread: a handle that was never run.
+                    if id > 0 && id == thread.id {
                         return Ok(Turn::Ended);
                     }
-                    // 0 is no thread: a handle that was never run.
                     if id > 0 {
                         self.threads.retain(|t| t.id != id);
                         self.released(id);

@@ -120,6 +120,14 @@ fn threads_take_turns_and_can_be_killed() {
 }
 
 #[test]
+fn killing_a_handle_that_never_ran_kills_nobody() {
+    assert_eq!(
+        result("handle = 0\nkill handle\njoin handle\nwrite_output_integer_register(0, 3)"),
+        3
+    );
+}
+
+#[test]
 fn join_waits_for_the_end() {
     assert_eq!(
         result(
@@ -149,9 +157,9 @@ fn an_unknown_name_is_reported_and_nothing_starts() {
     assert!(!rig.messages.iter().any(|m| matches!(m, Message::Key(..))));
     let error = compile("def test():\n  sync()\n  x = y + 1\nend\n").unwrap_err();
     assert_eq!((error.line, error.unknown_name), (3, true));
-    // CB3 has no such sensor.
-    assert!(compile("zero_ftsensor()").is_err());
-    assert!(Program::compile("zero_ftsensor()", true).is_ok());
+    // Not on CB3.
+    assert!(compile("force_mode_set_gain_scaling(0.5)").is_err());
+    assert!(Program::compile("force_mode_set_gain_scaling(0.5)", true).is_ok());
 }
 
 #[test]
