@@ -110,7 +110,8 @@ impl MotionTracker {
             (Some(before), Some(now)) => now < before,
             _ => false,
         };
-        self.bias_age_s = age;
+        // A cycle without a wrench says nothing of the tare.
+        self.bias_age_s = age.or(self.bias_age_s);
         let unturn = nalgebra::UnitQuaternion::from_scaled_axis(-angular * delay_s);
         Ok(Motion {
             dt_s: dt_s.min(GAP_MAX_S),

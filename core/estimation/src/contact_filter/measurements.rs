@@ -1,0 +1,149 @@
+//! What the filter measures: velocity along the surface, force while sliding, force while pressing.
+
+use nalgebra::Vector3;
+
+use super::{BIAS, ContactFilter, FRICTION, NORMAL, Row, SHAPE, WEIGHT};
+use crate::motion::Motion;
+
+/// Distance over which velocity errors and friction's own fluctuations stay alike, m.
+const FLUCTUATION_LENGTH_M: f64 = 0.002;
+/// Friction's fluctuation around Coulomb's law, relative.
+const FRICTION_FLUCTUATION: f64 = 0.03;
+/// Distance over which the surface's unrest is learnt, m.
+const UNREST_LENGTH_M: f64 = 0.01;
+/// Bounds of the unrest: the variance with which curvature changes, relative to the configured one.
+const UNREST: (f64, f64) = (1.0, 40.0);
+
+impl ContactFilter {
+    /// The contact point moves along the surface, but for what compliance gives way.
+    pub(super) fn measure_velocity(
+        &mut self,
+        velocity: &Vector3<f64>,
+        speed: f64,
+        motion: &Motion,
+    ) {
+        let s = &self.config.sensing;
+        let mut sd2 = s.velocity_sd_m_per_s.powi(2);
+        sd2 += (s.compliance_m_per_n * self.force_rate_n_per_s).powi(2);
+        sd2 += (self.centre_sd_m * motion.angular.norm()).powi(2);
+        let mut row = Row::zeros();
+        let normal = self.normal_at_centre();
+        let tangent = self.frame.project(velocity);
+        row[NORMAL] = tangent.x;
+        row[NORMAL + 1] = tangent.y;
+        self.shape_row(&mut row, velocity);
+        let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
+        let innovation = -normal.dot(velocity);
+        let expected = row.dot(&(self.covariance * row)) + sd2;
+        self.learn_unrest(innovation, expected, speed * motion.dt_s);
+        self.correct(&row, innovation, sd2 * alike);
+    }
+
+    /// Motion across the surface that was larger than expected says that its curvature changes faster, and the
+    /// other way round. Velocity alone is asked: no force bias disturbs it.
+    fn learn_unrest(&mut self, innovation: f64, expected: f64, distance: f64) {
+        let share = (distance / UNREST_LENGTH_M).min(0.2);
+        self.innovation_m2_per_s2 += share * (innovation * innovation - self.innovation_m2_per_s2);
+        self.expected_m2_per_s2 += share * (expected - self.expected_m2_per_s2);
+        if self.expected_m2_per_s2 > 0.0 {
+            let ratio = (self.innovation_m2_per_s2 / self.expected_m2_per_s2).clamp(0.05, 20.0);
+            self.unrest = (self.unrest * ratio.powf(2.0 * share)).clamp(UNREST.0, UNREST.1);
+        }
+    }
+
+    /// `f = N (n - mu t) + b`, seen across and along the direction of sliding.
+    pub(super) fn measure_sliding_force(&mut self, motion: &Motion, speed: f64) {
+        let normal = self.normal_at_centre();
+        let force = self.force(motion);
+        let t = (self.slide_direction - normal * normal.dot(&self.slide_direction)).normalize();
+        let expected = normal - t * self.friction;
+        let load = expected.dot(&force) / expected.norm_squared();
+        if load < self.config.contact.force_off_n {
+            return;
+        }
+        let line = expected.normalize();
+        let across = normal.cross(&t);
+        let along = across.cross(&line);
+        let s = &self.config.sensing;
+        // The wrench filter leaves neighbouring samples alike.
+        let noise = s.force_noise_n.powi(2) * (2.0 * 0.01 / motion.dt_s).max(1.0);
+        let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
+
+        let across_innovation = across.dot(&force);
+        let row = self.force_row(&across, &normal, &t, load, motion);
+        // The direction of sliding is known to a few degrees: friction leaks across by that much.
+        let leak = (self.friction * load * 0.02).powi(2);
+        self.correct(&row, across_innovation, noise + leak * alike);
+
+        let along_innovation = along.dot(&force);
+        let row = self.force_row(&along, &normal, &t, load, motion);
+        let fluctuation = (FRICTION_FLUCTUATION * load * self.friction.max(0.1)).powi(2)
+            + self.friction_residual_n2;
+        self.correct(&row, along_innovation, noise + fluctuation * alike);
+        let gain = (speed * motion.dt_s / 0.02).min(0.2);
+        self.friction_residual_n2 += gain
+            * ((along_innovation * along_innovation - noise).clamp(0.0, (0.3 * load).powi(2))
+                - self.friction_residual_n2);
+    }
+
+    /// Pressing without sliding, friction points anywhere inside its cone: one look at the force, however long it takes.
+    pub(super) fn measure_pressing_force(&mut self, motion: &Motion) {
+        let force = self.force(motion);
+        let load = self.frame.normal.dot(&force);
+        if load < self.config.contact.force_on_n {
+            return;
+        }
+        let s = &self.config.surface;
+        let cone = s.friction_initial.hypot(s.friction_sd) / std::f64::consts::SQRT_2;
+        // Information grows with the load and never with time.
+        let whole = (load - self.config.contact.force_off_n).max(0.0) / load;
+        let gained = whole - self.pressing_information;
+        if gained < 1e-3 {
+            return;
+        }
+        self.pressing_information = whole;
+        let variance = ((cone * load).powi(2) + self.config.sensing.force_noise_n.powi(2)) / gained;
+        let (normal, t) = (self.frame.normal, Vector3::zeros());
+        for axis in [self.frame.first, self.frame.second] {
+            let row = self.force_row(&axis, &normal, &t, load, motion);
+            self.correct(&row, axis.dot(&force), variance);
+        }
+    }
+
+    fn normal_at_centre(&self) -> Vector3<f64> {
+        let offset = self.shape * self.frame.project(&self.centre);
+        self.frame.turned(&offset).normal
+    }
+
+    /// Derivative of `normal_at_centre · v` by the shape operator.
+    fn shape_row(&self, row: &mut Row, v: &Vector3<f64>) {
+        let r = self.frame.project(&self.centre);
+        let w = self.frame.project(v);
+        row[SHAPE] = w.x * r.x;
+        row[SHAPE + 1] = w.y * r.y;
+        row[SHAPE + 2] = w.x * r.y + w.y * r.x;
+    }
+
+    /// Derivative of `axis · f` by the states; `axis` is perpendicular to the line of the force.
+    fn force_row(
+        &self,
+        axis: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        t: &Vector3<f64>,
+        load: f64,
+        motion: &Motion,
+    ) -> Row {
+        let mut row = Row::zeros();
+        // Turning the normal towards the direction of sliding tilts that direction out of the old tangent plane.
+        let sensitive = (axis + t * (self.friction * axis.dot(normal))) * load;
+        let tangent = self.frame.project(&sensitive);
+        row[NORMAL] = tangent.x;
+        row[NORMAL + 1] = tangent.y;
+        self.shape_row(&mut row, &sensitive);
+        row[FRICTION] = -load * axis.dot(t);
+        let bias = motion.rotation.tr_mul(axis);
+        row.fixed_rows_mut::<3>(BIAS).copy_from(&bias);
+        row[WEIGHT] = bias.dot(&self.leverage);
+        row
+    }
+}
