@@ -1,4 +1,5 @@
 //! Every Rust message against its `.msg` file: names, order and types of all fields.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 

@@ -33,7 +33,7 @@ impl<'de> Deserializer<'de> for &mut Filler {
     type Error = Error;
 
     numbers! {
-        deserialize_bool visit_bool |n| n % 2 == 0;
+        deserialize_bool visit_bool |n| n.is_multiple_of(2);
         deserialize_u8 visit_u8 |n| n;
         deserialize_u16 visit_u16 |n| 0x0100 + u16::from(n);
         deserialize_u32 visit_u32 |n| 0x0102_0300 + u32::from(n);

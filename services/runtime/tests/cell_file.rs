@@ -1,4 +1,5 @@
 //! `cell.toml`: the file that ships, and what is said about files that are wrong.
+#![allow(clippy::unwrap_used)]
 
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::DEFAULT_CELL;

@@ -1,4 +1,5 @@
 //! The bus between sessions, over a real router on loopback.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! The bus within one process: order, threads, losses, types.
+#![allow(clippy::unwrap_used)]
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};

@@ -2,6 +2,7 @@
 //!
 //! They come from `tests/interop/requirements.txt`. Without them the test says so and passes, unless
 //! `TANGENT_REQUIRE_INTEROP` is set.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 

@@ -192,20 +192,14 @@ pub(crate) fn ask(
     let session = bus.session.as_ref().ok_or_else(no_answer)?;
     let mut payload = Vec::new();
     encode(key, request, &mut payload)?;
-    let deadline = Instant::now() + timeout;
     let replies = session.get(key, &payload, timeout)?;
-    loop {
-        let left = deadline.saturating_duration_since(Instant::now());
-        match replies.recv_timeout(left) {
-            Some(Ok((_, bytes))) => return decode(key, &bytes),
-            Some(Err(reason)) => {
-                return Err(BusError::BadAnswer {
-                    key: key.to_owned(),
-                    reason,
-                });
-            }
-            None => return Err(no_answer()),
-        }
+    match replies.recv_timeout(timeout) {
+        Some(Ok((_, bytes))) => decode(key, &bytes),
+        Some(Err(reason)) => Err(BusError::BadAnswer {
+            key: key.to_owned(),
+            reason,
+        }),
+        None => Err(no_answer()),
     }
 }
 

@@ -74,9 +74,9 @@ type Callback<M> = Box<dyn FnMut(&Received<M>) + Send>;
 /// Where messages go.
 pub(crate) enum Sink<M> {
     Slots {
-        queue: ArrayQueue<Received<M>>,
+        queue: Box<ArrayQueue<Received<M>>>,
         /// The reader's thread while it sleeps.
-        sleeper: ArrayQueue<Thread>,
+        sleeper: Box<ArrayQueue<Thread>>,
         /// A queue's losses count, those of a newest-value slot do not.
         counts_drops: bool,
     },
@@ -98,8 +98,8 @@ impl<M> Sink<M> {
 
     fn slots(capacity: usize, counts_drops: bool) -> Self {
         Self::Slots {
-            queue: ArrayQueue::new(capacity.max(1)),
-            sleeper: ArrayQueue::new(1),
+            queue: Box::new(ArrayQueue::new(capacity.max(1))),
+            sleeper: Box::new(ArrayQueue::new(1)),
             counts_drops,
         }
     }
