@@ -126,7 +126,7 @@ fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Resul
     }
     cell.estimators.settings.insert(
         tangent_estimator::ALL.to_owned(),
-        toml::Table::try_from(&scenario.estimation)?,
+        toml::Table::try_from(scenario.estimation)?,
     );
     Ok(cell)
 }
@@ -216,7 +216,7 @@ fn wipe(bus: &Bus, task: &str, stop: &Stop, stay: bool) -> Result<Phase> {
         let phase = view.control().and_then(|c| Phase::from_code(c.phase));
         if let Some(phase) = phase {
             seen_active |= phase.is_active();
-            if seen_active && !phase.is_active() && !(stay && !stop.is_stopped()) {
+            if seen_active && !phase.is_active() && (!stay || stop.is_stopped()) {
                 break phase;
             }
         }

@@ -1,5 +1,7 @@
 //! Mistakes in what the user gives: each is answered with its name, the value, what is allowed, and exit code 2.
 
+#![allow(clippy::unwrap_used)]
+
 mod common;
 
 use std::fs;

@@ -1,5 +1,7 @@
 //! `tangent evaluate` and `reproduce` as a user calls them: same numbers every time, and the figures that are promised.
 
+#![allow(clippy::unwrap_used)]
+
 mod common;
 
 use common::{json, run};

@@ -1,10 +1,14 @@
 //! `tangent up` on the wire protocols of the real robot and sensor, against `evaluate` of the same scenario.
 
+#![allow(clippy::unwrap_used)]
+
 mod common;
 
 use std::fs;
 
 use common::{json, number, port_offset, run, stderr};
+
+const SCENARIO: &str = "pipe_ideal";
 
 /// The whole system wipes the pipe, leaves a recording and a report, and its figures are those of `evaluate`.
 #[test]
@@ -14,7 +18,7 @@ fn up_wipes_the_pipe_as_evaluate_does() {
     let up = run(&[
         "up",
         "--scenario",
-        "pipe_realistic",
+        SCENARIO,
         "--folder",
         folder.path().to_str().unwrap(),
         "--port-offset",
@@ -29,7 +33,7 @@ fn up_wipes_the_pipe_as_evaluate_does() {
         stderr(&up)
     );
     let live = json(&up);
-    let evaluation = json(&run(&["evaluate", "pipe_realistic", "--json"]));
+    let evaluation = json(&run(&["evaluate", SCENARIO, "--json"]));
 
     // Figure, and the difference that is too small to speak of.
     for (path, small) in [
@@ -49,7 +53,7 @@ fn up_wipes_the_pipe_as_evaluate_does() {
         );
     }
     assert_eq!(number(&live, "/contact/lost_count"), 0.0);
-    assert_eq!(live["scenario"], "pipe_realistic");
+    assert_eq!(live["scenario"], SCENARIO);
 
     let names: Vec<String> = fs::read_dir(folder.path())
         .unwrap()

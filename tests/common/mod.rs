@@ -1,5 +1,5 @@
 //! What the system tests share: the built program, folders, free ports.
-#![allow(dead_code)]
+#![allow(dead_code, clippy::unwrap_used)]
 
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,8 @@
 //! The composed controller against a small plant: an ideal arm behind a delay, a plane of springs, perfect or spoilt
 //! inputs. What it must never do is checked in every cycle; the finer physics is in the closed loop of `evaluate`.
 
+#![allow(clippy::unwrap_used)]
+
 use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};

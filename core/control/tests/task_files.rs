@@ -1,5 +1,7 @@
 //! Every task file that ships is loaded, made ready, and says what its name promises.
 
+#![allow(clippy::unwrap_used)]
+
 use tangent_control::{ControllerConfig, PathSpec, Program, Task};
 
 fn program(text: &str) -> Program {

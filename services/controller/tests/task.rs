@@ -1,6 +1,8 @@
 //! The service on a bus without a network: a small arm over a plane publishes packets and obeys the commands, and the
 //! queries are those that `tangent task` sends. The packet's publisher is this thread, as the bridge's is in the cell.
 
+#![allow(clippy::unwrap_used)]
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;

@@ -1,5 +1,7 @@
 //! Recordings are read by other people's programs: `mcap` with `mcap-ros2-support`, and `rosbags`, both from PyPI.
 
+#![allow(clippy::unwrap_used)]
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -1,5 +1,7 @@
 //! A recorder that is killed leaves a file that opens, and the next start mends it.
 
+#![allow(clippy::unwrap_used)]
+
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

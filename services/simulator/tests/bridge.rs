@@ -1,5 +1,7 @@
 //! The robot bridge on the simulated controller, both as they run: the program it sends is executed, faults are real.
 
+#![allow(clippy::unwrap_used)]
+
 use std::net::{IpAddr, Ipv4Addr};
 use std::thread::JoinHandle;
 use std::time::Duration;

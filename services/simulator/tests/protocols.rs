@@ -1,5 +1,7 @@
 //! The cell's servers over real sockets, with a client written from the protocol alone.
 
+#![allow(clippy::unwrap_used)]
+
 use std::io::{Read, Write};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream};
 use std::time::{Duration, Instant};

@@ -1,5 +1,7 @@
 //! ur_rtde, as it comes from PyPI, against the simulated cell. Skipped where Python or the package is missing.
 
+#![allow(clippy::unwrap_used)]
+
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
