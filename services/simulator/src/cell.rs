@@ -4,8 +4,10 @@
 //! by one period. So an answer in time acts in the very period it answers, as in the closed loop of `evaluate`. A cycle that
 //! comes late is not made up for: simulated time then runs slow, but no client ever sees two states in a burst.
 
+mod disturbance;
+mod servers;
+
 use std::io;
-use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,25 +15,23 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tangent_mechanics::{ModelData, ModelError};
-use tangent_rtde::codec::{PORT_DASHBOARD, PORT_PRIMARY, PORT_REALTIME, PORT_RTDE, PORT_SECONDARY};
 use tangent_runtime::clock::DeadlineClock;
 use tangent_simulation::{Plant, PlantError, Truth};
 
 use crate::arm_plant::ArmPlant;
 use crate::config::{Config, ControllerConfig, Ports};
 use crate::controller::{Controller, Summary};
-use crate::dashboard::DashboardServer;
 use crate::fault::Fault;
 use crate::netb::{BoxSample, NetbBox, NetbConfig, NetbError, SampleFeed};
 use crate::primary::Geometry;
-use crate::rtde_server::{RtdeServer, StreamFaults};
-use crate::script_ports::{ScriptPort, Stream};
+
+use disturbance::Disturbance;
+pub use servers::Endpoints;
+use servers::{Servers, Wanted, geometry};
 
 /// The sensor box's ports: RDT, and its web server (80 on a real one, which takes privileges).
 const PORT_RDT: u16 = 49152;
 const PORT_HTTP: u16 = 8080;
-/// Read-only twins of the script ports are this far above them.
-const READ_ONLY_ABOVE: u16 = 10;
 
 /// Why a cell cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -76,27 +76,6 @@ pub enum StartError {
         /// Of the flavour.
         controller_s: f64,
     },
-}
-
-/// Where the servers listen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Endpoints {
-    /// RTDE.
-    pub rtde: SocketAddr,
-    /// Dashboard.
-    pub dashboard: SocketAddr,
-    /// Primary client.
-    pub primary: SocketAddr,
-    /// Secondary client.
-    pub secondary: SocketAddr,
-    /// Real-time client.
-    pub realtime: SocketAddr,
-    /// Primary client, read-only.
-    pub primary_read_only: SocketAddr,
-    /// Secondary client, read-only.
-    pub secondary_read_only: SocketAddr,
-    /// Real-time client, read-only.
-    pub realtime_read_only: SocketAddr,
 }
 
 /// What the cell is doing, once per cycle.
@@ -333,149 +312,6 @@ impl Drop for SimulatedCell {
     }
 }
 
-/// Addresses to bind, in the order of [`Endpoints`].
-struct Wanted([SocketAddr; 8]);
-
-const NAMES: [&str; 8] = [
-    "RTDE",
-    "the dashboard",
-    "the primary client",
-    "the secondary client",
-    "the real-time client",
-    "the primary client (read-only)",
-    "the secondary client (read-only)",
-    "the real-time client (read-only)",
-];
-
-impl Wanted {
-    fn new(address: std::net::IpAddr, ports: Ports) -> Result<Self, StartError> {
-        let offset = match ports {
-            Ports::Offset(offset) => offset,
-            Ports::Ephemeral => 0,
-        };
-        let at = |port: u16| {
-            let port = ports.of(port).ok_or(StartError::Offset { offset })?;
-            Ok::<_, StartError>(SocketAddr::new(address, port))
-        };
-        Ok(Self([
-            at(PORT_RTDE)?,
-            at(PORT_DASHBOARD)?,
-            at(PORT_PRIMARY)?,
-            at(PORT_SECONDARY)?,
-            at(PORT_REALTIME)?,
-            at(PORT_PRIMARY + READ_ONLY_ABOVE)?,
-            at(PORT_SECONDARY + READ_ONLY_ABOVE)?,
-            at(PORT_REALTIME + READ_ONLY_ABOVE)?,
-        ]))
-    }
-}
-
-impl From<Endpoints> for Wanted {
-    fn from(e: Endpoints) -> Self {
-        Self([
-            e.rtde,
-            e.dashboard,
-            e.primary,
-            e.secondary,
-            e.realtime,
-            e.primary_read_only,
-            e.secondary_read_only,
-            e.realtime_read_only,
-        ])
-    }
-}
-
-struct Servers {
-    endpoints: Endpoints,
-    rtde: RtdeServer,
-    dashboard: DashboardServer,
-    ports: Vec<ScriptPort>,
-}
-
-impl Servers {
-    fn bind(wanted: &Wanted) -> Result<Self, StartError> {
-        let mut listeners = Vec::new();
-        let mut addresses = Vec::new();
-        for (address, server) in wanted.0.iter().zip(NAMES) {
-            let refused = |reason| StartError::Port {
-                address: address.to_string(),
-                server,
-                reason,
-            };
-            let listener = TcpListener::bind(address).map_err(refused)?;
-            listener.set_nonblocking(true).map_err(refused)?;
-            addresses.push(listener.local_addr().map_err(refused)?);
-            listeners.push(listener);
-        }
-        let mut listeners = listeners.into_iter();
-        let mut next = || listeners.next().ok_or(StartError::Offset { offset: 0 });
-        Ok(Self {
-            endpoints: Endpoints {
-                rtde: addresses[0],
-                dashboard: addresses[1],
-                primary: addresses[2],
-                secondary: addresses[3],
-                realtime: addresses[4],
-                primary_read_only: addresses[5],
-                secondary_read_only: addresses[6],
-                realtime_read_only: addresses[7],
-            },
-            rtde: RtdeServer::new(next()?),
-            dashboard: DashboardServer::new(next()?),
-            ports: vec![
-                ScriptPort::new(next()?, Stream::Primary, false),
-                ScriptPort::new(next()?, Stream::Secondary, false),
-                ScriptPort::new(next()?, Stream::Realtime, false),
-                ScriptPort::new(next()?, Stream::Primary, true),
-                ScriptPort::new(next()?, Stream::Secondary, true),
-                ScriptPort::new(next()?, Stream::Realtime, true),
-            ],
-        })
-    }
-
-    fn disconnect_all(&mut self) {
-        self.rtde.disconnect_all();
-        self.dashboard.disconnect_all();
-        self.ports.iter_mut().for_each(ScriptPort::disconnect_all);
-    }
-}
-
-/// Faults of the stream that last.
-#[derive(Debug, Default)]
-struct Disturbance {
-    probability: f64,
-    burst: u32,
-    burst_left: u32,
-    delay_s: f64,
-    frozen_until: Option<Instant>,
-    /// State of the generator that decides on losses.
-    random: u64,
-}
-
-impl Disturbance {
-    fn of_cycle(&mut self, now: Instant) -> StreamFaults {
-        if self.burst_left > 0 {
-            self.burst_left -= 1;
-        } else if self.probability > 0.0 && self.draw() < self.probability {
-            self.burst_left = self.burst;
-        }
-        StreamFaults {
-            delay_s: self.delay_s,
-            frozen: self.frozen_until.is_some_and(|until| now < until),
-            skip: self.burst_left > 0,
-        }
-    }
-
-    /// Uniform in 0 to 1: splitmix64.
-    fn draw(&mut self) -> f64 {
-        self.random = self.random.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.random;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 struct Cell {
     controller: Controller,
     plant: Box<dyn ArmPlant>,
@@ -640,22 +476,4 @@ impl Cell {
         };
         *self.snapshot.lock().unwrap_or_else(PoisonError::into_inner) = Some(snapshot);
     }
-}
-
-fn geometry(model: &ModelData) -> Geometry {
-    let mut geometry = Geometry::default();
-    for (i, row) in model.dh.rows.iter().take(6).enumerate() {
-        geometry.rows[0][i] = row.a_m;
-        geometry.rows[1][i] = row.d_m;
-        geometry.rows[2][i] = row.alpha_rad;
-        geometry.rows[3][i] = row.theta_offset_rad;
-    }
-    if let Ok(arm) = tangent_mechanics::Arm::<6>::new(model) {
-        let limits = arm.limits();
-        for i in 0..6 {
-            geometry.position[i] = [limits.position_lower[i], limits.position_upper[i]];
-            geometry.speed[i] = limits.velocity[i];
-        }
-    }
-    geometry
 }

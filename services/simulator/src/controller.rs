@@ -6,6 +6,7 @@
 pub use state::Summary;
 
 mod robot;
+mod safety;
 mod state;
 
 use std::collections::VecDeque;
@@ -23,10 +24,6 @@ use crate::urscript::{Frame, Machine, Program};
 
 /// Messages kept for clients that have not been served yet.
 const MESSAGES_MAX: usize = 256;
-/// From a protective stop until it can be unlocked, s.
-const UNLOCK_S: f64 = 5.0;
-/// From an emergency stop until power is gone, s.
-const POWER_CUT_S: f64 = 0.3;
 
 /// What the controller tells its clients besides its state.
 #[derive(Clone, Debug, PartialEq)]
@@ -124,7 +121,7 @@ impl Controller {
             machine: None,
             waiting: None,
             secondary: None,
-            planner: Planner::new(),
+            planner: Planner::default(),
             slider: 1.0,
             slider_was_zero: false,
             watchdogs: Vec::new(),
@@ -187,54 +184,6 @@ impl Controller {
             self.slider
         };
         self.planner.step(&self.arm, &self.kinematics, dt, slider)
-    }
-
-    fn power(&mut self, dt: f64) {
-        if self.safety.cuts_power()
-            && self.robot_mode != RobotMode::PowerOff
-            && self.time_s - self.safety_since_s > POWER_CUT_S
-        {
-            self.goal = RobotMode::PowerOff;
-            self.robot_mode = RobotMode::PowerOff;
-        }
-        if self.robot_mode == self.goal {
-            return;
-        }
-        self.step_left_s -= dt;
-        if self.step_left_s > 0.0 {
-            return;
-        }
-        self.step_left_s = self.config.power_step_s;
-        self.robot_mode = match self.robot_mode {
-            RobotMode::PowerOff => RobotMode::PowerOn,
-            RobotMode::PowerOn => RobotMode::Idle,
-            RobotMode::Idle => RobotMode::Running,
-            other => other,
-        };
-    }
-
-    /// Power to the arm; brakes stay engaged.
-    pub fn power_on(&mut self) {
-        if self.robot_mode == RobotMode::PowerOff && !self.safety.cuts_power() {
-            self.goal = RobotMode::Idle;
-            self.step_left_s = 0.0;
-        }
-    }
-
-    /// Power on if need be, then the brakes open.
-    pub fn release_brakes(&mut self) {
-        if !self.safety.cuts_power() && self.robot_mode != RobotMode::Running {
-            self.goal = RobotMode::Running;
-            self.step_left_s = self.config.power_step_s;
-        }
-    }
-
-    /// No power, brakes engaged.
-    pub fn power_off(&mut self) {
-        self.end_program();
-        self.planner.brake();
-        self.goal = RobotMode::PowerOff;
-        self.robot_mode = RobotMode::PowerOff;
     }
 
     fn watch(&mut self) {
@@ -305,7 +254,12 @@ impl Controller {
         let frame = machine.frame(self);
         self.machine = Some(machine);
         match frame {
-            Frame::Running => {}
+            Frame::Running => {
+                let idle = !self.machine.as_ref().is_some_and(Machine::in_motion);
+                if self.config.speedj_stops_after_t && idle && self.planner.holds_speed() {
+                    self.planner.brake();
+                }
+            }
             Frame::Ended => self.end_program(),
             Frame::Failed(error) => {
                 self.note(&format!(
@@ -392,104 +346,6 @@ impl Controller {
         false
     }
 
-    /// Stops the arm with power on; the program is over (or paused, as configured).
-    pub fn protective_stop(&mut self, code: i32, argument: i32, reason: &str) {
-        if self.safety.cuts_power() || self.safety == SafetyMode::ProtectiveStop {
-            return;
-        }
-        self.note(&format!("protective stop C{code}A{argument}: {reason}"));
-        self.say(Message::Error(code, argument, reason.to_owned()));
-        self.set_safety(SafetyMode::ProtectiveStop);
-        if self.config.protective_stop_pauses {
-            self.pause();
-        } else {
-            self.end_program();
-        }
-        self.planner.brake();
-    }
-
-    /// Ends a protective stop, not before 5 s after it began. Nothing moves by itself.
-    ///
-    /// # Errors
-    /// Seconds that are still missing.
-    pub fn unlock(&mut self) -> Result<(), f64> {
-        if self.safety != SafetyMode::ProtectiveStop {
-            return Ok(());
-        }
-        let left = UNLOCK_S - (self.time_s - self.safety_since_s);
-        if left > 0.0 {
-            return Err(left);
-        }
-        self.set_safety(SafetyMode::Normal);
-        Ok(())
-    }
-
-    /// The emergency button: `robot` its own, else the cell's. `pressed` false releases it; power stays off.
-    pub fn emergency_stop(&mut self, robot: bool, pressed: bool) {
-        if pressed {
-            self.set_safety(if robot {
-                SafetyMode::RobotEmergencyStop
-            } else {
-                SafetyMode::SystemEmergencyStop
-            });
-            self.end_program();
-            self.planner.brake();
-        } else if matches!(
-            self.safety,
-            SafetyMode::RobotEmergencyStop | SafetyMode::SystemEmergencyStop
-        ) {
-            self.set_safety(SafetyMode::Normal);
-        }
-    }
-
-    /// The safeguard input: open stops and pauses, closed goes on if so configured.
-    pub fn safeguard(&mut self, open: bool) {
-        if open && self.safety.allows_motion() {
-            self.set_safety(SafetyMode::SafeguardStop);
-            self.pause();
-        } else if !open && self.safety == SafetyMode::SafeguardStop {
-            self.set_safety(SafetyMode::Normal);
-            if self.config.safeguard_resumes {
-                self.resume();
-            }
-        }
-    }
-
-    /// Reduced mode on or off.
-    pub fn reduced(&mut self, on: bool) {
-        match (on, self.safety) {
-            (true, SafetyMode::Normal) => self.set_safety(SafetyMode::Reduced),
-            (false, SafetyMode::Reduced) => self.set_safety(SafetyMode::Normal),
-            _ => {}
-        }
-    }
-
-    /// A safety fault or violation; only [`Controller::restart_safety`] leads out.
-    pub fn safety_fault(&mut self, violation: bool) {
-        self.set_safety(if violation {
-            SafetyMode::Violation
-        } else {
-            SafetyMode::Fault
-        });
-        self.end_program();
-        self.planner.brake();
-    }
-
-    /// Back to normal with the power off.
-    pub fn restart_safety(&mut self) {
-        self.power_off();
-        self.set_safety(SafetyMode::Normal);
-    }
-
-    fn set_safety(&mut self, mode: SafetyMode) {
-        if mode != self.safety {
-            self.safety_before = self.safety;
-            self.safety = mode;
-            self.safety_since_s = self.time_s;
-            self.say(Message::Safety(mode));
-        }
-    }
-
     /// Takes one input package: registers, outputs, speed slider; feeds the watchdogs.
     pub fn write_inputs(&mut self, names: &[String], values: &[Value]) {
         self.registers.write(names, values);
@@ -524,11 +380,6 @@ impl Controller {
         } else if std::mem::take(&mut self.slider_was_zero) {
             self.protective_stop(204, 2, "the speed slider was raised from zero");
         }
-    }
-
-    /// Forces the arm to be at rest where it is: after the plant was moved by hand.
-    pub fn forget_motion(&mut self) {
-        self.planner.brake();
     }
 
     fn say(&mut self, message: Message) {

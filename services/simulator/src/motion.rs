@@ -56,9 +56,9 @@ enum Plan {
     },
 }
 
-impl Planner {
+impl Default for Planner {
     /// Standing still.
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self {
             plan: Plan::Hold {
                 a: BRAKE_RAD_PER_S2,
@@ -67,7 +67,9 @@ impl Planner {
             limiter: 1.0,
         }
     }
+}
 
+impl Planner {
     /// The motion begun last has come to its end.
     pub fn done(&self) -> bool {
         self.done
@@ -76,6 +78,11 @@ impl Planner {
     /// Share of the velocity asked for that the joint limits let through, 0 to 1.
     pub fn limiter(&self) -> f64 {
         self.limiter
+    }
+
+    /// Under `speedj` or `speedl`, which go on until something else is asked for.
+    pub fn holds_speed(&self) -> bool {
+        matches!(self.plan, Plan::SpeedJ { .. } | Plan::SpeedL { .. })
     }
 
     /// Stops with the controller's own deceleration.

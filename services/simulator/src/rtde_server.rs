@@ -223,7 +223,7 @@ impl Session {
         let Some((recipe, names, cycles)) = self.outputs.as_ref().filter(|_| self.started) else {
             return out;
         };
-        if cycle % u64::from(*cycles) != 0 {
+        if !cycle.is_multiple_of(u64::from(*cycles)) {
             return out;
         }
         self.values.clear();

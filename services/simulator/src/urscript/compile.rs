@@ -3,11 +3,12 @@
 //! Variables of the program's outermost function are visible in the functions and threads inside it, as those declared
 //! `global` are; everything else that a function assigns is its own.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use super::CompileError;
 use super::builtins::{BUILTINS, Builtin};
 use super::lexer::Position;
+use super::names::{collect_functions, for_each_statement, global_names, place, unknown};
 use super::parser::parse;
 use super::syntax::{
     Binary, Block, Call, Expression, Function, FunctionKind, Located, Scope, Statement,
@@ -142,60 +143,6 @@ impl Program {
     pub fn functions(&self) -> impl Iterator<Item = &str> {
         self.codes.iter().skip(1).map(|c| c.name.as_str())
     }
-}
-
-fn collect_functions<'a>(block: &'a Block, out: &mut Vec<&'a Function>) {
-    for_each_statement(block, &mut |statement, _| {
-        if let Statement::Function(function) = statement {
-            out.push(function);
-            collect_functions(&function.body, out);
-        }
-    });
-}
-
-/// All statements of a block and of its ifs and whiles, not those of functions inside.
-fn for_each_statement<'a>(block: &'a Block, visit: &mut dyn FnMut(&'a Statement, Position)) {
-    for (statement, position) in block {
-        visit(statement, *position);
-        match statement {
-            Statement::If(arms, otherwise) => {
-                for (_, body) in arms {
-                    for_each_statement(body, visit);
-                }
-                for_each_statement(otherwise, visit);
-            }
-            Statement::While(_, body) => for_each_statement(body, visit),
-            _ => {}
-        }
-    }
-}
-
-fn global_names(main: &Block, functions: &[&Function]) -> Vec<String> {
-    let mut seen = HashSet::new();
-    let mut order = Vec::new();
-    let mut add = |name: &String| {
-        if seen.insert(name.clone()) {
-            order.push(name.clone());
-        }
-    };
-    for_each_statement(main, &mut |statement, _| {
-        if let Statement::Assign { name, .. } = statement {
-            add(name);
-        }
-    });
-    for function in functions {
-        for_each_statement(&function.body, &mut |statement, _| {
-            if let Statement::Assign {
-                name,
-                scope: Scope::Global,
-                ..
-            } = statement
-            {
-                add(name);
-            }
-        });
-    }
-    order
 }
 
 struct Context<'a> {
@@ -517,45 +464,5 @@ impl<'a> FunctionCompiler<'a> {
             }
         }
         Ok(())
-    }
-}
-
-/// Arguments in the order of the parameters.
-fn place<'c>(
-    call: &'c Call,
-    parameters: &[&str],
-    position: Position,
-) -> Result<Vec<Option<&'c Located>>, CompileError> {
-    let mut places: Vec<Option<&Located>> = vec![None; parameters.len()];
-    for (i, (keyword, value)) in call.arguments.iter().enumerate() {
-        let at = match keyword {
-            Some(keyword) => parameters.iter().position(|p| p == keyword),
-            None => Some(i),
-        };
-        match at.and_then(|at| places.get_mut(at)) {
-            Some(place @ None) => *place = Some(value),
-            Some(Some(_)) => {
-                return Err(position.error(format!("{} gets an argument twice", call.name)));
-            }
-            None => {
-                return Err(position.error(format!(
-                    "{} takes {} ({}), not {}",
-                    call.name,
-                    parameters.len(),
-                    parameters.join(", "),
-                    keyword
-                        .clone()
-                        .unwrap_or_else(|| call.arguments.len().to_string())
-                )));
-            }
-        }
-    }
-    Ok(places)
-}
-
-fn unknown(name: &str, position: Position) -> CompileError {
-    CompileError {
-        unknown_name: true,
-        ..position.error(format!("compile_error_name_not_found:{name}:"))
     }
 }

@@ -103,6 +103,11 @@ impl Machine {
         self.line
     }
 
+    /// A thread waits within a motion.
+    pub fn in_motion(&self) -> bool {
+        self.threads.iter().any(|t| t.wait.is_motion())
+    }
+
     /// A global variable's value, for tests and for display.
     pub fn global(&self, name: &str) -> Option<&Value> {
         let n = self.program.globals.iter().position(|g| g == name)?;

@@ -8,6 +8,7 @@ mod builtins;
 mod compile;
 mod lexer;
 mod machine;
+mod names;
 mod parser;
 mod syntax;
 #[cfg(test)]

@@ -216,6 +216,20 @@ fn speedj_moves_and_stopj_stops_and_slider_stretches() {
 }
 
 #[test]
+fn speedj_goes_on_after_its_time_or_brakes_as_configured() {
+    let program =
+        "def test():\n speedj([0, 0.2, 0, 0, 0, 0], 2.0, 0.2)\n while True:\n sync()\n end\nend\n";
+    for stops in [false, true] {
+        let mut rig = Rig::new(ControllerConfig {
+            speedj_stops_after_t: stops,
+            ..ControllerConfig::default()
+        });
+        rig.run(program, 100);
+        assert_eq!(rig.speed() < 1e-6, stops);
+    }
+}
+
+#[test]
 fn a_program_that_ends_at_speed_ends_in_a_protective_stop() {
     let mut rig = Rig::cb3();
     rig.run(
