@@ -6,7 +6,7 @@ use crate::ControlError;
 use crate::error::check_range;
 
 /// Parameters of the law. `ControllerConfig::preset` gives a complete one; a file may change single keys of it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
     /// Force along the normal, eq. (1).
@@ -159,20 +159,6 @@ pub struct PatienceConfig {
     pub estimate_retract_s: f64,
 }
 
-impl Default for ControllerConfig {
-    fn default() -> Self {
-        Self {
-            force: ForceConfig::default(),
-            torque: TorqueConfig::default(),
-            alignment: AlignmentConfig::default(),
-            normal: NormalConfig::default(),
-            path: PathConfig::default(),
-            contact: ContactConfig::default(),
-            patience: PatienceConfig::default(),
-        }
-    }
-}
-
 impl Default for ForceConfig {
     fn default() -> Self {
         Self {
@@ -304,6 +290,8 @@ impl ControllerConfig {
                 adaptive: false,
                 approach_slowed: false,
                 integral_ratio: 0.0,
+                // A step, in effect: the published law has no ramp.
+                reference_rate_n_per_s: 100.0,
                 ..default.force
             },
             torque: TorqueConfig {

@@ -58,6 +58,7 @@ impl SwitchRefusal {
 
 /// What the choice has to offer this cycle.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "lives on the stack for one cycle; a step does not allocate")]
 pub enum EstimateStatus {
     /// A normal to use.
     Usable(NormalEstimate),
@@ -95,7 +96,7 @@ impl EstimatorChoice {
         ) {
             Ok(estimate) => {
                 self.blind_m = 0.0;
-                return EstimateStatus::Usable(estimate);
+                EstimateStatus::Usable(estimate)
             }
             Err(reason) => {
                 self.blind_m += way_m;
@@ -173,7 +174,7 @@ fn judge(
     normal: &Vector3<f64>,
 ) -> Result<NormalEstimate, Validity> {
     let input = input.ok_or(Validity::Missing)?;
-    if !(input.age_s <= patience.estimate_s) {
+    if input.age_s.is_nan() || input.age_s > patience.estimate_s {
         return Err(Validity::Stale);
     }
     let estimate = &input.estimate;
@@ -181,7 +182,7 @@ fn judge(
         return Err(estimate.validity);
     }
     let norm = estimate.normal.norm();
-    if !((norm - 1.0).abs() < 1e-3) {
+    if norm.is_nan() || (norm - 1.0).abs() >= 1e-3 {
         return Err(Validity::NotFinite);
     }
     let mut estimate = *estimate;

@@ -34,7 +34,8 @@ impl WrenchGuard {
         age_s: f64,
         dt_s: f64,
     ) -> WrenchVerdict {
-        let old = !(age_s <= patience.wrench_cycles * dt_s + patience.wrench_jitter_s);
+        let old =
+            age_s.is_nan() || age_s > patience.wrench_cycles * dt_s + patience.wrench_jitter_s;
         let reason = match validity {
             Validity::Valid if !finite => Validity::NotFinite,
             Validity::Valid if old => Validity::Stale,
