@@ -58,7 +58,10 @@ impl SwitchRefusal {
 
 /// What the choice has to offer this cycle.
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::large_enum_variant, reason = "lives on the stack for one cycle; a step does not allocate")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "lives on the stack for one cycle; a step does not allocate"
+)]
 pub enum EstimateStatus {
     /// A normal to use.
     Usable(NormalEstimate),

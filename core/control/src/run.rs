@@ -226,7 +226,10 @@ impl Run {
     }
 
     /// Moves the phase machine on.
-    #[expect(clippy::too_many_arguments, reason = "one cycle's whole view, each part with its own owner")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one cycle's whole view, each part with its own owner"
+    )]
     pub fn decide(
         &mut self,
         program: &Program,
