@@ -527,8 +527,8 @@ fn path(task: &TaskRun<'_>) -> Result<String> {
     figure(
         &axes,
         &[
-            ("tool", points(|c| c.sample.tool_position)),
             ("wanted", points(|c| c.sample.path_reference)),
+            ("tool", points(|c| c.sample.tool_position)),
         ],
         "Seen from above the plane that fits the path best; both axes have the same scale.",
     )
