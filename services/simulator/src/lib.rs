@@ -11,6 +11,8 @@ pub mod connection;
 pub mod controller;
 pub mod dashboard;
 pub mod fault;
+#[cfg(test)]
+mod hostile_input_tests;
 pub mod kinematics;
 pub mod modes;
 pub mod motion;
