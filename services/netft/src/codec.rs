@@ -234,7 +234,7 @@ impl Record {
 /// A datagram that is empty, too long, or not a whole number of records; nothing of it is used.
 pub fn records(datagram: &[u8]) -> Result<impl Iterator<Item = Record> + '_, CodecError> {
     let length = datagram.len();
-    if length == 0 || length > DATAGRAM_MAX || length % RECORD_LENGTH != 0 {
+    if length == 0 || length > DATAGRAM_MAX || !length.is_multiple_of(RECORD_LENGTH) {
         return Err(CodecError::DatagramLength(length));
     }
     Ok(datagram.chunks_exact(RECORD_LENGTH).map(Record::from_bytes))

@@ -10,6 +10,7 @@ pub mod box_config;
 pub mod clock;
 pub mod codec;
 mod config;
+mod connection;
 mod error;
 mod meters;
 mod receiver;
@@ -73,7 +74,10 @@ fn serve(receiver: &mut Receiver, stop: &Stop) -> Result<(), NetftError> {
                 pause = Duration::from_millis(100);
                 match receiver.receive(&found, stop)? {
                     Ended::Stopped => break,
-                    Ended::Silent => tracing::warn!("the box is silent; looking for it"),
+                    Ended::Silent => {
+                        tracing::warn!("the box is silent; looking for it");
+                        receiver.report_silence();
+                    }
                     Ended::Restarted => {
                         tracing::warn!("the box counts anew; reading its units and scales again");
                     }

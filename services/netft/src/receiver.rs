@@ -7,19 +7,18 @@ use tangent_runtime::{
     Bus, HealthReporter, Latest, Parameter, Parameters, Publisher, Ramp, RealtimeReport, Stop,
     clock as host_clock, realtime,
 };
-use tangent_schemas::Text;
 use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmState, WrenchStatus};
 use tangent_schemas::topics;
 use tangent_sensing::{
-    ConditionedWrench, Reading, SensorCondition, Validity, WrenchConditioner,
-    WrenchConditionerState,
+    Reading, SensorCondition, Validity, WrenchConditioner, WrenchConditionerState,
 };
 
 use crate::box_config::BoxConfig;
 use crate::clock::ClockRecovery;
 use crate::codec::{self, Command, DATAGRAM_MAX, FT_RATE_HZ, Record, Status};
 use crate::config::Config;
+use crate::connection::{Connection, Newest};
 use crate::meters::Meters;
 use crate::socket::RdtSocket;
 use crate::stream::{Kind, Stream, StreamCounts};
@@ -59,36 +58,6 @@ pub(crate) struct Receiver {
     counts: StreamCounts,
     health: HealthReporter,
     meters: Meters,
-}
-
-/// One connection: what lasts from the box's answer to its loss.
-struct Connection {
-    scales: [f64; 6],
-    stream: Stream,
-    clock: ClockRecovery,
-    /// Counts of the box's clock between two publications.
-    interval: i64,
-    published: i64,
-    newest: Option<Newest>,
-    restarted: bool,
-    rate_hz: f64,
-}
-
-impl Connection {
-    /// Records per second by this host's clock, Hz.
-    fn rate_measured_hz(&self) -> f64 {
-        self.clock.rate_hz() / self.stream.step() as f64
-    }
-}
-
-/// The newest record, conditioned.
-#[derive(Clone, Copy)]
-struct Newest {
-    sequence: i64,
-    record: Record,
-    stamp_ns: i64,
-    wrench: ConditionedWrench,
-    arrival: Duration,
 }
 
 impl Receiver {
@@ -144,6 +113,14 @@ impl Receiver {
         self.health.realtime(&report);
     }
 
+    /// The web server answers, and no records come.
+    pub(crate) fn report_silence(&self) {
+        self.health.fault(format_args!(
+            "{} answers over HTTP and sends no records: another client may have its stream, or a firewall stops UDP",
+            self.config.address
+        ));
+    }
+
     pub(crate) fn report_fault(&self, error: &NetftError) {
         tracing::warn!("{error}");
         self.health.fault(format_args!("{error}"));
@@ -188,6 +165,7 @@ impl Receiver {
             newest: None,
             restarted: false,
             rate_hz,
+            told: None,
         };
         let ended = self.stream(&socket, &mut connection, stop);
         self.counts = *connection.stream.counts();
@@ -395,12 +373,9 @@ impl Receiver {
         } else {
             newest.sequence
         };
-        self.status.publish(&self.status_of(
-            connection,
-            &newest,
-            newest.wrench.validity,
-            newest.stamp_ns,
-        ));
+        let validity = newest.wrench.validity;
+        self.status
+            .publish(&connection.status(&newest, validity, newest.stamp_ns));
         self.tool.publish(&WrenchStamped {
             header: Header::in_frame::<Tool>(newest.stamp_ns),
             wrench: (&newest.wrench.wrench).into(),
@@ -408,50 +383,23 @@ impl Receiver {
         let delay = self.epoch.elapsed().saturating_sub(newest.arrival);
         self.meters.arrival_to_publish.record(delay);
         self.meters.published.tick();
+        self.tell_validity(connection, validity);
         self.tell_figures(connection, &newest);
         self.follow_cutoff(connection);
-    }
-
-    fn status_of(
-        &self,
-        connection: &Connection,
-        newest: &Newest,
-        validity: Validity,
-        stamp_ns: i64,
-    ) -> WrenchStatus {
-        let counts = connection.stream.counts();
-        WrenchStatus {
-            header: Header::in_frame::<Tool>(stamp_ns),
-            validity: validity as u8,
-            status: newest.record.status.0,
-            status_text: status_text(newest.record.status),
-            rdt_sequence: newest.record.rdt_sequence,
-            ft_sequence: newest.record.ft_sequence,
-            records: counts.records,
-            records_lost: counts.lost,
-            records_out_of_order: counts.out_of_order,
-            restarts: counts.restarts,
-            reconnects: counts.reconnects,
-            rate_hz: connection.rate_measured_hz(),
-            bias_age_s: newest.wrench.bias_age_s.unwrap_or(-1.0),
-            bias: (&newest.wrench.bias).into(),
-            filter_delay_s: newest.wrench.delay_s,
-            clock_residual_s: connection.clock.residual_s(),
-        }
     }
 
     fn publish_silence(&self, connection: &Connection) {
         if let Some(newest) = &connection.newest {
             let now_ns = host_clock::now_ns();
             self.status
-                .publish(&self.status_of(connection, newest, Validity::Stale, now_ns));
+                .publish(&connection.status(newest, Validity::Stale, now_ns));
         }
     }
 
-    fn tell_silence(&self, connection: &Connection, silent: bool) {
-        if !silent {
-            self.health.running();
-        } else if connection.newest.is_some() {
+    fn tell_silence(&self, connection: &mut Connection, silent: bool) {
+        // When it speaks again, the next wrench says how it is.
+        connection.told = None;
+        if silent && connection.newest.is_some() {
             self.health.fault(format_args!(
                 "{} is silent: another client may have taken its stream, or it lost power or network; asking again",
                 self.config.address
@@ -468,6 +416,22 @@ impl Receiver {
         );
     }
 
+    /// The health message says whether the wrench can be used, when that changes.
+    fn tell_validity(&self, connection: &mut Connection, validity: Validity) {
+        if connection.told == Some(validity) {
+            return;
+        }
+        connection.told = Some(validity);
+        if validity.is_valid() {
+            self.health.running();
+        } else {
+            self.health.degraded(format_args!(
+                "the wrench is not usable: {}",
+                validity.reason()
+            ));
+        }
+    }
+
     /// A cut-off set live is approached slowly.
     fn follow_cutoff(&mut self, connection: &Connection) {
         let max = 0.45 * connection.rate_hz;
@@ -482,16 +446,4 @@ impl Receiver {
 
 fn nanoseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX)
-}
-
-/// The names of the bits that are set, as many as fit.
-fn status_text(status: Status) -> Text {
-    let mut text = Text::new();
-    for name in status.names() {
-        let separator = if text.is_empty() { "" } else { ", " };
-        if text.try_push_str(separator).is_err() || text.try_push_str(name).is_err() {
-            break;
-        }
-    }
-    text
 }

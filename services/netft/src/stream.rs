@@ -6,7 +6,7 @@ use crate::codec::{Command, FT_RATE_HZ, Record, Request};
 
 /// Longest pause between two requests while the box is silent.
 const PAUSE_MAX: Duration = Duration::from_secs(1);
-/// A count this far back is a late record; further back, the box has begun anew.
+/// A count this far back can be a late record, if its place in the stream fits; further back, the box has begun anew.
 const LATE_MAX: i64 = 7000;
 /// Counts ahead of the time that has passed that clocks and waiting explain, s.
 const AHEAD_MAX_S: f64 = 1.0;
@@ -127,7 +127,8 @@ impl Stream {
 
     /// Takes one record that arrived at `now`; returns its sequence on the box's clock, which does not wrap around, and what it is.
     pub fn take(&mut self, record: &Record, now: Duration) -> (i64, Kind) {
-        if self.silent && self.last.is_some() {
+        // Also over a change of connection, which keeps the counts.
+        if self.silent && self.counts.records > 0 {
             self.counts.reconnects += 1;
         }
         self.silent = false;
@@ -138,7 +139,7 @@ impl Stream {
         };
         let ahead = i64::from(record.ft_sequence.wrapping_sub(last.sequence as u32) as i32);
         let sequence = last.sequence + ahead;
-        if ahead <= 0 && ahead >= -LATE_MAX {
+        if self.is_late(&last, record, ahead) {
             return (sequence, self.late(sequence));
         }
         let elapsed = now.saturating_sub(last.at).as_secs_f64();
@@ -160,6 +161,13 @@ impl Stream {
     /// A datagram that was no records.
     pub fn malformed(&mut self) {
         self.counts.malformed += 1;
+    }
+
+    /// A record of the past, not of a box that counts anew: it came lately, or its two counts are equally far back.
+    fn is_late(&self, last: &Last, record: &Record, ahead: i64) -> bool {
+        let back = i64::from(last.rdt_sequence.wrapping_sub(record.rdt_sequence) as i32);
+        let lately = ahead > -(REMEMBERED as i64) * self.step;
+        ahead <= 0 && (lately || (ahead >= -LATE_MAX && back * self.step == -ahead))
     }
 
     fn begin(&mut self, record: &Record, now: Duration) -> (i64, Kind) {
@@ -312,6 +320,15 @@ mod tests {
             Kind::First
         );
         assert_eq!(stream.counts().restarts, 2);
+    }
+
+    #[test]
+    fn a_box_that_restarts_soon_after_its_start_is_noticed() {
+        let mut stream = stream();
+        stream.take(&record(4000, 5000), ms(0));
+        assert_eq!(stream.take(&record(3000, 4000), ms(1)).1, Kind::Late);
+        assert_eq!(stream.take(&record(1, 700), ms(100)).1, Kind::First);
+        assert_eq!(stream.counts().restarts, 1);
     }
 
     #[test]
