@@ -9,9 +9,9 @@
 //! its own direction, at the joints' acceleration limits, before any joint meets its stop. Slowing down along its own
 //! direction breaks no other limit, so there is always a safe answer.
 
-use std::fmt;
-
 use nalgebra::{Matrix6, Vector3, Vector6};
+
+pub use crate::refusal::Refusal;
 
 /// Share of the tool's speed limits that is used; the rest covers what the Jacobian changes within a cycle.
 const TOOL_SPEED_SHARE: f64 = 0.98;
@@ -84,91 +84,6 @@ pub enum Permission {
     RampDown,
     /// It does not follow, and stands or is being stopped by its own controller.
     Off,
-}
-
-/// Why a command was refused.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Refusal {
-    /// It answers a cycle too long ago.
-    Old {
-        /// Cycles.
-        age: u64,
-    },
-    /// It answers a cycle that was answered before.
-    Duplicate {
-        /// The cycle.
-        cycle: u64,
-    },
-    /// It answers a cycle that has not been yet.
-    Future {
-        /// The cycle.
-        cycle: u64,
-    },
-    /// Neither hold, velocity nor soft stop.
-    Kind {
-        /// What came.
-        kind: u8,
-    },
-    /// Not one value per joint.
-    JointCount {
-        /// What came.
-        got: usize,
-    },
-    /// A value or the acceleration is NaN or infinite.
-    NotFinite,
-    /// Beyond a joint's speed limit.
-    Speed {
-        /// Which joint, from 0.
-        joint: usize,
-        /// What came, rad/s.
-        value: f64,
-        /// What is allowed, rad/s.
-        limit: f64,
-    },
-    /// Its activation is latched out.
-    Latched {
-        /// What came.
-        activation: u64,
-        /// The newest that is refused.
-        latched: u64,
-    },
-    /// Somebody else commands under the same activation.
-    SecondSource,
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Old { age } => write!(f, "answers a cycle {age} cycles old"),
-            Self::Duplicate { cycle } => write!(f, "cycle {cycle} was already answered"),
-            Self::Future { cycle } => write!(f, "answers cycle {cycle}, which has not been yet"),
-            Self::Kind { kind } => {
-                write!(
-                    f,
-                    "kind {kind}; 0 hold, 1 joint velocity, 3 soft stop are taken"
-                )
-            }
-            Self::JointCount { got } => write!(f, "{got} joint values for 6 joints"),
-            Self::NotFinite => write!(f, "a value is not a finite number"),
-            Self::Speed {
-                joint,
-                value,
-                limit,
-            } => write!(
-                f,
-                "joint {} at {value:.3} rad/s, limit {limit:.3} rad/s",
-                joint + 1
-            ),
-            Self::Latched {
-                activation,
-                latched,
-            } => write!(
-                f,
-                "activation {activation} is latched out (up to {latched}); start a task again"
-            ),
-            Self::SecondSource => write!(f, "a second source commands under the same activation"),
-        }
-    }
 }
 
 /// What goes to the robot this cycle.

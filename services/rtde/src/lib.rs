@@ -18,6 +18,7 @@ mod helper;
 pub mod link;
 pub mod primary;
 pub mod program;
+mod refusal;
 pub mod sample;
 #[cfg(test)]
 mod scripted_robot;

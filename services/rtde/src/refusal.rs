@@ -1,0 +1,88 @@
+//! Why the guard does not take a command, in words that say what came and what is allowed.
+
+use std::fmt;
+
+/// Why a command was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Refusal {
+    /// It answers a cycle too long ago.
+    Old {
+        /// Cycles.
+        age: u64,
+    },
+    /// It answers a cycle that was answered before.
+    Duplicate {
+        /// The cycle.
+        cycle: u64,
+    },
+    /// It answers a cycle that has not been yet.
+    Future {
+        /// The cycle.
+        cycle: u64,
+    },
+    /// Neither hold, velocity nor soft stop.
+    Kind {
+        /// What came.
+        kind: u8,
+    },
+    /// Not one value per joint.
+    JointCount {
+        /// What came.
+        got: usize,
+    },
+    /// A value or the acceleration is NaN or infinite.
+    NotFinite,
+    /// Beyond a joint's speed limit.
+    Speed {
+        /// Which joint, from 0.
+        joint: usize,
+        /// What came, rad/s.
+        value: f64,
+        /// What is allowed, rad/s.
+        limit: f64,
+    },
+    /// Its activation is latched out.
+    Latched {
+        /// What came.
+        activation: u64,
+        /// The newest that is refused.
+        latched: u64,
+    },
+    /// Somebody else commands under the same activation.
+    SecondSource,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Old { age } => write!(f, "answers a cycle {age} cycles old"),
+            Self::Duplicate { cycle } => write!(f, "cycle {cycle} was already answered"),
+            Self::Future { cycle } => write!(f, "answers cycle {cycle}, which has not been yet"),
+            Self::Kind { kind } => {
+                write!(
+                    f,
+                    "kind {kind}; 0 hold, 1 joint velocity, 3 soft stop are taken"
+                )
+            }
+            Self::JointCount { got } => write!(f, "{got} joint values for 6 joints"),
+            Self::NotFinite => write!(f, "a value is not a finite number"),
+            Self::Speed {
+                joint,
+                value,
+                limit,
+            } => write!(
+                f,
+                "joint {} at {value:.3} rad/s, limit {limit:.3} rad/s",
+                joint + 1
+            ),
+            Self::Latched {
+                activation,
+                latched,
+            } => write!(
+                f,
+                "activation {activation} is latched out (up to {latched}); start a task again"
+            ),
+            Self::SecondSource => write!(f, "a second source commands under the same activation"),
+        }
+    }
+}
