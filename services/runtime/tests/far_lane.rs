@@ -33,12 +33,16 @@ fn a_message_arrives_once_in_order_with_its_attachment() {
     let states = near.publisher(&topics::ARM_STATE).unwrap();
     until("a remote reader", || states.is_read_remotely());
     // The router's reader and the client's are announced apart: wait until one message has reached both.
-    let mut first = 0;
+    let (mut first, mut seen) = (0, 0);
     until("both readers", || {
         first = states.publish(&state(0));
-        at_router.try_recv().is_some() && there.try_recv().is_some()
+        let arrived = there.try_recv();
+        seen = arrived.as_ref().map_or(seen, |r| r.sequence);
+        at_router.try_recv().is_some() && arrived.is_some()
     });
-    while there.recv_timeout(PATIENCE).unwrap().sequence < first {}
+    while seen < first {
+        seen = there.recv_timeout(PATIENCE).unwrap().sequence;
+    }
     for cycle in 1..=200 {
         states.publish(&state(cycle));
         let received = there.recv_timeout(PATIENCE).expect("every message");
