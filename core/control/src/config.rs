@@ -133,6 +133,8 @@ pub struct ContactConfig {
     pub noise_n: f64,
     /// Cycles below it before contact is lost.
     pub lost_cycles: u32,
+    /// Contact losses in one task after which it ends: a loop that bounces does not heal itself.
+    pub lost_count_max: u32,
     /// Force error that counts as settled, as a share of the reference.
     pub settled_share: f64,
     /// Time that it must stay settled before the path starts, s.
@@ -234,6 +236,7 @@ impl Default for ContactConfig {
             lost_share: 0.1,
             noise_n: 0.3,
             lost_cycles: 3,
+            lost_count_max: 30,
             settled_share: 0.15,
             settled_s: 0.3,
             seek_speed_m_per_s: 0.005,
@@ -419,6 +422,12 @@ impl ControllerConfig {
         check_range("contact.lost_share", c.lost_share, 0.0, c.touch_share)?;
         check_range("contact.noise_n", c.noise_n, 0.0, 10.0)?;
         check_range("contact.lost_cycles", f64::from(c.lost_cycles), 1.0, 100.0)?;
+        check_range(
+            "contact.lost_count_max",
+            f64::from(c.lost_count_max),
+            1.0,
+            1e6,
+        )?;
         check_range("contact.settled_share", c.settled_share, 0.01, 0.9)?;
         check_range("contact.settled_s", c.settled_s, 0.0, 10.0)?;
         check_range(

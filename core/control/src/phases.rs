@@ -85,6 +85,8 @@ pub enum Fault {
     NoSurface,
     /// The surface was lost and not found again.
     SurfaceLost,
+    /// Contact was lost too often.
+    ContactUnstable,
     /// The force exceeds the cell's limit.
     ForceLimit,
     /// The torque exceeds the cell's limit.
@@ -123,6 +125,9 @@ impl Fault {
             Self::NoSurface => "no surface within approach.distance_max_m",
             Self::SurfaceLost => {
                 "surface lost and not found again within limits.blind_distance_max_m"
+            }
+            Self::ContactUnstable => {
+                "contact lost too often: more damping or a lower approach speed for this stiffness"
             }
             Self::ForceLimit => "force beyond limits.force_max_n",
             Self::TorqueLimit => "torque beyond limits.torque_max_nm",

@@ -266,6 +266,9 @@ impl Run {
             }
             if !self.in_contact && self.phase.is_pressing() && !self.stands_without_wrench() {
                 self.lost_count += 1;
+                if self.lost_count > config.contact.lost_count_max {
+                    return self.leave(percept, Some(Fault::ContactUnstable));
+                }
                 self.tracking.freeze();
                 return self.enter(Phase::Seek, percept);
             }

@@ -336,6 +336,23 @@ fn contact_lost_stops_the_path_seeks_and_resumes_there() {
 }
 
 #[test]
+fn a_contact_that_keeps_bouncing_ends_the_task() {
+    let mut bench = Bench::new(TASK);
+    let (mut output, mut cycle) = (bench.step(|_| {}), 0);
+    while output.phase.is_active() {
+        cycle += 1;
+        // A surface that is there every other 80 ms.
+        output = bench.step(|input| {
+            if cycle / 10 % 2 == 0 {
+                input.wrench.force = Vector3::zeros();
+            }
+        });
+        assert!(cycle < 5000);
+    }
+    assert_eq!(output.fault, Some(Fault::ContactUnstable));
+}
+
+#[test]
 fn what_is_not_there_is_not_pushed_for_ever() {
     let mut bench = Bench::new(TASK);
     bench.plane_m = -10.0;

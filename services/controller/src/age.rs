@@ -17,10 +17,17 @@ struct First {
     /// The last message's delay, and the least so far, s: both clocks' offset, and the quickest way.
     last_s: f64,
     least_s: f64,
+    /// Since when every message has come late, s.
+    late_since_s: Option<f64>,
 }
 
 /// How fast the least delay is forgotten, s/s: clocks drift by up to 100 ppm.
 const DRIFT: f64 = 2e-4;
+
+/// Later than this is late, s.
+const LATE_S: f64 = 0.01;
+/// Whoever is late for this long has had its clock set back, s. Long after a task would have ended because of it.
+const STEPPED_S: f64 = 2.0;
 
 impl ContentAge {
     /// Takes a message's stamp (ns) and arrival. Returns how much later than promptly it came, s.
@@ -34,6 +41,7 @@ impl ContentAge {
                     arrived,
                     last_s: 0.0,
                     least_s: 0.0,
+                    late_since_s: None,
                 });
                 return 0.0;
             }
@@ -45,7 +53,16 @@ impl ContentAge {
         let drift = (since_s - first.last_s).max(0.0) * DRIFT;
         first.last_s = since_s;
         first.least_s = (first.least_s + drift).min(since_s - said_s);
-        since_s - said_s - first.least_s
+        let late_s = since_s - said_s - first.least_s;
+        if late_s < LATE_S {
+            first.late_since_s = None;
+        } else if since_s - *first.late_since_s.get_or_insert(since_s) > STEPPED_S {
+            // Late for so long and yet steady: its clock was set back.
+            first.least_s = since_s - said_s;
+            first.late_since_s = None;
+            return 0.0;
+        }
+        late_s
     }
 }
 
@@ -75,6 +92,22 @@ mod tests {
             let truth = 2.8 - 0.008 * i as f64;
             assert!((late - truth).abs() < 2e-3, "{i}: {late} {truth}");
         }
+    }
+
+    #[test]
+    fn a_clock_set_back_counts_as_late_for_a_while_only() {
+        let mut age = ContentAge::default();
+        let begin = Instant::now();
+        let mut late = Vec::new();
+        for i in 0..500u64 {
+            let back = if i < 100 { 0 } else { 1_000_000_000 };
+            late.push(age.take(
+                [1; 16],
+                STAMP + 8_000_000 * i as i64 - back,
+                begin + ms(8 * i),
+            ));
+        }
+        assert!(late[100] > 0.9 && late[300] > 0.9 && late[499] < 1e-3);
     }
 
     #[test]

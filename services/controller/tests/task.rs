@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 use tangent_controller::{Config, ControllerError, run};
 use tangent_mechanics::{Arm, Joints, ModelData, Wrench};
 use tangent_runtime::bus::answer::done;
+use tangent_runtime::clock::now_ns;
 use tangent_runtime::{Bus, CellConfig, Handle, Latest, Publisher, Stop};
 use tangent_schemas::convert::{cut, joint_array};
 use tangent_schemas::standard::{Header, WrenchStamped};
@@ -30,7 +31,6 @@ const TASK: &str = r#"
     speed_m_per_s = 0.02
 "#;
 const PERIOD_S: f64 = 0.008;
-const PERIOD_NS: i64 = 8_000_000;
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Everything but the controller.
@@ -118,7 +118,7 @@ impl Cell {
         let (tool, jacobian) = self
             .arm
             .tool_and_jacobian(&self.q, &self.config.flange_from_tool);
-        let stamp = self.cycle as i64 * PERIOD_NS;
+        let stamp = now_ns();
         let header = Header::new(stamp, "tool");
         let depth = (self.plane_m - tool.translation().z).max(0.0);
         let force = tool.unrotate(&(Vector3::z() * 5000.0 * depth));
@@ -149,7 +149,7 @@ impl Cell {
         self.cycle += 1;
         let twist = jacobian * self.qd;
         self.arm_state.publish(&ArmState {
-            header: Header::new(stamp + PERIOD_NS, "base"),
+            header: Header::new(stamp, "base"),
             cycle: self.cycle,
             period_s: PERIOD_S,
             q: joint_array(&self.q),
