@@ -53,7 +53,7 @@ pub fn run(args: &crate::cli::Report, json: bool) -> Result<Outcome> {
 /// beside the first. For `tangent up`.
 ///
 /// # Errors
-/// As [`run`].
+/// As [`run()`].
 pub fn write_for(recordings: &[PathBuf]) -> Result<(Report, PathBuf)> {
     let first = recordings
         .first()
