@@ -218,7 +218,7 @@ impl Bridge {
         Ok(())
     }
 
-    /// True once for each time that the program has to be sent, with [`Bridge::session`] compiled in.
+    /// True once for each time that the program has to be sent, with the session's token compiled in.
     pub fn take_upload(&mut self) -> Option<i32> {
         self.supervisor
             .take_upload()
