@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use tangent_runtime::{Bus, CellConfig, Role};
 use tangent_schemas::tangent::{Answer, Request};
 
+use crate::compose;
 use crate::output::{Outcome, bad_usage, print_json};
 
 /// How long a person waits for the cell's router.
@@ -20,10 +21,12 @@ pub const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
 /// # Errors
 /// A file that cannot be read or a bad key: exit code 2.
 pub fn load(path: Option<&Path>) -> Result<CellConfig> {
-    match path {
-        Some(path) => CellConfig::load(path).map_err(bad_usage),
-        None => Ok(CellConfig::default_cell()),
-    }
+    let Some(path) = path else {
+        return Ok(CellConfig::default_cell());
+    };
+    let config = CellConfig::load(path).map_err(bad_usage)?;
+    compose::model(&config).map_err(|e| bad_usage(format!("{}: {e}", path.display())))?;
+    Ok(config)
 }
 
 /// Joins the cell's network as a client.

@@ -38,8 +38,6 @@ fn services(
     role: Role,
     extra: &RecorderExtra,
 ) -> Result<Outcome> {
-    // A mistake in the file is told before anybody waits for a router.
-    compose::model(config)?;
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
     let bus = Bus::open_until(config, role, None, &stop)?;
     let mut running = Vec::new();
