@@ -217,7 +217,8 @@ pub struct SampleFeed {
 
 impl SampleFeed {
     /// One period's samples: the first was measured at `first`, the others `interval` apart. Each is read by the box from its
-    /// time on, until the next one's; samples of the past are skipped, and without new ones the last stays.
+    /// time on, until the next one's; samples of the past are skipped. A record whose sample has not come waits for it, up to
+    /// 10 ms; after that the last stays.
     pub fn push(&self, first: Instant, interval: Duration, samples: &[BoxSample]) {
         lock(&self.shared.samples).push(first, interval, samples);
     }

@@ -14,6 +14,8 @@ use super::{NetbFault, Shared, lock};
 
 /// Pause between two looks for a request while nobody is served.
 const IDLE: Duration = Duration::from_millis(1);
+/// Pause between two looks for a sample that the plant has still to compute.
+const LOOK: Duration = Duration::from_micros(200);
 /// Most records made up for after the host kept this thread from running; beyond, the clock jumps.
 const CATCH_UP_S: f64 = 2.0;
 
@@ -56,8 +58,13 @@ fn serve(socket: &UdpSocket, shared: &Shared, faults: &Receiver<NetbFault>) {
             simulated.skip(counts);
             due += Duration::from_secs_f64(f64::from(counts) / FT_RATE_HZ);
         }
+        let mut waits = false;
         while due <= now {
-            let sample = lock(&shared.samples).at(due);
+            // Late, but with the count of its time: the receiver's clock goes by the earliest records.
+            let Some(sample) = lock(&shared.samples).at(due, now) else {
+                waits = true;
+                break;
+            };
             let made = simulated.tick(sample, settings, |datagram, to| {
                 // A client that is gone, or a full buffer, is the network's loss as with a real box.
                 if !deaf {
@@ -67,7 +74,9 @@ fn serve(socket: &UdpSocket, shared: &Shared, faults: &Receiver<NetbFault>) {
             shared.sent.fetch_add(u64::from(made), Ordering::Relaxed);
             due += interval;
         }
-        let next = if simulated.is_streaming() {
+        let next = if waits {
+            now + LOOK
+        } else if simulated.is_streaming() {
             due
         } else {
             due.max(now + IDLE)
