@@ -4,6 +4,7 @@
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -46,7 +47,12 @@ pub fn stderr(output: &Output) -> String {
 
 /// An offset at which all ports of a simulated cell are free now.
 pub fn port_offset() -> u16 {
-    for offset in (100..16_000).step_by(37) {
+    // Tests run side by side, here and in other processes: each looks at offsets of its own.
+    static TAKEN: AtomicU16 = AtomicU16::new(0);
+    let start = (std::process::id() % 97) as u16;
+    for _ in 0..100 {
+        let turn = TAKEN.fetch_add(1, Ordering::Relaxed);
+        let offset = 100 + (start * 151 + turn * 37) % 15_900;
         let ports = [7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152];
         if ports
             .iter()
