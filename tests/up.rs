@@ -8,7 +8,7 @@ use std::fs;
 
 use common::{json, number, port_offset, run, stderr};
 
-const SCENARIO: &str = "pipe_ideal";
+const SCENARIO: &str = "pipe_realistic";
 
 /// The whole system wipes the pipe, leaves a recording and a report, and its figures are those of `evaluate`.
 #[test]
