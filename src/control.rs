@@ -1,6 +1,8 @@
 //! `tangent task`, `tare`, `param`: requests to a running cell.
 
+use std::fmt;
 use std::fs;
+use std::path::Path;
 
 use anyhow::Result;
 use serde_json::{Value, json};
@@ -14,21 +16,24 @@ use crate::cell::{self, ANSWER_PATIENCE, ask, ask_and_print, data};
 use crate::cli::{ParamCommand, TaskCommand};
 use crate::output::{Outcome, bad_usage, print_json};
 
+/// The text of a task file. A mistake in it is told here, with the file's name, before anything is asked of the cell.
+///
+/// # Errors
+/// A file that cannot be read or is no task: exit code 2.
+pub fn task_text(file: &Path) -> Result<String> {
+    let bad = |e: &dyn fmt::Display| bad_usage(format!("task file {}: {e}", file.display()));
+    let text = fs::read_to_string(file).map_err(|e| bad(&e))?;
+    let _: Task = text.parse().map_err(|e| bad(&e))?;
+    Ok(text)
+}
+
 /// Runs one of the task commands.
 ///
 /// # Errors
 /// A bad task file, or a cell that does not answer.
 pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Outcome> {
     let (key, action, argument) = match command {
-        TaskCommand::Start { file } => {
-            let text = fs::read_to_string(file)
-                .map_err(|e| bad_usage(format!("task file {}: {e}", file.display())))?;
-            // A mistake in the file is told here, with its name, before anything is asked of the cell.
-            let _: Task = text
-                .parse()
-                .map_err(|e| bad_usage(format!("task file {}: {e}", file.display())))?;
-            (queries::CONTROL_TASK, "start", text)
-        }
+        TaskCommand::Start { file } => (queries::CONTROL_TASK, "start", task_text(file)?),
         TaskCommand::Pause => (queries::CONTROL_TASK, "pause", String::new()),
         TaskCommand::Resume => (queries::CONTROL_TASK, "resume", String::new()),
         TaskCommand::Stop => (queries::CONTROL_STOP, "stop", String::new()),

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use nalgebra::{UnitQuaternion, Vector3};
-use tangent_control::{Phase, Task};
+use tangent_control::Phase;
 use tangent_runtime::config::PoseConfig;
 use tangent_runtime::{Bus, CellConfig, Latest, Role, Stop};
 use tangent_schemas::tangent::{ArmState, WrenchStatus};
@@ -18,7 +18,7 @@ use crate::cli::Up;
 use crate::compose::{self, RecorderExtra, Running};
 use crate::live_view::LiveView;
 use crate::output::{Outcome, bad_usage, print_json};
-use crate::{report, scenarios};
+use crate::{control, report, scenarios};
 
 /// Longest wait for the arm to be powered, its program to run and the sensor to stream.
 const READY_PATIENCE: Duration = Duration::from_secs(30);
@@ -77,15 +77,10 @@ pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
 }
 
 fn task_text(args: &Up, scenario: &Scenario) -> Result<String> {
-    let Some(file) = &args.task else {
-        return Ok(toml::to_string(&scenario.task)?);
-    };
-    let text = fs::read_to_string(file)
-        .map_err(|e| bad_usage(format!("task file {}: {e}", file.display())))?;
-    let _: Task = text
-        .parse()
-        .map_err(|e| bad_usage(format!("task file {}: {e}", file.display())))?;
-    Ok(text)
+    match &args.task {
+        Some(file) => control::task_text(file),
+        None => Ok(toml::to_string(&scenario.task)?),
+    }
 }
 
 /// The cell file that fits the simulated cell: what a person would have measured and written down.
