@@ -154,6 +154,10 @@ pub fn simulator(
         },
         plant,
         seed: config.simulator.seed.unwrap_or(scenario.seed),
+        realtime_priority: config
+            .realtime
+            .enabled
+            .then_some(config.realtime.simulator_priority),
     };
     let bus = bus.clone();
     Running::start("simulator", everybody, move |stop| {

@@ -31,6 +31,8 @@ pub struct Config {
     pub flange_from_tool: Pose<Flange, Tool>,
     /// Age at which a wrench is no longer used, s.
     pub wrench_patience_s: f64,
+    /// SCHED_FIFO priority of the estimating thread; `None` for normal scheduling.
+    pub realtime_priority: Option<u8>,
 }
 
 impl Config {
@@ -77,6 +79,10 @@ impl Config {
             model,
             flange_from_tool: cell.tool.flange_from_tool(),
             wrench_patience_s: 0.05,
+            realtime_priority: cell
+                .realtime
+                .enabled
+                .then_some(cell.realtime.estimator_priority),
         })
     }
 }

@@ -13,8 +13,8 @@ mod sample;
 use std::time::{Duration, Instant};
 
 use tangent_runtime::{
-    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters, Rate, Stop,
-    Subscription,
+    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters, Rate,
+    RealtimeReport, Stop, Subscription, realtime,
 };
 use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::{ArmState, ControlState, WrenchStatus};
@@ -39,6 +39,10 @@ const ARM_PATIENCE_S: f64 = 0.5;
 /// Unknown estimator or setting, an arm model without code, or a topic that the bus refuses.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), EstimatorError> {
     let mut service = Service::new(&config, &bus)?;
+    service.health.realtime(&match config.realtime_priority {
+        Some(priority) => realtime::setup_thread(SERVICE, priority),
+        None => RealtimeReport::not_asked(SERVICE),
+    });
     while !stop.is_stopped() {
         service.turn(LOOK);
     }

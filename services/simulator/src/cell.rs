@@ -16,6 +16,7 @@ use std::time::{Duration, Instant};
 
 use tangent_mechanics::{ModelData, ModelError};
 use tangent_runtime::clock::DeadlineClock;
+use tangent_runtime::realtime::setup_thread;
 use tangent_simulation::{Plant, PlantError, Truth};
 
 use crate::arm_plant::ArmPlant;
@@ -158,6 +159,7 @@ impl SimulatedCell {
             http_port: port(PORT_HTTP)?,
             counts_per_force: sensor.counts_per_n,
             counts_per_torque: sensor.counts_per_nm,
+            realtime_priority: config.realtime_priority,
             ..NetbConfig::default()
         })?;
         let robot = config.plant.robot.clone();
@@ -169,6 +171,7 @@ impl SimulatedCell {
             Box::new(plant),
             truth,
             Some(sensor_box),
+            config.realtime_priority,
         )
     }
 
@@ -184,7 +187,7 @@ impl SimulatedCell {
         plant: Box<dyn ArmPlant>,
         truth: Option<TruthListener>,
     ) -> Result<Self, StartError> {
-        Self::assemble(address, ports, config, robot, plant, truth, None)
+        Self::assemble(address, ports, config, robot, plant, truth, None, None)
     }
 
     fn assemble(
@@ -195,6 +198,7 @@ impl SimulatedCell {
         plant: Box<dyn ArmPlant>,
         truth: Option<TruthListener>,
         sensor_box: Option<NetbBox>,
+        realtime_priority: Option<u8>,
     ) -> Result<Self, StartError> {
         let controller = Controller::new(config, robot, plant.arm())?;
         let model = ModelData::builtin(robot)?;
@@ -223,7 +227,12 @@ impl SimulatedCell {
         };
         let thread = std::thread::Builder::new()
             .name("simulated cell".into())
-            .spawn(move || cell.run())
+            .spawn(move || {
+                if let Some(priority) = realtime_priority {
+                    setup_thread("simulated robot", priority);
+                }
+                cell.run();
+            })
             .map_err(StartError::Thread)?;
         Ok(Self {
             endpoints,

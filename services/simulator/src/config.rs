@@ -24,6 +24,10 @@ pub struct Config {
     /// Seed of all randomness.
     #[serde(default)]
     pub seed: u64,
+    /// SCHED_FIFO priority of the threads that stand for robot and sensor box, whose clocks no load on this machine would
+    /// delay; `None` for normal scheduling.
+    #[serde(default)]
+    pub realtime_priority: Option<u8>,
 }
 
 fn loopback() -> IpAddr {

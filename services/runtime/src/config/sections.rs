@@ -700,6 +700,10 @@ pub struct RealtimeConfig {
     pub loop_priority: u8,
     /// The same for the sensor's thread.
     pub sensor_priority: u8,
+    /// The same for the estimator's thread.
+    pub estimator_priority: u8,
+    /// The same for the simulated robot and sensor box: no load on this machine would delay the real ones.
+    pub simulator_priority: u8,
     /// CPU that the control loop keeps to.
     pub loop_cpu: Option<usize>,
 }
@@ -710,6 +714,8 @@ impl Default for RealtimeConfig {
             enabled: true,
             loop_priority: 80,
             sensor_priority: 70,
+            estimator_priority: 60,
+            simulator_priority: 85,
             loop_cpu: None,
         }
     }
@@ -720,6 +726,8 @@ impl RealtimeConfig {
         for (key, priority) in [
             ("realtime.loop_priority", self.loop_priority),
             ("realtime.sensor_priority", self.sensor_priority),
+            ("realtime.estimator_priority", self.estimator_priority),
+            ("realtime.simulator_priority", self.simulator_priority),
         ] {
             checker.range(key, f64::from(priority), 1.0..=99.0, "")?;
         }

@@ -45,6 +45,8 @@ pub struct NetbConfig {
     pub buffer_records: u32,
     /// A count beyond latches the threshold warning.
     pub threshold_counts: Option<[i32; 6]>,
+    /// SCHED_FIFO priority of the thread that sends records; `None` for normal scheduling.
+    pub realtime_priority: Option<u8>,
 }
 
 impl Default for NetbConfig {
@@ -62,6 +64,7 @@ impl Default for NetbConfig {
             rate_hz: 7000,
             buffer_records: 7,
             threshold_counts: None,
+            realtime_priority: None,
         }
     }
 }

@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tangent_netft::codec::FT_RATE_HZ;
+use tangent_runtime::realtime::setup_thread;
 
 use super::rdt::RdtBox;
 use super::{NetbFault, Shared, lock};
@@ -27,7 +28,12 @@ pub(super) fn spawn(
     socket.set_nonblocking(true)?;
     std::thread::Builder::new()
         .name("netb-rdt".into())
-        .spawn(move || serve(&socket, &shared, &faults))
+        .spawn(move || {
+            if let Some(priority) = shared.config.realtime_priority {
+                setup_thread("simulated sensor box", priority);
+            }
+            serve(&socket, &shared, &faults);
+        })
 }
 
 fn serve(socket: &UdpSocket, shared: &Shared, faults: &Receiver<NetbFault>) {
