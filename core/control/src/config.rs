@@ -1,9 +1,10 @@
 //! Parameters of the control law, and the two presets: `paper` (Tugal et al., Table 1) and `default`.
 
+mod ranges;
+
 use serde::{Deserialize, Serialize};
 
 use crate::ControlError;
-use crate::error::check_range;
 
 /// Parameters of the law. `ControllerConfig::preset` gives a complete one; a file may change single keys of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Default)]
@@ -319,141 +320,6 @@ impl ControllerConfig {
             ..default
         }
     }
-
-    /// Every number in its range.
-    pub fn check(&self) -> Result<(), ControlError> {
-        let f = &self.force;
-        check_range("force.mass_kg", f.mass_kg, 0.0, 100.0)?;
-        check_range("force.damping_n_s_per_m", f.damping_n_s_per_m, 10.0, 1e5)?;
-        check_range(
-            "force.damping_max_n_s_per_m",
-            f.damping_max_n_s_per_m,
-            f.damping_n_s_per_m,
-            1e5,
-        )?;
-        check_range("force.loop_delay_s", f.loop_delay_s, 0.001, 0.5)?;
-        check_range("force.delay_margin_rad", f.delay_margin_rad, 0.01, 1.0)?;
-        check_range(
-            "force.stiffness_expected_n_per_m",
-            f.stiffness_expected_n_per_m,
-            100.0,
-            2e5,
-        )?;
-        check_range("force.overshoot_accepted", f.overshoot_accepted, 0.0, 5.0)?;
-        check_range("force.integral_ratio", f.integral_ratio, 0.0, 100.0)?;
-        check_range(
-            "force.integral_speed_max_m_per_s",
-            f.integral_speed_max_m_per_s,
-            0.0,
-            0.1,
-        )?;
-        check_range("force.speed_max_m_per_s", f.speed_max_m_per_s, 0.001, 0.1)?;
-        check_range(
-            "force.reference_rate_n_per_s",
-            f.reference_rate_n_per_s,
-            0.1,
-            100.0,
-        )?;
-        let t = &self.torque;
-        check_range("torque.inertia_kg_m2", t.inertia_kg_m2, 0.0, 10.0)?;
-        check_range(
-            "torque.damping_n_m_s_per_rad",
-            t.damping_n_m_s_per_rad,
-            0.01,
-            1e4,
-        )?;
-        check_range(
-            "torque.turn_rate_max_rad_per_s",
-            t.turn_rate_max_rad_per_s,
-            0.0,
-            3.0,
-        )?;
-        let a = &self.alignment;
-        check_range("alignment.gain_per_s", a.gain_per_s, 0.0, 10.0)?;
-        check_range(
-            "alignment.turn_rate_max_rad_per_s",
-            a.turn_rate_max_rad_per_s,
-            0.0,
-            3.0,
-        )?;
-        let n = &self.normal;
-        check_range("normal.filter_s", n.filter_s, 0.0, 2.0)?;
-        check_range("normal.sure_rad", n.sure_rad, 0.0, 1.0)?;
-        check_range(
-            "normal.turn_rate_max_rad_per_s",
-            n.turn_rate_max_rad_per_s,
-            0.01,
-            6.0,
-        )?;
-        check_range("normal.gate_rad", n.gate_rad, 0.05, 3.0)?;
-        check_range("normal.switch_gate_rad", n.switch_gate_rad, 0.01, 3.0)?;
-        check_range("normal.blind_distance_m", n.blind_distance_m, 0.001, 1.0)?;
-        check_range(
-            "normal.curvature_distance_m",
-            n.curvature_distance_m,
-            0.001,
-            1.0,
-        )?;
-        check_range(
-            "normal.curvature_max_per_m",
-            n.curvature_max_per_m,
-            0.0,
-            500.0,
-        )?;
-        let p = &self.path;
-        check_range("path.gain_per_s", p.gain_per_s, 0.0, 10.0)?;
-        check_range(
-            "path.feedback_speed_max_m_per_s",
-            p.feedback_speed_max_m_per_s,
-            0.0,
-            0.2,
-        )?;
-        check_range("path.wait_error_m", p.wait_error_m, 0.0005, 0.1)?;
-        check_range(
-            "path.acceleration_m_per_s2",
-            p.acceleration_m_per_s2,
-            0.005,
-            5.0,
-        )?;
-        check_range("path.jerk_m_per_s3", p.jerk_m_per_s3, 0.01, 100.0)?;
-        check_range("path.clock_ramp_s", p.clock_ramp_s, 0.01, 5.0)?;
-        let c = &self.contact;
-        check_range("contact.touch_share", c.touch_share, 0.01, 0.9)?;
-        check_range("contact.lost_share", c.lost_share, 0.0, c.touch_share)?;
-        check_range("contact.noise_n", c.noise_n, 0.0, 10.0)?;
-        check_range("contact.lost_cycles", f64::from(c.lost_cycles), 1.0, 100.0)?;
-        check_range(
-            "contact.lost_count_max",
-            f64::from(c.lost_count_max),
-            1.0,
-            1e6,
-        )?;
-        check_range("contact.settled_share", c.settled_share, 0.01, 0.9)?;
-        check_range("contact.settled_s", c.settled_s, 0.0, 10.0)?;
-        check_range(
-            "contact.seek_speed_m_per_s",
-            c.seek_speed_m_per_s,
-            0.0005,
-            0.05,
-        )?;
-        let w = &self.patience;
-        check_range("patience.wrench_cycles", w.wrench_cycles, 1.0, 100.0)?;
-        check_range("patience.wrench_jitter_s", w.wrench_jitter_s, 0.0, 0.5)?;
-        check_range(
-            "patience.wrench_bad_cycles",
-            f64::from(w.wrench_bad_cycles),
-            1.0,
-            10.0,
-        )?;
-        check_range("patience.wrench_retract_s", w.wrench_retract_s, 0.0, 2.0)?;
-        check_range("patience.estimate_s", w.estimate_s, 0.01, 2.0)?;
-        check_range(
-            "patience.estimate_retract_s",
-            w.estimate_retract_s,
-            0.0,
-            10.0,
-        )
-    }
 }
 
 /// Puts `changes` over `base`, table by table.
@@ -516,13 +382,5 @@ mod tests {
                 "{bad}"
             );
         }
-    }
-
-    #[test]
-    fn out_of_range_names_the_key() {
-        let mut config = ControllerConfig::default();
-        config.force.damping_n_s_per_m = 0.0;
-        let error = config.check().unwrap_err().to_string();
-        assert!(error.contains("force.damping_n_s_per_m"), "{error}");
     }
 }

@@ -1,166 +1,18 @@
-//! The composed controller against a small plant: an ideal arm behind a delay, a plane of springs, perfect or spoilt
-//! inputs. What it must never do is checked in every cycle; the finer physics is in the closed loop of `evaluate`.
+//! The composed controller against a small plant with perfect or spoilt inputs. What it must never do is checked in
+//! every cycle; the finer physics is in the closed loop of `evaluate`.
 
 #![allow(clippy::unwrap_used)]
 
-use std::collections::VecDeque;
+mod bench;
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
-use proptest::prelude::*;
+use bench::{Bench, TASK};
+use nalgebra::Vector3;
 use tangent_control::{
-    CommandKind, ControlInput, ControlOutput, Controller, ControllerConfig, EstimateInput, Fault,
-    Limits, MAX_ESTIMATORS, Parameter, Phase, Program, SwitchRefusal, Task,
+    CommandKind, ControlInput, ControllerConfig, Fault, Limits, Parameter, Phase, Program,
+    SwitchRefusal, Task,
 };
-use tangent_estimation::NormalEstimate;
-use tangent_mechanics::{Arm, Flange, Joints, ModelData, Pose, Tool, Twist, Wrench};
+use tangent_mechanics::Joints;
 use tangent_sensing::Validity;
-
-const TASK: &str = r#"
-    name = "line"
-    estimators = ["first", "second"]
-    tare = false
-    force.reference_n = 3.0
-    [path]
-    kind = "line"
-    to_m = [0.04, 0.0]
-    speed_m_per_s = 0.02
-"#;
-
-/// An arm that moves as told `DELAY` cycles later, over a plane that pushes back.
-struct Bench {
-    controller: Controller,
-    arm: Arm<6>,
-    flange_from_tool: Pose<Flange, Tool>,
-    q: Joints<6>,
-    qd: Joints<6>,
-    commands: VecDeque<Joints<6>>,
-    time_s: f64,
-    dt_s: f64,
-    /// Height of the plane and its normal, base axes.
-    plane_m: f64,
-    stiffness: f64,
-    last: Option<ControlOutput>,
-}
-
-const DELAY: usize = 3;
-
-impl Bench {
-    fn new(task: &str) -> Self {
-        Self::at_rate(task, 0.008)
-    }
-
-    fn at_rate(task: &str, dt_s: f64) -> Self {
-        let arm = Arm::new(&ModelData::builtin("ur5").unwrap()).unwrap();
-        let flange_from_tool = Pose::new(Vector3::new(0.0, 0.0, 0.15), UnitQuaternion::identity());
-        let mut controller = Controller::new(
-            arm,
-            flange_from_tool,
-            Limits::default(),
-            ControllerConfig::default(),
-        )
-        .unwrap();
-        controller
-            .start_task(&task.parse::<Task>().unwrap())
-            .unwrap();
-        // Tool down.
-        let q = Joints::<6>::from([0.3, -1.6, 1.7, -1.67, -std::f64::consts::FRAC_PI_2, 0.0]);
-        let tool = arm.base_from_flange(&q) * flange_from_tool;
-        assert!(tool.z_axis().z < -0.99, "{:?}", tool.z_axis());
-        Self {
-            plane_m: tool.translation().z - 0.01,
-            controller,
-            arm,
-            flange_from_tool,
-            q,
-            qd: Joints::zeros(),
-            commands: VecDeque::from(vec![Joints::zeros(); DELAY]),
-            time_s: 0.0,
-            dt_s,
-            stiffness: 5000.0,
-            last: None,
-        }
-    }
-
-    fn input(&self) -> ControlInput {
-        let (base_from_tool, jacobian) =
-            self.arm.tool_and_jacobian(&self.q, &self.flange_from_tool);
-        let depth = (self.plane_m - base_from_tool.translation().z).max(0.0);
-        let force = Vector3::z() * (self.stiffness * depth);
-        let mut estimate = NormalEstimate::invalid(&base_from_tool, Validity::Valid);
-        estimate.normal = Vector3::z();
-        estimate.covariance = Matrix3::zeros();
-        let mut estimates = [None; MAX_ESTIMATORS];
-        for slot in &mut estimates[..2] {
-            *slot = Some(EstimateInput {
-                estimate,
-                age_s: self.dt_s,
-            });
-        }
-        ControlInput {
-            time_s: self.time_s,
-            dt_s: self.dt_s,
-            q: self.q,
-            qd: self.qd,
-            base_from_tool,
-            twist: Twist::from_vector(&(jacobian * self.qd)),
-            speed_scaling: 1.0,
-            arm_ready: true,
-            wrench: Wrench::new(base_from_tool.unrotate(&force), Vector3::zeros()),
-            wrench_validity: Validity::Valid,
-            wrench_age_s: 0.004,
-            wrench_delay_s: 0.0,
-            bias_age_s: None,
-            estimates,
-        }
-    }
-
-    /// One cycle, with the input spoilt by `spoil`. Checks what holds in every cycle.
-    fn step(&mut self, spoil: impl FnOnce(&mut ControlInput)) -> ControlOutput {
-        let mut input = self.input();
-        spoil(&mut input);
-        let output = self.controller.step(&input);
-        let limits = self.controller.limits();
-        assert!(output.qd.iter().all(|v| v.is_finite()));
-        for i in 0..6 {
-            let most = self.arm.limits().velocity[i] * limits.joint_speed_share;
-            assert!(
-                output.qd[i].abs() <= most + 1e-9,
-                "joint {i}: {}",
-                output.qd[i]
-            );
-            if let Some(last) = &self.last {
-                let change = (output.qd[i] - last.qd[i]).abs();
-                let allowed = limits.joint_acceleration_max_rad_per_s2 * self.dt_s.max(0.02);
-                assert!(change <= allowed + 1e-9, "joint {i} jumps by {change}");
-            }
-        }
-        assert!((output.normal.norm() - 1.0).abs() < 1e-9);
-        self.commands.push_back(output.qd);
-        self.qd = self.commands.pop_front().unwrap();
-        self.q += self.qd * self.dt_s;
-        self.time_s += self.dt_s;
-        self.last = Some(output);
-        output
-    }
-
-    fn run_until(&mut self, phase: Phase) -> ControlOutput {
-        for _ in 0..(60.0 / self.dt_s) as usize {
-            let output = self.step(|_| {});
-            if output.phase == phase {
-                return output;
-            }
-        }
-        panic!("never in {phase:?}: {:?}", self.last);
-    }
-
-    fn tool(&self) -> Vector3<f64> {
-        self.input().base_from_tool.translation()
-    }
-
-    fn speed(&self) -> f64 {
-        self.last.as_ref().unwrap().twist_commanded.linear.norm()
-    }
-}
 
 #[test]
 fn a_task_runs_through_its_phases_at_both_rates() {
@@ -184,9 +36,7 @@ fn a_task_runs_through_its_phases_at_both_rates() {
         assert!((moved.xy().norm() - 0.04).abs() < 2e-3, "{moved}");
         assert!(moved.z > 0.03);
         // It comes to rest, and then asks nothing of the arm.
-        for _ in 0..50 {
-            bench.step(|_| {});
-        }
+        bench.steps(50);
         assert_eq!(bench.last.as_ref().unwrap().kind, CommandKind::Hold);
     }
 }
@@ -230,11 +80,8 @@ fn a_bad_wrench_stops_within_two_cycles_and_retracts_along_the_normal() {
         (|i| i.wrench_validity = Validity::Missing, Validity::Missing),
     ];
     for (spoil, reason) in cases {
-        let mut bench = Bench::new(TASK);
-        bench.run_until(Phase::Slide);
-        for _ in 0..60 {
-            bench.step(|_| {});
-        }
+        let mut bench = Bench::sliding(TASK);
+        bench.steps(60);
         let at = bench.tool();
         bench.step(spoil);
         let second = bench.step(spoil);
@@ -260,11 +107,8 @@ fn a_bad_wrench_stops_within_two_cycles_and_retracts_along_the_normal() {
 
 #[test]
 fn a_short_silence_of_the_wrench_is_ridden_out_standing() {
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
-    for _ in 0..50 {
-        bench.step(|_| {});
-    }
+    let mut bench = Bench::sliding(TASK);
+    bench.steps(50);
     for _ in 0..8 {
         bench.step(|input| input.wrench_age_s = 0.06);
     }
@@ -275,11 +119,8 @@ fn a_short_silence_of_the_wrench_is_ridden_out_standing() {
 
 #[test]
 fn a_silent_estimate_stops_sliding_keeps_the_force_then_retracts() {
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
-    for _ in 0..60 {
-        bench.step(|_| {});
-    }
+    let mut bench = Bench::sliding(TASK);
+    bench.steps(60);
     let silent = |input: &mut ControlInput| {
         for slot in input.estimates.iter_mut().flatten() {
             slot.age_s = 0.15;
@@ -303,8 +144,7 @@ fn a_silent_estimate_stops_sliding_keeps_the_force_then_retracts() {
 
 #[test]
 fn one_estimator_fallen_silent_is_replaced_by_the_next() {
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
+    let mut bench = Bench::sliding(TASK);
     let mut output = bench.step(|_| {});
     while output.phase.is_active() {
         output = bench.step(|input| input.estimates[0] = None);
@@ -315,17 +155,12 @@ fn one_estimator_fallen_silent_is_replaced_by_the_next() {
 
 #[test]
 fn contact_lost_stops_the_path_seeks_and_resumes_there() {
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
-    for _ in 0..80 {
-        bench.step(|_| {});
-    }
+    let mut bench = Bench::sliding(TASK);
+    bench.steps(80);
     let progress = bench.last.as_ref().unwrap().path_progress;
     assert!(progress > 0.1);
     bench.plane_m -= 0.005;
-    for _ in 0..3 {
-        bench.step(|_| {});
-    }
+    bench.steps(3);
     let output = *bench.last.as_ref().unwrap();
     assert_eq!(output.phase, Phase::Seek);
     let stopped_at = output.path_progress;
@@ -366,8 +201,7 @@ fn what_is_not_there_is_not_pushed_for_ever() {
     assert_eq!(output.fault, Some(Fault::NoSurface));
     assert!(start.z - lowest < 0.085);
 
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
+    let mut bench = Bench::sliding(TASK);
     let at = bench.tool().z;
     bench.plane_m = -10.0;
     let mut lowest = at;
@@ -382,8 +216,7 @@ fn what_is_not_there_is_not_pushed_for_ever() {
 
 #[test]
 fn too_much_force_retracts() {
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
+    let mut bench = Bench::sliding(TASK);
     let output = bench.step(|input| input.wrench.force *= 20.0);
     assert_eq!(
         (output.phase, output.fault),
@@ -394,22 +227,15 @@ fn too_much_force_retracts() {
 
 #[test]
 fn pause_resume_stop() {
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
-    for _ in 0..50 {
-        bench.step(|_| {});
-    }
+    let mut bench = Bench::sliding(TASK);
+    bench.steps(50);
     bench.controller.pause().unwrap();
-    for _ in 0..100 {
-        bench.step(|_| {});
-    }
+    bench.steps(100);
     let paused = *bench.last.as_ref().unwrap();
     assert_eq!(paused.phase, Phase::Hold);
     assert!((paused.force_n - 3.0).abs() < 0.2);
     let at = bench.tool();
-    for _ in 0..200 {
-        bench.step(|_| {});
-    }
+    bench.steps(200);
     assert!((bench.tool() - at).norm() < 1e-4);
     bench.controller.resume().unwrap();
     assert_eq!(bench.step(|_| {}).phase, Phase::Slide);
@@ -429,14 +255,11 @@ fn pause_resume_stop() {
 
 #[test]
 fn an_arm_that_stops_taking_commands_ends_the_task_without_a_motion() {
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
+    let mut bench = Bench::sliding(TASK);
     let output = bench.step(|input| input.arm_ready = false);
     assert_eq!(output.phase, Phase::Fault);
     assert_eq!(output.kind, CommandKind::Hold);
-    for _ in 0..100 {
-        bench.step(|_| {});
-    }
+    bench.steps(100);
     // Ready again, it does not go on by itself.
     let output = bench.last.as_ref().unwrap();
     assert_eq!(
@@ -448,8 +271,7 @@ fn an_arm_that_stops_taking_commands_ends_the_task_without_a_motion() {
 
 #[test]
 fn a_switch_of_estimators_is_gated_and_bumpless() {
-    let mut bench = Bench::new(TASK);
-    bench.run_until(Phase::Slide);
+    let mut bench = Bench::sliding(TASK);
     let tilted = |degrees: f64| {
         move |input: &mut ControlInput| {
             if let Some(second) = &mut input.estimates[1] {
@@ -483,11 +305,8 @@ fn a_switch_of_estimators_is_gated_and_bumpless() {
 
 #[test]
 fn a_live_parameter_comes_into_force_over_a_ramp() {
-    let mut bench = Bench::new(&TASK.replace("0.04, 0.0", "0.3, 0.0"));
-    bench.run_until(Phase::Slide);
-    for _ in 0..100 {
-        bench.step(|_| {});
-    }
+    let mut bench = Bench::sliding(&TASK.replace("0.04, 0.0", "0.3, 0.0"));
+    bench.steps(100);
     bench.controller.set(Parameter::ForceReference, 6.0);
     bench.controller.set(Parameter::Speed, 0.01);
     bench.controller.set(Parameter::AlignmentGain, f64::NAN);
@@ -504,97 +323,4 @@ fn a_live_parameter_comes_into_force_over_a_ramp() {
     assert!((force - 6.0).abs() < 0.2, "{force}");
     assert!((bench.speed() - 0.01).abs() < 1e-3, "{}", bench.speed());
     assert!(bench.controller.config().alignment.gain_per_s.is_finite());
-}
-
-fn number() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        4 => -5.0f64..5.0,
-        1 => -1e6f64..1e6,
-        1 => Just(f64::NAN),
-        1 => Just(f64::INFINITY),
-    ]
-}
-
-#[derive(Clone, Debug)]
-struct Mess {
-    force: [f64; 3],
-    validity: u8,
-    age: f64,
-    normal: [f64; 3],
-    estimate_age: f64,
-    scaling: f64,
-    ready: bool,
-    curvature: f64,
-}
-
-fn mess() -> impl Strategy<Value = Mess> {
-    (
-        prop::array::uniform3(number()),
-        prop_oneof![8 => Just(0u8), 2 => 0u8..12],
-        prop_oneof![5 => 0.0f64..0.02, 1 => number()],
-        prop::array::uniform3(number()),
-        prop_oneof![5 => 0.0f64..0.09, 1 => number()],
-        prop_oneof![5 => Just(1.0), 1 => number()],
-        prop::bool::weighted(0.99),
-        number(),
-    )
-        .prop_map(
-            |(force, validity, age, normal, estimate_age, scaling, ready, curvature)| Mess {
-                force,
-                validity,
-                age,
-                normal,
-                estimate_age,
-                scaling,
-                ready,
-                curvature,
-            },
-        )
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
-
-    /// Whatever comes in, the command stays inside every limit (checked in `Bench::step`), and the tool's speed too.
-    #[test]
-    fn no_input_leads_beyond_the_limits(messes in prop::collection::vec(mess(), 1..150), from in 0usize..700) {
-        let mut bench = Bench::new(TASK);
-        for _ in 0..from {
-            bench.step(|_| {});
-        }
-        for m in messes {
-            let output = bench.step(|input| {
-                input.wrench.force = Vector3::from(m.force);
-                input.wrench_validity = Validity::from(m.validity);
-                input.wrench_age_s = m.age;
-                input.speed_scaling = m.scaling;
-                input.arm_ready = m.ready;
-                for slot in input.estimates.iter_mut().flatten() {
-                    slot.estimate.normal = Vector3::from(m.normal);
-                    slot.estimate.curvature = Some(Matrix3::identity() * m.curvature);
-                    slot.age_s = m.estimate_age;
-                }
-            });
-            let limits = Limits::default();
-            prop_assert!(output.twist_commanded.linear.norm() <= limits.speed_max_m_per_s + 1e-9);
-            prop_assert!(output.twist_commanded.angular.norm() <= limits.turn_rate_max_rad_per_s + 1e-9);
-            prop_assert!(output.path_reference.iter().all(|x| x.is_finite()));
-        }
-    }
-
-    /// Equal input, equal output, bit for bit.
-    #[test]
-    fn a_run_repeats_bit_for_bit(stiffness in 1e3f64..2e4) {
-        let run = || {
-            let mut bench = Bench::new(TASK);
-            bench.stiffness = stiffness;
-            let mut bits = Vec::new();
-            for _ in 0..600 {
-                let output = bench.step(|_| {});
-                bits.extend(output.qd.iter().map(|v| v.to_bits()));
-            }
-            bits
-        };
-        prop_assert_eq!(run(), run());
-    }
 }
