@@ -22,8 +22,8 @@ use tangent_schemas::tangent::{ArmCommand, ArmState};
 use crate::bridge::{Bridge, BridgeEvent};
 use crate::codec::{Framer, PACKAGE_BYTES_MAX};
 use crate::guard::{Posture, Wanted};
-use crate::helper::resolve;
 use crate::link::LinkError;
+use crate::robot_setup::resolve;
 use crate::settings::Config;
 use crate::shared::{LoopRequest, Note, Shared, Upload};
 use crate::supervisor::Reason;
@@ -165,7 +165,7 @@ impl Cycle {
             pause = (pause * 2).min(BACKOFF.1);
         }
         self.shared.ended.store(true, Ordering::Release);
-        self.shared.wake_helper();
+        self.shared.wake_setup();
     }
 
     fn connect(&self) -> Result<TcpStream, Lost> {
@@ -246,7 +246,7 @@ impl Cycle {
                         self.bridge.link().protocol().number()
                     );
                     self.shared.links.fetch_add(1, Ordering::AcqRel);
-                    self.shared.wake_helper();
+                    self.shared.wake_setup();
                 }
                 BridgeEvent::Text(text) => {
                     tracing::info!("robot ({}): {}", text.source, text.message);

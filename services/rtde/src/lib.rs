@@ -14,11 +14,11 @@ pub mod dashboard;
 pub mod guard;
 #[cfg(test)]
 mod guard_tests;
-mod helper;
 pub mod link;
 pub mod primary;
 pub mod program;
 mod refusal;
+mod robot_setup;
 pub mod sample;
 #[cfg(test)]
 mod scripted_robot;
@@ -43,7 +43,7 @@ use tangent_schemas::topics;
 use bridge::Bridge;
 use cycle::Cycle;
 use dashboard::DashboardError;
-use helper::Helper;
+use robot_setup::RobotSetup;
 use shared::{LoopRequest, Note, Shared};
 
 pub use settings::{Config, SettingsError};
@@ -99,11 +99,11 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
         stop.clone(),
     );
     std::thread::scope(|scope| {
-        let helper = std::thread::Builder::new()
-            .name("rtde-helper".into())
-            .spawn_scoped(scope, || Helper::new(&config, &shared, &stop).run())?;
+        let setup = std::thread::Builder::new()
+            .name("rtde-setup".into())
+            .spawn_scoped(scope, || RobotSetup::new(&config, &shared, &stop).run())?;
         // Set once; a second service in this process has its own `shared`.
-        let _ = shared.helper.set(helper.thread().clone());
+        let _ = shared.setup.set(setup.thread().clone());
         let spawned = std::thread::Builder::new()
             .name("rtde-loop".into())
             .spawn_scoped(scope, || {
@@ -121,9 +121,9 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
             std::thread::park_timeout(Duration::from_millis(50));
             write_notes(&shared);
         }
-        // A panic must not leave the helper waiting.
+        // A panic must not leave the set-up waiting.
         shared.ended.store(true, Ordering::Release);
-        shared.wake_helper();
+        shared.wake_setup();
         write_notes(&shared);
         running.join().map_err(|_| Error::Panicked)
     })
@@ -164,17 +164,17 @@ fn answers(config: &Arc<Config>, bus: &Bus, shared: &Arc<Shared>) -> Result<Vec<
         let shared = Arc::clone(shared);
         move || {
             shared.power_on_asked.store(true, Ordering::Release);
-            shared.wake_helper();
+            shared.wake_setup();
             done("powering on and releasing the brakes; arm/state says when the arm is ready")
         }
     };
     let unlock = {
         let config = Arc::clone(config);
-        move || answer(helper::dashboard(&config).and_then(|mut d| d.unlock_protective_stop()))
+        move || answer(robot_setup::dashboard(&config).and_then(|mut d| d.unlock_protective_stop()))
     };
     let power_off = {
         let config = Arc::clone(config);
-        move || answer(helper::dashboard(&config).and_then(|mut d| d.power_off()))
+        move || answer(robot_setup::dashboard(&config).and_then(|mut d| d.power_off()))
     };
     Ok(vec![
         bus.answer(queries::RESET, move |_, _| reset())?,

@@ -38,8 +38,8 @@ pub(crate) struct Shared {
     pub requests: ArrayQueue<LoopRequest>,
     pub uploads: ArrayQueue<Upload>,
     pub notes: ArrayQueue<Note>,
-    /// Woken when there is an upload.
-    pub helper: OnceLock<Thread>,
+    /// Thread of the set-up; woken when there is an upload.
+    pub setup: OnceLock<Thread>,
     /// Counts connections whose version is known and good.
     pub links: AtomicU64,
     pub robot_mode: AtomicI32,
@@ -56,7 +56,7 @@ impl Shared {
             requests: ArrayQueue::new(8),
             uploads: ArrayQueue::new(2),
             notes: ArrayQueue::new(64),
-            helper: OnceLock::new(),
+            setup: OnceLock::new(),
             links: AtomicU64::new(0),
             robot_mode: AtomicI32::new(-1),
             safety_mode: AtomicI32::new(0),
@@ -68,11 +68,11 @@ impl Shared {
 
     pub fn upload(&self, upload: Upload) {
         self.uploads.force_push(upload);
-        self.wake_helper();
+        self.wake_setup();
     }
 
-    pub fn wake_helper(&self) {
-        if let Some(thread) = self.helper.get() {
+    pub fn wake_setup(&self) {
+        if let Some(thread) = self.setup.get() {
             thread.unpark();
         }
     }

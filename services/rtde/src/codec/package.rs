@@ -1,6 +1,6 @@
-//! What packages say: [`Request`] from client to controller, [`Reply`] from controller to client.
+//! What every package has, whichever way it goes: its kind, its frame, its lists, and what can be wrong with it.
 
-use super::{ControllerVersion, DataType, HEADER_BYTES, PACKAGE_BYTES_MAX, Protocol, TextMessage};
+use super::{DataType, HEADER_BYTES, PACKAGE_BYTES_MAX};
 
 /// Longest list of names that a controller takes, bytes.
 pub const NAMES_BYTES_MAX: usize = 2048;
@@ -91,10 +91,6 @@ pub enum DecodeError {
 }
 
 impl DecodeError {
-    pub(super) fn short(kind: &'static str, bytes: usize) -> Self {
-        Self::Length { kind, bytes }
-    }
-
     pub(super) fn length(kind: &'static str, bytes: usize) -> Self {
         Self::Length { kind, bytes }
     }
@@ -129,7 +125,7 @@ impl Slot {
         }
     }
 
-    fn from_name(name: &str) -> Result<Self, DecodeError> {
+    pub(super) fn from_name(name: &str) -> Result<Self, DecodeError> {
         match name {
             "NOT_FOUND" => Ok(Self::NotFound),
             "IN_USE" => Ok(Self::InUse),
@@ -144,257 +140,8 @@ impl Slot {
     }
 }
 
-/// From client to controller.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Request<'a> {
-    /// Speak this version from now on. Any number may come; [`Protocol::from_number`] says which exist.
-    ProtocolVersion(u16),
-    /// Which software runs there.
-    ControllerVersion,
-    /// A line for the controller's log.
-    Text(TextMessage),
-    /// Replace the output recipe.
-    SetupOutputs {
-        /// Packages per second asked for; protocol 1 does not carry it.
-        frequency_hz: Option<f64>,
-        /// Fields.
-        names: Vec<String>,
-    },
-    /// Add an input recipe.
-    SetupInputs {
-        /// Fields.
-        names: Vec<String>,
-    },
-    /// Send outputs.
-    Start,
-    /// Stop sending outputs.
-    Pause,
-    /// Input data: recipe id, then fields; see [`super::Recipe::decode`].
-    Data(&'a [u8]),
-}
-
-impl<'a> Request<'a> {
-    /// Reads a package that a client sent.
-    pub fn decode(code: u8, payload: &'a [u8], protocol: Protocol) -> Result<Self, DecodeError> {
-        let kind = PackageKind::from_code(code).ok_or(DecodeError::UnknownKind { code })?;
-        Ok(match kind {
-            PackageKind::RequestProtocolVersion => match payload {
-                [a, b] => Self::ProtocolVersion(u16::from_be_bytes([*a, *b])),
-                _ => {
-                    return Err(DecodeError::length(
-                        "REQUEST_PROTOCOL_VERSION",
-                        payload.len(),
-                    ));
-                }
-            },
-            PackageKind::GetControllerVersion => Self::ControllerVersion,
-            PackageKind::TextMessage => Self::Text(TextMessage::decode_full(payload)?),
-            PackageKind::SetupOutputs => {
-                let (frequency_hz, list) = match protocol {
-                    Protocol::V1 => (None, payload),
-                    Protocol::V2 => {
-                        let (head, list) = payload
-                            .split_first_chunk::<8>()
-                            .ok_or_else(|| DecodeError::short("SETUP_OUTPUTS", payload.len()))?;
-                        (Some(f64::from_be_bytes(*head)), list)
-                    }
-                };
-                Self::SetupOutputs {
-                    frequency_hz,
-                    names: decode_names(list)?,
-                }
-            }
-            PackageKind::SetupInputs => Self::SetupInputs {
-                names: decode_names(payload)?,
-            },
-            PackageKind::Start => Self::Start,
-            PackageKind::Pause => Self::Pause,
-            PackageKind::Data => Self::Data(payload),
-        })
-    }
-
-    /// Appends the whole package.
-    pub fn encode(&self, protocol: Protocol, out: &mut Vec<u8>) -> Result<(), EncodeError> {
-        package(self.kind(), out, |out| match self {
-            Self::ProtocolVersion(v) => out.extend_from_slice(&v.to_be_bytes()),
-            Self::ControllerVersion | Self::Start | Self::Pause => {}
-            Self::Text(text) => text.encode_full(out),
-            Self::SetupOutputs {
-                frequency_hz,
-                names,
-            } => {
-                if protocol == Protocol::V2 {
-                    out.extend_from_slice(&frequency_hz.unwrap_or(0.0).to_be_bytes());
-                }
-                join(names.iter().map(String::as_str), out);
-            }
-            Self::SetupInputs { names } => join(names.iter().map(String::as_str), out),
-            Self::Data(payload) => out.extend_from_slice(payload),
-        })
-    }
-
-    /// Which kind of package carries it.
-    pub fn kind(&self) -> PackageKind {
-        match self {
-            Self::ProtocolVersion(_) => PackageKind::RequestProtocolVersion,
-            Self::ControllerVersion => PackageKind::GetControllerVersion,
-            Self::Text(_) => PackageKind::TextMessage,
-            Self::SetupOutputs { .. } => PackageKind::SetupOutputs,
-            Self::SetupInputs { .. } => PackageKind::SetupInputs,
-            Self::Start => PackageKind::Start,
-            Self::Pause => PackageKind::Pause,
-            Self::Data(_) => PackageKind::Data,
-        }
-    }
-}
-
-/// From controller to client.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Reply<'a> {
-    /// Whether the version asked for is spoken from now on.
-    ProtocolVersion {
-        /// False for a version the controller does not know.
-        accepted: bool,
-    },
-    /// Which software runs here.
-    ControllerVersion(ControllerVersion),
-    /// A line from the controller.
-    Text(TextMessage),
-    /// One slot per name, in order.
-    SetupOutputs {
-        /// `None` in protocol 1.
-        recipe_id: Option<u8>,
-        /// What became of each name.
-        slots: Vec<Slot>,
-    },
-    /// One slot per name, in order.
-    SetupInputs {
-        /// 0 when the recipe is refused.
-        recipe_id: u8,
-        /// What became of each name.
-        slots: Vec<Slot>,
-    },
-    /// Whether outputs flow now.
-    Start {
-        /// False when there is no valid output recipe.
-        accepted: bool,
-    },
-    /// Whether outputs have ceased.
-    Pause {
-        /// As the controller says.
-        accepted: bool,
-    },
-    /// Output data: recipe id (protocol 2 only), then fields.
-    Data(&'a [u8]),
-}
-
-impl<'a> Reply<'a> {
-    /// Reads a package that a controller sent.
-    pub fn decode(code: u8, payload: &'a [u8], protocol: Protocol) -> Result<Self, DecodeError> {
-        let kind = PackageKind::from_code(code).ok_or(DecodeError::UnknownKind { code })?;
-        let flag = |name| match payload {
-            [x] => Ok(*x != 0),
-            _ => Err(DecodeError::length(name, payload.len())),
-        };
-        Ok(match kind {
-            PackageKind::RequestProtocolVersion => Self::ProtocolVersion {
-                accepted: flag("REQUEST_PROTOCOL_VERSION")?,
-            },
-            PackageKind::GetControllerVersion => {
-                let words: [u8; 16] = payload
-                    .try_into()
-                    .map_err(|_| DecodeError::length("GET_URCONTROL_VERSION", payload.len()))?;
-                let word = |i: usize| {
-                    u32::from_be_bytes([words[i], words[i + 1], words[i + 2], words[i + 3]])
-                };
-                Self::ControllerVersion(ControllerVersion {
-                    major: word(0),
-                    minor: word(4),
-                    bugfix: word(8),
-                    build: word(12),
-                })
-            }
-            PackageKind::TextMessage => Self::Text(TextMessage::decode_reply(payload, protocol)?),
-            PackageKind::SetupOutputs => {
-                let (recipe_id, list) = match protocol {
-                    Protocol::V1 => (None, payload),
-                    Protocol::V2 => {
-                        let (id, list) = payload
-                            .split_first()
-                            .ok_or_else(|| DecodeError::short("SETUP_OUTPUTS", 0))?;
-                        (Some(*id), list)
-                    }
-                };
-                Self::SetupOutputs {
-                    recipe_id,
-                    slots: decode_slots(list)?,
-                }
-            }
-            PackageKind::SetupInputs => {
-                let (id, list) = payload
-                    .split_first()
-                    .ok_or_else(|| DecodeError::short("SETUP_INPUTS", 0))?;
-                Self::SetupInputs {
-                    recipe_id: *id,
-                    slots: decode_slots(list)?,
-                }
-            }
-            PackageKind::Start => Self::Start {
-                accepted: flag("START")?,
-            },
-            PackageKind::Pause => Self::Pause {
-                accepted: flag("PAUSE")?,
-            },
-            PackageKind::Data => Self::Data(payload),
-        })
-    }
-
-    /// Appends the whole package.
-    pub fn encode(&self, protocol: Protocol, out: &mut Vec<u8>) -> Result<(), EncodeError> {
-        package(self.kind(), out, |out| match self {
-            Self::ProtocolVersion { accepted }
-            | Self::Start { accepted }
-            | Self::Pause { accepted } => out.push(u8::from(*accepted)),
-            Self::ControllerVersion(v) => {
-                for word in [v.major, v.minor, v.bugfix, v.build] {
-                    out.extend_from_slice(&word.to_be_bytes());
-                }
-            }
-            Self::Text(text) => match protocol {
-                Protocol::V1 => text.encode_v1_reply(out),
-                Protocol::V2 => text.encode_full(out),
-            },
-            Self::SetupOutputs { recipe_id, slots } => {
-                if protocol == Protocol::V2 {
-                    out.push(recipe_id.unwrap_or(0));
-                }
-                join(slots.iter().map(|s| s.name()), out);
-            }
-            Self::SetupInputs { recipe_id, slots } => {
-                out.push(*recipe_id);
-                join(slots.iter().map(|s| s.name()), out);
-            }
-            Self::Data(payload) => out.extend_from_slice(payload),
-        })
-    }
-
-    /// Which kind of package carries it.
-    pub fn kind(&self) -> PackageKind {
-        match self {
-            Self::ProtocolVersion { .. } => PackageKind::RequestProtocolVersion,
-            Self::ControllerVersion(_) => PackageKind::GetControllerVersion,
-            Self::Text(_) => PackageKind::TextMessage,
-            Self::SetupOutputs { .. } => PackageKind::SetupOutputs,
-            Self::SetupInputs { .. } => PackageKind::SetupInputs,
-            Self::Start { .. } => PackageKind::Start,
-            Self::Pause { .. } => PackageKind::Pause,
-            Self::Data(_) => PackageKind::Data,
-        }
-    }
-}
-
 /// Writes header and payload; on an error `out` is as before.
-fn package(
+pub(super) fn package(
     kind: PackageKind,
     out: &mut Vec<u8>,
     payload: impl FnOnce(&mut Vec<u8>),
@@ -415,7 +162,7 @@ fn package(
     }
 }
 
-fn join<'s>(names: impl Iterator<Item = &'s str>, out: &mut Vec<u8>) {
+pub(super) fn join<'s>(names: impl Iterator<Item = &'s str>, out: &mut Vec<u8>) {
     for (i, name) in names.enumerate() {
         if i > 0 {
             out.push(b',');
@@ -424,34 +171,10 @@ fn join<'s>(names: impl Iterator<Item = &'s str>, out: &mut Vec<u8>) {
     }
 }
 
-/// Names between commas. A comma at the very end is no further name: one well-known client always sends it.
-fn decode_names(list: &[u8]) -> Result<Vec<String>, DecodeError> {
-    if list.len() > NAMES_BYTES_MAX {
-        return Err(DecodeError::NamesTooLong { bytes: list.len() });
-    }
-    let list = list.strip_suffix(b",").unwrap_or(list);
-    if list.is_empty() {
-        return Ok(Vec::new());
-    }
-    Ok(list
-        .split(|b| *b == b',')
-        .map(|name| String::from_utf8_lossy(name).into_owned())
-        .collect())
-}
-
-fn decode_slots(list: &[u8]) -> Result<Vec<Slot>, DecodeError> {
-    let text = String::from_utf8_lossy(list);
-    let text = text.strip_suffix(',').unwrap_or(&text);
-    if text.is_empty() {
-        return Ok(Vec::new());
-    }
-    text.split(',').map(Slot::from_name).collect()
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::TextLevel;
     use super::*;
+    use crate::codec::{ControllerVersion, Protocol, Reply, Request, TextLevel, TextMessage};
     use proptest::prelude::*;
 
     fn protocol() -> impl Strategy<Value = Protocol> {

@@ -70,7 +70,7 @@ impl TextMessage {
     }
 
     pub(super) fn decode_full(payload: &[u8]) -> Result<Self, DecodeError> {
-        let short = || DecodeError::short("TEXT_MESSAGE", payload.len());
+        let short = || DecodeError::length("TEXT_MESSAGE", payload.len());
         let (message, rest) = counted(payload).ok_or_else(short)?;
         let (source, rest) = counted(rest).ok_or_else(short)?;
         let [level] = rest else {
@@ -89,7 +89,7 @@ impl TextMessage {
             Protocol::V1 => {
                 let (level, message) = payload
                     .split_first()
-                    .ok_or_else(|| DecodeError::short("TEXT_MESSAGE", 0))?;
+                    .ok_or_else(|| DecodeError::length("TEXT_MESSAGE", 0))?;
                 Ok(Self {
                     message: String::from_utf8_lossy(message).into_owned(),
                     source: String::new(),

@@ -1,5 +1,5 @@
-//! Everything that may wait: the script port (sending the program, hearing what becomes of it) and the dashboard
-//! (power, model, remote mode). Its own thread, so that none of it holds the loop up.
+//! What makes the robot ready and may wait: the script port (sending the program, hearing what becomes of it) and the
+//! dashboard (power, model, remote mode). Its own thread, so that none of it holds the loop up.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
@@ -43,7 +43,7 @@ pub(crate) fn dashboard(config: &Config) -> Result<Dashboard, DashboardError> {
     Dashboard::connect(address, DASHBOARD)
 }
 
-pub(crate) struct Helper<'a> {
+pub(crate) struct RobotSetup<'a> {
     config: &'a Config,
     shared: &'a Shared,
     stop: &'a Stop,
@@ -53,7 +53,7 @@ pub(crate) struct Helper<'a> {
     uploads: u32,
 }
 
-impl<'a> Helper<'a> {
+impl<'a> RobotSetup<'a> {
     pub fn new(config: &'a Config, shared: &'a Shared, stop: &'a Stop) -> Self {
         Self {
             config,

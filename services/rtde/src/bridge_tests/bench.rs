@@ -1,0 +1,160 @@
+//! The bridge, a scripted robot, and the bytes between them, one cycle at a time.
+
+use nalgebra::{Matrix6, Vector3, Vector6};
+
+use crate::bridge::*;
+use crate::codec::*;
+use crate::guard::{GuardLimits, Posture, Wanted};
+use crate::link::LinkError;
+use crate::program::RegisterMap;
+use crate::scripted_robot::Robot;
+
+/// Only the joints count here.
+pub fn posture(bridge: &Bridge) -> Posture {
+    Posture {
+        q: Vector6::from(bridge.sample().q),
+        tool_m: Vector3::zeros(),
+        tool_jacobian: Matrix6::zeros(),
+    }
+}
+
+/// A bridge and the robot it speaks to.
+pub struct Cell {
+    pub bridge: Bridge,
+    pub robot: Robot,
+    framer: Framer,
+    pub now_s: f64,
+    to_robot: Vec<u8>,
+    pub uploads: u32,
+    pub activation: u64,
+    wanted: Option<[f64; 6]>,
+}
+
+impl Cell {
+    pub fn new(robot: Robot, series: Option<Series>) -> Self {
+        let config = BridgeConfig {
+            registers: RegisterMap::new(24).unwrap(),
+            model: "ur5".into(),
+            series,
+            rate_hz: None,
+            limits: GuardLimits {
+                speed_rad_per_s: Vector6::repeat(1.0),
+                acceleration_rad_per_s2: Vector6::repeat(8.0),
+                position_lower_rad: Vector6::repeat(-6.0),
+                position_upper_rad: Vector6::repeat(6.0),
+                tool_speed_max_m_per_s: 0.25,
+                tool_turn_rate_max_rad_per_s: 1.0,
+                workspace_lower_m: Vector3::repeat(-1.0),
+                workspace_upper_m: Vector3::repeat(1.0),
+                response_s: 0.04,
+                patience_cycles: 2,
+                silence_latch_s: 0.1,
+            },
+            speed_scaling_min: 0.3,
+            seed: 42,
+        };
+        Self {
+            bridge: Bridge::new(config),
+            robot,
+            framer: Framer::new(PACKAGE_BYTES_MAX),
+            now_s: 0.0,
+            to_robot: Vec::new(),
+            uploads: 0,
+            activation: 0,
+            wanted: None,
+        }
+    }
+
+    pub fn connect(&mut self) {
+        self.to_robot.clear();
+        self.framer = Framer::new(PACKAGE_BYTES_MAX);
+        self.bridge.open(self.now_s, &mut self.to_robot).unwrap();
+    }
+
+    /// One robot cycle: bytes there, bytes back, the bridge's answer.
+    pub fn step(&mut self) -> Result<bool, LinkError> {
+        self.now_s += self.robot.version.series().period_s();
+        let mut bytes = Vec::new();
+        let sent = std::mem::take(&mut self.to_robot);
+        self.robot.receive(&sent, &mut bytes);
+        self.robot.cycle(&mut bytes);
+        assert_eq!(self.framer.push(&bytes), bytes.len());
+        let mut finished = false;
+        while let Some(package) = self.framer.next_package()? {
+            match self
+                .bridge
+                .package(package, self.now_s, &mut self.to_robot)?
+            {
+                BridgeEvent::Cycle => {
+                    let cycle = self.bridge.cycle();
+                    let values = self.wanted.unwrap_or_default();
+                    let wanted = Wanted {
+                        cycle,
+                        kind: u8::from(self.wanted.is_some()),
+                        values: &values,
+                        acceleration: 0.0,
+                        activation: self.activation,
+                        source: "test/0",
+                    };
+                    let posture = posture(&self.bridge);
+                    self.bridge
+                        .command(&posture, Some(&wanted), self.now_s, &mut self.to_robot)?;
+                    if let Some(session) = self.bridge.take_upload() {
+                        self.uploads += 1;
+                        self.robot.upload(session);
+                    }
+                }
+                BridgeEvent::Finished => finished = true,
+                _ => {}
+            }
+        }
+        self.bridge.check(self.now_s)?;
+        Ok(finished)
+    }
+
+    pub fn steps(&mut self, n: usize) {
+        for _ in 0..n {
+            self.step().unwrap();
+        }
+    }
+
+    pub fn until(&mut self, what: &str, condition: impl Fn(&Self) -> bool) {
+        for _ in 0..3000 {
+            if condition(self) {
+                return;
+            }
+            self.step().unwrap();
+        }
+        panic!("{what} never came; reason {:?}", self.bridge.reason());
+    }
+
+    pub fn ready(series: Series) -> Self {
+        let version = match series {
+            Series::Cb3 => ControllerVersion::new(3, 15, 8),
+            Series::ESeries => ControllerVersion::new(5, 11, 0),
+        };
+        let mut cell = Self::new(Robot::new(version), Some(series));
+        cell.connect();
+        cell.until("ready", |c| c.bridge.is_ready());
+        cell
+    }
+
+    /// A task is started.
+    pub fn task(&mut self) {
+        self.activation = self
+            .bridge
+            .guard()
+            .activation_latched()
+            .max(self.activation)
+            + 1;
+        self.wanted = Some([0.1, 0.0, 0.0, 0.0, 0.0, -0.1]);
+    }
+
+    pub fn moves(&self) -> bool {
+        self.robot.sample.qd_commanded == [0.1, 0.0, 0.0, 0.0, 0.0, -0.1]
+    }
+
+    pub fn rests(&self) -> bool {
+        self.robot.sample.qd_commanded == [0.0; 6]
+    }
+}
