@@ -1,12 +1,11 @@
 //! The cell that a command speaks to: its file, and a session on its bus.
 
 use std::path::Path;
-use std::sync::OnceLock;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
-use tangent_runtime::{Bus, CellConfig, Role, config};
+use tangent_runtime::{Bus, CellConfig, Role};
 use tangent_schemas::tangent::{Answer, Request};
 
 use crate::compose;
@@ -16,14 +15,6 @@ use crate::output::{Outcome, bad_usage, print_json};
 const ROUTER_PATIENCE: Duration = Duration::from_secs(3);
 /// How long a person waits for a service's answer.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
-
-/// The cell file as it was read, for recordings: a process has one cell.
-static TEXT: OnceLock<String> = OnceLock::new();
-
-/// The text of the cell file in use; the built-in one if none was named.
-pub fn text() -> &'static str {
-    TEXT.get().map_or(config::DEFAULT_CELL, String::as_str)
-}
 
 /// Reads the cell file that `--cell` or TANGENT_CELL names; without one, the built-in simulated cell.
 ///
@@ -35,9 +26,6 @@ pub fn load(path: Option<&Path>) -> Result<CellConfig> {
     };
     let config = CellConfig::load(path).map_err(bad_usage)?;
     compose::model(&config).map_err(|e| bad_usage(format!("{}: {e}", path.display())))?;
-    if let Ok(text) = std::fs::read_to_string(path) {
-        TEXT.get_or_init(|| text);
-    }
     Ok(config)
 }
 

@@ -176,7 +176,7 @@ pub struct RecorderExtra {
 
 fn recorder(config: &CellConfig, extra: &RecorderExtra) -> tangent_recorder::RecorderConfig {
     let mut recorder = tangent_recorder::RecorderConfig::from_cell(config)
-        .with_attachment("cell.toml", crate::cell::text());
+        .with_attachment("cell.toml", config.text());
     if let Some(folder) = &extra.folder {
         recorder.folder.clone_from(folder);
     }

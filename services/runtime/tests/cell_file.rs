@@ -148,12 +148,13 @@ fn a_missing_file_is_named() {
 }
 
 #[test]
-fn relative_paths_start_at_the_files_folder() {
+fn relative_paths_start_at_the_files_folder_and_the_text_stays_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cell.toml");
     let text = DEFAULT_CELL.replace("# model_file", "model_file");
-    std::fs::write(&path, text).unwrap();
+    std::fs::write(&path, &text).unwrap();
     let config = CellConfig::load(&path).unwrap();
+    assert_eq!(config.text(), text);
     assert_eq!(
         config.robot.model_file,
         Some(folder.path().join("my_arm.toml"))

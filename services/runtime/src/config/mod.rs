@@ -21,7 +21,7 @@ pub use sections::{
 pub const DEFAULT_CELL: &str = include_str!("../../../../deploy/cell.toml");
 
 /// One cell.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CellConfig {
     /// Name.
@@ -53,6 +53,9 @@ pub struct CellConfig {
     /// Scheduling.
     #[serde(default)]
     pub realtime: RealtimeConfig,
+    /// What all this was read from.
+    #[serde(skip)]
+    text: String,
 }
 
 impl CellConfig {
@@ -75,10 +78,16 @@ impl CellConfig {
     /// # Errors
     /// [`ConfigError`], naming file, key, value and what is allowed.
     pub fn parse(file: &str, text: &str) -> Result<Self, ConfigError> {
-        let config: Self = toml_from_str(file, text)?;
+        let mut config: Self = toml_from_str(file, text)?;
         let checker = Checker::new(file, text);
         config.check(&checker)?;
+        config.text = text.to_owned();
         Ok(config)
+    }
+
+    /// The text that the cell was read from, for recordings; what was changed since then is not in it.
+    pub fn text(&self) -> &str {
+        &self.text
     }
 
     /// The cell that ships ([`DEFAULT_CELL`]); its relative paths stay relative to the working directory.

@@ -1,0 +1,34 @@
+//! The sections of `cell.toml`. What a key means stands here and, for users, in `deploy/cell.toml` and
+//! `docs/services/runtime.md`.
+
+mod cell;
+mod limits;
+mod pose;
+mod realtime;
+mod robot;
+mod sensor;
+mod services;
+mod tool;
+mod zenoh;
+
+pub use cell::CellSection;
+pub use limits::LimitsConfig;
+pub use pose::PoseConfig;
+pub use realtime::RealtimeConfig;
+pub use robot::RobotConfig;
+pub use sensor::{SensorConfig, SensorMode};
+pub use services::{ControllerConfig, EstimatorsConfig, RecorderConfig, SimulatorConfig};
+pub use tool::ToolConfig;
+pub use zenoh::ZenohConfig;
+
+use super::check::Checker;
+use super::load::ConfigError;
+
+fn check_port(checker: &Checker<'_>, key: &str, port: u16, offset: u16) -> Result<(), ConfigError> {
+    checker.require(
+        port > 0 && port.checked_add(offset).is_some(),
+        key,
+        port,
+        "from 1 to 65535, port_offset included",
+    )
+}

@@ -1,0 +1,160 @@
+//! `[robot]`: the arm, where it is reached and what the bridge asks of it.
+
+use std::path::PathBuf;
+
+use nalgebra::Vector3;
+use serde::Deserialize;
+
+use super::check_port;
+use crate::config::check::Checker;
+use crate::config::load::ConfigError;
+
+/// `[robot]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotConfig {
+    /// Name of a built-in model, for instance `ur5`.
+    pub model: String,
+    /// A model of one's own instead.
+    #[serde(default)]
+    pub model_file: Option<PathBuf>,
+    /// Host name or IP address of the controller.
+    pub address: String,
+    /// Added to every port below, so that several simulated robots fit on one host.
+    #[serde(default)]
+    pub port_offset: u16,
+    /// RTDE.
+    #[serde(default = "ports::rtde")]
+    pub rtde_port: u16,
+    /// Where the program is sent: the primary interface, which also says why a program failed.
+    #[serde(default = "ports::script")]
+    pub script_port: u16,
+    /// Dashboard server.
+    #[serde(default = "ports::dashboard")]
+    pub dashboard_port: u16,
+    /// Packets per second; 0: the most that the controller offers (125 on CB3, 500 on e-Series).
+    #[serde(default)]
+    pub rate_hz: f64,
+    /// First RTDE register in use.
+    #[serde(default = "ports::register_base")]
+    pub register_base: u8,
+    /// Power on and release the brakes through the dashboard when the bridge starts.
+    #[serde(default)]
+    pub power_on: bool,
+    /// Gravity in base axes, m/s²: tells how the base is mounted.
+    #[serde(default = "standard_gravity")]
+    pub gravity_in_base_m_per_s2: [f64; 3],
+    /// Cycles without a fresh command before the bridge ramps the joint speed to zero.
+    #[serde(default = "command_patience")]
+    pub command_patience_cycles: u32,
+    /// Least speed scaling (limiter times slider, 0 to 1) at which the arm may move.
+    #[serde(default = "speed_scaling_min")]
+    pub speed_scaling_min: f64,
+    /// Arm the controller's own watchdog behind the bridge's program. On CB3 a trip is a protective stop.
+    #[serde(default = "controller_watchdog")]
+    pub controller_watchdog: bool,
+    /// Connection attempts wait this long, s.
+    #[serde(default = "connect_timeout")]
+    pub connect_timeout_s: f64,
+}
+
+mod ports {
+    pub fn rtde() -> u16 {
+        30004
+    }
+    pub fn script() -> u16 {
+        30001
+    }
+    pub fn dashboard() -> u16 {
+        29999
+    }
+    pub fn register_base() -> u8 {
+        24
+    }
+}
+
+fn standard_gravity() -> [f64; 3] {
+    [0.0, 0.0, -9.806_65]
+}
+
+fn command_patience() -> u32 {
+    2
+}
+
+fn speed_scaling_min() -> f64 {
+    0.3
+}
+
+fn controller_watchdog() -> bool {
+    true
+}
+
+fn connect_timeout() -> f64 {
+    2.0
+}
+
+impl RobotConfig {
+    /// Gravity in base axes, m/s².
+    pub fn gravity_in_base(&self) -> Vector3<f64> {
+        Vector3::from(self.gravity_in_base_m_per_s2)
+    }
+
+    pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
+        checker.require(
+            !self.model.is_empty(),
+            "robot.model",
+            "\"\"",
+            "the name of a model, see `tangent model list`",
+        )?;
+        checker.require(
+            !self.address.is_empty(),
+            "robot.address",
+            "\"\"",
+            "a host name or an IP address",
+        )?;
+        for (key, port) in [
+            ("robot.rtde_port", self.rtde_port),
+            ("robot.script_port", self.script_port),
+            ("robot.dashboard_port", self.dashboard_port),
+        ] {
+            check_port(checker, key, port, self.port_offset)?;
+        }
+        checker.require(
+            self.rate_hz == 0.0 || (1.0..=1000.0).contains(&self.rate_hz),
+            "robot.rate_hz",
+            self.rate_hz,
+            "0 (the controller's own) or from 1 to 1000 Hz",
+        )?;
+        checker.require(
+            (24..=40).contains(&self.register_base),
+            "robot.register_base",
+            self.register_base,
+            "from 24 to 40: 0 to 23 belong to a PLC, and the bridge needs 7 of the 48",
+        )?;
+        checker.range(
+            "robot.command_patience_cycles",
+            f64::from(self.command_patience_cycles),
+            1.0..=20.0,
+            "cycles",
+        )?;
+        checker.range(
+            "robot.speed_scaling_min",
+            self.speed_scaling_min,
+            0.05..=1.0,
+            "",
+        )?;
+        checker.range(
+            "robot.connect_timeout_s",
+            self.connect_timeout_s,
+            0.1..=60.0,
+            "s",
+        )?;
+        let gravity = self.gravity_in_base().norm();
+        checker.require(
+            (9.0..=10.5).contains(&gravity),
+            "robot.gravity_in_base_m_per_s2",
+            format!("{:?}", self.gravity_in_base_m_per_s2),
+            "a vector of 9 to 10.5 m/s²; [0, 0, -9.80665] for a base on the floor",
+        )
+    }
+}

@@ -1,0 +1,148 @@
+//! `[sensor]`: the force/torque sensor and its box.
+
+use serde::Deserialize;
+use tangent_mechanics::{Flange, Pose, Sensor};
+
+use super::{PoseConfig, check_port};
+use crate::config::check::Checker;
+use crate::config::load::ConfigError;
+
+/// How the sensor box sends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorMode {
+    /// One record per datagram: least delay.
+    #[default]
+    Realtime,
+    /// Several records per datagram: least load.
+    Buffered,
+}
+
+/// `[sensor]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorConfig {
+    /// Host name or IP address of the Net F/T box.
+    pub address: String,
+    /// Added to both ports below.
+    #[serde(default)]
+    pub port_offset: u16,
+    /// RDT, UDP.
+    #[serde(default = "rdt_port")]
+    pub rdt_port: u16,
+    /// Its web server, for units and scales.
+    #[serde(default = "http_port")]
+    pub http_port: u16,
+    /// Records per second, 1 to 7000.
+    #[serde(default = "sensor_rate")]
+    pub rate_hz: f64,
+    /// How it sends.
+    #[serde(default)]
+    pub mode: SensorMode,
+    /// Records per datagram when buffered, 1 to 40.
+    #[serde(default = "buffer_records")]
+    pub buffer_records: u8,
+    /// `wrench/tool` is published this often, Hz; 0: 1000, so that no reader finds it older than about 1 ms.
+    #[serde(default)]
+    pub tool_rate_hz: f64,
+    /// Cut-off of the low-pass filter, Hz.
+    #[serde(default = "filter_cutoff")]
+    pub filter_cutoff_hz: f64,
+    /// Silence for this long is reported, and the stream asked for again, s.
+    #[serde(default = "sensor_patience")]
+    pub patience_s: f64,
+    /// Where the sensor sits on the flange.
+    #[serde(default)]
+    pub flange_from_sensor: PoseConfig,
+    /// Forces beyond are taken for saturation, N; x, y, z.
+    #[serde(default = "force_range")]
+    pub force_range_n: [f64; 3],
+    /// Torques beyond are taken for saturation, Nm; x, y, z.
+    #[serde(default = "torque_range")]
+    pub torque_range_nm: [f64; 3],
+}
+
+fn rdt_port() -> u16 {
+    49152
+}
+
+fn http_port() -> u16 {
+    80
+}
+
+fn sensor_rate() -> f64 {
+    7000.0
+}
+
+fn buffer_records() -> u8 {
+    7
+}
+
+fn filter_cutoff() -> f64 {
+    50.0
+}
+
+fn sensor_patience() -> f64 {
+    0.05
+}
+
+fn force_range() -> [f64; 3] {
+    [130.0, 130.0, 400.0]
+}
+
+fn torque_range() -> [f64; 3] {
+    [10.0; 3]
+}
+
+impl SensorConfig {
+    /// Where the sensor sits on the flange.
+    pub fn flange_from_sensor(&self) -> Pose<Flange, Sensor> {
+        self.flange_from_sensor.pose()
+    }
+
+    pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
+        checker.require(
+            !self.address.is_empty(),
+            "sensor.address",
+            "\"\"",
+            "a host name or an IP address",
+        )?;
+        check_port(checker, "sensor.rdt_port", self.rdt_port, self.port_offset)?;
+        check_port(
+            checker,
+            "sensor.http_port",
+            self.http_port,
+            self.port_offset,
+        )?;
+        checker.range("sensor.rate_hz", self.rate_hz, 1.0..=7000.0, "Hz")?;
+        checker.range(
+            "sensor.buffer_records",
+            f64::from(self.buffer_records),
+            1.0..=40.0,
+            "records",
+        )?;
+        checker.require(
+            self.tool_rate_hz == 0.0 || (1.0..=7000.0).contains(&self.tool_rate_hz),
+            "sensor.tool_rate_hz",
+            self.tool_rate_hz,
+            "0 (1000 Hz) or from 1 to 7000 Hz",
+        )?;
+        // A filter above half the rate does nothing and below 1 Hz the loop cannot be stable.
+        checker.range(
+            "sensor.filter_cutoff_hz",
+            self.filter_cutoff_hz,
+            1.0..=self.rate_hz.mul_add(0.45, 0.0).max(1.0),
+            "Hz (at most 0.45 of sensor.rate_hz)",
+        )?;
+        checker.range("sensor.patience_s", self.patience_s, 0.005..=5.0, "s")?;
+        checker.ranges("sensor.force_range_n", &self.force_range_n, 0.1..=1e5, "N")?;
+        checker.ranges(
+            "sensor.torque_range_nm",
+            &self.torque_range_nm,
+            0.01..=1e4,
+            "Nm",
+        )?;
+        self.flange_from_sensor
+            .check(checker, "sensor.flange_from_sensor")
+    }
+}

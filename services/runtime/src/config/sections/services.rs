@@ -1,0 +1,119 @@
+//! `[estimators]`, `[controller]`, `[recorder]` and `[simulator]`: the settings of single services.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Deserialize;
+
+use crate::config::check::Checker;
+use crate::config::load::ConfigError;
+
+/// `[estimators]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EstimatorsConfig {
+    /// Those that this cell's estimator service runs, each on its own topic.
+    pub run: Vec<String>,
+    /// The one that the controller starts with.
+    pub active: String,
+    /// Settings per estimator, as that estimator documents them.
+    pub settings: BTreeMap<String, toml::Table>,
+}
+
+impl Default for EstimatorsConfig {
+    fn default() -> Self {
+        Self {
+            run: vec!["blend".into()],
+            active: "blend".into(),
+            settings: BTreeMap::new(),
+        }
+    }
+}
+
+impl EstimatorsConfig {
+    pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
+        let good = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        for name in self.run.iter().chain([&self.active]) {
+            checker.require(
+                (1..=64).contains(&name.len()) && name.chars().all(good),
+                "estimators.run",
+                name,
+                "names of lower-case letters, digits and `_`",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// `[controller]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ControllerConfig {
+    /// Set of gains: `default` or `paper`.
+    pub preset: String,
+    /// Gains that differ from the preset, as the controller documents them.
+    pub settings: toml::Table,
+}
+
+impl Default for ControllerConfig {
+    fn default() -> Self {
+        Self {
+            preset: "default".into(),
+            settings: toml::Table::new(),
+        }
+    }
+}
+
+/// `[recorder]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RecorderConfig {
+    /// Folder of the recordings, made when missing; from the working directory.
+    pub folder: PathBuf,
+    /// Key patterns to record.
+    pub include: Vec<String>,
+    /// A new file after so many megabytes.
+    pub rotate_mb: f64,
+    /// A new file after so many seconds.
+    pub rotate_s: f64,
+    /// Chunks are compressed with LZ4.
+    pub compress: bool,
+    /// Messages that wait for the disk before the oldest is dropped and counted.
+    pub queue_messages: usize,
+}
+
+impl Default for RecorderConfig {
+    fn default() -> Self {
+        Self {
+            folder: "recordings".into(),
+            include: vec!["**".into()],
+            rotate_mb: 1024.0,
+            rotate_s: 3600.0,
+            compress: true,
+            queue_messages: 65_536,
+        }
+    }
+}
+
+impl RecorderConfig {
+    pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
+        checker.range("recorder.rotate_mb", self.rotate_mb, 0.1..=1e6, "MB")?;
+        checker.range("recorder.rotate_s", self.rotate_s, 1.0..=1e6, "s")?;
+        checker.range(
+            "recorder.queue_messages",
+            self.queue_messages as f64,
+            100.0..=1e7,
+            "messages",
+        )
+    }
+}
+
+/// `[simulator]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimulatorConfig {
+    /// Scenario file: surface, contact, sensor noise. Without one: the built-in pipe.
+    pub scenario: Option<PathBuf>,
+    /// Seed of all randomness; without one the scenario's.
+    pub seed: Option<u64>,
+}
