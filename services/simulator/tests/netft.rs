@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use std::net::{IpAddr, Ipv4Addr, TcpListener};
-use std::process::Command;
+use std::net::{Ipv4Addr, TcpListener};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -471,59 +470,5 @@ fn a_taken_port_is_named() {
     assert!(
         error.contains(&format!("UDP 127.0.0.1:{}", one.rdt_address().port())),
         "{error}"
-    );
-}
-
-/// Somebody else's clients from PyPI read the simulated box.
-#[test]
-fn clients_from_pypi_read_the_box() {
-    // `netft` knows only the standard port, so the box has a loopback address to itself.
-    let address = Ipv4Addr::new(127, 0, 49, 152);
-    let simulated = NetbBox::start(NetbConfig {
-        address: IpAddr::V4(address),
-        rdt_port: 49152,
-        ..NetbConfig::default()
-    })
-    .unwrap();
-    simulated.feed().hold(BoxSample {
-        counts: [1_000_000, -2_000_000, 3_000_000, 4, -5, 6],
-        saturated: false,
-    });
-    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
-    let python = std::env::var("TANGENT_PYTHON").unwrap_or_else(|_| {
-        let own = format!("{root}/.venv/bin/python3");
-        if std::path::Path::new(&own).exists() {
-            own
-        } else {
-            "python3".into()
-        }
-    });
-    let output = Command::new(&python)
-        .arg(format!("{root}/tests/interop/netft_client.py"))
-        .arg(address.to_string())
-        .arg(simulated.http_address().port().to_string())
-        .output();
-    let required = std::env::var_os("TANGENT_REQUIRE_INTEROP").is_some();
-    let output = match output {
-        Ok(output) => output,
-        Err(error) => {
-            assert!(!required, "{python}: {error}");
-            println!("skipped, because {python} cannot be run: {error}");
-            return;
-        }
-    };
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    let errors = String::from_utf8_lossy(&output.stderr);
-    if output.status.code() == Some(77) {
-        assert!(!required, "{said}");
-        println!("skipped, because {}", said.trim());
-        return;
-    }
-    assert!(output.status.success(), "{said}\n{errors}");
-    println!("{said}");
-    assert!(said.contains("netft: ok"), "{said}");
-    assert!(
-        said.contains("pynetft: ok") || (said.contains("pynetft: missing") && !required),
-        "{said}"
     );
 }

@@ -2,31 +2,15 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
 use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use tangent_simulation::ServoConfig;
-use tangent_simulator::arm_plant::BareArm;
+use common::{python, root, start_at};
 use tangent_simulator::modes::SafetyMode;
-use tangent_simulator::{ControllerConfig, Fault, Flavour, Ports, SimulatedCell};
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-fn python() -> PathBuf {
-    if let Some(path) = std::env::var_os("TANGENT_PYTHON") {
-        return path.into();
-    }
-    let local = root().join(".venv/bin/python3");
-    if local.exists() {
-        local
-    } else {
-        "python3".into()
-    }
-}
+use tangent_simulator::{ControllerConfig, Fault, Flavour, Ports};
 
 /// Why the client cannot run here.
 fn missing() -> Option<String> {
@@ -52,25 +36,12 @@ fn converse(flavour: Flavour, address: &str) {
         println!("skipped, because {reason}");
         return;
     }
-    let servo = match flavour {
-        Flavour::Cb3 => ServoConfig::cb3(),
-        Flavour::ESeries => ServoConfig::e_series(),
-    };
     let config = ControllerConfig {
         flavour,
         boot_s: 0.5,
         ..ControllerConfig::default()
     };
-    let arm = Box::new(BareArm::builtin("ur5", &servo).unwrap());
-    let cell = SimulatedCell::start_with_plant(
-        address.parse().unwrap(),
-        Ports::Offset(0),
-        &config,
-        "ur5",
-        arm,
-        None,
-    )
-    .unwrap();
+    let cell = start_at(address.parse().unwrap(), Ports::Offset(0), &config).unwrap();
     let mut client = Command::new(python())
         .arg(root().join("tests/interop/ur_rtde_client.py"))
         .arg(address)
