@@ -6,6 +6,7 @@
 mod closed_loop;
 mod compliance;
 pub mod contact;
+mod cycle_line;
 mod digest;
 mod measurement;
 pub mod metrics;
