@@ -118,6 +118,16 @@ impl Cell {
         cell
     }
 
+    /// In the middle of a task that outlasts the test.
+    fn sliding_for_long() -> Self {
+        let mut cell = Self::new();
+        let answer = cell.ask(queries::CONTROL_TASK, "start", &long_task());
+        let answer = answer.unwrap();
+        assert!(answer.done, "{}", answer.message);
+        cell.run_until("slide");
+        cell
+    }
+
     /// One packet of the robot: the sensor and the estimator speak, then the arm, and the command is obeyed.
     fn packet(&mut self, sensor: bool) -> Option<ArmCommand> {
         let (tool, jacobian) = self
@@ -301,14 +311,7 @@ fn the_end_of_the_service_retracts_first() {
 
 #[test]
 fn parameters_show_the_tasks_values_and_change_them() {
-    let mut cell = Cell::new();
-    let long = long_task();
-    assert!(
-        cell.ask(queries::CONTROL_TASK, "start", &long)
-            .unwrap()
-            .done
-    );
-    cell.run_until("slide");
+    let mut cell = Cell::sliding_for_long();
     let again = cell.ask(queries::CONTROL_TASK, "start", TASK).unwrap();
     assert!(!again.done && again.message.contains("stop the running task"));
     let key = "param/controller/force_reference_n";
@@ -328,14 +331,7 @@ fn parameters_show_the_tasks_values_and_change_them() {
 
 #[test]
 fn a_wrench_that_falls_silent_stops_the_arm() {
-    let mut cell = Cell::new();
-    let long = long_task();
-    assert!(
-        cell.ask(queries::CONTROL_TASK, "start", &long)
-            .unwrap()
-            .done
-    );
-    cell.run_until("slide");
+    let mut cell = Cell::sliding_for_long();
     // No wrench any more: its age grows on the wall's clock.
     for _ in 0..1_000_000 {
         cell.packet(false);
