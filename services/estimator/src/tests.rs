@@ -23,6 +23,7 @@ fn config(names: &[&str]) -> Config {
         model: ModelData::builtin("ur5").unwrap(),
         flange_from_tool: Pose::identity(),
         // Tests run on loaded machines; staleness has its own test.
+        realtime_priority: None,
         wrench_patience_s: 1.0,
     }
 }

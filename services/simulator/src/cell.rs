@@ -10,7 +10,7 @@ mod servers;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -164,8 +164,7 @@ impl SimulatedCell {
         })?;
         let robot = config.plant.robot.clone();
         Self::assemble(
-            config.address,
-            config.ports,
+            &Wanted::new(config.address, config.ports)?,
             &config.controller,
             &robot,
             Box::new(plant),
@@ -187,12 +186,19 @@ impl SimulatedCell {
         plant: Box<dyn ArmPlant>,
         truth: Option<TruthListener>,
     ) -> Result<Self, StartError> {
-        Self::assemble(address, ports, config, robot, plant, truth, None, None)
+        Self::assemble(
+            &Wanted::new(address, ports)?,
+            config,
+            robot,
+            plant,
+            truth,
+            None,
+            None,
+        )
     }
 
     fn assemble(
-        address: std::net::IpAddr,
-        ports: Ports,
+        wanted: &Wanted,
         config: &ControllerConfig,
         robot: &str,
         plant: Box<dyn ArmPlant>,
@@ -202,8 +208,7 @@ impl SimulatedCell {
     ) -> Result<Self, StartError> {
         let controller = Controller::new(config, robot, plant.arm())?;
         let model = ModelData::builtin(robot)?;
-        let wanted = Wanted::new(address, ports)?;
-        let servers = Servers::bind(&wanted)?;
+        let servers = Servers::bind(wanted)?;
         let endpoints = servers.endpoints;
         let (controls, control_receiver) = channel();
         let snapshot = Arc::new(Mutex::new(None));
@@ -483,6 +488,11 @@ impl Cell {
             rtde_clients: self.servers.as_ref().map_or(0, |s| s.rtde.clients()),
             truth,
         };
-        *self.snapshot.lock().unwrap_or_else(PoisonError::into_inner) = Some(snapshot);
+        // Whoever reads the last one must not hold the robot up: it sees the next.
+        match self.snapshot.try_lock() {
+            Ok(mut shown) => *shown = Some(snapshot),
+            Err(TryLockError::Poisoned(shown)) => *shown.into_inner() = Some(snapshot),
+            Err(TryLockError::WouldBlock) => {}
+        }
     }
 }

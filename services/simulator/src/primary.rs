@@ -66,12 +66,23 @@ impl Writer {
 }
 
 fn package(kind: u8, body: impl FnOnce(&mut Writer)) -> Vec<u8> {
-    let mut w = Writer(vec![0; 4]);
-    w.u8(kind);
+    let mut out = Vec::new();
+    lengthened(&mut out, |w| {
+        w.u8(kind);
+        body(w);
+    });
+    out
+}
+
+/// Fills `out`, whose memory is used again, with a body behind the length of both.
+fn lengthened(out: &mut Vec<u8>, body: impl FnOnce(&mut Writer)) {
+    let mut w = Writer(std::mem::take(out));
+    w.0.clear();
+    w.u32(0);
     body(&mut w);
     let length = w.0.len() as u32;
     w.0[..4].copy_from_slice(&length.to_be_bytes());
-    w.0
+    *out = w.0;
 }
 
 /// A part of the robot state: length of itself, type, body.
@@ -131,9 +142,11 @@ pub fn message(message: &Message, time_s: f64) -> Vec<u8> {
     })
 }
 
-/// Robot state with mode, joints, tool pose, calibration and configuration: what clients need at 10 Hz.
-pub fn robot_state(s: &Summary, flavour: Flavour, geometry: &Geometry) -> Vec<u8> {
-    package(ROBOT_STATE, |w| {
+/// Robot state with mode, joints, tool pose, calibration and configuration: what clients need at 10 Hz. Into `out`, whose
+/// memory is used again.
+pub fn robot_state(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, geometry: &Geometry) {
+    lengthened(out, |w| {
+        w.u8(ROBOT_STATE);
         part(w, 0, |w| {
             let powered = s.robot_mode != RobotMode::PowerOff;
             let emergency = matches!(
@@ -188,12 +201,16 @@ pub fn robot_state(s: &Summary, flavour: Flavour, geometry: &Geometry) -> Vec<u8
                 .i32(1)
                 .i32(0);
         });
-    })
+    });
 }
 
-/// The real-time client's package: 139 doubles on CB3 (1116 bytes), 152 on e-Series (1220 bytes).
-pub fn realtime(s: &Summary, flavour: Flavour, joint_mode: f64) -> Vec<u8> {
-    let mut w = Writer(vec![0; 4]);
+/// The real-time client's package: 139 doubles on CB3 (1116 bytes), 152 on e-Series (1220 bytes). Into `out`,
+/// whose memory is used again.
+pub fn realtime(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, joint_mode: f64) {
+    lengthened(out, |w| realtime_body(w, s, flavour, joint_mode));
+}
+
+fn realtime_body(w: &mut Writer, s: &Summary, flavour: Flavour, joint_mode: f64) {
     let zero = [0.0; 6];
     w.f64(s.time_s);
     for q in [&s.q_target, &s.qd_target, &s.qdd_target] {
@@ -218,7 +235,4 @@ pub fn realtime(s: &Summary, flavour: Flavour, joint_mode: f64) -> Vec<u8> {
     if flavour == Flavour::ESeries {
         w.f64s(&[0.0; 13]);
     }
-    let length = w.0.len() as u32;
-    w.0[..4].copy_from_slice(&length.to_be_bytes());
-    w.0
 }

@@ -28,6 +28,8 @@ pub struct ScriptPort {
     read_only: bool,
     clients: Vec<(Connection, Collector)>,
     next_state_s: f64,
+    /// The state package: its memory is kept, since whoever holds the allocator's lock must not hold the robot up.
+    state: Vec<u8>,
 }
 
 impl ScriptPort {
@@ -39,6 +41,7 @@ impl ScriptPort {
             read_only,
             clients: Vec::new(),
             next_state_s: f64::NEG_INFINITY,
+            state: Vec::with_capacity(2048),
         }
     }
 
@@ -100,20 +103,20 @@ impl ScriptPort {
             packages.extend(messages.iter().map(|m| primary::message(m, time)));
         }
         if self.stream == Stream::Realtime {
-            let s = controller.summary();
-            packages.push(primary::realtime(&s, flavour, 253.0));
+            primary::realtime(&mut self.state, &controller.summary(), flavour, 253.0);
         } else if time >= self.next_state_s {
             self.next_state_s = time + 0.1;
-            packages.push(primary::robot_state(
-                &controller.summary(),
-                flavour,
-                geometry,
-            ));
+            primary::robot_state(&mut self.state, &controller.summary(), flavour, geometry);
+        } else {
+            self.state.clear();
         }
         let limit = Duration::from_secs_f64(controller.config().unread_limit_s.max(0.0));
         for (connection, _) in &mut self.clients {
             for package in &packages {
                 connection.send(package, now);
+            }
+            if !self.state.is_empty() {
+                connection.send(&self.state, now);
             }
             connection.tend(now, limit);
         }

@@ -9,12 +9,14 @@ pub mod answer;
 mod attachment;
 mod error;
 mod guard;
+mod latest;
 mod outlet;
 mod publisher;
 mod raw;
 mod reader;
 mod registry;
 mod session;
+mod sleeper;
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -25,15 +27,16 @@ use tangent_schemas::topics::Topic;
 
 pub use alive::{Alive, AliveToken};
 pub use error::BusError;
+pub use latest::Latest;
 pub use publisher::{Publisher, RawPublisher};
 pub use raw::{RawMessage, RawSubscription};
-pub use reader::{Counts, Handle, Latest, Received, Subscription};
+pub use reader::{Counts, Handle, Received, Subscription};
 
 use crate::config::{CellConfig, ZenohConfig};
 use crate::stop::Stop;
 use reader::{ReaderCore, Sink};
 use registry::Registry;
-use session::Session;
+use session::{Opening, Session};
 
 /// What a session is to the others on the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,7 +65,7 @@ pub(crate) struct Inner {
 impl Bus {
     /// A bus without any network, for tests and for closed loops within one process.
     pub fn in_process(name: &str) -> Self {
-        Self::assemble(name, None)
+        Self::assemble(name, None, None)
     }
 
     /// Joins the cell's network, and waits for the router for as long as it takes, with a log line each second.
@@ -82,10 +85,11 @@ impl Bus {
         role: Role,
         patience: Duration,
     ) -> Result<Self, BusError> {
-        Self::open_until(config, role, Some(patience), &Stop::new())
+        Self::join(config, role, Some(patience), &Stop::new(), None)
     }
 
-    /// The same, given up when `stop` is triggered.
+    /// The same for a service, given up when `stop` is triggered: where the cell asks for real-time scheduling, the
+    /// bus's own threads get it too, since a message waits for them under load.
     ///
     /// # Errors
     /// As [`Bus::open_within`], and [`BusError::Stopped`].
@@ -95,9 +99,27 @@ impl Bus {
         patience: Option<Duration>,
         stop: &Stop,
     ) -> Result<Self, BusError> {
-        let namespace = Some(config.cell.name.as_str());
-        let session = Session::open(&config.zenoh, namespace, role, patience, stop)?;
-        Ok(Self::assemble(&config.cell.name, Some(session)))
+        let realtime = &config.realtime;
+        let priority = realtime.enabled.then_some(realtime.bus_priority);
+        Self::join(config, role, patience, stop, priority)
+    }
+
+    fn join(
+        config: &CellConfig,
+        role: Role,
+        patience: Option<Duration>,
+        stop: &Stop,
+        priority: Option<u8>,
+    ) -> Result<Self, BusError> {
+        let session = Session::open(Opening {
+            config: &config.zenoh,
+            namespace: Some(config.cell.name.as_str()),
+            role,
+            patience,
+            stop,
+            priority,
+        })?;
+        Ok(Self::assemble(&config.cell.name, Some(session), priority))
     }
 
     /// Joins the network outside any cell: keys begin with the cell's name, `*/health/*` reads every cell's health.
@@ -105,16 +127,23 @@ impl Bus {
     /// # Errors
     /// As [`Bus::open_within`].
     pub fn open_network(config: &ZenohConfig, patience: Duration) -> Result<Self, BusError> {
-        let session = Session::open(config, None, Role::Client, Some(patience), &Stop::new())?;
-        Ok(Self::assemble("", Some(session)))
+        let session = Session::open(Opening {
+            config,
+            namespace: None,
+            role: Role::Client,
+            patience: Some(patience),
+            stop: &Stop::new(),
+            priority: None,
+        })?;
+        Ok(Self::assemble("", Some(session), None))
     }
 
-    fn assemble(name: &str, session: Option<Session>) -> Self {
+    fn assemble(name: &str, session: Option<Session>, priority: Option<u8>) -> Self {
         let registry = Arc::new(Registry::default());
         Self {
             inner: Arc::new(Inner {
                 name: name.to_owned(),
-                pump: outlet::Pump::start(),
+                pump: outlet::Pump::start(priority),
                 registry,
                 answerers: answer::Answerers::default(),
                 tokens: Mutex::default(),
@@ -141,9 +170,10 @@ impl Bus {
     /// # Errors
     /// A bad key, or one that is in use with another message type.
     pub fn latest<M: Message>(&self, topic: &Topic<M>) -> Result<Latest<M>, BusError> {
-        let core = Arc::new(ReaderCore::new(Sink::latest()));
+        let (core, output) = ReaderCore::newest();
+        let core = Arc::new(core);
         let handle = self.register(topic, &core)?;
-        Ok(Latest::new(core, handle))
+        Ok(Latest::new(core, output, handle))
     }
 
     /// Every message of a topic, in a queue that holds `capacity`: when it is full the oldest goes, counted.

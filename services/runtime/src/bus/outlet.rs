@@ -15,17 +15,18 @@ use super::raw::{self, RawMessage};
 use super::reader::Received;
 use super::registry::Registry;
 use super::session::RemotePublisher;
+use crate::realtime::setup_thread;
 
 /// Messages of one lower class that are sent before the real-time queues are looked at again.
 const BURST: usize = 8;
 
 /// How many messages wait for the publishing thread before the oldest goes.
-fn capacity(delivery: Delivery) -> usize {
+fn capacity<M>(delivery: Delivery) -> usize {
     match delivery {
         // Half a second at 125 Hz.
         Delivery::RealTime => 64,
-        // A quarter of a second of raw records at 7 kHz.
-        Delivery::Stream => 2048,
+        // What fits into two mebibytes: more than a second of raw records at 7 kHz.
+        Delivery::Stream => ((2 << 20) / size_of::<Received<M>>()).clamp(256, 1 << 14),
         Delivery::Background => 64,
     }
 }
@@ -52,7 +53,7 @@ impl<M: Message> Outlet<M> {
         Self {
             key,
             delivery,
-            queue: ArrayQueue::new(capacity(delivery)),
+            queue: ArrayQueue::new(capacity::<M>(delivery)),
             remote,
             registry,
             dropped: Arc::clone(&pump.shared.dropped),
@@ -153,12 +154,18 @@ pub(crate) struct Pump {
 }
 
 impl Pump {
-    pub(crate) fn start() -> Self {
+    /// `priority`: of SCHED_FIFO for the publishing thread; `None` for normal scheduling.
+    pub(crate) fn start(priority: Option<u8>) -> Self {
         let shared = Arc::new(Shared::default());
         let pumped = Arc::clone(&shared);
         let spawned = std::thread::Builder::new()
             .name("bus-publish".into())
-            .spawn(move || pump(&pumped));
+            .spawn(move || {
+                if let Some(priority) = priority {
+                    setup_thread("bus publishing", priority);
+                }
+                pump(&pumped);
+            });
         match spawned {
             Ok(join) => Self {
                 shared,

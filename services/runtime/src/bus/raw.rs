@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
@@ -11,8 +10,9 @@ use crossbeam_queue::ArrayQueue;
 use super::Inner;
 use super::error::BusError;
 use super::guard::{Guard, Verdict};
-use super::reader::{Arrival, Counts, Handle, sleep_for};
+use super::reader::{Arrival, Counts, Handle};
 use super::registry::{add_raw, parse_key};
+use super::sleeper::{Sleeper, sleep_for};
 
 /// Publishers of a whole cell that can be told apart at once.
 const PUBLISHERS: usize = 256;
@@ -55,7 +55,7 @@ impl RawMessage {
 
 pub(crate) struct RawCore {
     queue: ArrayQueue<RawMessage>,
-    sleeper: ArrayQueue<Thread>,
+    sleeper: Sleeper,
     guard: Mutex<Guard>,
     received: AtomicU64,
     dropped: AtomicU64,
@@ -84,9 +84,7 @@ impl RawCore {
         if self.queue.force_push(message).is_some() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
-        if let Some(thread) = self.sleeper.pop() {
-            thread.unpark();
-        }
+        self.sleeper.wake();
     }
 }
 
@@ -104,7 +102,7 @@ pub(crate) fn subscribe(
     let parsed = parse_key(pattern)?;
     let core = Arc::new(RawCore {
         queue: ArrayQueue::new(capacity.max(1)),
-        sleeper: ArrayQueue::new(1),
+        sleeper: Sleeper::default(),
         guard: Mutex::new(Guard::for_publishers(PUBLISHERS)),
         received: AtomicU64::new(0),
         dropped: AtomicU64::new(0),

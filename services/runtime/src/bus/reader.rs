@@ -3,18 +3,17 @@
 use std::any::Any;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
-use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
 use tangent_schemas::{Message, cdr};
+use triple_buffer::{Input, TripleBuffer};
 
 use super::attachment::Attachment;
 use super::guard::{Guard, Verdict};
+use super::latest::Output;
+use super::sleeper::{Sleeper, sleep_for};
 use crate::clock;
-
-/// More than one, so that a sender does not meet a reader that was pre-empted in the middle of taking the only value.
-const LATEST_SLOTS: usize = 8;
 
 /// A message and how it came.
 #[derive(Clone, Debug)]
@@ -73,12 +72,12 @@ type Callback<M> = Box<dyn FnMut(&Received<M>) + Send>;
 
 /// Where messages go.
 pub(crate) enum Sink<M> {
-    Slots {
+    /// The newest value. The lock is between publishers of the same topic only: reader and writer never wait for one
+    /// another, even when one of them is pre-empted in the middle.
+    Newest(Mutex<Input<Option<Received<M>>>>),
+    Queue {
         queue: Box<ArrayQueue<Received<M>>>,
-        /// The reader's thread while it sleeps.
-        sleeper: Box<ArrayQueue<Thread>>,
-        /// A queue's losses count, those of a newest-value slot do not.
-        counts_drops: bool,
+        sleeper: Sleeper,
     },
     Callback {
         callback: Mutex<Callback<M>>,
@@ -88,19 +87,10 @@ pub(crate) enum Sink<M> {
 }
 
 impl<M> Sink<M> {
-    pub(crate) fn latest() -> Self {
-        Self::slots(LATEST_SLOTS, false)
-    }
-
     pub(crate) fn queue(capacity: usize) -> Self {
-        Self::slots(capacity, true)
-    }
-
-    fn slots(capacity: usize, counts_drops: bool) -> Self {
-        Self::Slots {
+        Self::Queue {
             queue: Box::new(ArrayQueue::new(capacity.max(1))),
-            sleeper: Box::new(ArrayQueue::new(1)),
-            counts_drops,
+            sleeper: Sleeper::default(),
         }
     }
 
@@ -136,6 +126,12 @@ pub(crate) struct ReaderCore<M> {
 }
 
 impl<M: Message> ReaderCore<M> {
+    /// For a reader of the newest value, with that reader's end.
+    pub(crate) fn newest() -> (Self, Output<M>) {
+        let (input, output) = TripleBuffer::default().split();
+        (Self::new(Sink::Newest(Mutex::new(input))), output)
+    }
+
     pub(crate) fn new(sink: Sink<M>) -> Self {
         Self {
             sink,
@@ -152,18 +148,18 @@ impl<M: Message> ReaderCore<M> {
     /// In the sender's thread, or in Zenoh's.
     pub(crate) fn deliver(&self, received: &Received<M>) {
         match &self.sink {
-            Sink::Slots {
-                queue,
-                sleeper,
-                counts_drops,
-            } => {
+            Sink::Newest(input) => {
                 add(&self.counts.received, 1);
-                if queue.force_push(received.clone()).is_some() && *counts_drops {
+                let mut input = input.lock().unwrap_or_else(PoisonError::into_inner);
+                *input.input_buffer_mut() = Some(received.clone());
+                input.publish();
+            }
+            Sink::Queue { queue, sleeper } => {
+                add(&self.counts.received, 1);
+                if queue.force_push(received.clone()).is_some() {
                     add(&self.counts.dropped, 1);
                 }
-                if let Some(thread) = sleeper.pop() {
-                    thread.unpark();
-                }
+                sleeper.wake();
             }
             Sink::Callback { callback, inside } => {
                 let me = thread_number();
@@ -194,7 +190,7 @@ impl<M: Message> ReaderCore<M> {
         }
     }
 
-    fn refuse_older_than(&self, age: Duration) {
+    pub(crate) fn refuse_older_than(&self, age: Duration) {
         let ns = i64::try_from(age.as_nanos()).unwrap_or(i64::MAX).max(1);
         self.age_max_ns.store(ns, Ordering::Relaxed);
     }
@@ -302,78 +298,6 @@ impl Drop for Handle {
     }
 }
 
-/// The newest message of a topic.
-pub struct Latest<M> {
-    core: Arc<ReaderCore<M>>,
-    current: Option<Received<M>>,
-    _handle: Handle,
-}
-
-impl<M: Message> Latest<M> {
-    pub(crate) fn new(core: Arc<ReaderCore<M>>, handle: Handle) -> Self {
-        Self {
-            core,
-            current: None,
-            _handle: handle,
-        }
-    }
-
-    /// Takes in what came since the last call; true when there was something. No lock, no memory.
-    pub fn refresh(&mut self) -> bool {
-        let Sink::Slots { queue, .. } = &self.core.sink else {
-            return false;
-        };
-        let mut fresh = false;
-        // Bounded, so that a flood cannot hold the reader here.
-        for _ in 0..2 * LATEST_SLOTS {
-            match queue.pop() {
-                Some(received) => {
-                    self.current = Some(received);
-                    fresh = true;
-                }
-                None => break,
-            }
-        }
-        fresh
-    }
-
-    /// The newest message so far, however old. No lock, no memory.
-    pub fn get(&mut self) -> Option<&Received<M>> {
-        self.refresh();
-        self.current.as_ref()
-    }
-
-    /// The newest message, if it arrived within `patience`.
-    pub fn fresh(&mut self, patience: Duration) -> Option<&Received<M>> {
-        self.get().filter(|received| received.age() <= patience)
-    }
-
-    /// The newest message, if it came since the last call of any of these.
-    pub fn take_new(&mut self) -> Option<&Received<M>> {
-        if self.refresh() {
-            self.current.as_ref()
-        } else {
-            None
-        }
-    }
-
-    /// Refuses samples from other processes whose source time is older than `age` when they arrive. Only where the
-    /// hosts' clocks agree.
-    pub fn refuse_older_than(&self, age: Duration) {
-        self.core.refuse_older_than(age);
-    }
-
-    /// What happened to this reader's messages.
-    pub fn counts(&self) -> Counts {
-        self.core.counts()
-    }
-
-    /// Messages that never came, by sequence.
-    pub fn lost(&self) -> u64 {
-        self.counts().missing
-    }
-}
-
 /// Every message of a topic, through a bounded queue.
 pub struct Subscription<M> {
     core: Arc<ReaderCore<M>>,
@@ -391,14 +315,14 @@ impl<M: Message> Subscription<M> {
     /// The oldest message that waits, if one does.
     pub fn try_recv(&self) -> Option<Received<M>> {
         match &self.core.sink {
-            Sink::Slots { queue, .. } => queue.pop(),
-            Sink::Callback { .. } => None,
+            Sink::Queue { queue, .. } => queue.pop(),
+            Sink::Newest(_) | Sink::Callback { .. } => None,
         }
     }
 
     /// The oldest message, waiting for it at most so long. For one thread at a time.
     pub fn recv_timeout(&self, timeout: Duration) -> Option<Received<M>> {
-        let Sink::Slots { queue, sleeper, .. } = &self.core.sink else {
+        let Sink::Queue { queue, sleeper } = &self.core.sink else {
             return None;
         };
         sleep_for(queue, sleeper, timeout)
@@ -419,31 +343,5 @@ impl<M: Message> Subscription<M> {
     pub fn lost(&self) -> u64 {
         let counts = self.counts();
         counts.missing + counts.dropped
-    }
-}
-
-/// Pops, or parks until a sender finds this thread in `sleeper` and wakes it.
-pub(crate) fn sleep_for<T>(
-    queue: &ArrayQueue<T>,
-    sleeper: &ArrayQueue<Thread>,
-    timeout: Duration,
-) -> Option<T> {
-    let deadline = Instant::now() + timeout;
-    loop {
-        if let Some(item) = queue.pop() {
-            return Some(item);
-        }
-        sleeper.force_push(std::thread::current());
-        // Between the first look and lying down something may have come, whose sender saw nobody asleep.
-        if let Some(item) = queue.pop() {
-            sleeper.pop();
-            return Some(item);
-        }
-        let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            sleeper.pop();
-            return None;
-        }
-        std::thread::park_timeout(left);
     }
 }

@@ -21,9 +21,22 @@ use super::error::BusError;
 use super::raw::{RawCore, RawMessage};
 use super::reader::{Arrival, ErasedReader};
 use crate::config::ZenohConfig;
+use crate::realtime::setup_thread;
 use crate::stop::Stop;
 
 const CDR: &str = "application/cdr;";
+
+/// How a session is opened.
+pub(crate) struct Opening<'a> {
+    pub config: &'a ZenohConfig,
+    pub namespace: Option<&'a str>,
+    pub role: Role,
+    /// How long to wait for a router; for ever without one.
+    pub patience: Option<Duration>,
+    pub stop: &'a Stop,
+    /// SCHED_FIFO priority of Zenoh's threads; `None` for normal scheduling.
+    pub priority: Option<u8>,
+}
 
 pub(crate) struct Session {
     session: zenoh::Session,
@@ -39,13 +52,15 @@ fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
 
 impl Session {
     /// Opens on a thread of its own, since `open` says nothing while it waits; logs each second until it is there.
-    pub(crate) fn open(
-        config: &ZenohConfig,
-        namespace: Option<&str>,
-        role: Role,
-        patience: Option<Duration>,
-        stop: &Stop,
-    ) -> Result<Self, BusError> {
+    pub(crate) fn open(opening: Opening<'_>) -> Result<Self, BusError> {
+        let Opening {
+            config,
+            namespace,
+            role,
+            patience,
+            stop,
+            priority,
+        } = opening;
         let zenoh_config = session_config(config, namespace, role, patience)?;
         let endpoints = match role {
             Role::Client => config.connect.join(", "),
@@ -56,6 +71,10 @@ impl Session {
         std::thread::Builder::new()
             .name("bus-open".into())
             .spawn(move || {
+                if let Some(priority) = priority {
+                    // Zenoh's threads are made by this one and inherit its scheduling.
+                    setup_thread("bus", priority);
+                }
                 let _ = sender.send(zenoh::open(zenoh_config).wait());
             })
             .map_err(|error| BusError::Zenoh {

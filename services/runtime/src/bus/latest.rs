@@ -1,0 +1,68 @@
+//! The reading end that keeps the newest message only.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tangent_schemas::Message;
+
+use super::reader::{Counts, Handle, ReaderCore, Received};
+
+/// The reader's end of a triple buffer: three values, of which writer and reader own one each and swap for the third.
+pub(crate) type Output<M> = triple_buffer::Output<Option<Received<M>>>;
+
+/// The newest message of a topic.
+pub struct Latest<M: Message> {
+    core: Arc<ReaderCore<M>>,
+    output: Output<M>,
+    _handle: Handle,
+}
+
+impl<M: Message> Latest<M> {
+    pub(crate) fn new(core: Arc<ReaderCore<M>>, output: Output<M>, handle: Handle) -> Self {
+        Self {
+            core,
+            output,
+            _handle: handle,
+        }
+    }
+
+    /// Takes in what came since the last call; true when there was something. No lock, no memory.
+    pub fn refresh(&mut self) -> bool {
+        self.output.update()
+    }
+
+    /// The newest message so far, however old. No lock, no memory.
+    pub fn get(&mut self) -> Option<&Received<M>> {
+        self.output.read().as_ref()
+    }
+
+    /// The newest message, if it arrived within `patience`.
+    pub fn fresh(&mut self, patience: Duration) -> Option<&Received<M>> {
+        self.get().filter(|received| received.age() <= patience)
+    }
+
+    /// The newest message, if it came since the last call of any of these.
+    pub fn take_new(&mut self) -> Option<&Received<M>> {
+        if self.refresh() {
+            self.output.peek_output_buffer().as_ref()
+        } else {
+            None
+        }
+    }
+
+    /// Refuses samples from other processes whose source time is older than `age` when they arrive. Only where the
+    /// hosts' clocks agree.
+    pub fn refuse_older_than(&self, age: Duration) {
+        self.core.refuse_older_than(age);
+    }
+
+    /// What happened to this reader's messages.
+    pub fn counts(&self) -> Counts {
+        self.core.counts()
+    }
+
+    /// Messages that never came, by sequence.
+    pub fn lost(&self) -> u64 {
+        self.counts().missing
+    }
+}

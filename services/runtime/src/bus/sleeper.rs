@@ -1,0 +1,95 @@
+//! A thread that sleeps until there is something in its queue, and is woken without waiting for it.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread::Thread;
+use std::time::{Duration, Instant};
+
+use crossbeam_queue::ArrayQueue;
+
+/// Where the reader of a queue leaves its thread while it sleeps. One reader at a time.
+#[derive(Debug, Default)]
+pub(crate) struct Sleeper {
+    asleep: AtomicBool,
+    thread: Mutex<Option<Thread>>,
+}
+
+impl Sleeper {
+    /// Wakes the reader if it sleeps. Call it after the push. Never waits: a reader that is busy with this sleeper has
+    /// not lain down yet, and looks at its queue once more before it does.
+    pub(crate) fn wake(&self) {
+        if self.asleep.swap(false, Ordering::SeqCst)
+            && let Ok(thread) = self.thread.try_lock()
+            && let Some(thread) = &*thread
+        {
+            thread.unpark();
+        }
+    }
+
+    fn lie_down(&self) {
+        *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = Some(std::thread::current());
+        self.asleep.store(true, Ordering::SeqCst);
+    }
+
+    fn get_up(&self) {
+        self.asleep.store(false, Ordering::SeqCst);
+    }
+}
+
+/// Pops, or parks until a sender wakes this thread or the time is up.
+pub(crate) fn sleep_for<T>(
+    queue: &ArrayQueue<T>,
+    sleeper: &Sleeper,
+    timeout: Duration,
+) -> Option<T> {
+    let deadline = Instant::now() + timeout;
+    loop {
+        if let Some(item) = queue.pop() {
+            return Some(item);
+        }
+        sleeper.lie_down();
+        // Between the first look and lying down something may have come, whose sender saw nobody asleep.
+        if let Some(item) = queue.pop() {
+            sleeper.get_up();
+            return Some(item);
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            sleeper.get_up();
+            return None;
+        }
+        std::thread::park_timeout(left);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+
+    #[test]
+    fn no_wake_is_missed_however_the_two_meet() {
+        let queue = Arc::new(ArrayQueue::new(4));
+        let sleeper = Arc::new(Sleeper::default());
+        let (pushes, wakes) = (Arc::clone(&queue), Arc::clone(&sleeper));
+        // One at a time, each pushed the moment the one before was taken: the worst moment for a sleeper.
+        let sender = std::thread::spawn(move || {
+            for i in 0..20_000 {
+                while !pushes.is_empty() {
+                    std::hint::spin_loop();
+                }
+                assert!(pushes.push(i).is_ok());
+                wakes.wake();
+            }
+        });
+        for expected in 0..20_000 {
+            // A missed wake would cost the whole minute.
+            assert_eq!(
+                sleep_for(&queue, &sleeper, Duration::from_secs(60)),
+                Some(expected)
+            );
+        }
+        sender.join().unwrap();
+    }
+}
