@@ -105,6 +105,7 @@ pub struct Guard {
     qd: Vector6<f64>,
     target: Option<Target>,
     silent_cycles: u32,
+    cycle_stepped: u64,
     cycle_accepted: u64,
     activation_seen: u64,
     activation_latched: u64,
@@ -132,6 +133,7 @@ impl Guard {
             qd: Vector6::zeros(),
             target: None,
             silent_cycles: 0,
+            cycle_stepped: 0,
             cycle_accepted: 0,
             activation_seen: 0,
             activation_latched: 0,
@@ -149,7 +151,8 @@ impl Guard {
         self.period_s = period_s;
     }
 
-    /// One cycle. `arrived` is a command that was not given before. `cycle` is the number of the robot packet in hand.
+    /// One cycle. `arrived` is a command that was not given before. `cycle` is the number of the robot packet in hand; the
+    /// same number again is a heartbeat, sent because the robot's next packet is late.
     pub fn step(
         &mut self,
         cycle: u64,
@@ -197,7 +200,9 @@ impl Guard {
         }
 
         let due = self.target.is_some_and(|t| t.moves);
-        if due && self.silent_cycles > 0 {
+        let has_packet = cycle > self.cycle_stepped;
+        self.cycle_stepped = self.cycle_stepped.max(cycle);
+        if due && has_packet && self.silent_cycles > 0 {
             self.missed += 1;
         }
         if due && f64::from(self.silent_cycles) * self.period_s > self.limits.silence_latch_s {
@@ -250,7 +255,7 @@ impl Guard {
         self.refusal.as_ref()
     }
 
-    /// Cycles in which a command was due and none good came.
+    /// Packets of the robot that no good command answered while one was due. A packet that itself is late is not among them.
     pub fn missed(&self) -> u64 {
         self.missed
     }

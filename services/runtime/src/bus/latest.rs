@@ -44,7 +44,7 @@ impl<M: Message> Latest<M> {
     /// The newest message, if it came since the last call of any of these.
     pub fn take_new(&mut self) -> Option<&Received<M>> {
         if self.refresh() {
-            self.output.peek_output_buffer().as_ref()
+            self.output.output_buffer().as_ref()
         } else {
             None
         }

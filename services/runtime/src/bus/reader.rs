@@ -71,7 +71,7 @@ fn add(count: &AtomicU64, more: u64) {
 type Callback<M> = Box<dyn FnMut(&Received<M>) + Send>;
 
 /// Where messages go.
-pub(crate) enum Sink<M> {
+pub(crate) enum Sink<M: Message> {
     /// The newest value. The lock is between publishers of the same topic only: reader and writer never wait for one
     /// another, even when one of them is pre-empted in the middle.
     Newest(Mutex<Input<Option<Received<M>>>>),
@@ -86,7 +86,7 @@ pub(crate) enum Sink<M> {
     },
 }
 
-impl<M> Sink<M> {
+impl<M: Message> Sink<M> {
     pub(crate) fn queue(capacity: usize) -> Self {
         Self::Queue {
             queue: Box::new(ArrayQueue::new(capacity.max(1))),
@@ -117,7 +117,7 @@ pub(crate) struct Arrival<'a> {
     pub received_ns: i64,
 }
 
-pub(crate) struct ReaderCore<M> {
+pub(crate) struct ReaderCore<M: Message> {
     sink: Sink<M>,
     guard: Mutex<Guard>,
     counts: AtomicCounts,
@@ -299,7 +299,7 @@ impl Drop for Handle {
 }
 
 /// Every message of a topic, through a bounded queue.
-pub struct Subscription<M> {
+pub struct Subscription<M: Message> {
     core: Arc<ReaderCore<M>>,
     _handle: Handle,
 }

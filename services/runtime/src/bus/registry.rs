@@ -40,7 +40,7 @@ struct ReaderEntry {
 }
 
 /// One concrete key and its readers in this process.
-pub(crate) struct Channel<M> {
+pub(crate) struct Channel<M: Message> {
     key: OwnedKeyExpr,
     /// Changes with the set of readers.
     generation: AtomicU64,
@@ -50,7 +50,7 @@ pub(crate) struct Channel<M> {
 /// Readers of one channel; replaced as a whole.
 pub(crate) type Readers<M> = Arc<[Arc<ReaderCore<M>>]>;
 
-impl<M> Channel<M> {
+impl<M: Message> Channel<M> {
     pub(crate) fn generation(&self) -> u64 {
         self.generation.load(Ordering::Acquire)
     }
