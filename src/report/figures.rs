@@ -72,8 +72,10 @@ pub struct EstimatorFigures {
 pub struct LoopFigures {
     /// From a robot packet's arrival to the command's departure.
     pub packet_to_command_us: Option<Quantiles>,
-    /// Cycles without a fresh command while one was due.
+    /// Packets of the robot that no fresh command answered while one was due.
     pub missed_cycles: Option<u64>,
+    /// Packets of the robot that were late themselves.
+    pub late_states: Option<u64>,
     /// Sensor records lost.
     pub wrench_records_lost: Option<u64>,
     /// Messages missing in the recording.
@@ -418,6 +420,7 @@ fn loop_figures(run: &Run) -> LoopFigures {
     LoopFigures {
         packet_to_command_us: Quantiles::of(latencies),
         missed_cycles: missed.seen.then_some(missed.total),
+        late_states: run.figure("rtde", "late_states").map(|n| n as u64),
         wrench_records_lost: run.wrench_records_lost,
         messages_dropped: run.messages_dropped(),
     }

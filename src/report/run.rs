@@ -164,6 +164,13 @@ impl Run {
             .filter(|value| !value.is_empty())
     }
 
+    /// A figure that a service's health had last.
+    pub fn figure(&self, service: &str, name: &str) -> Option<f64> {
+        let health = self.health.get(service)?;
+        let at = health.figure_names.iter().position(|n| n == name)?;
+        health.figures.get(at).copied()
+    }
+
     /// Messages that should be in the recording and are not, by the recorder's own count.
     pub fn messages_dropped(&self) -> Option<u64> {
         let counted = self.tables.get("losses").map(|losses| {

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use allocation_counter::measure;
 use nalgebra::Vector3;
 use tangent_controller::{Config, ControllerError, run};
 use tangent_mechanics::{Arm, Joints, ModelData, Wrench};
@@ -58,6 +59,8 @@ struct Cell {
     tares: Arc<AtomicU64>,
     tared: Arc<AtomicBool>,
     latched: u64,
+    /// Allocations while packets were answered, so far.
+    allocations: u64,
     _tare: Handle,
 }
 
@@ -105,6 +108,7 @@ impl Cell {
             tares,
             tared,
             latched: 0,
+            allocations: 0,
             _tare: tare,
         };
         // Up as soon as it answers a packet, and then the first queries.
@@ -163,7 +167,7 @@ impl Cell {
         });
         self.cycle += 1;
         let twist = jacobian * self.qd;
-        self.arm_state.publish(&ArmState {
+        let state = ArmState {
             header: Header::new(stamp, "base"),
             cycle: self.cycle,
             period_s: PERIOD_S,
@@ -176,7 +180,11 @@ impl Cell {
             speed_scaling: 1.0,
             activation_latched: self.latched,
             ..ArmState::default()
+        };
+        let answering = measure(|| {
+            self.arm_state.publish(&state);
         });
+        self.allocations += answering.count_total;
         let command = self.command.take_new()?.message.clone();
         // Answered within the publish call, and nothing else.
         assert_eq!(command.cycle, self.cycle);
@@ -326,6 +334,24 @@ fn parameters_show_the_tasks_values_and_change_them() {
     }
     assert_eq!(state.force_reference_n, 4.5);
     assert!((state.force_n - 4.5).abs() < 0.3, "{}", state.force_n);
+    cell.end();
+}
+
+#[test]
+fn answering_a_packet_allocates_nothing() {
+    let mut cell = Cell::sliding_for_long();
+    // Somebody records, so that every message is left for the publishing thread as well.
+    let recorder = cell.bus.subscribe_raw("**", 64).unwrap();
+    for _ in 0..50 {
+        cell.packet(true);
+    }
+    let before = cell.allocations;
+    for _ in 0..1000 {
+        cell.packet(true);
+    }
+    assert_eq!(cell.phase(), "slide");
+    assert_eq!(cell.allocations, before);
+    assert!(recorder.recv_timeout(PATIENCE).is_some());
     cell.end();
 }
 

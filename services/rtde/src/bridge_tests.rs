@@ -29,6 +29,18 @@ fn from_connection_to_motion_on_both_series() {
 }
 
 #[test]
+fn nothing_is_allocated_between_packet_and_command() {
+    for series in [Series::Cb3, Series::ESeries] {
+        let mut cell = Cell::ready(series);
+        cell.task();
+        cell.until("motion", Cell::moves);
+        let before = cell.allocations;
+        cell.steps(1000);
+        assert_eq!(cell.allocations, before);
+    }
+}
+
+#[test]
 fn protocol_1_is_fallen_back_to() {
     let mut robot = Robot::new(ControllerVersion::new(3, 10, 0));
     robot.v2 = false;
@@ -292,7 +304,19 @@ fn a_silent_controller_task_ramps_down() {
     let mut cell = Cell::ready(Series::Cb3);
     cell.task();
     cell.until("motion", Cell::moves);
-    // The heartbeat goes on without a command.
+    cell.mute = true;
+    cell.steps(40);
+    assert!(cell.rests());
+    assert_eq!(cell.bridge.guard().activation_latched(), 1);
+    assert!(cell.bridge.guard().missed() > 2);
+}
+
+#[test]
+fn a_silent_robot_is_no_missed_cycle() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.task();
+    cell.until("motion", Cell::moves);
+    // The heartbeat goes on while the robot's packets are late.
     let mut bytes = Vec::new();
     for _ in 0..40 {
         cell.now_s += 0.008;
@@ -305,5 +329,5 @@ fn a_silent_controller_task_ramps_down() {
     }
     assert!(cell.rests());
     assert_eq!(cell.bridge.guard().activation_latched(), 1);
-    assert!(cell.bridge.guard().missed() > 2);
+    assert_eq!(cell.bridge.guard().missed(), 0);
 }

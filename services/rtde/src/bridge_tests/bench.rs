@@ -1,5 +1,6 @@
 //! The bridge, a scripted robot, and the bytes between them, one cycle at a time.
 
+use allocation_counter::measure;
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::bridge::*;
@@ -27,6 +28,10 @@ pub struct Cell {
     to_robot: Vec<u8>,
     pub uploads: u32,
     pub activation: u64,
+    /// Packets are not answered.
+    pub mute: bool,
+    /// Allocations between packet and command, all cycles so far.
+    pub allocations: u64,
     wanted: Option<[f64; 6]>,
 }
 
@@ -61,6 +66,8 @@ impl Cell {
             to_robot: Vec::new(),
             uploads: 0,
             activation: 0,
+            mute: false,
+            allocations: 0,
             wanted: None,
         }
     }
@@ -75,30 +82,34 @@ impl Cell {
     pub fn step(&mut self) -> Result<bool, LinkError> {
         self.now_s += self.robot.version.series().period_s();
         let mut bytes = Vec::new();
-        let sent = std::mem::take(&mut self.to_robot);
+        let sent = std::mem::replace(&mut self.to_robot, Vec::with_capacity(4096));
         self.robot.receive(&sent, &mut bytes);
         self.robot.cycle(&mut bytes);
         assert_eq!(self.framer.push(&bytes), bytes.len());
         let mut finished = false;
         while let Some(package) = self.framer.next_package()? {
-            match self
-                .bridge
-                .package(package, self.now_s, &mut self.to_robot)?
-            {
+            let (bridge, now_s, to_robot) = (&mut self.bridge, self.now_s, &mut self.to_robot);
+            let mut event = Ok(BridgeEvent::None);
+            let taking_in = measure(|| event = bridge.package(package, now_s, to_robot));
+            match event? {
                 BridgeEvent::Cycle => {
-                    let cycle = self.bridge.cycle();
+                    let cycle = bridge.cycle();
                     let values = self.wanted.unwrap_or_default();
-                    let wanted = Wanted {
+                    let wanted = (!self.mute).then_some(Wanted {
                         cycle,
                         kind: u8::from(self.wanted.is_some()),
                         values: &values,
                         acceleration: 0.0,
                         activation: self.activation,
                         source: "test/0",
-                    };
-                    let posture = posture(&self.bridge);
-                    self.bridge
-                        .command(&posture, Some(&wanted), self.now_s, &mut self.to_robot)?;
+                    });
+                    let posture = posture(bridge);
+                    let mut done = Ok(());
+                    let commanding = measure(|| {
+                        done = bridge.command(&posture, wanted.as_ref(), now_s, to_robot);
+                    });
+                    done?;
+                    self.allocations += taking_in.count_total + commanding.count_total;
                     if let Some(session) = self.bridge.take_upload() {
                         self.uploads += 1;
                         self.robot.upload(session);

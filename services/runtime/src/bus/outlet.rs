@@ -23,10 +23,10 @@ const BURST: usize = 8;
 /// How many messages wait for the publishing thread before the oldest goes.
 fn capacity<M>(delivery: Delivery) -> usize {
     match delivery {
-        // Half a second at 125 Hz.
-        Delivery::RealTime => 64,
-        // What fits into two mebibytes: more than a second of raw records at 7 kHz.
-        Delivery::Stream => ((2 << 20) / size_of::<Received<M>>()).clamp(256, 1 << 14),
+        // What fits into two mebibytes: more than a second of raw records at 7 kHz. A recorder wants every one.
+        Delivery::RealTime | Delivery::Stream => {
+            ((2 << 20) / size_of::<Received<M>>()).clamp(256, 1 << 14)
+        }
         Delivery::Background => 64,
     }
 }
