@@ -1,5 +1,6 @@
 //! The `tangent` command: a thin layer over the crates.
 
+mod bench;
 mod cell;
 mod cli;
 mod compose;
@@ -61,5 +62,6 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Evaluate(args) => evaluate::run(args, json),
         Command::Reproduce(args) => reproduce::run(args, json),
         Command::Model(command) => model::run(command, json),
+        Command::Bench(command) => bench::run(command, json),
     }
 }

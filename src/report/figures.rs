@@ -94,7 +94,7 @@ pub struct Quantiles {
 
 impl Quantiles {
     /// None of an empty list.
-    fn of(mut values: Vec<f64>) -> Option<Self> {
+    pub fn of(mut values: Vec<f64>) -> Option<Self> {
         values.sort_by(f64::total_cmp);
         let max = *values.last()?;
         let rank = |q: f64| {

@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use crate::output::{Outcome, print_json};
-pub use figures::Report;
 use figures::TaskRun;
+pub use figures::{Quantiles, Report};
 use run::Run;
 
 /// Reads a recording, prints its figures, writes its page.

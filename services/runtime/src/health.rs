@@ -16,6 +16,7 @@ use crate::bus::{AliveToken, Bus, BusError, Publisher};
 use crate::clock;
 use crate::meter::{Age, Counter, Gauge, Histogram, Rate};
 use crate::realtime::RealtimeReport;
+use crate::usage::ProcessUsage;
 
 /// `Health.state`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -230,6 +231,7 @@ fn report(shared: &Shared, publisher: &Publisher<Health>) {
     let mut state = (State::Starting, Text::new());
     let mut measured = Instant::now();
     let mut rates_hz = Vec::new();
+    let (mut usage, mut cpu_percent) = (ProcessUsage::new(), 0.0);
     let mut due = Instant::now();
     loop {
         let stopping = shared.stopping.load(Ordering::Acquire);
@@ -244,10 +246,15 @@ fn report(shared: &Shared, publisher: &Publisher<Health>) {
         let elapsed = measured.elapsed();
         if elapsed >= PERIOD {
             rates_hz = rates(&mut lock(&shared.figures), elapsed);
+            cpu_percent = usage.cpu_percent();
             measured = Instant::now();
         }
         if changed || stopping || Instant::now() >= due {
-            publisher.publish(&message(shared, &state, &rates_hz));
+            let process = [
+                ("process_cpu_percent".to_owned(), cpu_percent),
+                ("process_memory_mib".to_owned(), ProcessUsage::memory_mib()),
+            ];
+            publisher.publish(&message(shared, &state, &rates_hz, process));
             due = Instant::now() + PERIOD;
         }
         if stopping {
@@ -270,12 +277,18 @@ fn rates(figures: &mut Figures, elapsed: Duration) -> Vec<f64> {
         .collect()
 }
 
-fn message(shared: &Shared, state: &(State, Text), rates_hz: &[f64]) -> Health {
+fn message(
+    shared: &Shared,
+    state: &(State, Text),
+    rates_hz: &[f64],
+    process: [(String, f64); 2],
+) -> Health {
     let figures = lock(&shared.figures);
     let mut numbers: Vec<(String, f64)> = figures
         .gauges
         .iter()
         .map(|(name, gauge)| (name.clone(), gauge.get()))
+        .chain(process)
         .collect();
     for (name, histogram) in &figures.histograms {
         let found = histogram.distribution();

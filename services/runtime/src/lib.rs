@@ -33,6 +33,7 @@ pub mod meter;
 pub mod parameters;
 pub mod realtime;
 pub mod stop;
+mod usage;
 
 pub use bus::{
     Alive, AliveToken, Bus, BusError, Counts, Handle, Latest, Publisher, RawMessage, RawPublisher,
