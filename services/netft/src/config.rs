@@ -27,6 +27,8 @@ pub struct Config {
     pub buffer_records: Option<u8>,
     /// `wrench/tool` per second at most.
     pub tool_rate_hz: f64,
+    /// `wrench/raw` per second; `None`: every record.
+    pub raw_rate_hz: Option<f64>,
     /// Silence for this long is reported, and the stream asked for again.
     pub patience: Duration,
     /// Loads beyond count as saturated even when the box does not say so: N, then Nm; x, y, z.
@@ -57,6 +59,7 @@ impl Config {
                 SensorMode::Realtime => None,
                 SensorMode::Buffered => Some(sensor.buffer_records),
             },
+            raw_rate_hz: (sensor.raw_rate_hz > 0.0).then_some(sensor.raw_rate_hz),
             tool_rate_hz: if sensor.tool_rate_hz > 0.0 {
                 sensor.tool_rate_hz
             } else {

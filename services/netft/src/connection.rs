@@ -20,6 +20,9 @@ pub(crate) struct Connection {
     /// Counts of the box's clock between two publications.
     pub(crate) interval: i64,
     pub(crate) published: i64,
+    /// The same for raw records; `None`: every one is published.
+    pub(crate) raw_interval: Option<i64>,
+    pub(crate) raw_published: i64,
     pub(crate) newest: Option<Newest>,
     pub(crate) restarted: bool,
     pub(crate) rate_hz: f64,
@@ -28,6 +31,20 @@ pub(crate) struct Connection {
 }
 
 impl Connection {
+    /// The raw record of this sequence is due, and with that taken as published.
+    pub(crate) fn raw_is_due(&mut self, sequence: i64) -> bool {
+        let Some(interval) = self.raw_interval else {
+            return true;
+        };
+        // A step back is a restart, or a late record among published ones.
+        let since = sequence.saturating_sub(self.raw_published);
+        if (0..interval).contains(&since) {
+            return false;
+        }
+        self.raw_published = sequence;
+        true
+    }
+
     /// Records per second by this host's clock, Hz.
     pub(crate) fn rate_measured_hz(&self) -> f64 {
         self.clock.rate_hz() / self.stream.step() as f64

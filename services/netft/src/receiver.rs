@@ -162,6 +162,11 @@ impl Receiver {
             clock: ClockRecovery::new(1.0 / FT_RATE_HZ),
             interval: (FT_RATE_HZ / self.config.tool_rate_hz).round().max(1.0) as i64,
             published: i64::MIN / 2,
+            raw_interval: self
+                .config
+                .raw_rate_hz
+                .map(|hz| (FT_RATE_HZ / hz).round().max(1.0) as i64),
+            raw_published: i64::MIN / 2,
             newest: None,
             restarted: false,
             rate_hz,
@@ -306,10 +311,12 @@ impl Receiver {
             })
             .into(),
         );
-        self.raw.publish(&WrenchStamped {
-            header: Header::in_frame::<Sensor>(offset_ns + stamp_ns),
-            wrench: (&wrench).into(),
-        });
+        if connection.raw_is_due(sequence) {
+            self.raw.publish(&WrenchStamped {
+                header: Header::in_frame::<Sensor>(offset_ns + stamp_ns),
+                wrench: (&wrench).into(),
+            });
+        }
         self.meters.records.tick();
         if kind == Kind::Late {
             return;

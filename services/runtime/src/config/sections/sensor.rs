@@ -42,6 +42,10 @@ pub struct SensorConfig {
     /// Records per datagram when buffered, 1 to 40.
     #[serde(default = "buffer_records")]
     pub buffer_records: u8,
+    /// `wrench/raw` is published this often, Hz; 0: every record. Each message costs every process on its way a few
+    /// microseconds; conditioning sees every record all the same.
+    #[serde(default)]
+    pub raw_rate_hz: f64,
     /// `wrench/tool` is published this often, Hz; 0: 1000, so that no reader finds it older than about 1 ms.
     #[serde(default)]
     pub tool_rate_hz: f64,
@@ -120,6 +124,12 @@ impl SensorConfig {
             f64::from(self.buffer_records),
             1.0..=40.0,
             "records",
+        )?;
+        checker.require(
+            self.raw_rate_hz == 0.0 || (1.0..=7000.0).contains(&self.raw_rate_hz),
+            "sensor.raw_rate_hz",
+            self.raw_rate_hz,
+            "0 (every record) or from 1 to 7000 Hz",
         )?;
         checker.require(
             self.tool_rate_hz == 0.0 || (1.0..=7000.0).contains(&self.tool_rate_hz),
