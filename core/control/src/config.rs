@@ -102,6 +102,9 @@ pub struct NormalConfig {
     pub curvature_distance_m: f64,
     /// Largest curvature believed, 1/m.
     pub curvature_max_per_m: f64,
+    /// An estimate is turned on by its age along the path, with the surface's curvature, but by no more than this, rad;
+    /// 0 takes it as it is.
+    pub prediction_max_rad: f64,
 }
 
 /// Following the path.
@@ -213,6 +216,7 @@ impl Default for NormalConfig {
             blind_distance_m: 0.03,
             curvature_distance_m: 0.015,
             curvature_max_per_m: 50.0,
+            prediction_max_rad: 0.1,
         }
     }
 }
@@ -311,6 +315,7 @@ impl ControllerConfig {
             normal: NormalConfig {
                 filter_s: 0.0,
                 sure_rad: 0.0,
+                prediction_max_rad: 0.0,
                 ..default.normal
             },
             path: PathConfig {

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Arm, Base, Flange, Joints, Pose, Tool, Twist, Wrench};
 
 use crate::alignment::{alignment_error, alignment_rate};
+use crate::estimator_choice::ChoiceRules;
 use crate::force_law::ForceSample;
 use crate::joint_velocity::JointVelocity;
 use crate::limits::clamp_norm;
@@ -147,9 +148,13 @@ impl Controller {
             .iter()
             .position(|n| n.as_str() == name)
             .ok_or(SwitchRefusal::Unknown)?;
+        let program = self.program.as_ref().ok_or(SwitchRefusal::NoTask)?;
         self.run.choice.select(
-            &self.config.normal,
-            &self.config.patience,
+            &ChoiceRules::new(
+                &self.config.normal,
+                &self.config.patience,
+                &program.task.switching,
+            ),
             &self.estimates,
             &self.run.surface.normal,
             index,
@@ -303,6 +308,8 @@ impl Controller {
             phase: run.phase,
             activation: self.activation,
             estimator: run.choice.index,
+            estimator_cause: run.choice.cause,
+            estimator_switches: run.choice.switches,
             normal: if active {
                 run.surface.normal
             } else {

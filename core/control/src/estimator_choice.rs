@@ -5,7 +5,72 @@ use tangent_estimation::NormalEstimate;
 use tangent_sensing::Validity;
 
 use crate::alignment::angle_between;
-use crate::{ControlError, EstimateInput, MAX_ESTIMATORS, NormalConfig, PatienceConfig};
+use crate::{
+    ControlError, EstimateInput, MAX_ESTIMATORS, NormalConfig, PatienceConfig, SwitchingSpec,
+};
+
+/// Why the estimator in use is the one in use.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SwitchCause {
+    /// First of the task's list.
+    #[default]
+    Task,
+    /// Asked for, and near enough to the normal that was in use.
+    Asked,
+    /// Asked for with force: neither its validity nor its agreement was looked at.
+    Forced,
+    /// The one before could not be used any more.
+    FellBack(Validity),
+    /// The preferred one has been good again for the task's `switching.return_after_good_s`.
+    Returned,
+}
+
+impl SwitchCause {
+    /// In words; what stands behind `fell back` is the reason.
+    pub fn text(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Task => ("first of the task's list", ""),
+            Self::Asked => ("asked for", ""),
+            Self::Forced => ("forced", ""),
+            Self::FellBack(reason) => ("fell back: the one before is ", reason.reason()),
+            Self::Returned => ("came back after being good again", ""),
+        }
+    }
+}
+
+/// When an estimate can be used, and when another estimator is taken.
+#[derive(Clone, Copy, Debug)]
+pub struct ChoiceRules {
+    /// An estimate further than this from the normal in use is refused, rad.
+    pub gate_rad: f64,
+    /// The same for one that is to be taken anew, rad.
+    pub switch_gate_rad: f64,
+    /// Way without a valid estimate before the next estimator is taken, m.
+    pub blind_distance_m: f64,
+    /// Time of silence or nonsense before the next estimator is taken, s.
+    pub patience_s: f64,
+    /// Time that the preferred one must have been good before it is taken again, s; none: only when asked for.
+    pub return_after_good_s: Option<f64>,
+}
+
+impl ChoiceRules {
+    /// Out of the law's parameters and the task.
+    pub fn new(
+        normal: &NormalConfig,
+        patience: &PatienceConfig,
+        switching: &SwitchingSpec,
+    ) -> Self {
+        Self {
+            gate_rad: normal.gate_rad,
+            switch_gate_rad: switching
+                .disagreement_max_rad
+                .unwrap_or(normal.switch_gate_rad),
+            blind_distance_m: normal.blind_distance_m,
+            patience_s: patience.estimate_s,
+            return_after_good_s: switching.return_after_good_s,
+        }
+    }
+}
 
 /// Why a switch was refused.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,9 +128,9 @@ impl SwitchRefusal {
     reason = "lives on the stack for one cycle; a step does not allocate"
 )]
 pub enum EstimateStatus {
-    /// A normal to use.
-    Usable(NormalEstimate),
-    /// Alive, but without a normal now (standing still, no contact): keep the last one.
+    /// A normal to use, and its age.
+    Usable(EstimateInput),
+    /// Alive, but without a normal now (standing still, no contact, a passing outlier): keep the last one.
     Waiting,
     /// Nobody in the list can be used.
     None(Validity),
@@ -76,95 +141,152 @@ pub enum EstimateStatus {
 pub struct EstimatorChoice {
     /// Index in the task's list.
     pub index: usize,
+    /// Why this one.
+    pub cause: SwitchCause,
+    /// Changes since the task started.
+    pub switches: u32,
+    /// The one that was asked for: the task's first, or by request.
+    preferred: usize,
     blind_m: f64,
+    nonsense_s: f64,
+    preferred_good_s: f64,
 }
 
 type Estimates = [Option<EstimateInput>; MAX_ESTIMATORS];
 
 impl EstimatorChoice {
-    /// One cycle, in which the tool slid `way_m`. `normal` is the one in use.
+    /// One cycle of `dt_s`, in which the tool slid `way_m`. `normal` is the one in use.
     pub fn step(
         &mut self,
-        config: &NormalConfig,
-        patience: &PatienceConfig,
+        rules: &ChoiceRules,
         estimates: &Estimates,
         normal: &Vector3<f64>,
         way_m: f64,
+        dt_s: f64,
     ) -> EstimateStatus {
-        match judge(
-            estimates[self.index].as_ref(),
-            patience,
-            config.gate_rad,
-            normal,
-        ) {
+        self.return_when_good(rules, estimates, normal, dt_s);
+        let active = estimates[self.index].as_ref();
+        let reason = match judge(active, rules.patience_s, rules.gate_rad, normal) {
             Ok(estimate) => {
                 self.blind_m = 0.0;
-                EstimateStatus::Usable(estimate)
+                self.nonsense_s = 0.0;
+                return EstimateStatus::Usable(estimate);
             }
-            Err(reason) => {
-                self.blind_m += way_m;
-                let silent = matches!(reason, Validity::Missing | Validity::Stale);
-                if !silent && self.blind_m < config.blind_distance_m {
-                    return EstimateStatus::Waiting;
-                }
-                for (index, other) in estimates.iter().enumerate() {
-                    if let Ok(estimate) =
-                        judge(other.as_ref(), patience, config.switch_gate_rad, normal)
-                    {
-                        self.index = index;
-                        self.blind_m = 0.0;
-                        return EstimateStatus::Usable(estimate);
-                    }
-                }
-                // Before the first slide nobody can have a normal; one that is alive will do.
-                if silent && self.blind_m < config.blind_distance_m {
-                    let alive = |other: &Option<EstimateInput>| {
-                        !matches!(
-                            judge(other.as_ref(), patience, config.switch_gate_rad, normal),
-                            Err(Validity::Missing | Validity::Stale)
-                        )
-                    };
-                    if let Some(index) = estimates.iter().position(alive) {
-                        self.index = index;
-                        return EstimateStatus::Waiting;
-                    }
-                }
-                EstimateStatus::None(reason)
+            Err(reason) => reason,
+        };
+        self.blind_m += way_m;
+        let gone = match reason {
+            // Their age has used the patience up already.
+            Validity::Missing | Validity::Stale => true,
+            // One outlier is no reason to leave; only words that stay nonsense are.
+            Validity::NotFinite | Validity::Disagrees => {
+                self.nonsense_s += dt_s;
+                self.nonsense_s > rules.patience_s
+            }
+            _ => false,
+        };
+        if !gone && self.blind_m < rules.blind_distance_m {
+            return EstimateStatus::Waiting;
+        }
+        for (index, other) in estimates.iter().enumerate() {
+            let judged = judge(
+                other.as_ref(),
+                rules.patience_s,
+                rules.switch_gate_rad,
+                normal,
+            );
+            if let Ok(estimate) = judged
+                && index != self.index
+            {
+                self.switch(index, SwitchCause::FellBack(reason));
+                return EstimateStatus::Usable(estimate);
             }
         }
+        // Before the first slide nobody can have a normal; one that is alive will do.
+        if gone && self.blind_m < rules.blind_distance_m {
+            let alive = |other: &Option<EstimateInput>| {
+                matches!(
+                    judge(other.as_ref(), rules.patience_s, f64::INFINITY, normal),
+                    Err(Validity::NoContact | Validity::NotSliding | Validity::Degenerate)
+                )
+            };
+            if let Some(index) = estimates.iter().position(alive) {
+                let blind_m = self.blind_m;
+                self.switch(index, SwitchCause::FellBack(reason));
+                self.blind_m = blind_m;
+                return EstimateStatus::Waiting;
+            }
+        }
+        EstimateStatus::None(reason)
+    }
+
+    /// The task's rule for the way back.
+    fn return_when_good(
+        &mut self,
+        rules: &ChoiceRules,
+        estimates: &Estimates,
+        normal: &Vector3<f64>,
+        dt_s: f64,
+    ) {
+        let Some(after_s) = rules.return_after_good_s else {
+            return;
+        };
+        let preferred = estimates[self.preferred].as_ref();
+        let gate_rad = rules.switch_gate_rad;
+        if self.index == self.preferred
+            || judge(preferred, rules.patience_s, gate_rad, normal).is_err()
+        {
+            self.preferred_good_s = 0.0;
+            return;
+        }
+        self.preferred_good_s += dt_s;
+        if self.preferred_good_s >= after_s {
+            self.switch(self.preferred, SwitchCause::Returned);
+        }
+    }
+
+    fn switch(&mut self, index: usize, cause: SwitchCause) {
+        if index != self.index {
+            self.switches = self.switches.saturating_add(1);
+        }
+        self.index = index;
+        self.cause = cause;
+        self.blind_m = 0.0;
+        self.nonsense_s = 0.0;
+        self.preferred_good_s = 0.0;
     }
 
     /// Switches to `index` if it is fresh, valid and near `normal`; `force` waives the last two.
     pub fn select(
         &mut self,
-        config: &NormalConfig,
-        patience: &PatienceConfig,
+        rules: &ChoiceRules,
         estimates: &Estimates,
         normal: &Vector3<f64>,
         index: usize,
         force: bool,
     ) -> Result<(), SwitchRefusal> {
-        match judge(
-            estimates.get(index).and_then(Option::as_ref),
-            patience,
-            f64::INFINITY,
-            normal,
-        ) {
+        let newcomer = estimates.get(index).and_then(Option::as_ref);
+        match judge(newcomer, rules.patience_s, f64::INFINITY, normal) {
             Err(Validity::Missing | Validity::Stale) => return Err(SwitchRefusal::Silent),
             Err(reason) if !force => return Err(SwitchRefusal::Invalid(reason)),
-            Ok(estimate) if !force => {
-                let angle_rad = angle_between(&estimate.normal, normal);
-                if angle_rad > config.switch_gate_rad {
+            Ok(newcomer) if !force => {
+                let angle_rad = angle_between(&newcomer.estimate.normal, normal);
+                if angle_rad > rules.switch_gate_rad {
                     return Err(SwitchRefusal::Disagrees {
                         angle_rad,
-                        allowed_rad: config.switch_gate_rad,
+                        allowed_rad: rules.switch_gate_rad,
                     });
                 }
             }
             _ => {}
         }
-        self.index = index;
-        self.blind_m = 0.0;
+        let cause = if force {
+            SwitchCause::Forced
+        } else {
+            SwitchCause::Asked
+        };
+        self.switch(index, cause);
+        self.preferred = index;
         Ok(())
     }
 }
@@ -172,15 +294,15 @@ impl EstimatorChoice {
 /// An estimate that can be used, or the reason why not.
 fn judge(
     input: Option<&EstimateInput>,
-    patience: &PatienceConfig,
+    patience_s: f64,
     gate_rad: f64,
     normal: &Vector3<f64>,
-) -> Result<NormalEstimate, Validity> {
+) -> Result<EstimateInput, Validity> {
     let input = input.ok_or(Validity::Missing)?;
-    if input.age_s.is_nan() || input.age_s > patience.estimate_s {
+    if input.age_s.is_nan() || input.age_s > patience_s {
         return Err(Validity::Stale);
     }
-    let estimate = &input.estimate;
+    let mut estimate = input.estimate;
     if !estimate.validity.is_valid() {
         return Err(estimate.validity);
     }
@@ -188,7 +310,9 @@ fn judge(
     if norm.is_nan() || (norm - 1.0).abs() >= 1e-3 {
         return Err(Validity::NotFinite);
     }
-    let mut estimate = *estimate;
+    if !estimate.covariance.iter().all(|x| x.is_finite()) {
+        return Err(Validity::NotFinite);
+    }
     estimate.normal /= norm;
     if let Some(curvature) = estimate.curvature
         && !curvature.iter().all(|x| x.is_finite())
@@ -198,13 +322,27 @@ fn judge(
     if angle_between(&estimate.normal, normal) > gate_rad {
         return Err(Validity::Disagrees);
     }
-    Ok(estimate)
+    Ok(EstimateInput { estimate, ..*input })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use tangent_mechanics::Pose;
+
+    const DT_S: f64 = 0.008;
+
+    fn rules(return_after_good_s: Option<f64>) -> ChoiceRules {
+        let switching = SwitchingSpec {
+            return_after_good_s,
+            ..SwitchingSpec::default()
+        };
+        ChoiceRules::new(
+            &NormalConfig::default(),
+            &PatienceConfig::default(),
+            &switching,
+        )
+    }
 
     fn input(validity: Validity, age_s: f64, tilt_deg: f64) -> Option<EstimateInput> {
         let mut estimate = NormalEstimate::invalid(&Pose::identity(), validity);
@@ -224,13 +362,7 @@ mod tests {
         entries: &[Option<EstimateInput>],
         way: f64,
     ) -> EstimateStatus {
-        choice.step(
-            &NormalConfig::default(),
-            &PatienceConfig::default(),
-            &list(entries),
-            &Vector3::z(),
-            way,
-        )
+        choice.step(&rules(None), &list(entries), &Vector3::z(), way, DT_S)
     }
 
     #[test]
@@ -246,6 +378,90 @@ mod tests {
             EstimateStatus::Usable(_)
         ));
         assert_eq!(choice.index, 2);
+        assert_eq!(choice.cause, SwitchCause::FellBack(Validity::Stale));
+        assert_eq!(choice.switches, 1);
+    }
+
+    fn nonsense() -> [Option<EstimateInput>; 4] {
+        let mut bad = [input(Validity::Valid, 0.0, 0.0).unwrap(); 4];
+        bad[0].estimate.normal.y = f64::NAN;
+        bad[1].estimate.covariance[(1, 1)] = f64::INFINITY;
+        bad[2].estimate.normal *= 3.0;
+        bad[3].estimate.normal = -Vector3::z();
+        bad.map(Some)
+    }
+
+    #[test]
+    fn nonsense_is_borne_for_the_patience_and_then_the_next_takes_over() {
+        let patience_s = PatienceConfig::default().estimate_s;
+        for bad in nonsense() {
+            let mut choice = EstimatorChoice::default();
+            let entries = [bad, input(Validity::Valid, 0.0, 1.0)];
+            let mut borne_s = 0.0;
+            while matches!(step(&mut choice, &entries, 1e-4), EstimateStatus::Waiting) {
+                borne_s += DT_S;
+            }
+            assert_eq!(choice.index, 1);
+            assert!((borne_s - patience_s).abs() < 1.5 * DT_S, "{borne_s}");
+        }
+    }
+
+    #[test]
+    fn one_outlier_changes_nothing() {
+        let mut choice = EstimatorChoice::default();
+        for turn in 0..1000 {
+            let first = if turn % 4 == 0 {
+                nonsense()[turn / 4 % 4]
+            } else {
+                input(Validity::Valid, 0.0, 0.0)
+            };
+            step(
+                &mut choice,
+                &[first, input(Validity::Valid, 0.0, 0.0)],
+                1e-4,
+            );
+        }
+        assert_eq!((choice.index, choice.switches), (0, 0));
+    }
+
+    #[test]
+    fn the_first_comes_back_by_the_tasks_rule_only() {
+        let gone = [None, input(Validity::Valid, 0.0, 0.0)];
+        let back = [input(Validity::Valid, 0.0, 1.0), gone[1]];
+        let far = [input(Validity::Valid, 0.0, 30.0), gone[1]];
+        let run = |after: Option<f64>, entries: &[Option<EstimateInput>], cycles: usize| {
+            let mut choice = EstimatorChoice::default();
+            step(&mut choice, &gone, 0.0);
+            for _ in 0..cycles {
+                choice.step(&rules(after), &list(entries), &Vector3::z(), 0.0, DT_S);
+            }
+            (choice.index, choice.cause)
+        };
+        let fell = SwitchCause::FellBack(Validity::Missing);
+        assert_eq!(run(None, &back, 10_000), (1, fell));
+        assert_eq!(run(Some(0.8), &back, 98), (1, fell));
+        assert_eq!(run(Some(0.8), &back, 101), (0, SwitchCause::Returned));
+        assert_eq!(run(Some(0.8), &far, 10_000), (1, fell));
+    }
+
+    #[test]
+    fn the_task_sets_how_far_a_newcomer_may_be() {
+        let rules = ChoiceRules::new(
+            &NormalConfig::default(),
+            &PatienceConfig::default(),
+            &SwitchingSpec {
+                disagreement_max_rad: Some(5f64.to_radians()),
+                ..SwitchingSpec::default()
+            },
+        );
+        let entries = list(&[
+            input(Validity::Valid, 0.0, 0.0),
+            input(Validity::Valid, 0.0, 6.0),
+        ]);
+        let mut choice = EstimatorChoice::default();
+        let refused = choice.select(&rules, &entries, &Vector3::z(), 1, false);
+        assert!(matches!(refused, Err(SwitchRefusal::Disagrees { .. })));
+        assert_eq!(choice.switches, 0);
     }
 
     #[test]
@@ -305,16 +521,8 @@ mod tests {
             input(Validity::Valid, 0.0, 10.0),
         ]);
         let mut choice = EstimatorChoice::default();
-        let mut select = |index, force| {
-            choice.select(
-                &NormalConfig::default(),
-                &PatienceConfig::default(),
-                &entries,
-                &Vector3::z(),
-                index,
-                force,
-            )
-        };
+        let mut select =
+            |index, force| choice.select(&rules(None), &entries, &Vector3::z(), index, force);
         assert_eq!(select(7, true), Err(SwitchRefusal::Silent));
         assert_eq!(select(1, true), Err(SwitchRefusal::Silent));
         assert_eq!(
@@ -327,6 +535,7 @@ mod tests {
         ));
         assert_eq!(select(4, false), Ok(()));
         assert_eq!(select(3, true), Ok(()));
-        assert_eq!(choice.index, 3);
+        assert_eq!((choice.index, choice.cause), (3, SwitchCause::Forced));
+        assert_eq!(choice.switches, 2);
     }
 }

@@ -5,7 +5,7 @@ use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist, Wrench};
 use tangent_sensing::Validity;
 
-use crate::{Fault, Phase};
+use crate::{Fault, Phase, SwitchCause};
 
 /// Estimators that a task can name.
 pub const MAX_ESTIMATORS: usize = 8;
@@ -81,6 +81,10 @@ pub struct ControlOutput {
     pub activation: u64,
     /// Index in [`crate::Controller::estimators`] of the one in use.
     pub estimator: usize,
+    /// Why that one.
+    pub estimator_cause: SwitchCause,
+    /// Changes of it since the task started.
+    pub estimator_switches: u32,
     /// Normal in use, base axes, out of the material.
     pub normal: Vector3<f64>,
     /// Pressing force asked for along the normal, N.
@@ -128,6 +132,8 @@ impl ControlOutput {
             phase: Phase::Idle,
             activation: 0,
             estimator: 0,
+            estimator_cause: SwitchCause::Task,
+            estimator_switches: 0,
             normal: -input.base_from_tool.z_axis(),
             force_reference_n: 0.0,
             force_n: 0.0,

@@ -31,7 +31,7 @@ pub use config::{
 };
 pub use controller::Controller;
 pub use error::ControlError;
-pub use estimator_choice::SwitchRefusal;
+pub use estimator_choice::{SwitchCause, SwitchRefusal};
 pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameter::Parameter;
@@ -40,5 +40,6 @@ pub use phases::{Fault, Phase};
 pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
 pub use task::{
-    ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, Task, TimeoutSpec, ToolAxis,
+    ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
+    ToolAxis,
 };

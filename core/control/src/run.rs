@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Tool, Wrench};
 use tangent_sensing::Validity;
 
-use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
+use crate::estimator_choice::{ChoiceRules, EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
 use crate::surface::Surface;
 use crate::tracking::Tracking;
@@ -146,11 +146,11 @@ impl Run {
             };
             let way = crate::alignment::tangential(&slid, &self.surface.normal).norm() * input.dt_s;
             estimate = self.choice.step(
-                &config.normal,
-                &config.patience,
+                &ChoiceRules::new(&config.normal, &config.patience, &program.task.switching),
                 &input.estimates,
                 &self.surface.normal,
                 way,
+                input.dt_s,
             );
             let usable = match &estimate {
                 EstimateStatus::Usable(estimate) if self.phase != Phase::Seek => Some(estimate),

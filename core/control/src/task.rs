@@ -22,6 +22,9 @@ pub struct Task {
     /// Estimators by order of preference: the first is used, the others are fallen back to.
     #[serde(default = "default_estimators")]
     pub estimators: Vec<String>,
+    /// When an estimator may take another's place.
+    #[serde(default)]
+    pub switching: SwitchingSpec,
     /// Average the sensor's bias standing still, before contact.
     #[serde(default = "yes")]
     pub tare: bool,
@@ -185,6 +188,16 @@ impl Default for TimeoutSpec {
     }
 }
 
+/// When an estimator may take another's place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SwitchingSpec {
+    /// Farthest that a newcomer's normal may be from the one in use, rad; none: the law's `normal.switch_gate_rad`.
+    pub disagreement_max_rad: Option<f64>,
+    /// After a fall-back: take the preferred one again once it has been good for so long, s; none: only when asked for.
+    pub return_after_good_s: Option<f64>,
+}
+
 fn default_estimators() -> Vec<String> {
     vec!["blend".into(), "reactive".into()]
 }
@@ -236,6 +249,13 @@ impl Task {
         }
         if let Some(name) = &self.controller {
             crate::ControllerConfig::preset(name)?;
+        }
+        let switching = &self.switching;
+        if let Some(angle) = switching.disagreement_max_rad {
+            check_range("switching.disagreement_max_rad", angle, 0.01, 3.0)?;
+        }
+        if let Some(time) = switching.return_after_good_s {
+            check_range("switching.return_after_good_s", time, 0.05, 3600.0)?;
         }
         check_range("force.reference_n", self.force.reference_n, 0.5, 100.0)?;
         let approach = &self.approach;
@@ -324,6 +344,16 @@ mod tests {
                 "name = \"line\"",
                 "name = \"line\"\napproach.direction = [0.0, 0.0, 0.0]",
                 "approach.direction",
+            ),
+            (
+                "name = \"line\"",
+                "name = \"line\"\nswitching.disagreement_max_rad = 20.0",
+                "switching.disagreement_max_rad",
+            ),
+            (
+                "name = \"line\"",
+                "name = \"line\"\nswitching.return_after_good_s = 0.0",
+                "switching.return_after_good_s",
             ),
             (
                 "name = \"line\"",

@@ -32,6 +32,7 @@ const RANGES: &[(&str, f64, f64)] = &[
     ("normal.blind_distance_m", 0.001, 1.0),
     ("normal.curvature_distance_m", 0.001, 1.0),
     ("normal.curvature_max_per_m", 0.0, 500.0),
+    ("normal.prediction_max_rad", 0.0, 1.0),
     ("path.gain_per_s", 0.0, 10.0),
     ("path.feedback_speed_max_m_per_s", 0.0, 0.2),
     ("path.wait_error_m", 0.0005, 0.1),
