@@ -159,16 +159,37 @@ pub enum TaskCommand {
 /// What to do with estimators.
 #[derive(Debug, Subcommand)]
 pub enum EstimatorCommand {
-    /// Who publishes normals, how old, how far from the one in use.
+    /// Who publishes normals, where, how old, how far from the one in use.
     List,
+    /// All estimators side by side: live, or from a recording.
+    Compare(Compare),
     /// Use another estimator from now on.
     Use {
         /// Its name, as in `estimate/NAME/normal`.
         name: String,
-        /// Switch although the newcomer is stale, invalid or disagrees; recorded.
+        /// Switch although the newcomer is invalid or disagrees; recorded. One that is silent is refused all the same.
         #[arg(long)]
         force: bool,
     },
+}
+
+/// Options of `tangent estimator compare`.
+#[derive(Debug, Args)]
+pub struct Compare {
+    /// Recording (`.mcap`) to read; the live cell if none is named.
+    pub file: Option<PathBuf>,
+    /// Listen to the live cell for so long.
+    #[arg(long, default_value_t = 5.0, value_parser = seconds)]
+    pub seconds: f64,
+}
+
+/// 0.1 s to an hour.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (0.1..=3600.0).contains(&seconds) {
+        return Ok(seconds);
+    }
+    Err("0.1 to 3600 is allowed".to_owned())
 }
 
 /// What to do with parameters.

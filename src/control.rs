@@ -12,7 +12,7 @@ use tangent_runtime::{Bus, CellConfig};
 use tangent_schemas::tangent::Request;
 use tangent_schemas::topics::queries;
 
-use crate::cell::{self, ANSWER_PATIENCE, ask, ask_and_print, data};
+use crate::cell::{self, ANSWER_PATIENCE, ask_and_print, data};
 use crate::cli::{ParamCommand, TaskCommand};
 use crate::output::{Outcome, bad_usage, print_json};
 
@@ -114,20 +114,4 @@ fn list(bus: &Bus, key: &str, json: bool) -> Result<Outcome> {
         }
     }
     Ok(Outcome::Done)
-}
-
-/// Uses another estimator from now on.
-///
-/// # Errors
-/// A cell that does not answer.
-pub fn use_estimator(name: &str, force: bool, config: &CellConfig, json: bool) -> Result<Outcome> {
-    let bus = cell::join(config)?;
-    let action = if force { "force" } else { "select" };
-    let answer = ask(&bus, queries::CONTROL_SELECT, action, name)?;
-    cell::print_answer(&answer, json)?;
-    Ok(if answer.done {
-        Outcome::Done
-    } else {
-        Outcome::Failed
-    })
 }

@@ -5,6 +5,7 @@ mod cell;
 mod cli;
 mod compose;
 mod control;
+mod estimators;
 mod evaluate;
 mod live_view;
 mod model;
@@ -22,7 +23,7 @@ use anyhow::Result;
 use clap::Parser;
 use tracing_subscriber::EnvFilter;
 
-use cli::{Cli, Command, EstimatorCommand};
+use cli::{Cli, Command};
 use output::{BadUsage, Outcome};
 
 fn main() -> ExitCode {
@@ -50,10 +51,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Up(args) => up::run(args, config()?, json),
         Command::Run(args) => run::run(args, &config()?),
         Command::Task(command) => control::task(command, &config()?, json),
-        Command::Estimator(EstimatorCommand::List) => status::estimators(&config()?, json),
-        Command::Estimator(EstimatorCommand::Use { name, force }) => {
-            control::use_estimator(name, *force, &config()?, json)
-        }
+        Command::Estimator(command) => estimators::run(command, cli.cell.as_deref(), json),
         Command::Tare => control::tare(&config()?, json),
         Command::Param(command) => control::param(command, &config()?, json),
         Command::Status => status::run(&config()?, json),

@@ -1,13 +1,13 @@
-//! `tangent status` and `tangent estimator list`: what the cell says of itself.
+//! `tangent status`: what the cell says of itself.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
-use nalgebra::Vector3;
+use anyhow::Result;
 use serde::Serialize;
-use tangent_runtime::{CellConfig, clock};
-use tangent_schemas::tangent::{ControlState, Health, NormalEstimate};
+use tangent_runtime::clock_offset::{self, ClockOffset};
+use tangent_runtime::{Bus, CellConfig};
+use tangent_schemas::tangent::Health;
 use tangent_schemas::topics;
 
 use crate::cell;
@@ -15,6 +15,9 @@ use crate::output::{Outcome, print_json};
 
 /// Health comes once a second; this is long enough to hear everybody.
 const LISTEN: Duration = Duration::from_millis(1500);
+
+/// How long one service's clock is asked for; one that does not answer costs no more than this.
+const PING_PATIENCE: Duration = Duration::from_millis(600);
 
 #[derive(Serialize)]
 struct Status {
@@ -36,6 +39,10 @@ struct Service {
     fault: Option<String>,
     realtime: String,
     figures: BTreeMap<String, f64>,
+    /// Its clock less this host's, ms; null when it does not answer.
+    clock_offset_ms: Option<f64>,
+    /// Way there and back, ms: the offset may be wrong by half of it.
+    round_trip_ms: Option<f64>,
 }
 
 fn state_text(state: u8) -> &'static str {
@@ -87,6 +94,8 @@ pub fn run(config: &CellConfig, json: bool) -> Result<Outcome> {
             fault: (!h.fault.is_empty()).then_some(h.fault),
             realtime: h.realtime,
             figures: table(&h.figure_names, &h.figures, 1.0),
+            clock_offset_ms: None,
+            round_trip_ms: None,
         })
         .collect();
     // A token without health is a service that hangs.
@@ -108,9 +117,12 @@ pub fn run(config: &CellConfig, json: bool) -> Result<Outcome> {
                 fault: Some("alive, but sends no health message: it may hang".to_owned()),
                 realtime: String::new(),
                 figures: BTreeMap::new(),
+                clock_offset_ms: None,
+                round_trip_ms: None,
             });
         }
     }
+    measure_clocks(&bus, &mut services);
     let status = Status {
         cell: config.cell.name.clone(),
         services,
@@ -128,6 +140,16 @@ pub fn run(config: &CellConfig, json: bool) -> Result<Outcome> {
     Ok(outcome)
 }
 
+/// Asks every instance for its time.
+fn measure_clocks(bus: &Bus, services: &mut [Service]) {
+    for service in services {
+        let found = clock_offset::measure(bus, &service.name, &service.instance, PING_PATIENCE);
+        let ms = |of: fn(ClockOffset) -> f64| found.map(|clock| 1e3 * of(clock));
+        service.clock_offset_ms = ms(|clock| clock.offset_s);
+        service.round_trip_ms = ms(|clock| clock.round_trip_s);
+    }
+}
+
 fn print(status: &Status) {
     println!("cell {}: {} services", status.cell, status.services.len());
     for s in &status.services {
@@ -135,6 +157,12 @@ fn print(status: &Status) {
             "{:<12} {:<9} on {} ({})",
             s.name, s.state, s.host, s.instance
         );
+        if let (Some(offset), Some(way)) = (s.clock_offset_ms, s.round_trip_ms) {
+            println!(
+                "    clock {offset:+.3} ms from this host's, known to {:.3} ms",
+                0.5 * way
+            );
+        }
         for (name, hz) in &s.rates_hz {
             println!("    {name:<32} {hz:9.1} Hz");
         }
@@ -154,106 +182,4 @@ fn print(status: &Status) {
             println!("    FAULT: {fault}");
         }
     }
-}
-
-#[derive(Serialize)]
-struct Estimators {
-    active: Option<String>,
-    estimators: Vec<Estimator>,
-}
-
-#[derive(Serialize)]
-struct Estimator {
-    name: String,
-    active: bool,
-    valid: bool,
-    reason: String,
-    rate_hz: f64,
-    age_ms: f64,
-    from_active_deg: Option<f64>,
-    std_deg: f64,
-    friction: Option<f64>,
-    update_us: f64,
-}
-
-/// Who publishes normals, how old, how far from the one in use, how sure.
-///
-/// # Errors
-/// When the cell cannot be reached or nobody publishes.
-pub fn estimators(config: &CellConfig, json: bool) -> Result<Outcome> {
-    let bus = cell::join(config)?;
-    let normals = bus.subscribe(&topics::ESTIMATE_NORMALS, 4096)?;
-    let mut control = bus.latest(&topics::CONTROL_STATE)?;
-    let mut heard: BTreeMap<String, (u32, NormalEstimate, f64)> = BTreeMap::new();
-    let start = Instant::now();
-    let until = start + LISTEN;
-    while let Some(left) = until.checked_duration_since(Instant::now()) {
-        if let Some(received) = normals.recv_timeout(left) {
-            let m = received.message;
-            let count = heard.get(m.estimator.as_str()).map_or(0, |h| h.0);
-            let name = m.estimator.to_string();
-            let age_s = clock::age_s(m.header.stamp.to_ns());
-            heard.insert(name, (count + 1, m, age_s));
-        }
-    }
-    if heard.is_empty() {
-        bail!(
-            "nobody publishes normals in cell {}; start `tangent run estimator`",
-            config.cell.name
-        );
-    }
-    let seconds = start.elapsed().as_secs_f64();
-    let state: Option<ControlState> = control.get().map(|r| r.message.clone());
-    let active = state.as_ref().map(|s| s.estimator.to_string());
-    let reference = active
-        .as_ref()
-        .and_then(|name| heard.get(name))
-        .map(|h| normal(&h.1));
-    let rows = heard
-        .iter()
-        .map(|(name, (count, m, age_s))| Estimator {
-            name: name.clone(),
-            active: active.as_ref() == Some(name),
-            valid: m.validity == 0,
-            reason: m.reason.to_string(),
-            rate_hz: f64::from(*count) / seconds,
-            age_ms: age_s * 1e3,
-            from_active_deg: reference.map(|r| {
-                r.cross(&normal(m))
-                    .norm()
-                    .atan2(r.dot(&normal(m)))
-                    .to_degrees()
-            }),
-            std_deg: (0.5 * (m.covariance[0] + m.covariance[4] + m.covariance[8]))
-                .sqrt()
-                .to_degrees(),
-            friction: (m.friction >= 0.0).then_some(m.friction),
-            update_us: m.update_s * 1e6,
-        })
-        .collect();
-    let all = Estimators {
-        active,
-        estimators: rows,
-    };
-    if json {
-        print_json(&all)?;
-    } else {
-        for e in &all.estimators {
-            println!(
-                "{} {:<26} {:7.1} Hz  {:6.1} ms old  {:>8} deg from the active  ±{:.2} deg  {}",
-                if e.active { "*" } else { " " },
-                e.name,
-                e.rate_hz,
-                e.age_ms,
-                e.from_active_deg.map_or("-".into(), |d| format!("{d:.2}")),
-                e.std_deg,
-                if e.valid { "valid" } else { &e.reason }
-            );
-        }
-    }
-    Ok(Outcome::Done)
-}
-
-fn normal(m: &NormalEstimate) -> Vector3<f64> {
-    Vector3::new(m.normal.x, m.normal.y, m.normal.z)
 }

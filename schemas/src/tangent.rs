@@ -145,8 +145,10 @@ message! {
         pub phase_text: Name,
         pub task: Name,
         pub activation: u64,
-        /// Estimator in use.
+        /// Estimator in use, why this one, and changes of it since the task started.
         pub estimator: Name,
+        pub estimator_cause: Text,
+        pub estimator_switches: u32,
         /// Normal in use, base axes.
         pub normal: Vector3,
         /// Pressing force asked for and measured along the normal, N (positive: pressing).

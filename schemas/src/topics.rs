@@ -123,6 +123,11 @@ pub mod queries {
     /// `tare`: average the unloaded sensor and subtract.
     pub const NETFT_TARE: &str = "netft/tare";
 
+    /// `ping`: an instance of a service answers with its clock.
+    pub fn ping(service: &str, instance: &str) -> String {
+        format!("ping/{service}/{instance}")
+    }
+
     /// One live parameter: `get`, or `set` (argument: a number).
     pub fn parameter(service: &str, name: &str) -> String {
         format!("param/{service}/{name}")
@@ -132,6 +137,11 @@ pub mod queries {
     pub fn parameters(service: &str) -> String {
         format!("param/{service}/*")
     }
+}
+
+/// Service part of an estimator's own liveliness token, `alive/estimate/NAME/INSTANCE`: who publishes these normals.
+pub fn estimator_service(estimator: &str) -> String {
+    format!("estimate/{estimator}")
 }
 
 /// Key of a service's liveliness token: `alive/SERVICE/INSTANCE`.

@@ -7,8 +7,9 @@ use serde::Serialize;
 use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tool};
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
-use tangent_simulation::metrics::{CycleSample, EstimateSample, Figures, Spread, TruthSample};
+use tangent_simulation::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 
+use super::comparison::{self, EstimatorFigures, Switch};
 use super::run::{Growth, Run};
 
 /// A run goes on this long after its task has ended, s; as `evaluate` has it.
@@ -50,21 +51,10 @@ pub struct Report {
     pub state_digest: Option<String>,
     /// Each recorded estimator over the same cycles.
     pub estimators: BTreeMap<String, EstimatorFigures>,
+    /// Changes of the estimator in use.
+    pub estimator_switches: Vec<Switch>,
     /// About the recording itself.
     pub recording: RecordingFigures,
-}
-
-/// One estimator's figures.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct EstimatorFigures {
-    /// Against the truth, in contact, degrees.
-    pub normal_error_deg: Option<Spread>,
-    /// The same from 1 s after first contact.
-    pub normal_error_settled_deg: Option<Spread>,
-    /// Against `-z_tool`, degrees.
-    pub alignment_error_deg: Option<Spread>,
-    /// 1 for a covariance that tells the truth.
-    pub normal_nees_per_dof: Option<f64>,
 }
 
 /// How the live loop fared, over the whole recording.
@@ -320,20 +310,7 @@ impl Report {
         let manipulability = figures.joints.manipulability_min;
         figures.joints.manipulability_min = manipulability.filter(|m| m.is_finite());
         let last = task.cycles.last();
-        let estimators = run
-            .estimates
-            .keys()
-            .map(|name| {
-                let f = Figures::of(&task.samples_with(run, name));
-                let own = EstimatorFigures {
-                    normal_error_deg: f.normal_error_deg,
-                    normal_error_settled_deg: f.normal_error_settled_deg,
-                    alignment_error_deg: f.alignment_error_deg,
-                    normal_nees_per_dof: f.normal_nees_per_dof,
-                };
-                (name.clone(), own)
-            })
-            .collect();
+        let estimators = comparison::estimators(run, task);
         Self {
             scenario: text_fact(run, "scenario", "name"),
             controller: controller(run),
@@ -358,6 +335,7 @@ impl Report {
                 .map(str::to_owned),
             state_digest: None,
             estimators,
+            estimator_switches: comparison::switches(task),
             recording: RecordingFigures {
                 files: run.files.iter().map(|f| f.display().to_string()).collect(),
                 messages: run.topics.values().map(|(_, count)| count).sum(),

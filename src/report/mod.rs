@@ -1,9 +1,10 @@
 //! `tangent report`: the figures of a recording, and a page with plots.
 
+mod comparison;
 mod figures;
 mod html;
 mod plot;
-mod run;
+pub mod run;
 #[cfg(test)]
 mod tests;
 
@@ -13,8 +14,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use crate::output::{Outcome, print_json};
-use figures::TaskRun;
-pub use figures::{Quantiles, Report};
+pub use comparison::{EstimatorFigures, estimators, words as estimator_words};
+pub use figures::{Quantiles, Report, TaskRun};
 use run::Run;
 
 /// Reads a recording, prints its figures, writes its page.
@@ -150,9 +151,19 @@ pub fn words(report: &Report) -> String {
         count(l.wrench_records_lost),
         count(l.messages_dropped)
     ));
+    for switch in &report.estimator_switches {
+        lines.push(format!(
+            "normal           at {:.2} s by {} after {}: {}",
+            switch.time_s, switch.to, switch.from, switch.cause
+        ));
+    }
     if let Some(fault) = &report.fault {
         lines.push(format!("fault            {fault}"));
     }
     lines.push(String::new());
-    lines.join("\n")
+    let mut text = lines.join("\n");
+    if report.estimators.len() > 1 {
+        text += &estimator_words(&report.estimators, report.estimator.as_deref());
+    }
+    text
 }

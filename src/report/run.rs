@@ -29,6 +29,9 @@ pub struct Run {
     pub control: Vec<ControlState>,
     /// `estimate/NAME/normal` by estimator.
     pub estimates: BTreeMap<String, Vec<NormalEstimate>>,
+    /// How old each estimator's newest was whenever a `control/state` came, in robot cycles: the age at use, by the
+    /// order in which the messages came here, whatever the clocks say.
+    pub ages_cycles: BTreeMap<String, Vec<u64>>,
     /// `truth/contact`
     pub truth: Vec<ContactTruth>,
     /// Sensor records lost while it was recorded.
@@ -70,13 +73,34 @@ impl Run {
             );
         }
         run.wrench_records_lost = wrench_lost.seen.then_some(wrench_lost.total);
+        run.sort();
+        Ok(run)
+    }
+
+    /// What a live cell said, in the order in which it came.
+    pub fn heard(messages: &[RecordedMessage]) -> Self {
+        let mut run = Self::default();
+        let mut said = BTreeMap::new();
+        for message in messages {
+            if run
+                .take(message, &mut Growth::default(), &mut said)
+                .is_err()
+            {
+                run.undecodable += 1;
+            }
+        }
+        run.sort();
+        run
+    }
+
+    fn sort(&mut self) {
+        let run = self;
         run.arm.sort_by_key(|m| m.header.stamp.to_ns());
         run.control.sort_by_key(|m| m.header.stamp.to_ns());
         run.truth.sort_by_key(|m| m.header.stamp.to_ns());
         for estimates in run.estimates.values_mut() {
             estimates.sort_by_key(|m| m.header.stamp.to_ns());
         }
-        Ok(run)
     }
 
     fn read_file(
@@ -129,6 +153,14 @@ impl Run {
             ControlState::NAME => {
                 let state: ControlState = cdr::decode(bytes)?;
                 fault = Some(("controller", state.fault.to_string()));
+                for (name, estimates) in &self.estimates {
+                    let age = estimates
+                        .last()
+                        .and_then(|e| state.cycle.checked_sub(e.cycle));
+                    if let Some(age) = age {
+                        self.ages_cycles.entry(name.clone()).or_default().push(age);
+                    }
+                }
                 self.control.push(state);
             }
             NormalEstimate::NAME => {

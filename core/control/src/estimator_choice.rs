@@ -1,7 +1,6 @@
 //! Which estimator's normal is used, when to fall back to the next, and when a switch is refused.
 
 use nalgebra::Vector3;
-use tangent_estimation::NormalEstimate;
 use tangent_sensing::Validity;
 
 use crate::alignment::angle_between;
@@ -328,6 +327,7 @@ fn judge(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tangent_estimation::NormalEstimate;
     use tangent_mechanics::Pose;
 
     const DT_S: f64 = 0.008;

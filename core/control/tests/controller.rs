@@ -9,7 +9,7 @@ use bench::{Bench, TASK};
 use nalgebra::Vector3;
 use tangent_control::{
     CommandKind, ControlInput, ControllerConfig, Fault, Limits, Parameter, Phase, Program,
-    SwitchRefusal, Task,
+    SwitchCause, SwitchRefusal, Task,
 };
 use tangent_mechanics::Joints;
 use tangent_sensing::Validity;
@@ -301,6 +301,47 @@ fn a_switch_of_estimators_is_gated_and_bumpless() {
         before = output.normal;
     }
     assert!((before.z.acos().to_degrees() - 15.0).abs() < 5.0);
+}
+
+#[test]
+fn nonsense_is_left_within_the_patience_with_the_force_held() {
+    type Spoil = fn(&mut ControlInput);
+    let spoils: [Spoil; 4] = [
+        |i| i.estimates[0] = None,
+        |i| i.estimates[0].as_mut().unwrap().age_s = 0.5,
+        |i| i.estimates[0].as_mut().unwrap().estimate.normal.x = f64::NAN,
+        |i| i.estimates[0].as_mut().unwrap().estimate.normal = -Vector3::z(),
+    ];
+    for spoil in spoils {
+        let mut bench = Bench::sliding(TASK);
+        bench.steps(60);
+        let patience = bench.controller.config().patience.estimate_s;
+        let since = bench.time_s;
+        let mut output = bench.step(spoil);
+        while output.estimator == 0 {
+            output = bench.step(spoil);
+            assert!(bench.time_s - since < patience + 3.0 * bench.dt_s);
+        }
+        assert_eq!(output.estimator_switches, 1);
+        assert!(matches!(output.estimator_cause, SwitchCause::FellBack(_)));
+        while output.phase == Phase::Slide {
+            assert!((output.force_n - 3.0).abs() < 0.3, "{}", output.force_n);
+            output = bench.step(spoil);
+        }
+        // Good again, it is not taken back unasked.
+        assert_eq!(bench.run_until(Phase::Done).estimator, 1);
+    }
+}
+
+#[test]
+fn the_switch_is_there_in_the_cycle_after_it_was_accepted() {
+    let mut bench = Bench::sliding(TASK);
+    bench.controller.select_estimator("second", false).unwrap();
+    let output = bench.step(|_| {});
+    assert_eq!(
+        (output.estimator, output.estimator_cause),
+        (1, SwitchCause::Asked)
+    );
 }
 
 #[test]

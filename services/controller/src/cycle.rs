@@ -77,7 +77,8 @@ pub struct Cycle {
 pub struct Last {
     cycle: Option<u64>,
     phase: Phase,
-    estimator: usize,
+    /// Estimator, and how often it changed.
+    used: (usize, u32),
     tare: bool,
     fault: Option<Fault>,
     activation_latched: u64,
@@ -220,10 +221,13 @@ impl Cycle {
                 self.last.said = None;
             }
         }
-        if output.estimator != self.last.estimator {
-            self.last.estimator = output.estimator;
+        let used = (output.estimator, output.estimator_switches);
+        if used != self.last.used {
+            self.last.used = used;
             if let Some(name) = self.controller.estimators().get(output.estimator) {
-                self.mailbox.notes.force_push(Note::Estimator(*name));
+                self.mailbox
+                    .notes
+                    .force_push(Note::Estimator(*name, messages::cause(output)));
             }
         }
         if output.phase != Phase::Fault {

@@ -189,10 +189,7 @@ impl Desk {
             seen.estimates.push((name.to_string(), newest));
         }
         let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
-        let reader = EstimateReader {
-            name: *name,
-            newest,
-        };
+        let reader = EstimateReader::new(*name, newest);
         self.mailbox
             .ask(Ask::Listen(Box::new(Some(reader))))
             .ok_or_else(|| NO_LOOP.to_owned())?;
@@ -276,7 +273,8 @@ impl Desk {
             words,
             &json!({
                 "phase": s.phase_text.as_str(), "task": s.task.as_str(), "activation": s.activation,
-                "estimator": s.estimator.as_str(), "path_progress": s.path_progress,
+                "estimator": s.estimator.as_str(), "estimator_cause": s.estimator_cause.as_str(),
+                "estimator_switches": s.estimator_switches, "path_progress": s.path_progress,
                 "force_n": s.force_n, "force_reference_n": s.force_reference_n,
                 "contact_lost_count": s.contact_lost_count, "fault": s.fault.as_str(),
                 "age_s": newest.age().as_secs_f64(),

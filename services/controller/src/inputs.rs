@@ -19,8 +19,20 @@ use crate::age::ContentAge;
 pub struct EstimateReader {
     /// As in `estimate/NAME/normal`.
     pub name: EstimatorName,
-    /// Its newest message.
-    pub newest: Latest<NormalMessage>,
+    newest: Latest<NormalMessage>,
+    /// Publisher and stamp of the newest message, and the robot's cycle in which they were new.
+    advanced: Option<([u8; 16], i64, u64)>,
+}
+
+impl EstimateReader {
+    /// Reads `newest`, the topic of the estimator of this name.
+    pub fn new(name: EstimatorName, newest: Latest<NormalMessage>) -> Self {
+        Self {
+            name,
+            newest,
+            advanced: None,
+        }
+    }
 }
 
 /// All inputs but the arm's state, which calls.
@@ -125,7 +137,8 @@ impl Inputs {
     }
 }
 
-/// Its age counts the robot's packets since the one it rests on: no clock is asked, and a burst of old ones is old.
+/// Its age counts the robot's packets since the one it rests on: no clock is asked, and a burst of old ones is old. One
+/// that goes on talking while its stamp stands still is as old as the stamp.
 fn read_estimate(reader: &mut EstimateReader, state: &ArmState) -> Option<EstimateInput> {
     let newest = reader.newest.get()?;
     let message = &newest.message;
@@ -135,7 +148,14 @@ fn read_estimate(reader: &mut EstimateReader, state: &ArmState) -> Option<Estima
         // Of an earlier run of the bridge, whose count was higher.
         f64::INFINITY
     } else {
-        behind.max(newest.age().as_secs_f64())
+        let said = (newest.publisher, message.header.stamp.to_ns());
+        let since = match reader.advanced {
+            Some((publisher, stamp_ns, cycle)) if (publisher, stamp_ns) == said => cycle,
+            _ => state.cycle,
+        };
+        reader.advanced = Some((said.0, said.1, since));
+        let standing = state.cycle.saturating_sub(since) as f64 * state.period_s;
+        behind.max(standing).max(newest.age().as_secs_f64())
     };
     let shape = Matrix3::from_row_slice(&message.curvature);
     Some(EstimateInput {

@@ -59,10 +59,8 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
     );
     for name in &config.estimators {
         if let Ok(short) = EstimatorName::from(name) {
-            inputs.listen(EstimateReader {
-                name: short,
-                newest: bus.latest(&topics::estimate_normal(name))?,
-            });
+            let newest = bus.latest(&topics::estimate_normal(name))?;
+            inputs.listen(EstimateReader::new(short, newest));
         }
     }
     let desk = Desk::new(&bus, &mailbox, config.control, &config.estimators)?;
@@ -147,7 +145,7 @@ fn write_notes(mailbox: &Mailbox) {
         match note {
             Note::Phase(phase, fault) if fault.is_empty() => tracing::info!("{}", phase.name()),
             Note::Phase(phase, fault) => tracing::warn!("{}: {fault}", phase.name()),
-            Note::Estimator(name) => tracing::info!("normal by {name}"),
+            Note::Estimator(name, cause) => tracing::info!("normal by {name}: {cause}"),
         }
     }
 }

@@ -77,8 +77,8 @@ impl Letter {
 pub enum Note {
     /// The phase changed.
     Phase(Phase, Text),
-    /// The estimator in use changed.
-    Estimator(EstimatorName),
+    /// The estimator in use changed, and why.
+    Estimator(EstimatorName, Text),
 }
 
 /// What the loop and the others share.

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use tangent_control::{ControlOutput, Controller, Phase};
-use tangent_schemas::convert::{cut, joint_array};
+use tangent_schemas::convert::{cut, cut_format, joint_array};
 use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState};
 use tangent_schemas::{Name, Text};
@@ -44,6 +44,8 @@ pub fn state(
             .get(output.estimator)
             .copied()
             .unwrap_or_default(),
+        estimator_cause: cause(output),
+        estimator_switches: output.estimator_switches,
         normal: (&output.normal).into(),
         force_reference_n: output.force_reference_n,
         force_n: output.force_n,
@@ -62,6 +64,12 @@ pub fn state(
         step_s,
         fault: fault(output),
     }
+}
+
+/// Why the estimator in use is the one in use.
+pub fn cause(output: &ControlOutput) -> Text {
+    let (what, why) = output.estimator_cause.text();
+    cut_format(format_args!("{what}{why}"))
 }
 
 /// Why the task ended or is ending early; empty when it did not.

@@ -5,7 +5,8 @@ use std::time::Instant;
 use tangent_estimation::{
     ContactSample, EstimationError, EstimatorConfig, NormalEstimator, build, estimator_names,
 };
-use tangent_runtime::{Bus, Parameter, Parameters, Publisher};
+use tangent_runtime::health::instance_name;
+use tangent_runtime::{AliveToken, Bus, Parameter, Parameters, Publisher};
 use tangent_schemas::tangent::{ArmState, NormalEstimate};
 use tangent_schemas::topics;
 
@@ -16,6 +17,7 @@ struct Lane {
     estimator: Box<dyn NormalEstimator>,
     settings: EstimatorConfig,
     publisher: Publisher<NormalEstimate>,
+    _alive: AliveToken,
 }
 
 pub(crate) struct Host {
@@ -111,6 +113,10 @@ impl Host {
             }
             lanes.push(Lane {
                 publisher: bus.publisher(&topics::estimate_normal(estimator.name()))?,
+                _alive: bus.declare_alive(
+                    &topics::estimator_service(estimator.name()),
+                    &instance_name(),
+                )?,
                 estimator,
                 settings: choice.settings,
             });

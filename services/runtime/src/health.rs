@@ -12,8 +12,9 @@ use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::Health;
 use tangent_schemas::topics;
 
-use crate::bus::{AliveToken, Bus, BusError, Publisher};
+use crate::bus::{AliveToken, Bus, BusError, Handle, Publisher};
 use crate::clock;
+use crate::clock_offset;
 use crate::meter::{Age, Counter, Gauge, Histogram, Rate};
 use crate::realtime::RealtimeReport;
 use crate::usage::ProcessUsage;
@@ -43,6 +44,7 @@ pub struct HealthReporter {
     thread: Option<Thread>,
     join: Option<JoinHandle<()>>,
     _token: AliveToken,
+    _ping: Handle,
 }
 
 struct Shared {
@@ -97,6 +99,7 @@ impl HealthReporter {
     pub fn start(bus: &Bus, service: &str) -> Result<Self, BusError> {
         let instance = instance_name();
         let token = bus.declare_alive(service, &instance)?;
+        let ping = clock_offset::answer(bus, service, &instance)?;
         let publisher = bus.publisher(&topics::health(service))?;
         let shared = Arc::new(Shared {
             service: service.to_owned(),
@@ -121,6 +124,7 @@ impl HealthReporter {
             thread: Some(join.thread().clone()),
             join: Some(join),
             _token: token,
+            _ping: ping,
         })
     }
 

@@ -27,6 +27,7 @@
 
 pub mod bus;
 pub mod clock;
+pub mod clock_offset;
 pub mod config;
 pub mod health;
 pub mod meter;

@@ -195,7 +195,8 @@ pub(super) fn estimators(run: &Run, task: &TaskRun<'_>, report: &Report) -> Resu
     if report.estimators.is_empty() {
         return Ok(String::new());
     }
-    let mut html = "<h2>Estimators side by side</h2>\n<table><tr><th>Estimator</th><th>Error, mean / RMS</th>\
+    let mut html = "<h2>Estimators side by side</h2>\n<table><tr><th>Estimator</th><th>Rate, Hz</th>\
+                    <th>Age at use, mean / 95 %</th><th>From the one in use, mean / 95 %</th><th>Error, mean / RMS</th>\
                     <th>Settled, mean / RMS</th><th>Tool against it, mean / RMS</th><th>NEES</th></tr>\n"
         .to_owned();
     let spread = |s: Option<Spread>| {
@@ -213,8 +214,19 @@ pub(super) fn estimators(run: &Run, task: &TaskRun<'_>, report: &Report) -> Resu
         let _ = writeln!(
             html,
             "<tr><td>{}{used}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
-             <td class=\"n\">{}</td></tr>",
+             <td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
             escaped(name),
+            figures
+                .rate_hz
+                .map_or_else(|| "-".to_owned(), |hz| format!("{hz:.1}")),
+            figures.age_ms.map_or_else(
+                || "-".to_owned(),
+                |s| format!("{:.1} / {:.1} ms", s.mean, s.p95)
+            ),
+            figures.from_active_deg.map_or_else(
+                || "-".to_owned(),
+                |s| format!("{:.2}° / {:.2}°", s.mean, s.p95)
+            ),
             spread(figures.normal_error_deg),
             spread(figures.normal_error_settled_deg),
             spread(figures.alignment_error_deg),
@@ -224,6 +236,19 @@ pub(super) fn estimators(run: &Run, task: &TaskRun<'_>, report: &Report) -> Resu
         );
     }
     html.push_str("</table>\n");
+    for switch in &report.estimator_switches {
+        let _ = writeln!(
+            html,
+            "<p>At {:.2} s the normal came from {} after {}: {}.</p>",
+            switch.time_s,
+            escaped(&switch.to),
+            escaped(&switch.from),
+            escaped(&switch.cause)
+        );
+    }
+    if report.estimators.len() > 1 {
+        html += &from_active(run, task, report)?;
+    }
     if report.estimators.len() > 1 && task.cycles.iter().any(|c| c.truth.is_some()) {
         let bands = bands(task);
         let axes = Axes {
@@ -253,4 +278,37 @@ pub(super) fn estimators(run: &Run, task: &TaskRun<'_>, report: &Report) -> Resu
         html += &figure(&axes, &curves, "Against the truth, while in contact.")?;
     }
     Ok(html)
+}
+
+/// Angle of each estimator to the one in use.
+fn from_active(run: &Run, task: &TaskRun<'_>, report: &Report) -> Result<String> {
+    let bands = bands(task);
+    let axes = Axes {
+        title: "Each estimator against the one in use",
+        x: "time, s",
+        y: "degrees",
+        equal: false,
+        reference: None,
+        bands: &bands,
+    };
+    let curve = |name: &String| {
+        let own = task.samples_with(run, name);
+        let points = own.iter().zip(&task.cycles).map(|(own, cycle)| {
+            let active = cycle.sample.estimate.filter(|_| own.phase.is_pressing());
+            let angle = own.estimate.zip(active);
+            let angle = angle.map(|(own, active)| angle_deg(&own.normal, &active.normal));
+            (own.time_s, angle.unwrap_or(f64::NAN))
+        });
+        points.collect::<Vec<_>>()
+    };
+    let curves: Vec<(&str, Vec<(f64, f64)>)> = report
+        .estimators
+        .keys()
+        .map(|name| (name.as_str(), curve(name)))
+        .collect();
+    figure(
+        &axes,
+        &curves,
+        "While pressing; 0 for the one in use itself.",
+    )
 }

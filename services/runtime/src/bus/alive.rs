@@ -66,11 +66,17 @@ pub(crate) fn declare(
     })
 }
 
-pub(crate) fn list(bus: &Arc<Inner>, timeout: Duration) -> Result<Vec<Alive>, BusError> {
+/// `service` is `*`, or a [`topics::estimator_service`] of `*`.
+pub(crate) fn list(
+    bus: &Arc<Inner>,
+    service: &str,
+    timeout: Duration,
+) -> Result<Vec<Alive>, BusError> {
     let mut all = bus.lock_tokens().clone();
+    all.retain(|alive| alive.service.contains('/') == service.contains('/'));
     if let Some(session) = &bus.session {
         let outside = bus.name.is_empty();
-        let pattern = topics::alive("*", "*");
+        let pattern = topics::alive(service, "*");
         let keys = if outside {
             session.tokens(&format!("*/{pattern}"), timeout)?
         } else {
@@ -83,16 +89,18 @@ pub(crate) fn list(bus: &Arc<Inner>, timeout: Duration) -> Result<Vec<Alive>, Bu
     Ok(all)
 }
 
-/// `[CELL/]alive/SERVICE/INSTANCE`.
+/// `[CELL/]alive/SERVICE/INSTANCE`, or `[CELL/]alive/estimate/NAME/INSTANCE`.
 fn parse(key: &str, cell: &str) -> Option<Alive> {
     let mut parts = key.rsplit('/');
-    let (instance, service) = (parts.next()?, parts.next()?);
-    if parts.next()? != "alive" {
-        return None;
-    }
+    let (instance, name) = (parts.next()?, parts.next()?);
+    let service = match parts.next()? {
+        "alive" => name.to_owned(),
+        "estimate" if parts.next()? == "alive" => topics::estimator_service(name),
+        _ => return None,
+    };
     Some(Alive {
         cell: parts.next().unwrap_or(cell).to_owned(),
-        service: service.to_owned(),
+        service,
         instance: instance.to_owned(),
     })
 }
@@ -111,5 +119,11 @@ mod tests {
         let outside = parse("cell2/alive/rtde/host-2", "").unwrap();
         assert_eq!(outside.cell, "cell2");
         assert_eq!(parse("cell2/other/rtde/host-2", ""), None);
+        let estimator = parse("alive/estimate/blend/host-3", "cell1").unwrap();
+        assert_eq!(estimator.service, "estimate/blend");
+        assert_eq!(
+            (estimator.cell.as_str(), estimator.instance.as_str()),
+            ("cell1", "host-3")
+        );
     }
 }

@@ -285,7 +285,22 @@ impl Bus {
     /// # Errors
     /// A closed session.
     pub fn alive(&self, timeout: Duration) -> Result<Vec<Alive>, BusError> {
-        alive::list(&self.inner, timeout)
+        alive::list(&self.inner, "*", timeout)
+    }
+
+    /// Who publishes normals: the estimator's name and its process, sorted. By liveliness tokens, as
+    /// [`Bus::declare_alive`] makes them of a [`tangent_schemas::topics::estimator_service`].
+    ///
+    /// # Errors
+    /// A closed session.
+    pub fn alive_estimators(&self, timeout: Duration) -> Result<Vec<(String, String)>, BusError> {
+        let service = tangent_schemas::topics::estimator_service("*");
+        let alive = alive::list(&self.inner, &service, timeout)?;
+        let named = alive.into_iter().filter_map(|alive| {
+            let (_, name) = alive.service.split_once('/')?;
+            Some((name.to_owned(), alive.instance))
+        });
+        Ok(named.collect())
     }
 
     /// True when there is a network session; false for [`Bus::in_process`].

@@ -1,0 +1,60 @@
+#!/usr/bin/env python3
+"""A normal estimator: the force without its part along the motion (friction) points out of the surface.
+
+    pip install eclipse-zenoh==1.10.2
+    python3 examples/python/estimator.py --cell cell1 --name my_python
+    tangent estimator use my_python
+"""
+
+import argparse
+import math
+import threading
+
+from tangent_messages import Cell, rotate
+
+SPEED_MIN = 0.002  # m/s: below it there is no direction of sliding
+FORCE_MIN = 0.6  # N
+MEMORY = 0.9  # share of the last normal in the new one: 10 cycles of low pass
+
+
+def normal(arm, force, last):
+    """Unit normal in base axes, its 1-sigma in rad, and (code, reason) where there is none. `force`: tool axes, N."""
+    q, v = arm.tool_pose.orientation, arm.tool_twist.linear
+    force, speed = rotate(q, (force.x, force.y, force.z)), math.hypot(v.x, v.y, v.z)
+    if math.hypot(*force) < FORCE_MIN:
+        return [-x for x in rotate(q, (0, 0, 1))], 1.0, (6, "no contact")
+    if speed > SPEED_MIN:
+        way = (v.x / speed, v.y / speed, v.z / speed)
+        friction = sum(force[i] * way[i] for i in range(3))
+        force = [force[i] - friction * way[i] for i in range(3)]
+    new = [x / math.hypot(*force) for x in force]
+    mixed = [MEMORY * last[i] + (1 - MEMORY) * new[i] for i in range(3)] if last else new
+    return [x / math.hypot(*mixed) for x in mixed], 0.03 if speed > SPEED_MIN else 0.3, None
+
+
+parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+parser.add_argument("--cell", default="cell1")
+parser.add_argument("--router", default="tcp/127.0.0.1:7447")
+parser.add_argument("--name", default="my_python", help="publishes estimate/NAME/normal")
+args = parser.parse_args()
+with Cell(args.cell, args.router) as cell:
+    Estimate = cell.messages.type("tangent_msgs/msg/NormalEstimate")
+    publish = cell.publisher(f"estimate/{args.name}/normal", Estimate.name)
+    known = {"force": None, "validity": 1, "normal": None}
+
+    def on_arm(arm):
+        """One estimate per packet of the robot, with that packet's cycle and stamp."""
+        if known["force"] is None or known["validity"]:
+            return
+        n, sigma, why = normal(arm, known["force"], known["normal"])
+        known["normal"] = None if why else n
+        e = Estimate(header=arm.header, cycle=arm.cycle, estimator=args.name, friction=-1.0)
+        e.point, (e.normal.x, e.normal.y, e.normal.z) = arm.tool_pose.position, n
+        e.covariance = [sigma**2 * ((i == j) - n[i] * n[j]) for i in range(3) for j in range(3)]
+        e.validity, e.reason = why or (0, "valid")
+        publish(e)
+    cell.alive(f"estimate/{args.name}")
+    cell.subscribe("wrench/status", "tangent_msgs/msg/WrenchStatus", lambda m: known.update(validity=m.validity))
+    cell.subscribe("wrench/tool", "geometry_msgs/msg/WrenchStamped", lambda m: known.update(force=m.wrench.force))
+    cell.subscribe("arm/state", "tangent_msgs/msg/ArmState", on_arm)
+    threading.Event().wait()

@@ -1,0 +1,151 @@
+//! Estimators side by side over the same cycles, and the switches between them: of a recording, or of a live cell.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use serde::Serialize;
+use tangent_simulation::metrics::{Figures, Spread, angle_deg};
+
+use super::figures::TaskRun;
+use super::run::Run;
+
+/// One estimator's figures.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct EstimatorFigures {
+    /// Estimates per second, by their stamps.
+    pub rate_hz: Option<f64>,
+    /// Age of the newest one whenever the controller answered a packet, by the robot's cycles, ms.
+    pub age_ms: Option<Spread>,
+    /// Share of the pressing cycles in which it could be used.
+    pub valid_fraction: Option<f64>,
+    /// Against the estimator in use, both valid, pressing, degrees.
+    pub from_active_deg: Option<Spread>,
+    /// Against the truth, in contact, degrees.
+    pub normal_error_deg: Option<Spread>,
+    /// The same from 1 s after first contact.
+    pub normal_error_settled_deg: Option<Spread>,
+    /// Against `-z_tool`, degrees.
+    pub alignment_error_deg: Option<Spread>,
+    /// 1 for a covariance that tells the truth.
+    pub normal_nees_per_dof: Option<f64>,
+}
+
+/// The estimator in use changed, or was asked for with force.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Switch {
+    /// Since the task's start, s.
+    pub time_s: f64,
+    /// Before.
+    pub from: String,
+    /// After.
+    pub to: String,
+    /// Why, as the controller says it.
+    pub cause: String,
+}
+
+/// Every estimator of the run.
+pub fn estimators(run: &Run, task: &TaskRun<'_>) -> BTreeMap<String, EstimatorFigures> {
+    let of = |name: &String| (name.clone(), one(run, task, name));
+    run.estimates.keys().map(of).collect()
+}
+
+fn one(run: &Run, task: &TaskRun<'_>, name: &str) -> EstimatorFigures {
+    let samples = task.samples_with(run, name);
+    let f = Figures::of(&samples);
+    let (mut from_active, mut pressing, mut valid) = (Vec::new(), 0u64, 0u64);
+    for (own, cycle) in samples.iter().zip(&task.cycles) {
+        let Some(estimate) = own.estimate.filter(|_| own.phase.is_pressing()) else {
+            continue;
+        };
+        pressing += 1;
+        valid += u64::from(estimate.valid);
+        let active = cycle.sample.estimate.filter(|a| a.valid && estimate.valid);
+        from_active.extend(active.map(|a| angle_deg(&estimate.normal, &a.normal)));
+    }
+    EstimatorFigures {
+        rate_hz: rate_hz(run, name),
+        age_ms: Spread::of(&mut ages_ms(run, name)),
+        valid_fraction: (pressing > 0).then(|| valid as f64 / pressing as f64),
+        from_active_deg: Spread::of(&mut from_active),
+        normal_error_deg: f.normal_error_deg,
+        normal_error_settled_deg: f.normal_error_settled_deg,
+        alignment_error_deg: f.alignment_error_deg,
+        normal_nees_per_dof: f.normal_nees_per_dof,
+    }
+}
+
+fn rate_hz(run: &Run, name: &str) -> Option<f64> {
+    let estimates = run.estimates.get(name)?;
+    let stamp = |e: &tangent_schemas::tangent::NormalEstimate| e.header.stamp.to_ns();
+    let span_s = (stamp(estimates.last()?) - stamp(estimates.first()?)) as f64 * 1e-9;
+    (span_s > 0.0).then(|| (estimates.len() - 1) as f64 / span_s)
+}
+
+fn ages_ms(run: &Run, name: &str) -> Vec<f64> {
+    let period_ms = 1e3 * run.arm.last().map_or(0.008, |arm| arm.period_s);
+    let ages = run.ages_cycles.get(name).map_or(&[][..], Vec::as_slice);
+    ages.iter().map(|n| *n as f64 * period_ms).collect()
+}
+
+/// Every change within the task.
+pub fn switches(task: &TaskRun<'_>) -> Vec<Switch> {
+    let mut found = Vec::new();
+    for pair in task.cycles.windows(2) {
+        let [before, after] = [&pair[0], &pair[1]].map(|cycle| cycle.control);
+        let changed =
+            before.estimator != after.estimator || before.estimator_cause != after.estimator_cause;
+        // What is said before the first cycle of a task is of no use.
+        if changed && !before.estimator.is_empty() {
+            found.push(Switch {
+                time_s: pair[1].time_s,
+                from: before.estimator.to_string(),
+                to: after.estimator.to_string(),
+                cause: after.estimator_cause.to_string(),
+            });
+        }
+    }
+    found
+}
+
+/// The table for a terminal; `active` is marked.
+pub fn words(all: &BTreeMap<String, EstimatorFigures>, active: Option<&str>) -> String {
+    let mut text = format!(
+        "  {:<24} {:>9} {:>15} {:>7} {:>17} {:>17} {:>6}\n  {:<24} {:>9} {:>15} {:>7} {:>17} {:>17}\n",
+        "estimator",
+        "rate",
+        "age at use",
+        "valid",
+        "from active",
+        "from truth",
+        "NEES",
+        "",
+        "Hz",
+        "mean / p95 ms",
+        "%",
+        "mean / p95 deg",
+        "mean / p95 deg",
+    );
+    let spread = |s: Option<Spread>, digits: usize| {
+        s.map_or_else(
+            || "-".to_owned(),
+            |s| format!("{:.digits$} / {:.digits$}", s.mean, s.p95),
+        )
+    };
+    let number = |x: Option<f64>, digits: usize| {
+        x.map_or_else(|| "-".to_owned(), |x| format!("{x:.digits$}"))
+    };
+    for (name, f) in all {
+        let _ = writeln!(
+            text,
+            "{} {name:<24} {:>9} {:>15} {:>7} {:>17} {:>17} {:>6}",
+            if active == Some(name) { '*' } else { ' ' },
+            number(f.rate_hz, 1),
+            spread(f.age_ms, 1),
+            number(f.valid_fraction.map(|x| 100.0 * x), 1),
+            spread(f.from_active_deg, 2),
+            spread(f.normal_error_deg, 2),
+            number(f.normal_nees_per_dof, 2),
+        );
+    }
+    text
+}
