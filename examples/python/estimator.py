@@ -40,13 +40,16 @@ args = parser.parse_args()
 with Cell(args.cell, args.router) as cell:
     Estimate = cell.messages.type("tangent_msgs/msg/NormalEstimate")
     publish = cell.publisher(f"estimate/{args.name}/normal", Estimate.name)
-    known = {"force": None, "validity": 1, "normal": None}
+    status = cell.latest("wrench/status", "tangent_msgs/msg/WrenchStatus")
+    wrench = cell.latest("wrench/tool", "geometry_msgs/msg/WrenchStamped")
+    known = {"normal": None}
 
     def on_arm(arm):
         """One estimate per packet of the robot, with that packet's cycle and stamp."""
-        if known["force"] is None or known["validity"]:
+        felt, trust = wrench(), status()
+        if felt is None or trust is None or trust.validity:
             return
-        n, sigma, why = normal(arm, known["force"], known["normal"])
+        n, sigma, why = normal(arm, felt.wrench.force, known["normal"])
         known["normal"] = None if why else n
         e = Estimate(header=arm.header, cycle=arm.cycle, estimator=args.name, friction=-1.0)
         e.point, (e.normal.x, e.normal.y, e.normal.z) = arm.tool_pose.position, n
@@ -54,7 +57,5 @@ with Cell(args.cell, args.router) as cell:
         e.validity, e.reason = why or (0, "valid")
         publish(e)
     cell.alive(f"estimate/{args.name}")
-    cell.subscribe("wrench/status", "tangent_msgs/msg/WrenchStatus", lambda m: known.update(validity=m.validity))
-    cell.subscribe("wrench/tool", "geometry_msgs/msg/WrenchStamped", lambda m: known.update(force=m.wrench.force))
     cell.subscribe("arm/state", "tangent_msgs/msg/ArmState", on_arm)
     threading.Event().wait()

@@ -160,6 +160,19 @@ class Cell:
                 call(self.messages.decode(name, bytes(sample.payload)))
         self.kept.append(self.session.declare_subscriber(key, heard))
 
+    def latest(self, key, name):
+        """A function that gives the newest message `name` on `key`, or None; only those that are asked for are decoded."""
+        newest, subscriber = None, self.session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        self.kept.append(subscriber)
+
+        def get():
+            nonlocal newest
+            sample = subscriber.try_recv()
+            if sample is not None:
+                newest = self.messages.decode(name, bytes(sample.payload))
+            return newest
+        return get
+
     def publisher(self, key, name):
         """A function that publishes a message `name` on `key`, with the attachment by which readers count."""
         publisher = self.session.declare_publisher(

@@ -1,0 +1,255 @@
+//! The estimator on another host: the table of `docs/remote-estimators.md`, measured.
+//!
+//! As root the "other host" is a network namespace behind a veth pair, else a process behind loopback. Where the kernel
+//! has netem (`tc qdisc add ... netem`), that spoils the wire; where it has not, a relay on the way to the router
+//! holds the bytes back as TCP would have it. Each run says which it was.
+//!
+//!     cargo test --release --test remote_estimator -- --nocapture
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+mod remote;
+
+use std::time::Duration;
+
+use common::{Process, json, number, port_offset, root, run, wait_for};
+use remote::{Host, Wire};
+use serde_json::Value;
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+struct Case {
+    name: &'static str,
+    wire: Wire,
+    /// The law moves old estimates on along the surface.
+    predicts: bool,
+    /// It is used most of the time; `false`: it is left for the one beside the robot; none: either may be.
+    used: Option<bool>,
+}
+
+const fn wire(delay_ms: f64, jitter_ms: f64, loss: f64, reorder: f64) -> Wire {
+    Wire {
+        delay_ms,
+        jitter_ms,
+        loss,
+        reorder,
+    }
+}
+
+const CASES: &[Case] = &[
+    case("0 ms", wire(0.0, 0.0, 0.0, 0.0), true, Some(true)),
+    case("5 ms", wire(5.0, 0.0, 0.0, 0.0), true, Some(true)),
+    case("20 ms", wire(20.0, 0.0, 0.0, 0.0), true, Some(true)),
+    case(
+        "20 ms, not moved on",
+        wire(20.0, 0.0, 0.0, 0.0),
+        false,
+        Some(true),
+    ),
+    case("50 ms", wire(50.0, 0.0, 0.0, 0.0), true, Some(false)),
+    case(
+        "5 ms, jitter 4 ms",
+        wire(5.0, 4.0, 0.0, 0.0),
+        true,
+        Some(true),
+    ),
+    case("5 ms, 1 % lost", wire(5.0, 0.0, 0.01, 0.0), true, None),
+    case("5 ms, 5 % reordered", wire(5.0, 0.0, 0.0, 0.05), true, None),
+];
+
+const fn case(name: &'static str, wire: Wire, predicts: bool, used: Option<bool>) -> Case {
+    Case {
+        name,
+        wire,
+        predicts,
+        used,
+    }
+}
+
+/// Round a circle on the pipe, faster than usual: age matters more.
+const TASK: &str = r#"
+    name = "circle"
+    estimators = ["blend", "reactive"]
+    switching.return_after_good_s = 0.3
+    force.reference_n = 3.0
+    [path]
+    kind = "circle"
+    radius_m = 0.04
+    turns = 2
+    speed_m_per_s = 0.05
+"#;
+
+#[test]
+fn delay_jitter_loss_and_reordering_are_borne() {
+    let mut host = Host::new();
+    eprintln!("the other host is {}", host.describe());
+    eprintln!(
+        "| way there, and back | age of the normal in use, mean / p95 | share of the time in use; fallen back | normal error | tool error | force RMSE |"
+    );
+    eprintln!("|---|---|---|---|---|---|");
+    for case in CASES {
+        let (report, clock_ms) = wipe(&mut host, case);
+        let figure = |path: &str| number(&report, path);
+        let age = "/estimators/blend/age_ms";
+        let used = share_in_use(&report);
+        let fallen = report["estimator_switches"].as_array().unwrap().iter();
+        let fallen = fallen.filter(|s| s["from"] == "blend").count();
+        eprintln!(
+            "| {} | {:.0} / {:.0} ms | {:.0} %; {} times | {:.2} deg | {:.2} deg | {:.3} N |",
+            case.name,
+            figure(&format!("{age}/mean")),
+            figure(&format!("{age}/p95")),
+            100.0 * used,
+            fallen,
+            figure("/normal_error_settled_deg/rmse"),
+            figure("/tool_error_deg/mean"),
+            figure("/force/rmse_n"),
+        );
+        assert_eq!(
+            report["phase"], "done",
+            "{}: {}",
+            case.name, report["fault"]
+        );
+        assert_eq!(figure("/contact/lost_count"), 0.0, "{}", case.name);
+        assert!(
+            figure("/force/rmse_n") < 0.3,
+            "{}: {}",
+            case.name,
+            report["force"]
+        );
+        // Both processes are on one machine: their clocks are one, whatever lies between them.
+        assert!(
+            clock_ms.abs() < 2.0 * case.wire.delay_ms + 20.0,
+            "{}: {clock_ms}",
+            case.name
+        );
+        if let Some(wanted) = case.used {
+            assert_eq!(used > 0.5, wanted, "{}: {used}", case.name);
+        }
+    }
+}
+
+/// Share of the task in which the estimator over there was the one in use.
+fn share_in_use(report: &Value) -> f64 {
+    let (mut since, mut used, mut total) = (Some(0.0), 0.0, number(report, "/duration_s"));
+    for switch in report["estimator_switches"].as_array().unwrap() {
+        let at = number(switch, "/time_s");
+        if let Some(since) = since.take() {
+            used += at - since;
+        }
+        since = (switch["to"] == "blend").then_some(at);
+    }
+    used += since.map_or(0.0, |since| total - since);
+    total = total.max(1e-9);
+    used / total
+}
+
+/// One run with the estimator over there; its report, and the clock offset of the other host.
+fn wipe(host: &mut Host, case: &Case) -> (Value, f64) {
+    let folder = tempfile::tempdir().unwrap();
+    let offset = port_offset();
+    let router = 7447 + offset;
+    host.spoil(&case.wire, router);
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let text = std::fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
+    let most = if case.predicts { 0.1 } else { 0.0 };
+    let text = text
+        .replace("port_offset = 0", &format!("port_offset = {offset}"))
+        .replace(
+            "# [controller.settings]",
+            &format!("[controller.settings.normal]\nprediction_max_rad = {most:?}\n#"),
+        )
+        .replace(
+            "listen = [\"tcp/127.0.0.1:7447\"]",
+            &format!("listen = [\"tcp/0.0.0.0:{router}\"]"),
+        );
+    let run_line = r#"run = ["reactive", "quadratic", "gaussian_process", "blend"]"#;
+    let here = text.replace(run_line, r#"run = ["reactive"]"#);
+    let there = text.replace(run_line, r#"run = ["blend"]"#);
+    let local = format!("tcp/127.0.0.1:{router}");
+    let here = write("here.toml", &here.replace("tcp/127.0.0.1:7447", &local));
+    let there = write(
+        "there.toml",
+        &there.replace("tcp/127.0.0.1:7447", &host.router(router)),
+    );
+    let task = write("task.toml", TASK);
+
+    let services = [
+        "router",
+        "simulator",
+        "rtde",
+        "controller",
+        "netft",
+        "estimator",
+    ];
+    let mut cell = Process::start(
+        "cell",
+        &[&["run"], &services[..], &["--cell", &here]].concat(),
+    );
+    let _estimator = host.run(&["run", "estimator", "--cell", &there]);
+    let ask = |args: &[&str]| {
+        let output = run(&[args, &["--json", "--cell", &here]].concat());
+        serde_json::from_slice::<Value>(&output.stdout).ok()
+    };
+    wait_for("both estimators", PATIENCE, || {
+        let list = ask(&["estimator", "list"])?;
+        let rows = list["estimators"].as_array()?;
+        let here = |name: &str| {
+            rows.iter()
+                .any(|r| r["name"] == name && r["rate_hz"].is_number())
+        };
+        (here("blend") && here("reactive")).then_some(())
+    });
+    let records = folder.path().join("records");
+    let mut recorder = Process::start(
+        "recorder",
+        &[
+            "record",
+            "--cell",
+            &here,
+            "--folder",
+            records.to_str().unwrap(),
+        ],
+    );
+    let status = wait_for("the recorder", PATIENCE, || {
+        let status = ask(&["status"])?;
+        let services = status["services"].as_array()?;
+        services
+            .iter()
+            .any(|s| s["name"] == "recorder")
+            .then(|| status.clone())
+    });
+    let services = status["services"].as_array().unwrap();
+    let offsets = services.iter().filter(|s| s["name"] == "estimator");
+    let offsets: Vec<f64> = offsets
+        .filter_map(|s| s["clock_offset_ms"].as_f64())
+        .collect();
+    assert_eq!(offsets.len(), 2, "{status}");
+    let farthest = offsets
+        .into_iter()
+        .fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+    wait_for("the start", PATIENCE, || {
+        let answer = ask(&["task", "start", &task])?;
+        (answer["done"] == true).then_some(())
+    });
+    wait_for("the end", Duration::from_secs(120), || {
+        let answer = ask(&["task", "status"])?;
+        matches!(answer["data"]["phase"].as_str()?, "done" | "fault").then_some(())
+    });
+    recorder.terminate(Duration::from_secs(20));
+    cell.terminate(Duration::from_secs(30));
+    let files = std::fs::read_dir(records)
+        .unwrap()
+        .map(|e| e.unwrap().path());
+    let file = files
+        .into_iter()
+        .find(|p| p.extension().is_some_and(|e| e == "mcap"))
+        .unwrap();
+    let report = run(&["report", file.to_str().unwrap(), "--json", "--no-html"]);
+    (json(&report), farthest)
+}
