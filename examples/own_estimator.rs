@@ -13,7 +13,7 @@ use tangent_schemas::tangent::{ArmState, NormalEstimate};
 use tangent_schemas::topics;
 
 /// Below it there is no direction of sliding, m/s.
-const SPEED_MIN: f64 = 0.002;
+const SPEED_MIN: f64 = 0.005;
 /// Below it nothing is touched, N.
 const FORCE_MIN: f64 = 0.6;
 /// Share of the last normal in the new one: 10 cycles of low pass.
@@ -69,10 +69,14 @@ fn estimate(
         pressing -= way * pressing.dot(&way);
     }
     let new = pressing.try_normalize(1e-9).filter(|_| touching);
-    *last =
-        new.map(|new| last.map_or(new, |old| (old * MEMORY + new * (1.0 - MEMORY)).normalize()));
+    *last = match (new, *last) {
+        // Friction may point anywhere while the tool stands.
+        (Some(_), Some(old)) if !sliding => Some(old),
+        (Some(new), Some(old)) => Some((old * MEMORY + new * (1.0 - MEMORY)).normalize()),
+        (new, _) => new,
+    };
     let normal = last.unwrap_or_else(|| -pose.z_axis());
-    let sigma_rad: f64 = if sliding { 0.03 } else { 0.3 };
+    let sigma_rad: f64 = if sliding { 0.05 } else { 0.3 };
     let across = Matrix3::identity() - normal * normal.transpose();
     Some(NormalEstimate {
         header: arm.header.clone(),

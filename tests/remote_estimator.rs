@@ -85,7 +85,7 @@ fn delay_jitter_loss_and_reordering_are_borne() {
     let mut host = Host::new();
     eprintln!("the other host is {}", host.describe());
     eprintln!(
-        "| way there, and back | age of the normal in use, mean / p95 | share of the time in use; fallen back | normal error | tool error | force RMSE |"
+        "| way there, and back | age of the normals from there, mean / p95 | share of the time in use; fallen back | normal error, RMSE | tool off square, mean | force RMSE |"
     );
     eprintln!("|---|---|---|---|---|---|");
     for case in CASES {

@@ -12,8 +12,7 @@ import threading
 
 from tangent_messages import Cell, rotate
 
-SPEED_MIN = 0.002  # m/s: below it there is no direction of sliding
-FORCE_MIN = 0.6  # N
+SPEED_MIN, FORCE_MIN = 0.005, 0.6  # m/s, N: below there is no direction of sliding, no contact
 MEMORY = 0.9  # share of the last normal in the new one: 10 cycles of low pass
 
 
@@ -23,13 +22,15 @@ def normal(arm, force, last):
     force, speed = rotate(q, (force.x, force.y, force.z)), math.hypot(v.x, v.y, v.z)
     if math.hypot(*force) < FORCE_MIN:
         return [-x for x in rotate(q, (0, 0, 1))], 1.0, (6, "no contact")
+    if speed < SPEED_MIN and last:
+        return last, 0.1, None  # friction may point anywhere now
     if speed > SPEED_MIN:
         way = (v.x / speed, v.y / speed, v.z / speed)
         friction = sum(force[i] * way[i] for i in range(3))
         force = [force[i] - friction * way[i] for i in range(3)]
-    new = [x / math.hypot(*force) for x in force]
-    mixed = [MEMORY * last[i] + (1 - MEMORY) * new[i] for i in range(3)] if last else new
-    return [x / math.hypot(*mixed) for x in mixed], 0.03 if speed > SPEED_MIN else 0.3, None
+    new = [x / math.hypot(*force) * (1 - MEMORY) for x in force]
+    mixed = [new[i] + MEMORY * last[i] for i in range(3)] if last else new
+    return [x / math.hypot(*mixed) for x in mixed], 0.05 if speed > SPEED_MIN else 0.3, None
 
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -43,9 +44,7 @@ with Cell(args.cell, args.router) as cell:
     status = cell.latest("wrench/status", "tangent_msgs/msg/WrenchStatus")
     wrench = cell.latest("wrench/tool", "geometry_msgs/msg/WrenchStamped")
     known = {"normal": None}
-
-    def on_arm(arm):
-        """One estimate per packet of the robot, with that packet's cycle and stamp."""
+    def on_arm(arm):  # one estimate per packet of the robot, with its cycle and stamp
         felt, trust = wrench(), status()
         if felt is None or trust is None or trust.validity:
             return
