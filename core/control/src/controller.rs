@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Arm, Base, Flange, Joints, Pose, Tool, Twist, Wrench};
 
 use crate::alignment::{alignment_error, alignment_rate};
-use crate::estimator_choice::ChoiceRules;
 use crate::force_law::ForceSample;
 use crate::joint_velocity::JointVelocity;
 use crate::limits::clamp_norm;
 use crate::run::{Percept, Requests, Run, approach_speed};
+use crate::switching::ChoiceRules;
 use crate::wrench_guard::WrenchVerdict;
 use crate::{
     CommandKind, ControlError, ControlInput, ControlOutput, ControllerConfig, EstimateInput,

@@ -21,6 +21,7 @@ mod program;
 mod run;
 pub mod stiffness;
 pub mod surface;
+mod switching;
 mod task;
 pub mod tracking;
 pub mod wrench_guard;
@@ -31,7 +32,6 @@ pub use config::{
 };
 pub use controller::Controller;
 pub use error::ControlError;
-pub use estimator_choice::{SwitchCause, SwitchRefusal};
 pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameter::Parameter;
@@ -39,6 +39,7 @@ pub use path::{Circle, Line, Path, PathPoint, PathSpec, Raster, Stay, Waypoints}
 pub use phases::{Fault, Phase};
 pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
+pub use switching::{SwitchCause, SwitchRefusal};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis,

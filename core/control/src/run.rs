@@ -6,9 +6,10 @@ use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Tool, Wrench};
 use tangent_sensing::Validity;
 
-use crate::estimator_choice::{ChoiceRules, EstimateStatus, EstimatorChoice};
+use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
 use crate::surface::Surface;
+use crate::switching::ChoiceRules;
 use crate::tracking::Tracking;
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
 use crate::{ControlInput, ControllerConfig, Fault, Limits, Phase, Program};
