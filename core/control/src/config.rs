@@ -42,7 +42,7 @@ pub struct ForceConfig {
     pub loop_delay_s: f64,
     /// Product of crossover and delay aimed at, rad: 0.3 is well damped, above 1 rings.
     pub delay_margin_rad: f64,
-    /// Stiffness taken before touchdown, N/m.
+    /// Stiffest contact to expect, N/m: taken until touchdown shows better.
     pub stiffness_expected_n_per_m: f64,
     /// Overshoot accepted at touchdown on the expected stiffness, as a share of the reference; bounds the approach speed.
     pub overshoot_accepted: f64,
@@ -171,10 +171,10 @@ impl Default for ForceConfig {
             mass_kg: 1.0,
             damping_n_s_per_m: 150.0,
             adaptive: true,
-            damping_max_n_s_per_m: 4000.0,
+            damping_max_n_s_per_m: 6000.0,
             loop_delay_s: 0.04,
             delay_margin_rad: 0.45,
-            stiffness_expected_n_per_m: 10_000.0,
+            stiffness_expected_n_per_m: 50_000.0,
             overshoot_accepted: 0.2,
             approach_slowed: true,
             integral_ratio: 4.0,

@@ -7,8 +7,9 @@ use crate::alignment::{alignment_error, alignment_rate};
 use crate::force_law::ForceSample;
 use crate::joint_velocity::JointVelocity;
 use crate::limits::clamp_norm;
-use crate::run::{Percept, Requests, Run, approach_speed};
+use crate::run::{Percept, Requests, Run};
 use crate::switching::ChoiceRules;
+use crate::touchdown::{approach_speed, seek_speed};
 use crate::wrench_guard::WrenchVerdict;
 use crate::{
     CommandKind, ControlError, ControlInput, ControlOutput, ControllerConfig, EstimateInput,
@@ -357,7 +358,8 @@ fn wanted_twist(
         Phase::Approach => Twist::new(run.approach * approach_speed(program, config), still),
         Phase::Seek => {
             run.tracking.freeze();
-            Twist::new(normal * -config.contact.seek_speed_m_per_s, still)
+            let speed = seek_speed(config, reference_n, run.force.stiffness_n_per_m());
+            Twist::new(normal * -speed, still)
         }
         Phase::Retract => Twist::new(run.retract * program.task.end.retract_speed_m_per_s, still),
         Phase::Hold if run.stands_without_wrench() => {

@@ -13,6 +13,10 @@ use crate::limits::clamp_norm;
 use crate::stiffness::Stiffness;
 use crate::{ControllerConfig, Limits};
 
+/// After a touch the tool is called back at the speed it came with, for this share of the loop's delay: an arm that lags stops
+/// sooner for it, and ends where it felt the surface and not a whole delay deeper.
+const RECOIL_SHARE: f64 = 0.6;
+
 /// What the force law sees of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct ForceSample {
@@ -40,6 +44,8 @@ pub struct ForceLaw {
     stiffness: Stiffness,
     reference_n: f64,
     touch_wait_s: f64,
+    /// Outward speed after a touch, m/s, and how long it still lasts, s.
+    recoil: (f64, f64),
     damping: f64,
     /// Depth along the normal, summed up from steps: the normal may turn meanwhile, and the origin is far away.
     depth_m: f64,
@@ -55,6 +61,7 @@ impl ForceLaw {
             stiffness: Stiffness::new(stiffness_n_per_m),
             reference_n: 0.0,
             touch_wait_s: 0.0,
+            recoil: (0.0, 0.0),
             damping: 0.0,
             depth_m: 0.0,
             position: None,
@@ -71,11 +78,13 @@ impl ForceLaw {
         self.position = None;
         self.reference_n = force_n;
         // What is already on its way arrives first; the law then starts from what is there.
-        self.touch_wait_s = if config.force.adaptive {
-            1.5 * config.force.loop_delay_s
+        let delay_s = if config.force.adaptive {
+            config.force.loop_delay_s
         } else {
             0.0
         };
+        self.touch_wait_s = 1.5 * delay_s;
+        self.recoil = (speed_m_per_s, RECOIL_SHARE * delay_s);
     }
 
     /// Stiffness in use, N/m.
@@ -152,6 +161,10 @@ impl ForceLaw {
         );
         let twist = law.step(&mut self.state, &error, dt);
         let mut speed = twist.linear.z;
+        if waiting && self.recoil.1 > 0.0 {
+            self.recoil.1 -= dt;
+            speed = self.recoil.0;
+        }
         if force.integral_ratio > 0.0 {
             if !waiting {
                 // The crossover follows from the stiffness and the damping in use.
@@ -196,6 +209,7 @@ fn contact_axes(normal: &Vector3<f64>, base_from_tool: &Pose<Base, Tool>) -> Uni
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::touchdown::touchdown_speed;
     use proptest::prelude::*;
     use std::collections::VecDeque;
 
@@ -276,16 +290,15 @@ mod tests {
     }
 
     #[test]
-    fn touchdown_is_gentle_from_soft_to_stiff_at_both_rates() {
+    fn touchdown_is_gentle_from_soft_to_stiff_at_both_rates_told_nothing() {
+        let config = ControllerConfig::default();
+        let speed = touchdown_speed(&config, 3.0, config.force.stiffness_expected_n_per_m);
         for (dt, delay) in [(0.008, 0.016), (0.008, 0.024), (0.002, 0.006)] {
-            for stiffness in [1e3, 2.5e3, 5e3, 1e4] {
-                let (overshoot, worst) = touchdown("default", stiffness, dt, delay, 0.005);
-                assert!(overshoot < 20.0, "{stiffness} at {dt}: {overshoot} %");
+            for stiffness in [1e3, 2e3, 5e3, 1e4, 2.5e4, 5e4] {
+                let (overshoot, worst) = touchdown("default", stiffness, dt, delay, speed);
+                assert!(overshoot < 30.0, "{stiffness} at {dt}: {overshoot} %");
                 assert!(worst < 0.05, "{stiffness} at {dt}: {worst} N");
             }
-            // Beyond what was expected the first impact is what it is; the loop must still be stable.
-            let (_, worst) = touchdown("default", 2.5e4, dt, delay, 0.0025);
-            assert!(worst < 0.05, "25 kN/m at {dt}: {worst} N");
         }
     }
 

@@ -23,7 +23,8 @@ pub mod stiffness;
 pub mod surface;
 mod switching;
 mod task;
-pub mod tracking;
+pub mod touchdown;
+mod tracking;
 pub mod wrench_guard;
 
 pub use config::{

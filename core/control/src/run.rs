@@ -10,6 +10,7 @@ use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
 use crate::surface::Surface;
 use crate::switching::ChoiceRules;
+use crate::touchdown::{approach_speed, seek_speed, stiffness_expected};
 use crate::tracking::Tracking;
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
 use crate::{ControlInput, ControllerConfig, Fault, Limits, Phase, Program};
@@ -330,10 +331,11 @@ impl Run {
             Phase::Hold => self.decide_hold(program, config, requests, percept),
             Phase::Seek => {
                 let way = -(percept.position - self.phase_start).dot(&self.surface.normal);
-                let patience =
-                    1.0 + 3.0 * limits.blind_distance_max_m / config.contact.seek_speed_m_per_s;
+                let stiffness = self.force.stiffness_n_per_m();
+                let speed = seek_speed(config, reference_n, stiffness);
+                let patience = 1.0 + 3.0 * limits.blind_distance_max_m / speed;
                 if self.in_contact {
-                    self.touch(config, percept, config.contact.seek_speed_m_per_s);
+                    self.touch(config, percept, speed);
                 } else if way > limits.blind_distance_max_m || self.in_phase_s > patience {
                     self.leave(percept, Some(Fault::SurfaceLost));
                 }
@@ -466,26 +468,4 @@ fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> {
         (limits.workspace_min_m[i]..=limits.workspace_max_m[i]).contains(&percept.position[i])
     });
     (!inside).then_some(Fault::Workspace)
-}
-
-fn stiffness_expected(program: &Program, config: &ControllerConfig) -> f64 {
-    program
-        .task
-        .approach
-        .stiffness_expected_n_per_m
-        .unwrap_or(config.force.stiffness_expected_n_per_m)
-}
-
-/// Speed of the approach, m/s: the task's, slowed so that the force that builds up before the loop can answer stays
-/// within the accepted overshoot on the expected stiffness.
-pub(crate) fn approach_speed(program: &Program, config: &ControllerConfig) -> f64 {
-    let wanted = program.task.approach.speed_m_per_s;
-    if !config.force.approach_slowed {
-        return wanted;
-    }
-    let reference = program.task.force.reference_n;
-    let touch = (config.contact.touch_share * reference).max(config.contact.noise_n);
-    let room = (1.0 + config.force.overshoot_accepted) * reference - touch;
-    let gentle = room / (stiffness_expected(program, config) * config.force.loop_delay_s);
-    wanted.min(gentle.max(0.0005))
 }

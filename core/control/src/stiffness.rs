@@ -71,7 +71,7 @@ impl Stiffness {
         let share = if measured > self.value_n_per_m {
             1.0
         } else {
-            dt_s / (dt_s + 0.2)
+            dt_s / (dt_s + 0.1)
         };
         self.value_n_per_m += share * (measured - self.value_n_per_m);
     }

@@ -57,7 +57,7 @@ impl Default for SensingConfig {
             force_bias_drift_n_per_sqrt_s: 0.03,
             payload_error_n: 0.2,
             gravity_direction_in_base: [0.0, 0.0, -1.0],
-            torque_sd_nm: 0.01,
+            torque_sd_nm: 0.007,
             velocity_sd_m_per_s: 0.0002,
             compliance_m_per_n: 2e-4,
         }
@@ -68,11 +68,12 @@ impl SensingConfig {
     /// Simulated sensors without bias, noise or payload error.
     pub fn ideal() -> Self {
         Self {
-            force_noise_n: 0.01,
+            force_noise_n: 0.003,
             force_bias_sd_n: 0.0,
             force_bias_drift_n_per_sqrt_s: 0.0,
             payload_error_n: 0.0,
-            torque_sd_nm: 0.001,
+            torque_sd_nm: 0.0003,
+            velocity_sd_m_per_s: 0.00002,
             ..Self::default()
         }
     }
@@ -200,7 +201,7 @@ impl Default for GaussianProcessConfig {
             spacing_m: 0.002,
             look_ahead_s: 0.03,
             look_ahead_max_m: 0.003,
-            noise_rad: 0.01,
+            noise_rad: 0.003,
         }
     }
 }

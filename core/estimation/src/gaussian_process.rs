@@ -179,8 +179,19 @@ impl GaussianProcess {
         // The samples come out of one filter and share its bias: their errors do not average away, so the weighted
         // mean of their covariances stays on top of the process's own variance.
         let share: f64 = weights.iter().map(|w| w.abs()).sum();
-        let own = (amplitude2 - cross.dot(&weights)).max(0.0);
-        let covariance = common / share.max(1.0) + Matrix2::identity() * own;
+        // The process's own doubt, with perfect samples, and their independent errors; the common ones are above.
+        let mut own = amplitude2 - 2.0 * cross.dot(&weights);
+        for (i, (_, a)) in chosen.iter().enumerate() {
+            own += weights[i] * weights[i] * (amplitude2 + g.noise_rad.powi(2));
+            for j in 0..i {
+                own += 2.0 * weights[i] * weights[j] * kernel(&a.point, &chosen[j].1.point);
+            }
+        }
+        // It is asked for a point that the tool has not reached.
+        let ahead = filter.shape() * mean.project(&self.look_ahead(motion));
+        let covariance = common / share.max(1.0)
+            + Matrix2::identity() * own.max(0.0)
+            + ahead * ahead.transpose();
         let predicted = mean.turned(&turn);
         Some(NormalEstimate {
             normal: predicted.normal,

@@ -79,6 +79,8 @@ pub struct LoopCycle<'a> {
     pub output: &'a ControlOutput,
     /// Newest estimate of the estimator in use.
     pub estimate: Option<&'a NormalEstimate>,
+    /// Newest estimate of each of the task's estimators, in its order.
+    pub estimates: &'a [Option<NormalEstimate>],
     /// What really happened.
     pub truth: &'a Truth,
 }
@@ -335,6 +337,7 @@ impl ClosedLoop {
             input: &input,
             output: &self.output,
             estimate: estimate.as_ref(),
+            estimates: &self.estimates[0],
             truth: &truth,
         });
         self.digest_cycle(&arm, &input.wrench, estimate.as_ref(), &truth);

@@ -7,8 +7,15 @@ use crate::motion::Motion;
 
 /// Distance over which velocity errors and friction's own fluctuations stay alike, m.
 const FLUCTUATION_LENGTH_M: f64 = 0.002;
+/// The wrench filter leaves samples alike for so long, s.
+const FORCE_CORRELATION_S: f64 = 0.01;
 /// Friction's fluctuation around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
+/// Doubt of what a tilt does to the centre of pressure, relative: radius and stiffness are known roughly, and a tilted pad
+/// touches with a part of itself only.
+const FLUSH_DOUBT: f64 = 1.0;
+/// Pad and tool axis are square to each other this well, rad.
+const FLUSH_SD_RAD: f64 = 0.002;
 /// Distance over which the surface's unrest is learnt, m.
 const UNREST_LENGTH_M: f64 = 0.01;
 /// Bounds of the unrest: the variance with which curvature changes, relative to the configured one.
@@ -23,7 +30,7 @@ impl ContactFilter {
         motion: &Motion,
     ) {
         let s = &self.config.sensing;
-        let mut sd2 = s.velocity_sd_m_per_s.powi(2);
+        let mut sd2 = self.velocity_noise.variance();
         sd2 += (s.compliance_m_per_n * self.force_rate_n_per_s).powi(2);
         sd2 += (self.centre_sd_m * motion.angular.norm()).powi(2);
         let mut row = Row::zeros();
@@ -34,6 +41,8 @@ impl ContactFilter {
         self.shape_row(&mut row, velocity);
         let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
         let innovation = -normal.dot(velocity);
+        self.velocity_noise
+            .learn(innovation, speed * motion.dt_s / FLUCTUATION_LENGTH_M);
         let expected = row.dot(&(self.covariance * row)) + sd2;
         self.learn_unrest(innovation, expected, speed * motion.dt_s);
         self.correct(&row, innovation, sd2 * alike);
@@ -46,7 +55,7 @@ impl ContactFilter {
         self.innovation_m2_per_s2 += share * (innovation * innovation - self.innovation_m2_per_s2);
         self.expected_m2_per_s2 += share * (expected - self.expected_m2_per_s2);
         if self.expected_m2_per_s2 > 0.0 {
-            let ratio = (self.innovation_m2_per_s2 / self.expected_m2_per_s2).clamp(0.05, 20.0);
+            let ratio = (self.innovation_m2_per_s2 / self.expected_m2_per_s2).clamp(0.02, 50.0);
             self.unrest = (self.unrest * ratio.powf(2.0 * share)).clamp(UNREST.0, UNREST.1);
         }
     }
@@ -64,15 +73,17 @@ impl ContactFilter {
         let line = expected.normalize();
         let across = normal.cross(&t);
         let along = across.cross(&line);
-        let s = &self.config.sensing;
         // The wrench filter leaves neighbouring samples alike.
-        let noise = s.force_noise_n.powi(2) * (2.0 * 0.01 / motion.dt_s).max(1.0);
+        let noise = self.config.sensing.force_noise_n.powi(2)
+            * (2.0 * FORCE_CORRELATION_S / motion.dt_s).max(1.0);
         let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
 
         let across_innovation = across.dot(&force);
         let row = self.force_row(&across, &normal, &t, load, motion);
-        // The direction of sliding is known to a few degrees: friction leaks across by that much.
-        let leak = (self.friction * load * 0.02).powi(2);
+        // Friction leaks across as far as the direction of sliding is in doubt: the arm's velocity, and as much again from
+        // a tool that gives way and turns.
+        let sideways = 2.0 * self.config.sensing.velocity_sd_m_per_s / speed;
+        let leak = (self.friction * load * sideways.min(0.5)).powi(2);
         self.correct(&row, across_innovation, noise + leak * alike);
 
         let along_innovation = along.dot(&force);
@@ -107,6 +118,41 @@ impl ContactFilter {
         for axis in [self.frame.first, self.frame.second] {
             let row = self.force_row(&axis, &normal, &t, load, motion);
             self.correct(&row, axis.dot(&force), variance);
+        }
+    }
+
+    /// A flat pad that stands askew is pressed harder on one side: the centre of pressure says how far, as well as pad
+    /// and stiffness are known. One best look: torque bias and stiffness are the same all the time.
+    pub(super) fn measure_flush(&mut self, motion: &Motion, pressing_n: f64) {
+        let c = &self.config.contact;
+        if pressing_n < c.force_on_n || c.pad_radius_m <= 0.0 {
+            return;
+        }
+        let (point, force_n) = self.touch;
+        let gained_n = pressing_n - force_n;
+        let z: Vector3<f64> = motion.rotation.column(2).into();
+        if gained_n > 0.2 * pressing_n {
+            let measured = (motion.point_lagged - point).dot(&z) / gained_n;
+            self.compliance_m_per_n = measured.clamp(1e-5, 5e-3);
+        }
+        // A bed of springs under a disk: tilt = 4 N c / (k R²), and what the surface itself turns by up to there.
+        let soft = 4.0 * pressing_n * self.compliance_m_per_n / c.pad_radius_m.powi(2);
+        let centre = self.frame.project(&self.centre);
+        let tilt = centre * soft + self.shape * centre;
+        let doubt = soft.hypot(self.config.surface.curvature_sd_per_m);
+        let variance = (FLUSH_DOUBT * doubt * centre.norm()).powi(2)
+            + (doubt * self.centre_sd_m).powi(2)
+            + FLUSH_SD_RAD.powi(2);
+        let gained = 1.0 / variance - self.flush_information;
+        if gained <= 0.02 * self.flush_information {
+            return;
+        }
+        self.flush_information = 1.0 / variance;
+        let innovation = self.frame.project(&-z) - tilt;
+        for i in 0..2 {
+            let mut row = Row::zeros();
+            row[NORMAL + i] = 1.0;
+            self.correct(&row, innovation[i], 1.0 / gained);
         }
     }
 

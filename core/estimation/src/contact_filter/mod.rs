@@ -8,10 +8,12 @@
 //! that the payload's compensation is wrong by (N), which shows as the tool turns away from where it was tared.
 
 mod measurements;
+mod residual;
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 use tangent_sensing::Validity;
 
+use self::residual::Residual;
 use crate::motion::{Motion, free_space};
 use crate::tangent_frame::TangentFrame;
 use crate::{EstimatorConfig, NormalEstimate};
@@ -29,6 +31,8 @@ type Row = SVector<f64, STATES>;
 const FREE_CORRELATION_S: f64 = 0.5;
 /// What inertia and cables add to the force in free space, N.
 const FREE_FORCE_SD_N: f64 = 0.05;
+/// How well the lag between wrench and motion is known, s.
+const LAG_SD_S: f64 = 0.008;
 /// Innovations beyond this many standard deviations count less.
 const HUBER_SD: f64 = 2.5;
 
@@ -70,6 +74,14 @@ pub(crate) struct ContactFilter {
     unrest: f64,
     innovation_m2_per_s2: f64,
     expected_m2_per_s2: f64,
+    velocity_noise: Residual,
+    /// Information of the best look at the pad's torque, 1/rad².
+    flush_information: f64,
+    /// Point and pressing force at touchdown.
+    touch: (Vector3<f64>, f64),
+    compliance_m_per_n: f64,
+    turn_rate_rad_per_s: f64,
+    speed_m_per_s: f64,
     centre: Vector3<f64>,
     centre_sd_m: f64,
 }
@@ -102,6 +114,12 @@ impl ContactFilter {
             unrest: 1.0,
             innovation_m2_per_s2: 0.0,
             expected_m2_per_s2: 0.0,
+            velocity_noise: Residual::new(config.sensing.velocity_sd_m_per_s),
+            flush_information: 0.0,
+            touch: (Vector3::zeros(), 0.0),
+            compliance_m_per_n: config.sensing.compliance_m_per_n,
+            turn_rate_rad_per_s: 0.0,
+            speed_m_per_s: 0.0,
             centre: Vector3::zeros(),
             centre_sd_m: 0.0,
         };
@@ -138,7 +156,7 @@ impl ContactFilter {
             return;
         }
         if self.state == ContactState::Free {
-            self.touch_down(motion);
+            self.touch_down(motion, pressing_n);
         }
         self.centre_of_pressure(motion, pressing_n);
         self.travel(motion);
@@ -147,6 +165,7 @@ impl ContactFilter {
         let velocity = self.contact_velocity(motion);
         let tangential = velocity - self.frame.normal * self.frame.normal.dot(&velocity);
         let speed = tangential.norm();
+        self.speed_m_per_s = speed;
         let sliding = speed > self.config.contact.sliding_speed_min_m_per_s;
         self.track_sliding(&tangential, speed, sliding, motion.dt_s);
         if sliding {
@@ -160,6 +179,7 @@ impl ContactFilter {
             self.state = ContactState::Pressing;
             if !self.slid {
                 self.measure_pressing_force(motion);
+                self.measure_flush(motion, pressing_n);
             }
         }
     }
@@ -213,12 +233,14 @@ impl ContactFilter {
         }
     }
 
-    fn touch_down(&mut self, motion: &Motion) {
+    fn touch_down(&mut self, motion: &Motion, pressing_n: f64) {
         let c = &self.config.contact;
         let remembered = self.slid && self.free_distance_m <= c.memory_distance_m;
         self.force_filtered_n = 0.0;
         self.force_rate_n_per_s = 0.0;
         self.pressing_information = 0.0;
+        self.flush_information = 0.0;
+        self.touch = (motion.point_lagged, pressing_n);
         if remembered {
             let sd = self.config.surface.curvature_sd_per_m * self.free_distance_m;
             for i in NORMAL..NORMAL + 2 {
@@ -279,7 +301,7 @@ impl ContactFilter {
         f[(NORMAL + 1, SHAPE + 2)] = d.x;
         self.covariance = f * self.covariance * f.transpose();
         let s = &self.config.surface;
-        let waviness = s.waviness_rad_per_sqrt_m.powi(2) * distance;
+        let waviness = s.waviness_rad_per_sqrt_m.powi(2) * distance * self.unrest;
         let curvature = s.curvature_change_per_m_per_sqrt_m.powi(2) * distance * self.unrest;
         let friction = s.friction_change_per_sqrt_m.powi(2) * distance;
         for (state, q) in [
@@ -314,6 +336,13 @@ impl ContactFilter {
             return;
         }
         let direction = tangential / speed;
+        // How fast the direction of sliding turns, over 50 ms.
+        if self.slide_distance_m > 0.0 {
+            let turn = direction.cross(&self.slide_direction).norm().min(1.0) / dt_s;
+            self.turn_rate_rad_per_s += dt_s / (0.05 + dt_s) * (turn - self.turn_rate_rad_per_s);
+        } else {
+            self.turn_rate_rad_per_s = 0.0;
+        }
         // Sixty degrees: friction follows a gentle turn by itself.
         if direction.dot(&self.slide_direction) < 0.5 {
             self.slide_distance_m = 0.0;
@@ -366,7 +395,18 @@ impl ContactFilter {
     pub fn normal_covariance(&self) -> Matrix2<f64> {
         let filtered = self.covariance.fixed_view::<2, 2>(0, 0).into_owned();
         // Where in the pad the force acts is never averaged out: a torque bias stays.
-        filtered + self.shape * self.shape * self.centre_sd_m.powi(2)
+        let centre = self.shape * self.shape * self.centre_sd_m.powi(2);
+        // The wrench's lag is known to some milliseconds: what turns meanwhile stays too.
+        let ahead = self.frame.project(&self.slide_direction);
+        let across = Vector2::new(-ahead.y, ahead.x);
+        let turned = self.shape * ahead * (self.speed_m_per_s * LAG_SD_S);
+        let leaked = across * (self.friction * self.turn_rate_rad_per_s * LAG_SD_S);
+        // The pad feels a mean over itself, which is the normal in its middle only where curvature is constant.
+        let s = &self.config.surface;
+        let radius = self.config.contact.pad_radius_m;
+        let change = s.curvature_change_per_m_per_sqrt_m * (self.unrest * radius).sqrt();
+        let mean = Matrix2::identity() * (0.25 * radius * change).powi(2);
+        filtered + centre + mean + turned * turned.transpose() + leaked * leaked.transpose()
     }
 
     /// Unit direction of sliding, tangent; zero while there was none.
@@ -382,6 +422,11 @@ impl ContactFilter {
     /// Its standard deviation per axis, m.
     pub fn centre_sd_m(&self) -> f64 {
         self.centre_sd_m
+    }
+
+    /// Shape operator in tangent axes, 1/m.
+    pub fn shape(&self) -> &Matrix2<f64> {
+        &self.shape
     }
 
     /// Pressing force along the normal, N.

@@ -12,8 +12,6 @@ pub const SETTLING_LEFT_OUT_S: f64 = 1.0;
 const SETTLED_SHARE: f64 = 0.10;
 /// ...for this long, s.
 const SETTLED_FOR_S: f64 = 0.5;
-/// Overshoot is looked for this long after first contact, s, or until sliding begins if that is earlier.
-const TOUCHDOWN_S: f64 = 5.0;
 
 /// What the estimator in use said in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -149,7 +147,7 @@ pub struct ForceFigures {
     pub p95_abs_error_n: Option<f64>,
     /// Highest of the whole run.
     pub peak_n: Option<f64>,
-    /// Peak of the touchdown above the reference, in percent of it; 0 when it stays below.
+    /// Peak of the whole touchdown, bounces and all, above the reference, in percent of it; 0 when it stays below.
     pub overshoot_percent: Option<f64>,
     /// From first contact until it stays within 10 % for half a second.
     pub settling_s: Option<f64>,
@@ -285,11 +283,22 @@ fn root_mean_square(values: &[f64]) -> Option<f64> {
         .then(|| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt())
 }
 
-/// Normalised squared error of the normal in its tangent plane, over its two degrees of freedom.
 fn nees_per_dof(sample: &CycleSample) -> Option<f64> {
     let estimate = sample.estimate.filter(|e| e.valid)?;
-    let truth = sample.truth?;
-    let n = estimate.normal;
+    nees_of_normal(
+        &estimate.normal,
+        &estimate.covariance,
+        &sample.truth?.normal,
+    )
+}
+
+/// Normalised squared error of a normal in its tangent plane, over its two degrees of freedom; none where the
+/// covariance (rad²) is singular there.
+pub fn nees_of_normal(
+    n: &Vector3<f64>,
+    covariance: &Matrix3<f64>,
+    truth: &Vector3<f64>,
+) -> Option<f64> {
     let seed = if n.x.abs() < 0.9 {
         Vector3::x()
     } else {
@@ -297,10 +306,10 @@ fn nees_per_dof(sample: &CycleSample) -> Option<f64> {
     };
     let a = n.cross(&seed).normalize();
     let b = n.cross(&a);
-    let p = estimate.covariance;
+    let p = covariance;
     let (aa, ab, bb) = (a.dot(&(p * a)), a.dot(&(p * b)), b.dot(&(p * b)));
     let determinant = aa * bb - ab * ab;
-    let (ea, eb) = (truth.normal.dot(&a), truth.normal.dot(&b));
+    let (ea, eb) = (truth.dot(&a), truth.dot(&b));
     let value = (bb * ea * ea - 2.0 * ab * ea * eb + aa * eb * eb) / determinant / 2.0;
     (determinant > 0.0 && value.is_finite()).then_some(value)
 }
@@ -327,9 +336,9 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
     sizes.sort_by(f64::total_cmp);
 
     let start = span.first().map_or(0.0, |s| s.time_s);
-    let touchdown = span
+    let settled = settling(span, reference_n);
+    let touchdown = touchdown(span, settled)
         .iter()
-        .take_while(|s| s.time_s <= start + TOUCHDOWN_S && s.phase != Phase::Slide)
         .map(CycleSample::pressing_n)
         .reduce(f64::max);
     let overshoot = |peak: f64| ((peak / reference_n - 1.0) * 100.0).max(0.0);
@@ -341,8 +350,31 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
         p95_abs_error_n: (!sizes.is_empty()).then(|| percentile_95(&sizes)),
         peak_n: span.iter().map(CycleSample::pressing_n).reduce(f64::max),
         overshoot_percent: touchdown.filter(|_| reference_n > 0.0).map(overshoot),
-        settling_s: settling(span, reference_n).map(|t| t - start),
+        settling_s: settled.map(|t| t - start),
     }
+}
+
+/// The touchdown: from first contact until the force has settled or the tool slides for good, whatever contacts are lost and
+/// found again between; the whole span where neither ever comes.
+fn touchdown(span: &[CycleSample], settled: Option<f64>) -> &[CycleSample] {
+    let mut sliding_from = None;
+    let mut end = span.len();
+    for (i, sample) in span.iter().enumerate() {
+        if settled.is_some_and(|t| sample.time_s >= t + SETTLED_FOR_S) {
+            end = i;
+            break;
+        }
+        if sample.phase != Phase::Slide || !sample.touches() {
+            sliding_from = None;
+            continue;
+        }
+        let (from, since) = *sliding_from.get_or_insert((i, sample.time_s));
+        if sample.time_s - since >= SETTLED_FOR_S {
+            end = from;
+            break;
+        }
+    }
+    &span[..end.max(1).min(span.len())]
 }
 
 /// Time from which the force stays within its band for long enough.

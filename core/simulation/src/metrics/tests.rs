@@ -181,3 +181,57 @@ fn a_run_without_contact_has_nulls() {
     assert_eq!(figures.contact.first_s, None);
     assert_eq!(figures.force.rmse_n, None);
 }
+
+#[test]
+fn a_touchdown_that_bounces_is_judged_by_its_highest_bounce() {
+    // 0.2 s on the surface, 0.1 s off it, each time harder; from 2.1 s on it stays.
+    let bouncing = |settles: bool| {
+        run(|i, s| {
+            let (bounce, inside) = (i / 30, i % 30);
+            let done = settles && i >= 210;
+            s.phase = if done && i >= 300 {
+                Phase::Slide
+            } else if done || inside < 20 {
+                Phase::Contact
+            } else {
+                Phase::Seek
+            };
+            let truth = s.truth.as_mut().unwrap();
+            truth.in_contact = done || inside < 20;
+            truth.force_n = match (done, truth.in_contact) {
+                (true, _) => 3.0,
+                (false, true) => 2.0 + bounce as f64 * 0.5,
+                (false, false) => 0.0,
+            };
+        })
+        .force
+    };
+    let settled = bouncing(true);
+    assert!((settled.overshoot_percent.unwrap() - 200.0 / 3.0).abs() < 1e-9);
+    assert!((settled.settling_s.unwrap() - 2.1).abs() < 1e-9);
+    // One that never settles is judged by all of it.
+    let never = bouncing(false);
+    assert!((never.overshoot_percent.unwrap() - 550.0 / 3.0).abs() < 1e-9);
+    assert_eq!(never.settling_s, None);
+}
+
+#[test]
+fn a_slide_that_loses_the_surface_at_once_ends_no_touchdown() {
+    let figures = run(|i, s| {
+        s.phase = match i {
+            0..50 | 70..200 => Phase::Contact,
+            60..70 => Phase::Seek,
+            _ => Phase::Slide,
+        };
+        let truth = s.truth.as_mut().unwrap();
+        truth.in_contact = !(60..70).contains(&i);
+        truth.force_n = match i {
+            0..60 => 2.0,
+            60..70 => 0.0,
+            70..80 => 4.5,
+            300 => 9.0,
+            _ => 3.0,
+        };
+    });
+    assert!((figures.force.overshoot_percent.unwrap() - 50.0).abs() < 1e-9);
+}
