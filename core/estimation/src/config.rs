@@ -72,7 +72,7 @@ impl SensingConfig {
             force_bias_sd_n: 0.0,
             force_bias_drift_n_per_sqrt_s: 0.0,
             payload_error_n: 0.0,
-            torque_sd_nm: 0.0003,
+            torque_sd_nm: 0.001,
             velocity_sd_m_per_s: 0.00002,
             ..Self::default()
         }

@@ -6,46 +6,11 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use tangent_control::Phase;
-use tangent_simulation::metrics::{angle_deg, nees_of_normal};
-use tangent_simulation::{Scenario, evaluate_with};
+#[path = "../tests/nees/mod.rs"]
+mod nees;
 
-/// The sound estimators: `blend` steers, the others listen.
-const ESTIMATORS: [&str; 4] = ["blend", "reactive", "quadratic", "gaussian_process"];
-/// Touching down, sliding, standing.
-const PHASES: [&str; 3] = ["contact", "slide", "hold"];
-
-/// Sums over the cycles of one phase.
-#[derive(Clone, Copy, Default)]
-struct Tally {
-    nees: f64,
-    square_deg: f64,
-    variance_deg: f64,
-    count: f64,
-}
-
-impl Tally {
-    fn merge(&mut self, other: &Self) {
-        self.nees += other.nees;
-        self.square_deg += other.square_deg;
-        self.variance_deg += other.variance_deg;
-        self.count += other.count;
-    }
-
-    /// NEES, and per axis the error and the claim, degrees.
-    fn text(&self) -> String {
-        if self.count == 0.0 {
-            return "-".to_owned();
-        }
-        let per_axis = |sum: f64| (0.5 * sum / self.count).sqrt();
-        format!(
-            "{:.2} ({:.2}/{:.2})",
-            self.nees / self.count,
-            per_axis(self.square_deg),
-            per_axis(self.variance_deg)
-        )
-    }
-}
+use nees::{ESTIMATORS, Phases, Tally, measure};
+use tangent_simulation::Scenario;
 
 fn main() -> ExitCode {
     match run() {
@@ -80,7 +45,7 @@ fn run() -> Result<(), String> {
     println!("| scenario | estimator | all | contact | slide | hold |");
     println!("|---|---|---|---|---|---|");
     for name in names {
-        let mut tallies = [[Tally::default(); 3]; 4];
+        let mut sums = [Phases::default(); 4];
         for seed in 1..=seeds {
             let mut all = overrides.clone();
             all.push(format!("seed={seed}"));
@@ -89,45 +54,19 @@ fn run() -> Result<(), String> {
             let text = std::fs::read_to_string(&file).map_err(|e| format!("{name}: {e}"))?;
             let read = |n: &str| std::fs::read_to_string(folder.join(n)).map_err(|e| e.to_string());
             let scenario = Scenario::parse(&name, &text, &all, &read).map_err(|e| e.to_string())?;
-            evaluate_with(&scenario, |cycle| {
-                let phase = match cycle.output.phase {
-                    Phase::Contact => 0,
-                    Phase::Slide => 1,
-                    Phase::Hold => 2,
-                    _ => return,
-                };
-                if !cycle.truth.in_contact {
-                    return;
-                }
-                for (tally, estimate) in tallies.iter_mut().zip(cycle.estimates) {
-                    let Some(e) = estimate.filter(|e| e.validity.is_valid()) else {
-                        continue;
-                    };
-                    let Some(nees) = nees_of_normal(&e.normal, &e.covariance, &cycle.truth.normal)
-                    else {
-                        continue;
-                    };
-                    tally[phase].merge(&Tally {
-                        nees,
-                        square_deg: angle_deg(&e.normal, &cycle.truth.normal).powi(2),
-                        variance_deg: e.covariance.trace() * 1f64.to_degrees().powi(2),
-                        count: 1.0,
-                    });
-                }
-            })
-            .map_err(|e| e.to_string())?;
+            let found = measure(&scenario).map_err(|e| e.to_string())?;
+            for (sum, part) in sums.iter_mut().zip(&found) {
+                sum.merge(part);
+            }
         }
-        for (estimator, phases) in ESTIMATORS.iter().zip(&tallies) {
-            let mut all = Tally::default();
-            phases.iter().for_each(|p| all.merge(p));
-            let cells = phases.iter().map(Tally::text).collect::<Vec<_>>();
+        for (estimator, phases) in ESTIMATORS.iter().zip(&sums) {
+            let cells: Vec<String> = phases.0.iter().map(Tally::text).collect();
             println!(
                 "| `{name}` | `{estimator}` | {} | {} |",
-                all.text(),
+                phases.all().text(),
                 cells.join(" | ")
             );
         }
     }
-    let _ = PHASES;
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! One touchdown on 10 kN/m, cycle by cycle, as a table small enough to read in review.
+//! One touchdown on 10 kN/m, cycle by cycle, as a table small enough to read in review; and from soft to stiff by its figures.
 //!
 //! It changes with every change of the force law, and should: read the difference, then accept it with
 //! `INSTA_UPDATE=always cargo test --release -p tangent-simulation --test touchdown`.
@@ -8,7 +8,7 @@
 
 use std::fmt::Write;
 
-use tangent_simulation::{Scenario, evaluate_with};
+use tangent_simulation::{Scenario, evaluate, evaluate_with};
 
 #[test]
 fn on_a_stiff_surface() {
@@ -44,4 +44,64 @@ fn on_a_stiff_surface() {
         writeln!(table, "{}", lines[row].1.replace("-0.000", " 0.000")).unwrap();
     }
     insta::assert_snapshot!(table);
+}
+
+/// Nothing is told of the stiffness. With a real sensor, an arm's encoders and a tool that lands askew, too.
+#[test]
+fn gentle_from_2_to_50_kn_per_m() {
+    let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");
+    let real: Vec<String> = [
+        "plant.sensor.noise_n_per_sqrt_hz=0.002",
+        "plant.sensor.noise_nm_per_sqrt_hz=6e-5",
+        "plant.sensor.resolution_n=[0.025, 0.025, 0.05]",
+        "plant.sensor.bias_n=2.0",
+        "plant.sensor.bias_nm=0.1",
+        "plant.sensor.drift_n=0.3",
+        "plant.sensor.drift_nm=0.01",
+        "plant.sensor.walk_n_per_sqrt_s=0.005",
+        "plant.arm.encoder_resolution_rad=1e-5",
+        "plant.arm.velocity_resolution_rad_per_s=1e-4",
+        "plant.tool.payload_error.mass_kg=0.02",
+        "plant.start.tilt_rad=0.05",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    for stiffness in [1e3, 2e3, 5e3, 1e4, 2.5e4, 5e4] {
+        let key = format!("plant.contact.stiffness_n_per_m={stiffness:.1}");
+        let mut cells = vec![vec![key.clone()]];
+        for seed in 1..=5 {
+            // The touch may fall anywhere in a cycle.
+            let clearance = format!("plant.start.clearance_m={}", 0.004 + 3e-6 * seed as f64);
+            let mut cell = real.clone();
+            cell.extend([key.clone(), format!("seed={seed}"), clearance.clone()]);
+            cells.extend([cell, vec![key.clone(), clearance]]);
+        }
+        for cell in cells {
+            let scenario =
+                Scenario::parse("touchdown", text, &cell, &|_| Err(String::new())).unwrap();
+            let result = evaluate(&scenario).unwrap();
+            let force = result.figures.force;
+            assert_eq!(result.phase, "done", "{cell:?}");
+            assert!(result.figures.contact.lost_count <= 1, "{cell:?}");
+            assert!(
+                force.overshoot_percent.unwrap() <= 30.0,
+                "{cell:?}: {force:?}"
+            );
+            assert!(force.settling_s.unwrap() < 3.0, "{cell:?}: {force:?}");
+        }
+    }
+}
+
+#[test]
+fn a_touchdown_that_never_settles_is_not_called_gentle() {
+    let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");
+    let paper = ["controller=paper".to_owned()];
+    let scenario = Scenario::parse("touchdown", text, &paper, &|_| Err(String::new())).unwrap();
+    let figures = evaluate(&scenario).unwrap().figures;
+    assert!(
+        figures.force.overshoot_percent.unwrap() > 100.0,
+        "{:?}",
+        figures.force
+    );
+    assert_eq!(figures.force.settling_s, None);
 }

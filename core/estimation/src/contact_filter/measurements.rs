@@ -14,6 +14,10 @@ const FRICTION_FLUCTUATION: f64 = 0.03;
 /// Doubt of what a tilt does to the centre of pressure, relative: radius and stiffness are known roughly, and a tilted pad
 /// touches with a part of itself only.
 const FLUSH_DOUBT: f64 = 1.0;
+/// Softest and stiffest contact believed, as compliance.
+const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
+/// Doubt of a compliance that was not measured yet, as a factor.
+const COMPLIANCE_DOUBT: f64 = 4.0;
 /// Pad and tool axis are square to each other this well, rad.
 const FLUSH_SD_RAD: f64 = 0.002;
 /// Distance over which the surface's unrest is learnt, m.
@@ -29,9 +33,10 @@ impl ContactFilter {
         speed: f64,
         motion: &Motion,
     ) {
-        let s = &self.config.sensing;
         let mut sd2 = self.velocity_noise.variance();
-        sd2 += (s.compliance_m_per_n * self.force_rate_n_per_s).powi(2);
+        // Pressing harder is a motion into the surface, known by half.
+        let giving = self.compliance_m_per_n * self.force_rate_n_per_s;
+        sd2 += (0.5 * giving).powi(2);
         sd2 += (self.centre_sd_m * motion.angular.norm()).powi(2);
         let mut row = Row::zeros();
         let normal = self.normal_at_centre();
@@ -40,7 +45,7 @@ impl ContactFilter {
         row[NORMAL + 1] = tangent.y;
         self.shape_row(&mut row, velocity);
         let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
-        let innovation = -normal.dot(velocity);
+        let innovation = -normal.dot(velocity) - giving;
         self.velocity_noise
             .learn(innovation, speed * motion.dt_s / FLUCTUATION_LENGTH_M);
         let expected = row.dot(&(self.covariance * row)) + sd2;
@@ -74,10 +79,10 @@ impl ContactFilter {
         let across = normal.cross(&t);
         let along = across.cross(&line);
         // The wrench filter leaves neighbouring samples alike.
-        let noise = self.config.sensing.force_noise_n.powi(2)
-            * (2.0 * FORCE_CORRELATION_S / motion.dt_s).max(1.0);
         let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
 
+        let noise = self.config.sensing.force_noise_n.powi(2)
+            * (2.0 * FORCE_CORRELATION_S / motion.dt_s).max(1.0);
         let across_innovation = across.dot(&force);
         let row = self.force_row(&across, &normal, &t, load, motion);
         // Friction leaks across as far as the direction of sliding is in doubt: the arm's velocity, and as much again from
@@ -121,6 +126,19 @@ impl ContactFilter {
         }
     }
 
+    /// Way into the surface over force, since the touch: what tool, wrist and surface give way together.
+    pub(super) fn learn_compliance(&mut self, motion: &Motion, pressing_n: f64) {
+        let (point, force_n) = self.touch;
+        let gained_n = pressing_n - force_n;
+        if gained_n < 0.3 * pressing_n {
+            return;
+        }
+        let z: Vector3<f64> = motion.rotation.column(2).into();
+        let measured = (motion.point_lagged - point).dot(&z) / gained_n;
+        self.compliance_m_per_n = measured.clamp(COMPLIANCE_M_PER_N.0, COMPLIANCE_M_PER_N.1);
+        self.compliance_known = true;
+    }
+
     /// A flat pad that stands askew is pressed harder on one side: the centre of pressure says how far, as well as pad
     /// and stiffness are known. One best look: torque bias and stiffness are the same all the time.
     pub(super) fn measure_flush(&mut self, motion: &Motion, pressing_n: f64) {
@@ -128,18 +146,17 @@ impl ContactFilter {
         if pressing_n < c.force_on_n || c.pad_radius_m <= 0.0 {
             return;
         }
-        let (point, force_n) = self.touch;
-        let gained_n = pressing_n - force_n;
         let z: Vector3<f64> = motion.rotation.column(2).into();
-        if gained_n > 0.2 * pressing_n {
-            let measured = (motion.point_lagged - point).dot(&z) / gained_n;
-            self.compliance_m_per_n = measured.clamp(1e-5, 5e-3);
-        }
         // A bed of springs under a disk: tilt = 4 N c / (k R²), and what the surface itself turns by up to there.
         let soft = 4.0 * pressing_n * self.compliance_m_per_n / c.pad_radius_m.powi(2);
         let centre = self.frame.project(&self.centre);
         let tilt = centre * soft + self.shape * centre;
-        let doubt = soft.hypot(self.config.surface.curvature_sd_per_m);
+        let unknown = if self.compliance_known {
+            1.0
+        } else {
+            COMPLIANCE_DOUBT
+        };
+        let doubt = (unknown * soft).hypot(self.config.surface.curvature_sd_per_m);
         let variance = (FLUSH_DOUBT * doubt * centre.norm()).powi(2)
             + (doubt * self.centre_sd_m).powi(2)
             + FLUSH_SD_RAD.powi(2);

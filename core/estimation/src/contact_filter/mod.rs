@@ -80,6 +80,7 @@ pub(crate) struct ContactFilter {
     /// Point and pressing force at touchdown.
     touch: (Vector3<f64>, f64),
     compliance_m_per_n: f64,
+    compliance_known: bool,
     turn_rate_rad_per_s: f64,
     speed_m_per_s: f64,
     centre: Vector3<f64>,
@@ -118,6 +119,7 @@ impl ContactFilter {
             flush_information: 0.0,
             touch: (Vector3::zeros(), 0.0),
             compliance_m_per_n: config.sensing.compliance_m_per_n,
+            compliance_known: false,
             turn_rate_rad_per_s: 0.0,
             speed_m_per_s: 0.0,
             centre: Vector3::zeros(),
@@ -179,6 +181,7 @@ impl ContactFilter {
             self.state = ContactState::Pressing;
             if !self.slid {
                 self.measure_pressing_force(motion);
+                self.learn_compliance(motion, pressing_n);
                 self.measure_flush(motion, pressing_n);
             }
         }
@@ -320,10 +323,9 @@ impl ContactFilter {
     fn track_force(&mut self, force: &Vector3<f64>, dt_s: f64) {
         self.force_n = self.frame.normal.dot(force);
         // 50 ms tell a touchdown from noise.
-        let gain = dt_s / (0.05 + dt_s);
-        let before = self.force_filtered_n;
-        self.force_filtered_n += (self.force_n - before) * gain;
-        self.force_rate_n_per_s = (self.force_filtered_n - before) / dt_s;
+        // Written without a division by the time, which may be next to nothing.
+        self.force_rate_n_per_s = (self.force_n - self.force_filtered_n) / (0.05 + dt_s);
+        self.force_filtered_n += self.force_rate_n_per_s * dt_s;
     }
 
     fn contact_velocity(&self, motion: &Motion) -> Vector3<f64> {
@@ -338,8 +340,8 @@ impl ContactFilter {
         let direction = tangential / speed;
         // How fast the direction of sliding turns, over 50 ms.
         if self.slide_distance_m > 0.0 {
-            let turn = direction.cross(&self.slide_direction).norm().min(1.0) / dt_s;
-            self.turn_rate_rad_per_s += dt_s / (0.05 + dt_s) * (turn - self.turn_rate_rad_per_s);
+            let turn = direction.cross(&self.slide_direction).norm();
+            self.turn_rate_rad_per_s += (turn - self.turn_rate_rad_per_s * dt_s) / (0.05 + dt_s);
         } else {
             self.turn_rate_rad_per_s = 0.0;
         }
