@@ -34,7 +34,10 @@ pub fn load(path: Option<&Path>) -> Result<CellConfig> {
 /// # Errors
 /// When no router answers.
 pub fn join(config: &CellConfig) -> Result<Bus> {
-    Bus::open_within(config, Role::Client, ROUTER_PATIENCE).with_context(|| {
+    let mut config = config.clone();
+    // A command that a person waits for is in no hurry.
+    config.realtime.enabled = false;
+    Bus::open_within(&config, Role::Client, ROUTER_PATIENCE).with_context(|| {
         format!(
             "cell {} cannot be reached; start it with `tangent up`, or `tangent run router` and its services",
             config.cell.name

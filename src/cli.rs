@@ -36,6 +36,9 @@ pub enum Command {
     Estimator(EstimatorCommand),
     /// Set the force sensor's zero: the tool must hang free.
     Tare,
+    /// Measure what the cell file has to say about the sensor.
+    #[command(subcommand)]
+    Calibrate(CalibrateCommand),
     /// Read or set live parameters.
     #[command(subcommand)]
     Param(ParamCommand),
@@ -49,6 +52,8 @@ pub enum Command {
     Evaluate(Evaluate),
     /// Reproduce a paper's tables beside ours.
     Reproduce(Reproduce),
+    /// Provoke every failure on a private simulated cell, and measure who notices when, and when the arm is safe.
+    Faults(Faults),
     /// Robot models: list them, show one, or check them against reference values.
     #[command(subcommand)]
     Model(ModelCommand),
@@ -192,6 +197,24 @@ fn seconds(text: &str) -> Result<f64, String> {
     Err("0.1 to 3600 is allowed".to_owned())
 }
 
+/// What to measure.
+#[derive(Debug, Subcommand)]
+pub enum CalibrateCommand {
+    /// Mass and centre of mass of what hangs on the sensor, from readings in several orientations of the arm.
+    Payload(CalibratePayload),
+}
+
+/// Options of `tangent calibrate payload`.
+#[derive(Debug, Args)]
+pub struct CalibratePayload {
+    /// Poses to take, each at an Enter: well spread, the first once more at the end.
+    #[arg(long, default_value_t = 9, value_parser = clap::value_parser!(u16).range(6..=200))]
+    pub poses: u16,
+    /// Take every stand of the arm from a recording instead.
+    #[arg(long, value_name = "FILE", conflicts_with = "poses")]
+    pub from: Option<PathBuf>,
+}
+
 /// What to do with parameters.
 #[derive(Debug, Subcommand)]
 pub enum ParamCommand {
@@ -205,6 +228,7 @@ pub enum ParamCommand {
         /// `SERVICE/NAME`.
         name: String,
         /// New value, in the parameter's unit.
+        #[arg(allow_hyphen_values = true)]
         value: String,
     },
 }
@@ -258,6 +282,28 @@ pub struct Reproduce {
     /// Seeds per row; the figures are means over them.
     #[arg(long, default_value_t = 5)]
     pub seeds: u64,
+}
+
+/// Options of `tangent faults`.
+#[derive(Debug, Args)]
+pub struct Faults {
+    /// Which ones; all if none is named.
+    pub faults: Vec<String>,
+    /// Only name them.
+    #[arg(long)]
+    pub list: bool,
+    /// Allowed beyond every bound, ms: what a machine that is busy with other things may take.
+    #[arg(long, default_value_t = 30.0)]
+    pub allow_ms: f64,
+    /// Keep the logs and recordings here.
+    #[arg(long)]
+    pub folder: Option<PathBuf>,
+    /// Added to every port of the private cell.
+    #[arg(long, default_value_t = 4000)]
+    pub port_offset: u16,
+    /// Seed of the simulator's noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
 }
 
 /// What to do with robot models.

@@ -1,12 +1,14 @@
 //! The `tangent` command: a thin layer over the crates.
 
 mod bench;
+mod calibrate;
 mod cell;
 mod cli;
 mod compose;
 mod control;
 mod estimators;
 mod evaluate;
+mod faults;
 mod live_view;
 mod model;
 mod output;
@@ -23,7 +25,7 @@ use anyhow::Result;
 use clap::Parser;
 use tracing_subscriber::EnvFilter;
 
-use cli::{Cli, Command};
+use cli::{CalibrateCommand, Cli, Command};
 use output::{BadUsage, Outcome};
 
 fn main() -> ExitCode {
@@ -53,12 +55,16 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Task(command) => control::task(command, &config()?, json),
         Command::Estimator(command) => estimators::run(command, cli.cell.as_deref(), json),
         Command::Tare => control::tare(&config()?, json),
+        Command::Calibrate(CalibrateCommand::Payload(args)) => {
+            calibrate::payload(args, &config()?, json)
+        }
         Command::Param(command) => control::param(command, &config()?, json),
         Command::Status => status::run(&config()?, json),
         Command::Record(args) => run::record(args, &config()?),
         Command::Report(args) => report::run(args, json),
         Command::Evaluate(args) => evaluate::run(args, json),
         Command::Reproduce(args) => reproduce::run(args, json),
+        Command::Faults(args) => faults::run(args, json),
         Command::Model(command) => model::run(command, json),
         Command::Bench(command) => bench::run(command, json),
     }

@@ -73,9 +73,15 @@ pub struct Process {
 impl Process {
     /// Starts the program with these arguments; its log goes to the test's.
     pub fn start(name: &str, args: &[&str]) -> Self {
+        Self::start_with_log(name, args, Stdio::inherit())
+    }
+
+    /// The same, with its log elsewhere.
+    pub fn start_with_log(name: &str, args: &[&str], log: impl Into<Stdio>) -> Self {
         let child = tangent()
             .args(args)
             .stdout(Stdio::null())
+            .stderr(log)
             .spawn()
             .unwrap_or_else(|e| panic!("{name}: {e}"));
         Self {
@@ -95,10 +101,29 @@ impl Process {
         self.child.wait().unwrap();
     }
 
+    /// Sends a signal by its name.
+    pub fn signal(&self, name: &str) {
+        let id = self.child.id().to_string();
+        let sent = Command::new("kill")
+            .args([&format!("-{name}"), &id])
+            .status();
+        assert!(sent.unwrap().success(), "kill -{name} {}", self.name);
+    }
+
+    /// Its exit code, if it has ended; -1 when a signal ended it.
+    pub fn code(&mut self) -> Option<i32> {
+        let status = self.child.try_wait().unwrap()?;
+        Some(status.code().unwrap_or(-1))
+    }
+
     /// SIGTERM, and its exit code within `patience`.
     pub fn terminate(&mut self, patience: Duration) -> Option<i32> {
-        let id = self.child.id().to_string();
-        Command::new("kill").args(["-TERM", &id]).status().unwrap();
+        self.signal("TERM");
+        self.ended(patience)
+    }
+
+    /// Its exit code, when it ends within `patience`; none when a signal ended it.
+    pub fn ended(&mut self, patience: Duration) -> Option<i32> {
         let until = Instant::now() + patience;
         while Instant::now() < until {
             if let Some(status) = self.child.try_wait().unwrap() {
@@ -106,7 +131,7 @@ impl Process {
             }
             std::thread::sleep(Duration::from_millis(20));
         }
-        panic!("{} did not end within {patience:?} of SIGTERM", self.name);
+        panic!("{} did not end within {patience:?}", self.name);
     }
 }
 

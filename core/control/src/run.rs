@@ -67,6 +67,10 @@ pub(crate) struct Run {
     elapsed_s: f64,
     settled_s: f64,
     low_cycles: u32,
+    /// How long there has been no normal to use while pressing; a wrench that comes and goes does not start it anew.
+    blind_s: f64,
+    /// Reason and time of the phase that a silent wrench interrupted.
+    interrupted: (HoldReason, f64),
     phase_start: Vector3<f64>,
 }
 
@@ -93,6 +97,8 @@ impl Run {
             elapsed_s: 0.0,
             settled_s: 0.0,
             low_cycles: 0,
+            blind_s: 0.0,
+            interrupted: (HoldReason::Paused, 0.0),
             phase_start: Vector3::zeros(),
         }
     }
@@ -245,6 +251,12 @@ impl Run {
         let dt = input.dt_s;
         self.in_phase_s += dt;
         self.elapsed_s += dt;
+        let blind = matches!(percept.estimate, EstimateStatus::None(_));
+        self.blind_s = if blind && self.phase.is_pressing() {
+            self.blind_s + dt
+        } else {
+            0.0
+        };
         let task = &program.task;
         if self.phase != Phase::Retract {
             if requests.stopping {
@@ -261,6 +273,7 @@ impl Run {
             if matches!(percept.verdict, WrenchVerdict::Stop(_)) {
                 if !self.stands_without_wrench() {
                     let from = self.phase;
+                    self.interrupted = (self.hold, self.in_phase_s);
                     self.enter(Phase::Hold, percept);
                     self.hold = HoldReason::NoWrench(from);
                 }
@@ -367,15 +380,11 @@ impl Run {
         match self.hold {
             HoldReason::NoWrench(from) => {
                 if percept.verdict == WrenchVerdict::Good {
-                    // Pressing again starts from rest, wherever it stopped.
-                    let back = if from == Phase::Hold {
-                        Phase::Slide
-                    } else {
-                        from
-                    };
+                    // Pressing again starts from rest, wherever it stopped; its time runs on.
                     let start = self.phase_start;
-                    self.enter(back, percept);
-                    if matches!(back, Phase::Approach | Phase::Seek) {
+                    self.enter(from, percept);
+                    (self.hold, self.in_phase_s) = self.interrupted;
+                    if matches!(from, Phase::Approach | Phase::Seek) {
                         // The way already gone counts on.
                         self.phase_start = start;
                     }
@@ -393,7 +402,7 @@ impl Run {
             }
             HoldReason::NoEstimate => match percept.estimate {
                 EstimateStatus::None(reason) => {
-                    if self.in_phase_s > config.patience.estimate_retract_s {
+                    if self.blind_s > config.patience.estimate_retract_s {
                         self.leave(percept, Some(Fault::Estimate(reason)));
                     }
                 }

@@ -1,6 +1,6 @@
 //! Mass, centre of mass and mounting of the payload from readings in static poses.
 
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3, Vector4};
 use tangent_mechanics::{Sensor, Wrench};
 
 use crate::Payload;
@@ -30,6 +30,10 @@ pub struct IdentifiedPayload {
     pub payload: Payload,
     /// Turns sensor axes to flange axes.
     pub flange_from_sensor: UnitQuaternion<f64>,
+    /// Standard error of the mass, kg: jackknife over the poses. Infinite when a pose cannot be spared.
+    pub mass_sd_kg: f64,
+    /// The same of the centre of mass, per sensor axis, m.
+    pub com_sd_m: [f64; 3],
     /// The sensor's zero over these poses.
     pub bias: Wrench<Sensor>,
     /// How far the free 3×3 fit is from a rotation times a mass: spread of its singular values, relative. Large: wrong
@@ -130,6 +134,7 @@ pub fn identify_payload(
     let all = fit(rows.iter())?;
 
     let (mut force, mut torque, mut n) = (0.0, 0.0, 0.0);
+    let (mut sum, mut squares) = (Vector4::zeros(), Vector4::zeros());
     for (left_out, (gravity, reading)) in rows.iter().enumerate() {
         let others = rows
             .iter()
@@ -142,7 +147,18 @@ pub fn identify_payload(
         force += residual.force.norm_squared();
         torque += residual.torque.norm_squared();
         n += 1.0;
+        // Relative to the fit of all, so that squares do not swallow the scatter.
+        let off = (fit.com - all.com).insert_row(0, fit.mass - all.mass);
+        sum += off;
+        squares += off.component_mul(&off);
     }
+    // Each fit lacks one pose: their scatter, times n - 1, is the variance of the fit of all.
+    let sd = if n == rows.len() as f64 {
+        let variance = (squares - sum.component_mul(&sum) / n) * ((n - 1.0) / n);
+        variance.map(|v| v.max(0.0).sqrt())
+    } else {
+        Vector4::repeat(f64::INFINITY)
+    };
     let rms = |sum: f64| {
         if n > 0.0 {
             (sum / n).sqrt()
@@ -160,6 +176,8 @@ pub fn identify_payload(
             inertia_kg_m2: [0.0; 3],
         },
         flange_from_sensor: UnitQuaternion::from_rotation_matrix(&all.sensor_from_flange.inverse()),
+        mass_sd_kg: sd[0],
+        com_sd_m: [sd[1], sd[2], sd[3]],
         bias: all.bias,
         anisotropy: all.anisotropy,
         left_out_force_rms_n: rms(force),
@@ -297,6 +315,7 @@ mod tests {
         assert!(found.flange_from_sensor.angle_to(&truth.flange_from_sensor) < 1e-7);
         assert!((found.bias - truth.bias).vector().norm() < 1e-11);
         assert!(found.left_out_force_rms_n < 1e-11 && found.anisotropy < 1e-12);
+        assert!(found.mass_sd_kg < 1e-12 && found.com_sd_m.iter().all(|sd| *sd < 1e-12));
         assert_eq!(found.drift, Some(Wrench::zero()));
     }
 
@@ -321,6 +340,36 @@ mod tests {
             let com = Vector3::from(found.payload.com_in_sensor_m) - Vector3::from(truth.payload.com_in_sensor_m);
             prop_assert!(com.amax() < 3e-4, "{com}");
             prop_assert!(found.left_out_force_rms_n < 0.07 && found.left_out_torque_rms_nm < 3e-3);
+        }
+    }
+
+    /// Over many draws of noise, the errors are as large as the standard errors say.
+    #[test]
+    fn standard_errors_are_honest() {
+        use rand::{RngExt, SeedableRng};
+        let truth = truth();
+        let mut random = rand_pcg::Pcg64::seed_from_u64(1);
+        let (mut mass, mut com) = (0.0, 0.0);
+        let draws = 400;
+        for _ in 0..draws {
+            let readings: Vec<_> = poses()
+                .into_iter()
+                .map(|p| {
+                    let mut pose = truth.read(p);
+                    pose.wrench.force += Vector3::from_fn(|_, _| random.random_range(-0.05..0.05));
+                    pose.wrench.torque +=
+                        Vector3::from_fn(|_, _| random.random_range(-0.002..0.002));
+                    pose
+                })
+                .collect();
+            let found = identify_payload(&readings, &GRAVITY).unwrap();
+            mass += ((found.payload.mass_kg - 0.437) / found.mass_sd_kg).powi(2);
+            let off = found.payload.com_in_sensor_m[0] - truth.payload.com_in_sensor_m[0];
+            com += (off / found.com_sd_m[0]).powi(2);
+        }
+        // Rms of error over claimed error. A jackknife of nine poses is itself uncertain, and errs to the safe side.
+        for rms in [mass, com].map(|sum| (sum / f64::from(draws)).sqrt()) {
+            assert!((0.5..1.6).contains(&rms), "{rms}");
         }
     }
 

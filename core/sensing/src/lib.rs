@@ -3,13 +3,14 @@
 //! Called by the `netft` service for every record, and by the closed loop of `evaluate`. A record passes through, in
 //! this order: tare ([`Tare`], subtracted on the host and with its age), payload ([`Payload`], by the arm's measured
 //! orientation), low-pass ([`LowPass`], with a stated delay), and eq. (2) of Tugal et al. to the tool's frame.
-//! [`identify_payload`] finds the payload from static poses.
+//! [`identify_payload`] finds the payload from static poses, each the mean of a [`PoseAverage`].
 
 mod conditioner;
 mod error;
 mod identification;
 mod low_pass;
 mod payload;
+mod pose_average;
 mod tare;
 mod validity;
 
@@ -21,5 +22,6 @@ pub use error::SensingError;
 pub use identification::{IdentificationError, IdentifiedPayload, StaticPose, identify_payload};
 pub use low_pass::{LowPass, LowPassState};
 pub use payload::{Payload, SensorMotion};
+pub use pose_average::{PoseAverage, PoseFinder};
 pub use tare::{Tare, TareConfig, TareRefusal};
 pub use validity::Validity;

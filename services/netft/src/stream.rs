@@ -195,9 +195,17 @@ impl Stream {
         self.remember(sequence);
         self.counts.records += 1;
         self.counts.out_of_order += 1;
-        // It had been counted as lost when a newer one came.
-        self.counts.lost = self.counts.lost.saturating_sub(1);
+        // It had been counted as lost when a newer one came; one from before all that is remembered may be a double.
+        if self.is_remembered(sequence) {
+            self.counts.lost = self.counts.lost.saturating_sub(1);
+        }
         Kind::Late
+    }
+
+    fn is_remembered(&self, sequence: i64) -> bool {
+        self.last.is_some_and(|last| {
+            last.sequence - sequence < REMEMBERED as i64 * self.step
+        })
     }
 
     fn slot(&self, sequence: i64) -> usize {

@@ -182,6 +182,26 @@ fn a_foreign_program_at_the_start_is_not_killed() {
     assert_eq!(cell.bridge.reason(), Some(Reason::OtherProgram));
 }
 
+/// An operator's program runs where ours has ended: our registers still stand there, and nobody counts in them.
+#[test]
+fn a_foreign_program_under_our_registers_is_not_killed() {
+    let mut cell = Cell::ready(Series::Cb3);
+    cell.robot.program = Program::None;
+    cell.robot.sample.runtime_state = 1;
+    cell.steps(2);
+    cell.robot.sample.runtime_state = 2;
+    cell.steps(500);
+    assert_eq!(cell.bridge.reason(), Some(Reason::OtherProgram));
+    assert_eq!(cell.uploads, 1);
+    // Found like that by a new connection too.
+    cell.connect();
+    cell.steps(500);
+    assert_eq!(cell.uploads, 1);
+    cell.robot.sample.runtime_state = 1;
+    cell.until("ready again", |c| c.bridge.is_ready());
+    assert_eq!(cell.uploads, 2);
+}
+
 #[test]
 fn a_program_that_never_starts_is_tried_again_at_growing_intervals() {
     let mut cell = Cell::new(Robot::new(ControllerVersion::new(5, 11, 0)), None);

@@ -147,7 +147,9 @@ pub struct Supervisor {
     reset_needed: Option<Reason>,
     take_over: bool,
     wrong_model: bool,
-    loops: i32,
+    loops: Option<i32>,
+    /// States since a program with our identity was last seen counting.
+    still: u32,
     stuck: u32,
     hung_since_s: Option<f64>,
     safety_stopped: bool,
@@ -171,7 +173,8 @@ impl Supervisor {
             reset_needed: None,
             take_over: false,
             wrong_model: false,
-            loops: 0,
+            loops: None,
+            still: u32::MAX,
             stuck: 0,
             hung_since_s: None,
             safety_stopped: false,
@@ -186,6 +189,8 @@ impl Supervisor {
     /// The connection was lost or is new: the program has to be sent again, with a fresh session.
     pub fn disconnected(&mut self) {
         self.stage = Stage::Absent;
+        self.loops = None;
+        self.still = u32::MAX;
         self.permission = Permission::Off;
         self.reason = Some(Reason::NoLink);
         self.upload_due = false;
@@ -246,8 +251,13 @@ impl Supervisor {
     /// A state came. `lost`: cycles that the robot's clock jumped over.
     pub fn observe(&mut self, sample: &Sample, lost: u64, now_s: f64) {
         let ours = sample.ident == IDENT && sample.session == self.session;
-        let advanced = sample.loops != self.loops;
-        self.loops = sample.loops;
+        let advanced = self.loops.is_some_and(|before| before != sample.loops);
+        self.loops = Some(sample.loops);
+        self.still = if advanced && sample.ident == IDENT {
+            0
+        } else {
+            self.still.saturating_add(1)
+        };
         self.follow(sample, ours, advanced, now_s);
         self.plan_rearm(sample);
         self.plan_upload(sample, now_s);
@@ -402,8 +412,11 @@ impl Supervisor {
         (Permission::Move, None)
     }
 
+    /// Registers outlive the program that wrote them: one that runs under our identity and does not count is another.
     fn foreign_program_runs(&self, sample: &Sample) -> bool {
-        sample.runtime_state != RUNTIME_STOPPED && sample.ident != IDENT
+        let playing = sample.runtime_state == RUNTIME_PLAYING;
+        sample.runtime_state != RUNTIME_STOPPED
+            && (sample.ident != IDENT || playing && self.still > STUCK_CYCLES)
     }
 
     /// A latched program is armed again while it may be: it only holds still then; motion needs a newer activation.

@@ -1,0 +1,343 @@
+//! What the cell said and what was true, each with its time, and what is measured from them.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use anyhow::Result;
+use tangent_control::Phase;
+use tangent_runtime::{Bus, Handle, Received};
+use tangent_schemas::Message;
+use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, Health, WrenchStatus};
+use tangent_schemas::topics::{self, Topic};
+
+/// Slower than this on the surface counts as standing, m/s.
+const STANDS_M_PER_S: f64 = 2e-3;
+
+/// Time, ns since the Unix epoch, and what was said then.
+type Log<T> = Arc<Mutex<Vec<(i64, T)>>>;
+
+/// One cycle of the truth.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth {
+    /// The tool touches the surface.
+    pub in_contact: bool,
+    /// m/s
+    pub sliding_m_per_s: f64,
+    /// Force of the surface on the tool, N.
+    pub force_n: f64,
+}
+
+impl Truth {
+    fn slides(&self) -> bool {
+        self.in_contact && self.sliding_m_per_s > STANDS_M_PER_S
+    }
+}
+
+/// What the controller said.
+#[derive(Clone, Debug)]
+pub struct Control {
+    /// Its phase.
+    pub phase: Phase,
+    /// Estimator in use.
+    pub estimator: String,
+    /// The fault that ended the task, or nothing.
+    pub fault: String,
+}
+
+/// What the bridge said.
+#[derive(Clone, Copy, Debug)]
+pub struct Arm {
+    /// A command would move the arm.
+    pub ready: bool,
+    /// Refused since its start.
+    pub refused: u64,
+    /// Missed since its start.
+    pub missed: u64,
+    /// Robot's packets lost since its start.
+    pub lost: u64,
+}
+
+/// What the sensor's service said.
+#[derive(Clone, Copy, Debug)]
+pub struct Sensor {
+    /// 0: valid.
+    pub validity: u8,
+    /// Records lost since its start.
+    pub lost: u64,
+    /// Records out of their order since its start.
+    pub out_of_order: u64,
+}
+
+/// What a service said of itself.
+#[derive(Clone, Debug)]
+pub struct Service {
+    /// Its name.
+    pub name: String,
+    /// `Health.state`.
+    pub state: u8,
+    /// One of its figures, by name.
+    pub figures: Vec<(String, f64)>,
+}
+
+/// Everything heard since the cell was started.
+pub struct Evidence {
+    truths: Log<Truth>,
+    controls: Log<Control>,
+    arms: Log<Arm>,
+    sensors: Log<Sensor>,
+    services: Log<Service>,
+    _handles: Vec<Handle>,
+}
+
+impl Evidence {
+    /// Listens from now on; the truth comes from this process, the rest over the router.
+    ///
+    /// # Errors
+    /// When the bus refuses.
+    pub fn gather(bus: &Bus) -> Result<Self> {
+        let (truths, controls, arms) = (Log::default(), Log::default(), Log::default());
+        let (sensors, services) = (Log::default(), Log::default());
+        let handles = vec![
+            keep(bus, &topics::TRUTH_CONTACT, &truths, truth)?,
+            keep(bus, &topics::CONTROL_STATE, &controls, control)?,
+            keep(bus, &topics::ARM_STATE, &arms, arm)?,
+            keep(bus, &topics::WRENCH_STATUS, &sensors, sensor)?,
+            keep(bus, &topics::HEALTHS, &services, service)?,
+        ];
+        Ok(Self {
+            truths,
+            controls,
+            arms,
+            sensors,
+            services,
+            _handles: handles,
+        })
+    }
+
+    /// The truth now.
+    pub fn truth(&self) -> Option<Truth> {
+        lock(&self.truths).last().map(|(_, truth)| *truth)
+    }
+
+    /// The controller's last word, no older than `since_ns`.
+    pub fn control(&self, since_ns: i64) -> Option<Control> {
+        lock(&self.controls)
+            .last()
+            .filter(|(at, _)| *at >= since_ns)
+            .map(|(_, control)| control.clone())
+    }
+
+    /// The bridge's last word, no older than `since_ns`.
+    pub fn arm(&self, since_ns: i64) -> Option<Arm> {
+        last_since(&self.arms, since_ns)
+    }
+
+    /// A service has said something since then.
+    pub fn heard(&self, name: &str, since_ns: i64) -> bool {
+        let services = lock(&self.services);
+        services
+            .iter()
+            .rev()
+            .take_while(|(at, _)| *at >= since_ns)
+            .any(|(_, service)| service.name == name)
+    }
+
+    /// The tool has slid all the time since then.
+    pub fn slid_throughout(&self, from_ns: i64) -> bool {
+        let truths = lock(&self.truths);
+        let lately = span(&truths, from_ns, i64::MAX);
+        lately.len() > 10 && lately.iter().all(|(_, truth)| truth.slides())
+    }
+
+    /// The tool has slid at some time since then; it may have stood at a corner of its path.
+    pub fn slid_at_all(&self, from_ns: i64) -> bool {
+        first(&lock(&self.truths), from_ns, Truth::slides).is_some()
+    }
+
+    /// Highest force in a span, N.
+    pub fn peak_n(&self, from_ns: i64, to_ns: i64) -> f64 {
+        let truths = lock(&self.truths);
+        span(&truths, from_ns, to_ns)
+            .iter()
+            .map(|(_, truth)| truth.force_n)
+            .fold(0.0, f64::max)
+    }
+
+    /// From when on the tool has not slid on the surface any more, as long as `to_ns`.
+    pub fn safe_ns(&self, from_ns: i64, to_ns: i64) -> Option<i64> {
+        let truths = lock(&self.truths);
+        let all = span(&truths, from_ns, to_ns);
+        let slid = all
+            .iter()
+            .rposition(|(_, truth)| truth.slides());
+        match slid {
+            None => Some(from_ns),
+            Some(index) => all.get(index + 1).map(|(at, _)| *at),
+        }
+    }
+
+    /// A service's last word is that all is well.
+    pub fn is_well(&self, name: &str) -> bool {
+        let services = lock(&self.services);
+        services
+            .iter()
+            .rev()
+            .find(|(_, service)| service.name == name)
+            .is_some_and(|(_, service)| service.state == 1)
+    }
+
+    /// The arm began to slow down by itself.
+    pub fn slowed_ns(&self, from_ns: i64) -> Option<i64> {
+        let truths = lock(&self.truths);
+        let before = truths
+            .iter()
+            .rev()
+            .find(|(at, _)| *at < from_ns)
+            .map_or(0.0, |(_, t)| t.sliding_m_per_s);
+        first(&truths, from_ns, |t| t.sliding_m_per_s < 0.7 * before)
+    }
+
+    /// The tool left the surface while it should press.
+    pub fn lost_contact_ns(&self, from_ns: i64) -> Option<i64> {
+        first(&lock(&self.truths), from_ns, |t| !t.in_contact)
+    }
+
+    /// The controller has left its path.
+    pub fn left_path_ns(&self, from_ns: i64) -> Option<i64> {
+        first(&lock(&self.controls), from_ns, |c| c.phase != Phase::Slide)
+    }
+
+    /// The controller was in this phase.
+    pub fn phase_ns(&self, phase: Phase, from_ns: i64) -> Option<i64> {
+        first(&lock(&self.controls), from_ns, |c| c.phase == phase)
+    }
+
+    /// Another estimator came into use than the one before.
+    pub fn fallen_back_ns(&self, from_ns: i64) -> Option<i64> {
+        changed(&lock(&self.controls), from_ns, |before, now| {
+            now.estimator != before.estimator
+        })
+    }
+
+    /// The bridge's state differs from what it was before, as `differs(before, now)` says.
+    pub fn arm_ns(&self, from_ns: i64, differs: impl Fn(&Arm, &Arm) -> bool) -> Option<i64> {
+        changed(&lock(&self.arms), from_ns, differs)
+    }
+
+    /// The same of the sensor's service.
+    pub fn sensor_ns(
+        &self,
+        from_ns: i64,
+        differs: impl Fn(&Sensor, &Sensor) -> bool,
+    ) -> Option<i64> {
+        changed(&lock(&self.sensors), from_ns, differs)
+    }
+
+    /// The same of a service's health.
+    pub fn service_ns(
+        &self,
+        name: &str,
+        from_ns: i64,
+        differs: impl Fn(&Service, &Service) -> bool,
+    ) -> Option<i64> {
+        let services = lock(&self.services);
+        let own: Vec<_> = services
+            .iter()
+            .filter(|(_, service)| service.name == name)
+            .cloned()
+            .collect();
+        changed(&own, from_ns, differs)
+    }
+}
+
+fn lock<T>(log: &Mutex<Vec<(i64, T)>>) -> MutexGuard<'_, Vec<(i64, T)>> {
+    log.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn keep<M: Message, T: Send + 'static>(
+    bus: &Bus,
+    topic: &Topic<M>,
+    log: &Log<T>,
+    of: impl Fn(&M) -> T + Send + 'static,
+) -> Result<Handle> {
+    let log = Arc::clone(log);
+    Ok(bus.on(topic, move |received: &Received<M>| {
+        let at = received.source_time_ns;
+        let mut log = lock(&log);
+        // Nearly always the end; a service that was held up speaks late.
+        let place = log.iter().rposition(|(t, _)| *t <= at).map_or(0, |i| i + 1);
+        log.insert(place, (at, of(&received.message)));
+    })?)
+}
+
+fn span<T>(log: &[(i64, T)], from_ns: i64, to_ns: i64) -> &[(i64, T)] {
+    let from = log.partition_point(|(at, _)| *at < from_ns);
+    let to = log.partition_point(|(at, _)| *at <= to_ns);
+    &log[from..to.max(from)]
+}
+
+fn first<T>(log: &[(i64, T)], from_ns: i64, is: impl Fn(&T) -> bool) -> Option<i64> {
+    span(log, from_ns, i64::MAX)
+        .iter()
+        .find(|(_, said)| is(said))
+        .map(|(at, _)| *at)
+}
+
+fn changed<T>(log: &[(i64, T)], from_ns: i64, differs: impl Fn(&T, &T) -> bool) -> Option<i64> {
+    let at = log.partition_point(|(at, _)| *at < from_ns);
+    let (_, before) = log[..at].last()?;
+    first(log, from_ns, |now| differs(before, now))
+}
+
+fn last_since<T: Copy>(log: &Log<T>, since_ns: i64) -> Option<T> {
+    lock(log)
+        .last()
+        .filter(|(at, _)| *at >= since_ns)
+        .map(|(_, said)| *said)
+}
+
+fn truth(m: &ContactTruth) -> Truth {
+    let f = &m.wrench.force;
+    Truth {
+        in_contact: m.in_contact,
+        sliding_m_per_s: m.sliding_speed_m_per_s,
+        force_n: (f.x * f.x + f.y * f.y + f.z * f.z).sqrt(),
+    }
+}
+
+fn control(m: &ControlState) -> Control {
+    Control {
+        phase: Phase::from_code(m.phase).unwrap_or_default(),
+        estimator: m.estimator.to_string(),
+        fault: m.fault.to_string(),
+    }
+}
+
+fn arm(m: &ArmState) -> Arm {
+    Arm {
+        ready: m.ready,
+        refused: m.commands_refused,
+        missed: m.missed_cycles,
+        lost: m.packets_lost,
+    }
+}
+
+fn sensor(m: &WrenchStatus) -> Sensor {
+    Sensor {
+        validity: m.validity,
+        lost: m.records_lost,
+        out_of_order: m.records_out_of_order,
+    }
+}
+
+fn service(m: &Health) -> Service {
+    Service {
+        name: m.service.to_string(),
+        state: m.state,
+        figures: m
+            .figure_names
+            .iter()
+            .cloned()
+            .zip(m.figures.iter().copied())
+            .collect(),
+    }
+}

@@ -1,0 +1,382 @@
+//! One fault after the other on one cell: let it happen, watch, end it, measure.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow, bail};
+use tangent_control::Phase;
+use tangent_runtime::clock;
+
+use super::catalogue::{Case, Outcome};
+use super::disk::SmallDisk;
+use super::evidence::Evidence;
+use super::impostor::{Impostor, Lie};
+use super::losses::{self, Gap};
+use super::private_cell::{Layout, PrivateCell, REFERENCE_N};
+use super::wire::Damage;
+
+/// No fault may press harder: the larger of twice the reference and 10 N.
+pub const FORCE_MAX_N: f64 = if 2.0 * REFERENCE_N > 10.0 {
+    2.0 * REFERENCE_N
+} else {
+    10.0
+};
+/// After a fault has ended, what was lost in it may still come to light for so long, ns.
+const AFTER_NS: i64 = 1_000_000_000;
+const MS: f64 = 1e-6;
+
+/// What was measured of one fault.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// The case's name.
+    pub fault: &'static str,
+    /// What was done.
+    pub what: &'static str,
+    /// Who has to notice.
+    pub notices: &'static str,
+    /// From the fault to the first word or move in answer, ms.
+    pub noticed_ms: Option<f64>,
+    /// The bound on that without the allowance, ms.
+    pub noticed_bound_ms: Option<f64>,
+    /// From the fault until the tool slid no more, ms; none where the task goes on.
+    pub safe_ms: Option<f64>,
+    /// The bound on that without the allowance, ms.
+    pub bound_ms: Option<f64>,
+    /// Highest force from the fault to its end, N.
+    pub peak_force_n: f64,
+    /// Messages that the recording lacks within the fault, by topic.
+    pub lost: BTreeMap<String, u64>,
+    /// And outside of it, since the fault before.
+    pub lost_outside: BTreeMap<String, u64>,
+    /// Everything as it has to be.
+    pub met: bool,
+    /// What is not; or why it was skipped.
+    pub remark: String,
+    /// It could not be provoked here.
+    pub skipped: bool,
+    begun_ns: i64,
+    from_ns: i64,
+    to_ns: i64,
+    impostor: Option<&'static str>,
+}
+
+/// A cell, and what belongs to the faults.
+pub struct Stage {
+    /// The cell.
+    pub cell: PrivateCell,
+    disk: Result<SmallDisk>,
+    lie: Option<Lie>,
+    impostor: Option<Impostor>,
+    /// When the fault really began, where getting it ready took time.
+    began_ns: Option<i64>,
+}
+
+impl Stage {
+    /// Starts a cell in `folder`.
+    ///
+    /// # Errors
+    /// As [`PrivateCell::start`].
+    pub fn start(folder: &Path, port_offset: u16, layout: Layout, seed: u64) -> Result<Self> {
+        std::fs::create_dir_all(folder)?;
+        let disk = SmallDisk::mount(&folder.join("disk.img"), &folder.join("recordings"));
+        Ok(Self {
+            cell: PrivateCell::start(folder, port_offset, layout, seed)?,
+            disk,
+            lie: None,
+            impostor: None,
+            began_ns: None,
+        })
+    }
+
+    /// The recorder's disk.
+    ///
+    /// # Errors
+    /// Why there is no small one.
+    pub fn disk(&mut self) -> Result<&mut SmallDisk> {
+        match &mut self.disk {
+            Ok(disk) => Ok(disk),
+            Err(error) => Err(anyhow!("a file system of its own takes root: {error:#}")),
+        }
+    }
+
+    /// Damages the sensor's cable.
+    ///
+    /// # Errors
+    /// None.
+    pub fn wire(&mut self, damage: Damage) -> Result<()> {
+        self.cell.sensor.set(damage);
+        Ok(())
+    }
+
+    /// Sets the clock of netft's host.
+    ///
+    /// # Errors
+    /// In a layout without one.
+    pub fn set_sensor_clock(&mut self, ahead_s: f64) -> Result<()> {
+        self.cell
+            .clock
+            .as_ref()
+            .context("netft has no clock of its own")?
+            .set(ahead_s);
+        Ok(())
+    }
+
+    /// Tells this lie from now on, as often as it takes.
+    ///
+    /// # Errors
+    /// When the bus refuses.
+    pub fn lie(&mut self, lie: Lie) -> Result<()> {
+        let impostor = Impostor::new(&self.cell.bus)?;
+        let until = Instant::now() + Duration::from_secs(5);
+        while !impostor.is_heard(lie) {
+            if Instant::now() > until {
+                bail!("nobody listens to the impostor");
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        self.impostor = Some(impostor);
+        self.lie = Some(lie);
+        self.began_ns = Some(clock::now_ns());
+        Ok(())
+    }
+
+    /// Falls silent.
+    ///
+    /// # Errors
+    /// None.
+    pub fn tell_no_more_lies(&mut self) -> Result<()> {
+        self.lie = None;
+        self.impostor = None;
+        Ok(())
+    }
+
+    /// After a protective stop: what a person does at the pendant, not before five seconds are over.
+    ///
+    /// # Errors
+    /// When nobody unlocks it in time.
+    pub fn unlock(&mut self) -> Result<()> {
+        let request = tangent_schemas::tangent::Request::default();
+        let until = Instant::now() + Duration::from_secs(15);
+        loop {
+            std::thread::sleep(Duration::from_millis(500));
+            let answer = self.cell.bus.ask(
+                tangent_rtde::queries::UNLOCK,
+                &request,
+                Duration::from_secs(3),
+            );
+            if answer.as_ref().is_ok_and(|a| a.done)
+                && self
+                    .cell
+                    .evidence
+                    .arm(clock::now_ns() - 300_000_000)
+                    .is_some_and(|arm| arm.ready)
+            {
+                return Ok(());
+            }
+            if Instant::now() > until {
+                bail!("the protective stop is not unlocked: {answer:?}");
+            }
+        }
+    }
+
+    /// The fault is the surface's own: wait for it.
+    ///
+    /// # Errors
+    /// When the tool never comes to the edge.
+    pub fn wait_for_the_edge(&mut self) -> Result<()> {
+        let from = clock::now_ns();
+        let until = Instant::now() + Duration::from_secs(20);
+        while self.cell.evidence.lost_contact_ns(from).is_none() {
+            if Instant::now() > until {
+                bail!("the tool did not come to the edge");
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Ok(())
+    }
+
+    /// Provokes one fault on a sliding tool.
+    ///
+    /// # Errors
+    /// When the cell does not slide before, or is not itself again after.
+    pub fn play(&mut self, case: &Case, allow_ms: f64) -> Result<Row> {
+        let begun_ns = clock::now_ns();
+        self.cell.slide()?;
+        let mut from_ns = clock::now_ns();
+        if let Err(error) = (case.provoke)(self) {
+            let remark = format!("skipped: {error:#}");
+            return Ok(without_figures(case, true, &remark));
+        }
+        if case.outcome == Outcome::Waits {
+            self.began_ns = self.cell.evidence.lost_contact_ns(from_ns);
+        }
+        from_ns = self.began_ns.take().unwrap_or(from_ns);
+        self.watch(Duration::from_secs_f64(case.watch_s));
+        let watched_ns = clock::now_ns();
+        (case.repair)(self)?;
+        let repaired_ns = clock::now_ns();
+        let evidence = &self.cell.evidence;
+        let went_on = evidence.slid_at_all(watched_ns - 600_000_000);
+        if case.outcome == Outcome::Ends {
+            // Whatever is back again now: nobody goes on by itself.
+            self.watch(Duration::from_millis(700));
+        }
+        let still_ns = clock::now_ns();
+        self.cell.wait_for_all(repaired_ns)?;
+        let to_ns = clock::now_ns();
+        let evidence = &self.cell.evidence;
+        let noticed = (case.noticed)(evidence, from_ns);
+        let safe_until = match case.outcome {
+            Outcome::Waits => noticed.unwrap_or(from_ns) + 200_000_000,
+            _ => still_ns,
+        };
+        let safe = (case.outcome != Outcome::GoesOn)
+            .then(|| evidence.safe_ns(from_ns, safe_until))
+            .flatten();
+        let since = |at: Option<i64>| at.map(|at| (at - from_ns) as f64 * MS);
+        let mut row = Row {
+            fault: case.name,
+            what: case.what,
+            notices: case.notices,
+            noticed_ms: since(noticed),
+            noticed_bound_ms: case.noticed_within_ms,
+            safe_ms: since(safe),
+            bound_ms: case.safe_within_ms(),
+            peak_force_n: evidence.peak_n(from_ns, to_ns),
+            lost: BTreeMap::new(),
+            lost_outside: BTreeMap::new(),
+            met: true,
+            remark: String::new(),
+            skipped: false,
+            begun_ns,
+            from_ns,
+            to_ns,
+            impostor: case.impostor,
+        };
+        row.judge(case, evidence, went_on, allow_ms);
+        Ok(row)
+    }
+
+    /// Looks on, and lies where there is a lie to tell.
+    fn watch(&mut self, time: Duration) {
+        let until = Instant::now() + time;
+        while Instant::now() < until {
+            let period = match (self.lie, &mut self.impostor) {
+                (Some(lie), Some(impostor)) => {
+                    impostor.tell(lie);
+                    lie.period_ms()
+                }
+                _ => 5,
+            };
+            std::thread::sleep(Duration::from_millis(period));
+        }
+    }
+
+    /// Ends the cell and reads its recordings: what is missing in each fault and around it.
+    ///
+    /// # Errors
+    /// A recording that cannot be read.
+    pub fn end(self, rows: &mut [Row]) -> Result<()> {
+        let folder: PathBuf = self.cell.recordings();
+        // Dropped after the cell: its recorder writes there to the end.
+        let disk = self.disk;
+        self.cell.end();
+        let gaps = losses::gaps(&folder)?;
+        drop(disk);
+        for gap in &gaps {
+            attribute(gap, rows);
+        }
+        Ok(())
+    }
+}
+
+/// A row without figures.
+pub fn without_figures(case: &Case, skipped: bool, remark: &str) -> Row {
+    Row {
+        fault: case.name,
+        what: case.what,
+        notices: case.notices,
+        noticed_ms: None,
+        noticed_bound_ms: case.noticed_within_ms,
+        safe_ms: None,
+        bound_ms: case.safe_within_ms(),
+        peak_force_n: 0.0,
+        lost: BTreeMap::new(),
+        lost_outside: BTreeMap::new(),
+        met: false,
+        remark: remark.to_owned(),
+        skipped,
+        begun_ns: 0,
+        from_ns: 0,
+        to_ns: 0,
+        impostor: None,
+    }
+}
+
+impl Row {
+    fn fail(&mut self, why: &str) {
+        self.met = false;
+        if !self.remark.is_empty() {
+            self.remark.push_str("; ");
+        }
+        self.remark.push_str(why);
+    }
+
+    fn judge(&mut self, case: &Case, evidence: &Evidence, went_on: bool, allow_ms: f64) {
+        let late = |measured: Option<f64>, bound: Option<f64>| match (measured, bound) {
+            (_, None) => false,
+            (None, Some(_)) => true,
+            (Some(ms), Some(bound)) => ms > bound + allow_ms,
+        };
+        if late(self.noticed_ms, self.noticed_bound_ms) {
+            self.fail("not noticed in time");
+        }
+        match case.outcome {
+            Outcome::GoesOn if !went_on => self.fail("the task did not go on"),
+            Outcome::Ends | Outcome::Waits if late(self.safe_ms, self.bound_ms) => {
+                self.fail("not safe in time");
+            }
+            Outcome::Waits if evidence.phase_ns(Phase::Slide, self.from_ns).is_none() => {
+                self.fail("did not find the surface again");
+            }
+            _ => {}
+        }
+        if self.peak_force_n > FORCE_MAX_N {
+            self.fail("pressed too hard");
+        }
+    }
+
+    /// Longest stretch that a hole and the fault have in common, ns.
+    fn common_ns(&self, gap: &Gap) -> i64 {
+        if self.to_ns == 0 {
+            return i64::MIN;
+        }
+        gap.to_ns.min(self.to_ns + AFTER_NS) - gap.from_ns.max(self.from_ns)
+    }
+}
+
+/// Writes a hole down where it belongs: to the fault that it shares the longest time with, else to the time before the next.
+fn attribute(gap: &Gap, rows: &mut [Row]) {
+    let add = |lost: &mut BTreeMap<String, u64>| {
+        *lost.entry(gap.topic.clone()).or_default() += gap.messages;
+    };
+    let within = rows
+        .iter_mut()
+        .max_by_key(|row| row.common_ns(gap))
+        .filter(|row| row.common_ns(gap) >= 0);
+    if let Some(row) = within {
+        // An impostor's messages have a count of their own.
+        if !row.impostor.is_some_and(|key| gap.topic.starts_with(key)) {
+            add(&mut row.lost);
+        }
+    } else if let Some(row) = rows
+        .iter_mut()
+        .find(|row| gap.within(row.begun_ns, row.from_ns))
+    {
+        add(&mut row.lost_outside);
+        if row.met {
+            row.fail("messages are missing outside the fault");
+        }
+    }
+}

@@ -1,0 +1,376 @@
+//! A cell of processes on loopback, one per service, with one cell file and an observer on its bus.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde_json::Value;
+use tangent_runtime::{Bus, CellConfig, Handle, Received, Role, clock};
+use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState};
+use tangent_schemas::topics;
+use tempfile::TempDir;
+
+use crate::common::{Process, json, port_offset, root, run, stderr, wait_for};
+
+/// Longest wait for anything that a person would call prompt; machines that build meanwhile are slow.
+pub const PATIENCE: Duration = Duration::from_secs(40);
+
+/// A cell's processes by name, and its files.
+pub struct Cell {
+    folder: TempDir,
+    port_offset: u16,
+    processes: BTreeMap<String, Process>,
+}
+
+impl Cell {
+    /// Writes the cell file; nothing runs yet. `change` may alter it.
+    pub fn new(change: impl FnOnce(&mut toml::Table)) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let port_offset = port_offset();
+        let offset = i64::from(port_offset);
+        // The shipped scenario, with the tool nearer to the surface: an approach is not what is tested here.
+        let scenario = fs::read_to_string(root().join("scenarios/pipe_realistic.toml"))
+            .unwrap()
+            .replace("clearance_m = 0.01", "clearance_m = 0.003");
+        fs::write(folder.path().join("scenario.toml"), scenario).unwrap();
+        let shipped = fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
+        let mut cell: toml::Table = shipped.parse().unwrap();
+        let endpoint = format!("tcp/127.0.0.1:{}", 7447 + offset);
+        set(&mut cell, "cell.name", format!("cell{offset}"));
+        set(&mut cell, "robot.port_offset", offset);
+        set(&mut cell, "sensor.port_offset", offset);
+        set(&mut cell, "sensor.rate_hz", 1000.0);
+        set(&mut cell, "zenoh.connect", vec![endpoint.clone()]);
+        set(&mut cell, "zenoh.listen", vec![endpoint]);
+        set(&mut cell, "simulator.scenario", "scenario.toml");
+        let recordings = folder.path().join("recordings");
+        set(&mut cell, "recorder.folder", recordings.to_str().unwrap());
+        change(&mut cell);
+        fs::write(folder.path().join("cell.toml"), cell.to_string()).unwrap();
+        Self {
+            folder,
+            port_offset,
+            processes: BTreeMap::new(),
+        }
+    }
+
+    /// Added to all ports.
+    pub fn port_offset(&self) -> u16 {
+        self.port_offset
+    }
+
+    /// The cell file.
+    pub fn file(&self) -> PathBuf {
+        self.folder.path().join("cell.toml")
+    }
+
+    /// Where the recorder writes.
+    pub fn recordings(&self) -> PathBuf {
+        self.folder.path().join("recordings")
+    }
+
+    /// A task file: 3 N along the given path, with a tare before or without.
+    pub fn task(&self, tare: bool, path: &str) -> PathBuf {
+        let text = format!(
+            "name = \"test\"\ntare = {tare}\nforce.reference_n = 3.0\n\
+             end.retract_distance_m = 0.01\n[path]\n{path}\n"
+        );
+        let file = self.folder.path().join("task.toml");
+        fs::write(&file, text).unwrap();
+        file
+    }
+
+    /// A slow line of 0.6 m in strokes of 0.1 m: longer than any test slides.
+    pub fn long_task(&self) -> PathBuf {
+        self.task(
+            true,
+            "kind = \"line\"\nto_m = [0.1, 0.0]\nspeed_m_per_s = 0.02\nstrokes = 20",
+        )
+    }
+
+    /// Starts a process of the services in `name`, separated by spaces; in place of the one before of that name.
+    pub fn start(&mut self, name: &str) {
+        let file = self.file();
+        let mut args = vec!["run"];
+        args.extend(name.split(' '));
+        args.extend(["--cell", file.to_str().unwrap()]);
+        let log = fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(self.folder.path().join(format!("{name}.log")))
+            .unwrap();
+        let process = Process::start_with_log(name, &args, log);
+        self.processes.insert(name.to_owned(), process);
+    }
+
+    /// Starts each, then waits until the cell can start a task.
+    pub fn start_all(&mut self, names: &[&str]) {
+        for name in names {
+            self.start(name);
+        }
+    }
+
+    /// What the processes of that name have logged.
+    pub fn log(&self, name: &str) -> String {
+        fs::read_to_string(self.folder.path().join(format!("{name}.log"))).unwrap()
+    }
+
+    /// The process of that name.
+    pub fn process(&mut self, name: &str) -> &mut Process {
+        self.processes.get_mut(name).expect("it was started")
+    }
+
+    /// Ids of all processes by name.
+    pub fn ids(&self) -> BTreeMap<String, u32> {
+        self.processes
+            .iter()
+            .map(|(name, process)| (name.clone(), process.id()))
+            .collect()
+    }
+
+    /// No process has ended but those that were killed.
+    pub fn assert_running(&mut self, names: &[&str]) {
+        for name in names {
+            let ended = self.process(name).code();
+            assert_eq!(ended, None, "{name} has ended");
+        }
+    }
+
+    /// Runs a `tangent` command on this cell.
+    pub fn cli(&self, args: &[&str]) -> Output {
+        let file = self.file();
+        let mut all = args.to_vec();
+        all.extend(["--cell", file.to_str().unwrap()]);
+        run(&all)
+    }
+
+    /// The same with `--json`; it has to end with `code`.
+    pub fn cli_json(&self, args: &[&str], code: i32) -> Value {
+        let mut all = args.to_vec();
+        all.push("--json");
+        let output = self.cli(&all);
+        assert_eq!(
+            output.status.code(),
+            Some(code),
+            "{args:?}: {}{}",
+            String::from_utf8_lossy(&output.stdout),
+            stderr(&output)
+        );
+        json(&output)
+    }
+
+    /// Starts a task as soon as the cell takes one.
+    pub fn start_task(&self, file: &Path) {
+        let file = file.to_str().unwrap();
+        wait_for("the task starts", PATIENCE, || {
+            let output = self.cli(&["task", "start", file]);
+            let said = String::from_utf8_lossy(&output.stdout).into_owned() + &stderr(&output);
+            match output.status.code() {
+                Some(0) => Some(()),
+                // Its answer came too late for the one who asked first.
+                Some(1) if said.contains("stop the running task first") => Some(()),
+                // Not ready yet, and why.
+                Some(1) => {
+                    eprintln!("{}", said.trim());
+                    None
+                }
+                other => panic!("{other:?}: {said}"),
+            }
+        });
+    }
+
+    /// Recordings in the cell's folder, in order.
+    pub fn files(&self) -> Vec<PathBuf> {
+        mcap_files(&self.recordings())
+    }
+}
+
+impl Drop for Cell {
+    /// What the processes said, when the test has failed.
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            return;
+        }
+        for name in self.processes.keys() {
+            let text = self.log(name);
+            let from = text.len().saturating_sub(4000);
+            let from = (from..text.len()).find(|&i| text.is_char_boundary(i));
+            eprintln!("---- {name}\n{}", &text[from.unwrap_or(0)..]);
+        }
+    }
+}
+
+/// Recordings in a folder, in order.
+pub fn mcap_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.extension().is_some_and(|e| e == "mcap"))
+        .collect();
+    files.sort();
+    files
+}
+
+/// Sets `section.key`.
+pub fn set(cell: &mut toml::Table, path: &str, value: impl Into<toml::Value>) {
+    let (section, key) = path.split_once('.').unwrap();
+    let table = cell
+        .entry(section)
+        .or_insert_with(|| toml::Table::new().into());
+    table
+        .as_table_mut()
+        .unwrap()
+        .insert(key.to_owned(), value.into());
+}
+
+/// One message with the time it was published, ns since the Unix epoch.
+#[derive(Clone, Debug)]
+pub struct Seen<M> {
+    pub at_ns: i64,
+    pub message: M,
+}
+
+type Log<M> = Arc<Mutex<Vec<Seen<M>>>>;
+
+/// Hears the truth, the controller and the bridge over the cell's router.
+pub struct Observer {
+    truths: Log<ContactTruth>,
+    controls: Log<ControlState>,
+    arms: Log<ArmState>,
+    _handles: Vec<Handle>,
+    _bus: Bus,
+}
+
+impl Observer {
+    /// Joins the cell's network; waits for its router.
+    pub fn join(cell: &Cell) -> Self {
+        let config = CellConfig::load(&cell.file()).unwrap();
+        let bus = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
+        let (truths, controls, arms) = (Log::default(), Log::default(), Log::default());
+        let handles = vec![
+            bus.on(&topics::TRUTH_CONTACT, keep(&truths)).unwrap(),
+            bus.on(&topics::CONTROL_STATE, keep(&controls)).unwrap(),
+            bus.on(&topics::ARM_STATE, keep(&arms)).unwrap(),
+        ];
+        Self {
+            truths,
+            controls,
+            arms,
+            _handles: handles,
+            _bus: bus,
+        }
+    }
+
+    /// Truths since then.
+    pub fn truths(&self, since_ns: i64) -> Vec<Seen<ContactTruth>> {
+        since(&self.truths, since_ns)
+    }
+
+    /// Controller's states since then.
+    pub fn controls(&self, since_ns: i64) -> Vec<Seen<ControlState>> {
+        since(&self.controls, since_ns)
+    }
+
+    /// The bridge's newest state.
+    pub fn arm(&self) -> Option<ArmState> {
+        self.arms
+            .lock()
+            .unwrap()
+            .last()
+            .map(|seen| seen.message.clone())
+    }
+
+    /// Waits until the controller has said this phase after `since_ns`; when it first did.
+    pub fn phase(&self, phase: &str, since_ns: i64) -> Seen<ControlState> {
+        wait_for(&format!("phase {phase}"), PATIENCE, || {
+            self.controls(since_ns)
+                .into_iter()
+                .find(|seen| seen.message.phase_text.as_str() == phase)
+        })
+    }
+
+    /// Waits until the tool slides: half its speed, in contact.
+    pub fn sliding(&self, since_ns: i64) {
+        self.phase("slide", since_ns);
+        wait_for("the tool slides", PATIENCE, || {
+            self.truths(since_ns)
+                .last()
+                .is_some_and(|t| t.message.in_contact && speed(&t.message) > 0.01)
+                .then_some(())
+        });
+    }
+
+    /// Waits until the tool has stood still (1 mm/s) for 0.2 s after `since_ns`; when that began.
+    pub fn at_rest(&self, since_ns: i64) -> i64 {
+        wait_for("the tool stands", PATIENCE, || {
+            let mut began = None;
+            for truth in self.truths(since_ns) {
+                if speed(&truth.message) > 1e-3 {
+                    began = None;
+                } else if truth.at_ns - *began.get_or_insert(truth.at_ns) > 200_000_000 {
+                    return began;
+                }
+            }
+            None
+        })
+    }
+
+    /// Highest force of the surface on the tool since then, N.
+    pub fn peak_force_n(&self, since_ns: i64) -> f64 {
+        self.truths(since_ns)
+            .iter()
+            .map(|t| {
+                let f = &t.message.wrench.force;
+                (f.x * f.x + f.y * f.y + f.z * f.z).sqrt()
+            })
+            .fold(0.0, f64::max)
+    }
+
+    /// For `seconds` from now the tool does not move by itself.
+    pub fn stays_at_rest(&self, seconds: f64) {
+        let from = clock::now_ns();
+        let until = from + (seconds * 1e9) as i64;
+        wait_for("truths come in", PATIENCE, || {
+            let truths = self.truths(from);
+            for truth in &truths {
+                assert!(
+                    speed(&truth.message) < 2e-3,
+                    "the tool moves by itself: {} m/s",
+                    speed(&truth.message)
+                );
+            }
+            truths.last().is_some_and(|t| t.at_ns > until).then_some(())
+        });
+    }
+}
+
+fn keep<M: Clone + Send + 'static>(log: &Log<M>) -> impl FnMut(&Received<M>) + Send + 'static {
+    let log = Arc::clone(log);
+    move |received| {
+        log.lock().unwrap().push(Seen {
+            at_ns: received.source_time_ns,
+            message: received.message.clone(),
+        });
+    }
+}
+
+fn since<M: Clone>(log: &Log<M>, since_ns: i64) -> Vec<Seen<M>> {
+    let log = log.lock().unwrap();
+    let from = log.partition_point(|seen| seen.at_ns < since_ns);
+    log[from..].to_vec()
+}
+
+/// Speed of the tool, m/s.
+pub fn speed(truth: &ContactTruth) -> f64 {
+    let v = &truth.tool_twist.linear;
+    (v.x * v.x + v.y * v.y + v.z * v.z).sqrt()
+}
+
+/// ns to s.
+pub fn seconds(ns: i64) -> f64 {
+    ns as f64 * 1e-9
+}

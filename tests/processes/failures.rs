@@ -1,0 +1,334 @@
+//! Processes that die, hang and come back while the tool slides; what the arm does is read from the simulator's truth.
+//!
+//! The bounds are those of the failure table plus what a machine that builds meanwhile may take.
+
+use tangent_runtime::clock::now_ns;
+
+use crate::cell::{Cell, Observer, PATIENCE, Seen, seconds};
+use crate::common::{json, wait_for};
+use tangent_schemas::tangent::ControlState;
+
+/// A loaded machine's share of any time measured here, s.
+const SLACK_S: f64 = 1.5;
+/// No fault presses harder: the larger of twice the reference and 10 N.
+const FORCE_MAX_N: f64 = 10.0;
+
+const APART: [&str; 6] = [
+    "router",
+    "simulator",
+    "netft",
+    "rtde",
+    "controller",
+    "estimator",
+];
+const COMPOSED: [&str; 5] = [
+    "router",
+    "simulator",
+    "netft",
+    "rtde controller",
+    "estimator",
+];
+
+/// A cell whose tool slides.
+fn sliding(names: &[&str]) -> (Cell, Observer) {
+    let mut cell = Cell::new(|_| {});
+    cell.start_all(names);
+    let observer = Observer::join(&cell);
+    cell.start_task(&cell.long_task());
+    observer.sliding(0);
+    (cell, observer)
+}
+
+/// Slides again with a new task, and nobody but `replaced` is another process than before.
+fn wipes_again(cell: &mut Cell, observer: &Observer, names: &[&str]) {
+    // The tool may stand on the surface: its zero is kept.
+    let task = cell.task(
+        false,
+        "kind = \"line\"\nto_m = [0.02, 0.0]\nspeed_m_per_s = 0.02",
+    );
+    let from = now_ns();
+    cell.start_task(&task);
+    observer.phase("slide", from);
+    observer.phase("done", from);
+    cell.assert_running(names);
+}
+
+fn fault(observer: &Observer, since_ns: i64) -> Seen<ControlState> {
+    let seen = observer.phase("fault", since_ns);
+    assert!(!seen.message.fault.is_empty());
+    seen
+}
+
+fn safe(observer: &Observer, since_ns: i64) {
+    let peak = observer.peak_force_n(since_ns);
+    assert!(peak <= FORCE_MAX_N, "{peak} N");
+}
+
+/// Sliding stops, the force is kept along the last normal, and after a second without an estimate the tool leaves.
+#[test]
+fn an_estimator_that_dies() {
+    let (mut cell, observer) = sliding(&COMPOSED);
+    let killed = now_ns();
+    cell.process("estimator").kill();
+    let hold = observer.phase("hold", killed);
+    assert!(seconds(hold.at_ns - killed) < 0.1 + SLACK_S);
+    let retract = observer.phase("retract", hold.at_ns);
+    let held = seconds(retract.at_ns - hold.at_ns);
+    assert!((0.9..1.0 + SLACK_S).contains(&held), "held for {held} s");
+    // Standing and pressing in between.
+    let middle: Vec<f64> = observer
+        .truths(hold.at_ns + 300_000_000)
+        .iter()
+        .filter(|t| t.at_ns < retract.at_ns)
+        .map(|t| {
+            assert!(t.message.sliding_speed_m_per_s < 5e-3);
+            t.message.wrench.force.z.hypot(t.message.wrench.force.x)
+        })
+        .collect();
+    let mean = middle.iter().sum::<f64>() / middle.len() as f64;
+    assert!((mean - 3.0).abs() < 0.8, "{mean} N while it stands");
+    let end = fault(&observer, killed);
+    assert!(
+        end.message.fault.contains("estimate"),
+        "{}",
+        end.message.fault
+    );
+    safe(&observer, killed);
+
+    cell.start("estimator");
+    observer.stays_at_rest(1.0);
+    wipes_again(&mut cell, &observer, &COMPOSED);
+}
+
+/// Back within the second, it is used again without anybody's asking.
+#[test]
+fn an_estimator_that_hangs_for_a_moment() {
+    let (mut cell, observer) = sliding(&COMPOSED);
+    let stopped = now_ns();
+    cell.process("estimator").signal("STOP");
+    observer.phase("hold", stopped);
+    let back = now_ns();
+    cell.process("estimator").signal("CONT");
+    observer.phase("slide", back);
+    observer.sliding(back);
+    assert!(
+        observer
+            .controls(stopped)
+            .iter()
+            .all(|c| c.message.fault.is_empty())
+    );
+    safe(&observer, stopped);
+    cell.assert_running(&COMPOSED);
+}
+
+#[test]
+fn a_sensor_service_that_dies() {
+    let (mut cell, observer) = sliding(&COMPOSED);
+    let killed = now_ns();
+    cell.process("netft").kill();
+    let retract = observer.phase("retract", killed);
+    assert!(seconds(retract.at_ns - killed) < 0.15 + SLACK_S);
+    let end = fault(&observer, killed);
+    assert!(
+        end.message.fault.contains("wrench"),
+        "{}",
+        end.message.fault
+    );
+    observer.at_rest(end.at_ns);
+    assert!(
+        !observer
+            .truths(end.at_ns)
+            .last()
+            .unwrap()
+            .message
+            .in_contact
+    );
+    safe(&observer, killed);
+
+    cell.start("netft");
+    observer.stays_at_rest(1.0);
+    // A new process has a zero of its own to find.
+    let again = cell.long_task();
+    let from = now_ns();
+    cell.start_task(&again);
+    observer.sliding(from);
+    cell.assert_running(&COMPOSED);
+}
+
+/// What it had queued comes late, in a burst, and moves nobody.
+#[test]
+fn a_sensor_service_that_hangs() {
+    let (mut cell, observer) = sliding(&COMPOSED);
+    let stopped = now_ns();
+    cell.process("netft").signal("STOP");
+    fault(&observer, stopped);
+    cell.process("netft").signal("CONT");
+    observer.stays_at_rest(1.5);
+    safe(&observer, stopped);
+    wipes_again(&mut cell, &observer, &COMPOSED);
+}
+
+/// The bridge ramps the arm down; a new controller finds the task's activation latched and starts nothing.
+#[test]
+fn a_controller_that_dies() {
+    let (mut cell, observer) = sliding(&APART);
+    let killed = now_ns();
+    cell.process("controller").kill();
+    let rest = observer.at_rest(killed);
+    assert!(
+        seconds(rest - killed) < 0.1 + SLACK_S,
+        "{}",
+        seconds(rest - killed)
+    );
+    safe(&observer, killed);
+
+    cell.start("controller");
+    observer.stays_at_rest(2.0);
+    let arm = observer.arm().unwrap();
+    assert!(arm.ready && arm.activation_latched > 0, "{arm:?}");
+    wipes_again(&mut cell, &observer, &APART);
+}
+
+/// Its old activation is latched when it goes on, and it says so instead of sliding in its mind.
+#[test]
+fn a_controller_that_hangs() {
+    let (mut cell, observer) = sliding(&APART);
+    let stopped = now_ns();
+    cell.process("controller").signal("STOP");
+    let rest = observer.at_rest(stopped);
+    assert!(seconds(rest - stopped) < 0.1 + SLACK_S);
+    let back = now_ns();
+    cell.process("controller").signal("CONT");
+    observer.stays_at_rest(1.0);
+    fault(&observer, back);
+    safe(&observer, stopped);
+    wipes_again(&mut cell, &observer, &APART);
+}
+
+/// The program on the robot stops the arm by itself; a new bridge takes over and moves nothing.
+#[test]
+fn a_bridge_that_dies() {
+    let (mut cell, observer) = sliding(&APART);
+    let killed = now_ns();
+    cell.process("rtde").kill();
+    let rest = observer.at_rest(killed);
+    assert!(
+        seconds(rest - killed) < 0.1 + SLACK_S,
+        "{}",
+        seconds(rest - killed)
+    );
+    safe(&observer, killed);
+
+    let from = now_ns();
+    cell.start("rtde");
+    // The controller lived on; its task must not.
+    fault(&observer, from);
+    observer.stays_at_rest(2.0);
+    wipes_again(&mut cell, &observer, &APART);
+}
+
+/// The same of the hard loop in one process, and of one that only hangs.
+#[test]
+fn a_hard_loop_that_hangs_and_dies() {
+    let (mut cell, observer) = sliding(&COMPOSED);
+    let stopped = now_ns();
+    cell.process("rtde controller").signal("STOP");
+    let rest = observer.at_rest(stopped);
+    assert!(seconds(rest - stopped) < 0.1 + SLACK_S);
+    safe(&observer, stopped);
+    let back = now_ns();
+    cell.process("rtde controller").signal("CONT");
+    fault(&observer, back);
+    observer.stays_at_rest(1.5);
+    wipes_again(&mut cell, &observer, &COMPOSED);
+
+    cell.start_task(&cell.long_task());
+    observer.sliding(now_ns());
+    let killed = now_ns();
+    cell.process("rtde controller").kill();
+    let rest = observer.at_rest(killed);
+    assert!(seconds(rest - killed) < 0.1 + SLACK_S);
+    safe(&observer, killed);
+    cell.start("rtde controller");
+    observer.stays_at_rest(2.0);
+    wipes_again(&mut cell, &observer, &COMPOSED);
+}
+
+/// Nobody hears anybody: the arm comes off the surface; then all find each other again, none started anew.
+#[test]
+fn a_router_that_is_started_again() {
+    let names = [
+        "router",
+        "simulator recorder",
+        "netft",
+        "rtde controller",
+        "estimator",
+    ];
+    let (mut cell, observer) = sliding(&names);
+    let before = cell.ids();
+    let killed = now_ns();
+    cell.process("router").kill();
+    wait_for("the loop has ended the task", PATIENCE, || {
+        cell.log("rtde controller")
+            .contains("fault: ")
+            .then_some(())
+    });
+    let restarted = now_ns();
+    cell.start("router");
+    wait_for("everybody is back", PATIENCE, || {
+        let status = json(&cell.cli(&["status", "--json"]));
+        let there = |name: &str| {
+            let services = status["services"].as_array().unwrap();
+            services
+                .iter()
+                .any(|s| s["name"] == name && s["state"] != "silent")
+        };
+        [
+            "netft",
+            "rtde",
+            "controller",
+            "estimator",
+            "recorder",
+            "simulator",
+        ]
+        .iter()
+        .all(|name| there(name))
+        .then_some(())
+    });
+    let end = fault(&observer, restarted);
+    assert!(
+        end.message.fault.contains("wrench"),
+        "{}",
+        end.message.fault
+    );
+    observer.stays_at_rest(1.0);
+    wipes_again(&mut cell, &observer, &names);
+    let mut after = cell.ids();
+    after.insert("router".into(), before["router"]);
+    assert_eq!(after, before);
+
+    assert_eq!(
+        cell.process("simulator recorder").terminate(PATIENCE),
+        Some(0)
+    );
+    // The truth was recorded in the simulator's own process: no router on that way.
+    let recording = tangent_recorder::Recording::open(&cell.files()[0]).unwrap();
+    let off = recording
+        .messages()
+        .filter(|m| m.topic == "/truth/contact" && m.publish_time_ns as i64 > killed)
+        .map(|m| {
+            let truth: tangent_schemas::tangent::ContactTruth =
+                tangent_schemas::cdr::decode(&m.bytes).unwrap();
+            let f = &truth.wrench.force;
+            let force = (f.x * f.x + f.y * f.y + f.z * f.z).sqrt();
+            assert!(force <= FORCE_MAX_N, "{force} N");
+            (m.publish_time_ns as i64, truth.in_contact)
+        })
+        .find(|(_, in_contact)| !in_contact)
+        .expect("it came off the surface");
+    assert!(
+        seconds(off.0 - killed) < 0.5 + SLACK_S,
+        "{}",
+        seconds(off.0 - killed)
+    );
+}

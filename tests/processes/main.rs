@@ -1,0 +1,11 @@
+//! Whole cells on loopback with one process per service, driven by the `tangent` command as a person would.
+
+#![allow(clippy::unwrap_used)]
+
+mod calibration;
+mod cell;
+mod commands;
+#[path = "../common/mod.rs"]
+mod common;
+mod failures;
+mod recordings;
