@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
-use tangent_runtime::{Bus, CellConfig, Role};
+use tangent_runtime::{Bus, CellConfig, Role, Stop};
 use tangent_schemas::tangent::{Answer, Request};
 
 use crate::compose;
 use crate::output::{Outcome, bad_usage, print_json};
 
 /// How long a person waits for the cell's router.
-const ROUTER_PATIENCE: Duration = Duration::from_secs(3);
+pub const ROUTER_PATIENCE: Duration = Duration::from_secs(3);
 /// How long a person waits for a service's answer.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
 
@@ -34,10 +34,18 @@ pub fn load(path: Option<&Path>) -> Result<CellConfig> {
 /// # Errors
 /// When no router answers.
 pub fn join(config: &CellConfig) -> Result<Bus> {
+    join_within(config, ROUTER_PATIENCE, &Stop::new())
+}
+
+/// The same with another patience, given up when `stop` is triggered.
+///
+/// # Errors
+/// When no router answers in time.
+pub fn join_within(config: &CellConfig, patience: Duration, stop: &Stop) -> Result<Bus> {
     let mut config = config.clone();
     // A command that a person waits for is in no hurry.
     config.realtime.enabled = false;
-    Bus::open_within(&config, Role::Client, ROUTER_PATIENCE).with_context(|| {
+    Bus::open_until(&config, Role::Client, Some(patience), stop).with_context(|| {
         format!(
             "cell {} cannot be reached; start it with `tangent up`, or `tangent run router` and its services",
             config.cell.name

@@ -44,6 +44,8 @@ pub enum Command {
     Param(ParamCommand),
     /// Services, rates, ages and faults of the cell.
     Status,
+    /// Ask whether services are well: exit code 0 when all are, else 1.
+    Health(Health),
     /// Record every topic of the cell until Ctrl-C.
     Record(Record),
     /// Read a recording: figures, and a page with plots.
@@ -54,6 +56,8 @@ pub enum Command {
     Reproduce(Reproduce),
     /// Provoke every failure on a private simulated cell, and measure who notices when, and when the arm is safe.
     Faults(Faults),
+    /// Can this machine do it? Scheduling, memory, kernel, network, ports, disk, clock, robot and sensor, and what to do.
+    Doctor(Doctor),
     /// Robot models: list them, show one, or check them against reference values.
     #[command(subcommand)]
     Model(ModelCommand),
@@ -141,6 +145,31 @@ pub struct Run {
     /// Any of router, netft, rtde, estimator, controller, recorder, simulator.
     #[arg(required = true, value_parser = ["router", "netft", "rtde", "estimator", "controller", "recorder", "simulator"])]
     pub services: Vec<String>,
+    /// Estimators that the estimator service of this process runs, in place of the cell file's list; commas between them.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub estimators: Vec<String>,
+}
+
+/// Options of `tangent health`.
+#[derive(Debug, Args)]
+pub struct Health {
+    /// Services: router, netft, rtde, estimator, controller, recorder, simulator, or one of your own.
+    #[arg(required = true)]
+    pub services: Vec<String>,
+    /// Only those on this host (in a container: in this container).
+    #[arg(long)]
+    pub here: bool,
+    /// Seconds to listen for a service, which tells its health once a second.
+    #[arg(long, value_name = "SECONDS", default_value_t = 3.0, value_parser = seconds)]
+    pub patience_s: f64,
+}
+
+/// Seconds a person may ask to wait.
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if (0.0..=86_400.0).contains(&s) => Ok(s),
+        _ => Err("allowed are 0 to 86400 seconds".to_owned()),
+    }
 }
 
 /// What to do with a task.
@@ -150,6 +179,12 @@ pub enum TaskCommand {
     Start {
         /// Task file (TOML).
         file: PathBuf,
+        /// Wait so many seconds for the cell to be there and ready, instead of failing at once.
+        #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+        wait_s: Option<f64>,
+        /// Stay until the task ends, and show it; Ctrl-C or SIGTERM retracts. Exit code 0 when the task is done.
+        #[arg(long)]
+        follow: bool,
     },
     /// Stop sliding, keep the force.
     Pause,
@@ -244,7 +279,7 @@ pub struct Record {
 /// Options of `tangent report`.
 #[derive(Debug, Args)]
 pub struct Report {
-    /// Recording (`.mcap`).
+    /// Recording (`.mcap`), or a folder: its newest recording.
     pub file: PathBuf,
     /// Where to write the page; beside the recording if not named.
     #[arg(long)]
@@ -304,6 +339,14 @@ pub struct Faults {
     /// Seed of the simulator's noise.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+}
+
+/// Options of `tangent doctor`.
+#[derive(Debug, Args)]
+pub struct Doctor {
+    /// Look at this machine only, not at the cell's robot and sensor and the way to them.
+    #[arg(long)]
+    pub machine: bool,
 }
 
 /// What to do with robot models.

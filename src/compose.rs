@@ -1,6 +1,5 @@
 //! Puts services into this process: each in a thread of its own, all on one bus.
 
-use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::thread::JoinHandle;
 
@@ -146,7 +145,7 @@ pub fn simulator(
         Flavour::Cb3
     };
     let simulated = tangent_simulator::Config {
-        address: IpAddr::V4(Ipv4Addr::LOCALHOST),
+        address: config.simulator.address,
         ports: Ports::Offset(config.robot.port_offset),
         controller: tangent_simulator::ControllerConfig {
             flavour,

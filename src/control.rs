@@ -3,18 +3,23 @@
 use std::fmt;
 use std::fs;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use serde_json::{Value, json};
-use tangent_control::Task;
+use tangent_control::{Phase, Task};
 use tangent_runtime::parameters::ParameterInfo;
-use tangent_runtime::{Bus, CellConfig};
-use tangent_schemas::tangent::Request;
+use tangent_runtime::{Bus, CellConfig, Stop};
+use tangent_schemas::tangent::{Answer, Request};
 use tangent_schemas::topics::queries;
 
 use crate::cell::{self, ANSWER_PATIENCE, ask_and_print, data};
 use crate::cli::{ParamCommand, TaskCommand};
+use crate::follow;
 use crate::output::{Outcome, bad_usage, print_json};
+
+/// How long `task start --follow` waits for a cell that is not ready, s, unless told otherwise.
+const FOLLOW_WAIT_S: f64 = 3.0;
 
 /// The text of a task file. A mistake in it is told here, with the file's name, before anything is asked of the cell.
 ///
@@ -33,13 +38,57 @@ pub fn task_text(file: &Path) -> Result<String> {
 /// A bad task file, or a cell that does not answer.
 pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Outcome> {
     let (key, action, argument) = match command {
-        TaskCommand::Start { file } => (queries::CONTROL_TASK, "start", task_text(file)?),
+        TaskCommand::Start {
+            file,
+            wait_s,
+            follow,
+        } => {
+            let text = task_text(file)?;
+            if *follow || wait_s.is_some() {
+                let wait_s = wait_s.unwrap_or(FOLLOW_WAIT_S);
+                return start_when_ready(&text, wait_s, *follow, config, json);
+            }
+            (queries::CONTROL_TASK, "start", text)
+        }
         TaskCommand::Pause => (queries::CONTROL_TASK, "pause", String::new()),
         TaskCommand::Resume => (queries::CONTROL_TASK, "resume", String::new()),
         TaskCommand::Stop => (queries::CONTROL_STOP, "stop", String::new()),
         TaskCommand::Status => (queries::CONTROL_TASK, "status", String::new()),
     };
     ask_and_print(&cell::join(config)?, key, action, &argument, json)
+}
+
+/// Starts a task as soon as the cell is ready, and with `to_its_end` waits for that.
+fn start_when_ready(
+    task: &str,
+    wait_s: f64,
+    to_its_end: bool,
+    config: &CellConfig,
+    json: bool,
+) -> Result<Outcome> {
+    let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
+    let began = Instant::now();
+    let patience = Duration::from_secs_f64(wait_s);
+    let bus = cell::join_within(config, patience.max(cell::ROUTER_PATIENCE), &stop)?;
+    let left = patience.saturating_sub(began.elapsed());
+    if !to_its_end {
+        let message = follow::start_when_ready(&bus, task, &stop, left)?;
+        let answer = Answer {
+            done: true,
+            message,
+            ..Answer::default()
+        };
+        cell::print_answer(&answer, json)?;
+        return Ok(Outcome::Done);
+    }
+    let (phase, fault) = follow::follow(&bus, task, &stop, left, false)?;
+    if json {
+        print_json(&json!({ "phase": phase.name(), "fault": fault }))?;
+    }
+    Ok(match phase {
+        Phase::Done => Outcome::Done,
+        _ => Outcome::Failed,
+    })
 }
 
 /// Sets the force sensor's zero.

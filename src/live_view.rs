@@ -46,6 +46,11 @@ impl LiveView {
         self.control.get().map(|r| &r.message)
     }
 
+    /// How long ago the controller's newest state came; `None` before the first.
+    pub fn silence(&mut self) -> Option<Duration> {
+        self.control.get().map(|r| r.received.elapsed())
+    }
+
     /// Draws or prints what is new.
     pub fn refresh(&mut self) {
         let Some(control) = self.control.get().map(|r| r.message.clone()) else {

@@ -6,9 +6,12 @@ mod cell;
 mod cli;
 mod compose;
 mod control;
+mod doctor;
 mod estimators;
 mod evaluate;
 mod faults;
+mod follow;
+mod health;
 mod live_view;
 mod model;
 mod output;
@@ -60,11 +63,13 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         }
         Command::Param(command) => control::param(command, &config()?, json),
         Command::Status => status::run(&config()?, json),
+        Command::Health(args) => health::run(args, &config()?, json),
         Command::Record(args) => run::record(args, &config()?),
         Command::Report(args) => report::run(args, json),
         Command::Evaluate(args) => evaluate::run(args, json),
         Command::Reproduce(args) => reproduce::run(args, json),
         Command::Faults(args) => faults::run(args, json),
+        Command::Doctor(args) => doctor::run(args, &config()?, json),
         Command::Model(command) => model::run(command, json),
         Command::Bench(command) => bench::run(command, json),
     }

@@ -17,7 +17,11 @@ pub fn run(args: &Run, config: &CellConfig) -> Result<Outcome> {
     } else {
         Role::Client
     };
-    services(&args.services, config, role, &RecorderExtra::default())
+    let mut config = config.clone();
+    if !args.estimators.is_empty() {
+        config.estimators.run.clone_from(&args.estimators);
+    }
+    services(&args.services, &config, role, &RecorderExtra::default())
 }
 
 /// Records the cell until Ctrl-C.

@@ -8,24 +8,17 @@ use anyhow::{Context, Result, bail};
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_control::Phase;
 use tangent_runtime::config::PoseConfig;
-use tangent_runtime::{Bus, CellConfig, Latest, Role, Stop};
-use tangent_schemas::tangent::{ArmState, WrenchStatus};
-use tangent_schemas::topics::{self, queries};
+use tangent_runtime::{Bus, CellConfig, Role, Stop};
 use tangent_simulation::Scenario;
 
-use crate::cell::ask;
 use crate::cli::Up;
 use crate::compose::{self, RecorderExtra, Running};
-use crate::live_view::LiveView;
+use crate::follow::follow;
 use crate::output::{Outcome, bad_usage, print_json};
 use crate::{control, report, scenarios};
 
 /// Longest wait for the arm to be powered, its program to run and the sensor to stream.
 const READY_PATIENCE: Duration = Duration::from_secs(30);
-/// Longest wait for the retract after Ctrl-C.
-const RETRACT_PATIENCE: Duration = Duration::from_secs(20);
-/// How often the view is renewed.
-const LOOK: Duration = Duration::from_millis(50);
 
 /// Runs the system, the task, and the report.
 ///
@@ -55,9 +48,9 @@ pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
     };
     let began = Instant::now();
     let mut system = System::start(&config, &scenario, &bus, &stop, &extra)?;
-    let wiped = wipe(&bus, &task, &stop, args.stay);
+    let wiped = follow(&bus, &task, &stop, READY_PATIENCE, args.stay);
     let recordings = system.end(&args.folder, began)?;
-    let phase = wiped?;
+    let (phase, _) = wiped?;
 
     let (figures, page) = report::write_for(&recordings)?;
     if json {
@@ -192,90 +185,5 @@ impl System {
             bail!("no recording was written to {}", folder.display());
         }
         Ok(files)
-    }
-}
-
-/// Starts the task when everything is ready, shows it, and waits for its end.
-fn wipe(bus: &Bus, task: &str, stop: &Stop, stay: bool) -> Result<Phase> {
-    let mut view = LiveView::new(bus)?;
-    wait_until_ready(bus, stop)?;
-    let answer = ask(bus, queries::CONTROL_TASK, "start", task)?;
-    if !answer.done {
-        bail!("the controller does not start the task: {}", answer.message);
-    }
-    view.say(&answer.message);
-    let mut asked_to_stop: Option<Instant> = None;
-    let mut seen_active = false;
-    let phase = loop {
-        view.refresh();
-        let phase = view.control().and_then(|c| Phase::from_code(c.phase));
-        if let Some(phase) = phase {
-            seen_active |= phase.is_active();
-            if seen_active && !phase.is_active() && (!stay || stop.is_stopped()) {
-                break phase;
-            }
-        }
-        if stop.is_stopped() {
-            let since = *asked_to_stop.get_or_insert_with(|| {
-                view.say("retracting");
-                if let Err(error) = ask(bus, queries::CONTROL_STOP, "stop", "") {
-                    view.say(&format!("{error:#}"));
-                }
-                Instant::now()
-            });
-            if since.elapsed() > RETRACT_PATIENCE {
-                view.end();
-                bail!("the arm did not retract within {RETRACT_PATIENCE:?}");
-            }
-            std::thread::sleep(LOOK);
-        } else {
-            stop.wait(LOOK);
-        }
-    };
-    view.refresh();
-    view.end();
-    if phase == Phase::Fault
-        && let Some(control) = view.control()
-    {
-        eprintln!("the task ended with a fault: {}", control.fault);
-    }
-    Ok(phase)
-}
-
-fn wait_until_ready(bus: &Bus, stop: &Stop) -> Result<()> {
-    let mut arm: Latest<ArmState> = bus.latest(&topics::ARM_STATE)?;
-    let mut sensor: Latest<WrenchStatus> = bus.latest(&topics::WRENCH_STATUS)?;
-    let began = Instant::now();
-    let mut said = String::new();
-    loop {
-        let arm_waits = match arm.get() {
-            None => Some("no packet from the robot yet".to_owned()),
-            Some(r) if r.message.ready => None,
-            Some(r) => Some(r.message.not_ready_reason.to_string()),
-        };
-        let sensor_waits = match sensor.get() {
-            None => Some("no record from the sensor yet".to_owned()),
-            Some(r) if r.message.validity == 0 => None,
-            Some(r) => Some(r.message.status_text.to_string()),
-        };
-        let waits: Vec<String> = arm_waits
-            .map(|w| format!("robot: {w}"))
-            .into_iter()
-            .chain(sensor_waits.map(|w| format!("sensor: {w}")))
-            .collect();
-        if waits.is_empty() {
-            return Ok(());
-        }
-        let waits = waits.join("; ");
-        if waits != said {
-            eprintln!("waiting: {waits}");
-            said = waits;
-        }
-        if began.elapsed() > READY_PATIENCE {
-            bail!("not ready after {READY_PATIENCE:?}: {said}");
-        }
-        if stop.wait(LOOK) {
-            bail!("stopped before the task began");
-        }
     }
 }

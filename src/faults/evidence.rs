@@ -166,9 +166,7 @@ impl Evidence {
     pub fn safe_ns(&self, from_ns: i64, to_ns: i64) -> Option<i64> {
         let truths = lock(&self.truths);
         let all = span(&truths, from_ns, to_ns);
-        let slid = all
-            .iter()
-            .rposition(|(_, truth)| truth.slides());
+        let slid = all.iter().rposition(|(_, truth)| truth.slides());
         match slid {
             None => Some(from_ns),
             Some(index) => all.get(index + 1).map(|(at, _)| *at),

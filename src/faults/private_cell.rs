@@ -274,7 +274,8 @@ impl PrivateCell {
             let control = self.evidence.control(now - FRESH_NS);
             if let Some(control) = control {
                 if control.phase.is_active() {
-                    if control.phase == Phase::Slide && self.evidence.slid_throughout(now - SLID_NS) {
+                    if control.phase == Phase::Slide && self.evidence.slid_throughout(now - SLID_NS)
+                    {
                         return Ok(());
                     }
                 } else if now - asked_ns > FRESH_NS {

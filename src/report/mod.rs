@@ -18,12 +18,13 @@ pub use comparison::{EstimatorFigures, estimators, words as estimator_words};
 pub use figures::{Quantiles, Report, TaskRun};
 use run::Run;
 
-/// Reads a recording, prints its figures, writes its page.
+/// Reads a recording (of a folder, the newest one), prints its figures, writes its page.
 ///
 /// # Errors
 /// A file that cannot be read, is no recording or holds nothing of a tangent cell; a page that cannot be written.
 pub fn run(args: &crate::cli::Report, json: bool) -> Result<Outcome> {
-    let (recorded, page) = read(std::slice::from_ref(&args.file), !args.no_html)?;
+    let files = recordings(&args.file)?;
+    let (recorded, page) = read(&files, !args.no_html)?;
     for path in &recorded.truncated {
         eprintln!(
             "{}: lacks its end, read up to the last whole chunk; a recorder that starts in this folder mends it",
@@ -31,7 +32,7 @@ pub fn run(args: &crate::cli::Report, json: bool) -> Result<Outcome> {
         );
     }
     let report = recorded.report;
-    let html = args.html.clone().unwrap_or_else(|| beside(&args.file));
+    let html = args.html.clone().unwrap_or_else(|| beside(&files[0]));
     if let Some(page) = page {
         write_page(&html, &page)?;
     }
@@ -82,6 +83,33 @@ fn read(paths: &[PathBuf], page: bool) -> Result<(Read, Option<String>)> {
         truncated: run.truncated,
     };
     Ok((read, page))
+}
+
+/// The file itself; of a folder, the files of its newest run (`CELL-STAMP-NNN.mcap`, NNN counts), at least one.
+fn recordings(path: &Path) -> Result<Vec<PathBuf>> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let of_run = |path: &PathBuf| {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        stem.rsplit_once('-')
+            .map_or(stem.to_string(), |(run, _)| run.to_owned())
+    };
+    let listing = fs::read_dir(path).with_context(|| format!("listing {}", path.display()))?;
+    let mut files: Vec<PathBuf> = listing
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|file| file.extension().is_some_and(|e| e == "mcap"))
+        .collect();
+    let modified = |file: &PathBuf| fs::metadata(file).and_then(|m| m.modified()).ok();
+    let newest = files
+        .iter()
+        .max_by_key(|file| modified(file))
+        .map(of_run)
+        .with_context(|| format!("no recording (.mcap) in {}", path.display()))?;
+    files.retain(|file| of_run(file) == newest);
+    files.sort();
+    Ok(files)
 }
 
 fn beside(recording: &Path) -> PathBuf {

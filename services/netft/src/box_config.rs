@@ -58,6 +58,8 @@ pub struct BoxConfig {
     pub buffer_records: Option<u32>,
     /// The box turns its readings into another frame: something was typed in on its web page.
     pub transformed: bool,
+    /// Number of the box's own low-pass filter, 0 for off; none when the box does not say.
+    pub filter: Option<u32>,
 }
 
 impl BoxConfig {
@@ -160,6 +162,7 @@ impl BoxConfig {
             rate_hz: number("comrdtrate")?.filter(|rate| *rate > 0.0),
             buffer_records: number("comrdtbsiz")?.map(|n| n.clamp(0.0, 1e6) as u32),
             transformed,
+            filter: number("setuserfilter")?.map(|n| n.clamp(0.0, 1e6) as u32),
         })
     }
 
@@ -269,6 +272,14 @@ mod tests {
             let ratio = found.unwrap().newton_metre_per_count * 2e6 / newton_metre;
             assert!((ratio - 1.0).abs() < 1e-12, "{unit}");
         }
+    }
+
+    #[test]
+    fn the_filter_is_read_where_the_box_tells_it() {
+        let plain = xml("N", "N-m");
+        assert_eq!(BoxConfig::parse(&plain).unwrap().filter, None);
+        let told = plain.replace("<netft>", "<netft><setuserfilter>3</setuserfilter>");
+        assert_eq!(BoxConfig::parse(&told).unwrap().filter, Some(3));
     }
 
     #[test]

@@ -122,5 +122,10 @@ fn find(config: &Config) -> Result<BoxConfig, NetftError> {
              the tool's frame are wrong"
         );
     }
+    if found.filter.is_some_and(|number| number != 0) {
+        tracing::warn!(
+            "the box filters its readings itself, and late: switch its low-pass filter off on its web page, this host filters"
+        );
+    }
     Ok(found)
 }

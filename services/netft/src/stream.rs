@@ -203,9 +203,8 @@ impl Stream {
     }
 
     fn is_remembered(&self, sequence: i64) -> bool {
-        self.last.is_some_and(|last| {
-            last.sequence - sequence < REMEMBERED as i64 * self.step
-        })
+        self.last
+            .is_some_and(|last| last.sequence - sequence < REMEMBERED as i64 * self.step)
     }
 
     fn slot(&self, sequence: i64) -> usize {

@@ -14,6 +14,7 @@ pub mod dashboard;
 pub mod guard;
 #[cfg(test)]
 mod guard_tests;
+pub mod inquiry;
 pub mod link;
 pub mod primary;
 pub mod program;

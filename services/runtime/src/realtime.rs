@@ -77,6 +77,19 @@ pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> Realtime
     report
 }
 
+/// Whether a thread of this process may have SCHED_FIFO with `priority` (1 to 99), tried in a thread that ends with the
+/// call.
+///
+/// # Errors
+/// In words, with what to do.
+pub fn try_schedule(priority: u8) -> Result<(), String> {
+    match std::thread::spawn(move || schedule(priority)).join() {
+        Ok((true, _)) => Ok(()),
+        Ok((false, words)) => Err(words),
+        Err(_) => Err("the thread that tried it panicked; this is a defect".to_owned()),
+    }
+}
+
 /// SCHED_FIFO for the calling thread, and what came of it in words.
 fn schedule(priority: u8) -> (bool, String) {
     let in_range = (1..=99).contains(&priority);
@@ -100,7 +113,8 @@ fn schedule(priority: u8) -> (bool, String) {
             false,
             format!(
                 "normal scheduling, SCHED_FIFO {priority} was refused ({error:?}): allow it with `rtprio {priority}` in \
-                 /etc/security/limits.d, `LimitRTPRIO={priority}` in the systemd unit, or `cap_add: [SYS_NICE]` in the container"
+                 /etc/security/limits.d, `LimitRTPRIO={priority}` in the systemd unit, or `ulimits: {{ rtprio: {priority} }}` in \
+                 the container"
             ),
         ),
     }

@@ -43,6 +43,8 @@ pub struct NetbConfig {
     pub rate_hz: u32,
     /// Records per buffered datagram at the start, 1 to 40.
     pub buffer_records: u32,
+    /// Number of the low-pass filter that its web page shows; 0: off. The readings are not filtered.
+    pub filter: u32,
     /// A count beyond latches the threshold warning.
     pub threshold_counts: Option<[i32; 6]>,
     /// SCHED_FIFO priority of the thread that sends records; `None` for normal scheduling.
@@ -63,6 +65,7 @@ impl Default for NetbConfig {
             serial: "FT00000".into(),
             rate_hz: 7000,
             buffer_records: 7,
+            filter: 0,
             threshold_counts: None,
             realtime_priority: None,
         }

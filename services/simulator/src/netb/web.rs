@@ -77,6 +77,7 @@ async fn describe(State(shared): State<Arc<Shared>>) -> impl IntoResponse {
         ("prodname", "Net F/T (simulated)".to_owned()),
         ("setserial", config.serial.clone()),
         ("runstat", "0".to_owned()),
+        ("setuserfilter", config.filter.to_string()),
         ("cfgcpf", config.counts_per_force.to_string()),
         ("cfgcpt", config.counts_per_torque.to_string()),
         ("scfgfu", config.force_unit.clone()),

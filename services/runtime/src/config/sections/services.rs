@@ -1,6 +1,7 @@
 //! `[estimators]`, `[controller]`, `[recorder]` and `[simulator]`: the settings of single services.
 
 use std::collections::BTreeMap;
+use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 
 use serde::Deserialize;
@@ -109,11 +110,23 @@ impl RecorderConfig {
 }
 
 /// `[simulator]`
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimulatorConfig {
+    /// Where the simulated robot and sensor listen: an address of this host; 0.0.0.0 for all of them.
+    pub address: IpAddr,
     /// Scenario file: surface, contact, sensor noise. Without one: the built-in pipe.
     pub scenario: Option<PathBuf>,
     /// Seed of all randomness; without one the scenario's.
     pub seed: Option<u64>,
+}
+
+impl Default for SimulatorConfig {
+    fn default() -> Self {
+        Self {
+            address: IpAddr::V4(Ipv4Addr::LOCALHOST),
+            scenario: None,
+            seed: None,
+        }
+    }
 }

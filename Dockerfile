@@ -1,0 +1,24 @@
+# One image for every service: the `tangent` program, the cell and task files, the scenarios. No shell, no compiler, no root is
+# needed at run time. `docker compose build` makes it; docs/deploy.md says how to use it.
+
+ARG BUILD_IMAGE=rust:1.95-bookworm
+ARG RUN_IMAGE=debian:12-slim
+
+FROM ${BUILD_IMAGE} AS build
+WORKDIR /build
+COPY . .
+# Without the debug tables the program is a tenth of the size.
+ENV CARGO_PROFILE_RELEASE_DEBUG=false CARGO_PROFILE_RELEASE_STRIP=symbols
+RUN cargo build --release --locked --bin tangent
+
+FROM ${RUN_IMAGE}
+COPY --from=build /build/target/release/tangent /usr/local/bin/tangent
+COPY deploy /tangent/deploy
+COPY scenarios /tangent/scenarios
+# A named volume that is mounted here for the first time takes over this owner.
+RUN install -d -o 10001 -g 10001 /tangent/recordings
+WORKDIR /tangent
+USER 10001:10001
+EXPOSE 7447
+ENTRYPOINT ["/usr/local/bin/tangent"]
+CMD ["--help"]

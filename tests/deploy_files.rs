@@ -1,0 +1,184 @@
+//! The files in `deploy/` and the compose file: each loads, and says what the others say.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::process::Command;
+
+use tangent_runtime::CellConfig;
+
+use common::root;
+
+fn load(name: &str) -> CellConfig {
+    CellConfig::load(&root().join("deploy").join(name)).unwrap()
+}
+
+/// Every cell file loads, and the one for containers is the shipped one but for addresses and scheduling.
+#[test]
+fn cell_files() {
+    let shipped = load("cell.toml");
+    let mut compose = load("cell.compose.toml");
+    assert_eq!(compose.robot.address, "simulator");
+    assert_eq!(compose.sensor.address, "simulator");
+    assert_eq!(compose.zenoh.connect, ["tcp/router:7447"]);
+    assert!(compose.simulator.address.is_unspecified());
+    compose.robot.address.clone_from(&shipped.robot.address);
+    compose.sensor.address.clone_from(&shipped.sensor.address);
+    compose.simulator.address = shipped.simulator.address;
+    assert_eq!(compose.cell, shipped.cell);
+    assert_eq!(compose.robot, shipped.robot);
+    assert_eq!(compose.sensor, shipped.sensor);
+    assert_eq!(compose.tool, shipped.tool);
+    assert_eq!(compose.limits, shipped.limits);
+    assert_eq!(compose.estimators, shipped.estimators);
+    assert_eq!(compose.controller, shipped.controller);
+    assert_eq!(compose.recorder, shipped.recorder);
+    assert_eq!(compose.simulator, shipped.simulator);
+
+    let real = load("cell.real.toml");
+    assert!(!real.robot.power_on, "a real arm is powered by hand");
+    assert!(real.realtime.enabled);
+    tangent_rtde::Config::from_cell(&real).unwrap();
+}
+
+/// `NAME` and its default in each `${NAME:-DEFAULT}` of the compose file, and what it is started from.
+#[test]
+fn the_image_is_pinned_small_and_not_root() {
+    let text = fs::read_to_string(root().join("Dockerfile")).unwrap();
+    let bases: Vec<&str> = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("ARG "))
+        .filter_map(|line| line.split_once('='))
+        .map(|(_, base)| base)
+        .collect();
+    assert_eq!(bases.len(), 2, "{bases:?}");
+    for base in bases {
+        let tag = base.split_once(':').unwrap().1;
+        assert!(
+            tag != "latest" && tag.starts_with(char::is_numeric),
+            "{base}"
+        );
+    }
+    let (_, last) = text.rsplit_once("\nFROM ").unwrap();
+    assert!(last.contains("\nUSER 10001:10001\n"));
+    for line in last
+        .lines()
+        .filter(|l| l.starts_with("COPY ") && !l.contains("--from"))
+    {
+        let from = line.split_whitespace().nth(1).unwrap();
+        assert!(root().join(from).exists(), "{line}");
+    }
+    // What the build needs is let through to it.
+    let ignored = fs::read_to_string(root().join(".dockerignore")).unwrap();
+    for needed in [
+        "Cargo.toml",
+        "Cargo.lock",
+        "core",
+        "deploy",
+        "scenarios",
+        "schemas",
+        "services",
+        "src",
+    ] {
+        assert!(
+            ignored.lines().any(|l| l == format!("!{needed}")),
+            "{needed}"
+        );
+    }
+}
+
+/// Compose, whichever is here, takes the file, and gives each profile the services that it should have.
+#[test]
+fn the_compose_file_is_taken() {
+    let mut taken = 0;
+    for compose in [&["docker-compose"][..], &["docker", "compose"]] {
+        let here = |arguments: &[&str]| {
+            let mut command = Command::new(compose[0]);
+            command
+                .args(&compose[1..])
+                .args(arguments)
+                .current_dir(root());
+            command.output()
+        };
+        if !here(&["version"]).is_ok_and(|o| o.status.success()) {
+            eprintln!("skipped, because `{}` is not here", compose.join(" "));
+            continue;
+        }
+        taken += 1;
+        let all = [
+            "--profile",
+            "sim",
+            "--profile",
+            "real",
+            "--profile",
+            "viewer",
+        ];
+        let output = here(&[&all[..], &["config"]].concat()).unwrap();
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        let services: BTreeSet<&str> = text
+            .lines()
+            .filter_map(|l| l.strip_prefix("  ")?.strip_suffix(':'))
+            .filter(|l| !l.starts_with(' '))
+            .collect();
+        for service in [
+            "router",
+            "simulator",
+            "netft",
+            "robot",
+            "estimator",
+            "recorder",
+            "task",
+            "real-robot",
+            "viewer",
+        ] {
+            assert!(
+                services.contains(service),
+                "{service} is not in {services:?}"
+            );
+        }
+    }
+    assert!(
+        taken > 0 || std::env::var_os("TANGENT_REQUIRE_DOCKER").is_none(),
+        "TANGENT_REQUIRE_DOCKER is set, but Compose is not here"
+    );
+}
+
+/// systemd's own check of the units, with the program that was built in the place of the installed one.
+#[test]
+fn systemd_takes_the_units() {
+    if !Command::new("systemd-analyze")
+        .arg("--version")
+        .output()
+        .is_ok_and(|o| o.status.success())
+    {
+        eprintln!("skipped, because systemd-analyze is not here");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["tangent@.service", "tangent.target"] {
+        let text = fs::read_to_string(root().join("deploy/systemd").join(name)).unwrap();
+        let text = text.replace("/usr/local/bin/tangent", env!("CARGO_BIN_EXE_tangent"));
+        fs::write(folder.path().join(name), text).unwrap();
+    }
+    for unit in ["tangent@robot.service", "tangent.target"] {
+        let output = Command::new("systemd-analyze")
+            .args(["verify", "--man=no"])
+            .arg(folder.path().join(unit))
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        let ours: Vec<&str> = said
+            .lines()
+            .filter(|line| line.contains("tangent"))
+            .collect();
+        assert!(output.status.success() && ours.is_empty(), "{unit}: {said}");
+    }
+}

@@ -1,0 +1,212 @@
+//! The compose file on real containers: it wipes, swaps an estimator, survives a router's restart and a cut cable, stops in order.
+//!
+//! No image is pulled: the program under test, its libraries and the files that the Dockerfile ships make a stand-in, with the
+//! Dockerfile's own settings. Without Docker the test says so and is skipped; TANGENT_REQUIRE_DOCKER makes that a failure.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+#[path = "docker/engine.rs"]
+mod engine;
+
+use std::time::Duration;
+
+use serde_json::Value;
+
+use common::{number, wait_for};
+use engine::{Project, Said, engine};
+
+/// Longest wait for something that takes seconds on an idle machine.
+const PATIENCE: Duration = Duration::from_secs(90);
+/// The services of the simulated cell that stay.
+const SERVICES: [&str; 6] = [
+    "router",
+    "simulator",
+    "netft",
+    "robot",
+    "estimator",
+    "recorder",
+];
+/// Slides for minutes: what happens to the cell meanwhile happens while the arm slides.
+const LONG_TASK: &str = r#"
+name = "long"
+estimators = ["blend"]
+[force]
+reference_n = 3.0
+[path]
+kind = "line"
+to_m = [0.1, 0.0]
+strokes = 60
+speed_m_per_s = 0.01
+[timeouts]
+task_s = 900.0
+"#;
+
+fn parsed(said: &Said) -> Value {
+    serde_json::from_str(&said.stdout).unwrap_or_else(|e| panic!("{e}: {said:?}"))
+}
+
+/// Phase and estimator of the running task.
+fn status(project: &Project) -> Option<(String, String)> {
+    let said = project.tangent(&["task", "status", "--json"]);
+    let value: Value = serde_json::from_str(&said.stdout).ok()?;
+    let text = |key: &str| Some(value["data"][key].as_str()?.to_owned());
+    Some((text("phase")?, text("estimator")?))
+}
+
+fn wait_for_phase(project: &Project, wanted: &[&str]) -> String {
+    wait_for(&format!("phase {wanted:?}"), PATIENCE, || {
+        status(project)
+            .map(|(phase, _)| phase)
+            .filter(|phase| wanted.contains(&phase.as_str()))
+    })
+}
+
+/// Starts the long task and waits until it slides. A busy machine can starve the simulated cell until the controller takes a
+/// pause for a fault, as it should: then again.
+fn slide(project: &Project) {
+    let task = project.file("long.toml", LONG_TASK);
+    for attempt in 1..=4 {
+        let said = project.tangent(&["task", "start", task.to_str().unwrap(), "--wait-s", "60"]);
+        assert_eq!(said.code, Some(0), "{said:?}");
+        if wait_for_phase(project, &["slide", "fault"]) == "slide" {
+            return;
+        }
+        eprintln!(
+            "attempt {attempt} ended in a fault; {:?}",
+            project.tangent(&["task", "status"])
+        );
+    }
+    panic!("no attempt came to slide");
+}
+
+fn use_estimator(project: &Project, name: &str) {
+    wait_for(&format!("{name} in use"), PATIENCE, || {
+        let said = project.tangent(&["estimator", "use", name]);
+        // Refused while it is not fresh or too far off: asked again.
+        (said.code == Some(0)).then_some(())
+    });
+    assert_eq!(status(project).unwrap().1, name);
+}
+
+#[test]
+fn the_compose_file_runs_a_cell() {
+    let Some(engine) = engine() else { return };
+    let project = Project::new(engine);
+    project.up();
+    it_wipes_and_records(&project);
+    an_estimator_is_swapped(&project);
+    the_router_restarts(&project);
+    a_container_is_cut_off(&project);
+    it_stops_in_order(&project);
+}
+
+fn it_wipes_and_records(project: &Project) {
+    for attempt in 1.. {
+        let code = wait_for("the task's end", 2 * PATIENCE, || {
+            let state = &project.inspect("task")["State"];
+            (state["Status"] == "exited").then(|| state["ExitCode"].as_i64())
+        });
+        if code == Some(0) {
+            break;
+        }
+        assert!(
+            attempt < 4,
+            "the task ended with code {code:?} again and again"
+        );
+        eprintln!("attempt {attempt} of the task ended with code {code:?}");
+        project.compose(&["restart", "task"]);
+    }
+    let figures = parsed(&project.inside(&["report", "recordings", "--no-html", "--json"]));
+    println!("{figures:#}");
+    assert_eq!(figures["phase"], "done");
+    assert!(number(&figures, "/normal_error_deg/mean") < 2.0);
+    assert!(number(&figures, "/force/rmse_n") < 0.5);
+    assert!((number(&figures, "/force/mean_n") - 3.0).abs() < 0.3);
+    assert!(number(&figures, "/path/rmse_m") < 5e-3);
+    // The engine's own view of the services, by `tangent health` inside each.
+    for service in SERVICES {
+        wait_for(&format!("{service} healthy"), PATIENCE, || {
+            (project.inspect(service)["State"]["Health"]["Status"] == "healthy").then_some(())
+        });
+    }
+}
+
+fn an_estimator_is_swapped(project: &Project) {
+    slide(project);
+    project.compose(&["up", "--no-build", "-d", "spare"]);
+    use_estimator(project, "quadratic");
+    project.compose(&["stop", "estimator"]);
+    // Only the one that was swapped in is left, and the tool goes on sliding.
+    let (phase, estimator) = status(project).unwrap();
+    assert_eq!((phase.as_str(), estimator.as_str()), ("slide", "quadratic"));
+    let list = parsed(&project.tangent(&["estimator", "list", "--json"]));
+    let names: Vec<&str> = list["estimators"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(|e| e["name"].as_str())
+        .collect();
+    assert_eq!(names, ["quadratic"]);
+    project.compose(&["start", "estimator"]);
+    use_estimator(project, "blend");
+    project.compose(&["stop", "spare"]);
+    assert_eq!(status(project).unwrap().0, "slide");
+    // Its state stays on the bus as long as it is asked, so it counts as running while there is a wait.
+    assert_eq!(project.tangent(&["health", "estimator"]).code, Some(0));
+}
+
+fn started(project: &Project, service: &str) -> String {
+    let state = &project.inspect(service)["State"]["StartedAt"];
+    state.as_str().unwrap().to_owned()
+}
+
+fn the_router_restarts(project: &Project) {
+    let others = &SERVICES[1..];
+    let before: Vec<String> = others.iter().map(|s| started(project, s)).collect();
+    project.compose(&["restart", "router"]);
+    // The wrench came through the router: the arm retracts, and does not go on by itself.
+    wait_for_phase(project, &["fault"]);
+    for service in ["netft", "rtde", "estimator", "recorder", "simulator"] {
+        wait_for(&format!("{service} is back"), PATIENCE, || {
+            (project.tangent(&["health", service]).code == Some(0)).then_some(())
+        });
+    }
+    slide(project);
+    let after: Vec<String> = others.iter().map(|s| started(project, s)).collect();
+    assert_eq!(before, after, "a service was restarted with the router");
+}
+
+fn a_container_is_cut_off(project: &Project) {
+    project.cable("netft", false);
+    wait_for_phase(project, &["fault"]);
+    assert_eq!(project.tangent(&["health", "netft"]).code, Some(1));
+    project.cable("netft", true);
+    wait_for("netft is back", PATIENCE, || {
+        (project.tangent(&["health", "netft"]).code == Some(0)).then_some(())
+    });
+    slide(project);
+}
+
+fn it_stops_in_order(project: &Project) {
+    assert_eq!(project.tangent(&["task", "stop"]).code, Some(0));
+    wait_for_phase(project, &["done", "fault", "idle"]);
+    // Stopped while it slides, the task's container retracts before the others go.
+    project.compose(&["restart", "task"]);
+    wait_for_phase(project, &["slide", "fault"]);
+    project.compose(&["stop"]);
+    for service in SERVICES {
+        assert_eq!(
+            project.inspect(service)["State"]["ExitCode"],
+            0,
+            "{service}"
+        );
+    }
+    project.compose(&["down"]);
+    // The volume is still there, and its newest recording is whole.
+    let said = project.inside(&["report", "recordings", "--no-html", "--json"]);
+    assert!(matches!(said.code, Some(0 | 3)), "{said:?}");
+    assert!(!said.stderr.contains("lacks its end"), "{said:?}");
+    let phase = parsed(&said)["phase"].clone();
+    assert!(phase == "done" || phase == "fault", "{phase}");
+}

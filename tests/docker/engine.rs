@@ -1,0 +1,323 @@
+//! A container engine, the stand-in image, and a compose project that is taken away with the test.
+
+use std::fs;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use serde_json::Value;
+
+use crate::common::{root, tangent};
+
+/// The profiles of the compose file that a test starts anything of.
+const PROFILES: [&str; 3] = ["sim", "spare", "tools"];
+
+/// An engine on a busy machine takes minutes for what takes a second on an idle one.
+const ENGINE_PATIENCE_S: &str = "300";
+
+/// How Compose is called here.
+pub struct Engine {
+    compose: Vec<&'static str>,
+}
+
+/// The engine of this machine; `None`, with the reason said, when there is none that can be used.
+pub fn engine() -> Option<Engine> {
+    let found = find();
+    if let Err(reason) = &found {
+        assert!(
+            std::env::var_os("TANGENT_REQUIRE_DOCKER").is_none(),
+            "TANGENT_REQUIRE_DOCKER is set, but {reason}"
+        );
+        eprintln!("skipped, because {reason}");
+    }
+    found.ok()
+}
+
+fn find() -> Result<Engine, String> {
+    let works = |program: &str, arguments: &[&str]| {
+        Command::new(program)
+            .args(arguments)
+            .stdin(Stdio::null())
+            .output()
+            .is_ok_and(|output| output.status.success())
+    };
+    if !works("docker", &["info"]) {
+        return Err("`docker info` fails: no Docker Engine runs here".to_owned());
+    }
+    if works("docker", &["compose", "version"]) {
+        return Ok(Engine {
+            compose: vec!["docker", "compose"],
+        });
+    }
+    if works("docker-compose", &["version"]) {
+        return Ok(Engine {
+            compose: vec!["docker-compose"],
+        });
+    }
+    Err("neither `docker compose` nor `docker-compose` is here".to_owned())
+}
+
+/// What a command said and how it ended.
+#[derive(Debug)]
+pub struct Said {
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl From<Output> for Said {
+    fn from(output: Output) -> Self {
+        Self {
+            code: output.status.code(),
+            stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+            stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+        }
+    }
+}
+
+/// Runs to the end.
+fn call(command: &mut Command) -> Said {
+    command.stdin(Stdio::null()).output().unwrap().into()
+}
+
+/// Runs to a good end.
+fn must(command: &mut Command) -> String {
+    let said = call(command);
+    assert_eq!(
+        said.code,
+        Some(0),
+        "{command:?}: {}{}",
+        said.stdout,
+        said.stderr
+    );
+    said.stdout
+}
+
+/// One deployment of the compose file, under a name of its own.
+pub struct Project {
+    engine: Engine,
+    name: String,
+    image: String,
+    port: u16,
+    folder: tempfile::TempDir,
+}
+
+impl Project {
+    /// Builds the stand-in image; nothing runs yet.
+    pub fn new(engine: Engine) -> Self {
+        let name = format!("tangent-test-{}", std::process::id());
+        let image = format!("{name}:standin");
+        let folder = tempfile::tempdir().unwrap();
+        build_image(&image, folder.path());
+        let port = TcpListener::bind("127.0.0.1:0")
+            .and_then(|listener| listener.local_addr())
+            .unwrap()
+            .port();
+        let cell = fs::read_to_string(root().join("deploy/cell.toml"))
+            .unwrap()
+            .replace("127.0.0.1:7447", &format!("127.0.0.1:{port}"));
+        fs::write(folder.path().join("cell.toml"), cell).unwrap();
+        Self {
+            engine,
+            name,
+            image,
+            port,
+            folder,
+        }
+    }
+
+    /// Writes a file that commands on this host can read.
+    pub fn file(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// A Compose command on this project.
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(self.engine.compose[0]);
+        command
+            .args(&self.engine.compose[1..])
+            .args(["--project-name", &self.name]);
+        for profile in PROFILES {
+            command.args(["--profile", profile]);
+        }
+        command
+            .args(arguments)
+            .current_dir(root())
+            .env("TANGENT_IMAGE", &self.image)
+            .env("TANGENT_PORT", self.port.to_string())
+            .env("COMPOSE_HTTP_TIMEOUT", ENGINE_PATIENCE_S);
+        command
+    }
+
+    /// Compose, to a good end.
+    pub fn compose(&self, arguments: &[&str]) -> String {
+        must(&mut self.command(arguments))
+    }
+
+    /// What a person does first: `up` with nothing else but that it returns, on an image that is there.
+    pub fn up(&self) {
+        let mut command = Command::new(self.engine.compose[0]);
+        command
+            .args(&self.engine.compose[1..])
+            .args(["--project-name", &self.name, "up", "--no-build", "-d"])
+            .current_dir(root())
+            .env("TANGENT_IMAGE", &self.image)
+            .env("TANGENT_PORT", self.port.to_string())
+            .env("COMPOSE_HTTP_TIMEOUT", ENGINE_PATIENCE_S);
+        must(&mut command);
+    }
+
+    /// The program on this host, through the port that the router's container publishes.
+    pub fn tangent(&self, arguments: &[&str]) -> Said {
+        let cell = self.folder.path().join("cell.toml");
+        call(tangent().args(arguments).arg("--cell").arg(cell))
+    }
+
+    /// The program in a container of its own, on the recordings' volume.
+    pub fn inside(&self, arguments: &[&str]) -> Said {
+        let all = [&["run", "--rm", "-T", "tangent"][..], arguments].concat();
+        call(&mut self.command(&all))
+    }
+
+    /// The container of a service, stopped ones too.
+    pub fn container(&self, service: &str) -> String {
+        let filters = [
+            format!("label=com.docker.compose.project={}", self.name),
+            format!("label=com.docker.compose.service={service}"),
+        ];
+        let mut command = Command::new("docker");
+        command.args(["ps", "-aq"]);
+        for filter in &filters {
+            command.args(["--filter", filter]);
+        }
+        let ids = must(&mut command);
+        ids.lines()
+            .next()
+            .unwrap_or_else(|| panic!("no container of {service}"))
+            .to_owned()
+    }
+
+    /// What the engine knows of a service's container.
+    pub fn inspect(&self, service: &str) -> Value {
+        let text = must(Command::new("docker").args(["inspect", &self.container(service)]));
+        serde_json::from_str::<Value>(&text).unwrap()[0].clone()
+    }
+
+    /// Pulls a container's network cable out, or puts it back.
+    pub fn cable(&self, service: &str, plugged: bool) {
+        let network = format!("{}_cell", self.name);
+        let container = self.container(service);
+        let action = if plugged { "connect" } else { "disconnect" };
+        let mut command = Command::new("docker");
+        command.args(["network", action]);
+        if plugged {
+            command.args(["--alias", service]);
+        }
+        must(command.args([&network, &container]));
+    }
+}
+
+impl Drop for Project {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            let logs = call(&mut self.command(&["logs", "--no-color", "--tail", "40"]));
+            eprintln!("{}{}", logs.stdout, logs.stderr);
+        }
+        let _ = call(&mut self.command(&["down", "--volumes", "--remove-orphans", "-t", "2"]));
+        let _ = call(Command::new("docker").args(["rmi", "-f", &self.image]));
+    }
+}
+
+/// An image without a base: the program, the libraries it is linked to, what the Dockerfile copies, and its settings.
+fn build_image(image: &str, folder: &Path) {
+    let tree = folder.join("image");
+    let program = env!("CARGO_BIN_EXE_tangent");
+    let inside = tree.join("usr/local/bin/tangent");
+    copy(Path::new(program), &inside);
+    // As the Dockerfile's build does; without the tool the image is larger, and as good.
+    let _ = Command::new("strip").arg(&inside).status();
+    for library in libraries(program) {
+        copy(
+            Path::new(&library),
+            &tree.join(library.trim_start_matches('/')),
+        );
+    }
+    for (path, text) in [
+        (
+            "etc/passwd",
+            "root:x:0:0::/:\ntangent:x:10001:10001::/tangent:\n",
+        ),
+        ("etc/group", "root:x:0:\ntangent:x:10001:\n"),
+        ("etc/nsswitch.conf", "hosts: files dns\n"),
+    ] {
+        let path = tree.join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, text).unwrap();
+    }
+    let settings = settings();
+    for line in &settings {
+        if let [word, from, to] = line.split_whitespace().collect::<Vec<_>>()[..]
+            && word == "COPY"
+        {
+            let to = tree.join(to.trim_start_matches('/'));
+            fs::create_dir_all(to.parent().unwrap()).unwrap();
+            must(Command::new("cp").arg("-r").arg(root().join(from)).arg(to));
+        }
+    }
+    let recordings = "./tangent/recordings";
+    fs::create_dir_all(tree.join(recordings)).unwrap();
+    let archive = folder.join("image.tar");
+    let tar = |mode: &str, owner: &str| {
+        let mut command = Command::new("tar");
+        command.arg("-C").arg(&tree).arg(format!("--owner={owner}"));
+        command
+            .arg(format!("--group={owner}"))
+            .arg(mode)
+            .arg(&archive);
+        command
+    };
+    must(
+        tar("-cf", "0")
+            .arg(format!("--exclude={recordings}"))
+            .arg("."),
+    );
+    must(tar("-rf", "10001").arg(recordings));
+    let mut import = Command::new("docker");
+    import.arg("import");
+    for line in &settings {
+        let word = line.split_whitespace().next().unwrap_or_default();
+        if ["USER", "WORKDIR", "EXPOSE", "ENTRYPOINT", "CMD", "ENV"].contains(&word) {
+            import.args(["--change", line]);
+        }
+    }
+    must(import.arg(&archive).arg(image));
+    fs::remove_dir_all(&tree).unwrap();
+    fs::remove_file(&archive).unwrap();
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to.parent().unwrap()).unwrap();
+    fs::copy(from, to).unwrap();
+}
+
+/// Instructions of the Dockerfile's last stage.
+pub fn settings() -> Vec<String> {
+    let text = fs::read_to_string(root().join("Dockerfile")).unwrap();
+    let (_, last) = text.rsplit_once("\nFROM ").unwrap();
+    last.lines()
+        .skip(1)
+        .filter(|line| !line.is_empty() && !line.starts_with('#'))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// What the dynamic linker would load.
+fn libraries(program: &str) -> Vec<String> {
+    must(Command::new("ldd").arg(program))
+        .lines()
+        .filter_map(|line| line.split_whitespace().find(|word| word.starts_with('/')))
+        .map(str::to_owned)
+        .collect()
+}
