@@ -57,6 +57,10 @@ message! {
         pub packet_to_command_s: f64,
         /// Cycles in which no fresh command was at hand while one was due.
         pub missed_cycles: u64,
+        /// Who alone may command the arm now, `SERVICE/INSTANCE`; empty while nobody does.
+        pub commanded_by: Name,
+        /// Its publisher's id; all zero while nobody commands.
+        pub commander_id: [u8; 16],
     }
 }
 

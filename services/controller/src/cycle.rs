@@ -14,7 +14,7 @@ use tangent_runtime::{
 use tangent_schemas::Name;
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState};
 
-use crate::inputs::Inputs;
+use crate::inputs::{Inputs, driven_by_another};
 use crate::mailbox::{Ask, Letter, Mailbox, Note, Outcome};
 use crate::messages;
 
@@ -72,6 +72,16 @@ pub struct Cycle {
     pub last: Last,
 }
 
+/// How the controller stands towards the arm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Standing {
+    Well,
+    /// Another controller has the arm.
+    Second(Name),
+    /// Its state makes no sense.
+    Unusable,
+}
+
 /// What the cycle before was like.
 #[derive(Default)]
 pub struct Last {
@@ -82,7 +92,7 @@ pub struct Last {
     tare: bool,
     fault: Option<Fault>,
     activation_latched: u64,
-    said: Option<bool>,
+    said: Option<Standing>,
 }
 
 impl Cycle {
@@ -99,10 +109,10 @@ impl Cycle {
         }
         self.take_parameters();
         let names = self.controller.estimators().clone();
-        let Some(input) = self.inputs.gather(arm, &names) else {
+        let Some(input) = self.inputs.gather(arm, &names, self.command.id()) else {
             // No answer: the bridge ramps the arm down by itself.
             self.meters.unusable.set(self.meters.unusable.get() + 1.0);
-            self.say(false);
+            self.say(Standing::Unusable);
             return;
         };
         let output = self.controller.step(&input);
@@ -123,7 +133,7 @@ impl Cycle {
         self.meters.step.record(took);
         self.meters.wrench_age.set(output.wrench_age_s);
         self.meters.estimate_age.set(output.estimate_age_s);
-        self.after(&output);
+        self.after(&output, driven_by_another(&arm.message, self.command.id()));
     }
 
     fn count_missed(&mut self, cycle: u64) {
@@ -204,7 +214,7 @@ impl Cycle {
         }
     }
 
-    fn after(&mut self, output: &ControlOutput) {
+    fn after(&mut self, output: &ControlOutput, other: Option<Name>) {
         if output.tare_requested && !self.last.tare {
             self.mailbox.tare_due.store(true, Ordering::Release);
         }
@@ -231,22 +241,24 @@ impl Cycle {
             }
         }
         if output.phase != Phase::Fault {
-            self.say(true);
+            self.say(other.map_or(Standing::Well, Standing::Second));
         }
         self.mailbox.tick(output.phase);
     }
 
-    fn say(&mut self, well: bool) {
-        if self.last.said == Some(well) {
+    fn say(&mut self, standing: Standing) {
+        if self.last.said == Some(standing) {
             return;
         }
-        self.last.said = Some(well);
-        if well {
-            self.health.running();
-        } else {
-            self.health.degraded(format_args!(
+        self.last.said = Some(standing);
+        match standing {
+            Standing::Well => self.health.running(),
+            Standing::Second(other) => self.health.degraded(format_args!(
+                "the arm is driven by {other}; tasks are refused here"
+            )),
+            Standing::Unusable => self.health.degraded(format_args!(
                 "arm/state has no usable pose or joints: is it this cell's arm?"
-            ));
+            )),
         }
     }
 }

@@ -13,7 +13,7 @@ use tangent_schemas::tangent::{
 use tangent_schemas::topics::{self, queries};
 use tangent_sensing::Validity;
 
-use crate::inputs::EstimateReader;
+use crate::inputs::{EstimateReader, driven_by_another};
 use crate::mailbox::{Ask, Mailbox, Outcome};
 
 /// Older than this, an input does not count as there when a task is to start.
@@ -27,6 +27,8 @@ pub struct Desk {
     bus: Bus,
     mailbox: Arc<Mailbox>,
     config: ControllerConfig,
+    /// Under which this controller's commands travel.
+    own_id: [u8; 16],
     seen: Arc<Mutex<Seen>>,
 }
 
@@ -47,6 +49,7 @@ impl Desk {
         mailbox: &Arc<Mailbox>,
         config: ControllerConfig,
         estimators: &[String],
+        own_id: [u8; 16],
     ) -> Result<Self, BusError> {
         let estimates = estimators
             .iter()
@@ -63,6 +66,7 @@ impl Desk {
             bus: bus.clone(),
             mailbox: Arc::clone(mailbox),
             config,
+            own_id,
         })
     }
 
@@ -140,6 +144,12 @@ impl Desk {
         let mut seen = self.seen();
         match seen.arm.fresh(FRESH) {
             None => return Err("no arm/state: is rtde running, and the robot reached?".into()),
+            Some(arm) if driven_by_another(&arm.message, self.own_id).is_some() => {
+                return Err(format!(
+                    "the arm is driven by {}: start the task there, or end that controller and start the task again",
+                    with_host(&arm.message.commanded_by)
+                ));
+            }
             Some(arm) if !arm.message.ready => {
                 return Err(format!(
                     "the arm is not ready: {}",
@@ -280,6 +290,15 @@ impl Desk {
                 "age_s": newest.age().as_secs_f64(),
             }),
         )
+    }
+}
+
+/// `SERVICE/HOST-PROCESS` with its host in words.
+fn with_host(source: &str) -> String {
+    let instance = source.rsplit('/').next().unwrap_or_default();
+    match instance.rsplit_once('-') {
+        Some((host, _)) => format!("{source} on host {host}"),
+        None => source.to_owned(),
     }
 }
 

@@ -8,6 +8,7 @@ use tangent_control::{ControlInput, EstimateInput, EstimatorName, MAX_ESTIMATORS
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Pose, Twist, Wrench};
 use tangent_runtime::{Latest, Received};
+use tangent_schemas::Name;
 use tangent_schemas::convert::joints;
 use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::{ArmState, NormalEstimate as NormalMessage, WrenchStatus};
@@ -77,6 +78,7 @@ impl Inputs {
         &mut self,
         arm: &Received<ArmState>,
         names: &[EstimatorName],
+        own_id: [u8; 16],
     ) -> Option<ControlInput> {
         let state = &arm.message;
         let base_from_tool: Pose<_, _> = (&state.tool_pose).try_into().ok()?;
@@ -91,7 +93,8 @@ impl Inputs {
             base_from_tool,
             twist: Twist::from(&state.tool_twist),
             speed_scaling: state.speed_scaling,
-            arm_ready: state.ready,
+            // Another controller's arm is not there for this one.
+            arm_ready: state.ready && driven_by_another(state, own_id).is_none(),
             wrench: Wrench::zero(),
             wrench_validity: Validity::Missing,
             wrench_age_s: f64::INFINITY,
@@ -135,6 +138,11 @@ impl Inputs {
         input.bias_age_s = (status.message.bias_age_s >= 0.0)
             .then(|| status.message.bias_age_s + status.age().as_secs_f64());
     }
+}
+
+/// Who holds the arm's lease, when that is another publisher than `own_id`.
+pub fn driven_by_another(state: &ArmState, own_id: [u8; 16]) -> Option<Name> {
+    (!state.commanded_by.is_empty() && state.commander_id != own_id).then_some(state.commanded_by)
 }
 
 /// Its age counts the robot's packets since the one it rests on: no clock is asked, and a burst of old ones is old. One

@@ -63,7 +63,9 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
             inputs.listen(EstimateReader::new(short, newest));
         }
     }
-    let desk = Desk::new(&bus, &mailbox, config.control, &config.estimators)?;
+    let command = bus.publisher(&topics::ARM_COMMAND)?;
+    let own_id = command.id();
+    let desk = Desk::new(&bus, &mailbox, config.control, &config.estimators, own_id)?;
     let mut cycle = Cycle {
         controller: Controller::new(
             config.arm,
@@ -72,7 +74,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
             config.control,
         )?,
         inputs,
-        command: bus.publisher(&topics::ARM_COMMAND)?,
+        command,
         state: bus.publisher(&topics::CONTROL_STATE)?,
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
         mailbox: Arc::clone(&mailbox),

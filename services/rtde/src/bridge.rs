@@ -8,6 +8,7 @@ use nalgebra::Vector6;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
 use crate::guard::{Guard, GuardLimits, Permission, Posture, Wanted};
+use crate::lease::{Admission, Lease, Source};
 use crate::link::{Link, LinkError, LinkEvent};
 use crate::program::{CommandCode, ProgramState, RegisterMap};
 use crate::sample::Sample;
@@ -20,6 +21,8 @@ const SEQUENCE_MAX: i32 = 1 << 30;
 const REMEMBERED: usize = 256;
 /// A soft stop is repeated over so many packages at most.
 const SOFT_STOP_PACKAGES: u32 = 25;
+/// Below this joint speed the arm rests, rad/s: a real arm's measured speed is never quite zero.
+const AT_REST_RAD_PER_S: f64 = 0.01;
 /// The end of the program is waited for so long at shutdown, s.
 const EXIT_S: f64 = 2.0;
 /// The ramp to rest is waited for so long at shutdown, s.
@@ -75,6 +78,7 @@ pub struct Bridge {
     link: Link,
     supervisor: Supervisor,
     guard: Guard,
+    lease: Lease,
     period_s: f64,
     sample: Sample,
     has_sample: bool,
@@ -102,6 +106,7 @@ impl Bridge {
             ),
             supervisor: Supervisor::new(config.speed_scaling_min, config.seed),
             guard: Guard::new(config.limits.clone(), period_s),
+            lease: Lease::default(),
             period_s,
             sample: Sample::default(),
             has_sample: false,
@@ -165,6 +170,21 @@ impl Bridge {
     /// Says when the controller is overdue.
     pub fn check(&self, now_s: f64) -> Result<(), LinkError> {
         self.link.check(now_s)
+    }
+
+    /// Whether a command from `source` may be given to [`Bridge::command`]: only one source at a time commands the arm.
+    /// `activation`: what it brings; a source that was not heard before has to start a task anew.
+    pub fn admit(&mut self, source: &Source, activation: u64, now_s: f64) -> bool {
+        let rests = *self.guard.qd() == Vector6::zeros()
+            && self.sample.qd.iter().all(|v| v.abs() < AT_REST_RAD_PER_S);
+        match self.lease.admit(source, now_s, rests) {
+            Admission::Held => true,
+            Admission::Taken => {
+                self.guard.change_hands(activation);
+                true
+            }
+            Admission::Refused => false,
+        }
     }
 
     /// Writes the package of this cycle: after each [`BridgeEvent::Cycle`], and when one is overdue, as a heartbeat.
@@ -290,6 +310,11 @@ impl Bridge {
     /// The guard with its counters.
     pub fn guard(&self) -> &Guard {
         &self.guard
+    }
+
+    /// Who commands.
+    pub fn lease(&self) -> &Lease {
+        &self.lease
     }
 
     /// The link with its version.

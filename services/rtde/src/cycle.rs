@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use tangent_mechanics::{Aligned, Base, Tool, Twist};
 use tangent_runtime::{
-    Age, Counter, Gauge, HealthReporter, Histogram, Latest, Publisher, Rate, State, Stop, clock,
+    Age, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, State, Stop, Subscription,
+    clock,
 };
 use tangent_schemas::convert::{cut_format, joint_array};
 use tangent_schemas::standard::Header;
@@ -22,6 +23,7 @@ use tangent_schemas::tangent::{ArmCommand, ArmState};
 use crate::bridge::{Bridge, BridgeEvent};
 use crate::codec::{Framer, PACKAGE_BYTES_MAX};
 use crate::guard::{Posture, Wanted};
+use crate::lease::Source;
 use crate::link::LinkError;
 use crate::robot_setup::resolve;
 use crate::settings::Config;
@@ -32,6 +34,8 @@ use crate::supervisor::Reason;
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
 /// A state that is late by this many periods is not waited for: the heartbeat goes out.
 const LATE_PERIODS: f64 = 1.5;
+/// Commands that may wait for a cycle, from all sources together.
+pub(crate) const COMMANDS_MAX: usize = 64;
 /// A controller that takes no bytes for so long is gone.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(200);
 
@@ -57,6 +61,7 @@ pub(crate) struct Meters {
     pub missed: Counter,
     pub lost: Counter,
     pub refused: Gauge,
+    pub refused_others: Gauge,
     pub limited: Gauge,
     pub scaling: Gauge,
     pub stale_max: Gauge,
@@ -75,6 +80,7 @@ impl Meters {
             missed: health.missed_cycles(),
             lost: health.lost(),
             refused: health.gauge("commands_refused"),
+            refused_others: health.gauge("commands_refused_other_source"),
             limited: health.gauge("commands_limited"),
             scaling: health.gauge("speed_scaling"),
             stale_max: health.gauge("program_stale_max_cycles"),
@@ -87,7 +93,7 @@ pub(crate) struct Cycle {
     config: Arc<Config>,
     bridge: Bridge,
     publisher: Publisher<ArmState>,
-    commands: Latest<ArmCommand>,
+    commands: Subscription<ArmCommand>,
     shared: Arc<Shared>,
     health: Arc<HealthReporter>,
     meters: Meters,
@@ -96,7 +102,9 @@ pub(crate) struct Cycle {
     posture: Posture,
     state: ArmState,
     out: Vec<u8>,
-    told: Option<Option<Reason>>,
+    /// Commands refused by the guard and by the lease, as in the state.
+    refused: (u64, u64),
+    told: Option<(Option<Reason>, Option<Source>)>,
 }
 
 impl Cycle {
@@ -104,7 +112,7 @@ impl Cycle {
         config: Arc<Config>,
         bridge: Bridge,
         publisher: Publisher<ArmState>,
-        commands: Latest<ArmCommand>,
+        commands: Subscription<ArmCommand>,
         shared: Arc<Shared>,
         health: Arc<HealthReporter>,
         stop: Stop,
@@ -126,6 +134,7 @@ impl Cycle {
             },
             state: ArmState::default(),
             out: Vec::with_capacity(4096),
+            refused: (0, 0),
             told: None,
         }
     }
@@ -269,16 +278,27 @@ impl Cycle {
         self.fill_state(arrival);
         self.publisher.publish(&self.state);
         let now_s = self.now_s(Instant::now());
-        let wanted = self.commands.take_new().map(|received| {
-            let command = &received.message;
-            Wanted {
-                cycle: command.cycle,
-                kind: command.kind,
-                values: &command.values,
-                acceleration: command.acceleration,
-                activation: command.activation,
-                source: &command.source,
+        // Every one that came, since another source's must not hide the holder's; of the holder's, the newest.
+        let mut newest = None;
+        for _ in 0..COMMANDS_MAX {
+            let Some(received) = self.commands.try_recv() else {
+                break;
+            };
+            let source = Source {
+                name: received.message.source,
+                publisher: received.publisher,
+            };
+            let activation = received.message.activation;
+            if self.bridge.admit(&source, activation, now_s) {
+                newest = Some(received.message);
             }
+        }
+        let wanted = newest.as_ref().map(|command| Wanted {
+            cycle: command.cycle,
+            kind: command.kind,
+            values: &command.values,
+            acceleration: command.acceleration,
+            activation: command.activation,
         });
         self.bridge
             .command(&self.posture, wanted.as_ref(), now_s, &mut self.out)?;
@@ -339,7 +359,7 @@ impl Cycle {
         };
         state.stop_cause = u8::try_from(sample.cause).unwrap_or(255);
         state.ready = reason.is_none();
-        if self.told != Some(reason) {
+        if self.told.map(|(told, _)| told) != Some(reason) {
             state.not_ready_reason = match reason {
                 Some(reason) => cut_format(format_args!("{reason}")),
                 None => tangent_schemas::Text::new(),
@@ -348,11 +368,24 @@ impl Cycle {
         state.speed_scaling = sample.scaling();
         state.command_latency_s = self.bridge.latency_s();
         state.command_cycle_accepted = guard.cycle_accepted();
-        if state.commands_refused != guard.refused() {
-            state.commands_refused = guard.refused();
-            if let Some(refusal) = guard.refusal() {
+        let lease = self.bridge.lease();
+        let holder = lease.holder().copied().unwrap_or_default();
+        state.commanded_by = holder.name;
+        state.commander_id = holder.publisher;
+        if self.refused != (guard.refused(), lease.refused()) {
+            if self.refused.0 != guard.refused()
+                && let Some(refusal) = guard.refusal()
+            {
                 state.refusal_reason = cut_format(format_args!("{refusal}"));
             }
+            if self.refused.1 != lease.refused()
+                && let Some(rival) = lease.rival(self.now_s(arrival))
+            {
+                state.refusal_reason =
+                    cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
+            }
+            self.refused = (guard.refused(), lease.refused());
+            state.commands_refused = guard.refused() + lease.refused();
         }
         state.activation_latched = guard.activation_latched();
         state.packets_lost = self.bridge.packets_lost();
@@ -371,6 +404,9 @@ impl Cycle {
         meters.missed.set(guard.missed());
         meters.lost.set(self.bridge.packets_lost());
         meters.refused.set(guard.refused() as f64);
+        meters
+            .refused_others
+            .set(self.bridge.lease().refused() as f64);
         meters.limited.set(guard.limited() as f64);
         meters.scaling.set(self.state.speed_scaling);
         meters
@@ -391,15 +427,27 @@ impl Cycle {
             .store(sample.safety_mode, Ordering::Relaxed);
 
         let reason = self.bridge.reason();
-        if self.told != Some(reason) {
-            self.told = Some(reason);
-            match reason {
-                None => {
+        let lease = self.bridge.lease();
+        let rival = lease.rival(self.now_s(arrival)).copied();
+        if self.told != Some((reason, rival)) {
+            let ready_before = matches!(self.told, Some((None, _)));
+            self.told = Some((reason, rival));
+            match (reason, rival) {
+                (None, None) => {
                     self.health.running();
-                    let text = cut_format(format_args!("ready"));
-                    self.shared.notes.force_push(Note::Info(text));
+                    if !ready_before {
+                        let text = cut_format(format_args!("ready"));
+                        self.shared.notes.force_push(Note::Info(text));
+                    }
                 }
-                Some(reason) => {
+                (None, Some(rival)) => {
+                    let holder = lease.holder().copied().unwrap_or_default();
+                    let text =
+                        cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
+                    self.health.set(State::Degraded, text);
+                    self.shared.notes.force_push(Note::Refused(text));
+                }
+                (Some(reason), _) => {
                     let state = match reason {
                         Reason::Starting | Reason::NoLink => State::Starting,
                         Reason::ShuttingDown => State::Stopping,

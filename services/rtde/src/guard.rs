@@ -60,8 +60,6 @@ pub struct Wanted<'a> {
     pub acceleration: f64,
     /// Counts task starts.
     pub activation: u64,
-    /// Who commands.
-    pub source: &'a str,
 }
 
 /// Where the arm is, as measured.
@@ -109,8 +107,6 @@ pub struct Guard {
     cycle_accepted: u64,
     activation_seen: u64,
     activation_latched: u64,
-    source: arrayvec::ArrayString<64>,
-    source_activation: u64,
     refused: u64,
     refusal: Option<Refusal>,
     missed: u64,
@@ -137,8 +133,6 @@ impl Guard {
             cycle_accepted: 0,
             activation_seen: 0,
             activation_latched: 0,
-            source: arrayvec::ArrayString::new(),
-            source_activation: 0,
             refused: 0,
             refusal: None,
             missed: 0,
@@ -230,6 +224,12 @@ impl Guard {
         self.target = None;
     }
 
+    /// Somebody else commands from now on, who brought `activation`: like every one before, it moves nothing.
+    pub fn change_hands(&mut self, activation: u64) {
+        self.activation_seen = self.activation_seen.max(activation);
+        self.latch();
+    }
+
     /// Velocity let through last, rad/s.
     pub fn qd(&self) -> &Vector6<f64> {
         &self.qd
@@ -296,14 +296,6 @@ impl Guard {
                     activation: wanted.activation,
                     latched: self.activation_latched,
                 });
-            }
-            if self.source_activation != wanted.activation {
-                self.source_activation = wanted.activation;
-                self.source.clear();
-                // A longer name cannot come: the message holds no more either.
-                let _ = self.source.try_push_str(wanted.source);
-            } else if self.source.as_str() != wanted.source {
-                return Err(Refusal::SecondSource);
             }
         }
         self.cycle_accepted = wanted.cycle;

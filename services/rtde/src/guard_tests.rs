@@ -61,7 +61,6 @@ fn velocity(values: &[f64], cycle: u64) -> Wanted<'_> {
         values,
         acceleration: 0.0,
         activation: 1,
-        source: "test/0",
     }
 }
 
@@ -148,7 +147,6 @@ proptest! {
                     values: &m.values,
                     acceleration: m.acceleration,
                     activation,
-                    source: "test/0",
                 };
                 let posture = posture(&q);
                 let soft = m.kind == 3;
@@ -319,14 +317,6 @@ fn every_refusal_is_named_counted_and_slows_down() {
             },
             "joint 3 at 1.500 rad/s, limit 1.000 rad/s",
             true,
-        ),
-        (
-            Wanted {
-                source: "other/0",
-                ..base
-            },
-            "a second source commands under the same activation",
-            false,
         ),
     ] {
         let mut guard = Guard::new(limits(), PERIOD);

@@ -15,6 +15,7 @@ pub mod guard;
 #[cfg(test)]
 mod guard_tests;
 pub mod inquiry;
+pub mod lease;
 pub mod link;
 pub mod primary;
 pub mod program;
@@ -42,7 +43,7 @@ use tangent_schemas::tangent::Answer;
 use tangent_schemas::topics;
 
 use bridge::Bridge;
-use cycle::Cycle;
+use cycle::{COMMANDS_MAX, Cycle};
 use dashboard::DashboardError;
 use robot_setup::RobotSetup;
 use shared::{LoopRequest, Note, Shared};
@@ -88,7 +89,7 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     let shared = Arc::new(Shared::new());
     let health = Arc::new(HealthReporter::start(&bus, "rtde")?);
     let publisher = bus.publisher(&topics::ARM_STATE)?;
-    let commands = bus.latest(&topics::ARM_COMMAND)?;
+    let commands = bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?;
     let _answers = answers(&config, &bus, &shared)?;
     let cycle = Cycle::new(
         Arc::clone(&config),
@@ -144,6 +145,7 @@ fn write_notes(shared: &Shared) {
         match note {
             Note::Info(text) => tracing::info!("{text}"),
             Note::Warning(text) => tracing::warn!("not ready: {text}"),
+            Note::Refused(text) => tracing::warn!("{text}"),
         }
     }
 }

@@ -48,8 +48,6 @@ pub enum Refusal {
         /// The newest that is refused.
         latched: u64,
     },
-    /// Somebody else commands under the same activation.
-    SecondSource,
 }
 
 impl fmt::Display for Refusal {
@@ -82,7 +80,6 @@ impl fmt::Display for Refusal {
                 f,
                 "activation {activation} is latched out (up to {latched}); start a task again"
             ),
-            Self::SecondSource => write!(f, "a second source commands under the same activation"),
         }
     }
 }

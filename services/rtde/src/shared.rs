@@ -30,6 +30,7 @@ pub(crate) struct Upload {
 pub(crate) enum Note {
     Info(Text),
     Warning(Text),
+    Refused(Text),
 }
 
 /// See the module.

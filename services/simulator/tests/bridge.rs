@@ -96,9 +96,11 @@ impl Cell {
         let commands = self.bus.publisher(&topics::ARM_COMMAND).unwrap();
         self.bus
             .on(&topics::ARM_STATE, move |received| {
+                let state = &received.message;
                 let command = ArmCommand {
-                    cycle: received.message.cycle,
-                    kind: 1,
+                    cycle: state.cycle,
+                    // Still, until the arm is this controller's.
+                    kind: u8::from(state.commander_id == commands.id()),
                     values: [0.0, 0.0, 0.0, 0.0, 0.0, SPEED].into_iter().collect(),
                     activation,
                     source: "test/0".try_into().unwrap(),

@@ -101,7 +101,6 @@ impl Cell {
                         values: &values,
                         acceleration: 0.0,
                         activation: self.activation,
-                        source: "test/0",
                     });
                     let posture = posture(bridge);
                     let mut done = Ok(());
