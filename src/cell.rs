@@ -20,12 +20,15 @@ pub const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
 ///
 /// # Errors
 /// A file that cannot be read or a bad key: exit code 2.
-pub fn load(path: Option<&Path>) -> Result<CellConfig> {
+pub fn load(path: Option<&Path>, identity: Option<&str>) -> Result<CellConfig> {
     let Some(path) = path else {
         return Ok(CellConfig::default_cell());
     };
-    let config = CellConfig::load(path).map_err(bad_usage)?;
+    let mut config = CellConfig::load(path).map_err(bad_usage)?;
     compose::model(&config).map_err(|e| bad_usage(format!("{}: {e}", path.display())))?;
+    if let Some(identity) = identity {
+        config.zenoh.identify(identity);
+    }
     Ok(config)
 }
 
@@ -42,7 +45,7 @@ pub fn join(config: &CellConfig) -> Result<Bus> {
 /// # Errors
 /// When no router answers in time.
 pub fn join_within(config: &CellConfig, patience: Duration, stop: &Stop) -> Result<Bus> {
-    let mut config = config.clone();
+    let mut config = as_operator(config);
     // A command that a person waits for is in no hurry.
     config.realtime.enabled = false;
     Bus::open_until(&config, Role::Client, Some(patience), stop).with_context(|| {
@@ -51,6 +54,24 @@ pub fn join_within(config: &CellConfig, patience: Duration, stop: &Stop) -> Resu
             config.cell.name
         )
     })
+}
+
+/// Joins the network of all cells as a client.
+///
+/// # Errors
+/// When no router answers.
+pub fn join_all(config: &CellConfig) -> Result<Bus> {
+    Ok(Bus::open_network(
+        &as_operator(config).zenoh,
+        ROUTER_PATIENCE,
+    )?)
+}
+
+/// A person at the command line is an operator, unless they said otherwise.
+fn as_operator(config: &CellConfig) -> CellConfig {
+    let mut config = config.clone();
+    config.zenoh.identify("operator");
+    config
 }
 
 /// Asks one service and prints what it answers.

@@ -16,9 +16,13 @@ pub struct Cli {
     #[arg(long, global = true)]
     pub json: bool,
 
-    /// The cell's configuration file; the built-in simulated cell if none is named.
+    /// The cell's configuration file; the built-in simulated cell if none is named. For `report` also a cell's name.
     #[arg(long, global = true, value_name = "FILE", env = "TANGENT_CELL")]
     pub cell: Option<PathBuf>,
+
+    /// Who this process is on a network with certificates, as in `tangent keys list`; by default what it runs says it.
+    #[arg(long, global = true, value_name = "NAME")]
+    pub identity: Option<String>,
 }
 
 /// The commands.
@@ -43,13 +47,16 @@ pub enum Command {
     #[command(subcommand)]
     Param(ParamCommand),
     /// Services, rates, ages and faults of the cell.
-    Status,
+    Status(Status),
     /// Ask whether services are well: exit code 0 when all are, else 1.
     Health(Health),
     /// Record every topic of the cell until Ctrl-C.
     Record(Record),
     /// Read a recording: figures, and a page with plots.
     Report(Report),
+    /// Certificates and access rules for the network of one or more cells.
+    #[command(subcommand)]
+    Keys(KeysCommand),
     /// Run a scenario in a closed loop without hardware or network, faster than real time.
     Evaluate(Evaluate),
     /// Reproduce a paper's tables beside ours.
@@ -266,6 +273,45 @@ pub enum ParamCommand {
         #[arg(allow_hyphen_values = true)]
         value: String,
     },
+}
+
+/// Options of `tangent status`.
+#[derive(Debug, Args)]
+pub struct Status {
+    /// Every cell on the router's network, not only this one.
+    #[arg(long)]
+    pub all: bool,
+}
+
+/// What to do with certificates.
+#[derive(Debug, Subcommand)]
+pub enum KeysCommand {
+    /// Make an authority, a certificate for each identity, and the router's access rules; what is there is kept.
+    New(NewKeys),
+    /// Whose certificates are in a folder, and how long they hold.
+    List {
+        /// Folder, as given to `new`.
+        folder: PathBuf,
+    },
+}
+
+/// Options of `tangent keys new`.
+#[derive(Debug, Args)]
+pub struct NewKeys {
+    /// Folder for all files; made when it does not exist.
+    pub folder: PathBuf,
+    /// Name of a cell; repeat for each cell of the fleet: the access rules are written for these.
+    #[arg(long = "for", value_name = "CELL", required_unless_present = "renew")]
+    pub cells: Vec<String>,
+    /// Name or address under which the router is dialled, besides localhost; may be repeated.
+    #[arg(long = "host", value_name = "HOST")]
+    pub hosts: Vec<String>,
+    /// Make this identity's certificate anew, or one of an own name; may be repeated.
+    #[arg(long, value_name = "NAME")]
+    pub renew: Vec<String>,
+    /// How long certificates hold.
+    #[arg(long, default_value_t = 825, value_parser = clap::value_parser!(i64).range(1..=3650))]
+    pub days: i64,
 }
 
 /// Options of `tangent record`.

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
 use tangent_mechanics::ModelData;
@@ -11,6 +12,9 @@ use tangent_simulator::{Flavour, Ports};
 
 use crate::output::bad_usage;
 use crate::scenarios;
+
+/// The router answered a moment ago.
+const NETWORK_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The arm model that the cell names: built in, or the user's own file.
 ///
@@ -111,9 +115,16 @@ pub fn service(
             })
         }
         "recorder" => {
-            let config = recorder(config, extra);
+            let recorder = recorder(config, extra);
+            let zenoh = config.zenoh.clone();
             Running::start("recorder", everybody, move |stop| {
-                tangent_recorder::run(config, bus, stop)?;
+                if recorder.cells.is_empty() {
+                    tangent_recorder::run(recorder, bus, stop)?;
+                } else {
+                    // Beside the cell's own session, one that hears all cells.
+                    let network = Bus::open_network(&zenoh, NETWORK_PATIENCE)?;
+                    tangent_recorder::run_for(recorder, bus, network, stop)?;
+                }
                 Ok(())
             })
         }

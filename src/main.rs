@@ -12,6 +12,7 @@ mod evaluate;
 mod faults;
 mod follow;
 mod health;
+mod keys;
 mod live_view;
 mod model;
 mod output;
@@ -51,7 +52,7 @@ fn main() -> ExitCode {
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let json = cli.json;
-    let config = || cell::load(cli.cell.as_deref());
+    let config = || cell::load(cli.cell.as_deref(), cli.identity.as_deref());
     match &cli.command {
         Command::Up(args) => up::run(args, config()?, json),
         Command::Run(args) => run::run(args, &config()?),
@@ -62,10 +63,11 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
             calibrate::payload(args, &config()?, json)
         }
         Command::Param(command) => control::param(command, &config()?, json),
-        Command::Status => status::run(&config()?, json),
+        Command::Status(args) => status::run(args, &config()?, json),
+        Command::Keys(command) => keys::run(command, json),
         Command::Health(args) => health::run(args, &config()?, json),
         Command::Record(args) => run::record(args, &config()?),
-        Command::Report(args) => report::run(args, json),
+        Command::Report(args) => report::run(args, cli.cell.as_deref(), json),
         Command::Evaluate(args) => evaluate::run(args, json),
         Command::Reproduce(args) => reproduce::run(args, json),
         Command::Faults(args) => faults::run(args, json),

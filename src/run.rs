@@ -1,11 +1,12 @@
 //! `tangent run`: services in this process until SIGINT or SIGTERM.
 
 use anyhow::{Context, Result};
+use tangent_runtime::security::roles;
 use tangent_runtime::{Bus, CellConfig, Role, Stop};
 
 use crate::cli::{Record, Run};
 use crate::compose::{self, RecorderExtra};
-use crate::output::Outcome;
+use crate::output::{Outcome, bad_usage};
 
 /// Runs the named services; the router, if it is among them, in the same session.
 ///
@@ -17,9 +18,20 @@ pub fn run(args: &Run, config: &CellConfig) -> Result<Outcome> {
     } else {
         Role::Client
     };
+    let names: Vec<&str> = args.services.iter().map(String::as_str).collect();
     let mut config = config.clone();
     if !args.estimators.is_empty() {
         config.estimators.run.clone_from(&args.estimators);
+    }
+    // Without a role that covers them all, the cell file must name one certificate, or --identity.
+    if let Some(role) = roles::role_of(&names) {
+        let identity = roles::identity(role, &config.cell.name);
+        config.zenoh.identify(&identity);
+    }
+    if role == Role::Router && names.contains(&"recorder") && !config.recorder.cells.is_empty() {
+        return Err(bad_usage(
+            "run the recorder of several cells ([recorder] cells) in a process of its own, not in the router's",
+        ));
     }
     services(&args.services, &config, role, &RecorderExtra::default())
 }
@@ -33,7 +45,9 @@ pub fn record(args: &Record, config: &CellConfig) -> Result<Outcome> {
         folder: Some(args.folder.clone()),
         attachments: Vec::new(),
     };
-    services(&["recorder".to_owned()], config, Role::Client, &extra)
+    let mut config = config.clone();
+    config.zenoh.identify("recorder");
+    services(&["recorder".to_owned()], &config, Role::Client, &extra)
 }
 
 fn services(

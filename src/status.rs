@@ -8,10 +8,10 @@ use serde::Serialize;
 use tangent_runtime::clock_offset::{self, ClockOffset};
 use tangent_runtime::{Bus, CellConfig};
 use tangent_schemas::tangent::Health;
-use tangent_schemas::topics;
+use tangent_schemas::{cdr, topics};
 
-use crate::cell;
 use crate::output::{Outcome, print_json};
+use crate::{cell, cli};
 
 /// Health comes once a second; this is long enough to hear everybody.
 const LISTEN: Duration = Duration::from_millis(1500);
@@ -25,7 +25,7 @@ struct Status {
     services: Vec<Service>,
 }
 
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct Service {
     name: String,
     instance: String,
@@ -45,8 +45,7 @@ struct Service {
     round_trip_ms: Option<f64>,
 }
 
-/// `Health.state` in words.
-pub fn state_text(state: u8) -> &'static str {
+fn state_text(state: u8) -> &'static str {
     match state {
         0 => "starting",
         1 => "running",
@@ -65,24 +64,96 @@ fn table(names: &[String], values: &[f64], scale: f64) -> BTreeMap<String, f64> 
         .collect()
 }
 
-/// Services, rates, ages and faults.
+/// Services, rates, ages and faults, of this cell or of every cell on the network.
 ///
 /// # Errors
-/// When the cell cannot be reached.
-pub fn run(config: &CellConfig, json: bool) -> Result<Outcome> {
-    let bus = cell::join(config)?;
-    let healths = bus.subscribe(&topics::HEALTHS, 256)?;
-    let mut newest: BTreeMap<(String, String), Health> = BTreeMap::new();
-    let until = Instant::now() + LISTEN;
-    while let Some(left) = until.checked_duration_since(Instant::now()) {
-        if let Some(received) = healths.recv_timeout(left) {
-            let h = received.message;
-            newest.insert((h.service.to_string(), h.instance.to_string()), h);
+/// When the cell or the network cannot be reached.
+pub fn run(args: &cli::Status, config: &CellConfig, json: bool) -> Result<Outcome> {
+    let cells = if args.all {
+        gather(&cell::join_all(config)?)?
+    } else {
+        let bus = cell::join(config)?;
+        let mut cells = gather(&bus)?;
+        let name = config.cell.name.clone();
+        // A cell without services is still this cell.
+        let mut services = cells.remove(&name).unwrap_or_default();
+        measure_clocks(&bus, &mut services);
+        BTreeMap::from([(name, services)])
+    };
+    let all: Vec<Status> = cells
+        .into_iter()
+        .map(|(cell, services)| Status { cell, services })
+        .collect();
+    let faulty = all
+        .iter()
+        .flat_map(|status| &status.services)
+        .any(|s| s.fault.is_some());
+    match (json, args.all) {
+        (true, true) => print_json(&serde_json::json!({ "cells": all }))?,
+        (true, false) => print_json(&all[0])?,
+        (false, _) => {
+            if all.is_empty() {
+                println!("no cell on this network");
+            }
+            all.iter().for_each(print);
         }
     }
-    let mut services: Vec<Service> = newest
-        .into_values()
-        .map(|h| Service {
+    Ok(if faulty {
+        Outcome::Failed
+    } else {
+        Outcome::Done
+    })
+}
+
+/// What every cell that this bus hears says of itself, by cell.
+fn gather(bus: &Bus) -> Result<BTreeMap<String, Vec<Service>>> {
+    let pattern = match bus.cell() {
+        "" => topics::HEALTHS.of_cell("*").key().to_owned(),
+        _ => topics::HEALTHS.key().to_owned(),
+    };
+    let healths = bus.subscribe_raw(&pattern, 1024)?;
+    let mut newest: BTreeMap<(String, String, String), Health> = BTreeMap::new();
+    let until = Instant::now() + LISTEN;
+    while let Some(left) = until.checked_duration_since(Instant::now()) {
+        let Some(message) = healths.recv_timeout(left) else {
+            continue;
+        };
+        if let Ok(h) = cdr::decode::<Health>(&message.payload) {
+            // CELL/health/SERVICE from outside, health/SERVICE from inside a cell.
+            let cell = match bus.cell() {
+                "" => message.key.split('/').next().unwrap_or_default(),
+                name => name,
+            };
+            newest.insert(
+                (
+                    cell.to_owned(),
+                    h.service.to_string(),
+                    h.instance.to_string(),
+                ),
+                h,
+            );
+        }
+    }
+    let mut cells: BTreeMap<String, Vec<Service>> = BTreeMap::new();
+    for ((cell, ..), h) in newest {
+        cells.entry(cell).or_default().push(Service::from(h));
+    }
+    // A token without health is a service that hangs.
+    for alive in bus.alive(Duration::from_millis(500))? {
+        let services = cells.entry(alive.cell).or_default();
+        let known = services
+            .iter()
+            .any(|s| s.name == alive.service && s.instance == alive.instance);
+        if !known {
+            services.push(Service::silent(alive.service, alive.instance));
+        }
+    }
+    Ok(cells)
+}
+
+impl From<Health> for Service {
+    fn from(h: Health) -> Self {
+        Self {
             alive: true,
             name: h.service.to_string(),
             instance: h.instance.to_string(),
@@ -97,48 +168,21 @@ pub fn run(config: &CellConfig, json: bool) -> Result<Outcome> {
             figures: table(&h.figure_names, &h.figures, 1.0),
             clock_offset_ms: None,
             round_trip_ms: None,
-        })
-        .collect();
-    // A token without health is a service that hangs.
-    for alive in bus.alive(Duration::from_millis(500))? {
-        let known = services
-            .iter()
-            .any(|s| s.name == alive.service && s.instance == alive.instance);
-        if !known {
-            services.push(Service {
-                name: alive.service,
-                instance: alive.instance,
-                host: String::new(),
-                alive: true,
-                state: "silent",
-                rates_hz: BTreeMap::new(),
-                ages_ms: BTreeMap::new(),
-                missed_cycles: 0,
-                lost: 0,
-                fault: Some("alive, but sends no health message: it may hang".to_owned()),
-                realtime: String::new(),
-                figures: BTreeMap::new(),
-                clock_offset_ms: None,
-                round_trip_ms: None,
-            });
         }
     }
-    measure_clocks(&bus, &mut services);
-    let status = Status {
-        cell: config.cell.name.clone(),
-        services,
-    };
-    let outcome = if status.services.iter().any(|s| s.fault.is_some()) {
-        Outcome::Failed
-    } else {
-        Outcome::Done
-    };
-    if json {
-        print_json(&status)?;
-    } else {
-        print(&status);
+}
+
+impl Service {
+    fn silent(name: String, instance: String) -> Self {
+        Self {
+            name,
+            instance,
+            alive: true,
+            state: "silent",
+            fault: Some("alive, but sends no health message: it may hang".to_owned()),
+            ..Self::default()
+        }
     }
-    Ok(outcome)
 }
 
 /// Asks every instance for its time.

@@ -8,6 +8,7 @@ use anyhow::{Context, Result, bail};
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_control::Phase;
 use tangent_runtime::config::PoseConfig;
+use tangent_runtime::security::roles;
 use tangent_runtime::{Bus, CellConfig, Role, Stop};
 use tangent_simulation::Scenario;
 
@@ -31,13 +32,14 @@ pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
     }
     let scenario = scenarios::load(&args.scenario, &overrides)?;
     let task = task_text(args, &scenario)?;
-    let config = simulated_cell(base, &scenario, args)?;
+    let mut config = simulated_cell(base, &scenario, args)?;
 
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
     eprintln!(
         "cell {}: {} ({}); Ctrl-C retracts and stops",
         config.cell.name, scenario.title, scenario.name
     );
+    config.zenoh.identify(roles::ROUTER);
     let bus = Bus::open_until(&config, Role::Router, Some(READY_PATIENCE), &stop)?;
     let extra = RecorderExtra {
         folder: Some(args.folder.clone()),
@@ -93,7 +95,13 @@ fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Resul
     cell.robot.port_offset = offset(cell.robot.port_offset, args.port_offset)?;
     cell.sensor.port_offset = offset(cell.sensor.port_offset, args.port_offset)?;
     if args.port_offset > 0 {
-        let endpoint = format!("tcp/127.0.0.1:{}", offset(7447, args.port_offset)?);
+        let protocol = if cell.zenoh.tls.is_some() {
+            "tls"
+        } else {
+            "tcp"
+        };
+        let port = offset(7447, args.port_offset)?;
+        let endpoint = format!("{protocol}/127.0.0.1:{port}");
         cell.zenoh.listen = vec![endpoint.clone()];
         cell.zenoh.connect = vec![endpoint];
     }

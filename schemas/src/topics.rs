@@ -116,6 +116,8 @@ pub fn health(service: &str) -> Topic<Health> {
 pub mod queries {
     /// `start` (argument: a task as TOML), `pause`, `resume`, `status`.
     pub const CONTROL_TASK: &str = "control/task";
+    /// The text of the task started last. A key of its own: who may read is not who may start.
+    pub const CONTROL_SHOW: &str = "control/show";
     /// Stop and retract; needs no argument.
     pub const CONTROL_STOP: &str = "control/stop";
     /// `select` (argument: an estimator's name).
@@ -133,9 +135,14 @@ pub mod queries {
         format!("param/{service}/{name}")
     }
 
-    /// All parameters of one service, or of all with `*`: `list`.
-    pub fn parameters(service: &str) -> String {
+    /// All parameters of one service that can be set.
+    pub fn settable(service: &str) -> String {
         format!("param/{service}/*")
+    }
+
+    /// List of all parameters of one service, or of all with `*`. A key of its own: who may read is not who may set.
+    pub fn parameters(service: &str) -> String {
+        format!("parameters/{service}")
     }
 }
 

@@ -22,9 +22,10 @@ use run::Run;
 ///
 /// # Errors
 /// A file that cannot be read, is no recording or holds nothing of a tangent cell; a page that cannot be written.
-pub fn run(args: &crate::cli::Report, json: bool) -> Result<Outcome> {
+pub fn run(args: &crate::cli::Report, cell: Option<&Path>, json: bool) -> Result<Outcome> {
+    let cell = cell.map(cell_name).transpose()?;
     let files = recordings(&args.file)?;
-    let (recorded, page) = read(&files, !args.no_html)?;
+    let (recorded, page) = read(&files, cell.as_deref(), !args.no_html)?;
     for path in &recorded.truncated {
         eprintln!(
             "{}: lacks its end, read up to the last whole chunk; a recorder that starts in this folder mends it",
@@ -60,7 +61,7 @@ pub fn write_for(recordings: &[PathBuf]) -> Result<(Report, PathBuf)> {
     let first = recordings
         .first()
         .context("there is no recording to report on: the recorder wrote no file")?;
-    let (recorded, page) = read(recordings, true)?;
+    let (recorded, page) = read(recordings, None, true)?;
     let html = beside(first);
     if let Some(page) = page {
         write_page(&html, &page)?;
@@ -73,8 +74,16 @@ struct Read {
     truncated: Vec<PathBuf>,
 }
 
-fn read(paths: &[PathBuf], page: bool) -> Result<(Read, Option<String>)> {
-    let run = Run::read(paths)?;
+/// The cell that is meant: by its file, or by its name.
+fn cell_name(cell: &Path) -> Result<String> {
+    if cell.is_file() {
+        return Ok(crate::cell::load(Some(cell), None)?.cell.name);
+    }
+    Ok(cell.display().to_string())
+}
+
+fn read(paths: &[PathBuf], cell: Option<&str>, page: bool) -> Result<(Read, Option<String>)> {
+    let run = Run::read(paths, cell)?;
     let task = TaskRun::of(&run);
     let report = Report::of(&run, &task);
     let page = page.then(|| html::page(&run, &task, &report)).transpose()?;

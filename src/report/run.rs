@@ -51,12 +51,12 @@ impl Run {
     ///
     /// # Errors
     /// A file that cannot be read, is no recording, or holds nothing of a tangent cell.
-    pub fn read(paths: &[PathBuf]) -> Result<Self> {
+    pub fn read(paths: &[PathBuf], cell: Option<&str>) -> Result<Self> {
         let mut run = Self::default();
         let mut wrench_lost = Growth::default();
         let mut said = BTreeMap::new();
         for path in paths {
-            run.read_file(path, &mut wrench_lost, &mut said)?;
+            run.read_file(path, cell, &mut wrench_lost, &mut said)?;
         }
         if run.arm.is_empty() && run.control.is_empty() {
             let topics: Vec<&str> = run.topics.keys().take(8).map(String::as_str).collect();
@@ -106,6 +106,7 @@ impl Run {
     fn read_file(
         &mut self,
         path: &Path,
+        cell: Option<&str>,
         wrench_lost: &mut Growth,
         said: &mut BTreeMap<String, String>,
     ) -> Result<()> {
@@ -115,10 +116,23 @@ impl Run {
             self.truncated.push(path.to_owned());
         }
         self.tables.extend(recording.metadata().clone());
-        self.attachments.extend(recording.attachments().clone());
+        let prefix = prefix_of(path, &recording, cell)?;
+        for (name, text) in recording.attachments() {
+            let name = name.strip_prefix(&prefix).unwrap_or(name);
+            self.attachments.insert(name.to_owned(), text.clone());
+        }
         for message in recording.try_messages() {
             let message = match message {
-                Ok(message) => message,
+                Ok(mut message) => {
+                    if !prefix.is_empty() {
+                        let key = message.topic.trim_start_matches('/').strip_prefix(&prefix);
+                        let Some(key) = key else {
+                            continue;
+                        };
+                        message.topic = format!("/{key}");
+                    }
+                    message
+                }
                 Err(error) => {
                     self.damages.push(error.to_string());
                     break;
@@ -213,6 +227,26 @@ impl Run {
         });
         // A recorder that was killed said it last in its health message.
         counted.or_else(|| self.health.get("recorder").map(|health| health.lost))
+    }
+}
+
+/// What stands before the asked cell's topics: nothing in a recording of one cell.
+fn prefix_of(path: &Path, recording: &Recording, cell: Option<&str>) -> Result<String> {
+    let cells: Vec<&str> = recording
+        .metadata()
+        .get("tangent")
+        .and_then(|facts| facts.get("cells"))
+        .map(|names| names.split(',').collect())
+        .unwrap_or_default();
+    match cell {
+        _ if cells.is_empty() => Ok(String::new()),
+        Some(name) if cells.contains(&name) => Ok(format!("{name}/")),
+        None if cells.len() == 1 => Ok(format!("{}/", cells[0])),
+        _ => bail!(
+            "{} holds the cells {}: name one of them with --cell",
+            path.display(),
+            cells.join(", ")
+        ),
     }
 }
 

@@ -258,8 +258,11 @@ fn a_cut_recording_gives_what_is_whole_and_says_that_something_is_missing() {
         html: None,
         no_html: false,
     };
-    assert_eq!(run(&args, true).unwrap(), crate::output::Outcome::Lossy);
-    let (found, page) = read(&files, true).unwrap();
+    assert_eq!(
+        run(&args, None, true).unwrap(),
+        crate::output::Outcome::Lossy
+    );
+    let (found, page) = read(&files, None, true).unwrap();
     assert!(found.report.recording.truncated);
     assert!(found.report.steps > 100 && found.report.steps < evaluation.steps);
     assert!(page.unwrap().contains("lacks its end"));
@@ -272,13 +275,15 @@ fn what_is_no_recording_of_a_cell_is_refused_with_a_way_out() {
     let mut tape = Tape::create(&path);
     tape.put("/scan", 1, &Header::new(1, "laser"));
     tape.writer.finish().unwrap();
-    let error = read(std::slice::from_ref(&path), false).err().unwrap();
+    let error = read(std::slice::from_ref(&path), None, false)
+        .err()
+        .unwrap();
     let error = format!("{error:#}");
     for words in ["other.mcap", "/scan", "tangent record"] {
         assert!(error.contains(words), "{error}");
     }
     std::fs::write(&path, "no recording").unwrap();
-    let error = format!("{:#}", read(&[path], false).err().unwrap());
+    let error = format!("{:#}", read(&[path], None, false).err().unwrap());
     assert!(
         error.contains("other.mcap") && error.contains("no MCAP file"),
         "{error}"

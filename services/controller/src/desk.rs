@@ -73,9 +73,12 @@ impl Desk {
     /// Begins to answer.
     pub fn open(&self) -> Result<Vec<Handle>, BusError> {
         let (task, stop, select) = (self.clone(), self.clone(), self.clone());
+        let show = self.clone();
         Ok(vec![
             self.bus
                 .answer(queries::CONTROL_TASK, move |_, request| task.task(&request))?,
+            self.bus
+                .answer(queries::CONTROL_SHOW, move |_, _| show.show())?,
             self.bus.answer(queries::CONTROL_STOP, move |_, _| {
                 stop.ask(Ask::Stop, "retracting")
             })?,
@@ -97,9 +100,8 @@ impl Desk {
             "resume" => self.ask(Ask::Resume, "going on"),
             "stop" => self.ask(Ask::Stop, "retracting"),
             "status" => self.status(),
-            "show" => self.show(),
             other => refused(format!(
-                "unknown action `{other}`: start (with a task as TOML), pause, resume, stop, status or show"
+                "unknown action `{other}`: start (with a task as TOML), pause, resume, stop or status"
             )),
         }
     }

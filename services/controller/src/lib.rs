@@ -50,7 +50,7 @@ const TARE_PATIENCE: Duration = Duration::from_secs(5);
 /// # Errors
 /// [`ControllerError`]: only what prevents it from starting.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
-    let health = Arc::new(HealthReporter::start(&bus, SERVICE)?);
+    let health = Arc::new(HealthReporter::start_only(&bus, SERVICE)?);
     let parameters = Parameters::new(&bus, SERVICE)?;
     let mailbox = Arc::new(Mailbox::default());
     let mut inputs = Inputs::new(

@@ -36,6 +36,37 @@ fn a_task_is_started_tared_wiped_and_ended() {
 }
 
 #[test]
+fn an_arm_that_another_drives_is_left_alone() {
+    let mut cell = Cell::new();
+    cell.commander = ("controller/lab-2-4711", [9; 16]);
+    cell.packet(true);
+    let answer = cell.ask(queries::CONTROL_TASK, "start", TASK).unwrap();
+    assert!(!answer.done);
+    assert!(
+        answer
+            .message
+            .contains("driven by controller/lab-2-4711 on host lab-2"),
+        "{}",
+        answer.message
+    );
+    assert_eq!(cell.phase(), "idle");
+
+    // The arm is free, a task runs, and another takes the arm: this one ends its task.
+    cell.commander = ("", [0; 16]);
+    cell.packet(true);
+    let answer = cell
+        .ask(queries::CONTROL_TASK, "start", &long_task())
+        .unwrap();
+    assert!(answer.done, "{}", answer.message);
+    cell.run_until("slide");
+    cell.commander = ("controller/lab-2-4711", [9; 16]);
+    cell.run_until("fault");
+    let command = cell.packet(true).unwrap();
+    assert_eq!(command.kind, 0);
+    cell.end();
+}
+
+#[test]
 fn what_is_missing_is_named_and_nothing_moves() {
     let mut cell = Cell::new();
     let start = cell.q;

@@ -43,7 +43,7 @@ const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
 /// # Errors
 /// Numbers out of range, or a bus, socket or thread that cannot be had.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
-    let health = HealthReporter::start(&bus, SERVICE)?;
+    let health = HealthReporter::start_only(&bus, SERVICE)?;
     let parameters = Parameters::new(&bus, SERVICE)?;
     let (desk, work) = tare::tare_desk(config.conditioning.tare.duration_s);
     let _answering = bus.answer(queries::NETFT_TARE, move |_, request| {

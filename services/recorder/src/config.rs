@@ -15,6 +15,8 @@ pub struct RecorderConfig {
     pub prefix: String,
     /// Key patterns to record, relative to the cell: `*` is one part of a key, `**` any number of parts.
     pub include: Vec<String>,
+    /// Cells to record, by name; none: the bus's own, whose topics then have no name before them.
+    pub cells: Vec<String>,
     /// A new file after this many bytes on the disk.
     pub rotate_bytes: u64,
     /// A new file after this long.
@@ -39,6 +41,7 @@ impl Default for RecorderConfig {
             folder: PathBuf::from("recordings"),
             prefix: "cell".to_owned(),
             include: vec!["**".to_owned()],
+            cells: Vec::new(),
             rotate_bytes: 1 << 30,
             rotate_after: Duration::from_secs(3600),
             flush_every: Duration::from_secs(1),
@@ -59,10 +62,14 @@ impl RecorderConfig {
         facts.insert("cell".to_owned(), cell.cell.name.clone());
         facts.insert("robot".to_owned(), cell.robot.model.clone());
         facts.insert("controller".to_owned(), cell.controller.preset.clone());
+        if !section.cells.is_empty() {
+            facts.insert("cells".to_owned(), section.cells.join(","));
+        }
         Self {
             folder: section.folder.clone(),
             prefix: cell.cell.name.clone(),
             include: section.include.clone(),
+            cells: section.cells.clone(),
             rotate_bytes: (section.rotate_mb * 1e6) as u64,
             rotate_after: Duration::from_secs_f64(section.rotate_s),
             compress: section.compress,

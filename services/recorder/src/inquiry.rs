@@ -17,16 +17,21 @@ const PATIENCE: Duration = Duration::from_millis(800);
 /// What to find out.
 enum Question {
     Parameters,
-    Task { activation: u64 },
+    Task { prefix: String, activation: u64 },
 }
 
 /// What was found out.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Finding {
-    /// `SERVICE/NAME` to value with unit.
+    /// `SERVICE/NAME`, behind the cell where there are several, to value with unit.
     Parameters(BTreeMap<String, String>),
     /// The task of an activation, as TOML.
-    Task { activation: u64, toml: String },
+    Task {
+        /// What stands before its cell's keys.
+        prefix: String,
+        activation: u64,
+        toml: String,
+    },
 }
 
 /// A thread that asks; it ends with this value.
@@ -37,14 +42,15 @@ pub(crate) struct Inquirer {
 }
 
 impl Inquirer {
-    pub(crate) fn start(bus: Bus) -> Result<Self, RecorderError> {
+    /// `prefixes`: what stands before the keys of each cell.
+    pub(crate) fn start(bus: Bus, prefixes: Vec<String>) -> Result<Self, RecorderError> {
         let (questions, asked) = channel();
         let (found, findings) = channel();
         let thread = std::thread::Builder::new()
             .name("recorder-ask".to_owned())
             .spawn(move || {
                 for question in asked {
-                    if let Some(finding) = find_out(&bus, &question)
+                    if let Some(finding) = find_out(&bus, &prefixes, &question)
                         && found.send(finding).is_err()
                     {
                         return;
@@ -63,8 +69,8 @@ impl Inquirer {
         self.ask(Question::Parameters);
     }
 
-    pub(crate) fn ask_task(&self, activation: u64) {
-        self.ask(Question::Task { activation });
+    pub(crate) fn ask_task(&self, prefix: String, activation: u64) {
+        self.ask(Question::Task { prefix, activation });
     }
 
     fn ask(&self, question: Question) {
@@ -91,31 +97,42 @@ impl Inquirer {
     }
 }
 
-fn find_out(bus: &Bus, question: &Question) -> Option<Finding> {
+fn find_out(bus: &Bus, prefixes: &[String], question: &Question) -> Option<Finding> {
     match question {
         Question::Parameters => {
             let request = Request {
                 action: "list".to_owned(),
                 argument: String::new(),
             };
-            let answers = bus
-                .ask_all(&queries::parameters("*"), &request, PATIENCE)
-                .map_err(|error| tracing::warn!("parameters are not recorded: {error}"))
-                .ok()?;
-            let table = answers
-                .iter()
-                .flat_map(|(_, answer)| parameters(&answer.data))
-                .collect();
+            let mut table = BTreeMap::new();
+            for prefix in prefixes {
+                let key = format!("{prefix}{}", queries::parameters("*"));
+                let answers = bus
+                    .ask_all(&key, &request, PATIENCE)
+                    .map_err(|error| tracing::warn!("parameters are not recorded: {error}"))
+                    .ok()?;
+                let listed = answers
+                    .iter()
+                    .flat_map(|(_, answer)| parameters(&answer.data));
+                table.extend(listed.map(|(name, value)| (format!("{prefix}{name}"), value)));
+            }
             Some(Finding::Parameters(table))
         }
-        Question::Task { activation } => {
+        Question::Task { prefix, activation } => {
             let request = Request {
                 action: "show".to_owned(),
                 argument: String::new(),
             };
-            let answer = bus.ask(queries::CONTROL_TASK, &request, PATIENCE).ok()?;
+            let answer = bus
+                .ask(
+                    &format!("{prefix}{}", queries::CONTROL_SHOW),
+                    &request,
+                    PATIENCE,
+                )
+                .ok()?;
             let toml = task(&answer.data).filter(|_| answer.done)?;
             Some(Finding::Task {
+                prefix: prefix.clone(),
                 activation: *activation,
                 toml,
             })

@@ -3,6 +3,7 @@
 //! It listens to everything through a bounded queue of its own, so that a slow disk costs recorded messages and never
 //! a publisher's time; what could not be written is counted and said.
 
+mod cells;
 mod config;
 mod disk;
 mod error;
@@ -17,5 +18,5 @@ pub use config::RecorderConfig;
 pub use disk::Disk;
 pub use error::RecorderError;
 pub use recording::{RecordedMessage, Recording};
-pub use service::{SERVICE, Summary, run};
+pub use service::{SERVICE, Summary, run, run_for};
 pub use writer::{Record, RecordingWriter};

@@ -11,6 +11,7 @@ use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::ControlState;
 use tangent_schemas::{Message, cdr, definition, topics};
 
+use crate::cells::Cells;
 use crate::config::RecorderConfig;
 use crate::disk::Disk;
 use crate::error::RecorderError;
@@ -58,7 +59,21 @@ impl Summary {
 /// A folder that can neither be found nor made, or a topic that the bus refuses. A disk that refuses later is no
 /// error: the service stands by, counts and tries again.
 pub fn run(config: RecorderConfig, bus: Bus, stop: Stop) -> Result<Summary, RecorderError> {
-    let mut service = Service::new(config, &bus)?;
+    run_for(config, bus.clone(), bus, stop)
+}
+
+/// The same for `config.cells`, which are heard on `network`, a bus outside any cell; `bus` is that of the recorder's
+/// own cell, where it says how it fares.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_for(
+    config: RecorderConfig,
+    bus: Bus,
+    network: Bus,
+    stop: Stop,
+) -> Result<Summary, RecorderError> {
+    let mut service = Service::new(config, &bus, &network)?;
     while !stop.is_stopped() {
         if let Some(message) = service.messages.recv_timeout(LOOK) {
             service.take(&message);
@@ -72,12 +87,14 @@ struct Service {
     messages: RawSubscription,
     /// Patterns to look at one by one; empty when the subscription does it.
     include: Vec<String>,
+    cells: Cells,
     disk: Disk,
     definitions: Definitions,
     inquirer: Inquirer,
     /// When to ask for parameters; none once asked.
     ask_at: Option<Instant>,
-    activation: u64,
+    /// Newest, by what stands before the cell's keys.
+    activations: HashMap<String, u64>,
     mended: Vec<Repair>,
     health: HealthReporter,
     meters: Meters,
@@ -112,14 +129,20 @@ impl Definitions {
 }
 
 impl Service {
-    fn new(config: RecorderConfig, bus: &Bus) -> Result<Self, RecorderError> {
+    fn new(config: RecorderConfig, bus: &Bus, network: &Bus) -> Result<Self, RecorderError> {
         let (pattern, include) = match config.include.as_slice() {
             [one] => (one.clone(), Vec::new()),
             // Patterns may overlap; one subscription hears each message once.
             several => ("**".to_owned(), several.to_vec()),
         };
+        let cells = Cells::new(config.cells.clone());
+        let patterns: Vec<String> = cells
+            .prefixes()
+            .iter()
+            .map(|prefix| format!("{prefix}{pattern}"))
+            .collect();
         // First of all: messages wait in the queue while old files are mended.
-        let messages = bus.subscribe_raw(&pattern, config.queue)?;
+        let messages = network.subscribe_raw_all(&patterns, config.queue)?;
         let health = HealthReporter::start(bus, SERVICE)?;
         let folder = config.folder.clone();
         let disk = Disk::open(config)?;
@@ -141,11 +164,12 @@ impl Service {
         Ok(Self {
             messages,
             include,
+            inquirer: Inquirer::start(network.clone(), cells.prefixes())?,
+            cells,
             disk,
             definitions: Definitions::default(),
-            inquirer: Inquirer::start(bus.clone())?,
             ask_at: Some(now + ASK_AFTER),
-            activation: 0,
+            activations: HashMap::new(),
             mended,
             meters: Meters {
                 messages: health.rate("messages"),
@@ -160,7 +184,8 @@ impl Service {
     }
 
     fn take(&mut self, message: &RawMessage) {
-        if !self.include.is_empty() && !matches_any(&self.include, &message.key) {
+        let (prefix, key) = self.cells.split(&message.key);
+        if !self.include.is_empty() && !matches_any(&self.include, key) {
             return;
         }
         self.meters.messages.tick();
@@ -181,19 +206,22 @@ impl Service {
             },
             message.received.max(self.tended),
         );
-        if *message.key == *topics::CONTROL_STATE.key() && message.type_name == ControlState::NAME {
-            self.watch_task(&message.payload);
+        if key == topics::CONTROL_STATE.key() && message.type_name == ControlState::NAME {
+            let prefix = prefix.to_owned();
+            self.watch_task(prefix, &message.payload);
         }
     }
 
     /// A new activation is a new task: its text belongs into the recording.
-    fn watch_task(&mut self, payload: &[u8]) {
-        if let Ok(state) = cdr::decode::<ControlState>(payload)
-            && state.activation != self.activation
-        {
-            self.activation = state.activation;
+    fn watch_task(&mut self, prefix: String, payload: &[u8]) {
+        let Ok(state) = cdr::decode::<ControlState>(payload) else {
+            return;
+        };
+        let newest = self.activations.entry(prefix.clone()).or_default();
+        if state.activation != *newest {
+            *newest = state.activation;
             if state.activation > 0 {
-                self.inquirer.ask_task(state.activation);
+                self.inquirer.ask_task(prefix, state.activation);
             }
         }
     }
@@ -223,8 +251,12 @@ impl Service {
             Finding::Parameters(table) => {
                 self.disk.metadata("parameters", table, now);
             }
-            Finding::Task { activation, toml } => {
-                let name = format!("task-{activation}.toml");
+            Finding::Task {
+                prefix,
+                activation,
+                toml,
+            } => {
+                let name = format!("{prefix}task-{activation}.toml");
                 let time_ns = u64::try_from(tangent_runtime::clock::now_ns()).unwrap_or(0);
                 self.disk.attach(&name, &toml, time_ns, now);
             }
@@ -301,7 +333,7 @@ mod tests {
     use super::*;
     use crate::Recording;
     use tangent_runtime::Parameters;
-    use tangent_runtime::bus::answer::{done_with, refused};
+    use tangent_runtime::bus::answer::done_with;
     use tangent_schemas::tangent::ArmState;
 
     fn config(folder: &std::path::Path) -> RecorderConfig {
@@ -328,15 +360,11 @@ mod tests {
         let parameters = Parameters::new(&bus, "netft").unwrap();
         parameters.number("cutoff_hz", 50.0, 1.0..=100.0, "Hz", "Filter.");
         let _task = bus
-            .answer(topics::queries::CONTROL_TASK, |_, request| {
-                if request.action == "show" {
-                    done_with("wipe", &serde_json::json!({"task_toml": "name = \"wipe\""}))
-                } else {
-                    refused("no")
-                }
+            .answer(topics::queries::CONTROL_SHOW, |_, _| {
+                done_with("wipe", &serde_json::json!({"task_toml": "name = \"wipe\""}))
             })
             .unwrap();
-        let mut service = Service::new(config(folder.path()), &bus).unwrap();
+        let mut service = Service::new(config(folder.path()), &bus, &bus).unwrap();
         let arm = bus.publisher(&topics::ARM_STATE).unwrap();
         let control = bus.publisher(&topics::CONTROL_STATE).unwrap();
         let foreign = bus.raw_publisher("camera/odd", "odd_msgs/msg/Odd").unwrap();
@@ -359,7 +387,7 @@ mod tests {
         while let Some(message) = service.messages.try_recv() {
             service.take(&message);
         }
-        assert_eq!(service.activation, 3);
+        assert_eq!(service.activations[""], 3);
         let summary = service.finish();
         assert_eq!(summary.lost(), 0);
         assert_eq!(summary.files.len(), 1);
@@ -401,6 +429,7 @@ mod tests {
                 ..config(folder.path())
             },
             &bus,
+            &bus,
         )
         .unwrap();
         // Nobody takes anything: a disk that hangs.
@@ -427,6 +456,7 @@ mod tests {
                 include: vec!["arm/*".to_owned(), "arm/state".to_owned()],
                 ..config(folder.path())
             },
+            &bus,
             &bus,
         )
         .unwrap();

@@ -340,6 +340,7 @@ impl Cycle {
         let reason = self.bridge.reason();
         let guard = self.bridge.guard();
         let program_there = self.bridge.supervisor().is_present();
+        let now_s = self.now_s(arrival);
         let state = &mut self.state;
         state.header = Header::in_frame::<Base>(clock::stamp_ns(arrival));
         state.cycle = self.bridge.cycle();
@@ -379,7 +380,7 @@ impl Cycle {
                 state.refusal_reason = cut_format(format_args!("{refusal}"));
             }
             if self.refused.1 != lease.refused()
-                && let Some(rival) = lease.rival(self.now_s(arrival))
+                && let Some(rival) = lease.rival(now_s)
             {
                 state.refusal_reason =
                     cut_format(format_args!("{rival} is refused: {holder} drives this arm"));

@@ -290,13 +290,11 @@ impl Guard {
             1 => Some(self.target(wanted)?),
             kind => return Err(Refusal::Kind { kind }),
         };
-        if target.is_some() {
-            if wanted.activation <= self.activation_latched {
-                return Err(Refusal::Latched {
-                    activation: wanted.activation,
-                    latched: self.activation_latched,
-                });
-            }
+        if target.is_some() && wanted.activation <= self.activation_latched {
+            return Err(Refusal::Latched {
+                activation: wanted.activation,
+                latched: self.activation_latched,
+            });
         }
         self.cycle_accepted = wanted.cycle;
         self.target = target;

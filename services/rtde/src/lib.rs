@@ -87,7 +87,7 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     config.bridge.seed = std::hash::RandomState::new().build_hasher().finish();
     let config = Arc::new(config);
     let shared = Arc::new(Shared::new());
-    let health = Arc::new(HealthReporter::start(&bus, "rtde")?);
+    let health = Arc::new(HealthReporter::start_only(&bus, "rtde")?);
     let publisher = bus.publisher(&topics::ARM_STATE)?;
     let commands = bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?;
     let _answers = answers(&config, &bus, &shared)?;

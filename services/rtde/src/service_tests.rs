@@ -172,12 +172,13 @@ impl Service {
         self.bus
             .on(&topics::ARM_STATE, move |received| {
                 let state = &received.message;
+                // Still, until the arm is this controller's; its task starts then.
+                let mine = state.commander_id == commands.id();
                 let command = ArmCommand {
                     cycle: state.cycle,
-                    // Still, until the arm is this controller's.
-                    kind: u8::from(state.commander_id == commands.id()),
+                    kind: u8::from(mine),
                     values: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0].into_iter().collect(),
-                    activation,
+                    activation: if mine { activation } else { 0 },
                     source: "test/0".try_into().unwrap(),
                     ..ArmCommand::default()
                 };
@@ -226,6 +227,64 @@ fn from_the_first_packet_to_motion_to_an_orderly_end() {
     let robot = controller.robot.lock().unwrap();
     assert!(robot.paused);
     assert_eq!((robot.sample.program_state, robot.sample.cause), (9, 3));
+}
+
+#[test]
+fn a_second_source_is_refused_by_name_and_takes_over_after_silence_without_moving() {
+    let controller = controller();
+    let service = service(&controller.config);
+    let health = service.bus.subscribe(&topics::health("rtde"), 64).unwrap();
+    let ready = service.until("ready", |s| s.ready);
+    let first = service.controller(ready.activation_latched + 1);
+    service.until("motion", |s| s.qd_target.first() == Some(&0.1));
+
+    // It commands the opposite whatever it is told, under a newer activation, and before the first in each cycle.
+    let commands = service.bus.publisher(&topics::ARM_COMMAND).unwrap();
+    let intruder = service
+        .bus
+        .on(&topics::ARM_STATE, move |received| {
+            commands.publish(&ArmCommand {
+                cycle: received.message.cycle,
+                kind: 1,
+                values: [-0.1, 0.0, 0.0, 0.0, 0.0, 0.0].into_iter().collect(),
+                activation: 1000,
+                source: "controller/elsewhere-7".try_into().unwrap(),
+                ..ArmCommand::default()
+            });
+        })
+        .unwrap();
+    let begun = service.until("a refusal", |s| s.commands_refused > 0);
+    let words = "controller/elsewhere-7 is refused: test/0 drives this arm";
+    assert_eq!(begun.refusal_reason.as_str(), words);
+    let mut state = begun.clone();
+    while state.commands_refused < begun.commands_refused + 200 {
+        assert_eq!(state.commanded_by.as_str(), "test/0");
+        assert_eq!(state.qd_target.first(), Some(&0.1));
+        state = service.until("a state", |_| true);
+    }
+    loop {
+        let told = health.recv_timeout(PATIENCE).expect("health").message;
+        if told.fault == words {
+            assert_eq!(told.state, tangent_runtime::State::Degraded as u8);
+            break;
+        }
+    }
+
+    drop(first);
+    let taken = service.until("the second has the arm", |s| {
+        s.commanded_by.as_str() == "controller/elsewhere-7"
+    });
+    // What it brought does not move the arm: it has to start anew.
+    assert_eq!(taken.activation_latched, 1000);
+    for _ in 0..100 {
+        let state = service.until("a state", |_| true);
+        assert!(state.qd_target.iter().all(|v| *v == 0.0), "{state:?}");
+    }
+    drop(intruder);
+    let _third = service.controller(1001);
+    service.until("motion", |s| s.qd_target.first() == Some(&0.1));
+    service.stop.trigger();
+    service.thread.join().unwrap().unwrap();
 }
 
 #[test]

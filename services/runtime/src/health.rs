@@ -99,6 +99,25 @@ impl HealthReporter {
     pub fn start(bus: &Bus, service: &str) -> Result<Self, BusError> {
         let instance = instance_name();
         let token = bus.declare_alive(service, &instance)?;
+        Self::with_token(bus, service, instance, token)
+    }
+
+    /// The same for a service of which a cell has one.
+    ///
+    /// # Errors
+    /// [`BusError::Taken`] when it runs already, with where; see also [`HealthReporter::start`].
+    pub fn start_only(bus: &Bus, service: &str) -> Result<Self, BusError> {
+        let instance = instance_name();
+        let token = bus.claim_alive(service, &instance)?;
+        Self::with_token(bus, service, instance, token)
+    }
+
+    fn with_token(
+        bus: &Bus,
+        service: &str,
+        instance: String,
+        token: AliveToken,
+    ) -> Result<Self, BusError> {
         let ping = clock_offset::answer(bus, service, &instance)?;
         let publisher = bus.publisher(&topics::health(service))?;
         let shared = Arc::new(Shared {

@@ -33,6 +33,7 @@ pub mod health;
 pub mod meter;
 pub mod parameters;
 pub mod realtime;
+pub mod security;
 pub mod stop;
 mod usage;
 

@@ -1,4 +1,5 @@
-//! Live parameters: read lock-free by the service, got and set by anybody through queries on `param/SERVICE/NAME`.
+//! Live parameters: read lock-free by the service, got and set through queries on `param/SERVICE/NAME`, listed on
+//! `parameters/SERVICE`.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -57,24 +58,30 @@ type Entries = Arc<Mutex<Vec<Entry>>>;
 pub struct Parameters {
     service: String,
     entries: Entries,
-    _handle: Handle,
+    _handles: [Handle; 2],
 }
 
 impl Parameters {
-    /// Begins to answer on `param/SERVICE/*`.
+    /// Begins to answer on `param/SERVICE/*` and `parameters/SERVICE`.
     ///
     /// # Errors
     /// The bus refused the queryable.
     pub fn new(bus: &Bus, service: &str) -> Result<Self, BusError> {
         let entries = Entries::default();
-        let answering = Arc::clone(&entries);
-        let handle = bus.answer(&queries::parameters(service), move |key, request| {
-            respond(&answering, key, &request)
-        })?;
+        let (answering, listing) = (Arc::clone(&entries), Arc::clone(&entries));
+        let handles = [
+            bus.answer(&queries::settable(service), move |key, request| {
+                respond(&answering, key, &request)
+            })?,
+            bus.answer(&queries::parameters(service), move |_, _| {
+                let entries = lock(&listing);
+                answer::done_with(format!("{} parameters", entries.len()), &list(&entries))
+            })?,
+        ];
         Ok(Self {
             service: service.to_owned(),
             entries,
-            _handle: handle,
+            _handles: handles,
         })
     }
 
@@ -134,9 +141,6 @@ fn list(entries: &[Entry]) -> Vec<ParameterInfo> {
 fn respond(entries: &Entries, key: &str, request: &Request) -> Answer {
     let entries = lock(entries);
     let name = key.rsplit('/').next().unwrap_or_default();
-    if request.action == "list" {
-        return answer::done_with(format!("{} parameters", entries.len()), &list(&entries));
-    }
     let Some(entry) = entries.iter().find(|entry| entry.info.name == name) else {
         let names: Vec<&str> = entries.iter().map(|e| e.info.name.as_str()).collect();
         return answer::refused(format!(
@@ -172,7 +176,7 @@ fn respond(entries: &Entries, key: &str, request: &Request) -> Answer {
             )),
             Err(_) => answer::refused(format!("`{}` is not a number", request.argument)),
         },
-        other => answer::refused(format!("unknown action `{other}`: get, set or list")),
+        other => answer::refused(format!("unknown action `{other}`: get or set")),
     }
 }
 

@@ -35,7 +35,7 @@ pub enum Error {
 /// # Errors
 /// The configuration is wrong, a port is taken, or the bus refuses.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
-    let health = HealthReporter::start(&bus, "simulator")?;
+    let health = HealthReporter::start_only(&bus, "simulator")?;
     let cycles = health.rate("cycles");
     let publisher = bus.publisher(&TRUTH_CONTACT)?;
     let told = cycles.clone();

@@ -97,12 +97,13 @@ impl Cell {
         self.bus
             .on(&topics::ARM_STATE, move |received| {
                 let state = &received.message;
+                // Still, until the arm is this controller's; its task starts then.
+                let mine = state.commander_id == commands.id();
                 let command = ArmCommand {
                     cycle: state.cycle,
-                    // Still, until the arm is this controller's.
-                    kind: u8::from(state.commander_id == commands.id()),
+                    kind: u8::from(mine),
                     values: [0.0, 0.0, 0.0, 0.0, 0.0, SPEED].into_iter().collect(),
-                    activation,
+                    activation: if mine { activation } else { 0 },
                     source: "test/0".try_into().unwrap(),
                     ..ArmCommand::default()
                 };

@@ -67,6 +67,8 @@ pub struct Cell {
     pub latched: u64,
     /// Allocations while packets were answered, so far.
     pub allocations: u64,
+    /// Who holds the arm's lease.
+    pub commander: (&'static str, [u8; 16]),
     _tare: Handle,
 }
 
@@ -115,6 +117,7 @@ impl Cell {
             tared,
             latched: 0,
             allocations: 0,
+            commander: ("", [0; 16]),
             _tare: tare,
         };
         // Up as soon as it answers a packet, and then the first queries.
@@ -194,6 +197,8 @@ impl Cell {
             ready: true,
             speed_scaling: 1.0,
             activation_latched: self.latched,
+            commanded_by: cut(self.commander.0),
+            commander_id: self.commander.1,
             ..ArmState::default()
         };
         let answering = measure(|| {

@@ -4,13 +4,21 @@
 //! judge by.
 
 use std::sync::{Arc, Weak};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tangent_schemas::topics;
 
 use super::Inner;
 use super::error::BusError;
 use super::registry::parse_concrete_key;
+use super::session::Session;
+
+/// Between two looks at who is here.
+const LOOK: Duration = Duration::from_millis(100);
+/// The router answers who is here at once; it has this long.
+const ASK_PATIENCE: Duration = Duration::from_secs(1);
+/// One that lost the race for a name is gone by then.
+const RIVAL_PATIENCE: Duration = Duration::from_secs(1);
 
 /// A service that is here.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
@@ -64,6 +72,62 @@ pub(crate) fn declare(
         bus: Arc::downgrade(bus),
         _token: token,
     })
+}
+
+/// The same for a service of which a cell has one. A token that is there is given time to go: its process may have been
+/// cut off a moment ago.
+pub(crate) fn claim(
+    bus: &Arc<Inner>,
+    service: &str,
+    instance: &str,
+) -> Result<AliveToken, BusError> {
+    let patience = bus
+        .session
+        .as_ref()
+        .map_or(Duration::ZERO, Session::stale_after);
+    let begin = Instant::now();
+    loop {
+        match others(bus, service, None)?.into_iter().next() {
+            None => break,
+            Some(other) if bus.is_local(&other) || begin.elapsed() >= patience => {
+                return Err(taken(other));
+            }
+            Some(_) => std::thread::park_timeout(LOOK),
+        }
+    }
+    let token = declare(bus, service, instance)?;
+    // Two that start in the same moment see each other only now. The greater name goes; the lesser waits to see whether
+    // the other is one that goes, or one that was there first.
+    let mut rival = others(bus, service, Some(instance))?.into_iter().next();
+    let wait = Instant::now();
+    while let Some(other) = rival {
+        if instance > other.instance.as_str() || wait.elapsed() >= RIVAL_PATIENCE {
+            return Err(taken(other));
+        }
+        std::thread::park_timeout(LOOK);
+        rival = others(bus, service, Some(instance))?.into_iter().next();
+    }
+    Ok(token)
+}
+
+fn others(bus: &Arc<Inner>, service: &str, own: Option<&str>) -> Result<Vec<Alive>, BusError> {
+    let mut found = list(bus, "*", ASK_PATIENCE)?;
+    found.retain(|alive| alive.service == service && Some(alive.instance.as_str()) != own);
+    Ok(found)
+}
+
+fn taken(other: Alive) -> BusError {
+    // HOST-PROCESS, as health::instance_name writes it.
+    let host = match other.instance.rsplit_once('-') {
+        Some((host, _)) => host.to_owned(),
+        None => other.instance.clone(),
+    };
+    BusError::Taken {
+        service: other.service,
+        cell: other.cell,
+        instance: other.instance,
+        host,
+    }
 }
 
 /// `service` is `*`, or a [`topics::estimator_service`] of `*`.

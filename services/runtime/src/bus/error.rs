@@ -2,6 +2,16 @@
 
 use std::time::Duration;
 
+/// A router that refuses a certificate says so in its own log only.
+fn hint(endpoints: &str) -> &'static str {
+    if endpoints.contains("tls/") {
+        ". If it runs, it may have refused this process's certificate, or its own does not name the host dialled: its \
+         log says which"
+    } else {
+        ""
+    }
+}
+
 /// Errors of the bus.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
@@ -37,7 +47,7 @@ pub enum BusError {
     /// No router at any of the endpoints.
     #[error(
         "no router answered at {endpoints} within {} s: start `tangent up` or `tangent run router`, or correct \
-         zenoh.connect in cell.toml", .patience.as_secs_f64()
+         zenoh.connect in cell.toml{}", .patience.as_secs_f64(), hint(.endpoints)
     )]
     NoRouter {
         /// Where it was looked for.
@@ -54,6 +64,24 @@ pub enum BusError {
         value: String,
         /// What it says.
         reason: String,
+    },
+    /// Certificates or access rules that cannot be used.
+    #[error(transparent)]
+    Security(#[from] crate::security::SecurityError),
+    /// The service runs already.
+    #[error(
+        "{service} runs already in cell {cell}: {instance} on host {host}. Stop that one first, or give this cell \
+         another name (cell.name in cell.toml)"
+    )]
+    Taken {
+        /// Which service.
+        service: String,
+        /// In which cell.
+        cell: String,
+        /// Which process.
+        instance: String,
+        /// Where it runs.
+        host: String,
     },
     /// Any other refusal by Zenoh.
     #[error("{action} failed: {reason}")]

@@ -16,6 +16,7 @@ mod raw;
 mod reader;
 mod registry;
 mod session;
+mod session_config;
 mod sleeper;
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -227,7 +228,19 @@ impl Bus {
         pattern: &str,
         capacity: usize,
     ) -> Result<RawSubscription, BusError> {
-        raw::subscribe(&self.inner, pattern, capacity)
+        self.subscribe_raw_all(&[pattern.to_owned()], capacity)
+    }
+
+    /// The same for several patterns through one queue. A message that two of them match comes twice.
+    ///
+    /// # Errors
+    /// A bad pattern.
+    pub fn subscribe_raw_all(
+        &self,
+        patterns: &[String],
+        capacity: usize,
+    ) -> Result<RawSubscription, BusError> {
+        raw::subscribe(&self.inner, patterns, capacity)
     }
 
     /// Publishes bytes that are encoded already, for replay. Not for real-time threads.
@@ -280,6 +293,15 @@ impl Bus {
         alive::declare(&self.inner, service, instance)
     }
 
+    /// The same for a service of which a cell has one: refused when it runs already, here or elsewhere.
+    /// [`crate::HealthReporter::start_only`] does it for services.
+    ///
+    /// # Errors
+    /// [`BusError::Taken`] with where it runs; see also [`Bus::declare_alive`].
+    pub fn claim_alive(&self, service: &str, instance: &str) -> Result<AliveToken, BusError> {
+        alive::claim(&self.inner, service, instance)
+    }
+
     /// Who is here now, in this process and on the network, sorted.
     ///
     /// # Errors
@@ -325,6 +347,11 @@ impl Inner {
         if let Some(session) = &self.session {
             session.close();
         }
+    }
+
+    /// It is a service of this process's own.
+    fn is_local(&self, alive: &Alive) -> bool {
+        self.lock_tokens().contains(alive)
     }
 
     fn lock_tokens(&self) -> std::sync::MutexGuard<'_, Vec<Alive>> {

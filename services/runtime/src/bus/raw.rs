@@ -96,10 +96,9 @@ pub(crate) fn deliver(readers: &[Arc<RawCore>], message: &RawMessage) {
 
 pub(crate) fn subscribe(
     bus: &Arc<Inner>,
-    pattern: &str,
+    patterns: &[String],
     capacity: usize,
 ) -> Result<RawSubscription, BusError> {
-    let parsed = parse_key(pattern)?;
     let core = Arc::new(RawCore {
         queue: ArrayQueue::new(capacity.max(1)),
         sleeper: Sleeper::default(),
@@ -109,20 +108,24 @@ pub(crate) fn subscribe(
         missing: AtomicU64::new(0),
         overtaken: AtomicU64::new(0),
     });
-    let mut handle = add_raw(&bus.registry, &parsed, &core);
-    if let Some(session) = &bus.session {
-        handle.keep(session.subscribe_raw(pattern, Arc::clone(&core))?);
+    let mut handles = Vec::new();
+    for pattern in patterns {
+        let mut handle = add_raw(&bus.registry, &parse_key(pattern)?, &core);
+        if let Some(session) = &bus.session {
+            handle.keep(session.subscribe_raw(pattern, Arc::clone(&core))?);
+        }
+        handles.push(handle);
     }
     Ok(RawSubscription {
         core,
-        _handle: handle,
+        _handles: handles,
     })
 }
 
 /// Encoded messages through a bounded queue; never holds a publisher up.
 pub struct RawSubscription {
     core: Arc<RawCore>,
-    _handle: Handle,
+    _handles: Vec<Handle>,
 }
 
 impl RawSubscription {

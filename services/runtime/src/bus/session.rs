@@ -7,19 +7,20 @@ use std::time::{Duration, Instant};
 
 use tangent_schemas::topics::Delivery;
 use tangent_schemas::{Message, tangent};
+use zenoh::Wait;
 use zenoh::bytes::Encoding;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::key_expr::OwnedKeyExpr;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Reply};
 use zenoh::sample::{Locality, Sample, SampleKind};
-use zenoh::{Config, Wait};
 
 use super::Role;
 use super::attachment::Attachment;
 use super::error::BusError;
 use super::raw::{RawCore, RawMessage};
 use super::reader::{Arrival, ErasedReader};
+use super::session_config::session_config;
 use crate::config::ZenohConfig;
 use crate::realtime::setup_thread;
 use crate::stop::Stop;
@@ -40,6 +41,7 @@ pub(crate) struct Opening<'a> {
 
 pub(crate) struct Session {
     session: zenoh::Session,
+    stale_after: Duration,
 }
 
 fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
@@ -86,7 +88,10 @@ impl Session {
             match opened.recv_timeout(Duration::from_millis(50)) {
                 Ok(Ok(session)) => {
                     tracing::debug!("{role:?} at {endpoints} after {:?}", start.elapsed());
-                    return Ok(Self { session });
+                    return Ok(Self {
+                        session,
+                        stale_after: config.stale_after(),
+                    });
                 }
                 Ok(Err(error)) => return Err(open_error(&error, role, endpoints, patience)),
                 Err(RecvTimeoutError::Disconnected) => {
@@ -115,6 +120,11 @@ impl Session {
                 }
             }
         }
+    }
+
+    /// A process that was cut off seems to be here for so long.
+    pub(crate) fn stale_after(&self) -> Duration {
+        self.stale_after
     }
 
     pub(crate) fn publisher(
@@ -371,120 +381,5 @@ fn open_error(
             action: format!("opening the session at {endpoint}"),
             reason,
         },
-    }
-}
-
-/// The session's configuration: what was measured to matter for a control loop's neighbours, and nothing else.
-fn session_config(
-    config: &ZenohConfig,
-    namespace: Option<&str>,
-    role: Role,
-    patience: Option<Duration>,
-) -> Result<Config, BusError> {
-    let mut zenoh_config = match &config.file {
-        Some(path) => Config::from_file(path).map_err(|error| BusError::Configuration {
-            key: "zenoh.file".into(),
-            value: path.display().to_string(),
-            reason: error.to_string(),
-        })?,
-        None => Config::default(),
-    };
-    let mut set = |key: &str, value: String| {
-        zenoh_config
-            .insert_json5(key, &value)
-            .map_err(|error| BusError::Configuration {
-                key: key.to_owned(),
-                value,
-                reason: error.to_string(),
-            })
-    };
-    if let Some(namespace) = namespace {
-        set("namespace", json(namespace))?;
-    }
-    match role {
-        Role::Client => {
-            set("mode", json("client"))?;
-            set("connect/endpoints", json(&config.connect))?;
-            let timeout_ms = patience.map_or(-1, |p| i64::try_from(p.as_millis()).unwrap_or(-1));
-            set("connect/timeout_ms", timeout_ms.to_string())?;
-            set("connect/exit_on_failure", patience.is_some().to_string())?;
-        }
-        Role::Router => {
-            set("mode", json("router"))?;
-            set("listen/endpoints", json(&config.listen))?;
-            set("listen/exit_on_failure", "true".into())?;
-            set("connect/endpoints", "[]".into())?;
-        }
-    }
-    let fixed = [
-        // Back within half a second after a router restart.
-        (
-            "connect/retry",
-            "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 1.5 }",
-        ),
-        // Nobody joins who was not told where.
-        ("scouting/multicast/enabled", "false"),
-        ("scouting/gossip/enabled", "false"),
-        ("timestamping/enabled", "false"),
-        // With the default of 2, express messages were lost under CPU load.
-        ("transport/link/tx/queue/size/real_time", "16"),
-        // Dropping must not wait: the next message is newer.
-        (
-            "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
-            "0",
-        ),
-        // A stalled neighbour is cut off after half a second, not five.
-        (
-            "transport/link/tx/queue/congestion_control/block/wait_before_close",
-            "500000",
-        ),
-    ];
-    for (key, value) in fixed {
-        set(key, value.into())?;
-    }
-    set("transport/link/tx/lease", config.lease_ms.to_string())?;
-    set(
-        "transport/link/tx/keep_alive",
-        config.keep_alive.to_string(),
-    )?;
-    Ok(zenoh_config)
-}
-
-fn json<T: serde::Serialize + ?Sized>(value: &T) -> String {
-    serde_json::to_string(value).unwrap_or_default()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn zenoh_takes_the_configuration_and_has_what_was_asked_for() {
-        let config = ZenohConfig::default();
-        for role in [Role::Client, Role::Router] {
-            let taken = session_config(&config, Some("cell1"), role, None).unwrap();
-            let get = |key: &str| taken.get_json(key).unwrap();
-            assert_eq!(get("namespace"), "\"cell1\"");
-            assert_eq!(get("scouting/multicast/enabled"), "false");
-            assert_eq!(get("transport/link/tx/lease"), "1000");
-            assert_eq!(get("transport/link/tx/queue/size/real_time"), "16");
-            assert_eq!(
-                get("transport/link/tx/queue/congestion_control/drop/wait_before_drop"),
-                "0"
-            );
-        }
-        let client = session_config(&config, Some("cell1"), Role::Client, None).unwrap();
-        assert_eq!(client.get_json("connect/timeout_ms").unwrap(), "-1");
-        assert_eq!(client.get_json("mode").unwrap(), "\"client\"");
-    }
-
-    #[test]
-    fn a_bad_endpoint_is_named() {
-        let config = ZenohConfig {
-            connect: vec!["nonsense".into()],
-            ..ZenohConfig::default()
-        };
-        let error = session_config(&config, None, Role::Client, None).unwrap_err();
-        assert!(error.to_string().contains("nonsense"), "{error}");
     }
 }

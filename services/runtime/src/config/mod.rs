@@ -13,7 +13,7 @@ pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
     CellSection, ControllerConfig, EstimatorsConfig, LimitsConfig, PoseConfig, RealtimeConfig,
-    RecorderConfig, RobotConfig, SensorConfig, SensorMode, SimulatorConfig, ToolConfig,
+    RecorderConfig, RobotConfig, SensorConfig, SensorMode, SimulatorConfig, TlsConfig, ToolConfig,
     ZenohConfig,
 };
 
@@ -104,6 +104,12 @@ impl CellConfig {
         };
         self.robot.model_file.iter_mut().for_each(resolve);
         self.zenoh.file.iter_mut().for_each(resolve);
+        self.zenoh.access.iter_mut().for_each(resolve);
+        if let Some(tls) = &mut self.zenoh.tls {
+            [&mut tls.ca, &mut tls.certificate, &mut tls.key]
+                .into_iter()
+                .for_each(resolve);
+        }
         self.simulator.scenario.iter_mut().for_each(resolve);
     }
 

@@ -20,6 +20,7 @@ pub fn cell() -> CellConfig {
 }
 
 /// Joins as a client.
+#[allow(dead_code)]
 pub fn client(config: &CellConfig) -> Bus {
     Bus::open_within(config, Role::Client, PATIENCE).unwrap()
 }

@@ -13,12 +13,16 @@ pub struct CellSection {
     pub name: String,
 }
 
+/// What can stand as a cell's name in every key on the network.
+pub(super) fn is_cell_name(name: &str) -> bool {
+    let good = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    (1..=32).contains(&name.len()) && name.chars().all(good)
+}
+
 impl CellSection {
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
-        let good = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-        let fits = (1..=32).contains(&self.name.len()) && self.name.chars().all(good);
         checker.require(
-            fits,
+            is_cell_name(&self.name),
             "cell.name",
             &self.name,
             "1 to 32 letters, digits, `_` or `-`",

@@ -19,7 +19,7 @@ pub use robot::RobotConfig;
 pub use sensor::{SensorConfig, SensorMode};
 pub use services::{ControllerConfig, EstimatorsConfig, RecorderConfig, SimulatorConfig};
 pub use tool::ToolConfig;
-pub use zenoh::ZenohConfig;
+pub use zenoh::{TlsConfig, ZenohConfig};
 
 use super::check::Checker;
 use super::load::ConfigError;

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
+use super::cell::is_cell_name;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
@@ -73,6 +74,8 @@ pub struct RecorderConfig {
     pub folder: PathBuf,
     /// Key patterns to record.
     pub include: Vec<String>,
+    /// Cells to record through one router; none: this cell.
+    pub cells: Vec<String>,
     /// A new file after so many megabytes.
     pub rotate_mb: f64,
     /// A new file after so many seconds.
@@ -88,6 +91,7 @@ impl Default for RecorderConfig {
         Self {
             folder: "recordings".into(),
             include: vec!["**".into()],
+            cells: Vec::new(),
             rotate_mb: 1024.0,
             rotate_s: 3600.0,
             compress: true,
@@ -100,6 +104,13 @@ impl RecorderConfig {
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
         checker.range("recorder.rotate_mb", self.rotate_mb, 0.1..=1e6, "MB")?;
         checker.range("recorder.rotate_s", self.rotate_s, 1.0..=1e6, "s")?;
+        let bad = self.cells.iter().find(|name| !is_cell_name(name));
+        checker.require(
+            bad.is_none(),
+            "recorder.cells",
+            format!("{:?}", self.cells),
+            "names of cells, as in their cell.name",
+        )?;
         checker.range(
             "recorder.queue_messages",
             self.queue_messages as f64,

@@ -1,6 +1,7 @@
 //! `[zenoh]`: the network.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use serde::Deserialize;
 
@@ -19,8 +20,27 @@ pub struct ZenohConfig {
     pub lease_ms: u32,
     /// Keep-alives per lease.
     pub keep_alive: u8,
-    /// A Zenoh file (JSON5) to start from, for TLS and access control.
+    /// A Zenoh file (JSON5) to start from, for what has no key here.
     pub file: Option<PathBuf>,
+    /// The router's access rules, as `tangent keys new` writes them.
+    pub access: Option<PathBuf>,
+    /// Certificates; without them everything travels in the clear and everybody may say anything.
+    pub tls: Option<TlsConfig>,
+}
+
+/// `[zenoh.tls]`. `{identity}` in a path stands for who the process is, for instance `controller.cell1` or `operator`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TlsConfig {
+    /// Certificate of the authority that made all others.
+    pub ca: PathBuf,
+    /// This process's certificate.
+    pub certificate: PathBuf,
+    /// Its private key.
+    pub key: PathBuf,
+    /// Who this process is; set by the program, not in the file.
+    #[serde(skip)]
+    pub identity: Option<String>,
 }
 
 impl Default for ZenohConfig {
@@ -31,11 +51,25 @@ impl Default for ZenohConfig {
             lease_ms: 1000,
             keep_alive: 4,
             file: None,
+            access: None,
+            tls: None,
         }
     }
 }
 
 impl ZenohConfig {
+    /// A process that was cut off is known to be gone after this.
+    pub fn stale_after(&self) -> Duration {
+        Duration::from_millis(u64::from(self.lease_ms) + 500)
+    }
+
+    /// Says who this process is, unless that was said before.
+    pub fn identify(&mut self, identity: &str) {
+        if let Some(tls) = &mut self.tls {
+            tls.identity.get_or_insert_with(|| identity.to_owned());
+        }
+    }
+
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
         for (key, endpoints) in [
             ("zenoh.connect", &self.connect),
@@ -47,6 +81,21 @@ impl ZenohConfig {
                 key,
                 format!("{endpoints:?}"),
                 "a list of endpoints such as \"tcp/127.0.0.1:7447\"",
+            )?;
+            // A link in the clear beside those with certificates would let anybody in.
+            let clear = endpoints.iter().find(|e| !e.starts_with("tls/"));
+            checker.require(
+                self.tls.is_none() || clear.is_none(),
+                key,
+                format!("{endpoints:?}"),
+                "with [zenoh.tls] every endpoint is one such as \"tls/router.local:7447\"",
+            )?;
+            let certified = endpoints.iter().find(|e| e.starts_with("tls/"));
+            checker.require(
+                certified.is_none() || self.tls.is_some() || self.file.is_some(),
+                key,
+                format!("{endpoints:?}"),
+                "tls/ needs certificates: give [zenoh.tls] ca, certificate and key (`tangent keys new` makes them)",
             )?;
         }
         checker.range(

@@ -1,0 +1,203 @@
+//! What a session presents: looked at before Zenoh is, which says little about what is wrong with a file.
+
+use std::path::{Path, PathBuf};
+
+use rcgen::KeyPair;
+
+use super::SecurityError;
+use super::certificate::{Certificate, read};
+use crate::config::TlsConfig;
+
+/// Stands for the identity in the cell file's paths.
+const PLACEHOLDER: &str = "{identity}";
+/// Shorter than this, a certificate's end is worth a word.
+const DAYS_WARNED: i64 = 30;
+
+/// Files that were found good.
+#[derive(Clone, Debug)]
+pub(crate) struct Credentials {
+    pub(crate) ca: PathBuf,
+    pub(crate) certificate: PathBuf,
+    pub(crate) key: PathBuf,
+}
+
+/// Finds and checks the files of `[zenoh.tls]`.
+///
+/// # Errors
+/// The first file that is missing, unreadable, expired, or does not belong to the others.
+pub(crate) fn check(tls: &TlsConfig, now_s: i64) -> Result<Credentials, SecurityError> {
+    let identity = tls.identity.as_deref();
+    let found = Credentials {
+        ca: tls.ca.clone(),
+        certificate: named("certificate", &tls.certificate, identity)?,
+        key: named("key", &tls.key, identity)?,
+    };
+    let ca = Certificate::read(&found.ca)?;
+    ca.check_time(now_s)?;
+    let own = Certificate::read(&found.certificate)?;
+    own.check_time(now_s)?;
+    if own.issuer != ca.subject {
+        return Err(SecurityError::Content {
+            file: found.certificate,
+            reason: format!(
+                "was made by {}, not by the authority in {}: use files of one `tangent keys` folder",
+                own.issuer_words,
+                found.ca.display()
+            ),
+        });
+    }
+    check_key(&found, &own)?;
+    let days = own.days_left(now_s).min(ca.days_left(now_s));
+    if days < DAYS_WARNED {
+        tracing::warn!(
+            "{}: the certificate of `{}` holds for {days} more days; `tangent keys new FOLDER --renew {}` makes another",
+            own.file.display(),
+            own.identity,
+            own.identity
+        );
+    }
+    Ok(found)
+}
+
+fn named(key: &'static str, path: &Path, identity: Option<&str>) -> Result<PathBuf, SecurityError> {
+    let words = path.display().to_string();
+    match identity {
+        _ if !words.contains(PLACEHOLDER) => Ok(path.to_owned()),
+        Some(identity) => Ok(PathBuf::from(words.replace(PLACEHOLDER, identity))),
+        None => Err(SecurityError::NoIdentity { key, value: words }),
+    }
+}
+
+fn check_key(found: &Credentials, own: &Certificate) -> Result<(), SecurityError> {
+    let words = String::from_utf8_lossy(&read(&found.key)?).into_owned();
+    let wrong = |reason: String| SecurityError::Content {
+        file: found.key.clone(),
+        reason,
+    };
+    if !words.contains("PRIVATE KEY-----") {
+        return Err(wrong(
+            "holds no private key (no `-----BEGIN PRIVATE KEY-----`)".to_owned(),
+        ));
+    }
+    // Keys of another form than PKCS#8 are left to Zenoh.
+    if let Ok(pair) = KeyPair::from_pem(&words)
+        && pair.public_key_raw() != own.public_key
+    {
+        return Err(wrong(format!(
+            "is not the key of the certificate in {}",
+            found.certificate.display()
+        )));
+    }
+    warn_of_rights(&found.key);
+    Ok(())
+}
+
+fn warn_of_rights(key: &Path) {
+    use std::os::unix::fs::PermissionsExt;
+    if let Ok(found) = std::fs::metadata(key)
+        && found.permissions().mode() & 0o077 != 0
+    {
+        tracing::warn!(
+            "{}: others on this machine can read this private key; `chmod 600` it",
+            key.display()
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::security::Authority;
+
+    const DAY_S: i64 = 24 * 3600;
+
+    fn now_s() -> i64 {
+        crate::clock::now_ns() / 1_000_000_000
+    }
+
+    fn tls(folder: &Path, identity: Option<&str>) -> TlsConfig {
+        TlsConfig {
+            ca: folder.join("ca.pem"),
+            certificate: folder.join("{identity}.pem"),
+            key: folder.join("{identity}.key"),
+            identity: identity.map(str::to_owned),
+        }
+    }
+
+    fn refused(tls: &TlsConfig, now_s: i64) -> String {
+        check(tls, now_s).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn what_was_made_is_good_and_stays_good_when_the_authority_is_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        Authority::open_or_create(folder.path())
+            .unwrap()
+            .issue("operator", &[], 10)
+            .unwrap();
+        Authority::open_or_create(folder.path())
+            .unwrap()
+            .issue("viewer", &[], 10)
+            .unwrap();
+        for identity in ["operator", "viewer"] {
+            let found = check(&tls(folder.path(), Some(identity)), now_s()).unwrap();
+            let own = Certificate::read(&found.certificate).unwrap();
+            assert_eq!(own.identity, identity);
+            // Whole days, and part of a second has passed.
+            assert!((9..=10).contains(&own.days_left(now_s())));
+        }
+    }
+
+    #[test]
+    fn each_wrong_file_is_named_with_what_to_do() {
+        let (folder, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let authority = Authority::open_or_create(folder.path()).unwrap();
+        authority.issue("operator", &[], 10).unwrap();
+        authority.issue("viewer", &[], 10).unwrap();
+        let good = tls(folder.path(), Some("operator"));
+
+        let said = refused(&tls(folder.path(), None), now_s());
+        assert!(
+            said.contains("zenoh.tls.certificate") && said.contains("--identity"),
+            "{said}"
+        );
+        let said = refused(&tls(folder.path(), Some("nobody")), now_s());
+        assert!(
+            said.contains("nobody.pem") && said.contains("tangent keys new"),
+            "{said}"
+        );
+        let said = refused(&good, now_s() + 12 * DAY_S);
+        assert!(said.contains("`operator` expired 2 days ago"), "{said}");
+        assert!(said.contains("--renew operator"), "{said}");
+        let said = refused(&good, now_s() - 3 * DAY_S);
+        assert!(said.contains("clock"), "{said}");
+
+        let swapped = TlsConfig {
+            key: folder.path().join("viewer.key"),
+            ..good.clone()
+        };
+        let said = refused(&swapped, now_s());
+        assert!(said.contains("viewer.key: is not the key of"), "{said}");
+        let no_key = TlsConfig {
+            key: folder.path().join("viewer.pem"),
+            ..good.clone()
+        };
+        let said = refused(&no_key, now_s());
+        assert!(said.contains("holds no private key"), "{said}");
+        let no_certificate = TlsConfig {
+            certificate: folder.path().join("viewer.key"),
+            ..good
+        };
+        let said = refused(&no_certificate, now_s());
+        assert!(said.contains("holds no certificate"), "{said}");
+
+        Authority::open_or_create(other.path()).unwrap();
+        let stranger = TlsConfig {
+            ca: other.path().join("ca.pem"),
+            ..tls(folder.path(), Some("operator"))
+        };
+        let said = refused(&stranger, now_s());
+        assert!(said.contains("was made by CN=tangent authority"), "{said}");
+        assert!(said.contains("not by the authority in"), "{said}");
+    }
+}

@@ -1,0 +1,222 @@
+//! What each role may say, answer and ask. Everybody of a cell may read everything in it.
+
+/// One role. Keys are relative to the cell's namespace.
+#[derive(Clone, Copy, Debug)]
+pub struct Role {
+    /// First part of the identity.
+    pub name: &'static str,
+    /// It is for all cells of the fleet, not for one.
+    pub fleet: bool,
+    /// Services of which it is made up.
+    pub services: &'static [Service],
+    /// In a sentence.
+    pub words: &'static str,
+}
+
+/// What one service does on the network.
+#[derive(Clone, Copy, Debug)]
+pub struct Service {
+    /// In `health/NAME`, `alive/NAME/*` and `param/NAME/*`; empty for people, who have none of these.
+    pub name: &'static str,
+    /// Topics it publishes besides its health.
+    pub publishes: &'static [&'static str],
+    /// Queries it answers besides those for its parameters.
+    pub answers: &'static [&'static str],
+    /// Queries it may send.
+    pub asks: &'static [&'static str],
+}
+
+const RTDE: Service = Service {
+    name: "rtde",
+    publishes: &["arm/state"],
+    answers: &["rtde/*"],
+    asks: &[],
+};
+/// The only one that publishes `arm/command`.
+const CONTROLLER: Service = Service {
+    name: "controller",
+    publishes: &["arm/command", "control/state", "tf", "markers"],
+    answers: &["control/*"],
+    asks: &["netft/tare"],
+};
+const NETFT: Service = Service {
+    name: "netft",
+    publishes: &["wrench/*"],
+    answers: &["netft/*"],
+    asks: &[],
+};
+const ESTIMATOR: Service = Service {
+    name: "estimator",
+    publishes: &["estimate/**"],
+    answers: &[],
+    asks: &[],
+};
+const RECORDER: Service = Service {
+    name: "recorder",
+    publishes: &[],
+    answers: &[],
+    asks: &["control/show", "parameters/*"],
+};
+const SIMULATOR: Service = Service {
+    name: "simulator",
+    publishes: &["truth/**"],
+    answers: &[],
+    asks: &[],
+};
+const OPERATOR: Service = Service {
+    name: "",
+    publishes: &[],
+    answers: &[],
+    asks: &[
+        "control/*",
+        "netft/*",
+        "rtde/*",
+        "param/*/*",
+        "parameters/*",
+    ],
+};
+const VIEWER: Service = Service {
+    name: "",
+    publishes: &[],
+    answers: &[],
+    asks: &[],
+};
+
+/// Every role.
+pub const ROLES: &[Role] = &[
+    cell(
+        "robot",
+        &[RTDE, CONTROLLER, NETFT],
+        "the hard loop in one process: rtde, controller and netft",
+    ),
+    cell("rtde", &[RTDE], "the robot bridge alone"),
+    cell(
+        "controller",
+        &[CONTROLLER],
+        "the controller alone; it and `robot` alone may publish arm/command",
+    ),
+    cell("netft", &[NETFT], "the sensor bridge alone"),
+    cell("estimator", &[ESTIMATOR], "estimators, on any machine"),
+    cell("simulator", &[SIMULATOR], "the simulated robot and sensor"),
+    fleet(
+        "recorder",
+        &[RECORDER],
+        "reads, and asks for the task and the parameters to store them",
+    ),
+    fleet(
+        "operator",
+        &[OPERATOR],
+        "tasks, tare, parameters; publishes nothing",
+    ),
+    fleet("viewer", &[VIEWER], "reads only"),
+];
+
+/// Identity of the router: it holds the rules and is not subject to them.
+pub const ROUTER: &str = "router";
+
+const fn cell(name: &'static str, services: &'static [Service], words: &'static str) -> Role {
+    Role {
+        name,
+        fleet: false,
+        services,
+        words,
+    }
+}
+
+const fn fleet(name: &'static str, services: &'static [Service], words: &'static str) -> Role {
+    Role {
+        name,
+        fleet: true,
+        services,
+        words,
+    }
+}
+
+/// `ROLE.CELL`, or `ROLE` for a role of the fleet and for the router.
+pub fn identity(role: &str, cell: &str) -> String {
+    match ROLES.iter().find(|known| known.name == role) {
+        Some(known) if !known.fleet => format!("{role}.{cell}"),
+        _ => role.to_owned(),
+    }
+}
+
+/// Every identity of a fleet of these cells, the router's first.
+pub fn identities(cells: &[String]) -> Vec<String> {
+    let mut all = vec![ROUTER.to_owned()];
+    all.extend(
+        ROLES
+            .iter()
+            .filter(|role| role.fleet)
+            .map(|role| role.name.to_owned()),
+    );
+    for cell in cells {
+        all.extend(
+            ROLES
+                .iter()
+                .filter(|role| !role.fleet)
+                .map(|role| identity(role.name, cell)),
+        );
+    }
+    all
+}
+
+/// The role of a process that runs these services; `None` when no single role covers them.
+pub fn role_of(services: &[&str]) -> Option<&'static str> {
+    if services.contains(&ROUTER) {
+        return Some(ROUTER);
+    }
+    let covers = |role: &&Role| {
+        services
+            .iter()
+            .all(|wanted| role.services.iter().any(|service| service.name == *wanted))
+    };
+    let fitting = ROLES.iter().filter(covers);
+    // The one that may do least besides.
+    fitting
+        .min_by_key(|role| role.services.len())
+        .filter(|_| !services.is_empty())
+        .map(|role| role.name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn identities_name_role_and_cell() {
+        assert_eq!(identity("controller", "cell1"), "controller.cell1");
+        assert_eq!(identity("operator", "cell1"), "operator");
+        let all = identities(&["a".into(), "b".into()]);
+        assert_eq!(all[0], "router");
+        assert!(all.contains(&"rtde.b".to_owned()));
+        assert_eq!(all.iter().filter(|name| *name == "operator").count(), 1);
+    }
+
+    #[test]
+    fn a_process_gets_the_least_role_that_covers_it() {
+        assert_eq!(role_of(&["controller"]), Some("controller"));
+        assert_eq!(role_of(&["rtde", "controller"]), Some("robot"));
+        assert_eq!(role_of(&["router", "simulator"]), Some("router"));
+        assert_eq!(role_of(&["recorder"]), Some("recorder"));
+        assert_eq!(role_of(&["recorder", "controller"]), None);
+        assert_eq!(role_of(&[]), None);
+    }
+
+    #[test]
+    fn only_controllers_command_and_only_operators_send_tasks() {
+        for role in ROLES {
+            let commands = role
+                .services
+                .iter()
+                .any(|s| s.publishes.contains(&"arm/command"));
+            assert_eq!(
+                commands,
+                ["controller", "robot"].contains(&role.name),
+                "{}",
+                role.name
+            );
+            let tasks = role.services.iter().any(|s| s.asks.contains(&"control/*"));
+            assert_eq!(tasks, role.name == "operator", "{}", role.name);
+        }
+    }
+}
