@@ -226,17 +226,8 @@ pub struct Compare {
     /// Recording (`.mcap`) to read; the live cell if none is named.
     pub file: Option<PathBuf>,
     /// Listen to the live cell for so long.
-    #[arg(long, default_value_t = 5.0, value_parser = seconds)]
+    #[arg(long, default_value_t = 5.0, value_parser = parse_seconds)]
     pub seconds: f64,
-}
-
-/// 0.1 s to an hour.
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if (0.1..=3600.0).contains(&seconds) {
-        return Ok(seconds);
-    }
-    Err("0.1 to 3600 is allowed".to_owned())
 }
 
 /// What to measure.

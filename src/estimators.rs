@@ -28,17 +28,21 @@ const TOKENS: Duration = Duration::from_millis(500);
 ///
 /// # Errors
 /// A cell that cannot be reached, or in which nobody publishes normals; a recording that cannot be read.
-pub fn run(command: &EstimatorCommand, cell: Option<&Path>, json: bool) -> Result<Outcome> {
+pub fn run(
+    command: &EstimatorCommand,
+    cell: impl Fn() -> Result<CellConfig>,
+    json: bool,
+) -> Result<Outcome> {
     match command {
-        EstimatorCommand::List => list(&cell::load(cell)?, json),
+        EstimatorCommand::List => list(&cell()?, json),
         EstimatorCommand::Use { name, force } => {
             let action = if *force { "force" } else { "select" };
-            let bus = cell::join(&cell::load(cell)?)?;
+            let bus = cell::join(&cell()?)?;
             cell::ask_and_print(&bus, queries::CONTROL_SELECT, action, name, json)
         }
         EstimatorCommand::Compare(args) => match &args.file {
             Some(file) => compare_recorded(file, json),
-            None => compare_live(args, &cell::load(cell)?, json),
+            None => compare_live(args, &cell()?, json),
         },
     }
 }
@@ -202,7 +206,7 @@ fn compare_live(args: &Compare, config: &CellConfig, json: bool) -> Result<Outco
 }
 
 fn compare_recorded(file: &Path, json: bool) -> Result<Outcome> {
-    let recorded = Heard::read(&[file.to_owned()])?;
+    let recorded = Heard::read(&[file.to_owned()], None)?;
     if recorded.estimates.is_empty() {
         bail!("{}: no estimate is in it", file.display());
     }

@@ -45,7 +45,8 @@ struct Service {
     round_trip_ms: Option<f64>,
 }
 
-fn state_text(state: u8) -> &'static str {
+/// A health state in words.
+pub fn state_text(state: u8) -> &'static str {
     match state {
         0 => "starting",
         1 => "running",

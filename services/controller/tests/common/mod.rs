@@ -13,13 +13,14 @@ use std::time::Duration;
 
 use allocation_counter::measure;
 use nalgebra::Vector3;
+#[allow(unused_imports)]
 pub use speaker::{Mood, Speaker};
 use tangent_controller::{Config, ControllerError, run};
 use tangent_mechanics::{Arm, Joints, ModelData, Wrench};
 use tangent_runtime::bus::answer::done;
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{Bus, CellConfig, Handle, Latest, Publisher, Stop};
-use tangent_schemas::convert::joint_array;
+use tangent_schemas::convert::{cut, joint_array};
 use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, ControlState, Request, WrenchStatus};
 use tangent_schemas::topics::{self, queries};
