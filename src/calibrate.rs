@@ -93,7 +93,7 @@ fn pose(bus: &Bus, config: &CellConfig) -> Result<StaticPose> {
     let mut arm = bus.latest(&topics::ARM_STATE)?;
     let mut status = bus.latest(&topics::WRENCH_STATUS)?;
     let readings = bus.subscribe(&topics::WRENCH_RAW, 16_384)?;
-    let mut average = PoseAverage::new(&tare_config(), config.sensor.rate_hz);
+    let mut average = PoseAverage::new(&tare_config(), raw_rate_hz(config));
     let until = Instant::now() + Duration::from_secs_f64(AVERAGE_S) + SLACK;
     let mut taken = 0;
     while let Some(left) = until.checked_duration_since(Instant::now()) {
@@ -121,10 +121,20 @@ fn pose(bus: &Bus, config: &CellConfig) -> Result<StaticPose> {
         );
     }
     bail!(
-        "only {taken} readings in {:?}: [sensor] rate_hz says {} per second",
+        "only {taken} readings in {:?}: [sensor] rate_hz and raw_rate_hz say {} per second",
         Duration::from_secs_f64(AVERAGE_S) + SLACK,
-        config.sensor.rate_hz
+        raw_rate_hz(config)
     )
+}
+
+/// Readings on `wrench/raw` per second, as configured.
+fn raw_rate_hz(config: &CellConfig) -> f64 {
+    let sensor = &config.sensor;
+    if sensor.raw_rate_hz > 0.0 {
+        sensor.raw_rate_hz.min(sensor.rate_hz)
+    } else {
+        sensor.rate_hz
+    }
 }
 
 fn tool_pose(state: &ArmState) -> Result<Pose<Base, Tool>> {

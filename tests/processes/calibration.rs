@@ -85,8 +85,8 @@ impl Person {
 
     fn ended(mut self) -> (Output, String) {
         drop(self.child.stdin.take());
-        let said = std::fs::read_to_string(&self.log).unwrap();
-        (self.child.wait_with_output().unwrap(), said)
+        let output = self.child.wait_with_output().unwrap();
+        (output, std::fs::read_to_string(&self.log).unwrap())
     }
 }
 

@@ -65,7 +65,8 @@ fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
     let since = observer.controls(killed);
     assert!(since.len() > 100);
     for seen in since {
-        assert_eq!(seen.message.phase_text.as_str(), "slide");
+        // A raster rests at its corners.
+        assert!(matches!(seen.message.phase_text.as_str(), "slide" | "hold"));
     }
     assert!(observer.peak_force_n(killed) < 10.0);
     cell.assert_running(&PROCESSES);
