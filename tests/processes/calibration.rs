@@ -26,7 +26,7 @@ const POSES: [[f64; 3]; 9] = [
 /// Moves the simulated arm as its pendant would: with a program of its own in place of ours.
 fn move_to(cell: &Cell, observer: &Observer, wrist: [f64; 3]) {
     let [a, b, c] = wrist;
-    let q = [3.14, -1.9, 1.4, a, b, c];
+    let q = [3.1, -1.9, 1.4, a, b, c];
     let program = format!("def go():\n  movej({q:?}, a=8, v=3)\nend\n");
     let port = 30_002 + cell.port_offset();
     let mut pendant = TcpStream::connect(("127.0.0.1", port)).unwrap();

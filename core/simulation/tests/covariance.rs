@@ -1,7 +1,7 @@
 //! What the estimators claim holds against the truth, over scenarios, seeds, frictions, stiffnesses and noises.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::disallowed_methods)]
 
 mod nees;
 
