@@ -57,7 +57,7 @@ impl Default for SensingConfig {
             force_bias_drift_n_per_sqrt_s: 0.03,
             payload_error_n: 0.2,
             gravity_direction_in_base: [0.0, 0.0, -1.0],
-            torque_sd_nm: 0.007,
+            torque_sd_nm: 0.01,
             velocity_sd_m_per_s: 0.0002,
             compliance_m_per_n: 2e-4,
         }

@@ -43,15 +43,17 @@ fn over_seeds(name: &str, seeds: u64, overrides: &[&str]) -> [Phases; 4] {
 /// surface's shape make the error, it is of the size claimed.
 #[test]
 fn what_is_claimed_is_true_and_of_use() {
-    for (names, claim_max_deg) in [(&IDEAL[..], 0.5), (&REALISTIC[..], 2.0)] {
+    // Ideal sensing draws nothing from the seed.
+    for (names, seeds, claim_max_deg) in [(&IDEAL[..], 1, 0.5), (&REALISTIC[..], SEEDS, 2.0)] {
         for name in names {
             let least = match *name {
-                "cone_realistic" | "sheet" => 0.4,
-                "pipe_realistic" => 0.15,
+                "sheet" => 0.4,
+                "cone_realistic" => 0.25,
+                "pipe_realistic" => 0.08,
                 // Perfect sensors on a perfect surface: the error is next to nothing, the claim never is.
                 _ => 0.0,
             };
-            for (estimator, phases) in ESTIMATORS.iter().zip(&over_seeds(name, SEEDS, &[])) {
+            for (estimator, phases) in ESTIMATORS.iter().zip(&over_seeds(name, seeds, &[])) {
                 let text = format!("{name} {estimator}: {}", phases.all().text());
                 assert!((least..2.0).contains(&phases.all().nees()), "{text}");
                 let claim = phases.0[SLIDE].claim_deg();
@@ -91,7 +93,7 @@ fn the_claim_holds_in_other_cells() {
         // Those who state a perfect sensor are believed: noise only where noise is allowed for.
         (
             &REALISTIC[..],
-            set("plant.sensor.noise_n_per_sqrt_hz=0.006"),
+            set("plant.sensor.noise_n_per_sqrt_hz=0.004"),
         ),
         (&REALISTIC[..], set("plant.sensor.drift_n=0.0")),
     ] {

@@ -357,6 +357,10 @@ impl ContactFilter {
     fn correct(&mut self, row: &Row, innovation: f64, variance: f64) {
         let gain = self.covariance * row;
         let mut total = row.dot(&gain) + variance;
+        // A measurement without any information, as after a step of next to no time.
+        if !total.is_finite() {
+            return;
+        }
         let excess = innovation.abs() / (HUBER_SD * total.sqrt());
         if excess > 1.0 {
             total *= excess;
