@@ -17,7 +17,7 @@ use crate::cell;
 use crate::cli::{Compare, EstimatorCommand};
 use crate::output::{Outcome, print_json};
 use crate::report::run::Run as Heard;
-use crate::report::{EstimatorFigures, TaskRun, estimator_words, estimators};
+use crate::report::{EstimatorFigures, TaskRun, cell_name, estimator_words, estimators};
 
 /// Long enough for a rate.
 const LISTEN: Duration = Duration::from_millis(1500);
@@ -31,6 +31,7 @@ const TOKENS: Duration = Duration::from_millis(500);
 pub fn run(
     command: &EstimatorCommand,
     cell: impl Fn() -> Result<CellConfig>,
+    cell_named: Option<&Path>,
     json: bool,
 ) -> Result<Outcome> {
     match command {
@@ -41,7 +42,7 @@ pub fn run(
             cell::ask_and_print(&bus, queries::CONTROL_SELECT, action, name, json)
         }
         EstimatorCommand::Compare(args) => match &args.file {
-            Some(file) => compare_recorded(file, json),
+            Some(file) => compare_recorded(file, cell_named, json),
             None => compare_live(args, &cell()?, json),
         },
     }
@@ -205,8 +206,9 @@ fn compare_live(args: &Compare, config: &CellConfig, json: bool) -> Result<Outco
     compare(&heard, args.seconds, json)
 }
 
-fn compare_recorded(file: &Path, json: bool) -> Result<Outcome> {
-    let recorded = Heard::read(&[file.to_owned()], None)?;
+fn compare_recorded(file: &Path, cell: Option<&Path>, json: bool) -> Result<Outcome> {
+    let cell = cell.map(cell_name).transpose()?;
+    let recorded = Heard::read(&[file.to_owned()], cell.as_deref())?;
     if recorded.estimates.is_empty() {
         bail!("{}: no estimate is in it", file.display());
     }

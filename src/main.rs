@@ -57,7 +57,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Up(args) => up::run(args, config()?, json),
         Command::Run(args) => run::run(args, &config()?),
         Command::Task(command) => control::task(command, &config()?, json),
-        Command::Estimator(command) => estimators::run(command, config, json),
+        Command::Estimator(command) => estimators::run(command, config, cli.cell.as_deref(), json),
         Command::Tare => control::tare(&config()?, json),
         Command::Calibrate(CalibrateCommand::Payload(args)) => {
             calibrate::payload(args, &config()?, json)

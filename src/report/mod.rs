@@ -75,7 +75,10 @@ struct Read {
 }
 
 /// The cell that is meant: by its file, or by its name.
-fn cell_name(cell: &Path) -> Result<String> {
+///
+/// # Errors
+/// A cell file that cannot be read.
+pub fn cell_name(cell: &Path) -> Result<String> {
     if cell.is_file() {
         return Ok(crate::cell::load(Some(cell), None)?.cell.name);
     }

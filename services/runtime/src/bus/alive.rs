@@ -111,7 +111,7 @@ pub(crate) fn claim(
 }
 
 fn others(bus: &Arc<Inner>, service: &str, own: Option<&str>) -> Result<Vec<Alive>, BusError> {
-    let mut found = list(bus, "*", ASK_PATIENCE)?;
+    let mut found = list(bus, service, ASK_PATIENCE)?;
     found.retain(|alive| alive.service == service && Some(alive.instance.as_str()) != own);
     Ok(found)
 }

@@ -81,10 +81,12 @@ impl Table {
             publishes.extend(service.publishes.iter().map(key));
             answers.extend(service.answers.iter().map(key));
             asks.extend(service.asks.iter().map(key));
+            tokens.extend(service.tokens.iter().map(key));
             if !service.name.is_empty() {
                 publishes.push(format!("{cell}/health/{}", service.name));
                 answers.push(format!("{cell}/param/{}/*", service.name));
                 answers.push(format!("{cell}/parameters/{}", service.name));
+                answers.push(format!("{cell}/ping/{}/*", service.name));
                 tokens.push(format!("{cell}/alive/{}/*", service.name));
             }
         }

@@ -24,6 +24,8 @@ pub struct Service {
     pub answers: &'static [&'static str],
     /// Queries it may send.
     pub asks: &'static [&'static str],
+    /// Liveliness tokens it holds besides its own.
+    pub tokens: &'static [&'static str],
 }
 
 const RTDE: Service = Service {
@@ -31,6 +33,7 @@ const RTDE: Service = Service {
     publishes: &["arm/state"],
     answers: &["rtde/*"],
     asks: &[],
+    tokens: &[],
 };
 /// The only one that publishes `arm/command`.
 const CONTROLLER: Service = Service {
@@ -38,30 +41,35 @@ const CONTROLLER: Service = Service {
     publishes: &["arm/command", "control/state", "tf", "markers"],
     answers: &["control/*"],
     asks: &["netft/tare"],
+    tokens: &[],
 };
 const NETFT: Service = Service {
     name: "netft",
     publishes: &["wrench/*"],
     answers: &["netft/*"],
     asks: &[],
+    tokens: &[],
 };
 const ESTIMATOR: Service = Service {
     name: "estimator",
     publishes: &["estimate/**"],
     answers: &[],
     asks: &[],
+    tokens: &["alive/estimate/*/*"],
 };
 const RECORDER: Service = Service {
     name: "recorder",
     publishes: &[],
     answers: &[],
     asks: &["control/show", "parameters/*"],
+    tokens: &[],
 };
 const SIMULATOR: Service = Service {
     name: "simulator",
     publishes: &["truth/**"],
     answers: &[],
     asks: &[],
+    tokens: &[],
 };
 const OPERATOR: Service = Service {
     name: "",
@@ -73,13 +81,16 @@ const OPERATOR: Service = Service {
         "rtde/*",
         "param/*/*",
         "parameters/*",
+        "ping/*/*",
     ],
+    tokens: &[],
 };
 const VIEWER: Service = Service {
     name: "",
     publishes: &[],
     answers: &[],
-    asks: &[],
+    asks: &["ping/*/*"],
+    tokens: &[],
 };
 
 /// Every role.
