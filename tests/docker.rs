@@ -90,6 +90,7 @@ fn use_estimator(project: &Project, name: &str) {
 }
 
 #[test]
+#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test docker -- --ignored"]
 fn the_compose_file_runs_a_cell() {
     let Some(engine) = engine() else { return };
     let project = Project::new(engine);
