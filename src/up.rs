@@ -96,7 +96,7 @@ fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Resul
     cell.sensor.port_offset = offset(cell.sensor.port_offset, args.port_offset)?;
     if args.port_offset > 0 {
         let protocol = if cell.zenoh.tls.is_some() {
-            "tls"
+            "quic"
         } else {
             "tcp"
         };

@@ -49,6 +49,14 @@ fn cell_files() {
     assert_eq!(compose.recorder, shipped.recorder);
     assert_eq!(compose.simulator, shipped.simulator);
 
+    let secured = fs::read_to_string(root().join("deploy/cell.compose.tls.toml")).unwrap();
+    load("cell.compose.tls.toml");
+    let mut secured: toml::Table = secured.parse().unwrap();
+    let clear = fs::read_to_string(root().join("deploy/cell.compose.toml")).unwrap();
+    let mut clear: toml::Table = clear.parse().unwrap();
+    assert_ne!(secured.remove("zenoh"), clear.remove("zenoh"));
+    assert_eq!(secured, clear);
+
     let real = load("cell.real.toml");
     assert!(!real.robot.power_on, "a real arm is powered by hand");
     assert!(real.realtime.enabled);
@@ -134,6 +142,21 @@ fn the_compose_file_is_taken() {
             "{}",
             String::from_utf8_lossy(&output.stderr)
         );
+        let secured = here(&[
+            "-f",
+            "docker-compose.yml",
+            "-f",
+            "docker-compose.tls.yml",
+            "config",
+        ]);
+        let secured = secured.unwrap();
+        assert!(
+            secured.status.success(),
+            "{}",
+            String::from_utf8_lossy(&secured.stderr)
+        );
+        let secured = String::from_utf8_lossy(&secured.stdout).into_owned();
+        assert!(secured.contains("cell.compose.tls.toml") && !secured.contains("compose.toml"));
         let services: BTreeSet<&str> = text
             .lines()
             .filter_map(|l| l.strip_prefix("  ")?.strip_suffix(':'))

@@ -346,38 +346,40 @@ fn of_commands() -> Vec<Case> {
         noticed_within_ms: Some(10.0 + PACKET_MS + CYCLE_MS),
         noticed: |e: &Evidence, t| e.arm_ns(t, |before, now| now.refused > before.refused),
         layout: Layout::Apart,
-        repair: |s| s.tell_no_more_lies(),
-        outcome: Outcome::GoesOn,
         impostor: Some("/arm/command"),
         ..case(name, what, "rtde")
     };
+    let mad = |name, what, provoke| Case {
+        provoke,
+        repair: |s| {
+            s.tell_no_more_lies()?;
+            s.cell.signal("controller", "CONT")
+        },
+        ..base(name, what)
+    };
     vec![
-        Case {
-            provoke: |s| s.lie(Lie::CommandNotFinite),
-            ..base(
-                "command_not_finite",
-                "NaN on arm/command, 100 a second beside the true ones",
-            )
-        },
-        Case {
-            provoke: |s| s.lie(Lie::CommandBeyondLimits),
-            ..base(
-                "command_beyond_limits",
-                "8 rad/s on arm/command, the same way",
-            )
-        },
-        Case {
-            provoke: |s| s.lie(Lie::CommandOld),
-            ..base(
-                "command_replayed",
-                "commands that answer the 50th packet before, the same way",
-            )
-        },
+        mad(
+            "command_not_finite",
+            "the controller commands NaN, 100 a second",
+            |s| s.lie(Lie::CommandNotFinite),
+        ),
+        mad(
+            "command_beyond_limits",
+            "the controller commands 8 rad/s",
+            |s| s.lie(Lie::CommandBeyondLimits),
+        ),
+        mad(
+            "command_replayed",
+            "the controller answers the 50th packet before",
+            |s| s.lie(Lie::CommandOld),
+        ),
         Case {
             provoke: |s| s.lie(Lie::CommandOfAnother),
+            repair: |s| s.tell_no_more_lies(),
+            outcome: Outcome::GoesOn,
             ..base(
                 "second_controller",
-                "another controller's commands for the same task, the same way",
+                "another controller's commands for the same task, 100 a second beside the true ones",
             )
         },
     ]

@@ -127,13 +127,17 @@ impl Stage {
     /// # Errors
     /// When the bus refuses.
     pub fn lie(&mut self, lie: Lie) -> Result<()> {
-        let impostor = Impostor::new(&self.cell.bus)?;
+        let mut impostor = Impostor::new(&self.cell.bus)?;
         let until = Instant::now() + Duration::from_secs(5);
-        while !impostor.is_heard(lie) {
+        while !(impostor.is_heard(lie) && impostor.knows_the_controller()) {
             if Instant::now() > until {
                 bail!("nobody listens to the impostor");
             }
             std::thread::sleep(Duration::from_millis(2));
+        }
+        if lie.as_the_controller() {
+            self.cell.signal("controller", "STOP")?;
+            impostor.knows_the_controller();
         }
         self.impostor = Some(impostor);
         self.lie = Some(lie);

@@ -36,7 +36,7 @@ fn secured() -> Secured {
     }
     let rules = folder.path().join("access.json5");
     std::fs::write(&rules, access::text(&cells)).unwrap();
-    let endpoint = config.zenoh.listen[0].replace("tcp/", "tls/");
+    let endpoint = config.zenoh.listen[0].replace("tcp/", "quic/");
     config.zenoh.listen = vec![endpoint.clone()];
     config.zenoh.connect = vec![endpoint];
     config.zenoh.access = Some(rules);
@@ -173,7 +173,7 @@ fn a_stranger_is_not_let_in() {
     // In the clear.
     let mut clear = cell.config.clone();
     clear.zenoh.tls = None;
-    clear.zenoh.connect = vec![clear.zenoh.connect[0].replace("tls/", "tcp/")];
+    clear.zenoh.connect = vec![clear.zenoh.connect[0].replace("quic/", "tcp/")];
     assert!(Bus::open_within(&clear, Role::Client, patience).is_err());
 }
 
