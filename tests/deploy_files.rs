@@ -45,7 +45,11 @@ fn cell_files() {
     assert_eq!(compose.tool, shipped.tool);
     assert_eq!(compose.limits, shipped.limits);
     assert_eq!(compose.estimators, shipped.estimators);
+    // A laptop's containers wait for one another; nothing else of the law differs.
+    let patience = compose.controller.settings.remove("patience").unwrap();
+    assert_eq!(patience, toml::from_str("wrench_retract_s = 0.4").unwrap());
     assert_eq!(compose.controller, shipped.controller);
+    assert_eq!(compose.realtime, shipped.realtime);
     assert_eq!(compose.recorder, shipped.recorder);
     assert_eq!(compose.simulator, shipped.simulator);
 

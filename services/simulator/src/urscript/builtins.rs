@@ -361,7 +361,9 @@ fn upright(direction: &Value) -> Done {
     let d = direction.numbers()?;
     match d[..] {
         [x, y, z] if x.hypot(y) < 0.1 && z > 0.0 => nothing(),
-        _ => Err(format!("set_gravity: {d:?}, but the simulated arm stands upright")),
+        _ => Err(format!(
+            "set_gravity: {d:?}, but the simulated arm stands upright"
+        )),
     }
 }
 
