@@ -49,7 +49,6 @@ fn cell_files() {
     let patience = compose.controller.settings.remove("patience").unwrap();
     assert_eq!(patience, toml::from_str("wrench_retract_s = 0.4").unwrap());
     assert_eq!(compose.controller, shipped.controller);
-    assert_eq!(compose.realtime, shipped.realtime);
     assert_eq!(compose.recorder, shipped.recorder);
     assert_eq!(compose.simulator, shipped.simulator);
 

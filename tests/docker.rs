@@ -81,13 +81,17 @@ fn slide(project: &Project) {
     panic!("no attempt came to slide");
 }
 
-fn use_estimator(project: &Project, name: &str) {
+/// Switches as soon as it is allowed; false when the task has ended before.
+fn use_estimator(project: &Project, name: &str) -> bool {
     wait_for(&format!("{name} in use"), PATIENCE, || {
         let said = project.tangent(&["estimator", "use", name]);
         // Refused while it is not fresh or too far off: asked again.
-        (said.code == Some(0)).then_some(())
-    });
-    assert_eq!(status(project).unwrap().1, name);
+        if said.code == Some(0) {
+            return Some(true);
+        }
+        let (phase, _) = status(project)?;
+        (phase == "fault").then_some(false)
+    })
 }
 
 /// One cell at a time: two of them and an engine are more than a small machine holds.
@@ -153,13 +157,31 @@ fn it_wipes_and_records(project: &Project) {
 }
 
 fn an_estimator_is_swapped(project: &Project) {
-    slide(project);
+    let swapped = (1..=4).any(|attempt| {
+        slide(project);
+        let slid = swap_there_and_back(project);
+        if !slid {
+            eprintln!("attempt {attempt} to swap did not slide to its end");
+        }
+        slid
+    });
+    assert!(swapped, "no attempt slid through both swaps");
+    // Its state stays on the bus as long as it is asked, so it counts as running while there is a wait.
+    assert_eq!(project.tangent(&["health", "estimator"]).code, Some(0));
+}
+
+/// Another estimator is started, used alone, and left for the first again; whether the tool slid all the time.
+fn swap_there_and_back(project: &Project) -> bool {
+    let activation = || {
+        let said = parsed(&project.tangent(&["task", "status", "--json"]));
+        said["data"]["activation"].as_u64().unwrap()
+    };
+    let slides = || status(project).is_some_and(|(phase, _)| phase == "slide");
+    let task = activation();
     project.compose(&["up", "--no-build", "-d", "spare"]);
-    use_estimator(project, "quadratic");
+    let used = use_estimator(project, "quadratic");
     project.compose(&["stop", "estimator"]);
-    // Only the one that was swapped in is left, and the tool goes on sliding.
-    let (phase, estimator) = status(project).unwrap();
-    assert_eq!((phase.as_str(), estimator.as_str()), ("slide", "quadratic"));
+    let alone = used && slides();
     let list = parsed(&project.tangent(&["estimator", "list", "--json"]));
     let names: Vec<&str> = list["estimators"]
         .as_array()
@@ -169,11 +191,9 @@ fn an_estimator_is_swapped(project: &Project) {
         .collect();
     assert_eq!(names, ["quadratic"]);
     project.compose(&["start", "estimator"]);
-    use_estimator(project, "blend");
+    let back = use_estimator(project, "blend");
     project.compose(&["stop", "spare"]);
-    assert_eq!(status(project).unwrap().0, "slide");
-    // Its state stays on the bus as long as it is asked, so it counts as running while there is a wait.
-    assert_eq!(project.tangent(&["health", "estimator"]).code, Some(0));
+    alone && back && slides() && activation() == task
 }
 
 fn started(project: &Project, service: &str) -> String {

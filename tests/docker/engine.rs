@@ -168,7 +168,6 @@ impl Project {
             .current_dir(root())
             .env("TANGENT_IMAGE", &self.image)
             .env("TANGENT_PORT", self.port.to_string())
-            .env("TANGENT_RTPRIO", "95")
             .env("TANGENT_KEYS", self.folder.path().join("keys"))
             .env("COMPOSE_HTTP_TIMEOUT", ENGINE_PATIENCE_S);
         command
