@@ -10,6 +10,7 @@ mod error;
 mod estimator_choice;
 pub mod force_integral;
 pub mod force_law;
+mod ground;
 mod interface;
 pub mod joint_velocity;
 mod limits;
@@ -25,6 +26,7 @@ mod switching;
 mod task;
 pub mod touchdown;
 mod tracking;
+mod urgent;
 pub mod wrench_guard;
 
 pub use config::{

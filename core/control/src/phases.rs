@@ -81,6 +81,8 @@ pub enum Fault {
     Wrench(tangent_sensing::Validity),
     /// No estimator in the task's list gave a usable normal for too long.
     Estimate(tangent_sensing::Validity),
+    /// How the base moves was not known for too long.
+    Base(tangent_sensing::BaseTrouble),
     /// The approach found nothing.
     NoSurface,
     /// The surface was lost and not found again.
@@ -122,6 +124,7 @@ impl Fault {
                 "normal estimate fell silent, no other to fall back to"
             }
             Self::Estimate(_) => "normal estimate unusable, no other to fall back to",
+            Self::Base(trouble) => trouble.reason(),
             Self::NoSurface => "no surface within approach.distance_max_m",
             Self::SurfaceLost => {
                 "surface lost and not found again within limits.blind_distance_max_m"

@@ -10,6 +10,7 @@ mod estimator;
 mod gaussian_process;
 mod gaussian_process_paper;
 mod motion;
+mod over_ground;
 mod quadratic;
 mod quadratic_paper;
 mod reactive;

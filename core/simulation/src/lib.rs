@@ -13,6 +13,7 @@ pub mod metrics;
 mod overrides;
 mod plant;
 mod plant_config;
+mod platform;
 mod scenario;
 mod sensor;
 mod servo;
@@ -30,6 +31,7 @@ pub use plant_config::{
     PayloadErrorConfig, PlantConfig, PoseConfig, SensorConfig, ServoConfig, StartConfig,
     SurfaceConfig,
 };
+pub use platform::{OdometryConfig, OdometrySample, Platform, PlatformConfig};
 pub use scenario::{PipelineConfig, Scenario, ScenarioError};
 pub use sensor::Sensor;
 pub use servo::Servo;

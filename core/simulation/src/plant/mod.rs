@@ -11,6 +11,7 @@ use crate::compliance::Compliance;
 use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 use crate::plant_config::{PlantConfig, PoseConfig};
+use crate::platform::{OdometrySample, Platform};
 use crate::sensor::Sensor;
 use crate::servo::Servo;
 use crate::start::{self, StartError};
@@ -54,6 +55,7 @@ pub struct Plant {
     pad: Pad,
     compliance: Option<Compliance>,
     sensor: Sensor,
+    platform: Option<Platform>,
     flange_from_tool: Pose<Flange, Tool>,
     flange_from_sensor: Pose<Flange, SensorFrame>,
     mass: f64,
@@ -71,7 +73,7 @@ pub struct Plant {
     contact: PadContact,
 }
 
-/// The flange at the end of a sub-step, base axes.
+/// The flange at the end of a sub-step, floor axes: those of the base at time zero, in which the surface stands.
 #[derive(Clone, Copy, Debug)]
 struct Body {
     pose: Isometry3<f64>,
@@ -114,6 +116,7 @@ impl Plant {
             pad: Pad::new(&config.tool.pad, &config.contact, pad_stiffness),
             compliance: config.tool.compliance.as_ref().map(Compliance::new),
             sensor: Sensor::new(&config.sensor, seed),
+            platform: config.base.as_ref().map(|base| Platform::new(base, seed)),
             mass: payload.mass_kg + error.mass_kg,
             com: Vector3::from(payload.com_in_sensor_m) + Vector3::from(error.com_in_sensor_m),
             inertia: Vector3::from(payload.inertia_kg_m2),
@@ -155,11 +158,23 @@ impl Plant {
             self.sub_step(start + sub_step as f64 * self.dt);
         }
         self.periods += 1;
+        if let Some(platform) = &mut self.platform {
+            platform.step(start + self.config.arm.period_s);
+        }
+    }
+
+    /// A pose of the base, in floor axes.
+    fn on_floor(&self, pose: Isometry3<f64>, time_s: f64) -> Isometry3<f64> {
+        match &self.platform {
+            Some(platform) => platform.pose(time_s) * pose,
+            None => pose,
+        }
     }
 
     fn sub_step(&mut self, time_before: f64) {
         let dt = self.dt;
         let pose = *self.arm.base_from_flange(&self.servo.q).isometry();
+        let pose = self.on_floor(pose, time_before + dt);
         // Velocity from positions, so that power times time is exactly the work along the path.
         let before = self.body;
         let turn = pose.rotation * before.pose.rotation.inverse();
@@ -255,7 +270,7 @@ impl Plant {
             self.motion.linear - surface.normal * surface.normal.dot(&self.motion.linear);
         let normal_force = self.contact.force.dot(&surface.normal);
         let tangential_force = (self.contact.force - surface.normal * normal_force).norm();
-        Truth {
+        let truth = Truth {
             time_s: self.time_s(),
             point: surface.point,
             normal: surface.normal,
@@ -273,7 +288,17 @@ impl Plant {
                 0.0
             },
             friction_coefficient: self.config.contact.friction.coulomb_coefficient,
+            world_from_base: Pose::identity(),
+        };
+        match &self.platform {
+            Some(platform) => truth.seen_from(&platform.pose(self.time_s())),
+            None => truth,
         }
+    }
+
+    /// What the platform has published in the last period, oldest first.
+    pub fn odometry(&self) -> &[OdometrySample] {
+        self.platform.as_ref().map_or(&[], Platform::published)
     }
 
     /// Time since the plant was made, s.
@@ -324,8 +349,9 @@ impl Plant {
     /// Moves the arm to `q` (rad) at once, at rest: for a teleport between tests, never for motion.
     pub fn reset_joints(&mut self, q: &Joints<6>) {
         self.servo = Servo::new(&self.config.arm, self.arm.limits(), *q);
+        let pose = *self.arm.base_from_flange(q).isometry();
         self.body = Body {
-            pose: *self.arm.base_from_flange(q).isometry(),
+            pose: self.on_floor(pose, self.time_s()),
             linear: Vector3::zeros(),
             angular: Vector3::zeros(),
         };
