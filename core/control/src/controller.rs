@@ -232,7 +232,7 @@ impl Controller {
             program,
             &self.config,
             &placed,
-            input.base_from_tool.translation(),
+            &self.ground,
             reference_n,
         );
         self.run.decide(
@@ -273,6 +273,11 @@ impl Controller {
             &twist,
             input.dt_s,
         );
+        if self.ground.moves() {
+            let jacobian = self.arm.jacobian_at(&input.q, &self.flange_from_tool);
+            let made = Twist::from_vector(&(jacobian * qd));
+            self.ground.follow(&twist, &made, input.dt_s);
+        }
         let run = &self.run;
         ControlOutput {
             kind: CommandKind::JointVelocity,

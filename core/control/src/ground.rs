@@ -11,6 +11,10 @@ use tangent_sensing::BaseMotion;
 
 use crate::{ControlInput, EstimateInput};
 
+/// The arm falls short of the motion asked for by this much, m/s: so fast the base wins the race.
+const SHORTFALL_M_PER_S: f64 = 0.002;
+/// For so long: an acceleration limit is no end of reach, s.
+const SHORTFALL_S: f64 = 0.1;
 /// Longest age by which an estimate is turned back to the base of its time, s.
 const ESTIMATE_AGE_MAX_S: f64 = 0.5;
 
@@ -20,6 +24,7 @@ pub(crate) struct Ground {
     origin: Option<Pose<World, Base>>,
     /// The base of this cycle, as seen from there; none where it stands for good.
     now: Option<BaseMotion>,
+    short_s: f64,
 }
 
 impl Ground {
@@ -52,6 +57,28 @@ impl Ground {
         self.now.map_or(twist, |base| {
             base.against_base(base_from_tool, &Twist::new(twist.linear, twist.angular))
         })
+    }
+
+    /// What the joints make of the motion asked for. A standing base leaves the arm all the time it needs; a moving one takes the
+    /// surface away, or drives it into the tool.
+    pub fn follow(
+        &mut self,
+        asked: &Twist<Aligned<Tool, Base>>,
+        made: &Twist<Aligned<Tool, Base>>,
+        dt_s: f64,
+    ) {
+        let short = (asked.linear - made.linear).norm() > SHORTFALL_M_PER_S;
+        self.short_s = if short { self.short_s + dt_s } else { 0.0 };
+    }
+
+    /// The base moves and the arm cannot make up for it: the end of its reach, a singularity, a joint's limit.
+    pub fn out_of_reach(&self) -> bool {
+        self.short_s > SHORTFALL_S
+    }
+
+    /// The base moves, as far as anybody knows.
+    pub fn moves(&self) -> bool {
+        self.now.is_some()
     }
 
     /// A direction, in axes of the base now.

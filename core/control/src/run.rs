@@ -8,6 +8,7 @@ use tangent_sensing::{BaseTrouble, Validity};
 
 use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
+use crate::ground::Ground;
 use crate::surface::Surface;
 use crate::switching::ChoiceRules;
 use crate::touchdown::{approach_speed, seek_speed, stiffness_expected};
@@ -43,6 +44,8 @@ pub(crate) struct Percept {
     pub position_in_base: Vector3<f64>,
     /// Why the motion of the base is not known.
     pub base: Option<BaseTrouble>,
+    /// The arm cannot make up for the base's motion.
+    pub out_of_reach: bool,
     pub z_tool: Vector3<f64>,
     /// At the tool's origin, base axes; zero when there is none to use.
     pub wrench: Wrench<Aligned<Tool, Base>>,
@@ -126,13 +129,13 @@ impl Run {
     }
 
     /// Takes the cycle's measurements: what touches, where the surface faces, whether the wrench can be believed. `input` is
-    /// as placed on the ground, `position_in_base` as the arm sees it.
+    /// as placed on `ground`.
     pub fn perceive(
         &mut self,
         program: &Program,
         config: &ControllerConfig,
         input: &ControlInput,
-        position_in_base: Vector3<f64>,
+        ground: &Ground,
         reference_n: f64,
     ) -> Percept {
         let pose = &input.base_from_tool;
@@ -201,8 +204,9 @@ impl Run {
         }
         Percept {
             position,
-            position_in_base,
+            position_in_base: ground.point(&position),
             base: input.base.and_then(|base| base.trouble),
+            out_of_reach: ground.out_of_reach(),
             z_tool,
             wrench,
             verdict,

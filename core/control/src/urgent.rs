@@ -15,6 +15,9 @@ pub(crate) fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> 
     if percept.wrench.torque.norm() > limits.torque_max_nm {
         return Some(Fault::TorqueLimit);
     }
+    if percept.out_of_reach {
+        return Some(Fault::OutOfReach);
+    }
     let inside = (0..3).all(|i| {
         (limits.workspace_min_m[i]..=limits.workspace_max_m[i])
             .contains(&percept.position_in_base[i])
