@@ -228,13 +228,9 @@ impl Controller {
         ramp_gains(&mut self.config, &self.targets, input.dt_s);
         let reference_n = self.targets[Parameter::ForceReference as usize];
         let speed_target = self.targets[Parameter::Speed as usize];
-        let percept = self.run.perceive(
-            program,
-            &self.config,
-            &placed,
-            &self.ground,
-            reference_n,
-        );
+        let percept = self
+            .run
+            .perceive(program, &self.config, &placed, &self.ground, reference_n);
         self.run.decide(
             program,
             &self.config,

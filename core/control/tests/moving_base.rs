@@ -39,7 +39,10 @@ fn a_base_that_is_known_to_stand_changes_nothing() {
 /// The base's velocity is taken off what the arm does: the tool stays where it is over ground.
 #[test]
 fn the_velocity_of_the_base_is_fed_forward() {
-    let twist = Twist::<Base>::new(Vector3::new(0.01, -0.015, 0.0), Vector3::new(0.0, 0.0, 0.02));
+    let twist = Twist::<Base>::new(
+        Vector3::new(0.01, -0.015, 0.0),
+        Vector3::new(0.0, 0.0, 0.02),
+    );
     let mut bench = Bench::sliding(&long());
     bench.controller.pause().unwrap();
     bench.steps(100);

@@ -11,8 +11,8 @@ use tangent_control::{
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench, manipulability};
 use tangent_sensing::{
-    BasePose, BaseTracker, ConditionedWrench, Payload, Reading, SensorCondition, Validity, WrenchConditioner,
-    WrenchConditionerState,
+    BasePose, BaseTracker, ConditionedWrench, Payload, Reading, SensorCondition, Validity,
+    WrenchConditioner, WrenchConditionerState,
 };
 
 use crate::digest::TrajectoryDigest;

@@ -106,13 +106,7 @@ impl PlatformConfig {
                 1.0,
                 "at most 1 rad/s",
             ),
-            (
-                "base.period_s",
-                self.period_s,
-                0.0,
-                3600.0,
-                "0 to 3600 s",
-            ),
+            ("base.period_s", self.period_s, 0.0, 3600.0, "0 to 3600 s"),
             ("base.start_s", self.start_s, 0.0, 86_400.0, "0 to 86400 s"),
             ("base.ramp_s", self.ramp_s, 1e-3, 60.0, "0.001 to 60 s"),
             (
@@ -122,13 +116,7 @@ impl PlatformConfig {
                 1000.0,
                 "0 to 1000 Hz",
             ),
-            (
-                "base.odometry.latency_s",
-                o.latency_s,
-                0.0,
-                1.0,
-                "0 to 1 s",
-            ),
+            ("base.odometry.latency_s", o.latency_s, 0.0, 1.0, "0 to 1 s"),
             (
                 "base.odometry.position_noise_m",
                 o.position_noise_m,

@@ -282,7 +282,15 @@ fn two_publishers_never_settle() {
         let _ = tracker.take(&other);
     }
     assert_eq!(trouble(&tracker, 4.0), Some(BaseTrouble::Unsettled));
-    assert!(tracker.at(4.0).unwrap().world_from_base.translation().norm() < 1e-6);
+    assert!(
+        tracker
+            .at(4.0)
+            .unwrap()
+            .world_from_base
+            .translation()
+            .norm()
+            < 1e-6
+    );
 }
 
 #[test]
