@@ -65,6 +65,23 @@ message! {
 }
 
 message! {
+    /// A pose and how sure it is.
+    pub struct PoseWithCovariance: "geometry_msgs/msg/PoseWithCovariance" {
+        pub pose: Pose,
+        /// Row-major; x, y, z (m), then small turns about the fixed axes x, y, z (rad).
+        pub covariance: [f64; 36],
+    }
+}
+
+message! {
+    /// A pose with its uncertainty, its time and its frame.
+    pub struct PoseWithCovarianceStamped: "geometry_msgs/msg/PoseWithCovarianceStamped" {
+        pub header: Header,
+        pub pose: PoseWithCovariance,
+    }
+}
+
+message! {
     /// Velocity: linear m/s, angular rad/s.
     pub struct Twist: "geometry_msgs/msg/Twist" {
         pub linear: Vector3,
