@@ -62,10 +62,7 @@ fn the_force_stays_within_fifteen_percent_while_the_base_moves() {
                 let what = format!("{velocity} {latency} s, seed {seed}");
                 well(&result, &what);
                 let (rmse, p95) = force_error(&result);
-                assert!(
-                    rmse < SHARE && p95 < most,
-                    "{what}: rmse {rmse}, p95 {p95}"
-                );
+                assert!(rmse < SHARE && p95 < most, "{what}: rmse {rmse}, p95 {p95}");
             }
         }
     }

@@ -13,8 +13,8 @@ mod sample;
 use std::time::{Duration, Instant};
 
 use tangent_runtime::{
-    Age, BaseReader, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters, Rate,
-    RealtimeReport, Stop, Subscription, realtime,
+    Age, BaseReader, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters,
+    Rate, RealtimeReport, Stop, Subscription, realtime,
 };
 use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::{ArmState, ControlState, WrenchStatus};

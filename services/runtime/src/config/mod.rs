@@ -122,9 +122,9 @@ impl CellConfig {
         self.robot.check(checker)?;
         self.sensor.check(checker)?;
         self.tool.check(checker)?;
-        self.base.check().map_err(|wrong| {
-            checker.refuse(wrong.key, wrong.value, wrong.allowed.clone())
-        })?;
+        self.base
+            .check()
+            .map_err(|wrong| checker.refuse(wrong.key, wrong.value, wrong.allowed.clone()))?;
         self.limits.check(checker)?;
         self.zenoh.check(checker)?;
         self.estimators.check(checker)?;

@@ -197,7 +197,13 @@ mod tests {
             put("estimator.a", "a/estimate/mine/normal") && !put("estimator.a", "a/wrench/tool")
         );
         assert!(put("base.a", "a/base/pose") && !put("base.a", "a/arm/command"));
-        for other in ["base.b", "robot.a", "simulator.a", "estimator.a", "operator"] {
+        for other in [
+            "base.b",
+            "robot.a",
+            "simulator.a",
+            "estimator.a",
+            "operator",
+        ] {
             assert!(!put(other, "a/base/pose"), "{other}");
         }
         assert!(put("recorder", "b/health/recorder") && !put("recorder", "b/health/rtde"));
