@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{FrameId, message};
+use crate::{Covariance, FrameId, message};
 
 message! {
     /// A point in time since the Unix epoch.
@@ -69,7 +69,7 @@ message! {
     pub struct PoseWithCovariance: "geometry_msgs/msg/PoseWithCovariance" {
         pub pose: Pose,
         /// Row-major; x, y, z (m), then small turns about the fixed axes x, y, z (rad).
-        pub covariance: [f64; 36],
+        pub covariance: Covariance,
     }
 }
 

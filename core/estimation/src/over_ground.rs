@@ -3,7 +3,7 @@
 //! Around every estimator that the registry makes. The surface stands on the floor, so windows, maps and the filter's states
 //! must too: kept in base axes they would be smeared by every centimetre that the platform moves. The estimators themselves
 //! know one frame that the surface is fixed to, which they call base; on a moving base they are handed the floor's instead.
-//! Samples without a base's motion pass through untouched.
+//! Samples without a base's motion pass through untouched; a base that moved once is never without it again, however silent.
 
 use nalgebra::Matrix3;
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist};
@@ -14,16 +14,11 @@ use crate::{ContactSample, NormalEstimate, NormalEstimator};
 /// An estimator whose memory stays with the floor.
 pub(crate) struct OverGround {
     inner: Box<dyn NormalEstimator>,
-    /// It has learnt in the floor's axes.
-    on_floor: bool,
 }
 
 impl OverGround {
     pub fn new(inner: Box<dyn NormalEstimator>) -> Self {
-        Self {
-            inner,
-            on_floor: false,
-        }
+        Self { inner }
     }
 }
 
@@ -73,13 +68,8 @@ impl NormalEstimator for OverGround {
 
     fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
         let Some(base) = &sample.base else {
-            // The base was heard once and is no more: what was learnt is where nobody can say.
-            if std::mem::take(&mut self.on_floor) {
-                self.inner.reset();
-            }
             return self.inner.update(sample);
         };
-        self.on_floor = true;
         let unusable = BaseMotion {
             trouble: Some(BaseTrouble::NotFinite),
             ..BaseMotion::still()

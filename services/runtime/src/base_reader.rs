@@ -60,7 +60,7 @@ fn base_pose(received: &Received<PoseWithCovarianceStamped>, started: Instant) -
         arrived_s: since(started, received.received),
         position: p.into(),
         quaternion: [o.x, o.y, o.z, o.w],
-        covariance: Matrix6::from_row_slice(&pose.covariance),
+        covariance: Matrix6::from_row_slice(&pose.covariance.0),
     }
 }
 
@@ -86,7 +86,7 @@ mod tests {
         assert!(reader.at(Instant::now()).is_none());
         assert_eq!(reader.refusals(), 1);
         message.pose.pose.orientation.w = 1.0;
-        message.pose.covariance[0] = 1e-6;
+        message.pose.covariance.0[0] = 1e-6;
         publisher.publish(&message);
         let heard = Instant::now();
         let base = reader.at(heard).unwrap();
@@ -94,7 +94,7 @@ mod tests {
         let later = reader.at(heard + Duration::from_secs(1)).unwrap();
         assert_eq!(later.trouble, Some(BaseTrouble::Silent));
         message.header = Header::new(1_700_000_000_020_000_000, "world");
-        message.pose.covariance[35] = 9.0;
+        message.pose.covariance.0[35] = 9.0;
         publisher.publish(&message);
         let wide = reader.at(heard + Duration::from_secs(1)).unwrap();
         assert_eq!(wide.trouble, Some(BaseTrouble::Uncertain));

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use tangent_mechanics::{Base, Pose, World};
 use tangent_runtime::{Bus, BusError, HealthReporter, Stop, clock};
+use tangent_schemas::Covariance;
 use tangent_schemas::standard::{Header, PoseWithCovariance, PoseWithCovarianceStamped};
 use tangent_schemas::tangent::{Answer, ContactTruth, Request};
 use tangent_schemas::topics::{BASE_POSE, TRUTH_CONTACT};
@@ -108,9 +109,9 @@ fn message(truth: &Truth) -> ContactTruth {
 /// As a platform would say it: stamped with the time of measurement.
 fn base_pose(sample: &OdometrySample, age_s: f64) -> PoseWithCovarianceStamped {
     let pose: Pose<World, Base> = Pose::from_isometry(sample.world_from_base);
-    let mut covariance = [0.0; 36];
+    let mut covariance = Covariance::default();
     for axis in 0..6 {
-        covariance[7 * axis] = if axis < 3 {
+        covariance.0[7 * axis] = if axis < 3 {
             sample.position_variance_m2
         } else {
             sample.orientation_variance_rad2
