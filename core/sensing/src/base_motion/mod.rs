@@ -63,7 +63,7 @@ impl BaseTrouble {
             }
             Self::Silent => "base/pose fell silent: check the platform's odometry",
             Self::Unsettled => {
-                "base/pose jumps: a relocalisation, a slipping wheel or two publishers"
+                "base/pose is not steady: it has only begun, or it jumps (relocalisation, slip, two publishers)"
             }
             Self::NotFinite => "base/pose is not a finite number",
             Self::NotUnit => "base/pose has a quaternion whose length is not one",
