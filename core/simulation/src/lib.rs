@@ -15,6 +15,7 @@ mod plant;
 mod plant_config;
 mod scenario;
 mod sensor;
+mod sensor_load;
 mod servo;
 mod start;
 pub mod surfaces;

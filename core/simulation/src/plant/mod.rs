@@ -2,7 +2,7 @@
 
 mod check;
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::{
     Arm, Flange, Joints, ModelData, ModelError, Pose, Sensor as SensorFrame, Tool, Twist, Wrench,
 };
@@ -12,13 +12,11 @@ use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 use crate::plant_config::{PlantConfig, PoseConfig};
 use crate::sensor::Sensor;
+use crate::sensor_load::{Body, SensorLoad};
 use crate::servo::Servo;
 use crate::start::{self, StartError};
 use crate::surfaces::{Surface, SurfaceError};
 use crate::truth::Truth;
-
-/// Standard gravity, m/s², along minus z of the base.
-const GRAVITY_M_PER_S2: f64 = 9.80665;
 
 /// Why a plant cannot be built.
 #[derive(Debug, thiserror::Error)]
@@ -55,10 +53,7 @@ pub struct Plant {
     compliance: Option<Compliance>,
     sensor: Sensor,
     flange_from_tool: Pose<Flange, Tool>,
-    flange_from_sensor: Pose<Flange, SensorFrame>,
-    mass: f64,
-    com: Vector3<f64>,
-    inertia: Vector3<f64>,
+    load: SensorLoad,
     sub_steps: usize,
     dt: f64,
     periods: u64,
@@ -69,14 +64,6 @@ pub struct Plant {
     wrench: Vector6<f64>,
     motion: PadMotion,
     contact: PadContact,
-}
-
-/// The flange at the end of a sub-step, base axes.
-#[derive(Clone, Copy, Debug)]
-struct Body {
-    pose: Isometry3<f64>,
-    linear: Vector3<f64>,
-    angular: Vector3<f64>,
 }
 
 impl Plant {
@@ -93,7 +80,6 @@ impl Plant {
         };
         let surface = Surface::new(&config.surface.shape, &surface_pose)?;
         let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
-        let flange_from_sensor = Pose::from_isometry(config.tool.flange_from_sensor.isometry());
         let target = start::tool_pose(&config.start, &surface);
         let q = start::joints(&arm, &flange_from_tool, &target, &config.start)?;
 
@@ -107,26 +93,18 @@ impl Plant {
             .ceil()
             .max(1.0) as usize;
         let samples_per_period = (config.arm.period_s * config.sensor.rate_hz).ceil() as usize + 1;
-        let payload = &config.tool.payload;
-        let error = &config.tool.payload_error;
         let mut plant = Self {
             servo: Servo::new(&config.arm, arm.limits(), q),
             pad: Pad::new(&config.tool.pad, &config.contact, pad_stiffness),
             compliance: config.tool.compliance.as_ref().map(Compliance::new),
             sensor: Sensor::new(&config.sensor, seed),
-            mass: payload.mass_kg + error.mass_kg,
-            com: Vector3::from(payload.com_in_sensor_m) + Vector3::from(error.com_in_sensor_m),
-            inertia: Vector3::from(payload.inertia_kg_m2),
+            load: SensorLoad::new(&config.tool),
             dt: config.arm.period_s / sub_steps as f64,
             sub_steps,
             periods: 0,
             samples: Vec::with_capacity(samples_per_period),
             samples_taken: 0,
-            body: Body {
-                pose: *arm.base_from_flange(&q).isometry(),
-                linear: Vector3::zeros(),
-                angular: Vector3::zeros(),
-            },
+            body: Body::at_rest(*arm.base_from_flange(&q).isometry()),
             wrench: Vector6::zeros(),
             motion: PadMotion {
                 origin: target.translation(),
@@ -139,7 +117,6 @@ impl Plant {
             arm,
             surface,
             flange_from_tool,
-            flange_from_sensor,
         };
         plant.wrench = plant.sensor_wrench(&plant.body, &Vector3::zeros(), &Vector3::zeros());
         Ok(plant)
@@ -209,27 +186,13 @@ impl Plant {
         acceleration: &Vector3<f64>,
         angular_acceleration: &Vector3<f64>,
     ) -> Vector6<f64> {
-        let sensor = body.pose * self.flange_from_sensor.isometry();
-        let back = |v: Vector3<f64>| sensor.rotation.inverse_transform_vector(&v);
-        let origin = sensor.translation.vector;
-
-        let (force, at) = (self.contact.force, self.motion.origin);
-        let contact_torque = self.contact.torque + (at - origin).cross(&force);
-
-        let com = origin + sensor.rotation * self.com;
-        let lever = com - body.pose.translation.vector;
-        let com_acceleration = acceleration
-            + angular_acceleration.cross(&lever)
-            + body.angular.cross(&body.angular.cross(&lever));
-        let weight = Vector3::new(0.0, 0.0, -self.mass * GRAVITY_M_PER_S2);
-        let load = weight - com_acceleration * self.mass;
-        let spin = back(body.angular);
-        let gyroscopic = self.inertia.component_mul(&back(*angular_acceleration))
-            + spin.cross(&self.inertia.component_mul(&spin));
-
-        let f = back(force + load);
-        let t = back(contact_torque + (com - origin).cross(&load)) - gyroscopic;
-        Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
+        self.load.wrench(
+            body,
+            acceleration,
+            angular_acceleration,
+            &self.contact,
+            &self.motion.origin,
+        )
     }
 
     /// All sensor records of the last period, oldest first.
@@ -308,7 +271,7 @@ impl Plant {
 
     /// `flange_from_sensor` as configured.
     pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
-        self.flange_from_sensor
+        self.load.flange_from_sensor()
     }
 
     /// True joint positions, rad.
@@ -324,11 +287,7 @@ impl Plant {
     /// Moves the arm to `q` (rad) at once, at rest: for a teleport between tests, never for motion.
     pub fn reset_joints(&mut self, q: &Joints<6>) {
         self.servo = Servo::new(&self.config.arm, self.arm.limits(), *q);
-        self.body = Body {
-            pose: *self.arm.base_from_flange(q).isometry(),
-            linear: Vector3::zeros(),
-            angular: Vector3::zeros(),
-        };
+        self.body = Body::at_rest(*self.arm.base_from_flange(q).isometry());
         let tool = self.body.pose * self.flange_from_tool.isometry();
         self.contact = PadContact::none();
         self.motion = PadMotion {
