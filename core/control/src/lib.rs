@@ -10,6 +10,7 @@ mod error;
 mod estimator_choice;
 pub mod force_integral;
 pub mod force_law;
+pub mod hybrid_dynamics;
 mod interface;
 pub mod joint_velocity;
 mod limits;
@@ -33,6 +34,7 @@ pub use config::{
 };
 pub use controller::Controller;
 pub use error::ControlError;
+pub use hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
 pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameter::Parameter;

@@ -7,6 +7,7 @@ pub mod arm;
 pub mod damped_least_squares;
 pub mod golden;
 pub mod inverse_kinematics;
+mod joint_friction;
 pub mod linear_solve;
 pub mod manipulability;
 pub mod model;
@@ -15,6 +16,7 @@ pub mod spatial;
 pub use arm::{Arm, Limits, Payload};
 pub use damped_least_squares::{DampedLeastSquares, DampedSolution};
 pub use inverse_kinematics::{InverseKinematics, InverseKinematicsError, inverse_kinematics};
+pub use joint_friction::JointFriction;
 pub use manipulability::{manipulability, smallest_singular_value};
 pub use model::{ModelData, ModelError};
 pub use spatial::{

@@ -3,6 +3,7 @@
 //! Called by the `simulator` service, which puts the [`Plant`] behind sockets, and by `tangent evaluate`, which closes the
 //! loop in one thread. Nothing here reads a clock; equal configuration and seed give equal bits.
 
+mod camera;
 mod closed_loop;
 mod compliance;
 pub mod contact;
@@ -10,6 +11,9 @@ mod cycle_line;
 mod digest;
 mod measurement;
 pub mod metrics;
+mod object_loop;
+mod object_plant;
+mod object_scenario;
 mod overrides;
 mod plant;
 mod plant_config;
@@ -19,11 +23,18 @@ mod sensor_load;
 mod servo;
 mod start;
 pub mod surfaces;
+mod torque_arm;
 mod truth;
 
+pub use camera::{Camera, CameraConfig};
 pub use closed_loop::{ClosedLoop, Evaluation, LoopCycle, evaluate, evaluate_with};
 pub use digest::TrajectoryDigest;
 pub use measurement::{ArmMeasurement, SensorSample, VelocityCommand};
+pub use object_loop::{
+    Disturbance, ObjectCycle, ObjectLoop, Undisturbed, evaluate_object, evaluate_object_with,
+};
+pub use object_plant::{ObjectMotionConfig, ObjectPlant, ObjectPlantConfig};
+pub use object_scenario::{ObjectKind, ObjectScenario};
 pub use overrides::OverrideError;
 pub use plant::{Plant, PlantError};
 pub use plant_config::{
@@ -36,4 +47,5 @@ pub use sensor::Sensor;
 pub use servo::Servo;
 pub use start::StartError;
 pub use surfaces::{ShapeConfig, Surface, SurfacePoint};
+pub use torque_arm::{TorqueArm, TorqueArmConfig};
 pub use truth::Truth;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::linear_solve::solve_positive_definite;
-use tangent_mechanics::{Arm, Joints};
+use tangent_mechanics::{Arm, JointFriction, Joints};
 
 use crate::servo::quantise;
 
@@ -44,40 +44,13 @@ impl Default for TorqueArmConfig {
 }
 
 impl TorqueArmConfig {
-    /// One value per joint.
-    pub fn per_joint<const N: usize>(values: &[f64]) -> Joints<N> {
-        Joints::from_fn(|i, _| values.get(i).or(values.last()).copied().unwrap_or(0.0))
-    }
-}
-
-/// Joint friction: viscous and Coulomb, smooth through zero speed.
-#[derive(Clone, Copy, Debug)]
-pub struct JointFriction<const N: usize> {
-    viscous: Joints<N>,
-    coulomb: Joints<N>,
-    speed: f64,
-}
-
-impl<const N: usize> JointFriction<N> {
-    /// From the configuration.
-    pub fn new(config: &TorqueArmConfig) -> Self {
-        Self {
-            viscous: TorqueArmConfig::per_joint(&config.viscous_nm_s_per_rad),
-            coulomb: TorqueArmConfig::per_joint(&config.coulomb_nm),
-            speed: config.coulomb_speed_rad_per_s,
-        }
-    }
-
-    /// Friction torque over speed, Nm s/rad: positive, so friction never gives energy.
-    pub fn slope(&self, qd: &Joints<N>) -> Joints<N> {
-        Joints::from_fn(|i, _| {
-            self.viscous[i] + self.coulomb[i] / (qd[i] * qd[i] + self.speed * self.speed).sqrt()
-        })
-    }
-
-    /// What the motor must give against friction, Nm.
-    pub fn torque(&self, qd: &Joints<N>) -> Joints<N> {
-        self.slope(qd).component_mul(qd)
+    /// The joints' true friction.
+    pub fn friction<const N: usize>(&self) -> JointFriction<N> {
+        JointFriction::from_lists(
+            &self.viscous_nm_s_per_rad,
+            &self.coulomb_nm,
+            self.coulomb_speed_rad_per_s,
+        )
     }
 }
 
@@ -100,7 +73,7 @@ impl<const N: usize> TorqueArm<N> {
     pub fn new(model: Arm<N>, config: &TorqueArmConfig, q: Joints<N>) -> Self {
         Self {
             model,
-            friction: JointFriction::new(config),
+            friction: config.friction(),
             q,
             qd: Joints::zeros(),
             qdd: Joints::zeros(),
