@@ -44,7 +44,10 @@ fn line(c: &ObjectCycle<'_>) -> String {
         r.y,
         r.z,
         c.output.path_error_m * 1e3,
-        c.truth.normal.angle(&-c.truth.base_from_tool.z_axis()).to_degrees(),
+        c.truth
+            .normal
+            .angle(&-c.truth.base_from_tool.z_axis())
+            .to_degrees(),
         if c.output.limited { " LIMITED" } else { "" }
     )
 }

@@ -88,8 +88,7 @@ impl Camera {
     pub fn new(config: &CameraConfig, seed: u64) -> Self {
         let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0xca3e_7a00_51de_c0de);
         let mut share = || -> f64 { rng.random_range(-1.0..=1.0) };
-        let mut vector =
-            |size: f64| Vector3::new(share() * size, share() * size, share() * size);
+        let mut vector = |size: f64| Vector3::new(share() * size, share() * size, share() * size);
         let position = vector(config.position_error_m);
         let turn = vector(config.orientation_error_rad);
         let intrinsic = vector(config.intrinsic_error_share);

@@ -2,8 +2,8 @@
 //! kind `object_pose`.
 
 use nalgebra::{Vector3, Vector6};
-use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
 use tangent_control::Phase;
+use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
 use tangent_estimation::object_pose::{
     CameraFrame, CameraModel, ObjectEstimate, ObjectPoseEstimator, ObjectSample, ObjectShape,
     build_object_estimator,
@@ -17,10 +17,10 @@ use tangent_sensing::{
 use crate::closed_loop::Evaluation;
 use crate::digest::TrajectoryDigest;
 use crate::measurement::ArmMeasurement;
-use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 use crate::metrics::object_pose::{
     CalibrationError, ObjectPoseFigures, ObjectSampleTruth, frame_counts, normal_in_flange,
 };
+use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 use crate::object_plant::{ObjectPlant, loaded_model};
 use crate::object_scenario::ObjectScenario;
 use crate::scenario::ScenarioError;
@@ -103,8 +103,7 @@ pub fn evaluate_object_with(
         }
     }
     let mut figures = ObjectPoseFigures::of(&objects, scenario.task.force.reference_n);
-    figures.nees_per_dof =
-        (!nees.is_empty()).then(|| nees.iter().sum::<f64>() / nees.len() as f64);
+    figures.nees_per_dof = (!nees.is_empty()).then(|| nees.iter().sum::<f64>() / nees.len() as f64);
     figures.nees_per_dof_final = nees.last().copied();
     figures.calibration_stated = calibration.map(|(stated, _)| stated);
     figures.calibration_final = calibration.and_then(|(_, last)| last);
@@ -221,8 +220,10 @@ impl ObjectLoop {
 
     /// The estimator's squared error over covariance and degrees of freedom, now.
     pub fn nees(&self) -> Option<f64> {
-        self.estimator
-            .nees(&self.plant.base_from_object_rest(), self.plant.camera_truth())
+        self.estimator.nees(
+            &self.plant.base_from_object_rest(),
+            self.plant.camera_truth(),
+        )
     }
 
     /// Errors of the stated and of the estimated calibration, now.
@@ -230,9 +231,8 @@ impl ObjectLoop {
         let truth = self.plant.truth();
         let flange = truth.base_from_tool * self.flange_from_tool.inverse();
         let normal = normal_in_flange(&flange, &truth.normal);
-        let of = |known: &CameraModel| {
-            CalibrationError::of(known, self.plant.camera_truth(), &normal)
-        };
+        let of =
+            |known: &CameraModel| CalibrationError::of(known, self.plant.camera_truth(), &normal);
         let estimated = self.estimator.calibration().map(|c| of(&c.camera));
         Some((of(&self.stated), estimated))
     }
@@ -301,10 +301,7 @@ impl ObjectLoop {
         });
         input.estimate = Some(estimate);
         let output = self.controller.step(&input);
-        if output.tare_requested
-            && input.bias_age_s.is_none()
-            && !self.conditioning.is_taring()
-        {
+        if output.tare_requested && input.bias_age_s.is_none() && !self.conditioning.is_taring() {
             self.conditioner.start_tare(&mut self.conditioning);
         }
         self.torque = output.torque;
@@ -356,8 +353,8 @@ impl ObjectLoop {
         truth: &Truth,
     ) -> CycleSample {
         let tip: Vector3<f64> = output.base_from_tool.translation();
-        let normal = (estimate.validity != Validity::Missing)
-            .then(|| estimate.normal_at(&self.shape, &tip));
+        let normal =
+            (estimate.validity != Validity::Missing).then(|| estimate.normal_at(&self.shape, &tip));
         CycleSample {
             time_s: arm.time_s,
             phase: output.phase,

@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use tangent_estimation::{CORNERS, CameraFrame, CameraModel};
 use tangent_mechanics::{
-    Arm, Base, Flange, JointFriction, Joints, ModelData, Object, Payload, Pose, Sensor as SensorFrame, Tool,
-    Twist, Wrench,
+    Arm, Base, Flange, JointFriction, Joints, ModelData, Object, Payload, Pose,
+    Sensor as SensorFrame, Tool, Twist, Wrench,
 };
 
 use crate::camera::{Camera, CameraConfig};
@@ -168,10 +168,13 @@ impl ObjectPlant {
             config: config.clone(),
         };
         let zero = Vector3::zeros();
-        plant.wrench =
-            plant
-                .load
-                .wrench(&plant.body, &zero, &zero, &plant.contact, &plant.motion.origin);
+        plant.wrench = plant.load.wrench(
+            &plant.body,
+            &zero,
+            &zero,
+            &plant.contact,
+            &plant.motion.origin,
+        );
         plant.expose();
         Ok(plant)
     }
@@ -255,9 +258,8 @@ impl ObjectPlant {
     fn rest_isometry(&self, time_s: f64) -> Isometry3<f64> {
         let object = &self.config.object;
         let moved = Vector3::from(object.velocity_m_per_s) * time_s;
-        let turned = UnitQuaternion::from_scaled_axis(
-            Vector3::from(object.turn_rate_rad_per_s) * time_s,
-        );
+        let turned =
+            UnitQuaternion::from_scaled_axis(Vector3::from(object.turn_rate_rad_per_s) * time_s);
         Isometry3::from_parts(
             Translation3::from(self.start_pose.translation.vector + moved),
             turned * self.start_pose.rotation,
@@ -391,8 +393,7 @@ pub fn loaded_model(config: &ObjectPlantConfig, as_it_is: bool) -> Result<Arm<6>
     if mass_kg <= 0.0 {
         return Ok(model);
     }
-    let com =
-        Vector3::from(payload.com_in_sensor_m) + Vector3::from(error.com_in_sensor_m) * share;
+    let com = Vector3::from(payload.com_in_sensor_m) + Vector3::from(error.com_in_sensor_m) * share;
     let flange_from_sensor = config.tool.flange_from_sensor.isometry();
     let turn = flange_from_sensor.rotation.to_rotation_matrix();
     let inertia = nalgebra::Matrix3::from_diagonal(&payload.inertia_kg_m2.into());

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use tangent_control::{HybridDynamicsConfig, Limits, Task};
 use tangent_estimation::ObjectPoseConfig;
-use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_estimation::build_object_estimator;
+use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_sensing::ConditioningConfig;
 use toml::{Table, Value};
 

@@ -243,14 +243,17 @@ impl HybridDynamicsConfig {
                 reference_rate_n_per_s: 1e5,
                 ..default.force
             },
-            friction: FrictionConfig {
-                at_reference: false,
-                ..default.friction
-            },
+            // At the measured speed, compensation would take the last damping from the normal: on an elastic plane
+            // m s³ + k s + k k_I has no stable roots.
             estimate: EstimateUseConfig {
                 follow_s: 0.0,
                 slow_within_sd: 0.0,
                 ..default.estimate
+            },
+            // The published law bounces and comes back by itself.
+            touch: TouchConfig {
+                lost_cycles: 500,
+                ..default.touch
             },
             ..default
         }
@@ -306,12 +309,7 @@ impl HybridDynamicsConfig {
                 10.0,
             ),
             ("estimate.follow_s", e.follow_s, 0.0, 10.0),
-            (
-                "estimate.speed_max_m_per_s",
-                e.speed_max_m_per_s,
-                1e-4,
-                1.0,
-            ),
+            ("estimate.speed_max_m_per_s", e.speed_max_m_per_s, 1e-4, 1.0),
             (
                 "estimate.turn_rate_max_rad_per_s",
                 e.turn_rate_max_rad_per_s,
@@ -322,18 +320,8 @@ impl HybridDynamicsConfig {
             ("touch.on_n", t.on_n, 0.01, 100.0),
             ("touch.off_n", t.off_n, 0.001, t.on_n),
             ("touch.lost_cycles", f64::from(t.lost_cycles), 1.0, 1000.0),
-            (
-                "touch.seek_speed_m_per_s",
-                t.seek_speed_m_per_s,
-                1e-4,
-                0.25,
-            ),
-            (
-                "touch.seek_distance_max_m",
-                t.seek_distance_max_m,
-                0.0,
-                1.0,
-            ),
+            ("touch.seek_speed_m_per_s", t.seek_speed_m_per_s, 1e-4, 0.25),
+            ("touch.seek_distance_max_m", t.seek_distance_max_m, 0.0, 1.0),
             ("touch.settle_s", t.settle_s, 0.0, 60.0),
         ] {
             check_range(key, value, lower, upper)?;

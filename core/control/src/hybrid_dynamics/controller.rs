@@ -171,8 +171,13 @@ impl HybridDynamics {
             } else {
                 self.run.reference_n
             };
+            let mut gains = self.config.force;
+            if seeking {
+                // The published law has no damping to hold a speed with.
+                gains.damping_per_s = self.config.motion.position_damping_per_s;
+            }
             let command = hybrid(
-                &self.config.force,
+                &gains,
                 &mut self.run.force,
                 &now,
                 &constraint,
@@ -270,7 +275,10 @@ impl HybridDynamics {
                 self.run.object = Some(EstimateFollower::new(e.base_from_object));
             }
             (Some(object), Some(e)) => {
-                let pivot = object.pose().inverse().transform_point(&now.tool.translation());
+                let pivot = object
+                    .pose()
+                    .inverse()
+                    .transform_point(&now.tool.translation());
                 object.step(&self.config.estimate, &e.base_from_object, &pivot, dt);
             }
             (Some(object), None) => object.hold(&self.config.estimate, dt),
@@ -455,7 +463,10 @@ impl HybridDynamics {
             return;
         };
         let n = self.constraint(now).normal;
-        let sd = n.dot(&(estimate.covariance.fixed_view::<3, 3>(0, 0) * n)).max(0.0).sqrt();
+        let sd = n
+            .dot(&(estimate.covariance.fixed_view::<3, 3>(0, 0) * n))
+            .max(0.0)
+            .sqrt();
         self.run.descent = Some(Descent::new(
             &*self.surface,
             &in_object,
@@ -517,14 +528,7 @@ impl HybridDynamics {
         self.enter(Phase::Contact);
     }
 
-    fn press(
-        &mut self,
-        now: &ArmNow,
-        seen: bool,
-        pressing_n: f64,
-        good: bool,
-        dt: f64,
-    ) -> Wanted {
+    fn press(&mut self, now: &ArmNow, seen: bool, pressing_n: f64, good: bool, dt: f64) -> Wanted {
         let (Some(lay), Some(object)) = (self.run.lay, self.run.object) else {
             return self.hold(now);
         };

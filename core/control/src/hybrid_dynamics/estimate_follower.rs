@@ -103,8 +103,15 @@ mod tests {
             follower.step(&config, &target, &pivot, dt);
             let at = follower.pose().transform_point(&pivot);
             let speed = (at - before) / dt;
-            assert!(speed.norm() <= config.speed_max_m_per_s * 1.01, "{}", speed.norm());
-            assert!((speed - speed_before).norm() / dt < 4.0 * config.speed_max_m_per_s / config.follow_s);
+            assert!(
+                speed.norm() <= config.speed_max_m_per_s * 1.01,
+                "{}",
+                speed.norm()
+            );
+            assert!(
+                (speed - speed_before).norm() / dt
+                    < 4.0 * config.speed_max_m_per_s / config.follow_s
+            );
             assert!((speed - follower.velocity_at(&pivot, &pivot)).norm() < 2e-3);
             (before, speed_before) = (at, speed);
         }

@@ -111,8 +111,13 @@ mod tests {
         let arm = arm();
         let wanted = Joints::<6>::repeat(1.0);
         let rest = Joints::<6>::zeros();
-        let (qdd, cut) =
-            bounded_acceleration(arm.limits(), &Limits::default(), &arm.home(), &rest, &wanted);
+        let (qdd, cut) = bounded_acceleration(
+            arm.limits(),
+            &Limits::default(),
+            &arm.home(),
+            &rest,
+            &wanted,
+        );
         assert_eq!((qdd, cut), (wanted, false));
         let (torque, cut) = bounded_torque(arm.limits(), &arm.gravity(&arm.home()), &wanted);
         assert_eq!((torque, cut), (arm.gravity(&arm.home()) + wanted, false));

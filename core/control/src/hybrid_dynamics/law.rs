@@ -193,7 +193,11 @@ pub(super) fn torque(
 ) -> (Joints<6>, bool) {
     let (mass, bias) = model.mass_matrix_and_bias(&now.q, &now.qd);
     let singularity = &cell.singularity;
-    let inverse = damped_inverse(&now.jacobian, singularity.damping_max, singularity.threshold);
+    let inverse = damped_inverse(
+        &now.jacobian,
+        singularity.damping_max,
+        singularity.threshold,
+    );
     let solve = |twist: &Vector6<f64>| inverse.map_or_else(Joints::zeros, |i| i * twist);
     let wanted = solve(&(acceleration - now.drift));
     let (qdd, cut) = bounded_acceleration(model.limits(), cell, &now.q, &now.qd, &wanted);

@@ -12,8 +12,8 @@ mod law;
 mod reference;
 
 pub use config::{
-    EstimateUseConfig, ForceChannel, ForceGains, FrictionConfig, HybridDynamicsConfig,
-    MotionGains, TouchConfig,
+    EstimateUseConfig, ForceChannel, ForceGains, FrictionConfig, HybridDynamicsConfig, MotionGains,
+    TouchConfig,
 };
 pub use controller::HybridDynamics;
 pub use interface::{HybridInput, HybridOutput};

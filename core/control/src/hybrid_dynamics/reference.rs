@@ -225,8 +225,7 @@ mod tests {
                 assert!((z + shape.normal(&now.position)).norm() < 1e-9, "{shape:?}");
                 let moved = (now.position - before.position) / dt;
                 assert!((moved - (now.velocity + before.velocity) / 2.0).norm() < 1e-4);
-                let turned =
-                    (now.rotation * before.rotation.inverse()).scaled_axis() / dt;
+                let turned = (now.rotation * before.rotation.inverse()).scaled_axis() / dt;
                 assert!((turned - (now.angular + before.angular) / 2.0).norm() < 1e-3);
                 before = now;
             }

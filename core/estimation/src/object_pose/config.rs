@@ -136,6 +136,8 @@ pub struct ObjectPoseConfig {
     pub measurements: Measurements,
     /// Noise of a corner along each image axis, pixels.
     pub corner_sd_px: f64,
+    /// Weight of the second-order term that the linear model leaves out; above 1 because it does not change from frame to frame.
+    pub curvature_weight: f64,
     /// Corners further than this many standard deviations from where they are expected are refused.
     pub gate_sd: f64,
     /// Root mean square left of the first frame, pixels: above, it is not the target.
@@ -156,6 +158,7 @@ impl Default for ObjectPoseConfig {
             target: TargetConfig::default(),
             measurements: Measurements::All,
             corner_sd_px: 0.3,
+            curvature_weight: 4.0,
             gate_sd: 4.5,
             start_rms_max_px: 8.0,
             restart_frames: 25,
@@ -185,6 +188,7 @@ impl ObjectPoseConfig {
         let (p, c) = (&self.prior, &self.contact);
         for (key, value, lower, upper) in [
             ("corner_sd_px", self.corner_sd_px, 1e-3, 100.0),
+            ("curvature_weight", self.curvature_weight, 0.0, 1000.0),
             ("gate_sd", self.gate_sd, 1.0, 1000.0),
             ("start_rms_max_px", self.start_rms_max_px, 0.01, 1000.0),
             ("vision_patience_s", self.vision_patience_s, 0.01, 3600.0),

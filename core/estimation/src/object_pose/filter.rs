@@ -10,7 +10,9 @@ use tangent_sensing::Validity;
 use super::arm_history::{ArmHistory, ArmMoment};
 use super::contact::{Touch, TouchDetector};
 use super::filter_measurements::{expected_corner, touch_direction, touch_point};
-use super::filter_state::{CAMERA_POSITION, COMPLIANCE, FOCAL, FilterState, STATES, TURN};
+use super::filter_state::{
+    CAMERA_POSITION, CAMERA_TURN, COMPLIANCE, FOCAL, FilterState, STATES, TURN,
+};
 use super::{
     CORNERS, CalibrationEstimate, CameraFrame, CameraModel, FrameCounts, ImplicitSurface,
     Measurements, ObjectEstimate, ObjectPoseConfig, ObjectPoseEstimator, ObjectSample,
@@ -113,6 +115,7 @@ impl ObjectPose {
             return;
         }
         self.advance(now_s);
+        let variance = Vector2::repeat(self.corner_variance());
         let mut used = 0;
         for (corner, seen) in self.corners.iter().zip(&frame.corners) {
             let (Some(seen), Some(state)) = (seen, &mut self.state) else {
@@ -120,8 +123,6 @@ impl ObjectPose {
             };
             let age = now_s - frame.time_s;
             let pixel = self.stated.normalised(&seen.pixel_px);
-            let variance =
-                Vector2::repeat((self.config.corner_sd_px / self.stated.focal_px).powi(2));
             let accepted =
                 expected_corner(state, &moment, age, corner).is_some_and(|(expected, columns)| {
                     state.correct(
@@ -150,6 +151,18 @@ impl ObjectPose {
                 self.counts.restarts += 1;
             }
         }
+    }
+
+    /// Noise of a corner, and what the linear model leaves out while the camera's turn is in doubt by σ: up to σ²/2 of the line of
+    /// sight, the same from frame to frame. Without it the filter grows sure of what it linearised wrongly.
+    fn corner_variance(&self) -> f64 {
+        let noise = self.config.corner_sd_px / self.stated.focal_px;
+        let doubt = self.state.as_ref().map_or(0.0, |state| {
+            (CAMERA_TURN..CAMERA_TURN + 3)
+                .map(|i| state.covariance[(i, i)])
+                .sum::<f64>()
+        });
+        noise * noise + (0.5 * doubt * self.config.curvature_weight).powi(2)
     }
 
     /// The first pose: a start to linearise at. The image itself is used as any other, against the calibration's errors.

@@ -163,9 +163,8 @@ impl ObjectPoseFigures {
             return figures;
         };
         let pressing = &samples[first..];
-        let ends = |s: &ObjectSampleTruth| {
-            matches!(s.phase, Phase::Retract | Phase::Done | Phase::Fault)
-        };
+        let ends =
+            |s: &ObjectSampleTruth| matches!(s.phase, Phase::Retract | Phase::Done | Phase::Fault);
         let end = pressing.iter().position(ends).unwrap_or(pressing.len());
         let span = &pressing[..end];
         let start_s = samples[first].time_s;
@@ -175,8 +174,7 @@ impl ObjectPoseFigures {
             .filter_map(|s| Some((s.time_s, pose_error(&s.object, s.estimated.as_ref()?))))
             .collect();
         figures.position_rmse_m = rms(errors.iter().map(|(_, (p, _))| p.norm()));
-        figures.orientation_rmse_deg =
-            rms(errors.iter().map(|(_, (_, r))| r.norm().to_degrees()));
+        figures.orientation_rmse_deg = rms(errors.iter().map(|(_, (_, r))| r.norm().to_degrees()));
         if let Some((_, (p, r))) = errors.last() {
             figures.final_position_m = Some(p.norm());
             figures.final_orientation_deg = Some(r.norm().to_degrees());
@@ -205,13 +203,10 @@ impl ObjectPoseFigures {
             let at = object.inverse().transform_point(&s.tip);
             Some((at - wanted).xy().norm())
         };
-        figures.path_on_object_rmse_m =
-            rms(sliding.iter().filter_map(|s| off_path(s, &s.object)));
-        figures.path_on_estimate_rmse_m = rms(
-            sliding
-                .iter()
-                .filter_map(|s| off_path(s, s.estimated.as_ref()?)),
-        );
+        figures.path_on_object_rmse_m = rms(sliding.iter().filter_map(|s| off_path(s, &s.object)));
+        figures.path_on_estimate_rmse_m = rms(sliding
+            .iter()
+            .filter_map(|s| off_path(s, s.estimated.as_ref()?)));
         figures
     }
 }
