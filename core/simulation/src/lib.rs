@@ -9,6 +9,7 @@ mod compliance;
 pub mod contact;
 mod cycle_line;
 mod digest;
+pub mod lippiello;
 mod measurement;
 pub mod metrics;
 mod object_loop;

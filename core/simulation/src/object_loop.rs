@@ -297,6 +297,7 @@ impl ObjectLoop {
             wrench: input.wrench,
             wrench_delay_s: delay_s,
             wrench_validity: input.wrench_validity,
+            wrench_bias_age_s: input.bias_age_s,
             frame: disturbance.frame(arm.time_s, taken),
         });
         input.estimate = Some(estimate);

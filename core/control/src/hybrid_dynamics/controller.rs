@@ -12,7 +12,7 @@ use super::law::{
     motion_acceleration, pressing_force, stacked, torque,
 };
 use super::reference::{Descent, ObjectReference, SurfacePath};
-use super::{HybridDynamicsConfig, HybridInput, HybridOutput};
+use super::{ForceChannel, HybridDynamicsConfig, HybridInput, HybridOutput};
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
 use crate::{ControlError, Fault, Limits, Path, Phase, Profile, Task};
 
@@ -148,7 +148,11 @@ impl HybridDynamics {
         } else {
             (Vector3::zeros(), Vector3::zeros())
         };
-        let pressing_n = pressing_force(&now, &constraint.normal, &force);
+        let pressing_n = match self.config.force.channel {
+            ForceChannel::Torque => pressing_force(&now, &constraint.normal, &force),
+            // The pseudo-inverse lets friction into the force; the normal alone does not.
+            ForceChannel::Acceleration => constraint.normal.dot(&force),
+        };
 
         self.judge(input, verdict, &now, estimate.as_ref(), &force, &moment);
         let wanted = self.advance(input, &now, estimate.as_ref(), pressing_n, verdict);

@@ -8,7 +8,7 @@ use tangent_mechanics::{Base, Object, Pose, Twist};
 use tangent_sensing::Validity;
 
 use super::arm_history::{ArmHistory, ArmMoment};
-use super::contact::{Touch, TouchDetector};
+use super::contact::{SlideTracker, Touch, TouchDetector};
 use super::filter_measurements::{expected_corner, touch_direction, touch_point};
 use super::filter_state::{
     CAMERA_POSITION, CAMERA_TURN, COMPLIANCE, FOCAL, FilterState, STATES, TURN,
@@ -19,9 +19,6 @@ use super::{
     PlanarTarget,
 };
 use crate::EstimationError;
-
-/// Below this speed of the tip, friction may point anywhere, m/s.
-const SLIDING_M_PER_S: f64 = 1e-3;
 
 /// The sound estimator of an object's pose.
 pub struct ObjectPose {
@@ -35,8 +32,7 @@ pub struct ObjectPose {
     time_s: f64,
     history: ArmHistory,
     detector: TouchDetector,
-    /// Time and tip of the last look at force and joints.
-    last_touch: Option<(f64, Vector3<f64>)>,
+    slide: SlideTracker,
     last_frame_s: f64,
     last_used_s: f64,
     refused_in_a_row: u32,
@@ -76,7 +72,7 @@ impl ObjectPose {
             time_s: 0.0,
             history: ArmHistory::default(),
             detector: TouchDetector::default(),
-            last_touch: None,
+            slide: SlideTracker::default(),
             last_frame_s: f64::NEG_INFINITY,
             last_used_s: f64::NEG_INFINITY,
             refused_in_a_row: 0,
@@ -110,12 +106,20 @@ impl ObjectPose {
             return;
         };
         self.last_frame_s = frame.time_s;
-        if self.state.is_none() && !self.start(frame, &moment, now_s) {
-            self.counts.starts_refused += 1;
+        if self.state.is_none() {
+            if self.start(frame, &moment, now_s) {
+                self.counts.used += 1;
+                self.last_used_s = frame.time_s;
+            } else {
+                self.counts.starts_refused += 1;
+            }
             return;
         }
         self.advance(now_s);
-        let variance = Vector2::repeat(self.corner_variance());
+        let noise = self.state.as_ref().map_or(0.0, |state| {
+            corner_variance(&self.config, &self.stated, state)
+        });
+        let variance = Vector2::repeat(noise);
         let mut used = 0;
         for (corner, seen) in self.corners.iter().zip(&frame.corners) {
             let (Some(seen), Some(state)) = (seen, &mut self.state) else {
@@ -153,19 +157,8 @@ impl ObjectPose {
         }
     }
 
-    /// Noise of a corner, and what the linear model leaves out while the camera's turn is in doubt by σ: up to σ²/2 of the line of
-    /// sight, the same from frame to frame. Without it the filter grows sure of what it linearised wrongly.
-    fn corner_variance(&self) -> f64 {
-        let noise = self.config.corner_sd_px / self.stated.focal_px;
-        let doubt = self.state.as_ref().map_or(0.0, |state| {
-            (CAMERA_TURN..CAMERA_TURN + 3)
-                .map(|i| state.covariance[(i, i)])
-                .sum::<f64>()
-        });
-        noise * noise + (0.5 * doubt * self.config.curvature_weight).powi(2)
-    }
-
-    /// The first pose: a start to linearise at. The image itself is used as any other, against the calibration's errors.
+    /// The first pose: a start to linearise at, then all its corners against the calibration's errors. All at one linearisation:
+    /// one corner alone leaves the tilt free, and would take it far away.
     fn start(&mut self, frame: &CameraFrame, moment: &ArmMoment, now_s: f64) -> bool {
         let mut image = [Vector2::zeros(); CORNERS];
         for (slot, corner) in image.iter_mut().zip(&frame.corners) {
@@ -179,30 +172,47 @@ impl ObjectPose {
             return false;
         };
         let rest = moment.base_from_flange * self.stated.flange_from_camera * camera_from_object;
-        self.state = Some(FilterState::new(&self.config, &self.stated, rest));
+        let mut state = FilterState::new(&self.config, &self.stated, rest);
         self.time_s = now_s;
+        let variance = Vector2::repeat(corner_variance(&self.config, &self.stated, &state));
+        let mut change = SVector::<f64, STATES>::zeros();
+        for (corner, seen) in self.corners.iter().zip(&image) {
+            let Some((expected, columns)) = expected_corner(&state, moment, 0.0, corner) else {
+                return false;
+            };
+            let innovation = seen - expected - columns.tr_mul(&change);
+            let Some(step) = state.change(&columns, &innovation, &variance, f64::INFINITY) else {
+                return false;
+            };
+            change += step;
+        }
+        state.apply(&change);
+        self.state = Some(state);
         true
     }
 
     /// One look at force and joints, with the arm of the time that the wrench tells of.
     fn feel(&mut self, touch: &Touch, tip: &Vector3<f64>, now_s: f64) {
-        let before = self.last_touch.replace((now_s, *tip));
+        let first = self.slide.last_s().is_none();
+        let sliding = self.slide.step(now_s, tip);
         self.advance(now_s);
         let Some(state) = &mut self.state else {
             return;
         };
-        let sliding = before.and_then(|(at, from)| {
-            let velocity = (tip - from) / (now_s - at);
-            (velocity.norm() > SLIDING_M_PER_S).then(|| velocity.normalize())
-        });
         let noise = &self.config.contact;
         touch_point(state, &*self.surface, touch, tip, noise.tip_sd_m);
         let mut sd = noise
             .force_sd_n
             .hypot(noise.direction_sd_rad * touch.force_n)
             / touch.force_n;
-        if sliding.is_none() {
-            sd = sd.hypot(noise.friction_sd);
+        if noise.friction_sd > 0.0 {
+            // At rest, friction points where it likes and stays so: another look would be the same one again.
+            if sliding.is_none() && !first {
+                return;
+            }
+            // Sliding, it is a state, but no material is the same everywhere.
+            let left = if sliding.is_some() { 0.1 } else { 1.0 };
+            sd = sd.hypot(left * noise.friction_sd);
         }
         touch_direction(state, &*self.surface, touch, tip, sliding, sd);
     }
@@ -298,8 +308,9 @@ impl ObjectPoseEstimator for ObjectPose {
         let use_touch = self.config.measurements == Measurements::All;
         if let Some(touch) = touch.filter(|_| use_touch) {
             let due = self
-                .last_touch
-                .is_none_or(|(at, _)| now - at >= self.config.contact.period_s - 1e-9);
+                .slide
+                .last_s()
+                .is_none_or(|at| now - at >= self.config.contact.period_s - 1e-9);
             let flange_from_tool = sample.base_from_flange.inverse() * sample.base_from_tool;
             let then = self.history.at(now - sample.wrench_delay_s.max(0.0));
             if let (true, Some(then)) = (due, then) {
@@ -308,7 +319,7 @@ impl ObjectPoseEstimator for ObjectPose {
                 changed = true;
             }
         } else {
-            self.last_touch = None;
+            self.slide = SlideTracker::default();
         }
         if changed {
             self.refresh_covariance();
@@ -339,7 +350,7 @@ impl ObjectPoseEstimator for ObjectPose {
         self.state = None;
         self.history.clear();
         self.detector = TouchDetector::default();
-        self.last_touch = None;
+        self.slide = SlideTracker::default();
         self.last_frame_s = f64::NEG_INFINITY;
         self.last_used_s = f64::NEG_INFINITY;
         self.refused_in_a_row = 0;
@@ -369,4 +380,14 @@ impl ObjectPoseEstimator for ObjectPose {
     fn nees(&self, rest: &Pose<Base, Object>, camera: &CameraModel) -> Option<f64> {
         self.nees_per_dof(rest, camera)
     }
+}
+
+/// Noise of a corner, and what the linear model leaves out while the camera's turn is in doubt by σ: up to σ²/2 of the line of
+/// sight, the same from frame to frame. Without it the filter grows sure of what it linearised wrongly.
+fn corner_variance(config: &ObjectPoseConfig, camera: &CameraModel, state: &FilterState) -> f64 {
+    let noise = config.corner_sd_px / camera.focal_px;
+    let doubt: f64 = (CAMERA_TURN..CAMERA_TURN + 3)
+        .map(|i| state.covariance[(i, i)])
+        .sum();
+    noise * noise + (0.5 * doubt * config.curvature_weight).powi(2)
 }

@@ -126,8 +126,8 @@ impl FilterState {
         }
     }
 
-    /// Kalman's correction with Joseph's covariance. `columns` is Hᵀ, `innovation` measured less expected, `variance` the
-    /// noise of each measurement. False, and nothing changed, where the innovation lies beyond `gate_sd` or is not a number.
+    /// Kalman's correction. `columns` is Hᵀ, `innovation` measured less expected, `variance` the noise of each measurement.
+    /// False, and nothing changed, where the innovation lies beyond `gate_sd` or is not a number.
     pub fn correct<const M: usize>(
         &mut self,
         columns: &Columns<M>,
@@ -135,21 +135,33 @@ impl FilterState {
         variance: &SVector<f64, M>,
         gate_sd: f64,
     ) -> bool {
+        let change = self.change(columns, innovation, variance, gate_sd);
+        if let Some(change) = &change {
+            self.apply(change);
+        }
+        change.is_some()
+    }
+
+    /// The correction of the state, with Joseph's covariance already in force; the state itself is left where it is.
+    pub fn change<const M: usize>(
+        &mut self,
+        columns: &Columns<M>,
+        innovation: &SVector<f64, M>,
+        variance: &SVector<f64, M>,
+        gate_sd: f64,
+    ) -> Option<SVector<f64, STATES>> {
         let from_states = self.covariance * columns;
         let mut total = columns.tr_mul(&from_states);
         for i in 0..M {
             total[(i, i)] += variance[i];
         }
-        let Some(inverse) = inverse(&total) else {
-            return false;
-        };
+        let inverse = inverse(&total)?;
         let distance = innovation.dot(&(inverse * innovation));
         // Written so that NaN is refused too.
         if !(distance <= gate_sd * gate_sd) {
-            return false;
+            return None;
         }
         let gain = from_states * inverse;
-        self.apply(&(gain * innovation));
         // (I - K H) P (I - K H)ᵀ + K R Kᵀ, in two products of a thin and a square matrix.
         self.covariance -= gain * from_states.transpose();
         let across = self.covariance * columns;
@@ -166,7 +178,7 @@ impl FilterState {
                 self.covariance[(j, i)] = mean;
             }
         }
-        true
+        Some(gain * innovation)
     }
 
     /// Moves the state by an error state.

@@ -22,6 +22,8 @@ pub struct ObjectSample {
     pub wrench_delay_s: f64,
     /// Whether `wrench` can be used.
     pub wrench_validity: Validity,
+    /// Age of the sensor's tare, s; while there was none, its zero may look like a contact, and nothing is felt.
+    pub wrench_bias_age_s: Option<f64>,
     /// The camera's frame that arrived in this cycle.
     pub frame: Option<CameraFrame>,
 }
