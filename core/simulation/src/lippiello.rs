@@ -95,7 +95,6 @@ pub fn figures(runs: &[Runs]) -> Vec<LippielloFigure> {
             .map_or(&[][..], |r| &r.runs)
     };
     for system in System::ALL {
-        let all = matches!(system, System::PaperAll | System::OursAll);
         let ours = system == System::OursAll;
         let goal = |value: f64| ours.then_some(value);
         let mut add = |metric, unit, goal, pick: Pick| {
@@ -123,7 +122,7 @@ pub fn figures(runs: &[Runs]) -> Vec<LippielloFigure> {
         add(
             "normal force during the circle, RMSE",
             "N",
-            all.then_some(0.2),
+            goal(0.2),
             |f| f.sliding_force_rmse_n,
         );
         add(

@@ -163,9 +163,9 @@ impl Default for ForceGains {
     fn default() -> Self {
         Self {
             channel: ForceChannel::Acceleration,
-            integral_per_s: 4.0,
-            error_per_kg: 0.06,
-            damping_per_s: 50.0,
+            integral_per_s: 12.0,
+            error_per_kg: 0.1,
+            damping_per_s: 65.0,
             integral_max_n: 20.0,
             reference_rate_n_per_s: 40.0,
         }
