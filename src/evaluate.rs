@@ -148,9 +148,8 @@ fn print(e: &Evaluation) {
 }
 
 fn print_object(o: &ObjectPoseFigures) {
-    let number = |x: Option<f64>, scale: f64| {
-        x.map_or("-".to_owned(), |x| format!("{:.3}", x * scale))
-    };
+    let number =
+        |x: Option<f64>, scale: f64| x.map_or("-".to_owned(), |x| format!("{:.3}", x * scale));
     println!(
         "  {:<26} along the normal {} mm, across {} mm, about the surface {} deg",
         "object, 1 s after contact",

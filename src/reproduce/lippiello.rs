@@ -113,11 +113,20 @@ fn curves() -> [(&'static str, &'static str, &'static str, Pick); 4] {
         ("position", "Position error in object axes", "m", |s| {
             Some(pose_error(&s.object, s.estimated.as_ref()?).0.into())
         }),
-        ("orientation", "Orientation error in object axes", "deg", |s| {
-            let turn = pose_error(&s.object, s.estimated.as_ref()?).1;
-            Some(turn.map(f64::to_degrees).into())
+        (
+            "orientation",
+            "Orientation error in object axes",
+            "deg",
+            |s| {
+                let turn = pose_error(&s.object, s.estimated.as_ref()?).1;
+                Some(turn.map(f64::to_degrees).into())
+            },
+        ),
+        ("force", "Force at the wrist", "N", |s| {
+            Some(s.sensor.0.into())
         }),
-        ("force", "Force at the wrist", "N", |s| Some(s.sensor.0.into())),
-        ("moment", "Moment at the wrist", "Nm", |s| Some(s.sensor.1.into())),
+        ("moment", "Moment at the wrist", "Nm", |s| {
+            Some(s.sensor.1.into())
+        }),
     ]
 }

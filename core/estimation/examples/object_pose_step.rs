@@ -41,7 +41,8 @@ fn main() {
             for step in 0..20_000_u32 {
                 let time_s = f64::from(step) * 0.02;
                 let sway = (time_s * 0.7).sin();
-                let base_from_flange = Pose::new(Vector3::new(-0.1 + 0.02 * sway, 0.01, 0.25), down);
+                let base_from_flange =
+                    Pose::new(Vector3::new(-0.1 + 0.02 * sway, 0.01, 0.25), down);
                 let tool = Pose::new(Vector3::new(0.0, 0.0, 0.25), UnitQuaternion::identity());
                 let base_from_object: Pose<_, Object> = Pose::identity();
                 let camera_from_object =

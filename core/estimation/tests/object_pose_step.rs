@@ -13,10 +13,7 @@ use tangent_sensing::Validity;
 
 fn camera() -> CameraModel {
     CameraModel {
-        flange_from_camera: Pose::new(
-            Vector3::new(0.07, 0.0, -0.05),
-            UnitQuaternion::identity(),
-        ),
+        flange_from_camera: Pose::new(Vector3::new(0.07, 0.0, -0.05), UnitQuaternion::identity()),
         focal_px: 400.0,
         principal_px: Vector2::new(320.0, 240.0),
         pixel_m: 2e-5,
@@ -59,9 +56,9 @@ fn sample(step: u32, with_frame: bool) -> ObjectSample {
 }
 
 fn estimators() -> impl Iterator<Item = Box<dyn ObjectPoseEstimator>> {
-    OBJECT_ESTIMATORS.iter().map(|name| {
-        build_object_estimator(name, &ObjectPoseConfig::default(), &camera()).unwrap()
-    })
+    OBJECT_ESTIMATORS
+        .iter()
+        .map(|name| build_object_estimator(name, &ObjectPoseConfig::default(), &camera()).unwrap())
 }
 
 #[test]
@@ -90,8 +87,16 @@ fn an_exact_world_is_found_exactly() {
             .unwrap();
         assert!(last.validity.is_valid(), "{}", estimator.name());
         let pose = last.base_from_object;
-        assert!(pose.translation().norm() < 2e-4, "{}: {pose:?}", estimator.name());
-        assert!(pose.rotation().angle() < 1e-3, "{}: {pose:?}", estimator.name());
+        assert!(
+            pose.translation().norm() < 2e-4,
+            "{}: {pose:?}",
+            estimator.name()
+        );
+        assert!(
+            pose.rotation().angle() < 1e-3,
+            "{}: {pose:?}",
+            estimator.name()
+        );
     }
 }
 
@@ -118,7 +123,9 @@ fn nonsense_is_answered_with_a_reason_and_does_no_harm() {
         assert!(after.validity.is_valid(), "{}", estimator.name());
         assert!(after.base_from_object.translation().norm() < 1e-3);
         // A camera that stops is missed.
-        let late = (1041..1300).map(|step| estimator.update(&sample(step, false))).last();
+        let late = (1041..1300)
+            .map(|step| estimator.update(&sample(step, false)))
+            .last();
         assert_eq!(late.unwrap().validity, Validity::Stale);
         estimator.reset();
         let fresh = estimator.update(&sample(1300, false));

@@ -54,6 +54,6 @@ mod tests {
         assert!((torque[0] - 7.0).abs() < 1e-3 && (torque[1] + 3.0).abs() < 1e-3);
         assert_eq!(torque[2], 0.0);
         let none = JointFriction::<3>::from_lists(&[], &[], 0.01);
-        assert_eq!(none.torque(&Joints::repeat(1.0)), Joints::zeros());
+        assert_eq!(none.torque(&Joints::<3>::repeat(1.0)), Joints::<3>::zeros());
     }
 }

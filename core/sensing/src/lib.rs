@@ -4,6 +4,8 @@
 //! this order: tare ([`Tare`], subtracted on the host and with its age), payload ([`Payload`], by the arm's measured
 //! orientation), low-pass ([`LowPass`], with a stated delay), and eq. (2) of Tugal et al. to the tool's frame.
 //! [`identify_payload`] finds the payload from static poses, each the mean of a [`PoseAverage`].
+//!
+//! And images: [`TargetDetector`] finds the corners of a target.
 
 mod conditioner;
 mod error;
@@ -12,6 +14,7 @@ mod low_pass;
 mod payload;
 mod pose_average;
 mod tare;
+mod target_detector;
 mod validity;
 
 pub use conditioner::{
@@ -24,4 +27,5 @@ pub use low_pass::{LowPass, LowPassState};
 pub use payload::{Payload, SensorMotion};
 pub use pose_average::{PoseAverage, PoseFinder};
 pub use tare::{Tare, TareConfig, TareRefusal};
+pub use target_detector::{GreyImage, TargetDetector, TargetDetectorError};
 pub use validity::Validity;

@@ -8,11 +8,24 @@ use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 use tangent_estimation::{CORNERS, CameraFrame, CameraModel, Corner};
 use tangent_mechanics::{Base, Camera as CameraFrameAxes, Flange, Object, Pose};
+use tangent_sensing::{TargetDetector, TargetDetectorError};
 
 use crate::plant_config::PoseConfig;
+use crate::target_image::{self, ImageConfig};
 
 /// Frames that can be under way at once.
 const FRAMES_MAX: usize = 16;
+
+/// Where the corners come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FeatureSource {
+    /// Straight from the projection, with white noise: fast.
+    #[default]
+    Projection,
+    /// Found in a drawn image.
+    Image,
+}
 
 /// The `[plant.camera]` table. The calibration stated here is what the estimator is told; the true one differs from it by the
 /// errors, drawn from the seed.
@@ -33,7 +46,11 @@ pub struct CameraConfig {
     pub image_px: [f64; 2],
     /// Edge of a pixel on the sensor, m: takes pixels to the paper's metres on the image plane.
     pub pixel_m: f64,
-    /// Noise of a corner along each image axis, standard deviation, pixels.
+    /// Where the corners come from.
+    pub source: FeatureSource,
+    /// The image, where one is drawn.
+    pub image: ImageConfig,
+    /// Noise of a corner along each image axis, standard deviation, pixels; not with images, which have their own.
     pub noise_px: f64,
     /// Largest error of the focal length, and of the principal point against its own coordinates; share.
     pub intrinsic_error_share: f64,
@@ -53,6 +70,8 @@ impl Default for CameraConfig {
             principal_px: [320.0, 240.0],
             image_px: [640.0, 480.0],
             pixel_m: 8e-6,
+            source: FeatureSource::Projection,
+            image: ImageConfig::default(),
             noise_px: 0.2,
             intrinsic_error_share: 0.03,
             position_error_m: 0.01,
@@ -74,18 +93,21 @@ impl CameraConfig {
 }
 
 /// The camera with its true calibration and the frames under way.
-#[derive(Clone, Debug)]
 pub struct Camera {
     config: CameraConfig,
     truth: CameraModel,
     rng: Pcg64Mcg,
     frames_taken: u64,
     under_way: ArrayVec<CameraFrame, FRAMES_MAX>,
+    detector: TargetDetector,
 }
 
 impl Camera {
     /// Draws the calibration's errors from `seed`.
-    pub fn new(config: &CameraConfig, seed: u64) -> Self {
+    ///
+    /// # Errors
+    /// When the detector of corners cannot be made.
+    pub fn new(config: &CameraConfig, seed: u64) -> Result<Self, TargetDetectorError> {
         let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0xca3e_7a00_51de_c0de);
         let mut share = || -> f64 { rng.random_range(-1.0..=1.0) };
         let mut vector = |size: f64| Vector3::new(share() * size, share() * size, share() * size);
@@ -106,13 +128,14 @@ impl Camera {
             ),
             pixel_m: nominal.pixel_m,
         };
-        Self {
+        Ok(Self {
             config: config.clone(),
             truth,
             rng,
             frames_taken: 0,
             under_way: ArrayVec::new(),
-        }
+            detector: TargetDetector::new()?,
+        })
     }
 
     /// The true calibration, for judging estimates of it.
@@ -135,9 +158,49 @@ impl Camera {
         }
         let camera_from_object: Pose<CameraFrameAxes, Object> =
             (*base_from_flange * self.truth.flange_from_camera).inverse() * *base_from_object;
+        let corners = match self.config.source {
+            FeatureSource::Projection => self.projected(&camera_from_object, corners_m),
+            FeatureSource::Image => self.found(&camera_from_object, corners_m),
+        };
+        let frame = CameraFrame {
+            time_s,
+            sequence: self.frames_taken,
+            corners,
+        };
+        self.frames_taken += 1;
+        if self.under_way.is_full() {
+            self.under_way.remove(0);
+        }
+        self.under_way.push(frame);
+    }
+
+    fn found(
+        &mut self,
+        camera_from_object: &Pose<CameraFrameAxes, Object>,
+        corners_m: &[Vector3<f64>; CORNERS],
+    ) -> [Option<Corner>; CORNERS] {
+        let size = self.config.image_px.map(|x| x as u32);
+        let image = target_image::draw(
+            &self.config.image,
+            &self.truth,
+            size,
+            camera_from_object,
+            corners_m,
+            &mut self.rng,
+        );
+        // An image of this size fits itself.
+        let found = self.detector.detect(&image).unwrap_or([None; CORNERS]);
+        found.map(|corner| corner.map(|pixel_px| Corner { pixel_px }))
+    }
+
+    fn projected(
+        &mut self,
+        camera_from_object: &Pose<CameraFrameAxes, Object>,
+        corners_m: &[Vector3<f64>; CORNERS],
+    ) -> [Option<Corner>; CORNERS] {
         let mut corners = [None; CORNERS];
         // A face that is turned away is not seen.
-        let faces = self.faces(&camera_from_object, corners_m);
+        let faces = self.faces(camera_from_object, corners_m);
         for (slot, corner) in corners.iter_mut().zip(corners_m) {
             let noise = Vector2::new(self.normal(), self.normal()) * self.config.noise_px;
             let seen = self
@@ -149,16 +212,7 @@ impl Camera {
                 });
             *slot = seen.map(|pixel_px| Corner { pixel_px });
         }
-        let frame = CameraFrame {
-            time_s,
-            sequence: self.frames_taken,
-            corners,
-        };
-        self.frames_taken += 1;
-        if self.under_way.is_full() {
-            self.under_way.remove(0);
-        }
-        self.under_way.push(frame);
+        corners
     }
 
     /// The next frame that has arrived by `time_s`, oldest first.

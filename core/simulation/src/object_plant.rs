@@ -85,7 +85,6 @@ fn default_robot() -> String {
 }
 
 /// The simulated cell.
-#[derive(Clone, Debug)]
 pub struct ObjectPlant {
     config: ObjectPlantConfig,
     arm: TorqueArm<6>,
@@ -146,7 +145,7 @@ impl ObjectPlant {
             ),
             load: SensorLoad::new(&config.tool),
             sensor: Sensor::new(&config.sensor, seed),
-            camera: Camera::new(&config.camera, seed),
+            camera: Camera::new(&config.camera, seed)?,
             flange_from_tool,
             dt: config.arm.period_s / config.arm.sub_steps as f64,
             periods: 0,

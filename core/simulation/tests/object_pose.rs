@@ -104,7 +104,8 @@ fn a_bad_scenario_says_what_is_wrong() {
         refused(&["estimation.target.surface={shape=\"sphere\", radius_m=0.5}"])
             .contains("plant.surface")
     );
-    let line = "estimation.target.corners_m=[[0.0,0.0,0.0],[0.1,0.0,0.0],[0.2,0.0,0.0],[0.3,0.0,0.0]]";
+    let line =
+        "estimation.target.corners_m=[[0.0,0.0,0.0],[0.1,0.0,0.0],[0.2,0.0,0.0],[0.3,0.0,0.0]]";
     assert!(refused(&[line]).contains("line"));
     for key in ["plant.arm.sub_steps=0", "plant.camera.noise_px=-1.0"] {
         let error = evaluate_object(&scenario(SCENARIO, &[key])).unwrap_err();
@@ -155,7 +156,10 @@ fn curved_objects_are_followed() {
 
 #[test]
 fn friction_and_a_wrong_model_leave_a_normal_and_a_force() {
-    for (name, force) in [("lippiello_plane_friction", 0.3), ("lippiello_realistic", 1.0)] {
+    for (name, force) in [
+        ("lippiello_plane_friction", 0.3),
+        ("lippiello_realistic", 1.0),
+    ] {
         let run = evaluate_object(&scenario(name, &[])).unwrap();
         let f = object(&run);
         assert_eq!((run.phase, run.fault), ("done", None), "{name}");
@@ -298,7 +302,10 @@ fn frames_out_of_order_repeated_or_from_another_time_are_refused() {
     });
     promises_hold(&run);
     let [_, out_of_order, out_of_time, ..] = object(&run).frames;
-    assert!(out_of_order > 10 && out_of_time > 10, "{out_of_order} {out_of_time}");
+    assert!(
+        out_of_order > 10 && out_of_time > 10,
+        "{out_of_order} {out_of_time}"
+    );
 }
 
 /// The phases of a run with what the force did in them.
@@ -319,7 +326,9 @@ fn at(samples: &[ObjectSampleTruth], time_s: f64) -> &ObjectSampleTruth {
 #[test]
 fn a_camera_that_stops_stops_the_sliding_keeps_the_force_and_retracts_after_a_second() {
     let stop = 10.0;
-    let (run, samples) = watched(&mut Frames(|time: f64, frame: CameraFrame| (time < stop).then_some(frame)));
+    let (run, samples) = watched(&mut Frames(|time: f64, frame: CameraFrame| {
+        (time < stop).then_some(frame)
+    }));
     assert_eq!(run.phase, "fault");
     assert!(run.fault.unwrap().contains("silent"), "{:?}", run.fault);
     // 100 ms of patience, 200 ms to slow down.

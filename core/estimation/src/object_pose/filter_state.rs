@@ -157,8 +157,7 @@ impl FilterState {
         }
         let inverse = inverse(&total)?;
         let distance = innovation.dot(&(inverse * innovation));
-        // Written so that NaN is refused too.
-        if !(distance <= gate_sd * gate_sd) {
+        if distance.is_nan() || distance > gate_sd * gate_sd {
             return None;
         }
         let gain = from_states * inverse;

@@ -51,7 +51,7 @@ impl PlanarTarget {
         image: &[Vector2<f64>; CORNERS],
         rms_max: f64,
     ) -> Result<Pose<Camera, Object>, PlanarPoseError> {
-        let start = self.from_homography(image)?;
+        let start = self.homography_pose(image)?;
         let (pose, rms) = self.refined(start, image);
         // Seen nearly face on, the tilt may have either sign: try the other one too.
         let (other, other_rms) = self.refined(self.tilted_back(&pose), image);
@@ -70,7 +70,7 @@ impl PlanarTarget {
         Ok(pose)
     }
 
-    fn from_homography(
+    fn homography_pose(
         &self,
         image: &[Vector2<f64>; CORNERS],
     ) -> Result<Pose<Camera, Object>, PlanarPoseError> {
@@ -106,10 +106,10 @@ impl PlanarTarget {
         let rotation =
             Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
         let origin = Vector3::new(h[2], h[5], 1.0) * scale;
-        Ok(self.from_target(origin, rotation))
+        Ok(self.object_pose(origin, rotation))
     }
 
-    fn from_target(&self, origin: Vector3<f64>, rotation: Rotation3<f64>) -> Pose<Camera, Object> {
+    fn object_pose(&self, origin: Vector3<f64>, rotation: Rotation3<f64>) -> Pose<Camera, Object> {
         let rotation = rotation * self.axes.inverse();
         Pose::new(
             origin - rotation * self.corners[0],

@@ -30,6 +30,9 @@ pub enum PlantError {
     /// The tool cannot be brought to its start pose.
     #[error(transparent)]
     Start(#[from] StartError),
+    /// The detector of the target's corners cannot be made.
+    #[error("plant.camera: {0}")]
+    Camera(#[from] tangent_sensing::TargetDetectorError),
     /// A number out of its range.
     #[error("plant: `{key}` is {value}, but must be {allowed}")]
     Value {
