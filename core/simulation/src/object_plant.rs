@@ -489,7 +489,17 @@ fn check(config: &ObjectPlantConfig) -> Result<(), PlantError> {
         "1e-7 to 1e-3",
         (1e-7..=1e-3).contains(&camera.pixel_m),
     )?;
+    for size in camera.image_px {
+        value(
+            "camera.image_px",
+            size,
+            "16 to 8192",
+            (16.0..=8192.0).contains(&size),
+        )?;
+    }
     for (key, x, max) in [
+        ("camera.image.blur_px", camera.image.blur_px, 20.0),
+        ("camera.image.noise_grey", camera.image.noise_grey, 100.0),
         ("camera.noise_px", camera.noise_px, 100.0),
         (
             "camera.intrinsic_error_share",

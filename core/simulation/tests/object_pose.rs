@@ -10,7 +10,7 @@ use tangent_estimation::object_pose::{CameraFrame, Corner};
 use tangent_mechanics::Wrench;
 use tangent_sensing::{ConditionedWrench, Validity};
 use tangent_simulation::lippiello::{SCENARIO, System};
-use tangent_simulation::metrics::object_pose::{ObjectPoseFigures, ObjectSampleTruth};
+use tangent_simulation::metrics::object_pose::{ObjectPoseFigures, ObjectSampleTruth, pose_error};
 use tangent_simulation::{
     Disturbance, Evaluation, ObjectScenario, Undisturbed, evaluate_object, evaluate_object_with,
 };
@@ -423,4 +423,23 @@ fn no_camera_at_all_ends_before_anything_moves() {
     .unwrap();
     assert_eq!(run.phase, "fault");
     assert_eq!(run.figures.contact.first_s, None);
+}
+
+#[test]
+fn corners_found_in_drawn_images_give_a_pose() {
+    let run = |source: &str| {
+        let mut last = None;
+        let scenario = scenario(SCENARIO, &[source, "duration_s=2.0"]);
+        evaluate_object_with(&scenario, &mut Undisturbed, |c| last = Some(*c.sample)).unwrap();
+        let sample = last.unwrap();
+        let truth = sample.object;
+        pose_error(&truth, &sample.estimated.unwrap())
+    };
+    let (by_projection, by_image) = (
+        run("plant.camera.source=\"projection\""),
+        run("plant.camera.source=\"image\""),
+    );
+    // Same calibration error, other noise: the estimates lie where calibration puts them.
+    assert!((by_projection.0 - by_image.0).norm() < 0.01, "{by_image:?}");
+    assert!((by_projection.1 - by_image.1).norm() < 0.02, "{by_image:?}");
 }
