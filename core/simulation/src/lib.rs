@@ -14,6 +14,7 @@ mod measurement;
 pub mod metrics;
 mod object_loop;
 mod object_plant;
+mod object_plant_config;
 mod object_scenario;
 mod overrides;
 mod plant;
@@ -21,6 +22,7 @@ mod plant_config;
 mod scenario;
 mod sensor;
 mod sensor_load;
+mod sensor_records;
 mod servo;
 mod start;
 pub mod surfaces;
@@ -35,7 +37,8 @@ pub use measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 pub use object_loop::{
     Disturbance, ObjectCycle, ObjectLoop, Undisturbed, evaluate_object, evaluate_object_with,
 };
-pub use object_plant::{ObjectMotionConfig, ObjectPlant, ObjectPlantConfig};
+pub use object_plant::ObjectPlant;
+pub use object_plant_config::{ObjectMotionConfig, ObjectPlantConfig};
 pub use object_scenario::{ObjectKind, ObjectScenario};
 pub use overrides::OverrideError;
 pub use plant::{Plant, PlantError};

@@ -2,87 +2,24 @@
 //! a camera on the wrist. One control period per step.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
-use serde::{Deserialize, Serialize};
 use tangent_estimation::{CORNERS, CameraFrame, CameraModel};
 use tangent_mechanics::{
     Arm, Base, Flange, JointFriction, Joints, ModelData, Object, Payload, Pose,
-    Sensor as SensorFrame, Tool, Twist, Wrench,
+    Sensor as SensorFrame, Tool, Wrench,
 };
 
-use crate::camera::{Camera, CameraConfig};
+use crate::camera::Camera;
 use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample};
+use crate::object_plant_config::{DELAY_PERIODS_MAX, ObjectPlantConfig, check};
 use crate::plant::PlantError;
-use crate::plant_config::{
-    ContactConfig, PoseConfig, SensorConfig, StartConfig, SurfaceConfig, ToolConfig,
-};
-use crate::sensor::Sensor;
+use crate::plant_config::PoseConfig;
 use crate::sensor_load::{Body, SensorLoad};
+use crate::sensor_records::SensorRecords;
 use crate::start;
 use crate::surfaces::Surface;
-use crate::torque_arm::{TorqueArm, TorqueArmConfig};
+use crate::torque_arm::TorqueArm;
 use crate::truth::Truth;
-
-/// Longest delay of a torque, periods.
-const DELAY_PERIODS_MAX: usize = 8;
-
-/// The `[plant]` table of an object-pose scenario.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ObjectPlantConfig {
-    /// Built-in arm model with six joints.
-    #[serde(default = "default_robot")]
-    pub robot: String,
-    /// Torque control, friction, encoders.
-    #[serde(default)]
-    pub arm: TorqueArmConfig,
-    /// The object's surface and where it stands when nothing presses: `base_from_object` is `base_from_surface`.
-    pub surface: SurfaceConfig,
-    /// How the object moves.
-    #[serde(default)]
-    pub object: ObjectMotionConfig,
-    /// Stick and what hangs on the sensor. A pad without rings is a point; the stick is rigid.
-    #[serde(default)]
-    pub tool: ToolConfig,
-    /// Stiffness of the yielding object, friction.
-    #[serde(default)]
-    pub contact: ContactConfig,
-    /// Force/torque sensor.
-    #[serde(default)]
-    pub sensor: SensorConfig,
-    /// Camera on the flange.
-    #[serde(default)]
-    pub camera: CameraConfig,
-    /// Where the arm stands at the start.
-    pub start: StartConfig,
-}
-
-/// How the object moves and yields.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ObjectMotionConfig {
-    /// Constant velocity of its origin, base axes, m/s.
-    pub velocity_m_per_s: [f64; 3],
-    /// Constant angular velocity, base axes, rad/s.
-    pub turn_rate_rad_per_s: [f64; 3],
-    /// Pressed, the whole object gives way along the normal and the camera sees it (the paper's elastic law); otherwise only
-    /// the spot under the tool does.
-    pub yields: bool,
-}
-
-impl Default for ObjectMotionConfig {
-    fn default() -> Self {
-        Self {
-            velocity_m_per_s: [0.0; 3],
-            turn_rate_rad_per_s: [0.0; 3],
-            yields: true,
-        }
-    }
-}
-
-fn default_robot() -> String {
-    "smart3s_substitute".to_owned()
-}
 
 /// The simulated cell.
 pub struct ObjectPlant {
@@ -93,16 +30,13 @@ pub struct ObjectPlant {
     corners: [Vector3<f64>; CORNERS],
     pad: Pad,
     load: SensorLoad,
-    sensor: Sensor,
+    sensor: SensorRecords,
     camera: Camera,
     flange_from_tool: Pose<Flange, Tool>,
     dt: f64,
     periods: u64,
     torques: [Joints<6>; DELAY_PERIODS_MAX + 1],
-    samples: Vec<SensorSample>,
-    samples_taken: u64,
     body: Body,
-    wrench: Vector6<f64>,
     motion: PadMotion,
     contact: PadContact,
     joint_wrench: Joints<6>,
@@ -132,7 +66,6 @@ impl ObjectPlant {
         let q = start::joints(&model, &flange_from_tool, &target, &config.start)?;
         let gravity = model.gravity(&q);
         let flange = model.base_from_flange(&q);
-        let samples_per_period = (config.arm.period_s * config.sensor.rate_hz).ceil() as usize + 1;
         let mut plant = Self {
             arm: TorqueArm::new(model, &config.arm, q),
             surface,
@@ -144,16 +77,13 @@ impl ObjectPlant {
                 config.contact.stiffness_n_per_m,
             ),
             load: SensorLoad::new(&config.tool),
-            sensor: Sensor::new(&config.sensor, seed),
+            sensor: SensorRecords::new(&config.sensor, config.arm.period_s, seed, Vector6::zeros()),
             camera: Camera::new(&config.camera, seed)?,
             flange_from_tool,
             dt: config.arm.period_s / config.arm.sub_steps as f64,
             periods: 0,
             torques: [gravity; DELAY_PERIODS_MAX + 1],
-            samples: Vec::with_capacity(samples_per_period),
-            samples_taken: 0,
             body: Body::at_rest(*flange.isometry()),
-            wrench: Vector6::zeros(),
             motion: PadMotion {
                 origin: target.translation(),
                 rotation: target.rotation(),
@@ -167,20 +97,21 @@ impl ObjectPlant {
             config: config.clone(),
         };
         let zero = Vector3::zeros();
-        plant.wrench = plant.load.wrench(
+        let wrench = plant.load.wrench(
             &plant.body,
             &zero,
             &zero,
             &plant.contact,
             &plant.motion.origin,
         );
+        plant.sensor.set_wrench(wrench);
         plant.expose();
         Ok(plant)
     }
 
     /// One period under motor torques (Nm), from their delay line to the sensor's samples and the camera.
     pub fn step(&mut self, torque: &Joints<6>) {
-        self.samples.clear();
+        self.sensor.clear();
         let delay = self.config.arm.delay_periods;
         self.torques[..=delay].rotate_right(1);
         self.torques[0] = *torque;
@@ -233,20 +164,7 @@ impl ObjectPlant {
             &self.contact,
             &self.motion.origin,
         );
-        // The sensor's clock runs on its own; between sub-steps the wrench is a straight line.
-        loop {
-            let due = (self.samples_taken + 1) as f64 / self.config.sensor.rate_hz;
-            if due > time + 1e-9 {
-                break;
-            }
-            let share = ((due - time_before) / dt).clamp(0.0, 1.0);
-            let between = self.wrench + (wrench - self.wrench) * share;
-            if self.samples.len() < self.samples.capacity() {
-                self.samples.push(self.sensor.read(due, &between));
-            }
-            self.samples_taken += 1;
-        }
-        self.wrench = wrench;
+        self.sensor.advance(time_before, dt, wrench);
     }
 
     fn expose(&mut self) {
@@ -285,7 +203,7 @@ impl ObjectPlant {
 
     /// All sensor records of the last period, oldest first.
     pub fn sensor_samples(&self) -> &[SensorSample] {
-        &self.samples
+        self.sensor.records()
     }
 
     /// The camera's next frame that has arrived, oldest first.
@@ -308,35 +226,18 @@ impl ObjectPlant {
 
     /// What really happens at the contact now.
     pub fn truth(&self) -> Truth {
-        let surface = self.surface.query(&self.motion.origin);
-        let along = self.motion.linear.dot(&surface.normal);
-        let tangential = self.motion.linear - surface.normal * along;
-        let normal_force = self.contact.force.dot(&surface.normal);
-        let tangential_force = (self.contact.force - surface.normal * normal_force).norm();
-        Truth {
-            time_s: self.time_s(),
-            point: surface.point,
-            normal: surface.normal,
-            curvature: surface.curvature,
-            distance_m: surface.distance,
-            in_contact: self.contact.load > 0.0,
-            penetration_m: self.contact.depth,
-            wrench: Wrench::new(self.contact.force, self.contact.torque),
-            base_from_tool: Pose::new(self.motion.origin, self.motion.rotation),
-            twist: Twist::new(self.motion.linear, self.motion.angular),
-            sliding_speed_m_per_s: tangential.norm(),
-            friction_ratio: if normal_force > 0.0 {
-                tangential_force / normal_force
-            } else {
-                0.0
-            },
-            friction_coefficient: self.config.contact.friction.coulomb_coefficient,
-        }
+        Truth::of(
+            self.time_s(),
+            &self.surface,
+            &self.motion,
+            &self.contact,
+            self.config.contact.friction.coulomb_coefficient,
+        )
     }
 
     /// True wrench on the sensor, N and Nm, sensor axes.
     pub fn sensor_wrench(&self) -> Wrench<SensorFrame> {
-        Wrench::from_vector(&self.wrench)
+        Wrench::from_vector(&self.sensor.wrench())
     }
 
     /// Time since the plant was made, s.
@@ -401,119 +302,4 @@ pub fn loaded_model(config: &ObjectPlantConfig, as_it_is: bool) -> Result<Arm<6>
         com_in_flange_m: flange_from_sensor.transform_point(&com.into()).coords,
         inertia_kg_m2: turn * inertia * turn.transpose(),
     }))
-}
-
-fn check(config: &ObjectPlantConfig) -> Result<(), PlantError> {
-    let value = |key, value: f64, allowed, ok: bool| {
-        if ok && value.is_finite() {
-            Ok(())
-        } else {
-            Err(PlantError::Value {
-                key,
-                value,
-                allowed,
-            })
-        }
-    };
-    let (arm, camera) = (&config.arm, &config.camera);
-    let periods = arm.period_s;
-    value(
-        "arm.period_s",
-        periods,
-        "0.0005 to 0.01 s",
-        (5e-4..=0.01).contains(&periods),
-    )?;
-    value(
-        "arm.sub_steps",
-        arm.sub_steps as f64,
-        "1 to 100",
-        (1..=100).contains(&arm.sub_steps),
-    )?;
-    value(
-        "arm.delay_periods",
-        arm.delay_periods as f64,
-        "0 to 8",
-        arm.delay_periods <= DELAY_PERIODS_MAX,
-    )?;
-    value(
-        "arm.coulomb_speed_rad_per_s",
-        arm.coulomb_speed_rad_per_s,
-        "above 0",
-        arm.coulomb_speed_rad_per_s > 0.0,
-    )?;
-    for &x in &arm.viscous_nm_s_per_rad {
-        value("arm.viscous_nm_s_per_rad", x, "0 or above", x >= 0.0)?;
-    }
-    for &x in &arm.coulomb_nm {
-        value("arm.coulomb_nm", x, "0 or above", x >= 0.0)?;
-    }
-    value(
-        "tool.compliance",
-        1.0,
-        "absent: the stick is rigid",
-        config.tool.compliance.is_none(),
-    )?;
-    value(
-        "contact.stiffness_n_per_m",
-        config.contact.stiffness_n_per_m,
-        "100 to 1000000 N/m",
-        (100.0..=1e6).contains(&config.contact.stiffness_n_per_m),
-    )?;
-    value(
-        "sensor.rate_hz",
-        config.sensor.rate_hz,
-        "125 to 7000",
-        (125.0..=7000.0).contains(&config.sensor.rate_hz),
-    )?;
-    value(
-        "camera.rate_hz",
-        camera.rate_hz,
-        "0 to 500",
-        (0.0..=500.0).contains(&camera.rate_hz),
-    )?;
-    value(
-        "camera.delay_s",
-        camera.delay_s,
-        "0 to 0.2",
-        (0.0..=0.2).contains(&camera.delay_s),
-    )?;
-    value(
-        "camera.focal_px",
-        camera.focal_px,
-        "10 to 100000",
-        (10.0..=1e5).contains(&camera.focal_px),
-    )?;
-    value(
-        "camera.pixel_m",
-        camera.pixel_m,
-        "1e-7 to 1e-3",
-        (1e-7..=1e-3).contains(&camera.pixel_m),
-    )?;
-    for size in camera.image_px {
-        value(
-            "camera.image_px",
-            size,
-            "16 to 8192",
-            (16.0..=8192.0).contains(&size),
-        )?;
-    }
-    for (key, x, max) in [
-        ("camera.image.blur_px", camera.image.blur_px, 20.0),
-        ("camera.image.noise_grey", camera.image.noise_grey, 100.0),
-        ("camera.noise_px", camera.noise_px, 100.0),
-        (
-            "camera.intrinsic_error_share",
-            camera.intrinsic_error_share,
-            0.5,
-        ),
-        ("camera.position_error_m", camera.position_error_m, 1.0),
-        (
-            "camera.orientation_error_rad",
-            camera.orientation_error_rad,
-            1.0,
-        ),
-    ] {
-        value(key, x, "0 or above, and small", (0.0..=max).contains(&x))?;
-    }
-    Ok(())
 }

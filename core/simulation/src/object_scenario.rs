@@ -8,7 +8,7 @@ use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_sensing::ConditioningConfig;
 use toml::{Table, Value};
 
-use crate::object_plant::ObjectPlantConfig;
+use crate::object_plant_config::ObjectPlantConfig;
 use crate::scenario::{ScenarioError, merge, read_with_overrides};
 use crate::surfaces::ShapeConfig;
 

@@ -4,15 +4,15 @@ mod check;
 
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::{
-    Arm, Flange, Joints, ModelData, ModelError, Pose, Sensor as SensorFrame, Tool, Twist, Wrench,
+    Arm, Flange, Joints, ModelData, ModelError, Pose, Sensor as SensorFrame, Tool, Wrench,
 };
 
 use crate::compliance::Compliance;
 use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 use crate::plant_config::{PlantConfig, PoseConfig};
-use crate::sensor::Sensor;
 use crate::sensor_load::{Body, SensorLoad};
+use crate::sensor_records::SensorRecords;
 use crate::servo::Servo;
 use crate::start::{self, StartError};
 use crate::surfaces::{Surface, SurfaceError};
@@ -45,6 +45,26 @@ pub enum PlantError {
     },
 }
 
+impl PlantError {
+    /// Fails unless `ok` and the value is finite.
+    pub(crate) fn unless(
+        key: &'static str,
+        value: f64,
+        allowed: &'static str,
+        ok: bool,
+    ) -> Result<(), Self> {
+        if ok && value.is_finite() {
+            Ok(())
+        } else {
+            Err(Self::Value {
+                key,
+                value,
+                allowed,
+            })
+        }
+    }
+}
+
 /// The simulated cell.
 #[derive(Clone, Debug)]
 pub struct Plant {
@@ -54,17 +74,13 @@ pub struct Plant {
     surface: Surface,
     pad: Pad,
     compliance: Option<Compliance>,
-    sensor: Sensor,
+    sensor: SensorRecords,
     flange_from_tool: Pose<Flange, Tool>,
     load: SensorLoad,
     sub_steps: usize,
     dt: f64,
     periods: u64,
-    samples: Vec<SensorSample>,
-    samples_taken: u64,
     body: Body,
-    /// True wrench on the sensor at the end of the last sub-step.
-    wrench: Vector6<f64>,
     motion: PadMotion,
     contact: PadContact,
 }
@@ -95,20 +111,16 @@ impl Plant {
         let sub_steps = (config.arm.period_s / config.substep_max_s - 1e-9)
             .ceil()
             .max(1.0) as usize;
-        let samples_per_period = (config.arm.period_s * config.sensor.rate_hz).ceil() as usize + 1;
         let mut plant = Self {
             servo: Servo::new(&config.arm, arm.limits(), q),
             pad: Pad::new(&config.tool.pad, &config.contact, pad_stiffness),
             compliance: config.tool.compliance.as_ref().map(Compliance::new),
-            sensor: Sensor::new(&config.sensor, seed),
+            sensor: SensorRecords::new(&config.sensor, config.arm.period_s, seed, Vector6::zeros()),
             load: SensorLoad::new(&config.tool),
             dt: config.arm.period_s / sub_steps as f64,
             sub_steps,
             periods: 0,
-            samples: Vec::with_capacity(samples_per_period),
-            samples_taken: 0,
             body: Body::at_rest(*arm.base_from_flange(&q).isometry()),
-            wrench: Vector6::zeros(),
             motion: PadMotion {
                 origin: target.translation(),
                 rotation: target.rotation(),
@@ -121,13 +133,14 @@ impl Plant {
             surface,
             flange_from_tool,
         };
-        plant.wrench = plant.sensor_wrench(&plant.body, &Vector3::zeros(), &Vector3::zeros());
+        let wrench = plant.sensor_wrench(&plant.body, &Vector3::zeros(), &Vector3::zeros());
+        plant.sensor.set_wrench(wrench);
         Ok(plant)
     }
 
     /// One arm period under `command`, from its delay line to the sensor's samples.
     pub fn step(&mut self, command: &VelocityCommand) {
-        self.samples.clear();
+        self.sensor.clear();
         let active = self.servo.exchange(command);
         let start = self.periods as f64 * self.config.arm.period_s;
         for sub_step in 0..self.sub_steps {
@@ -164,22 +177,7 @@ impl Plant {
         };
         self.body = body;
         let wrench = self.sensor_wrench(&body, &acceleration, &angular_acceleration);
-
-        // The sensor's clock runs on its own; between sub-steps the wrench is a straight line.
-        let time_after = time_before + dt;
-        loop {
-            let time = (self.samples_taken + 1) as f64 / self.config.sensor.rate_hz;
-            if time > time_after + 1e-9 {
-                break;
-            }
-            let share = ((time - time_before) / dt).clamp(0.0, 1.0);
-            let between = self.wrench + (wrench - self.wrench) * share;
-            if self.samples.len() < self.samples.capacity() {
-                self.samples.push(self.sensor.read(time, &between));
-            }
-            self.samples_taken += 1;
-        }
-        self.wrench = wrench;
+        self.sensor.advance(time_before, dt, wrench);
     }
 
     /// Contact, gravity and inertia of the payload on the sensor, N and Nm, sensor axes.
@@ -200,7 +198,7 @@ impl Plant {
 
     /// All sensor records of the last period, oldest first.
     pub fn sensor_samples(&self) -> &[SensorSample] {
-        &self.samples
+        self.sensor.records()
     }
 
     /// What the arm reports now.
@@ -216,30 +214,13 @@ impl Plant {
 
     /// What really happens at the contact now.
     pub fn truth(&self) -> Truth {
-        let surface = self.surface.query(&self.motion.origin);
-        let tangential =
-            self.motion.linear - surface.normal * surface.normal.dot(&self.motion.linear);
-        let normal_force = self.contact.force.dot(&surface.normal);
-        let tangential_force = (self.contact.force - surface.normal * normal_force).norm();
-        Truth {
-            time_s: self.time_s(),
-            point: surface.point,
-            normal: surface.normal,
-            curvature: surface.curvature,
-            distance_m: surface.distance,
-            in_contact: self.contact.load > 0.0,
-            penetration_m: self.contact.depth,
-            wrench: Wrench::new(self.contact.force, self.contact.torque),
-            base_from_tool: Pose::new(self.motion.origin, self.motion.rotation),
-            twist: Twist::new(self.motion.linear, self.motion.angular),
-            sliding_speed_m_per_s: tangential.norm(),
-            friction_ratio: if normal_force > 0.0 {
-                tangential_force / normal_force
-            } else {
-                0.0
-            },
-            friction_coefficient: self.config.contact.friction.coulomb_coefficient,
-        }
+        Truth::of(
+            self.time_s(),
+            &self.surface,
+            &self.motion,
+            &self.contact,
+            self.config.contact.friction.coulomb_coefficient,
+        )
     }
 
     /// Time since the plant was made, s.
@@ -299,7 +280,8 @@ impl Plant {
             linear: Vector3::zeros(),
             angular: Vector3::zeros(),
         };
-        self.wrench = self.sensor_wrench(&self.body, &Vector3::zeros(), &Vector3::zeros());
+        let wrench = self.sensor_wrench(&self.body, &Vector3::zeros(), &Vector3::zeros());
+        self.sensor.set_wrench(wrench);
     }
 }
 
