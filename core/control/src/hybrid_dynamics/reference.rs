@@ -42,10 +42,14 @@ impl ObjectReference {
 
 /// The smallest turn that brings `rotation`'s z axis against `normal` (both object axes).
 fn squared(rotation: &UnitQuaternion<f64>, normal: &Vector3<f64>) -> UnitQuaternion<f64> {
-    let z = rotation * Vector3::z();
-    let turn = UnitQuaternion::rotation_between(&z, &-normal).unwrap_or_else(|| {
-        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
-    });
+    let (z, wanted) = (rotation * Vector3::z(), -normal);
+    let axis = z.cross(&wanted);
+    // An arc cosine would lose half the digits of a small angle, and the path is differentiated.
+    let angle = axis.norm().atan2(z.dot(&wanted));
+    let axis = axis
+        .try_normalize(1e-12)
+        .unwrap_or_else(|| rotation * Vector3::x());
+    let turn = UnitQuaternion::from_scaled_axis(axis * angle);
     turn * rotation
 }
 

@@ -147,3 +147,51 @@ pub struct CalibrationEstimate {
     /// Compliance of the object along its normal, m/N, and its standard deviation.
     pub compliance_m_per_n: (f64, f64),
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object_pose::{ImplicitSurface, ObjectShape};
+    use nalgebra::UnitQuaternion;
+
+    #[test]
+    fn the_implied_normal_and_its_covariance_are_those_of_the_pose() {
+        let sd = [1e-3, 2e-3, 3e-3, 0.01, 0.02, 0.03];
+        for shape in [ObjectShape::Plane, ObjectShape::Sphere { radius_m: 0.3 }] {
+            let pose: Pose<Base, Object> = Pose::new(
+                Vector3::new(0.5, -0.1, 0.2),
+                UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.2, 0.5)),
+            );
+            let tip = pose.transform_point(&shape.closest(&Vector3::new(0.1, 0.05, 0.28)));
+            let normal_of = |pose: &Pose<Base, Object>| {
+                pose.rotate(&shape.normal(&pose.inverse().transform_point(&tip)))
+            };
+            let mut expected = nalgebra::Matrix3::zeros();
+            for (i, sd) in sd.iter().enumerate() {
+                let h = 1e-6;
+                let moved = |h: f64| {
+                    let mut by = [0.0; 6];
+                    by[i] = h;
+                    let turn = Vector3::new(by[3], by[4], by[5]);
+                    Pose::new(
+                        pose.translation() + Vector3::new(by[0], by[1], by[2]),
+                        UnitQuaternion::from_scaled_axis(turn) * pose.rotation(),
+                    )
+                };
+                let slope = (normal_of(&moved(h)) - normal_of(&moved(-h))) / (2.0 * h);
+                expected += slope * slope.transpose() * (sd * sd);
+            }
+            let estimate = ObjectEstimate {
+                base_from_object: pose,
+                covariance: Matrix6::from_diagonal(&sd.map(|sd| sd * sd).into()),
+                validity: Validity::Valid,
+                ..ObjectEstimate::invalid(Validity::Missing)
+            };
+            let normal = estimate.normal_at(&shape, &tip);
+            assert!(normal.validity.is_valid());
+            assert!((normal.normal - normal_of(&pose)).norm() < 1e-12);
+            assert!((normal.covariance - expected).amax() < 1e-7, "{shape:?}");
+            assert!((normal.point - tip).norm() < 1e-12);
+        }
+    }
+}

@@ -208,12 +208,10 @@ impl HybridDynamics {
                     self.enter(Phase::Hold);
                 }
             }
-            Phase::Hold if ended => {
-                if self.run.phase_s >= self.task.end.hold_s {
-                    self.leave(Phase::Done);
-                }
+            Phase::Hold if ended && self.run.phase_s >= self.task.end.hold_s => {
+                self.leave(Phase::Done);
             }
-            Phase::Hold if seen => self.resume(),
+            Phase::Hold if seen && !ended => self.resume(),
             _ => {}
         }
     }
