@@ -88,6 +88,13 @@ pub(super) struct MotionIntegral {
     angular: Vector3<f64>,
 }
 
+impl MotionIntegral {
+    /// Forgets what has gathered along `normal` (unit): there the force is controlled, and a position error means nothing.
+    pub fn forget_along(&mut self, normal: &Vector3<f64>) {
+        self.linear -= normal * normal.dot(&self.linear);
+    }
+}
+
 /// Memory of eq. (32).
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ForceIntegral {

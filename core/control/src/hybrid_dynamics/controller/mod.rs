@@ -171,6 +171,7 @@ impl HybridDynamics {
         // While seeking, the surface's own speed is what the damping holds against.
         constraint.velocity -= constraint.normal * wanted.seek_m_per_s;
         let (acceleration, push) = if wanted.pressing {
+            self.run.motion.forget_along(&constraint.normal);
             let wrench = stacked(&force, &moment);
             let seeking = wanted.seek_m_per_s > 0.0;
             let reference = if seeking || verdict != WrenchVerdict::Good {
