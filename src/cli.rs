@@ -302,11 +302,14 @@ pub struct Evaluate {
 #[derive(Debug, Args)]
 pub struct Reproduce {
     /// Which paper.
-    #[arg(value_parser = ["tugal", "all"])]
+    #[arg(value_parser = ["tugal", "lippiello", "all"])]
     pub paper: String,
-    /// Seeds per row; the figures are means over them.
-    #[arg(long, default_value_t = 5)]
-    pub seeds: u64,
+    /// Seeds per row: 5 for `tugal`, whose figures are means over them, 20 for `lippiello`, whose figures are medians.
+    #[arg(long)]
+    pub seeds: Option<u64>,
+    /// Also draw the paper's figures beside ours as SVG files into this folder (`lippiello`).
+    #[arg(long, value_name = "FOLDER")]
+    pub figures: Option<PathBuf>,
 }
 
 /// Options of `tangent faults`.

@@ -4,7 +4,8 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
-use tangent_simulation::{Evaluation, evaluate};
+use tangent_simulation::metrics::object_pose::ObjectPoseFigures;
+use tangent_simulation::{Evaluation, evaluate, evaluate_object};
 
 use crate::cli::Evaluate;
 use crate::output::{Outcome, bad_usage, print_json};
@@ -35,6 +36,10 @@ fn list(json: bool) -> Result<Outcome> {
     let mut rows = Vec::new();
     for (name, _) in scenarios::builtin() {
         rows.push((name, scenarios::load(name, &[])?.title));
+    }
+    for (name, _) in scenarios::builtin_objects() {
+        let title = scenarios::load_object(name, &[])?.map(|s| s.title);
+        rows.push((name, title.unwrap_or_default()));
     }
     if json {
         let rows: Vec<_> = rows
@@ -70,6 +75,11 @@ fn overrides(args: &Evaluate) -> Vec<String> {
 /// # Errors
 /// As [`run`].
 pub fn once(scenario: &str, overrides: &[String]) -> Result<Evaluation> {
+    if let Some(object) = scenarios::load_object(scenario, overrides)? {
+        let start = Instant::now();
+        let evaluation = evaluate_object(&object).map_err(bad_usage)?;
+        return Ok(evaluation.with_wall_time(start.elapsed().as_secs_f64()));
+    }
     let scenario = scenarios::load(scenario, overrides)?;
     let start = Instant::now();
     let evaluation = evaluate(&scenario).map_err(bad_usage)?;
@@ -128,8 +138,53 @@ fn print(e: &Evaluation) {
         f.contact.lost_count,
         f.contact.lost_s
     );
+    if let Some(o) = &e.object_pose {
+        print_object(o);
+    }
     if let Some(factor) = e.real_time_factor {
         println!("  {:<26} {factor:.0} x real time", "speed");
     }
     println!("  {:<26} {}", "digest", e.state_digest);
+}
+
+fn print_object(o: &ObjectPoseFigures) {
+    let number =
+        |x: Option<f64>, scale: f64| x.map_or("-".to_owned(), |x| format!("{:.3}", x * scale));
+    println!(
+        "  {:<26} along the normal {} mm, across {} mm, about the surface {} deg",
+        "object, 1 s after contact",
+        number(o.along_normal_settled_m, 1e3),
+        number(o.across_normal_settled_m, 1e3),
+        number(o.about_surface_settled_deg, 1.0)
+    );
+    println!(
+        "  {:<26} against the estimate {} mm, against the true object {} mm",
+        "path on the object, rmse",
+        number(o.path_on_estimate_rmse_m, 1e3),
+        number(o.path_on_object_rmse_m, 1e3)
+    );
+    println!(
+        "  {:<26} peak at contact {} N, sliding rmse {} N, across the tool {} N, moment {} Nm",
+        "force and moment",
+        number(o.peak_at_contact_n, 1.0),
+        number(o.sliding_force_rmse_n, 1.0),
+        number(o.lateral_force_max_n, 1.0),
+        number(o.moment_max_nm, 1.0)
+    );
+    if let (Some(stated), Some(last)) = (&o.calibration_stated, &o.calibration_final) {
+        println!(
+            "  {:<26} {:.2} to {:.2} mm along the normal, {:.3} to {:.3} deg about the surface",
+            "camera's calibration error",
+            stated.along_normal_m * 1e3,
+            last.along_normal_m * 1e3,
+            stated.about_surface_deg,
+            last.about_surface_deg
+        );
+    }
+    if let Some(nees) = o.nees_per_dof {
+        println!(
+            "  {:<26} {nees:.2} per degree of freedom",
+            "pose's consistency"
+        );
+    }
 }

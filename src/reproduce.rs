@@ -1,5 +1,7 @@
 //! `tangent reproduce`: a paper's tables beside ours.
 
+mod lippiello;
+
 use anyhow::Result;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -22,7 +24,7 @@ pub struct Row {
     pub unit: &'static str,
     /// The paper's figure; null where it prints none.
     pub published: Option<f64>,
-    /// Mean over the seeds.
+    /// Over the seeds: mean of Tugal et al., median of Lippiello et al.
     pub here: Option<f64>,
     /// Largest over the seeds.
     pub worst: Option<f64>,
@@ -77,18 +79,44 @@ const CONTROLLERS: [Controller; 3] = [
 /// # Errors
 /// When a scenario cannot be run.
 pub fn run(args: &Reproduce, json: bool) -> Result<Outcome> {
-    let rows = tugal(args.seeds.max(1))?;
-    let met = rows.iter().all(|row| row.met != Some(false));
-    if json {
-        print_json(&Table {
+    let mut tables = Vec::new();
+    if args.paper != "lippiello" {
+        let seeds = args.seeds.unwrap_or(5).max(1);
+        tables.push(Table {
             paper: "tugal",
-            seeds: args.seeds.max(1),
-            rows,
-        })?;
-    } else {
-        print(&rows);
+            seeds,
+            rows: tugal(seeds)?,
+        });
+    }
+    if args.paper != "tugal" {
+        let seeds = args.seeds.unwrap_or(20).max(1);
+        tables.push(Table {
+            paper: "lippiello",
+            seeds,
+            rows: lippiello::rows(seeds)?,
+        });
+        if let Some(folder) = &args.figures {
+            lippiello::draw(folder)?;
+        }
+    }
+    let met = tables
+        .iter()
+        .flat_map(|table| &table.rows)
+        .all(|row| row.met != Some(false));
+    match (json, tables.as_slice()) {
+        (true, [table]) => print_json(table)?,
+        (true, several) => print_json(&several)?,
+        (false, several) => several.iter().for_each(|table| print(&table.rows)),
     }
     Ok(if met { Outcome::Done } else { Outcome::Failed })
+}
+
+/// The bar of a command that runs many scenarios.
+fn progress(runs: u64) -> ProgressBar {
+    ProgressBar::new(runs).with_style(
+        ProgressStyle::with_template("{bar:30} {pos}/{len} runs  {msg}")
+            .expect("the template is well formed"),
+    )
 }
 
 /// A figure of an evaluation; none when the run has no such figure.
@@ -193,10 +221,7 @@ fn batches() -> Vec<Batch> {
 fn tugal(seeds: u64) -> Result<Vec<Row>> {
     let mut batches = batches();
     batches.sort_by_key(|batch| batch.table);
-    let bar = ProgressBar::new(batches.len() as u64 * seeds).with_style(
-        ProgressStyle::with_template("{bar:30} {pos}/{len} runs  {msg}")
-            .expect("the template is well formed"),
-    );
+    let bar = progress(batches.len() as u64 * seeds);
     let mut rows = Vec::new();
     for batch in &batches {
         bar.set_message(batch.row.clone());

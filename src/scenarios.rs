@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::Result;
-use tangent_simulation::Scenario;
+use tangent_simulation::{ObjectScenario, Scenario};
 
 use crate::output::bad_usage;
 
@@ -34,6 +34,24 @@ builtin![
     "touchdown_5kN_per_m",
 ];
 
+macro_rules! builtin_objects {
+    ($($name:literal),* $(,)?) => {
+        const BUILTIN_OBJECTS: &[(&str, &str)] = &[$((
+            $name,
+            include_str!(concat!("../scenarios/lippiello/", $name, ".toml")),
+        )),*];
+    };
+}
+
+// Of kind `object_pose`: for `evaluate` and `reproduce` only.
+builtin_objects![
+    "lippiello_cylinder",
+    "lippiello_plane",
+    "lippiello_plane_friction",
+    "lippiello_realistic",
+    "lippiello_sphere",
+];
+
 /// What `up` and a simulator without a scenario play.
 pub const DEFAULT: &str = "pipe_realistic";
 
@@ -46,6 +64,28 @@ const BUILTIN_FILES: &[(&str, &str)] = &[(
 /// Names of the built-in scenarios, and their texts.
 pub fn builtin() -> &'static [(&'static str, &'static str)] {
     BUILTIN
+}
+
+/// Names of the built-in scenarios of kind `object_pose`, and their texts.
+pub fn builtin_objects() -> &'static [(&'static str, &'static str)] {
+    BUILTIN_OBJECTS
+}
+
+/// Reads a scenario of kind `object_pose` by its built-in name or its file; none where it is another kind, or no file.
+///
+/// # Errors
+/// A bad key or value: exit code 2.
+pub fn load_object(name: &str, overrides: &[String]) -> Result<Option<ObjectScenario>> {
+    let known = BUILTIN_OBJECTS.iter().find(|(n, _)| *n == name);
+    let text = match known {
+        Some((_, text)) => (*text).to_owned(),
+        None => match fs::read_to_string(name) {
+            Ok(text) if ObjectScenario::is_one(&text) => text,
+            _ => return Ok(None),
+        },
+    };
+    let scenario = ObjectScenario::parse(name, &text, overrides).map_err(bad_usage)?;
+    Ok(Some(scenario))
 }
 
 /// Reads a scenario by its built-in name or its file, with `KEY=VALUE` overrides.
@@ -65,7 +105,11 @@ pub fn load(name: &str, overrides: &[String]) -> Result<Scenario> {
     }
     let path = Path::new(name);
     let text = fs::read_to_string(path).map_err(|e| {
-        let names: Vec<_> = BUILTIN.iter().map(|(n, _)| *n).collect();
+        let names: Vec<_> = BUILTIN
+            .iter()
+            .chain(BUILTIN_OBJECTS)
+            .map(|(n, _)| *n)
+            .collect();
         bad_usage(format!(
             "scenario \"{name}\": not built in ({}), and as a file: {e}",
             names.join(", ")
@@ -80,9 +124,8 @@ pub fn load(name: &str, overrides: &[String]) -> Result<Scenario> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn every_file_of_the_folder_is_built_in_and_loads() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+    fn files(folder: &str) -> Vec<String> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
         let mut files: Vec<String> = fs::read_dir(folder)
             .unwrap()
             .map(|entry| entry.unwrap().path())
@@ -90,10 +133,22 @@ mod tests {
             .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
             .collect();
         files.sort();
+        files
+    }
+
+    #[test]
+    fn every_file_of_the_folders_is_built_in_and_loads() {
         let names: Vec<&str> = BUILTIN.iter().map(|(name, _)| *name).collect();
-        assert_eq!(files, names);
+        assert_eq!(files("scenarios"), names);
         for name in names {
             load(name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+            assert!(load_object(name, &[]).unwrap().is_none());
+        }
+        let names: Vec<&str> = BUILTIN_OBJECTS.iter().map(|(name, _)| *name).collect();
+        assert_eq!(files("scenarios/lippiello"), names);
+        for name in names {
+            let object = load_object(name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+            assert_eq!(object.unwrap().name, name);
         }
     }
 

@@ -3,7 +3,7 @@
 mod comparison;
 mod figures;
 mod html;
-mod plot;
+pub mod plot;
 pub mod run;
 #[cfg(test)]
 mod tests;

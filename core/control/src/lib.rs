@@ -11,6 +11,7 @@ mod estimator_choice;
 pub mod force_integral;
 pub mod force_law;
 mod ground;
+pub mod hybrid_dynamics;
 mod interface;
 pub mod joint_velocity;
 mod limits;
@@ -35,6 +36,7 @@ pub use config::{
 };
 pub use controller::Controller;
 pub use error::ControlError;
+pub use hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
 pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameter::Parameter;

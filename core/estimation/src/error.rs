@@ -25,4 +25,9 @@ pub enum EstimationError {
         /// Largest value allowed.
         upper: f64,
     },
+    /// A target whose corners span no plane.
+    #[error(
+        "estimator setting target.corners_m: the corners lie on a line; give four corners of a flat target, counter-clockwise seen from outside"
+    )]
+    CollinearCorners,
 }

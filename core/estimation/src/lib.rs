@@ -1,4 +1,5 @@
-//! Surface-normal estimators, one file each: contact samples in, a normal with its covariance out.
+//! Surface-normal estimators, one file each: contact samples in, a normal with its covariance out. And the pose of an object of
+//! known shape, from camera, force and joints.
 //!
 //! Called by the `estimator` service and by the closed loop of `evaluate`.
 
@@ -10,6 +11,7 @@ mod estimator;
 mod gaussian_process;
 mod gaussian_process_paper;
 mod motion;
+pub mod object_pose;
 mod over_ground;
 mod quadratic;
 mod quadratic_paper;
@@ -27,6 +29,10 @@ pub use error::EstimationError;
 pub use estimator::{ContactSample, NormalEstimate, NormalEstimator};
 pub use gaussian_process::GaussianProcess;
 pub use gaussian_process_paper::GaussianProcessPaper;
+pub use object_pose::{
+    CORNERS, CameraFrame, CameraModel, Corner, ObjectEstimate, ObjectPoseConfig,
+    ObjectPoseEstimator, ObjectSample, build_object_estimator,
+};
 pub use quadratic::Quadratic;
 pub use quadratic_paper::QuadraticPaper;
 pub use reactive::Reactive;

@@ -7,7 +7,8 @@ pub mod arm;
 pub mod damped_least_squares;
 pub mod golden;
 pub mod inverse_kinematics;
-mod linear_solve;
+mod joint_friction;
+pub mod linear_solve;
 pub mod manipulability;
 pub mod model;
 pub mod spatial;
@@ -15,10 +16,11 @@ pub mod spatial;
 pub use arm::{Arm, Limits, Payload};
 pub use damped_least_squares::{DampedLeastSquares, DampedSolution};
 pub use inverse_kinematics::{InverseKinematics, InverseKinematicsError, inverse_kinematics};
+pub use joint_friction::JointFriction;
 pub use manipulability::{manipulability, smallest_singular_value};
 pub use model::{ModelData, ModelError};
 pub use spatial::{
-    Aligned, Base, Camera, Contact, Flange, Frame, Pose, Sensor, Tool, Twist, World, Wrench,
+    Aligned, Base, Camera, Contact, Flange, Frame, Object, Pose, Sensor, Tool, Twist, World, Wrench,
 };
 
 /// Joint vector of an arm with `N` joints: rad, rad/s, rad/s² or Nm, base to flange.

@@ -1,11 +1,12 @@
-//! Solving with a small symmetric positive definite matrix, without allocation.
+//! Solving with a small symmetric positive definite matrix, without allocation: forward dynamics here, the torque-controlled arm of
+//! the simulation above.
 
 use nalgebra::{SMatrix, SVector};
 
 /// `x` with `matrix` x = `right`, by L D Lᵀ without square roots; only the lower triangle is read.
 ///
 /// `None` when the matrix is not positive definite in floating point.
-pub(crate) fn solve_positive_definite<const N: usize>(
+pub fn solve_positive_definite<const N: usize>(
     matrix: &SMatrix<f64, N, N>,
     right: &SVector<f64, N>,
 ) -> Option<SVector<f64, N>> {

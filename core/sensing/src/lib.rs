@@ -3,8 +3,9 @@
 //! Called by the `netft` service for every record, and by the closed loop of `evaluate`. A record passes through, in
 //! this order: tare ([`Tare`], subtracted on the host and with its age), payload ([`Payload`], by the arm's measured
 //! orientation), low-pass ([`LowPass`], with a stated delay), and eq. (2) of Tugal et al. to the tool's frame.
-//! [`identify_payload`] finds the payload from static poses, each the mean of a [`PoseAverage`]. Beside it,
-//! [`BaseTracker`]: how the base moves that all this stands on.
+//! [`identify_payload`] finds the payload from static poses, each the mean of a [`PoseAverage`].
+//!
+//! Beside it, [`BaseTracker`]: how the base moves that all this stands on. And images: [`TargetDetector`] finds the corners of a target.
 
 mod base_motion;
 mod conditioner;
@@ -14,6 +15,7 @@ mod low_pass;
 mod payload;
 mod pose_average;
 mod tare;
+mod target_detector;
 mod validity;
 
 pub use base_motion::{BaseConfig, BaseMotion, BasePose, BaseTracker, BaseTrouble};
@@ -27,4 +29,5 @@ pub use low_pass::{LowPass, LowPassState};
 pub use payload::{Payload, SensorMotion};
 pub use pose_average::{PoseAverage, PoseFinder};
 pub use tare::{Tare, TareConfig, TareRefusal};
+pub use target_detector::{GreyImage, TargetDetector, TargetDetectorError};
 pub use validity::Validity;

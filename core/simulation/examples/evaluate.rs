@@ -8,7 +8,10 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use tangent_simulation::{Scenario, evaluate_with};
+use tangent_simulation::metrics::object_pose::pose_error;
+use tangent_simulation::{
+    ObjectCycle, ObjectScenario, Scenario, Undisturbed, evaluate_object_with, evaluate_with,
+};
 
 fn main() -> ExitCode {
     match run() {
@@ -18,6 +21,37 @@ fn main() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+fn object_line(c: &ObjectCycle<'_>) -> String {
+    let s = c.sample;
+    let (p, r) = s
+        .estimated
+        .map_or((Default::default(), Default::default()), |e| {
+            pose_error(&s.object, &e)
+        });
+    let r = r * 180.0 / std::f64::consts::PI;
+    format!(
+        "{:7.3} s {:8} force {:7.3} wanted {:6.2} N | lateral {:6.3} N moment {:6.3} Nm | pose error {:7.3} {:7.3} {:7.3} mm {:6.3} {:6.3} {:6.3} deg | path {:6.3} mm | tool {:6.3} deg{}",
+        s.time_s,
+        c.output.phase.name(),
+        s.force_n,
+        c.output.force_reference_n,
+        s.sensor.0.xy().norm(),
+        s.sensor.1.norm(),
+        p.x * 1e3,
+        p.y * 1e3,
+        p.z * 1e3,
+        r.x,
+        r.y,
+        r.z,
+        c.output.path_error_m * 1e3,
+        c.truth
+            .normal
+            .angle(&-c.truth.base_from_tool.z_axis())
+            .to_degrees(),
+        if c.output.limited { " LIMITED" } else { "" }
+    )
 }
 
 fn run() -> Result<(), Box<dyn Error>> {
@@ -34,16 +68,27 @@ fn run() -> Result<(), Box<dyn Error>> {
     let text = std::fs::read_to_string(&file).map_err(|e| format!("{file}: {e}"))?;
     let folder = Path::new(&file).parent().unwrap_or(Path::new("."));
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).map_err(|e| e.to_string());
-    let scenario = Scenario::parse(&file, &text, &overrides, &read)?;
-
     let (mut cycle, mut lines) = (0_usize, Vec::new());
-    let start = Instant::now();
-    let evaluation = evaluate_with(&scenario, |c| {
-        if every.is_some_and(|n| n > 0 && cycle.is_multiple_of(n)) {
-            lines.push(c.to_string());
-        }
+    let mut is_shown = || {
         cycle += 1;
-    })?
+        every.is_some_and(|n| n > 0 && (cycle - 1).is_multiple_of(n))
+    };
+    let start = Instant::now();
+    let evaluation = if ObjectScenario::is_one(&text) {
+        let scenario = ObjectScenario::parse(&file, &text, &overrides)?;
+        evaluate_object_with(&scenario, &mut Undisturbed, |c| {
+            if is_shown() {
+                lines.push(object_line(c));
+            }
+        })?
+    } else {
+        let scenario = Scenario::parse(&file, &text, &overrides, &read)?;
+        evaluate_with(&scenario, |c| {
+            if is_shown() {
+                lines.push(c.to_string());
+            }
+        })?
+    }
     .with_wall_time(start.elapsed().as_secs_f64());
     println!("{}", serde_json::to_string_pretty(&evaluation)?);
     for line in lines {

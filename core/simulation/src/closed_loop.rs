@@ -17,6 +17,7 @@ use tangent_sensing::{
 
 use crate::digest::TrajectoryDigest;
 use crate::measurement::{ArmMeasurement, VelocityCommand};
+use crate::metrics::object_pose::ObjectPoseFigures;
 use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 use crate::plant::Plant;
 use crate::platform::OdometrySample;
@@ -48,8 +49,8 @@ pub struct Evaluation {
     /// Everything that follows from the samples.
     #[serde(flatten)]
     pub figures: Figures,
-    /// Of `lippiello` scenarios only.
-    pub object_pose: Option<()>,
+    /// Of scenarios of kind `object_pose` only.
+    pub object_pose: Option<ObjectPoseFigures>,
     /// Live only.
     pub r#loop: Option<()>,
     /// Phase at the end.

@@ -3,27 +3,44 @@
 //! Called by the `simulator` service, which puts the [`Plant`] behind sockets, and by `tangent evaluate`, which closes the
 //! loop in one thread. Nothing here reads a clock; equal configuration and seed give equal bits.
 
+mod camera;
 mod closed_loop;
 mod compliance;
 pub mod contact;
 mod cycle_line;
 mod digest;
+pub mod lippiello;
 mod measurement;
 pub mod metrics;
+mod object_loop;
+mod object_plant;
+mod object_plant_config;
+mod object_scenario;
 mod overrides;
 mod plant;
 mod plant_config;
 mod platform;
 mod scenario;
 mod sensor;
+mod sensor_load;
+mod sensor_records;
 mod servo;
 mod start;
 pub mod surfaces;
+mod target_image;
+mod torque_arm;
 mod truth;
 
+pub use camera::{Camera, CameraConfig, FeatureSource};
 pub use closed_loop::{ClosedLoop, Evaluation, LoopCycle, evaluate, evaluate_with};
 pub use digest::TrajectoryDigest;
 pub use measurement::{ArmMeasurement, SensorSample, VelocityCommand};
+pub use object_loop::{
+    Disturbance, ObjectCycle, ObjectLoop, Undisturbed, evaluate_object, evaluate_object_with,
+};
+pub use object_plant::ObjectPlant;
+pub use object_plant_config::{ObjectMotionConfig, ObjectPlantConfig};
+pub use object_scenario::{ObjectKind, ObjectScenario};
 pub use overrides::OverrideError;
 pub use plant::{Plant, PlantError};
 pub use plant_config::{
@@ -37,4 +54,6 @@ pub use sensor::Sensor;
 pub use servo::Servo;
 pub use start::StartError;
 pub use surfaces::{ShapeConfig, Surface, SurfacePoint};
+pub use target_image::ImageConfig;
+pub use torque_arm::{TorqueArm, TorqueArmConfig};
 pub use truth::Truth;

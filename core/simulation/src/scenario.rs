@@ -153,22 +153,7 @@ impl Scenario {
         overrides: &[String],
         read: &dyn Fn(&str) -> Result<String, String>,
     ) -> Result<Self, ScenarioError> {
-        let bad = |e: toml::de::Error| ScenarioError::Text {
-            file: file.to_owned(),
-            message: e.to_string(),
-        };
-        // Read as it stands first: then an error is the file's, with its line.
-        toml::from_str::<Self>(text).map_err(bad)?;
-        let mut table: Table = toml::from_str(text).map_err(bad)?;
-        for text in overrides {
-            overrides::apply(&mut table, text)?;
-            let checked = Self::deserialize(Value::Table(table.clone()));
-            checked.map_err(|e| ScenarioError::OverrideValue {
-                text: text.clone(),
-                message: e.message().to_owned(),
-            })?;
-        }
-        let mut scenario = Self::deserialize(Value::Table(table)).map_err(bad)?;
+        let mut scenario: Self = read_with_overrides(file, text, overrides)?;
         if let ShapeConfig::HeightField {
             csv: csv @ None,
             csv_file: Some(name),
@@ -235,7 +220,32 @@ impl Scenario {
     }
 }
 
-fn merge(base: &mut Table, change: &Table) {
+/// Reads a scenario of any kind and changes single values of it.
+pub(crate) fn read_with_overrides<T: serde::de::DeserializeOwned>(
+    file: &str,
+    text: &str,
+    overrides: &[String],
+) -> Result<T, ScenarioError> {
+    let bad = |e: toml::de::Error| ScenarioError::Text {
+        file: file.to_owned(),
+        message: e.to_string(),
+    };
+    // Read as it stands first: then an error is the file's, with its line.
+    toml::from_str::<T>(text).map_err(bad)?;
+    let mut table: Table = toml::from_str(text).map_err(bad)?;
+    for text in overrides {
+        overrides::apply(&mut table, text)?;
+        let checked = T::deserialize(Value::Table(table.clone()));
+        checked.map_err(|e| ScenarioError::OverrideValue {
+            text: text.clone(),
+            message: e.message().to_owned(),
+        })?;
+    }
+    T::deserialize(Value::Table(table)).map_err(bad)
+}
+
+/// Puts `change` over `base`, table by table.
+pub(crate) fn merge(base: &mut Table, change: &Table) {
     for (key, value) in change {
         match (base.get_mut(key), value) {
             (Some(Value::Table(inner)), Value::Table(changes)) => merge(inner, changes),

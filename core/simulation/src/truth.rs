@@ -3,6 +3,9 @@
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World, Wrench};
 
+use crate::contact::{PadContact, PadMotion};
+use crate::surfaces::Surface;
+
 /// The truth at the end of an arm period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Truth {
@@ -51,6 +54,42 @@ impl Truth {
             twist: Twist::new(axes * self.twist.linear, axes * self.twist.angular),
             world_from_base: Pose::from_isometry(*floor_from_base),
             ..self
+        }
+    }
+}
+
+impl Truth {
+    /// From the surface under the pad, the pad's motion and what it feels.
+    pub(crate) fn of(
+        time_s: f64,
+        surface: &Surface,
+        motion: &PadMotion,
+        contact: &PadContact,
+        friction_coefficient: f64,
+    ) -> Self {
+        let under = surface.query(&motion.origin);
+        let tangential = motion.linear - under.normal * under.normal.dot(&motion.linear);
+        let normal_force = contact.force.dot(&under.normal);
+        let tangential_force = (contact.force - under.normal * normal_force).norm();
+        Self {
+            time_s,
+            point: under.point,
+            normal: under.normal,
+            curvature: under.curvature,
+            distance_m: under.distance,
+            in_contact: contact.load > 0.0,
+            penetration_m: contact.depth,
+            wrench: Wrench::new(contact.force, contact.torque),
+            base_from_tool: Pose::new(motion.origin, motion.rotation),
+            twist: Twist::new(motion.linear, motion.angular),
+            sliding_speed_m_per_s: tangential.norm(),
+            friction_ratio: if normal_force > 0.0 {
+                tangential_force / normal_force
+            } else {
+                0.0
+            },
+            friction_coefficient,
+            world_from_base: Pose::identity(),
         }
     }
 }

@@ -35,6 +35,18 @@ impl<const N: usize> Arm<N> {
         self.mass_matrix_of(&self.frames(q))
     }
 
+    /// Mass matrix (kg m²) and C(q, qd) qd + g(q) (Nm) for the price of one pass over the frames: what an
+    /// inverse-dynamics law and an implicit integrator need in every step.
+    pub fn mass_matrix_and_bias(
+        &self,
+        q: &Joints<N>,
+        qd: &Joints<N>,
+    ) -> (SMatrix<f64, N, N>, Joints<N>) {
+        let frames = self.frames(q);
+        let bias = self.newton_euler(&frames, qd, &Joints::zeros(), &self.gravity);
+        (self.mass_matrix_of(&frames), bias)
+    }
+
     /// Acceleration of the joints (rad/s²) under the torques `tau` (Nm). Not a number if an input is not.
     pub fn forward_dynamics(&self, q: &Joints<N>, qd: &Joints<N>, tau: &Joints<N>) -> Joints<N> {
         let frames = self.frames(q);
@@ -150,6 +162,9 @@ mod tests {
         let tau = arm.inverse_dynamics(&q, &qd, &qdd);
         let parts = mass * qdd + arm.coriolis(&q, &qd) + arm.gravity(&q);
         prop_assert!((tau - parts).amax() < 1e-11 * scale * tau.amax().max(1.0));
+        let (same_mass, bias) = arm.mass_matrix_and_bias(&q, &qd);
+        prop_assert_eq!(same_mass, mass);
+        prop_assert!((mass * qdd + bias - parts).amax() < 1e-11 * scale * tau.amax().max(1.0));
         let back = arm.forward_dynamics(&q, &qd, &tau);
         prop_assert!(
             (back - qdd).amax() < 1e-8,

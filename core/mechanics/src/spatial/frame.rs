@@ -32,6 +32,8 @@ frames! {
     Tool = "tool";
     /// Optical centre of a camera, z forward.
     Camera = "camera";
+    /// Fixed to an object of known shape and unknown pose.
+    Object = "object";
     /// Origin at the contact point, z along the surface normal, out of the material.
     Contact = "contact";
 }

@@ -5,7 +5,7 @@ mod pose;
 mod twist;
 mod wrench;
 
-pub use frame::{Aligned, Base, Camera, Contact, Flange, Frame, Sensor, Tool, World};
+pub use frame::{Aligned, Base, Camera, Contact, Flange, Frame, Object, Sensor, Tool, World};
 pub use pose::Pose;
 pub use twist::Twist;
 pub use wrench::Wrench;

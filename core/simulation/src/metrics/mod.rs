@@ -2,6 +2,8 @@
 //!
 //! Every figure's definition is in `docs/evaluate.md`; the two commands agree because both call this.
 
+pub mod object_pose;
+
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use tangent_control::Phase;

@@ -5,17 +5,7 @@ use crate::plant_config::{Lag, PlantConfig};
 use crate::servo::DELAY_CYCLES_MAX;
 
 pub(super) fn check(config: &PlantConfig) -> Result<(), PlantError> {
-    let value = |key, value: f64, allowed, ok: bool| {
-        if ok && value.is_finite() {
-            Ok(())
-        } else {
-            Err(PlantError::Value {
-                key,
-                value,
-                allowed,
-            })
-        }
-    };
+    let value = PlantError::unless;
     let (arm, contact, sensor, tool) = (&config.arm, &config.contact, &config.sensor, &config.tool);
     value(
         "arm.period_s",

@@ -4,7 +4,7 @@ mod check;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::{
-    Arm, Flange, Joints, ModelData, ModelError, Pose, Sensor as SensorFrame, Tool, Twist, Wrench,
+    Arm, Flange, Joints, ModelData, ModelError, Pose, Sensor as SensorFrame, Tool, Wrench,
 };
 
 use crate::compliance::Compliance;
@@ -12,14 +12,12 @@ use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 use crate::plant_config::{PlantConfig, PoseConfig};
 use crate::platform::{OdometrySample, Platform};
-use crate::sensor::Sensor;
+use crate::sensor_load::{Body, SensorLoad};
+use crate::sensor_records::SensorRecords;
 use crate::servo::Servo;
 use crate::start::{self, StartError};
 use crate::surfaces::{Surface, SurfaceError};
 use crate::truth::Truth;
-
-/// Standard gravity, m/s², along minus z of the base.
-const GRAVITY_M_PER_S2: f64 = 9.80665;
 
 /// Why a plant cannot be built.
 #[derive(Debug, thiserror::Error)]
@@ -33,6 +31,9 @@ pub enum PlantError {
     /// The tool cannot be brought to its start pose.
     #[error(transparent)]
     Start(#[from] StartError),
+    /// The detector of the target's corners cannot be made.
+    #[error("plant.camera: {0}")]
+    Camera(#[from] tangent_sensing::TargetDetectorError),
     /// A number out of its range.
     #[error("plant: `{key}` is {value}, but must be {allowed}")]
     Value {
@@ -45,6 +46,26 @@ pub enum PlantError {
     },
 }
 
+impl PlantError {
+    /// Fails unless `ok` and the value is finite.
+    pub(crate) fn unless(
+        key: &'static str,
+        value: f64,
+        allowed: &'static str,
+        ok: bool,
+    ) -> Result<(), Self> {
+        if ok && value.is_finite() {
+            Ok(())
+        } else {
+            Err(Self::Value {
+                key,
+                value,
+                allowed,
+            })
+        }
+    }
+}
+
 /// The simulated cell.
 #[derive(Clone, Debug)]
 pub struct Plant {
@@ -54,31 +75,16 @@ pub struct Plant {
     surface: Surface,
     pad: Pad,
     compliance: Option<Compliance>,
-    sensor: Sensor,
+    sensor: SensorRecords,
     platform: Option<Platform>,
     flange_from_tool: Pose<Flange, Tool>,
-    flange_from_sensor: Pose<Flange, SensorFrame>,
-    mass: f64,
-    com: Vector3<f64>,
-    inertia: Vector3<f64>,
+    load: SensorLoad,
     sub_steps: usize,
     dt: f64,
     periods: u64,
-    samples: Vec<SensorSample>,
-    samples_taken: u64,
     body: Body,
-    /// True wrench on the sensor at the end of the last sub-step.
-    wrench: Vector6<f64>,
     motion: PadMotion,
     contact: PadContact,
-}
-
-/// The flange at the end of a sub-step, floor axes: those of the base at time zero, in which the surface stands.
-#[derive(Clone, Copy, Debug)]
-struct Body {
-    pose: Isometry3<f64>,
-    linear: Vector3<f64>,
-    angular: Vector3<f64>,
 }
 
 impl Plant {
@@ -95,7 +101,6 @@ impl Plant {
         };
         let surface = Surface::new(&config.surface.shape, &surface_pose)?;
         let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
-        let flange_from_sensor = Pose::from_isometry(config.tool.flange_from_sensor.isometry());
         let target = start::tool_pose(&config.start, &surface);
         let q = start::joints(&arm, &flange_from_tool, &target, &config.start)?;
 
@@ -108,29 +113,17 @@ impl Plant {
         let sub_steps = (config.arm.period_s / config.substep_max_s - 1e-9)
             .ceil()
             .max(1.0) as usize;
-        let samples_per_period = (config.arm.period_s * config.sensor.rate_hz).ceil() as usize + 1;
-        let payload = &config.tool.payload;
-        let error = &config.tool.payload_error;
         let mut plant = Self {
             servo: Servo::new(&config.arm, arm.limits(), q),
             pad: Pad::new(&config.tool.pad, &config.contact, pad_stiffness),
             compliance: config.tool.compliance.as_ref().map(Compliance::new),
-            sensor: Sensor::new(&config.sensor, seed),
+            sensor: SensorRecords::new(&config.sensor, config.arm.period_s, seed, Vector6::zeros()),
             platform: config.base.as_ref().map(|base| Platform::new(base, seed)),
-            mass: payload.mass_kg + error.mass_kg,
-            com: Vector3::from(payload.com_in_sensor_m) + Vector3::from(error.com_in_sensor_m),
-            inertia: Vector3::from(payload.inertia_kg_m2),
+            load: SensorLoad::new(&config.tool),
             dt: config.arm.period_s / sub_steps as f64,
             sub_steps,
             periods: 0,
-            samples: Vec::with_capacity(samples_per_period),
-            samples_taken: 0,
-            body: Body {
-                pose: *arm.base_from_flange(&q).isometry(),
-                linear: Vector3::zeros(),
-                angular: Vector3::zeros(),
-            },
-            wrench: Vector6::zeros(),
+            body: Body::at_rest(*arm.base_from_flange(&q).isometry()),
             motion: PadMotion {
                 origin: target.translation(),
                 rotation: target.rotation(),
@@ -142,15 +135,15 @@ impl Plant {
             arm,
             surface,
             flange_from_tool,
-            flange_from_sensor,
         };
-        plant.wrench = plant.sensor_wrench(&plant.body, &Vector3::zeros(), &Vector3::zeros());
+        let wrench = plant.sensor_wrench(&plant.body, &Vector3::zeros(), &Vector3::zeros());
+        plant.sensor.set_wrench(wrench);
         Ok(plant)
     }
 
     /// One arm period under `command`, from its delay line to the sensor's samples.
     pub fn step(&mut self, command: &VelocityCommand) {
-        self.samples.clear();
+        self.sensor.clear();
         let active = self.servo.exchange(command);
         let start = self.periods as f64 * self.config.arm.period_s;
         for sub_step in 0..self.sub_steps {
@@ -199,22 +192,7 @@ impl Plant {
         };
         self.body = body;
         let wrench = self.sensor_wrench(&body, &acceleration, &angular_acceleration);
-
-        // The sensor's clock runs on its own; between sub-steps the wrench is a straight line.
-        let time_after = time_before + dt;
-        loop {
-            let time = (self.samples_taken + 1) as f64 / self.config.sensor.rate_hz;
-            if time > time_after + 1e-9 {
-                break;
-            }
-            let share = ((time - time_before) / dt).clamp(0.0, 1.0);
-            let between = self.wrench + (wrench - self.wrench) * share;
-            if self.samples.len() < self.samples.capacity() {
-                self.samples.push(self.sensor.read(time, &between));
-            }
-            self.samples_taken += 1;
-        }
-        self.wrench = wrench;
+        self.sensor.advance(time_before, dt, wrench);
     }
 
     /// Contact, gravity and inertia of the payload on the sensor, N and Nm, sensor axes.
@@ -224,32 +202,18 @@ impl Plant {
         acceleration: &Vector3<f64>,
         angular_acceleration: &Vector3<f64>,
     ) -> Vector6<f64> {
-        let sensor = body.pose * self.flange_from_sensor.isometry();
-        let back = |v: Vector3<f64>| sensor.rotation.inverse_transform_vector(&v);
-        let origin = sensor.translation.vector;
-
-        let (force, at) = (self.contact.force, self.motion.origin);
-        let contact_torque = self.contact.torque + (at - origin).cross(&force);
-
-        let com = origin + sensor.rotation * self.com;
-        let lever = com - body.pose.translation.vector;
-        let com_acceleration = acceleration
-            + angular_acceleration.cross(&lever)
-            + body.angular.cross(&body.angular.cross(&lever));
-        let weight = Vector3::new(0.0, 0.0, -self.mass * GRAVITY_M_PER_S2);
-        let load = weight - com_acceleration * self.mass;
-        let spin = back(body.angular);
-        let gyroscopic = self.inertia.component_mul(&back(*angular_acceleration))
-            + spin.cross(&self.inertia.component_mul(&spin));
-
-        let f = back(force + load);
-        let t = back(contact_torque + (com - origin).cross(&load)) - gyroscopic;
-        Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
+        self.load.wrench(
+            body,
+            acceleration,
+            angular_acceleration,
+            &self.contact,
+            &self.motion.origin,
+        )
     }
 
     /// All sensor records of the last period, oldest first.
     pub fn sensor_samples(&self) -> &[SensorSample] {
-        &self.samples
+        self.sensor.records()
     }
 
     /// What the arm reports now.
@@ -265,31 +229,13 @@ impl Plant {
 
     /// What really happens at the contact now.
     pub fn truth(&self) -> Truth {
-        let surface = self.surface.query(&self.motion.origin);
-        let tangential =
-            self.motion.linear - surface.normal * surface.normal.dot(&self.motion.linear);
-        let normal_force = self.contact.force.dot(&surface.normal);
-        let tangential_force = (self.contact.force - surface.normal * normal_force).norm();
-        let truth = Truth {
-            time_s: self.time_s(),
-            point: surface.point,
-            normal: surface.normal,
-            curvature: surface.curvature,
-            distance_m: surface.distance,
-            in_contact: self.contact.load > 0.0,
-            penetration_m: self.contact.depth,
-            wrench: Wrench::new(self.contact.force, self.contact.torque),
-            base_from_tool: Pose::new(self.motion.origin, self.motion.rotation),
-            twist: Twist::new(self.motion.linear, self.motion.angular),
-            sliding_speed_m_per_s: tangential.norm(),
-            friction_ratio: if normal_force > 0.0 {
-                tangential_force / normal_force
-            } else {
-                0.0
-            },
-            friction_coefficient: self.config.contact.friction.coulomb_coefficient,
-            world_from_base: Pose::identity(),
-        };
+        let truth = Truth::of(
+            self.time_s(),
+            &self.surface,
+            &self.motion,
+            &self.contact,
+            self.config.contact.friction.coulomb_coefficient,
+        );
         match &self.platform {
             Some(platform) => truth.seen_from(&platform.pose(self.time_s())),
             None => truth,
@@ -333,7 +279,7 @@ impl Plant {
 
     /// `flange_from_sensor` as configured.
     pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
-        self.flange_from_sensor
+        self.load.flange_from_sensor()
     }
 
     /// True joint positions, rad.
@@ -350,11 +296,7 @@ impl Plant {
     pub fn reset_joints(&mut self, q: &Joints<6>) {
         self.servo = Servo::new(&self.config.arm, self.arm.limits(), *q);
         let pose = *self.arm.base_from_flange(q).isometry();
-        self.body = Body {
-            pose: self.on_floor(pose, self.time_s()),
-            linear: Vector3::zeros(),
-            angular: Vector3::zeros(),
-        };
+        self.body = Body::at_rest(self.on_floor(pose, self.time_s()));
         let tool = self.body.pose * self.flange_from_tool.isometry();
         self.contact = PadContact::none();
         self.motion = PadMotion {
@@ -363,7 +305,8 @@ impl Plant {
             linear: Vector3::zeros(),
             angular: Vector3::zeros(),
         };
-        self.wrench = self.sensor_wrench(&self.body, &Vector3::zeros(), &Vector3::zeros());
+        let wrench = self.sensor_wrench(&self.body, &Vector3::zeros(), &Vector3::zeros());
+        self.sensor.set_wrench(wrench);
     }
 }
 

@@ -237,6 +237,12 @@ impl Surface {
         })
     }
 
+    /// Moves the surface: `base_from_surface`.
+    pub fn place(&mut self, pose: &nalgebra::Isometry3<f64>) {
+        self.rotation = pose.rotation.to_rotation_matrix();
+        self.translation = pose.translation.vector;
+    }
+
     fn local(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.rotation.matrix().tr_mul(&(point - self.translation))
     }

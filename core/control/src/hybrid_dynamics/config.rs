@@ -1,0 +1,364 @@
+//! Parameters of `hybrid_dynamics`, with the presets `paper` and `default`.
+
+use serde::{Deserialize, Serialize};
+use tangent_mechanics::JointFriction;
+
+use crate::config::PatienceConfig;
+use crate::error::check_range;
+use crate::{ControlError, PathConfig};
+
+/// All parameters of the law.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HybridDynamicsConfig {
+    /// Eq. (31).
+    pub motion: MotionGains,
+    /// Eq. (32).
+    pub force: ForceGains,
+    /// What is known of the joints' friction.
+    pub friction: FrictionConfig,
+    /// How the estimated pose is taken over.
+    pub estimate: EstimateUseConfig,
+    /// Meeting and losing the surface.
+    pub touch: TouchConfig,
+    /// Acceleration, jerk and clock of the path; its gains are not used.
+    pub path: PathConfig,
+    /// How long to wait for whom.
+    pub patience: PatienceConfig,
+}
+
+/// Gains of the resolved acceleration, eq. (31).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MotionGains {
+    /// K_Pr of positions, 1/s².
+    pub position_per_s2: f64,
+    /// K_Dr of positions, 1/s.
+    pub position_damping_per_s: f64,
+    /// K_Pr of orientation, 1/s².
+    pub orientation_per_s2: f64,
+    /// K_Dr of orientation, 1/s.
+    pub orientation_damping_per_s: f64,
+    /// Integral of both errors, 1/s³, against what the model does not know; 0: none, as published.
+    pub integral_per_s3: f64,
+}
+
+/// Where a force error goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ForceChannel {
+    /// Added to the torques along the constraint, as published: any error also moves what is not constrained.
+    Torque,
+    /// The measured force is taken off the torques whole, and its error becomes an acceleration along the normal alone.
+    Acceleration,
+}
+
+/// Force control along the normal, eq. (32).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ForceGains {
+    /// Where a force error goes.
+    pub channel: ForceChannel,
+    /// k_Iλ, 1/s.
+    pub integral_per_s: f64,
+    /// Acceleration per newton of error, 1/kg; only in the acceleration channel.
+    pub error_per_kg: f64,
+    /// Damping of the motion along the normal, 1/s; the published law has none.
+    pub damping_per_s: f64,
+    /// Bound of the integral, N.
+    pub integral_max_n: f64,
+    /// How fast the reference rises from the force at touchdown, N/s.
+    pub reference_rate_n_per_s: f64,
+}
+
+/// Friction that the law makes up for. One entry per joint, or one for all.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FrictionConfig {
+    /// Nm s/rad
+    pub viscous_nm_s_per_rad: Vec<f64>,
+    /// Nm
+    pub coulomb_nm: Vec<f64>,
+    /// Speed at which Coulomb friction has reached 71 %, rad/s.
+    pub coulomb_speed_rad_per_s: f64,
+    /// Of the reference's joint speeds instead of the measured ones: friction then still damps what deviates.
+    pub at_reference: bool,
+}
+
+impl FrictionConfig {
+    pub(super) fn model(&self) -> JointFriction<6> {
+        JointFriction::from_lists(
+            &self.viscous_nm_s_per_rad,
+            &self.coulomb_nm,
+            self.coulomb_speed_rad_per_s,
+        )
+    }
+}
+
+/// How the estimated pose is taken over.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct EstimateUseConfig {
+    /// The pose in use follows the estimate as a critically damped system of this time constant, s; 0: at once.
+    pub follow_s: f64,
+    /// Its highest speed, m/s.
+    pub speed_max_m_per_s: f64,
+    /// Its highest angular speed, rad/s.
+    pub turn_rate_max_rad_per_s: f64,
+    /// The approach ends slowly within this many standard deviations of the estimated surface; 0: at the surface itself.
+    pub slow_within_sd: f64,
+}
+
+/// Meeting and losing the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TouchConfig {
+    /// Force above which the tool touches, N.
+    pub on_n: f64,
+    /// Force below which it does not, N...
+    pub off_n: f64,
+    /// ...for this many periods.
+    pub lost_cycles: u32,
+    /// Losses after which the task ends.
+    pub lost_count_max: u32,
+    /// Speed towards a surface that is nearer or further than estimated, or lost, m/s.
+    pub seek_speed_m_per_s: f64,
+    /// Way beyond the estimated surface at which the approach gives up, m.
+    pub seek_distance_max_m: f64,
+    /// Least time between touchdown and path, s.
+    pub settle_s: f64,
+}
+
+impl Default for HybridDynamicsConfig {
+    fn default() -> Self {
+        Self {
+            motion: MotionGains::default(),
+            force: ForceGains::default(),
+            friction: FrictionConfig::default(),
+            estimate: EstimateUseConfig::default(),
+            touch: TouchConfig::default(),
+            path: PathConfig::default(),
+            patience: PatienceConfig {
+                // Two periods of the sensor and the filter's own last sample.
+                wrench_jitter_s: 0.002,
+                ..PatienceConfig::default()
+            },
+        }
+    }
+}
+
+impl Default for MotionGains {
+    fn default() -> Self {
+        Self {
+            position_per_s2: 2500.0,
+            position_damping_per_s: 100.0,
+            orientation_per_s2: 1600.0,
+            orientation_damping_per_s: 80.0,
+            integral_per_s3: 4000.0,
+        }
+    }
+}
+
+impl Default for ForceGains {
+    fn default() -> Self {
+        Self {
+            channel: ForceChannel::Acceleration,
+            integral_per_s: 12.0,
+            error_per_kg: 0.1,
+            damping_per_s: 65.0,
+            integral_max_n: 20.0,
+            reference_rate_n_per_s: 40.0,
+        }
+    }
+}
+
+impl Default for FrictionConfig {
+    fn default() -> Self {
+        Self {
+            viscous_nm_s_per_rad: vec![0.0],
+            coulomb_nm: vec![0.0],
+            coulomb_speed_rad_per_s: 0.01,
+            at_reference: true,
+        }
+    }
+}
+
+impl Default for EstimateUseConfig {
+    fn default() -> Self {
+        Self {
+            follow_s: 0.05,
+            speed_max_m_per_s: 0.05,
+            turn_rate_max_rad_per_s: 0.3,
+            slow_within_sd: 2.5,
+        }
+    }
+}
+
+impl Default for TouchConfig {
+    fn default() -> Self {
+        Self {
+            on_n: 1.0,
+            off_n: 0.4,
+            lost_cycles: 3,
+            lost_count_max: 30,
+            seek_speed_m_per_s: 0.01,
+            seek_distance_max_m: 0.05,
+            settle_s: 2.0,
+        }
+    }
+}
+
+impl HybridDynamicsConfig {
+    /// Names that [`HybridDynamicsConfig::preset`] knows.
+    pub const PRESETS: [&'static str; 2] = ["default", "paper"];
+
+    /// A complete set of parameters: `default`, or `paper` (section V: K_Pr 250 and 15, K_Dr 220 and 10, k_Iλ 0.05).
+    ///
+    /// # Errors
+    /// An unknown name.
+    pub fn preset(name: &str) -> Result<Self, ControlError> {
+        match name {
+            "default" => Ok(Self::default()),
+            "paper" => Ok(Self::paper()),
+            other => Err(ControlError::UnknownPreset(other.into())),
+        }
+    }
+
+    fn paper() -> Self {
+        let default = Self::default();
+        Self {
+            motion: MotionGains {
+                position_per_s2: 250.0,
+                position_damping_per_s: 220.0,
+                orientation_per_s2: 15.0,
+                orientation_damping_per_s: 10.0,
+                integral_per_s3: 0.0,
+            },
+            force: ForceGains {
+                channel: ForceChannel::Torque,
+                integral_per_s: 0.05,
+                error_per_kg: 0.0,
+                damping_per_s: 0.0,
+                // A step, in effect: the published law has no ramp.
+                reference_rate_n_per_s: 1e5,
+                ..default.force
+            },
+            // At the measured speed, compensation would take the last damping from the normal: on an elastic plane
+            // m s³ + k s + k k_I has no stable roots.
+            estimate: EstimateUseConfig {
+                follow_s: 0.0,
+                slow_within_sd: 0.0,
+                ..default.estimate
+            },
+            // The published law bounces and comes back by itself.
+            touch: TouchConfig {
+                lost_cycles: 500,
+                ..default.touch
+            },
+            ..default
+        }
+    }
+
+    /// Every number in its range.
+    ///
+    /// # Errors
+    /// Names the key, the value and what is allowed.
+    pub fn check(&self) -> Result<(), ControlError> {
+        let (m, f, e, t, r) = (
+            &self.motion,
+            &self.force,
+            &self.estimate,
+            &self.touch,
+            &self.friction,
+        );
+        for (key, value, lower, upper) in [
+            ("motion.position_per_s2", m.position_per_s2, 1.0, 40_000.0),
+            (
+                "motion.position_damping_per_s",
+                m.position_damping_per_s,
+                1.0,
+                500.0,
+            ),
+            (
+                "motion.orientation_per_s2",
+                m.orientation_per_s2,
+                1.0,
+                40_000.0,
+            ),
+            (
+                "motion.orientation_damping_per_s",
+                m.orientation_damping_per_s,
+                1.0,
+                500.0,
+            ),
+            ("motion.integral_per_s3", m.integral_per_s3, 0.0, 1e6),
+            ("force.integral_per_s", f.integral_per_s, 0.0, 100.0),
+            ("force.error_per_kg", f.error_per_kg, 0.0, 10.0),
+            ("force.damping_per_s", f.damping_per_s, 0.0, 500.0),
+            ("force.integral_max_n", f.integral_max_n, 0.0, 1000.0),
+            (
+                "force.reference_rate_n_per_s",
+                f.reference_rate_n_per_s,
+                0.1,
+                1e6,
+            ),
+            (
+                "friction.coulomb_speed_rad_per_s",
+                r.coulomb_speed_rad_per_s,
+                1e-6,
+                10.0,
+            ),
+            ("estimate.follow_s", e.follow_s, 0.0, 10.0),
+            ("estimate.speed_max_m_per_s", e.speed_max_m_per_s, 1e-4, 1.0),
+            (
+                "estimate.turn_rate_max_rad_per_s",
+                e.turn_rate_max_rad_per_s,
+                1e-4,
+                10.0,
+            ),
+            ("estimate.slow_within_sd", e.slow_within_sd, 0.0, 100.0),
+            ("touch.on_n", t.on_n, 0.01, 100.0),
+            ("touch.off_n", t.off_n, 0.001, t.on_n),
+            ("touch.lost_cycles", f64::from(t.lost_cycles), 1.0, 1000.0),
+            ("touch.seek_speed_m_per_s", t.seek_speed_m_per_s, 1e-4, 0.25),
+            ("touch.seek_distance_max_m", t.seek_distance_max_m, 0.0, 1.0),
+            ("touch.settle_s", t.settle_s, 0.0, 60.0),
+        ] {
+            check_range(key, value, lower, upper)?;
+        }
+        for &x in r.viscous_nm_s_per_rad.iter().chain(&r.coulomb_nm) {
+            check_range("friction", x, 0.0, 1e4)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_in_range_and_the_paper_is_section_v() {
+        for name in HybridDynamicsConfig::PRESETS {
+            HybridDynamicsConfig::preset(name).unwrap().check().unwrap();
+        }
+        let paper = HybridDynamicsConfig::preset("paper").unwrap();
+        assert_eq!(paper.motion.position_per_s2, 250.0);
+        assert_eq!(paper.motion.position_damping_per_s, 220.0);
+        assert_eq!(paper.motion.orientation_per_s2, 15.0);
+        assert_eq!(paper.motion.orientation_damping_per_s, 10.0);
+        assert_eq!(paper.force.integral_per_s, 0.05);
+        assert_eq!(paper.force.damping_per_s, 0.0);
+        assert_eq!(paper.touch.settle_s, 2.0);
+        let error = HybridDynamicsConfig::preset("best").unwrap_err();
+        assert!(error.to_string().contains("best"));
+    }
+
+    #[test]
+    fn a_number_out_of_range_is_named() {
+        let mut config = HybridDynamicsConfig::default();
+        config.force.damping_per_s = f64::NAN;
+        let error = config.check().unwrap_err().to_string();
+        assert!(error.contains("force.damping_per_s"), "{error}");
+    }
+}

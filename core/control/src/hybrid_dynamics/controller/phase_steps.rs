@@ -1,0 +1,249 @@
+//! The phases of a task, step by step: tare, descent, touchdown, path, retraction, and back after an interruption.
+
+use tangent_estimation::ObjectEstimate;
+use tangent_mechanics::{Base, Object, Pose};
+use tangent_sensing::Validity;
+
+use super::super::HybridInput;
+use super::super::law::{ArmNow, ForceIntegral, MotionReference};
+use super::super::reference::{Descent, ObjectReference, SurfacePath};
+use super::{HybridDynamics, Wanted};
+use crate::wrench_guard::WrenchVerdict;
+use crate::{Fault, Phase, Profile};
+
+impl HybridDynamics {
+    /// Moves the phases on and says where the tool is wanted.
+    pub(super) fn advance(
+        &mut self,
+        input: &HybridInput,
+        now: &ArmNow,
+        estimate: Option<&ObjectEstimate>,
+        pressing_n: f64,
+        verdict: WrenchVerdict,
+    ) -> Wanted {
+        let dt = input.dt_s;
+        let good = verdict == WrenchVerdict::Good;
+        let stopped = matches!(verdict, WrenchVerdict::Stop(_));
+        self.keep_time(estimate.is_some() && !stopped, dt);
+        match self.run.phase {
+            Phase::Tare => {
+                let tared = !self.task.tare
+                    || input
+                        .bias_age_s
+                        .is_some_and(|age| age < self.run.since_s - 1e-9);
+                if tared && good && input.arm_ready {
+                    if let Some(e) = estimate {
+                        self.begin_descent(now, e);
+                    } else if self.run.phase_s > self.task.timeouts.tare_s {
+                        self.fail(Fault::Estimate(
+                            input.estimate.map_or(Validity::Missing, |e| e.validity),
+                        ));
+                    }
+                } else if self.run.phase_s > self.task.timeouts.tare_s {
+                    self.fail(if input.arm_ready {
+                        Fault::NoTare
+                    } else {
+                        Fault::ArmNotReady
+                    });
+                }
+                self.hold(now)
+            }
+            Phase::Approach => self.approach(now, pressing_n, good, dt),
+            Phase::Contact | Phase::Slide | Phase::Hold | Phase::Seek => {
+                if stopped {
+                    // Without a wrench there is nothing to control the force with: stand.
+                    self.enter(Phase::Hold);
+                    return self.hold(now);
+                }
+                self.run.held = None;
+                self.press(now, estimate.is_some(), pressing_n, good, dt)
+            }
+            Phase::Retract => self.retract(now),
+            Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
+        }
+    }
+
+    /// The reference's clock slows to a stand while something is missing, and picks up again.
+    fn keep_time(&mut self, going: bool, dt: f64) {
+        let step = dt / self.config.path.clock_ramp_s.max(dt);
+        let change = if going { step } else { -step };
+        self.run.rate = (self.run.rate + change).clamp(0.0, 1.0);
+    }
+
+    fn hold(&mut self, now: &ArmNow) -> Wanted {
+        let pose = *self.run.held.get_or_insert(now.tool);
+        Wanted {
+            reference: MotionReference::at_rest(&pose),
+            in_object: None,
+            pressing: false,
+            seek_m_per_s: 0.0,
+        }
+    }
+
+    fn begin_descent(&mut self, now: &ArmNow, estimate: &ObjectEstimate) {
+        let Some(in_object) = self.object_from_tool(now) else {
+            return;
+        };
+        let n = self.constraint(now).normal;
+        let sd = n
+            .dot(&(estimate.covariance.fixed_view::<3, 3>(0, 0) * n))
+            .max(0.0)
+            .sqrt();
+        self.run.descent = Some(Descent::new(
+            &*self.surface,
+            &in_object,
+            self.task.approach.speed_m_per_s,
+            (
+                self.config.path.acceleration_m_per_s2,
+                self.config.path.jerk_m_per_s3,
+            ),
+            self.config.estimate.slow_within_sd * sd,
+        ));
+        self.run.held = None;
+        self.run.rate = 0.0;
+        self.enter(Phase::Approach);
+    }
+
+    fn approach(&mut self, now: &ArmNow, pressing_n: f64, good: bool, dt: f64) -> Wanted {
+        let (Some(mut descent), Some(object)) = (self.run.descent, self.run.object) else {
+            return self.hold(now);
+        };
+        let touch = &self.config.touch;
+        descent.step(
+            self.run.rate,
+            touch.seek_speed_m_per_s,
+            self.config.path.acceleration_m_per_s2,
+            dt,
+        );
+        self.run.descent = Some(descent);
+        let reference = descent.at(self.run.rate);
+        if good && pressing_n > touch.on_n {
+            self.touch_down(&reference, object.pose(), now, pressing_n);
+        } else if descent.beyond_m() > touch.seek_distance_max_m {
+            self.fail(Fault::NoSurface);
+        }
+        Wanted {
+            in_object: Some(reference.position),
+            reference: reference.in_base(&object),
+            pressing: false,
+            seek_m_per_s: 0.0,
+        }
+    }
+
+    fn touch_down(
+        &mut self,
+        reference: &ObjectReference,
+        object: &Pose<Base, Object>,
+        now: &ArmNow,
+        pressing_n: f64,
+    ) {
+        let x = object.unrotate(&self.task.plane.x_axis.in_base(&now.tool));
+        self.run.lay = Some(SurfacePath::new(
+            &*self.surface,
+            &reference.position,
+            &x,
+            &reference.rotation,
+        ));
+        self.run.path_s = 0.0;
+        self.run.reference_n = pressing_n.min(self.task.force.reference_n);
+        self.run.force = ForceIntegral::default();
+        self.enter(Phase::Contact);
+    }
+
+    fn press(&mut self, now: &ArmNow, seen: bool, pressing_n: f64, good: bool, dt: f64) -> Wanted {
+        let (Some(lay), Some(object)) = (self.run.lay, self.run.object) else {
+            return self.hold(now);
+        };
+        let touch = self.config.touch;
+        self.run.weak_cycles = if good && pressing_n < touch.off_n {
+            self.run.weak_cycles + 1
+        } else {
+            0
+        };
+        if self.run.phase == Phase::Seek {
+            self.run.sought_m += touch.seek_speed_m_per_s * dt;
+            if good && pressing_n > touch.on_n {
+                self.run.force = ForceIntegral::default();
+                self.run.reference_n = pressing_n.min(self.task.force.reference_n);
+                self.resume();
+            } else if self.run.sought_m > self.limits.blind_distance_max_m {
+                self.fail(Fault::SurfaceLost);
+            }
+        } else if self.run.weak_cycles >= touch.lost_cycles {
+            self.run.lost_count += 1;
+            self.run.sought_m = 0.0;
+            self.enter(Phase::Seek);
+        } else {
+            let step = self.config.force.reference_rate_n_per_s * dt;
+            let wanted = self.task.force.reference_n;
+            self.run.reference_n += (wanted - self.run.reference_n).clamp(-step, step);
+        }
+        self.along_the_path(seen, dt);
+        let sliding = self.run.phase == Phase::Slide;
+        let rate = if sliding { self.run.rate } else { 0.0 };
+        let reference = lay.at(&*self.surface, &self.path, self.run.path_s, rate);
+        Wanted {
+            in_object: Some(reference.position),
+            reference: reference.in_base(&object),
+            pressing: true,
+            seek_m_per_s: if self.run.phase == Phase::Seek {
+                touch.seek_speed_m_per_s
+            } else {
+                0.0
+            },
+        }
+    }
+
+    /// Settling, sliding, and holding where the path ended or the object is out of sight.
+    fn along_the_path(&mut self, seen: bool, dt: f64) {
+        let ended = self.run.path_s >= self.path.duration_s();
+        match self.run.phase {
+            Phase::Contact if self.run.phase_s >= self.config.touch.settle_s => {
+                self.run.rate = 0.0;
+                self.enter(Phase::Slide);
+            }
+            Phase::Slide => {
+                self.run.path_s += self.run.rate * dt;
+                if ended || (!seen && self.run.rate <= 0.0) {
+                    self.enter(Phase::Hold);
+                }
+            }
+            Phase::Hold if ended && self.run.phase_s >= self.task.end.hold_s => {
+                self.leave(Phase::Done);
+            }
+            Phase::Hold if seen && !ended => self.resume(),
+            _ => {}
+        }
+    }
+
+    fn retract(&mut self, now: &ArmNow) -> Wanted {
+        let constraint = self.constraint(now);
+        let pose = *self.run.held.get_or_insert(now.tool);
+        let end = &self.task.end;
+        let (normal, profile) = *self.run.retract.get_or_insert_with(|| {
+            self.run.phase_s = 0.0;
+            let profile = Profile::new(
+                end.retract_distance_m,
+                end.retract_speed_m_per_s,
+                self.config.path.acceleration_m_per_s2,
+                self.config.path.jerk_m_per_s3,
+            );
+            (constraint.normal, profile)
+        });
+        let (way, speed) = profile.at(self.run.phase_s);
+        let mut reference = MotionReference::at_rest(&pose);
+        reference.position += normal * way;
+        reference.velocity = normal * speed;
+        if self.run.phase_s > profile.duration_s() + 0.1 {
+            let then = self.run.after_retract;
+            self.run.held = None;
+            self.enter(then);
+        }
+        Wanted {
+            reference,
+            in_object: None,
+            pressing: false,
+            seek_m_per_s: 0.0,
+        }
+    }
+}

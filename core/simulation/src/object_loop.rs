@@ -1,0 +1,403 @@
+//! Plant, camera, conditioning, pose estimator and `hybrid_dynamics` in one thread: what `tangent evaluate` runs for scenarios of
+//! kind `object_pose`.
+
+use nalgebra::{Vector3, Vector6};
+use tangent_control::Phase;
+use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
+use tangent_estimation::object_pose::{
+    CameraFrame, CameraModel, ObjectEstimate, ObjectPoseEstimator, ObjectSample, ObjectShape,
+    build_object_estimator,
+};
+use tangent_mechanics::{Arm, Flange, Joints, Pose, Tool, Wrench};
+use tangent_sensing::{
+    ConditionedWrench, Payload, Reading, SensorCondition, Validity, WrenchConditioner,
+    WrenchConditionerState,
+};
+
+use crate::closed_loop::Evaluation;
+use crate::digest::TrajectoryDigest;
+use crate::measurement::ArmMeasurement;
+use crate::metrics::object_pose::{
+    CalibrationError, ObjectPoseFigures, ObjectSampleTruth, frame_counts, normal_in_flange,
+};
+use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
+use crate::object_plant::{ObjectPlant, loaded_model};
+use crate::object_scenario::ObjectScenario;
+use crate::scenario::ScenarioError;
+use crate::truth::Truth;
+
+/// Time that a run goes on after its task has ended, s.
+const AFTER_END_S: f64 = 0.2;
+/// Cycles between two looks at the estimator's consistency.
+const NEES_EVERY: u64 = 50;
+
+/// One cycle of the loop, for those who watch.
+#[derive(Clone, Copy, Debug)]
+pub struct ObjectCycle<'a> {
+    /// What the arm reported.
+    pub arm: &'a ArmMeasurement,
+    /// What the controller saw.
+    pub input: &'a HybridInput,
+    /// What it answered.
+    pub output: &'a HybridOutput,
+    /// What really happened.
+    pub truth: &'a Truth,
+    /// The same, as the figures take it.
+    pub sample: &'a ObjectSampleTruth,
+}
+
+/// Something done to the inputs on their way, for tests of what fails: frames and wrenches may be changed or taken away.
+pub trait Disturbance {
+    /// A frame before the estimator sees it; none for one that never comes.
+    fn frame(&mut self, _time_s: f64, frame: Option<CameraFrame>) -> Option<CameraFrame> {
+        frame
+    }
+
+    /// The conditioned wrench before anybody sees it.
+    fn wrench(&mut self, _time_s: f64, _input: &mut ConditionedWrench, _age_s: &mut f64) {}
+}
+
+/// Nothing is disturbed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Undisturbed;
+
+impl Disturbance for Undisturbed {}
+
+/// Runs a scenario to its end.
+///
+/// # Errors
+/// What [`ObjectLoop::new`] says.
+pub fn evaluate_object(scenario: &ObjectScenario) -> Result<Evaluation, ScenarioError> {
+    evaluate_object_with(scenario, &mut Undisturbed, |_| ())
+}
+
+/// The same, disturbed, and showing every cycle to `watch`.
+///
+/// # Errors
+/// What [`ObjectLoop::new`] says.
+pub fn evaluate_object_with(
+    scenario: &ObjectScenario,
+    disturbance: &mut dyn Disturbance,
+    mut watch: impl FnMut(&ObjectCycle<'_>),
+) -> Result<Evaluation, ScenarioError> {
+    let mut closed = ObjectLoop::new(scenario)?;
+    let steps = (scenario.duration_s / closed.plant.period_s()).round() as u64;
+    let mut samples = Vec::with_capacity(steps as usize);
+    let mut objects = Vec::with_capacity(steps as usize);
+    let (mut nees, mut calibration) = (Vec::new(), None);
+    let mut ended_at = None;
+    for step in 0..steps {
+        let (sample, object) = closed.step(disturbance, &mut watch);
+        let pressing = sample.phase.is_pressing();
+        if pressing && step % NEES_EVERY == 0 {
+            nees.extend(closed.nees());
+            calibration = closed.calibration().or(calibration);
+        }
+        samples.push(sample);
+        objects.push(object);
+        if !sample.phase.is_active() {
+            let since = *ended_at.get_or_insert(sample.time_s);
+            if sample.time_s - since >= AFTER_END_S {
+                break;
+            }
+        }
+    }
+    let mut figures = ObjectPoseFigures::of(&objects, scenario.task.force.reference_n);
+    figures.nees_per_dof = (!nees.is_empty()).then(|| nees.iter().sum::<f64>() / nees.len() as f64);
+    figures.nees_per_dof_final = nees.last().copied();
+    figures.calibration_stated = calibration.map(|(stated, _)| stated);
+    figures.calibration_final = calibration.and_then(|(_, last)| last);
+    figures.compliance_m_per_n = closed
+        .estimator
+        .calibration()
+        .map(|c| c.compliance_m_per_n.0);
+    figures.frames = frame_counts(&closed.estimator.frames());
+    figures.limited_cycles = closed.limited_cycles;
+    figures.torque_share_max = closed.torque_share_max;
+    let last = closed.output;
+    Ok(Evaluation {
+        scenario: scenario.name.clone(),
+        controller: scenario.controller.clone(),
+        estimator: closed.estimator.name().to_owned(),
+        seed: scenario.seed,
+        duration_s: closed.plant.time_s(),
+        steps: samples.len() as u64,
+        wall_s: None,
+        real_time_factor: None,
+        figures: Figures::of(&samples),
+        object_pose: Some(figures),
+        r#loop: None,
+        phase: last.map_or(Phase::Idle, |o| o.phase).name(),
+        fault: last.and_then(|o| o.fault).map(|f| f.text()),
+        state_digest: closed.digest.finish(),
+    })
+}
+
+/// The loop, period by period.
+pub struct ObjectLoop {
+    plant: ObjectPlant,
+    model: Arm<6>,
+    stated: CameraModel,
+    conditioner: WrenchConditioner,
+    conditioning: WrenchConditionerState,
+    estimator: Box<dyn ObjectPoseEstimator>,
+    shape: ObjectShape,
+    controller: HybridDynamics,
+    flange_from_tool: Pose<Flange, Tool>,
+    sensor_scale: Vector6<f64>,
+    conditioned: Option<ConditionedWrench>,
+    wrench_time: f64,
+    torque: Joints<6>,
+    output: Option<HybridOutput>,
+    digest: TrajectoryDigest,
+    limited_cycles: u64,
+    torque_share_max: f64,
+}
+
+impl ObjectLoop {
+    /// Builds the cell and starts the task.
+    ///
+    /// # Errors
+    /// A scenario whose cell cannot be built, or whose task, law or estimator is not usable.
+    pub fn new(scenario: &ObjectScenario) -> Result<Self, ScenarioError> {
+        let corners = scenario.estimation.target.corners();
+        let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed)?;
+        let model = loaded_model(&scenario.plant, false)?;
+        let (flange_from_tool, flange_from_sensor) =
+            (plant.flange_from_tool(), plant.flange_from_sensor());
+        let payload = &scenario.plant.tool.payload;
+        let conditioner = WrenchConditioner::new(
+            &scenario.sensing,
+            &Payload {
+                mass_kg: payload.mass_kg,
+                com_in_sensor_m: payload.com_in_sensor_m,
+                inertia_kg_m2: payload.inertia_kg_m2,
+            },
+            flange_from_sensor.inverse() * flange_from_tool,
+            scenario.plant.sensor.rate_hz,
+        )?;
+        let shape = scenario.object_surface()?;
+        let stated = scenario.plant.camera.model();
+        let sensor = &scenario.plant.sensor;
+        Ok(Self {
+            estimator: build_object_estimator(scenario.estimator(), &scenario.estimation, &stated)?,
+            controller: HybridDynamics::new(
+                model,
+                flange_from_tool,
+                scenario.limits,
+                &scenario.law()?,
+                &scenario.task,
+                Box::new(shape),
+            )?,
+            torque: model.gravity(&plant.arm().q),
+            conditioning: WrenchConditionerState::default(),
+            sensor_scale: Vector6::from_fn(|i, _| {
+                1.0 / if i < 3 {
+                    sensor.counts_per_n
+                } else {
+                    sensor.counts_per_nm
+                }
+            }),
+            plant,
+            model,
+            stated,
+            conditioner,
+            shape,
+            flange_from_tool,
+            conditioned: None,
+            wrench_time: 0.0,
+            output: None,
+            digest: TrajectoryDigest::default(),
+            limited_cycles: 0,
+            torque_share_max: 0.0,
+        })
+    }
+
+    /// The cell.
+    pub fn plant(&self) -> &ObjectPlant {
+        &self.plant
+    }
+
+    /// The estimator's squared error over covariance and degrees of freedom, now.
+    pub fn nees(&self) -> Option<f64> {
+        self.estimator.nees(
+            &self.plant.base_from_object_rest(),
+            self.plant.camera_truth(),
+        )
+    }
+
+    /// Errors of the stated and of the estimated calibration, now.
+    pub fn calibration(&self) -> Option<(CalibrationError, Option<CalibrationError>)> {
+        let truth = self.plant.truth();
+        let flange = truth.base_from_tool * self.flange_from_tool.inverse();
+        let normal = normal_in_flange(&flange, &truth.normal);
+        let of =
+            |known: &CameraModel| CalibrationError::of(known, self.plant.camera_truth(), &normal);
+        let estimated = self.estimator.calibration().map(|c| of(&c.camera));
+        Some((of(&self.stated), estimated))
+    }
+
+    /// One period: the plant moves, then everybody answers to what it reports.
+    pub fn step(
+        &mut self,
+        disturbance: &mut dyn Disturbance,
+        watch: &mut impl FnMut(&ObjectCycle<'_>),
+    ) -> (CycleSample, ObjectSampleTruth) {
+        self.plant.step(&self.torque);
+        let arm = self.plant.arm();
+        let base_from_flange = self.model.base_from_flange(&arm.q);
+        let base_from_tool = base_from_flange * self.flange_from_tool;
+        for sample in self.plant.sensor_samples() {
+            let counts = Vector6::from_fn(|i, _| f64::from(sample.counts[i]));
+            self.conditioned = Some(self.conditioner.update(
+                &mut self.conditioning,
+                &Reading {
+                    time_s: sample.time_s,
+                    wrench: Wrench::from_vector(&counts.component_mul(&self.sensor_scale)),
+                    condition: if sample.saturated {
+                        SensorCondition::Saturated
+                    } else {
+                        SensorCondition::Good
+                    },
+                    missed: 0,
+                    base_from_tool: Some((base_from_tool, 0.0)),
+                    motion: None,
+                },
+            ));
+            self.wrench_time = sample.time_s;
+        }
+        let mut input = HybridInput {
+            time_s: arm.time_s,
+            dt_s: self.plant.period_s(),
+            q: arm.q,
+            qd: arm.qd,
+            arm_ready: true,
+            wrench: Wrench::zero(),
+            wrench_validity: Validity::Missing,
+            wrench_age_s: f64::INFINITY,
+            bias_age_s: None,
+            estimate: None,
+            estimate_age_s: 0.0,
+        };
+        let mut delay_s = 0.0;
+        if let Some(mut conditioned) = self.conditioned {
+            let mut age_s = arm.time_s - self.wrench_time;
+            disturbance.wrench(arm.time_s, &mut conditioned, &mut age_s);
+            input.wrench = conditioned.wrench;
+            input.wrench_validity = conditioned.validity;
+            input.wrench_age_s = age_s;
+            input.bias_age_s = conditioned.bias_age_s;
+            delay_s = conditioned.delay_s;
+        }
+        let taken = self.plant.take_frame();
+        let estimate = self.estimator.update(&ObjectSample {
+            time_s: arm.time_s,
+            base_from_flange,
+            base_from_tool,
+            wrench: input.wrench,
+            wrench_delay_s: delay_s,
+            wrench_validity: input.wrench_validity,
+            wrench_bias_age_s: input.bias_age_s,
+            frame: disturbance.frame(arm.time_s, taken),
+        });
+        input.estimate = Some(estimate);
+        let output = self.controller.step(&input);
+        if output.tare_requested && input.bias_age_s.is_none() && !self.conditioning.is_taring() {
+            self.conditioner.start_tare(&mut self.conditioning);
+        }
+        self.torque = output.torque;
+        self.output = Some(output);
+        let truth = self.plant.truth();
+        let object = self.object_sample(&output, &estimate, &truth);
+        self.limited_cycles += u64::from(output.limited);
+        if let Some(effort) = self.model.limits().effort {
+            let share = self.plant.torque_applied().component_div(&effort).amax();
+            self.torque_share_max = self.torque_share_max.max(share);
+        }
+        watch(&ObjectCycle {
+            arm: &arm,
+            input: &input,
+            output: &output,
+            truth: &truth,
+            sample: &object,
+        });
+        self.digest_cycle(&arm, &input, &estimate, &truth);
+        (self.cycle_sample(&arm, &output, &estimate, &truth), object)
+    }
+
+    fn object_sample(
+        &self,
+        output: &HybridOutput,
+        estimate: &ObjectEstimate,
+        truth: &Truth,
+    ) -> ObjectSampleTruth {
+        let wrench = self.plant.sensor_wrench();
+        ObjectSampleTruth {
+            time_s: truth.time_s,
+            phase: output.phase,
+            object: self.plant.base_from_object(),
+            estimated: (estimate.validity != Validity::Missing)
+                .then_some(estimate.base_from_object),
+            tip: truth.base_from_tool.translation(),
+            reference_in_object: output.reference_in_object,
+            force_n: truth.wrench.force.dot(&truth.normal),
+            sensor: (wrench.force, wrench.torque),
+            in_contact: truth.in_contact,
+        }
+    }
+
+    fn cycle_sample(
+        &self,
+        arm: &ArmMeasurement,
+        output: &HybridOutput,
+        estimate: &ObjectEstimate,
+        truth: &Truth,
+    ) -> CycleSample {
+        let tip: Vector3<f64> = output.base_from_tool.translation();
+        let normal =
+            (estimate.validity != Validity::Missing).then(|| estimate.normal_at(&self.shape, &tip));
+        CycleSample {
+            time_s: arm.time_s,
+            phase: output.phase,
+            estimate: normal.map(|n| EstimateSample {
+                normal: n.normal,
+                covariance: n.covariance,
+                valid: n.validity.is_valid(),
+            }),
+            truth: Some(TruthSample {
+                normal: truth.normal,
+                tool_z: truth.base_from_tool.z_axis(),
+                in_contact: truth.in_contact,
+                force_n: truth.wrench.force.dot(&truth.normal),
+            }),
+            tool_position: tip,
+            tool_z: output.base_from_tool.z_axis(),
+            force_n: output.force_n,
+            force_reference_n: output.force_reference_n,
+            in_contact: output.in_contact,
+            path_reference: output.path_reference,
+            path_error_m: output.path_error_m,
+            joint_speed_rad_per_s: arm.qd.amax(),
+            manipulability: output.manipulability,
+            motion_tank_j: None,
+            force_tank_j: None,
+        }
+    }
+
+    fn digest_cycle(
+        &mut self,
+        arm: &ArmMeasurement,
+        input: &HybridInput,
+        estimate: &ObjectEstimate,
+        truth: &Truth,
+    ) {
+        self.digest.add(arm.q.as_slice());
+        self.digest.add(arm.qd.as_slice());
+        self.digest.add(input.wrench.vector().as_slice());
+        self.digest.add(self.torque.as_slice());
+        self.digest.add(truth.wrench.vector().as_slice());
+        let pose = &estimate.base_from_object;
+        self.digest.add(pose.translation().as_slice());
+        self.digest.add(pose.rotation().coords.as_slice());
+    }
+}

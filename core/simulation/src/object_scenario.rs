@@ -1,0 +1,140 @@
+//! A scenario of the `lippiello` system: a torque-controlled arm, an object of known shape, a camera. Files of kind `object_pose`.
+
+use serde::{Deserialize, Serialize};
+use tangent_control::{HybridDynamicsConfig, Limits, Task};
+use tangent_estimation::ObjectPoseConfig;
+use tangent_estimation::build_object_estimator;
+use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
+use tangent_sensing::ConditioningConfig;
+use toml::{Table, Value};
+
+use crate::object_plant_config::ObjectPlantConfig;
+use crate::scenario::{ScenarioError, merge, read_with_overrides};
+use crate::surfaces::ShapeConfig;
+
+/// Marks the file: other scenarios have no `kind`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObjectKind {
+    /// An object's pose from camera, force and joints, and hybrid control on it.
+    ObjectPose,
+}
+
+/// What is evaluated. Unknown keys are errors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectScenario {
+    /// `object_pose`.
+    pub kind: ObjectKind,
+    /// As `tangent evaluate` and reports call it.
+    pub name: String,
+    /// One sentence on what it shows.
+    #[serde(default)]
+    pub title: String,
+    /// Seed of everything random: the camera's calibration error, noise.
+    pub seed: u64,
+    /// Longest run, s; it ends earlier when the task does.
+    pub duration_s: f64,
+    /// Preset of the law, `default` or `paper`.
+    pub controller: String,
+    /// Single parameters of the law that differ from the preset.
+    #[serde(default)]
+    pub control: Table,
+    /// Limits of the cell.
+    #[serde(default)]
+    pub limits: Limits,
+    /// Settings of the estimator; its target's surface is that of the plant unless given.
+    #[serde(default)]
+    pub estimation: ObjectPoseConfig,
+    /// Wrench conditioning.
+    #[serde(default)]
+    pub sensing: ConditioningConfig,
+    /// The simulated cell.
+    pub plant: ObjectPlantConfig,
+    /// The job. Its first estimator is the one used.
+    pub task: Task,
+}
+
+impl ObjectScenario {
+    /// Whether a text is a scenario of this kind.
+    pub fn is_one(text: &str) -> bool {
+        toml::from_str::<Table>(text).is_ok_and(|table| table.contains_key("kind"))
+    }
+
+    /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted keys.
+    ///
+    /// # Errors
+    /// Names the file or override, the key, the value and what is allowed.
+    pub fn parse(file: &str, text: &str, overrides: &[String]) -> Result<Self, ScenarioError> {
+        let scenario: Self = read_with_overrides(file, text, overrides)?;
+        if !(0.1..=86_400.0).contains(&scenario.duration_s) {
+            return Err(ScenarioError::Value {
+                file: file.to_owned(),
+                key: "duration_s",
+                value: scenario.duration_s,
+                allowed: "0.1 to 86400 s",
+            });
+        }
+        scenario.task.check()?;
+        scenario.limits.check()?;
+        scenario.law()?;
+        scenario.object_surface()?;
+        let camera = scenario.plant.camera.model();
+        build_object_estimator(scenario.estimator(), &scenario.estimation, &camera)?;
+        Ok(scenario)
+    }
+
+    /// Name of the estimator in use.
+    pub fn estimator(&self) -> &str {
+        self.task
+            .estimators
+            .first()
+            .map_or(OBJECT_ESTIMATORS[0], String::as_str)
+    }
+
+    /// The preset with the scenario's own parameters in it.
+    ///
+    /// # Errors
+    /// An unknown preset or parameter, or a value out of range.
+    pub fn law(&self) -> Result<HybridDynamicsConfig, ScenarioError> {
+        let text = |message: String| ScenarioError::Text {
+            file: self.name.clone(),
+            message,
+        };
+        let preset = HybridDynamicsConfig::preset(&self.controller)?;
+        let mut table = Table::try_from(preset).map_err(|e| text(e.to_string()))?;
+        merge(&mut table, &self.control);
+        let config = HybridDynamicsConfig::deserialize(Value::Table(table))
+            .map_err(|e| text(format!("control: {}", e.message())))?;
+        config.check()?;
+        Ok(config)
+    }
+
+    /// The surface as the estimator knows it, which must be the plant's: the object's geometry is known.
+    ///
+    /// # Errors
+    /// A surface that is not among those with a φ, or another one than the estimator is told of.
+    pub fn object_surface(&self) -> Result<ObjectShape, ScenarioError> {
+        let text = |message: &str| ScenarioError::Text {
+            file: self.name.clone(),
+            message: message.to_owned(),
+        };
+        let plant = match self.plant.surface.shape {
+            ShapeConfig::Plane => ObjectShape::Plane,
+            ShapeConfig::Cylinder { radius_m } => ObjectShape::Cylinder { radius_m },
+            ShapeConfig::Sphere { radius_m } => ObjectShape::Sphere { radius_m },
+            _ => {
+                return Err(text(
+                    "plant.surface.shape: an object is a plane, a cylinder or a sphere",
+                ));
+            }
+        };
+        if plant == self.estimation.target.surface {
+            Ok(plant)
+        } else {
+            Err(text(
+                "estimation.target.surface is another shape than plant.surface: the object's geometry is known",
+            ))
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! The force/torque sensor's records of one arm period: its clock runs on its own.
+
+use nalgebra::Vector6;
+
+use crate::measurement::SensorSample;
+use crate::plant_config::SensorConfig;
+use crate::sensor::Sensor;
+
+/// Sensor with its clock and the records of the present period.
+#[derive(Clone, Debug)]
+pub(crate) struct SensorRecords {
+    sensor: Sensor,
+    rate_hz: f64,
+    records: Vec<SensorSample>,
+    taken: u64,
+    /// True wrench on the sensor at the end of the last sub-step.
+    wrench: Vector6<f64>,
+}
+
+impl SensorRecords {
+    /// `wrench` (N, Nm, sensor axes) is what the sensor feels at the start.
+    pub fn new(config: &SensorConfig, period_s: f64, seed: u64, wrench: Vector6<f64>) -> Self {
+        Self {
+            sensor: Sensor::new(config, seed),
+            rate_hz: config.rate_hz,
+            records: Vec::with_capacity((period_s * config.rate_hz).ceil() as usize + 1),
+            taken: 0,
+            wrench,
+        }
+    }
+
+    /// Begins a period.
+    pub fn clear(&mut self) {
+        self.records.clear();
+    }
+
+    /// One sub-step of `dt` (s), at whose end the sensor feels `wrench`; between sub-steps the wrench is a straight line.
+    pub fn advance(&mut self, time_before: f64, dt: f64, wrench: Vector6<f64>) {
+        let time_after = time_before + dt;
+        loop {
+            let time = (self.taken + 1) as f64 / self.rate_hz;
+            if time > time_after + 1e-9 {
+                break;
+            }
+            let share = ((time - time_before) / dt).clamp(0.0, 1.0);
+            let between = self.wrench + (wrench - self.wrench) * share;
+            if self.records.len() < self.records.capacity() {
+                self.records.push(self.sensor.read(time, &between));
+            }
+            self.taken += 1;
+        }
+        self.wrench = wrench;
+    }
+
+    /// Puts the wrench there at once, as after a teleport.
+    pub fn set_wrench(&mut self, wrench: Vector6<f64>) {
+        self.wrench = wrench;
+    }
+
+    /// Records of the period, oldest first.
+    pub fn records(&self) -> &[SensorSample] {
+        &self.records
+    }
+
+    /// True wrench now, N and Nm, sensor axes.
+    pub fn wrench(&self) -> Vector6<f64> {
+        self.wrench
+    }
+
+    /// The sensor's present zero.
+    pub fn bias(&self, time_s: f64) -> Vector6<f64> {
+        self.sensor.bias(time_s)
+    }
+}
