@@ -48,7 +48,7 @@ impl GreyImage {
         if x < DOT_PX || y < DOT_PX || x + DOT_PX >= width || y + DOT_PX >= height {
             return None;
         }
-        let mut sum = 0.0;
+        let mut sum = 0.0_f64;
         for row in y - DOT_PX..=y + DOT_PX {
             for column in x - DOT_PX..=x + DOT_PX {
                 sum += f64::from(self.pixels[(row * width + column) as usize]);
@@ -209,7 +209,7 @@ mod tests {
         let mut image = GreyImage::filled(320, 240, 220);
         for row in 0..240 {
             for column in 0..320 {
-                let mut sum = 0.0;
+                let mut sum = 0.0_f64;
                 for i in 0..6 {
                     for j in 0..6 {
                         let at = |k: u32, n: u32| f64::from(n) + (f64::from(k) - 2.5) * 0.4;
