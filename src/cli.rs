@@ -1,8 +1,12 @@
 //! The command line: what can be asked for, and the help that explains it.
 
+mod bench;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
+
+pub use bench::{Bench, BenchBus, BenchPeer, BenchRole};
 
 /// Keep a robot's tool pressed on a surface nobody has modelled.
 #[derive(Debug, Parser)]
@@ -71,57 +75,6 @@ pub enum Command {
     /// Measure on this machine: each step by itself, or messages over the bus.
     #[command(subcommand)]
     Bench(Bench),
-}
-
-/// What to measure.
-#[derive(Debug, Subcommand)]
-pub enum Bench {
-    /// How long each step of sensing, estimation and control takes.
-    Steps,
-    /// How long a message takes there and back, within one process and between processes, idle and loaded.
-    Bus(BenchBus),
-    /// The other end of a measurement; started by `bus`.
-    #[command(hide = true)]
-    Peer(BenchPeer),
-}
-
-/// Options of `tangent bench bus`.
-#[derive(Debug, Args)]
-pub struct BenchBus {
-    /// Length of each measurement, s.
-    #[arg(long, default_value_t = 3.0, value_parser = parse_seconds)]
-    pub seconds: f64,
-    /// Python that has eclipse-zenoh.
-    #[arg(long, default_value = "python3")]
-    pub python: String,
-}
-
-fn parse_seconds(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(seconds) if (0.1..=3600.0).contains(&seconds) => Ok(seconds),
-        _ => Err("from 0.1 to 3600".to_owned()),
-    }
-}
-
-/// Options of `tangent bench peer`.
-#[derive(Debug, Args)]
-pub struct BenchPeer {
-    /// What to be.
-    pub role: BenchRole,
-    /// Where the router is, or is to be.
-    pub endpoint: String,
-    /// Ask for SCHED_FIFO.
-    #[arg(long)]
-    pub realtime: bool,
-}
-
-/// What the other end is.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-pub enum BenchRole {
-    /// Everybody's router.
-    Router,
-    /// Answers each message.
-    Echo,
 }
 
 /// Options of `tangent up`.
@@ -407,6 +360,13 @@ pub enum ModelCommand {
         #[arg(long)]
         model: Vec<PathBuf>,
     },
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if (0.1..=3600.0).contains(&seconds) => Ok(seconds),
+        _ => Err("from 0.1 to 3600".to_owned()),
+    }
 }
 
 #[cfg(test)]

@@ -33,6 +33,7 @@ use cli::{CalibrateCommand, Cli, Command};
 use output::{BadUsage, Outcome};
 
 fn main() -> ExitCode {
+    output::end_with_the_reader();
     let cli = Cli::parse();
     let filter = EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| EnvFilter::new("info,zenoh=warn,zenoh_transport=warn,zenoh_link=warn"));

@@ -42,3 +42,21 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
     println!("{}", serde_json::to_string_pretty(value)?);
     Ok(())
 }
+
+/// Lets the program end quietly when nobody reads its output any more, as in `tangent status | head`. To the standard
+/// library that is a panic; every other panic is told as before.
+pub fn end_with_the_reader() {
+    let tell = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        let gone = panic
+            .payload()
+            .downcast_ref::<String>()
+            .is_some_and(|said| {
+                said.starts_with("failed printing to stdout") && said.contains("Broken pipe")
+            });
+        if gone {
+            std::process::exit(Outcome::Done as i32);
+        }
+        tell(panic);
+    }));
+}

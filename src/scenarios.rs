@@ -22,6 +22,7 @@ builtin![
     "cone_realistic",
     "height_field",
     "pipe_ideal",
+    "pipe_moving_base",
     "pipe_realistic",
     "plane",
     "sheet",

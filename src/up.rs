@@ -96,7 +96,7 @@ fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Resul
     cell.sensor.port_offset = offset(cell.sensor.port_offset, args.port_offset)?;
     if args.port_offset > 0 {
         let protocol = if cell.zenoh.tls.is_some() {
-            "tls"
+            "quic"
         } else {
             "tcp"
         };
@@ -110,6 +110,7 @@ fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Resul
     cell.tool.flange_from_tool = pose(&tool.flange_from_tool);
     cell.tool.mass_kg = tool.payload.mass_kg;
     cell.tool.com_in_sensor_m = tool.payload.com_in_sensor_m;
+    cell.base = scenario.base;
     cell.controller.preset.clone_from(&scenario.controller);
     cell.controller.settings.clone_from(&scenario.control);
     cell.estimators

@@ -6,8 +6,9 @@ mod common;
 
 use std::fs;
 use std::net::TcpListener;
+use std::process::Stdio;
 
-use common::{port_offset, root, run, stderr};
+use common::{port_offset, root, run, stderr, tangent};
 
 /// Runs and checks that the exit code is 2 and the message has all these words.
 fn refused(args: &[&str], words: &[&str]) {
@@ -17,6 +18,21 @@ fn refused(args: &[&str], words: &[&str]) {
     for word in words {
         assert!(said.contains(word), "{args:?}: no {word:?} in: {said}");
     }
+}
+
+/// `tangent ... | head -1`: a reader that has seen enough is no failure.
+#[test]
+fn a_reader_that_leaves() {
+    let mut child = tangent()
+        .args(["model", "show", "ur5"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(stderr(&output), "");
+    assert_eq!(output.status.code(), Some(0));
 }
 
 #[test]

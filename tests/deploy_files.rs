@@ -45,9 +45,20 @@ fn cell_files() {
     assert_eq!(compose.tool, shipped.tool);
     assert_eq!(compose.limits, shipped.limits);
     assert_eq!(compose.estimators, shipped.estimators);
+    // A laptop's containers wait for one another; nothing else of the law differs.
+    let patience = compose.controller.settings.remove("patience").unwrap();
+    assert_eq!(patience, toml::from_str("wrench_retract_s = 0.4").unwrap());
     assert_eq!(compose.controller, shipped.controller);
     assert_eq!(compose.recorder, shipped.recorder);
     assert_eq!(compose.simulator, shipped.simulator);
+
+    let secured = fs::read_to_string(root().join("deploy/cell.compose.tls.toml")).unwrap();
+    load("cell.compose.tls.toml");
+    let mut secured: toml::Table = secured.parse().unwrap();
+    let clear = fs::read_to_string(root().join("deploy/cell.compose.toml")).unwrap();
+    let mut clear: toml::Table = clear.parse().unwrap();
+    assert_ne!(secured.remove("zenoh"), clear.remove("zenoh"));
+    assert_eq!(secured, clear);
 
     let real = load("cell.real.toml");
     assert!(!real.robot.power_on, "a real arm is powered by hand");
@@ -134,6 +145,21 @@ fn the_compose_file_is_taken() {
             "{}",
             String::from_utf8_lossy(&output.stderr)
         );
+        let secured = here(&[
+            "-f",
+            "docker-compose.yml",
+            "-f",
+            "docker-compose.tls.yml",
+            "config",
+        ]);
+        let secured = secured.unwrap();
+        assert!(
+            secured.status.success(),
+            "{}",
+            String::from_utf8_lossy(&secured.stderr)
+        );
+        let secured = String::from_utf8_lossy(&secured.stdout).into_owned();
+        assert!(secured.contains("cell.compose.tls.toml") && !secured.contains("compose.toml"));
         let services: BTreeSet<&str> = text
             .lines()
             .filter_map(|l| l.strip_prefix("  ")?.strip_suffix(':'))

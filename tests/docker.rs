@@ -9,6 +9,7 @@ mod common;
 #[path = "docker/engine.rs"]
 mod engine;
 
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use serde_json::Value;
@@ -80,26 +81,48 @@ fn slide(project: &Project) {
     panic!("no attempt came to slide");
 }
 
-fn use_estimator(project: &Project, name: &str) {
+/// Switches as soon as it is allowed; false when the task has ended before.
+fn use_estimator(project: &Project, name: &str) -> bool {
     wait_for(&format!("{name} in use"), PATIENCE, || {
         let said = project.tangent(&["estimator", "use", name]);
         // Refused while it is not fresh or too far off: asked again.
-        (said.code == Some(0)).then_some(())
-    });
-    assert_eq!(status(project).unwrap().1, name);
+        if said.code == Some(0) {
+            return Some(true);
+        }
+        let (phase, _) = status(project)?;
+        (phase == "fault").then_some(false)
+    })
 }
 
+/// One cell at a time: two of them and an engine are more than a small machine holds.
+static MACHINE: Mutex<()> = Mutex::new(());
+
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test docker -- --ignored"]
 fn the_compose_file_runs_a_cell() {
     let Some(engine) = engine() else { return };
-    let project = Project::new(engine);
+    let _alone = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+    let project = Project::new(engine, false);
     project.up();
     it_wipes_and_records(&project);
     an_estimator_is_swapped(&project);
     the_router_restarts(&project);
     a_container_is_cut_off(&project);
     it_stops_in_order(&project);
+}
+
+/// The same cell under mutual TLS: it wipes, and who has no certificate is nobody.
+#[test]
+fn the_compose_files_run_a_secured_cell() {
+    let Some(engine) = engine() else { return };
+    let _alone = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+    let project = Project::new(engine, true);
+    project.up();
+    it_wipes_and_records(&project);
+    let viewer = project.tangent(&["task", "stop", "--identity", "viewer"]);
+    assert_eq!(viewer.code, Some(1), "{viewer:?}");
+    assert!(viewer.stderr.contains("nobody answered"), "{viewer:?}");
+    assert_eq!(project.tangent(&["task", "stop"]).code, Some(0));
+    project.compose(&["down"]);
 }
 
 fn it_wipes_and_records(project: &Project) {
@@ -134,13 +157,31 @@ fn it_wipes_and_records(project: &Project) {
 }
 
 fn an_estimator_is_swapped(project: &Project) {
-    slide(project);
+    let swapped = (1..=4).any(|attempt| {
+        slide(project);
+        let slid = swap_there_and_back(project);
+        if !slid {
+            eprintln!("attempt {attempt} to swap did not slide to its end");
+        }
+        slid
+    });
+    assert!(swapped, "no attempt slid through both swaps");
+    // Its state stays on the bus as long as it is asked, so it counts as running while there is a wait.
+    assert_eq!(project.tangent(&["health", "estimator"]).code, Some(0));
+}
+
+/// Another estimator is started, used alone, and left for the first again; whether the tool slid all the time.
+fn swap_there_and_back(project: &Project) -> bool {
+    let activation = || {
+        let said = parsed(&project.tangent(&["task", "status", "--json"]));
+        said["data"]["activation"].as_u64().unwrap()
+    };
+    let slides = || status(project).is_some_and(|(phase, _)| phase == "slide");
+    let task = activation();
     project.compose(&["up", "--no-build", "-d", "spare"]);
-    use_estimator(project, "quadratic");
+    let used = use_estimator(project, "quadratic");
     project.compose(&["stop", "estimator"]);
-    // Only the one that was swapped in is left, and the tool goes on sliding.
-    let (phase, estimator) = status(project).unwrap();
-    assert_eq!((phase.as_str(), estimator.as_str()), ("slide", "quadratic"));
+    let alone = used && slides();
     let list = parsed(&project.tangent(&["estimator", "list", "--json"]));
     let names: Vec<&str> = list["estimators"]
         .as_array()
@@ -150,11 +191,9 @@ fn an_estimator_is_swapped(project: &Project) {
         .collect();
     assert_eq!(names, ["quadratic"]);
     project.compose(&["start", "estimator"]);
-    use_estimator(project, "blend");
+    let back = use_estimator(project, "blend");
     project.compose(&["stop", "spare"]);
-    assert_eq!(status(project).unwrap().0, "slide");
-    // Its state stays on the bus as long as it is asked, so it counts as running while there is a wait.
-    assert_eq!(project.tangent(&["health", "estimator"]).code, Some(0));
+    alone && back && slides() && activation() == task
 }
 
 fn started(project: &Project, service: &str) -> String {

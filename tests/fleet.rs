@@ -26,7 +26,7 @@ fn cell_file(folder: &Path, name: &str, offset: u16, router_port: u16) -> PathBu
         .replace("port_offset = 0 ", &format!("port_offset = {offset} "))
         .replace(
             "tcp/127.0.0.1:7447",
-            &format!("tls/127.0.0.1:{router_port}"),
+            &format!("quic/127.0.0.1:{router_port}"),
         )
         // Two cells share a small machine with everything else that is tested.
         .replace("rate_hz = 7000.0", "rate_hz = 1000.0")
@@ -134,7 +134,6 @@ fn newest<M: tangent_schemas::Message>(reader: &mut Latest<M>) -> M {
 }
 
 #[test]
-#[ignore = "does not pass yet: a reader of the second cell hears nothing, over TLS and one router; run it with --ignored"]
 fn two_cells_share_a_router_and_nothing_else() {
     let mut fleet = Fleet::start();
     let viewers = [fleet.join(0, "viewer"), fleet.join(1, "viewer")];
@@ -158,10 +157,9 @@ fn two_cells_share_a_router_and_nothing_else() {
 
     // One recorder for both.
     let recordings = fleet.folder.path().join("recordings");
-    let text = fs::read_to_string(fleet.file(0)).unwrap().replace(
-        "[recorder]\n",
-        &format!("[recorder]\ncells = [\"{}\", \"{}\"]\n", CELLS[0], CELLS[1]),
-    );
+    let text = fs::read_to_string(fleet.file(0))
+        .unwrap()
+        .replace("cells = [] ", &format!("cells = {CELLS:?} "));
     let text = text.replace(
         "folder = \"recordings\"",
         &format!("folder = {recordings:?}"),

@@ -81,7 +81,6 @@ const TASK: &str = r#"
 "#;
 
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test remote_estimator -- --ignored"]
 fn delay_jitter_loss_and_reordering_are_borne() {
     let mut host = Host::new();
     eprintln!("the other host is {}", host.describe());

@@ -16,8 +16,8 @@ macro_rules! files {
 
 files! {
     "builtin_interfaces": "Duration" "Time";
-    "geometry_msgs": "Point" "Pose" "PoseStamped" "Quaternion" "Transform" "TransformStamped" "Twist" "Vector3"
-        "Wrench" "WrenchStamped";
+    "geometry_msgs": "Point" "Pose" "PoseStamped" "PoseWithCovariance" "PoseWithCovarianceStamped" "Quaternion" "Transform"
+        "TransformStamped" "Twist" "Vector3" "Wrench" "WrenchStamped";
     "sensor_msgs": "CompressedImage" "JointState";
     "std_msgs": "ColorRGBA" "Header";
     "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "Health" "NormalEstimate"

@@ -5,10 +5,13 @@
 
 pub mod cdr;
 pub mod convert;
+mod covariance;
 pub mod definition;
 pub mod standard;
 pub mod tangent;
 pub mod topics;
+
+pub use covariance::Covariance;
 
 use arrayvec::{ArrayString, ArrayVec};
 

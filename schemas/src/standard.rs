@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{FrameId, message};
+use crate::{Covariance, FrameId, message};
 
 message! {
     /// A point in time since the Unix epoch.
@@ -61,6 +61,23 @@ message! {
     pub struct PoseStamped: "geometry_msgs/msg/PoseStamped" {
         pub header: Header,
         pub pose: Pose,
+    }
+}
+
+message! {
+    /// A pose and how sure it is.
+    pub struct PoseWithCovariance: "geometry_msgs/msg/PoseWithCovariance" {
+        pub pose: Pose,
+        /// Row-major; x, y, z (m), then small turns about the fixed axes x, y, z (rad).
+        pub covariance: Covariance,
+    }
+}
+
+message! {
+    /// A pose with its uncertainty, its time and its frame.
+    pub struct PoseWithCovarianceStamped: "geometry_msgs/msg/PoseWithCovarianceStamped" {
+        pub header: Header,
+        pub pose: PoseWithCovariance,
     }
 }
 

@@ -171,6 +171,8 @@ message! {
         pub wrench_age_s: f64,
         pub estimate_age_s: f64,
         pub arm_state_age_s: f64,
+        /// Of the moving base's pose; negative where the base stands for good.
+        pub base_age_s: f64,
         /// Energy in the tanks, J; NaN-free: zero where the law has none.
         pub motion_tank_j: f64,
         pub force_tank_j: f64,

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::marker::PhantomData;
 
 use crate::Message;
-use crate::standard::{MarkerArray, TFMessage, WrenchStamped};
+use crate::standard::{MarkerArray, PoseWithCovarianceStamped, TFMessage, WrenchStamped};
 use crate::tangent::{
     ArmCommand, ArmState, ContactTruth, ControlState, Health, NormalEstimate, WrenchStatus,
 };
@@ -88,6 +88,9 @@ pub static WRENCH_RAW: Topic<WrenchStamped> = Topic::new("wrench/raw", Delivery:
 pub static WRENCH_TOOL: Topic<WrenchStamped> = Topic::new("wrench/tool", Delivery::RealTime);
 /// How far the wrench of the same stamp can be trusted; published just before it.
 pub static WRENCH_STATUS: Topic<WrenchStatus> = Topic::new("wrench/status", Delivery::RealTime);
+/// Where the arm's base is in the world, by the mobile platform that it stands on; silent where it stands for good.
+pub static BASE_POSE: Topic<PoseWithCovarianceStamped> =
+    Topic::new("base/pose", Delivery::RealTime);
 /// What the controller does and why; once per cycle.
 pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
 /// The simulator's truth; never read by the system under test.

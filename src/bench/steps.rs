@@ -84,6 +84,7 @@ fn record(scenario: &Scenario) -> Result<Inputs> {
             wrench_delay_s: i.wrench_delay_s,
             wrench_validity: i.wrench_validity,
             wrench_bias_age_s: i.bias_age_s,
+            base: i.base,
         });
         commanded = Some(cycle.output.twist_commanded);
     })?;

@@ -11,6 +11,8 @@ use tangent_schemas::topics::{self, Topic};
 
 /// Slower than this on the surface counts as standing, m/s.
 const STANDS_M_PER_S: f64 = 2e-3;
+/// Below it the controller's estimators call the contact lost too (`contact.force_off_n`).
+const BRUSHES_N: f64 = 0.3;
 
 /// Time, ns since the Unix epoch, and what was said then.
 type Log<T> = Arc<Mutex<Vec<(i64, T)>>>;
@@ -22,13 +24,16 @@ pub struct Truth {
     pub in_contact: bool,
     /// m/s
     pub sliding_m_per_s: f64,
+    /// Speed of the tool off the surface, m/s.
+    pub lifting_m_per_s: f64,
     /// Force of the surface on the tool, N.
     pub force_n: f64,
 }
 
 impl Truth {
+    /// What comes off faster than it slips is leaving, and a springy wrist slips a little as it lets go.
     fn slides(&self) -> bool {
-        self.in_contact && self.sliding_m_per_s > STANDS_M_PER_S
+        self.in_contact && self.sliding_m_per_s > STANDS_M_PER_S.max(self.lifting_m_per_s)
     }
 }
 
@@ -194,9 +199,11 @@ impl Evidence {
         first(&truths, from_ns, |t| t.sliding_m_per_s < 0.7 * before)
     }
 
-    /// The tool left the surface while it should press.
+    /// The tool left the surface while it should press; a rim that the pad still brushes is no contact.
     pub fn lost_contact_ns(&self, from_ns: i64) -> Option<i64> {
-        first(&lock(&self.truths), from_ns, |t| !t.in_contact)
+        first(&lock(&self.truths), from_ns, |t| {
+            !t.in_contact || t.force_n < BRUSHES_N
+        })
     }
 
     /// The controller has left its path.
@@ -295,9 +302,11 @@ fn last_since<T: Copy>(log: &Log<T>, since_ns: i64) -> Option<T> {
 
 fn truth(m: &ContactTruth) -> Truth {
     let f = &m.wrench.force;
+    let (v, n) = (&m.tool_twist.linear, &m.normal);
     Truth {
         in_contact: m.in_contact,
         sliding_m_per_s: m.sliding_speed_m_per_s,
+        lifting_m_per_s: v.x * n.x + v.y * n.y + v.z * n.z,
         force_n: (f.x * f.x + f.y * f.y + f.z * f.z).sqrt(),
     }
 }

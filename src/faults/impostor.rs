@@ -1,11 +1,11 @@
-//! Messages that nobody should believe, published beside the true ones.
+//! Messages that nobody should believe: published beside the true ones, or in the name of a controller that is silenced.
 
 use anyhow::Result;
 use tangent_mechanics::{Base, Tool};
-use tangent_runtime::{Bus, Latest, Publisher, clock};
+use tangent_runtime::{Bus, Latest, Publisher, RawPublisher, RawSubscription, clock};
 use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, NormalEstimate, WrenchStatus};
-use tangent_schemas::topics;
+use tangent_schemas::{Message, Name, cdr, topics};
 
 /// What is said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,7 +14,7 @@ pub enum Lie {
     WrenchNotFinite,
     /// A valid estimate of the active estimator, of NaN.
     NormalNotFinite,
-    /// A command of NaN, timely and of the running task.
+    /// In the controller's name, a command of NaN, timely and of the running task.
     CommandNotFinite,
     /// The same, faster than any joint may turn.
     CommandBeyondLimits,
@@ -24,7 +24,22 @@ pub enum Lie {
     CommandOfAnother,
 }
 
+/// Whom the bridge obeys, and how far it has counted.
+struct Holder {
+    publisher: [u8; 16],
+    sequence: u64,
+    source: Name,
+}
+
 impl Lie {
+    /// It is told in the name of the controller, which has to be silent then.
+    pub fn as_the_controller(self) -> bool {
+        matches!(
+            self,
+            Self::CommandNotFinite | Self::CommandBeyondLimits | Self::CommandOld
+        )
+    }
+
     /// How often it is told, ms.
     pub fn period_ms(self) -> u64 {
         match self {
@@ -43,6 +58,9 @@ pub struct Impostor {
     wrench: Publisher<WrenchStamped>,
     normal: Publisher<NormalEstimate>,
     command: Publisher<ArmCommand>,
+    commands: RawSubscription,
+    forged: RawPublisher,
+    holder: Option<Holder>,
 }
 
 impl Impostor {
@@ -58,7 +76,24 @@ impl Impostor {
             wrench: bus.publisher(&topics::WRENCH_TOOL)?,
             normal: bus.publisher(&topics::estimate_normal("blend"))?,
             command: bus.publisher(&topics::ARM_COMMAND)?,
+            commands: bus.subscribe_raw(topics::ARM_COMMAND.key(), 64)?,
+            forged: bus.raw_publisher(topics::ARM_COMMAND.key(), ArmCommand::NAME)?,
+            holder: None,
         })
+    }
+
+    /// Learns who commands the arm; false while nobody does.
+    pub fn knows_the_controller(&mut self) -> bool {
+        while let Some(message) = self.commands.try_recv() {
+            if let Ok(command) = cdr::decode::<ArmCommand>(&message.payload) {
+                self.holder = Some(Holder {
+                    publisher: message.publisher,
+                    sequence: message.sequence,
+                    source: command.source,
+                });
+            }
+        }
+        self.holder.is_some()
     }
 
     /// Somebody in another process reads what this lie is told on.
@@ -68,6 +103,7 @@ impl Impostor {
                 self.status.is_read_remotely() && self.wrench.is_read_remotely()
             }
             Lie::NormalNotFinite => self.normal.is_read_remotely(),
+            _ if lie.as_the_controller() => self.forged.is_read_remotely(),
             _ => self.command.is_read_remotely(),
         }
     }
@@ -80,7 +116,7 @@ impl Impostor {
         let (cycle, joints) = (arm.message.cycle, arm.message.q.len());
         let activation = control.message.activation;
         let now_ns = clock::now_ns();
-        let command = |value: f64, age: u64, source: &str| {
+        let command = |value: f64, age: u64| {
             let mut command = ArmCommand {
                 header: Header::in_frame::<Base>(now_ns),
                 cycle: cycle.saturating_sub(age),
@@ -89,8 +125,7 @@ impl Impostor {
                 ..ArmCommand::default()
             };
             command.values.extend(std::iter::repeat_n(value, joints));
-            command.source = tangent_schemas::convert::cut(source);
-            self.command.publish(&command);
+            command
         };
         match lie {
             Lie::WrenchNotFinite => {
@@ -114,11 +149,28 @@ impl Impostor {
                 estimate.normal.z = f64::NAN;
                 self.normal.publish(&estimate);
             }
-            // The first word of a task may be anybody's: these say whose it is.
-            Lie::CommandNotFinite => command(f64::NAN, 0, "impostor"),
-            Lie::CommandBeyondLimits => command(8.0, 0, "impostor"),
-            Lie::CommandOld => command(0.1, 50, "impostor"),
-            Lie::CommandOfAnother => command(0.1, 0, "impostor"),
+            Lie::CommandNotFinite => self.forge(command(f64::NAN, 0)),
+            Lie::CommandBeyondLimits => self.forge(command(8.0, 0)),
+            Lie::CommandOld => self.forge(command(0.1, 50)),
+            Lie::CommandOfAnother => {
+                let mut command = command(0.1, 0);
+                command.source = tangent_schemas::convert::cut("impostor");
+                self.command.publish(&command);
+            }
+        }
+    }
+
+    /// Says it as the next word of whoever commands the arm.
+    fn forge(&mut self, mut command: ArmCommand) {
+        let Some(holder) = &mut self.holder else {
+            return;
+        };
+        holder.sequence += 1;
+        command.source = holder.source;
+        let mut bytes = Vec::new();
+        if cdr::encode(&command, &mut bytes).is_ok() {
+            self.forged
+                .publish_as(&bytes, holder.publisher, holder.sequence);
         }
     }
 }

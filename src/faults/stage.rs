@@ -127,13 +127,17 @@ impl Stage {
     /// # Errors
     /// When the bus refuses.
     pub fn lie(&mut self, lie: Lie) -> Result<()> {
-        let impostor = Impostor::new(&self.cell.bus)?;
+        let mut impostor = Impostor::new(&self.cell.bus)?;
         let until = Instant::now() + Duration::from_secs(5);
-        while !impostor.is_heard(lie) {
+        while !(impostor.is_heard(lie) && impostor.knows_the_controller()) {
             if Instant::now() > until {
                 bail!("nobody listens to the impostor");
             }
             std::thread::sleep(Duration::from_millis(2));
+        }
+        if lie.as_the_controller() {
+            self.cell.signal("controller", "STOP")?;
+            impostor.knows_the_controller();
         }
         self.impostor = Some(impostor);
         self.lie = Some(lie);
@@ -240,7 +244,7 @@ impl Stage {
             what: case.what,
             notices: case.notices,
             noticed_ms: since(noticed),
-            noticed_bound_ms: case.noticed_within_ms,
+            noticed_bound_ms: case.seen_within_ms(),
             safe_ms: since(safe),
             bound_ms: case.safe_within_ms(),
             peak_force_n: evidence.peak_n(from_ns, to_ns),
@@ -298,7 +302,7 @@ pub fn without_figures(case: &Case, skipped: bool, remark: &str) -> Row {
         what: case.what,
         notices: case.notices,
         noticed_ms: None,
-        noticed_bound_ms: case.noticed_within_ms,
+        noticed_bound_ms: case.seen_within_ms(),
         safe_ms: None,
         bound_ms: case.safe_within_ms(),
         peak_force_n: 0.0,

@@ -1,7 +1,8 @@
 //! What the system tests share: the built program, folders, free ports.
 #![allow(dead_code, clippy::unwrap_used)]
 
-use std::net::TcpListener;
+use std::collections::HashSet;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU16, Ordering};
@@ -54,14 +55,29 @@ pub fn port_offset() -> u16 {
         let turn = TAKEN.fetch_add(1, Ordering::Relaxed);
         let offset = 100 + (start * 151 + turn * 37) % 15_900;
         let ports = [7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152];
-        if ports
-            .iter()
-            .all(|p| TcpListener::bind(("127.0.0.1", p + offset)).is_ok())
-        {
+        let taken = ports_in_use();
+        if ports.iter().all(|p| !taken.contains(&(p + offset))) {
             return offset;
         }
     }
     panic!("no free ports on loopback");
+}
+
+/// Ports of this host that have a socket. To try one by binding it would take it: a child that another test starts just
+/// then holds it until it runs its own program.
+fn ports_in_use() -> HashSet<u16> {
+    ["tcp", "tcp6", "udp", "udp6"]
+        .iter()
+        .filter_map(|table| fs::read_to_string(format!("/proc/net/{table}")).ok())
+        .flat_map(|text| text.lines().skip(1).map(local_port).collect::<Vec<_>>())
+        .flatten()
+        .collect()
+}
+
+/// `  1: 0100007F:1F90 ...` has port 0x1F90.
+fn local_port(line: &str) -> Option<u16> {
+    let address = line.split_whitespace().nth(1)?;
+    u16::from_str_radix(address.rsplit_once(':')?.1, 16).ok()
 }
 
 /// A process that is ended with the test.

@@ -100,12 +100,27 @@ pub struct Project {
     image: String,
     port: u16,
     folder: tempfile::TempDir,
+    secured: bool,
 }
 
+/// As `[zenoh.tls]` in a cell file beside the folder `keys`.
+const CERTIFICATES: &str = r#"
+[zenoh.tls]
+ca = "keys/ca.pem"
+certificate = "keys/{identity}.pem"
+key = "keys/{identity}.key"
+
+[estimators]
+"#;
+
 impl Project {
-    /// Builds the stand-in image; nothing runs yet.
-    pub fn new(engine: Engine) -> Self {
-        let name = format!("tangent-test-{}", std::process::id());
+    /// Builds the stand-in image; nothing runs yet. `secured`: with certificates, as docker-compose.tls.yml has it.
+    pub fn new(engine: Engine, secured: bool) -> Self {
+        let name = format!(
+            "tangent-test-{}{}",
+            std::process::id(),
+            if secured { "-tls" } else { "" }
+        );
         let image = format!("{name}:standin");
         let folder = tempfile::tempdir().unwrap();
         build_image(&image, folder.path());
@@ -113,9 +128,16 @@ impl Project {
             .and_then(|listener| listener.local_addr())
             .unwrap()
             .port();
-        let cell = fs::read_to_string(root().join("deploy/cell.toml"))
+        let mut cell = fs::read_to_string(root().join("deploy/cell.toml"))
             .unwrap()
             .replace("127.0.0.1:7447", &format!("127.0.0.1:{port}"));
+        if secured {
+            let keys = folder.path().join("keys");
+            make_keys(&keys);
+            cell = cell
+                .replace("tcp/", "quic/")
+                .replace("\n[estimators]\n", CERTIFICATES);
+        }
         fs::write(folder.path().join("cell.toml"), cell).unwrap();
         Self {
             engine,
@@ -123,6 +145,7 @@ impl Project {
             image,
             port,
             folder,
+            secured,
         }
     }
 
@@ -133,21 +156,30 @@ impl Project {
         path
     }
 
-    /// A Compose command on this project.
-    fn command(&self, arguments: &[&str]) -> Command {
+    /// Compose on this project, with the files and variables that it takes.
+    fn base(&self) -> Command {
         let mut command = Command::new(self.engine.compose[0]);
-        command
-            .args(&self.engine.compose[1..])
-            .args(["--project-name", &self.name]);
-        for profile in PROFILES {
-            command.args(["--profile", profile]);
+        command.args(&self.engine.compose[1..]);
+        if self.secured {
+            command.args(["-f", "docker-compose.yml", "-f", "docker-compose.tls.yml"]);
         }
         command
-            .args(arguments)
+            .args(["--project-name", &self.name])
             .current_dir(root())
             .env("TANGENT_IMAGE", &self.image)
             .env("TANGENT_PORT", self.port.to_string())
+            .env("TANGENT_KEYS", self.folder.path().join("keys"))
             .env("COMPOSE_HTTP_TIMEOUT", ENGINE_PATIENCE_S);
+        command
+    }
+
+    /// A Compose command on this project.
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = self.base();
+        for profile in PROFILES {
+            command.args(["--profile", profile]);
+        }
+        command.args(arguments);
         command
     }
 
@@ -158,15 +190,7 @@ impl Project {
 
     /// What a person does first: `up` with nothing else but that it returns, on an image that is there.
     pub fn up(&self) {
-        let mut command = Command::new(self.engine.compose[0]);
-        command
-            .args(&self.engine.compose[1..])
-            .args(["--project-name", &self.name, "up", "--no-build", "-d"])
-            .current_dir(root())
-            .env("TANGENT_IMAGE", &self.image)
-            .env("TANGENT_PORT", self.port.to_string())
-            .env("COMPOSE_HTTP_TIMEOUT", ENGINE_PATIENCE_S);
-        must(&mut command);
+        must(self.base().args(["up", "--no-build", "-d"]));
     }
 
     /// The program on this host, through the port that the router's container publishes.
@@ -227,6 +251,17 @@ impl Drop for Project {
         }
         let _ = call(&mut self.command(&["down", "--volumes", "--remove-orphans", "-t", "2"]));
         let _ = call(Command::new("docker").args(["rmi", "-f", &self.image]));
+    }
+}
+
+/// Keys for the cell in `folder`, readable by the user in the containers.
+fn make_keys(folder: &Path) {
+    let mut make = tangent();
+    make.args(["keys", "new"]).arg(folder);
+    make.args(["--for", "cell1", "--host", "router", "--host", "127.0.0.1"]);
+    must(&mut make);
+    for entry in fs::read_dir(folder).unwrap() {
+        std::os::unix::fs::chown(entry.unwrap().path(), Some(10001), Some(10001)).unwrap();
     }
 }
 

@@ -106,7 +106,6 @@ fn assert_true(found: &Value, what: &str) {
 }
 
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn the_payload_is_found_live_and_from_the_recording() {
     let mut cell = Cell::new(|_| {});
     cell.start_all(&["router simulator netft rtde recorder"]);

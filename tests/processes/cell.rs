@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use serde_json::Value;
@@ -18,16 +18,22 @@ use crate::common::{Process, json, port_offset, root, run, stderr, wait_for};
 /// Longest wait for anything that a person would call prompt; machines that build meanwhile are slow.
 pub const PATIENCE: Duration = Duration::from_secs(40);
 
+/// One cell at a time: what is measured is the cell's answer, not how two of them share a small machine.
+static MACHINE: Mutex<()> = Mutex::new(());
+
 /// A cell's processes by name, and its files.
 pub struct Cell {
     folder: TempDir,
     port_offset: u16,
     processes: BTreeMap<String, Process>,
+    // Given back when the processes are gone.
+    _alone: MutexGuard<'static, ()>,
 }
 
 impl Cell {
     /// Writes the cell file; nothing runs yet. `change` may alter it.
     pub fn new(change: impl FnOnce(&mut toml::Table)) -> Self {
+        let alone = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().unwrap();
         let port_offset = port_offset();
         let offset = i64::from(port_offset);
@@ -54,6 +60,7 @@ impl Cell {
             folder,
             port_offset,
             processes: BTreeMap::new(),
+            _alone: alone,
         }
     }
 

@@ -66,7 +66,6 @@ fn safe(observer: &Observer, since_ns: i64) {
 
 /// Sliding stops, the force is kept along the last normal, and after a second without an estimate the tool leaves.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn an_estimator_that_dies() {
     let (mut cell, observer) = sliding(&COMPOSED);
     let killed = now_ns();
@@ -103,7 +102,6 @@ fn an_estimator_that_dies() {
 
 /// Back within the second, it is used again without anybody's asking.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn an_estimator_that_hangs_for_a_moment() {
     let (mut cell, observer) = sliding(&COMPOSED);
     let stopped = now_ns();
@@ -124,7 +122,6 @@ fn an_estimator_that_hangs_for_a_moment() {
 }
 
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn a_sensor_service_that_dies() {
     let (mut cell, observer) = sliding(&COMPOSED);
     let killed = now_ns();
@@ -160,7 +157,6 @@ fn a_sensor_service_that_dies() {
 
 /// What it had queued comes late, in a burst, and moves nobody.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn a_sensor_service_that_hangs() {
     let (mut cell, observer) = sliding(&COMPOSED);
     let stopped = now_ns();
@@ -174,7 +170,6 @@ fn a_sensor_service_that_hangs() {
 
 /// The bridge ramps the arm down; a new controller finds the task's activation latched and starts nothing.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn a_controller_that_dies() {
     let (mut cell, observer) = sliding(&APART);
     let killed = now_ns();
@@ -196,7 +191,6 @@ fn a_controller_that_dies() {
 
 /// Its old activation is latched when it goes on, and it says so instead of sliding in its mind.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn a_controller_that_hangs() {
     let (mut cell, observer) = sliding(&APART);
     let stopped = now_ns();
@@ -213,7 +207,6 @@ fn a_controller_that_hangs() {
 
 /// The program on the robot stops the arm by itself; a new bridge takes over and moves nothing.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn a_bridge_that_dies() {
     let (mut cell, observer) = sliding(&APART);
     let killed = now_ns();
@@ -236,7 +229,6 @@ fn a_bridge_that_dies() {
 
 /// The same of the hard loop in one process, and of one that only hangs.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn a_hard_loop_that_hangs_and_dies() {
     let (mut cell, observer) = sliding(&COMPOSED);
     let stopped = now_ns();
@@ -264,7 +256,6 @@ fn a_hard_loop_that_hangs_and_dies() {
 
 /// Nobody hears anybody: the arm comes off the surface; then all find each other again, none started anew.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn a_router_that_is_started_again() {
     let names = [
         "router",

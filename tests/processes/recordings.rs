@@ -17,7 +17,6 @@ const PROCESSES: [&str; 6] = [
 
 /// Killed in the middle of a task: nobody else cares, the file opens as it is, and the next start mends it.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
     let mut cell = Cell::new(|_| {});
     cell.start_all(&PROCESSES);
@@ -76,7 +75,6 @@ fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
 
 /// Files of a few seconds or a few hundred kilobytes, each whole by itself, and no message lost between them.
 #[test]
-#[ignore = "drives many processes against the clock and is not yet steady on a loaded machine: cargo test --release --test processes -- --ignored"]
 fn recordings_rotate_by_time_and_by_size() {
     for (key, value, files) in [("rotate_s", 2.0, 3), ("rotate_mb", 0.4, 3)] {
         let mut cell = Cell::new(|cell| {

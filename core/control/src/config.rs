@@ -163,6 +163,8 @@ pub struct PatienceConfig {
     pub estimate_s: f64,
     /// From then to the retraction, s.
     pub estimate_retract_s: f64,
+    /// From the moment that the motion of a moving base is not known to the retraction, s.
+    pub base_retract_s: f64,
 }
 
 impl Default for ForceConfig {
@@ -258,6 +260,7 @@ impl Default for PatienceConfig {
             wrench_retract_s: 0.1,
             estimate_s: 0.1,
             estimate_retract_s: 1.0,
+            base_retract_s: 1.0,
         }
     }
 }

@@ -5,6 +5,7 @@ use tangent_mechanics::{Aligned, Arm, Base, Flange, Joints, Pose, Tool, Twist, W
 
 use crate::alignment::{alignment_error, alignment_rate};
 use crate::force_law::ForceSample;
+use crate::ground::Ground;
 use crate::joint_velocity::JointVelocity;
 use crate::limits::clamp_norm;
 use crate::run::{Percept, Requests, Run};
@@ -28,6 +29,7 @@ pub struct Controller {
     activation: u64,
     requests: Requests,
     run: Run,
+    ground: Ground,
     limiter: TwistLimiter,
     joints: JointVelocity,
     estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
@@ -59,6 +61,7 @@ impl Controller {
             activation: 0,
             requests: Requests::default(),
             run: Run::idle(),
+            ground: Ground::default(),
             limiter: TwistLimiter::default(),
             joints: JointVelocity::default(),
             estimates: [None; MAX_ESTIMATORS],
@@ -86,6 +89,7 @@ impl Controller {
         self.activation = self.activation.max(latched) + 1;
         self.requests = Requests::default();
         self.run = Run::start(&program);
+        self.ground = Ground::default();
         self.names = program.estimators.clone();
         self.config = program.config;
         self.speed_m_per_s = program.task.path.speed_m_per_s();
@@ -209,7 +213,8 @@ impl Controller {
 
     /// One robot cycle. Allocates nothing.
     pub fn step(&mut self, input: &ControlInput) -> ControlOutput {
-        self.estimates = input.estimates;
+        let placed = self.ground.place(input);
+        self.estimates = placed.estimates;
         if self.run.phase.is_active() {
             if !is_sane(input) {
                 self.run.abort(Fault::ArmState);
@@ -223,14 +228,16 @@ impl Controller {
         ramp_gains(&mut self.config, &self.targets, input.dt_s);
         let reference_n = self.targets[Parameter::ForceReference as usize];
         let speed_target = self.targets[Parameter::Speed as usize];
-        let percept = self.run.perceive(program, &self.config, input, reference_n);
+        let percept = self
+            .run
+            .perceive(program, &self.config, &placed, &self.ground, reference_n);
         self.run.decide(
             program,
             &self.config,
             &self.limits,
             &self.requests,
             reference_n,
-            input,
+            &placed,
             &percept,
         );
         if !self.run.phase.is_active() {
@@ -242,11 +249,17 @@ impl Controller {
             program,
             &self.config,
             &self.limits,
-            input,
+            &placed,
             &percept,
             reference_n,
             speed_factor,
         );
+        // The sensor is tared at rest; everything else is done over ground.
+        let wanted = if self.run.phase == Phase::Tare {
+            wanted
+        } else {
+            self.ground.against_base(&input.base_from_tool, wanted)
+        };
         let twist = self.limiter.step(&self.limits, wanted, input.dt_s);
         let (qd, manipulability) = self.joints.step(
             &self.arm,
@@ -256,6 +269,11 @@ impl Controller {
             &twist,
             input.dt_s,
         );
+        if self.ground.moves() {
+            let jacobian = self.arm.jacobian_at(&input.q, &self.flange_from_tool);
+            let made = Twist::from_vector(&(jacobian * qd));
+            self.ground.follow(&twist, &made, input.dt_s);
+        }
         let run = &self.run;
         ControlOutput {
             kind: CommandKind::JointVelocity,
@@ -312,7 +330,7 @@ impl Controller {
             estimator_cause: run.choice.cause,
             estimator_switches: run.choice.switches,
             normal: if active {
-                run.surface.normal
+                self.ground.direction(&run.surface.normal)
             } else {
                 hold.normal
             },
@@ -322,7 +340,7 @@ impl Controller {
                 0.0
             },
             path_reference: if active {
-                run.tracking.reference
+                self.ground.point(&run.tracking.reference)
             } else {
                 hold.path_reference
             },
@@ -355,6 +373,11 @@ fn wanted_twist(
     let normal = run.surface.normal;
     let still = Vector3::zeros();
     match run.phase {
+        // Nowhere to go as long as nobody knows where the base does.
+        Phase::Approach | Phase::Seek if percept.base.is_some() => {
+            run.tracking.freeze();
+            Twist::zero()
+        }
         Phase::Approach => Twist::new(run.approach * approach_speed(program, config), still),
         Phase::Seek => {
             run.tracking.freeze();
@@ -436,4 +459,5 @@ fn is_sane(input: &ControlInput) -> bool {
         && pose.translation().iter().all(|x| x.is_finite())
         && pose.rotation().coords.iter().all(|x| x.is_finite())
         && input.twist.is_finite()
+        && input.base.is_none_or(|base| base.is_finite())
 }

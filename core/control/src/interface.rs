@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist, Wrench};
-use tangent_sensing::Validity;
+use tangent_sensing::{BaseMotion, Validity};
 
 use crate::{Fault, Phase, SwitchCause};
 
@@ -51,6 +51,8 @@ pub struct ControlInput {
     pub bias_age_s: Option<f64>,
     /// Newest estimates, in the order of [`crate::Controller::estimators`].
     pub estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
+    /// How the base moves now; none where it stands for good.
+    pub base: Option<BaseMotion>,
 }
 
 /// What kind of command an output is; the numeric value is that of `ArmCommand.kind`.
@@ -105,6 +107,8 @@ pub struct ControlOutput {
     pub wrench_age_s: f64,
     /// Age of the estimate in use, s; -1 without one.
     pub estimate_age_s: f64,
+    /// Age of the base's pose in use, s; -1 where the base stands for good.
+    pub base_age_s: f64,
     /// `sqrt(det(J Jᵀ))` at the tool.
     pub manipulability: f64,
     /// Contact losses since the task started.
@@ -144,6 +148,7 @@ impl ControlOutput {
             alignment_error_rad: 0.0,
             wrench_age_s: input.wrench_age_s,
             estimate_age_s: -1.0,
+            base_age_s: input.base.map_or(-1.0, |base| base.age_s),
             manipulability: 0.0,
             contact_lost_count: 0,
             in_contact: false,

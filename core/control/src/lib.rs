@@ -10,6 +10,7 @@ mod error;
 mod estimator_choice;
 pub mod force_integral;
 pub mod force_law;
+mod ground;
 pub mod hybrid_dynamics;
 mod interface;
 pub mod joint_velocity;
@@ -26,6 +27,7 @@ mod switching;
 mod task;
 pub mod touchdown;
 mod tracking;
+mod urgent;
 pub mod wrench_guard;
 
 pub use config::{

@@ -81,6 +81,10 @@ pub enum Fault {
     Wrench(tangent_sensing::Validity),
     /// No estimator in the task's list gave a usable normal for too long.
     Estimate(tangent_sensing::Validity),
+    /// How the base moves was not known for too long.
+    Base(tangent_sensing::BaseTrouble),
+    /// The arm cannot make up for the motion of its base.
+    OutOfReach,
     /// The approach found nothing.
     NoSurface,
     /// The surface was lost and not found again.
@@ -122,6 +126,10 @@ impl Fault {
                 "normal estimate fell silent, no other to fall back to"
             }
             Self::Estimate(_) => "normal estimate unusable, no other to fall back to",
+            Self::Base(trouble) => trouble.reason(),
+            Self::OutOfReach => {
+                "the base carries the arm out of its reach: stop the platform, or start nearer"
+            }
             Self::NoSurface => "no surface within approach.distance_max_m",
             Self::SurfaceLost => {
                 "surface lost and not found again within limits.blind_distance_max_m"

@@ -4,14 +4,16 @@
 
 use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Tool, Wrench};
-use tangent_sensing::Validity;
+use tangent_sensing::{BaseTrouble, Validity};
 
 use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
+use crate::ground::Ground;
 use crate::surface::Surface;
 use crate::switching::ChoiceRules;
 use crate::touchdown::{approach_speed, seek_speed, stiffness_expected};
 use crate::tracking::Tracking;
+use crate::urgent::urgent_fault;
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
 use crate::{ControlInput, ControllerConfig, Fault, Limits, Phase, Program};
 
@@ -21,6 +23,8 @@ pub(crate) enum HoldReason {
     Paused,
     PathEnd,
     NoEstimate,
+    /// How the base moves is not known.
+    NoBase,
     /// Not even force is controlled: nothing moves. Back to the phase it came from when the wrench is good again.
     NoWrench(Phase),
 }
@@ -36,6 +40,12 @@ pub(crate) struct Requests {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Percept {
     pub position: Vector3<f64>,
+    /// The same from the base of this cycle: what the workspace is drawn in.
+    pub position_in_base: Vector3<f64>,
+    /// Why the motion of the base is not known.
+    pub base: Option<BaseTrouble>,
+    /// The arm cannot make up for the base's motion.
+    pub out_of_reach: bool,
     pub z_tool: Vector3<f64>,
     /// At the tool's origin, base axes; zero when there is none to use.
     pub wrench: Wrench<Aligned<Tool, Base>>,
@@ -69,6 +79,8 @@ pub(crate) struct Run {
     low_cycles: u32,
     /// How long there has been no normal to use while pressing; a wrench that comes and goes does not start it anew.
     blind_s: f64,
+    /// How long the motion of the base has not been known.
+    adrift_s: f64,
     /// Reason and time of the phase that a silent wrench interrupted.
     interrupted: (HoldReason, f64),
     phase_start: Vector3<f64>,
@@ -98,6 +110,7 @@ impl Run {
             settled_s: 0.0,
             low_cycles: 0,
             blind_s: 0.0,
+            adrift_s: 0.0,
             interrupted: (HoldReason::Paused, 0.0),
             phase_start: Vector3::zeros(),
         }
@@ -115,12 +128,14 @@ impl Run {
         }
     }
 
-    /// Takes the cycle's measurements: what touches, where the surface faces, whether the wrench can be believed.
+    /// Takes the cycle's measurements: what touches, where the surface faces, whether the wrench can be believed. `input` is
+    /// as placed on `ground`.
     pub fn perceive(
         &mut self,
         program: &Program,
         config: &ControllerConfig,
         input: &ControlInput,
+        ground: &Ground,
         reference_n: f64,
     ) -> Percept {
         let pose = &input.base_from_tool;
@@ -189,6 +204,9 @@ impl Run {
         }
         Percept {
             position,
+            position_in_base: ground.point(&position),
+            base: input.base.and_then(|base| base.trouble),
+            out_of_reach: ground.out_of_reach(),
             z_tool,
             wrench,
             verdict,
@@ -257,6 +275,7 @@ impl Run {
         } else {
             0.0
         };
+        self.adrift_s = percept.base.map_or(0.0, |_| self.adrift_s + dt);
         let task = &program.task;
         if self.phase != Phase::Retract {
             if requests.stopping {
@@ -266,6 +285,12 @@ impl Run {
                 && let Some(fault) = urgent_fault(limits, percept)
             {
                 return self.leave(percept, Some(fault));
+            }
+            if let Some(trouble) = percept.base
+                && self.phase != Phase::Tare
+                && self.adrift_s > config.patience.base_retract_s
+            {
+                return self.leave(percept, Some(Fault::Base(trouble)));
             }
             if task.timeouts.task_s > 0.0 && self.elapsed_s > task.timeouts.task_s {
                 return self.leave(percept, Some(Fault::TaskTimeout));
@@ -329,6 +354,8 @@ impl Run {
             Phase::Slide => {
                 let reason = if let EstimateStatus::None(_) = percept.estimate {
                     Some(HoldReason::NoEstimate)
+                } else if percept.base.is_some() {
+                    Some(HoldReason::NoBase)
                 } else if requests.paused {
                     Some(HoldReason::Paused)
                 } else if self.tracking.is_finished(&program.path) {
@@ -392,6 +419,11 @@ impl Run {
             }
             HoldReason::Paused => {
                 if !requests.paused {
+                    self.enter(Phase::Slide, percept);
+                }
+            }
+            HoldReason::NoBase => {
+                if percept.base.is_none() {
                     self.enter(Phase::Slide, percept);
                 }
             }
@@ -460,21 +492,4 @@ impl Run {
         self.phase = Phase::Fault;
         self.fault = Some(fault);
     }
-}
-
-/// Faults that leave the surface whatever the phase.
-fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> {
-    if let WrenchVerdict::Retract(reason) = percept.verdict {
-        return Some(Fault::Wrench(reason));
-    }
-    if percept.wrench.force.norm() > limits.force_max_n {
-        return Some(Fault::ForceLimit);
-    }
-    if percept.wrench.torque.norm() > limits.torque_max_nm {
-        return Some(Fault::TorqueLimit);
-    }
-    let inside = (0..3).all(|i| {
-        (limits.workspace_min_m[i]..=limits.workspace_max_m[i]).contains(&percept.position[i])
-    });
-    (!inside).then_some(Fault::Workspace)
 }

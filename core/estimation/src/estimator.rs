@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench};
-use tangent_sensing::Validity;
+use tangent_sensing::{BaseMotion, Validity};
 
 /// One control cycle as an estimator sees it.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +25,8 @@ pub struct ContactSample {
     pub wrench_validity: Validity,
     /// Age of the sensor's tare, s; `None` while there was none. A new tare makes an estimator forget the old bias.
     pub wrench_bias_age_s: Option<f64>,
+    /// How the base moves at the time of the sample; `None` where it stands for good.
+    pub base: Option<BaseMotion>,
 }
 
 /// Where the surface faces, and how sure that is.

@@ -1,5 +1,6 @@
 //! Estimators by name, as tasks, cells and the command line speak of them.
 
+use crate::over_ground::OverGround;
 use crate::{
     Blend, EstimationError, EstimatorConfig, GaussianProcess, GaussianProcessPaper,
     NormalEstimator, Quadratic, QuadraticPaper, Reactive, ReactivePaper,
@@ -24,7 +25,9 @@ pub fn estimator_names() -> [&'static str; MAKERS.len()] {
     MAKERS.map(|(name, _)| name)
 }
 
-/// Makes an estimator by name.
+/// Makes an estimator by name. Its memory stays with the floor when the base moves ([`ContactSample::base`]).
+///
+/// [`ContactSample::base`]: crate::ContactSample::base
 ///
 /// # Errors
 /// [`EstimationError::Unknown`] lists the names there are; [`EstimationError::OutOfRange`] names the setting.
@@ -38,7 +41,7 @@ pub fn build(
         name: name.to_owned(),
         allowed: estimator_names().join(", "),
     })?;
-    Ok(make(config))
+    Ok(Box::new(OverGround::new(make(config))))
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use synthetic::{Flaws, Surface, Trial};
 use tangent_estimation::{ContactSample, EstimatorConfig, NormalEstimate, build, estimator_names};
 use tangent_mechanics::{Pose, Twist, Wrench};
-use tangent_sensing::Validity;
+use tangent_sensing::{BaseMotion, BaseTrouble, Validity};
 
 const SOUND: [&str; 4] = ["reactive", "quadratic", "gaussian_process", "blend"];
 
@@ -184,7 +184,7 @@ fn three() -> impl Strategy<Value = Vector3<f64>> {
 
 prop_compose! {
     fn garbage()(time in number(), dt in number(), delay in number(), p in three(), r in three(), v in three(),
-                 w in three(), f in three(), m in three(), code in 0u8..11) -> ContactSample {
+                 w in three(), f in three(), m in three(), code in 0u8..11, b in three(), turn in three(), moves in any::<bool>()) -> ContactSample {
         ContactSample {
             time_s: time,
             dt_s: dt,
@@ -195,6 +195,12 @@ prop_compose! {
             wrench_delay_s: delay,
             wrench_validity: Validity::from(if code < 8 { 0 } else { code - 7 }),
             wrench_bias_age_s: (code % 2 == 0).then_some(time),
+            base: moves.then(|| BaseMotion {
+                world_from_base: Pose::new(b, UnitQuaternion::from_scaled_axis(turn)),
+                twist: Twist::new(turn, b),
+                age_s: delay,
+                trouble: (code == 3).then_some(BaseTrouble::Silent),
+            }),
         }
     }
 }

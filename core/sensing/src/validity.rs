@@ -25,6 +25,8 @@ pub enum Validity {
     Degenerate = 8,
     /// Too far from what was used until now.
     Disagrees = 9,
+    /// The base moves, and how is not known.
+    BaseUnknown = 10,
 }
 
 impl Validity {
@@ -46,6 +48,7 @@ impl Validity {
             Self::NotSliding => "not sliding",
             Self::Degenerate => "too few or badly spread samples",
             Self::Disagrees => "too far from the estimate in use",
+            Self::BaseUnknown => "the motion of the base is not known",
         }
     }
 }
@@ -63,6 +66,7 @@ impl From<u8> for Validity {
             7 => Self::NotSliding,
             8 => Self::Degenerate,
             9 => Self::Disagrees,
+            10 => Self::BaseUnknown,
             _ => Self::SensorError,
         }
     }

@@ -11,8 +11,8 @@ use tangent_control::{
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench, manipulability};
 use tangent_sensing::{
-    ConditionedWrench, Payload, Reading, SensorCondition, Validity, WrenchConditioner,
-    WrenchConditionerState,
+    BasePose, BaseTracker, ConditionedWrench, Payload, Reading, SensorCondition, Validity,
+    WrenchConditioner, WrenchConditionerState,
 };
 
 use crate::digest::TrajectoryDigest;
@@ -20,6 +20,7 @@ use crate::measurement::{ArmMeasurement, VelocityCommand};
 use crate::metrics::object_pose::ObjectPoseFigures;
 use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 use crate::plant::Plant;
+use crate::platform::OdometrySample;
 use crate::scenario::{PIPELINE_CYCLES_MAX, Scenario, ScenarioError};
 use crate::truth::Truth;
 
@@ -155,6 +156,7 @@ pub struct ClosedLoop {
     conditioning: WrenchConditionerState,
     estimators: Vec<Box<dyn NormalEstimator>>,
     controller: Controller,
+    base: BaseTracker,
     flange_from_tool: Pose<tangent_mechanics::Flange, Tool>,
     /// Measured tool pose of the period before, and its time.
     pose_before: (Pose<Base, Tool>, f64),
@@ -210,6 +212,7 @@ impl ClosedLoop {
             conditioning: WrenchConditionerState::default(),
             estimators,
             controller,
+            base: BaseTracker::new(&scenario.base),
             flange_from_tool,
             pose_before: (input.base_from_tool, 0.0),
             sensor_scale: [
@@ -289,6 +292,12 @@ impl ClosedLoop {
             input.wrench_age_s = arm.time_s - self.wrench_time;
         }
 
+        for sample in self.plant.odometry() {
+            // What is refused counts in the tracker, as silence.
+            let _ = self.base.take(&base_pose(sample));
+        }
+        input.base = self.base.at(input.time_s);
+
         let contact = ContactSample {
             time_s: input.time_s,
             dt_s: input.dt_s,
@@ -299,6 +308,7 @@ impl ClosedLoop {
             wrench_delay_s: input.wrench_delay_s,
             wrench_validity: input.wrench_validity,
             wrench_bias_age_s: input.bias_age_s,
+            base: input.base,
         };
         self.estimates[..=self.estimate_cycles].rotate_right(1);
         for (slot, estimator) in self.estimates[0].iter_mut().zip(&mut self.estimators) {
@@ -407,5 +417,23 @@ fn blank_input(plant: &Plant) -> ControlInput {
         wrench_delay_s: 0.0,
         bias_age_s: None,
         estimates: [None; MAX_ESTIMATORS],
+        base: None,
+    }
+}
+
+/// As it comes from the platform.
+fn base_pose(sample: &OdometrySample) -> BasePose {
+    let pose = &sample.world_from_base;
+    let mut variances = nalgebra::Vector6::repeat(sample.position_variance_m2);
+    variances
+        .fixed_rows_mut::<3>(3)
+        .fill(sample.orientation_variance_rad2);
+    BasePose {
+        publisher: [1; 16],
+        stamp_s: sample.stamp_s,
+        arrived_s: sample.published_s,
+        position: pose.translation.vector,
+        quaternion: pose.rotation.coords.into(),
+        covariance: nalgebra::Matrix6::from_diagonal(&variances),
     }
 }

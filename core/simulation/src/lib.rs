@@ -19,6 +19,7 @@ mod object_scenario;
 mod overrides;
 mod plant;
 mod plant_config;
+mod platform;
 mod scenario;
 mod sensor;
 mod sensor_load;
@@ -47,6 +48,7 @@ pub use plant_config::{
     PayloadErrorConfig, PlantConfig, PoseConfig, SensorConfig, ServoConfig, StartConfig,
     SurfaceConfig,
 };
+pub use platform::{OdometryConfig, OdometrySample, Platform, PlatformConfig};
 pub use scenario::{PipelineConfig, Scenario, ScenarioError};
 pub use sensor::Sensor;
 pub use servo::Servo;

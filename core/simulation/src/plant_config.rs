@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::platform::PlatformConfig;
 use crate::surfaces::ShapeConfig;
 
 /// A pose as written in a file.
@@ -52,6 +53,9 @@ pub struct PlantConfig {
     pub sensor: SensorConfig,
     /// Where the arm stands at the start.
     pub start: StartConfig,
+    /// The platform that it stands on, if it moves.
+    #[serde(default)]
+    pub base: Option<PlatformConfig>,
 }
 
 fn default_robot() -> String {

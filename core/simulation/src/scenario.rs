@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tangent_control::{ControlError, ControllerConfig, Limits, Task};
 use tangent_estimation::{EstimationError, EstimatorConfig};
-use tangent_sensing::{ConditioningConfig, SensingError};
+use tangent_sensing::{BaseConfig, ConditioningConfig, SensingError};
 use toml::{Table, Value};
 
 use crate::overrides::{self, OverrideError};
@@ -40,6 +40,9 @@ pub struct Scenario {
     /// Wrench conditioning.
     #[serde(default)]
     pub sensing: ConditioningConfig,
+    /// How the pose of a moving base is judged.
+    #[serde(default)]
+    pub base: BaseConfig,
     /// Delays of the pipeline between plant and controller.
     #[serde(default)]
     pub pipeline: PipelineConfig,
@@ -191,6 +194,7 @@ impl Scenario {
         ] {
             value(key, cycles as f64, "0 to 16", cycles <= PIPELINE_CYCLES_MAX)?;
         }
+        self.base.check()?;
         self.task.check()?;
         self.controller_config()?;
         Ok(())

@@ -9,7 +9,7 @@ use crate::plant_config::ToolConfig;
 /// Standard gravity, m/s², along minus z of the base.
 const GRAVITY_M_PER_S2: f64 = 9.80665;
 
-/// The flange at the end of a sub-step, base axes.
+/// The flange at the end of a sub-step, floor axes: those of the base at time zero, in which the surface stands.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Body {
     pub pose: Isometry3<f64>,

@@ -1,7 +1,7 @@
 //! What really happens at the contact. The system under test never reads it.
 
-use nalgebra::{Matrix3, Vector3};
-use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench};
+use nalgebra::{Isometry3, Matrix3, Vector3};
+use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World, Wrench};
 
 use crate::contact::{PadContact, PadMotion};
 use crate::surfaces::Surface;
@@ -27,7 +27,7 @@ pub struct Truth {
     pub wrench: Wrench<Aligned<Tool, Base>>,
     /// The pad's true pose, with the deflection of the tool.
     pub base_from_tool: Pose<Base, Tool>,
-    /// The pad's true velocity: of the tool's origin, base axes.
+    /// The pad's true velocity against the surface: of the tool's origin, base axes.
     pub twist: Twist<Aligned<Tool, Base>>,
     /// Speed of the tool's origin in the tangent plane, m/s.
     pub sliding_speed_m_per_s: f64,
@@ -35,6 +35,27 @@ pub struct Truth {
     pub friction_ratio: f64,
     /// Sliding friction coefficient of the material.
     pub friction_coefficient: f64,
+    /// Where the arm's base is: the floor's axes are the base's at time zero.
+    pub world_from_base: Pose<World, Base>,
+}
+
+impl Truth {
+    /// From floor axes to those of the base at `floor_from_base`.
+    pub(crate) fn seen_from(self, floor_from_base: &Isometry3<f64>) -> Self {
+        let back = floor_from_base.inverse();
+        let axes = back.rotation.to_rotation_matrix().into_inner();
+        let tool = back * self.base_from_tool.isometry();
+        Self {
+            point: back.transform_point(&self.point.into()).coords,
+            normal: axes * self.normal,
+            curvature: axes * self.curvature * axes.transpose(),
+            wrench: Wrench::new(axes * self.wrench.force, axes * self.wrench.torque),
+            base_from_tool: Pose::from_isometry(tool),
+            twist: Twist::new(axes * self.twist.linear, axes * self.twist.angular),
+            world_from_base: Pose::from_isometry(*floor_from_base),
+            ..self
+        }
+    }
 }
 
 impl Truth {
@@ -68,6 +89,7 @@ impl Truth {
                 0.0
             },
             friction_coefficient,
+            world_from_base: Pose::identity(),
         }
     }
 }

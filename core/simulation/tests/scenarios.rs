@@ -17,6 +17,7 @@ scenarios!(
     "cone_realistic",
     "height_field",
     "pipe_ideal",
+    "pipe_moving_base",
     "pipe_realistic",
     "plane",
     "sheet",

@@ -8,8 +8,8 @@ pub mod trace;
 macro_rules! for_every_message {
     ($check:ident, $argument:expr) => {
         $crate::common::for_every_message!(@ $check, $argument,
-            tangent_schemas::standard: Time Duration Header ColorRGBA Vector3 Point Quaternion Pose PoseStamped Twist
-                Wrench WrenchStamped Transform TransformStamped TFMessage CompressedImage JointState UVCoordinate MeshFile
+            tangent_schemas::standard: Time Duration Header ColorRGBA Vector3 Point Quaternion Pose PoseStamped
+                PoseWithCovariance PoseWithCovarianceStamped Twist Wrench WrenchStamped Transform TransformStamped TFMessage CompressedImage JointState UVCoordinate MeshFile
                 Marker MarkerArray;
             tangent_schemas::tangent: ArmState ArmCommand WrenchStatus NormalEstimate ControlState Health ContactTruth
                 Request Answer;

@@ -3,6 +3,7 @@
 use tangent_control::{ControllerConfig, Limits};
 use tangent_mechanics::{Arm, Flange, ModelData, Pose, Tool};
 use tangent_runtime::CellConfig;
+use tangent_sensing::BaseConfig;
 
 use crate::ControllerError;
 
@@ -22,6 +23,8 @@ pub struct Config {
     pub control: ControllerConfig,
     /// Estimators that run in this cell: listened to from the start, so that a switch finds them fresh.
     pub estimators: Vec<String>,
+    /// How the pose of a moving base is judged.
+    pub base: BaseConfig,
 }
 
 impl Config {
@@ -53,6 +56,7 @@ impl Config {
             limits,
             control,
             estimators,
+            base: cell.base,
         })
     }
 }

@@ -109,12 +109,18 @@ impl Cycle {
         }
         self.take_parameters();
         let names = self.controller.estimators().clone();
-        let Some(input) = self.inputs.gather(arm, &names, self.command.id()) else {
+        let Some(mut input) = self.inputs.gather(arm, &names, self.command.id()) else {
             // No answer: the bridge ramps the arm down by itself.
             self.meters.unusable.set(self.meters.unusable.get() + 1.0);
             self.say(Standing::Unusable);
             return;
         };
+        // The bridge has ended this task: to it, all that is commanded for it is void.
+        if self.controller.phase().is_active()
+            && arm.message.activation_latched >= self.controller.activation()
+        {
+            input.arm_ready = false;
+        }
         let output = self.controller.step(&input);
         self.command.publish(&messages::command(
             &arm.message,

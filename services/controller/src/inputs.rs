@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use tangent_control::{ControlInput, EstimateInput, EstimatorName, MAX_ESTIMATORS};
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Pose, Twist, Wrench};
-use tangent_runtime::{Latest, Received};
+use tangent_runtime::{BaseReader, Latest, Received};
 use tangent_schemas::Name;
 use tangent_schemas::convert::joints;
 use tangent_schemas::standard::WrenchStamped;
@@ -42,6 +42,7 @@ pub struct Inputs {
     status: Latest<WrenchStatus>,
     wrench_age: ContentAge,
     wrench_late_s: f64,
+    base: BaseReader,
     estimates: ArrayVec<EstimateReader, MAX_READERS>,
     started: Instant,
 }
@@ -51,12 +52,17 @@ pub const MAX_READERS: usize = 16;
 
 impl Inputs {
     /// Reads from these.
-    pub fn new(wrench: Latest<WrenchStamped>, status: Latest<WrenchStatus>) -> Self {
+    pub fn new(
+        wrench: Latest<WrenchStamped>,
+        status: Latest<WrenchStatus>,
+        base: BaseReader,
+    ) -> Self {
         Self {
             wrench,
             status,
             wrench_age: ContentAge::default(),
             wrench_late_s: 0.0,
+            base,
             estimates: ArrayVec::new(),
             started: Instant::now(),
         }
@@ -101,6 +107,7 @@ impl Inputs {
             wrench_delay_s: 0.0,
             bias_age_s: None,
             estimates: [None; MAX_ESTIMATORS],
+            base: self.base.at(arm.received),
         };
         self.read_wrench(&mut input);
         for (slot, name) in input.estimates.iter_mut().zip(names) {

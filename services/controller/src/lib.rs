@@ -20,7 +20,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use tangent_control::{Controller, EstimatorName, Parameter, Phase};
-use tangent_runtime::{Bus, HealthReporter, Parameters, Stop};
+use tangent_runtime::{BaseReader, Bus, HealthReporter, Parameters, Stop};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::tangent::Request;
 use tangent_schemas::topics::{self, queries};
@@ -56,6 +56,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
     let mut inputs = Inputs::new(
         bus.latest(&topics::WRENCH_TOOL)?,
         bus.latest(&topics::WRENCH_STATUS)?,
+        BaseReader::new(&bus, &config.base)?,
     );
     for name in &config.estimators {
         if let Ok(short) = EstimatorName::from(name) {

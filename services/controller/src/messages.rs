@@ -57,6 +57,7 @@ pub fn state(
         wrench_age_s: finite(output.wrench_age_s),
         estimate_age_s: finite(output.estimate_age_s),
         arm_state_age_s,
+        base_age_s: finite(output.base_age_s),
         motion_tank_j: 0.0,
         force_tank_j: 0.0,
         manipulability: output.manipulability,

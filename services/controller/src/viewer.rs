@@ -1,13 +1,14 @@
-//! What 3-D viewers draw: frames on `tf`, arrows and the path on `markers`, a few times a second from a side thread.
+//! What 3-D viewers draw: frames on `tf` (the moving base's in the world too), arrows and the path on `markers`, a few times a second from a side thread.
 
 use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use tangent_control::Phase;
-use tangent_mechanics::{Base, Pose, Tool};
+use tangent_mechanics::{Base, Pose, Tool, World};
 use tangent_runtime::{Bus, BusError, Latest, Publisher};
 use tangent_schemas::standard::{
-    ColorRGBA, Header, Marker, MarkerArray, Point, TFMessage, Transform, TransformStamped,
+    ColorRGBA, Header, Marker, MarkerArray, Point, PoseWithCovarianceStamped, TFMessage, Transform,
+    TransformStamped,
 };
 use tangent_schemas::tangent::{ArmState, ControlState};
 use tangent_schemas::{convert::cut, topics};
@@ -25,6 +26,7 @@ const NORMAL_M: f64 = 0.08;
 pub struct Viewer {
     arm: Latest<ArmState>,
     control: Latest<ControlState>,
+    base: Latest<PoseWithCovarianceStamped>,
     tf: Publisher<TFMessage>,
     markers: Publisher<MarkerArray>,
     trace: VecDeque<Point>,
@@ -37,6 +39,7 @@ impl Viewer {
         Ok(Self {
             arm: bus.latest(&topics::ARM_STATE)?,
             control: bus.latest(&topics::CONTROL_STATE)?,
+            base: bus.latest(&topics::BASE_POSE)?,
             tf: bus.publisher(&topics::TF)?,
             markers: bus.publisher(&topics::MARKERS)?,
             trace: VecDeque::new(),
@@ -54,16 +57,25 @@ impl Viewer {
         };
         let stamp = arm.header.stamp.to_ns();
         let control = self.control.get().map(|c| c.message.clone());
-        let mut transforms = vec![transform(stamp, "tool", (&base_from_tool).into())];
+        let mut transforms = vec![transform(stamp, "base", "tool", (&base_from_tool).into())];
+        transforms.extend(self.base_in_world());
         if let Some(control) = &control {
             let normal = Vector3::from(&control.normal);
             if let Some(contact) = contact_frame(&base_from_tool, &normal) {
-                transforms.push(transform(stamp, "contact", contact));
+                transforms.push(transform(stamp, "base", "contact", contact));
             }
             let markers = self.draw_control(stamp, &base_from_tool, control);
             self.markers.publish(&MarkerArray { markers });
         }
         self.tf.publish(&TFMessage { transforms });
+    }
+
+    /// As the platform says, with its own stamp; nothing when it says nothing new.
+    fn base_in_world(&mut self) -> Option<TransformStamped> {
+        let said = &self.base.take_new()?.message;
+        let world_from_base = Pose::<World, Base>::try_from(&said.pose.pose).ok()?;
+        let stamp = said.header.stamp.to_ns();
+        Some(transform(stamp, "world", "base", (&world_from_base).into()))
     }
 
     fn draw_control(
@@ -105,9 +117,9 @@ impl Viewer {
     }
 }
 
-fn transform(stamp: i64, child: &str, transform: Transform) -> TransformStamped {
+fn transform(stamp: i64, parent: &str, child: &str, transform: Transform) -> TransformStamped {
     TransformStamped {
-        header: Header::new(stamp, "base"),
+        header: Header::new(stamp, parent),
         child_frame_id: cut(child),
         transform,
     }

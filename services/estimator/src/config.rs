@@ -4,6 +4,7 @@ use serde::Deserialize;
 use tangent_estimation::{EstimatorConfig, estimator_names};
 use tangent_mechanics::{Flange, ModelData, Pose, Tool};
 use tangent_runtime::CellConfig;
+use tangent_sensing::BaseConfig;
 use toml::{Table, Value};
 
 use crate::EstimatorError;
@@ -31,6 +32,8 @@ pub struct Config {
     pub flange_from_tool: Pose<Flange, Tool>,
     /// Age at which a wrench is no longer used, s.
     pub wrench_patience_s: f64,
+    /// How the pose of a moving base is judged.
+    pub base: BaseConfig,
     /// SCHED_FIFO priority of the estimating thread; `None` for normal scheduling.
     pub realtime_priority: Option<u8>,
 }
@@ -79,6 +82,7 @@ impl Config {
             model,
             flange_from_tool: cell.tool.flange_from_tool(),
             wrench_patience_s: 0.05,
+            base: cell.base,
             realtime_priority: cell
                 .realtime
                 .enabled

@@ -13,13 +13,13 @@ mod sample;
 use std::time::{Duration, Instant};
 
 use tangent_runtime::{
-    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters, Rate,
-    RealtimeReport, Stop, Subscription, realtime,
+    Age, BaseReader, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters,
+    Rate, RealtimeReport, Stop, Subscription, realtime,
 };
 use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::{ArmState, ControlState, WrenchStatus};
 use tangent_schemas::topics;
-use tangent_sensing::Validity;
+use tangent_sensing::{BaseTrouble, Validity};
 
 pub use config::{ALL, Config, EstimatorChoice};
 pub use error::EstimatorError;
@@ -54,6 +54,7 @@ struct Service {
     wrench: Latest<WrenchStamped>,
     status: Latest<WrenchStatus>,
     control: Latest<ControlState>,
+    base: BaseReader,
     activation: u64,
     commanded: CommandedTwist,
     builder: SampleBuilder,
@@ -81,6 +82,7 @@ enum Trouble {
     NoArm,
     BadArm,
     Wrench(Validity),
+    Base(BaseTrouble),
 }
 
 impl Service {
@@ -102,6 +104,7 @@ impl Service {
             wrench: bus.latest(&topics::WRENCH_TOOL)?,
             status: bus.latest(&topics::WRENCH_STATUS)?,
             control: bus.latest(&topics::CONTROL_STATE)?,
+            base: BaseReader::new(bus, &config.base)?,
             activation: 0,
             builder: SampleBuilder::default(),
             wrench_patience,
@@ -149,7 +152,7 @@ impl Service {
             }
         });
         let patience = Duration::from_secs_f64(self.wrench_patience.get());
-        let Some(built) = self.builder.build(&arm, &self.commanded, pair, patience) else {
+        let Some(mut built) = self.builder.build(&arm, &self.commanded, pair, patience) else {
             self.say(Trouble::BadArm);
             return;
         };
@@ -159,12 +162,15 @@ impl Service {
             );
             self.host.reset();
         }
+        built.sample.base = self.base.at(newest.received);
         let begin = Instant::now();
         self.host.step(&built.sample, &arm);
         self.meters.update.record(begin.elapsed());
-        self.say(match built.sample.wrench_validity {
-            Validity::Valid => Trouble::None,
-            why => Trouble::Wrench(why),
+        let adrift = built.sample.base.and_then(|base| base.trouble);
+        self.say(match (built.sample.wrench_validity, adrift) {
+            (Validity::Valid, None) => Trouble::None,
+            (Validity::Valid, Some(why)) => Trouble::Base(why),
+            (why, _) => Trouble::Wrench(why),
         });
     }
 
@@ -195,6 +201,7 @@ impl Service {
             Trouble::Wrench(why) => self
                 .health
                 .degraded(format_args!("wrench not usable: {}", why.reason())),
+            Trouble::Base(why) => self.health.degraded(format_args!("{}", why.reason())),
         }
     }
 }

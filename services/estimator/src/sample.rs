@@ -110,6 +110,7 @@ impl SampleBuilder {
                 wrench_delay_s,
                 wrench_validity,
                 wrench_bias_age_s,
+                base: None,
             },
             restarted,
         })

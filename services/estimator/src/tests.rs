@@ -6,7 +6,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use tangent_estimation::EstimatorConfig;
 use tangent_mechanics::{Base, ModelData, Pose, Tool};
 use tangent_schemas::convert::joint_array;
-use tangent_schemas::standard::Header;
+use tangent_schemas::standard::{Header, PoseWithCovarianceStamped};
 use tangent_schemas::tangent::NormalEstimate;
 
 use super::*;
@@ -25,6 +25,7 @@ fn config(names: &[&str]) -> Config {
         // Tests run on loaded machines; staleness has its own test.
         realtime_priority: None,
         wrench_patience_s: 1.0,
+        base: tangent_sensing::BaseConfig::default(),
     }
 }
 
@@ -223,6 +224,36 @@ fn without_a_wrench_it_says_so() {
     state.tool_pose.orientation.w = 1.0;
     arm.publish(&state);
     assert_eq!(Validity::from(next(&estimates).validity), Validity::Missing);
+}
+
+/// A base that was heard once and of which nothing good is heard since: the samples cannot be used.
+#[test]
+fn a_base_of_unknown_motion_makes_the_estimate_unusable_with_the_reason() {
+    let bus = Bus::in_process("test");
+    let estimates = bus
+        .subscribe(&topics::estimate_normal("reactive"), 8)
+        .unwrap();
+    let base = bus.publisher(&topics::BASE_POSE).unwrap();
+    let _service = Running::start(&bus, config(&["reactive"]));
+    let mut cell = Cell::new(&bus);
+    for _ in 0..200 {
+        cell.cycle(3.0, Validity::Valid);
+        next(&estimates);
+    }
+    let mut pose = PoseWithCovarianceStamped {
+        header: Header::new(1_000_000_000, "world"),
+        ..PoseWithCovarianceStamped::default()
+    };
+    // Nothing that can be read: as if it had not been said.
+    base.publish(&pose);
+    cell.cycle(3.0, Validity::Valid);
+    assert_eq!(Validity::from(next(&estimates).validity), Validity::Valid);
+    pose.pose.pose.orientation.w = 1.0;
+    base.publish(&pose);
+    cell.cycle(3.0, Validity::Valid);
+    let unusable = next(&estimates);
+    assert_eq!(Validity::from(unusable.validity), Validity::BaseUnknown);
+    assert_eq!(unusable.reason.as_str(), Validity::BaseUnknown.reason());
 }
 
 #[test]

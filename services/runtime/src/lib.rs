@@ -25,6 +25,7 @@
 //! }
 //! ```
 
+mod base_reader;
 pub mod bus;
 pub mod clock;
 pub mod clock_offset;
@@ -37,6 +38,7 @@ pub mod security;
 pub mod stop;
 mod usage;
 
+pub use base_reader::BaseReader;
 pub use bus::{
     Alive, AliveToken, Bus, BusError, Counts, Handle, Latest, Publisher, RawMessage, RawPublisher,
     RawSubscription, Received, Role, Subscription,

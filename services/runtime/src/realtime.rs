@@ -1,6 +1,7 @@
 //! Real-time set-up of a thread, and in plain words what it got and what to do about what it did not get.
 
 use std::fmt;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall};
@@ -69,8 +70,14 @@ pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> Realtime
         pinned,
         words: format!("{name}: {scheduling_words}; {memory_words}{cpu_words}"),
     };
+    // What to do about it is said once per process and priority, not once per thread.
+    static ADVISED: AtomicU8 = AtomicU8::new(0);
     if report.complete() {
         tracing::info!("{report}");
+    } else if ADVISED.fetch_max(priority, Ordering::Relaxed) >= priority {
+        let got = if scheduled { "" } else { ", no SCHED_FIFO" };
+        let kept = if locked { "" } else { ", memory not locked" };
+        tracing::info!("{name}: as said above{got}{kept}");
     } else {
         tracing::warn!("{report}");
     }

@@ -11,6 +11,7 @@ use tangent_runtime::bus::answer;
 use tangent_runtime::config::TlsConfig;
 use tangent_runtime::security::{Authority, access, roles};
 use tangent_runtime::{Bus, BusError, CellConfig, HealthReporter, Role};
+use tangent_schemas::standard::PoseWithCovarianceStamped;
 use tangent_schemas::tangent::{ArmCommand, ArmState, Health, Request};
 use tangent_schemas::topics::{self, queries};
 
@@ -36,7 +37,7 @@ fn secured() -> Secured {
     }
     let rules = folder.path().join("access.json5");
     std::fs::write(&rules, access::text(&cells)).unwrap();
-    let endpoint = config.zenoh.listen[0].replace("tcp/", "tls/");
+    let endpoint = config.zenoh.listen[0].replace("tcp/", "quic/");
     config.zenoh.listen = vec![endpoint.clone()];
     config.zenoh.connect = vec![endpoint];
     config.zenoh.access = Some(rules);
@@ -131,6 +132,42 @@ fn only_the_controllers_commands_reach_the_arm() {
     assert_eq!(heard.counts().received, 20);
 }
 
+/// Whoever could say where the base is could drive the arm by it.
+#[test]
+fn only_the_platforms_poses_reach_the_controller() {
+    let cell = secured();
+    let (controller, platform) = (cell.join("controller"), cell.join("base"));
+    let heard = controller.subscribe(&topics::BASE_POSE, 100).unwrap();
+    let intruders = ["estimator", "rtde", "operator", "simulator", "viewer"].map(|role| {
+        let bus = cell.join(role);
+        let publisher = bus
+            .raw_publisher(topics::BASE_POSE.key(), topics::BASE_POSE.message_name())
+            .unwrap();
+        (bus, publisher)
+    });
+    let pose = |x: f64| {
+        let mut pose = PoseWithCovarianceStamped::default();
+        pose.pose.pose.position.x = x;
+        pose
+    };
+    let mut bytes = Vec::new();
+    tangent_schemas::cdr::encode(&pose(666.0), &mut bytes).unwrap();
+    let poses = platform.publisher(&topics::BASE_POSE).unwrap();
+    until("the controller listens", || poses.is_read_remotely());
+    for i in 1..=20 {
+        intruders
+            .iter()
+            .for_each(|(_, publisher)| publisher.publish(&bytes));
+        poses.publish(&pose(f64::from(i)));
+        let said = heard.recv_timeout(PATIENCE).unwrap().message;
+        assert_eq!(said.pose.pose.position.x, f64::from(i));
+    }
+    assert!(
+        heard.recv_timeout(NOTHING).is_none(),
+        "an intruder's pose arrived"
+    );
+}
+
 #[test]
 fn a_stranger_is_not_let_in() {
     let cell = secured();
@@ -173,7 +210,7 @@ fn a_stranger_is_not_let_in() {
     // In the clear.
     let mut clear = cell.config.clone();
     clear.zenoh.tls = None;
-    clear.zenoh.connect = vec![clear.zenoh.connect[0].replace("tls/", "tcp/")];
+    clear.zenoh.connect = vec![clear.zenoh.connect[0].replace("quic/", "tcp/")];
     assert!(Bus::open_within(&clear, Role::Client, patience).is_err());
 }
 

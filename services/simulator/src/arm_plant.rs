@@ -2,7 +2,7 @@
 
 use tangent_mechanics::{Arm, Joints, ModelData, ModelError};
 use tangent_simulation::{
-    ArmMeasurement, Plant, SensorSample, Servo, ServoConfig, Truth, VelocityCommand,
+    ArmMeasurement, OdometrySample, Plant, SensorSample, Servo, ServoConfig, Truth, VelocityCommand,
 };
 
 /// An arm behind the controller, one control period per step.
@@ -15,6 +15,10 @@ pub trait ArmPlant: Send {
     fn sensor_samples(&self) -> &[SensorSample];
     /// The truth about the contact, if there is a surface.
     fn truth(&self) -> Option<Truth>;
+    /// What the platform under the arm said in the last period.
+    fn odometry(&self) -> &[OdometrySample] {
+        &[]
+    }
 }
 
 impl ArmPlant for Plant {
@@ -32,6 +36,10 @@ impl ArmPlant for Plant {
 
     fn truth(&self) -> Option<Truth> {
         Some(Plant::truth(self))
+    }
+
+    fn odometry(&self) -> &[OdometrySample] {
+        Plant::odometry(self)
     }
 }
 

@@ -5,6 +5,7 @@
 //! comes late is not made up for: simulated time then runs slow, but no client ever sees two states in a burst.
 
 mod disturbance;
+mod listeners;
 mod servers;
 
 use std::io;
@@ -27,6 +28,7 @@ use crate::netb::{BoxSample, NetbBox, NetbConfig, NetbError, SampleFeed};
 use crate::primary::Geometry;
 
 use disturbance::Disturbance;
+pub use listeners::{Listeners, OdometryListener, TruthListener};
 pub use servers::Endpoints;
 use servers::{Servers, Wanted, geometry};
 
@@ -119,26 +121,20 @@ enum Control {
     Log(Sender<Vec<String>>),
 }
 
-/// Called after every cycle with the truth about the contact, in the cell's thread.
-pub type TruthListener = Box<dyn FnMut(&Truth) + Send>;
-
 impl SimulatedCell {
     /// Builds the plant and starts everything.
     ///
     /// # Errors
     /// Says which part of the configuration is wrong, or which port is taken.
     pub fn start(config: &Config) -> Result<Self, StartError> {
-        Self::start_with_truth(config, None)
+        Self::start_with(config, Listeners::default())
     }
 
-    /// The same, with a listener for the truth.
+    /// The same, with listeners.
     ///
     /// # Errors
     /// As [`SimulatedCell::start`].
-    pub fn start_with_truth(
-        config: &Config,
-        truth: Option<TruthListener>,
-    ) -> Result<Self, StartError> {
+    pub fn start_with(config: &Config, listeners: Listeners) -> Result<Self, StartError> {
         let plant = Plant::new(&config.plant, config.seed)?;
         let (plant_s, controller_s) = (plant.period_s(), config.controller.flavour.period_s());
         if (plant_s - controller_s).abs() > 1e-9 {
@@ -168,7 +164,7 @@ impl SimulatedCell {
             &config.controller,
             &robot,
             Box::new(plant),
-            truth,
+            listeners,
             Some(sensor_box),
             config.realtime_priority,
         )
@@ -191,7 +187,10 @@ impl SimulatedCell {
             config,
             robot,
             plant,
-            truth,
+            Listeners {
+                truth,
+                odometry: None,
+            },
             None,
             None,
         )
@@ -202,7 +201,7 @@ impl SimulatedCell {
         config: &ControllerConfig,
         robot: &str,
         plant: Box<dyn ArmPlant>,
-        truth: Option<TruthListener>,
+        listeners: Listeners,
         sensor_box: Option<NetbBox>,
         realtime_priority: Option<u8>,
     ) -> Result<Self, StartError> {
@@ -225,7 +224,7 @@ impl SimulatedCell {
             box_samples: Vec::new(),
             snapshot: Arc::clone(&snapshot),
             stop: Arc::clone(&stop),
-            truth,
+            listeners,
             cycles: 0,
             missed: 0,
             disturbance: Disturbance::default(),
@@ -339,7 +338,7 @@ struct Cell {
     box_samples: Vec<BoxSample>,
     snapshot: Arc<Mutex<Option<Snapshot>>>,
     stop: Arc<AtomicBool>,
-    truth: Option<TruthListener>,
+    listeners: Listeners,
     cycles: u64,
     missed: u64,
     disturbance: Disturbance,
@@ -388,9 +387,7 @@ impl Cell {
                 port.publish(&self.controller, &messages, &self.geometry, now);
             }
         }
-        if let (Some(listener), Some(truth)) = (&mut self.truth, &truth) {
-            listener(truth);
-        }
+        self.listeners.tell(&*self.plant, truth.as_ref());
         self.show(truth);
     }
 

@@ -1,15 +1,16 @@
-//! The simulator as a service: the cell, its truth on the bus, and faults by query.
+//! The simulator as a service: the cell, its truth and its platform's odometry on the bus, and faults by query.
 
 use std::time::Duration;
 
-use tangent_mechanics::Base;
+use tangent_mechanics::{Base, Pose, World};
 use tangent_runtime::{Bus, BusError, HealthReporter, Stop, clock};
-use tangent_schemas::standard::Header;
+use tangent_schemas::Covariance;
+use tangent_schemas::standard::{Header, PoseWithCovariance, PoseWithCovarianceStamped};
 use tangent_schemas::tangent::{Answer, ContactTruth, Request};
-use tangent_schemas::topics::TRUTH_CONTACT;
-use tangent_simulation::Truth;
+use tangent_schemas::topics::{BASE_POSE, TRUTH_CONTACT};
+use tangent_simulation::{OdometrySample, Truth};
 
-use crate::cell::{SimulatedCell, StartError};
+use crate::cell::{Listeners, OdometryListener, SimulatedCell, StartError};
 use crate::config::Config;
 use crate::fault::Fault;
 
@@ -39,12 +40,23 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     let cycles = health.rate("cycles");
     let publisher = bus.publisher(&TRUTH_CONTACT)?;
     let told = cycles.clone();
-    let cell = SimulatedCell::start_with_truth(
+    let platform = match &config.plant.base {
+        Some(_) => Some(bus.publisher(&BASE_POSE)?),
+        None => None,
+    };
+    let cell = SimulatedCell::start_with(
         &config,
-        Some(Box::new(move |truth| {
-            told.tick();
-            publisher.publish(&message(truth));
-        })),
+        Listeners {
+            truth: Some(Box::new(move |truth| {
+                told.tick();
+                publisher.publish(&message(truth));
+            })),
+            odometry: platform.map(|publisher| -> OdometryListener {
+                Box::new(move |sample, age_s| {
+                    publisher.publish(&base_pose(sample, age_s));
+                })
+            }),
+        },
     )?;
     let faults = cell.faults();
     let _answering = bus.answer(FAULT_KEY, move |_, request: Request| {
@@ -91,5 +103,26 @@ fn message(truth: &Truth) -> ContactTruth {
         tool_twist: (&truth.twist).into(),
         sliding_speed_m_per_s: truth.sliding_speed_m_per_s,
         friction: truth.friction_coefficient,
+    }
+}
+
+/// As a platform would say it: stamped with the time of measurement.
+fn base_pose(sample: &OdometrySample, age_s: f64) -> PoseWithCovarianceStamped {
+    let pose: Pose<World, Base> = Pose::from_isometry(sample.world_from_base);
+    let mut covariance = Covariance::default();
+    for axis in 0..6 {
+        covariance.0[7 * axis] = if axis < 3 {
+            sample.position_variance_m2
+        } else {
+            sample.orientation_variance_rad2
+        };
+    }
+    let stamp_ns = clock::now_ns() - (age_s * 1e9) as i64;
+    PoseWithCovarianceStamped {
+        header: Header::in_frame::<World>(stamp_ns),
+        pose: PoseWithCovariance {
+            pose: (&pose).into(),
+            covariance,
+        },
     }
 }

@@ -80,6 +80,10 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String> {
                 "arm state",
                 curve(task, |c| positive(1e3 * c.control.arm_state_age_s)),
             ),
+            (
+                "base pose",
+                curve(task, |c| positive(1e3 * c.control.base_age_s)),
+            ),
         ],
         "How old what the controller acted on was when its command left.",
     )?;

@@ -53,6 +53,7 @@ const RANGES: &[(&str, f64, f64)] = &[
     ("patience.wrench_retract_s", 0.0, 2.0),
     ("patience.estimate_s", 0.01, 2.0),
     ("patience.estimate_retract_s", 0.0, 10.0),
+    ("patience.base_retract_s", 0.0, 10.0),
 ];
 
 impl ControllerConfig {

@@ -111,6 +111,7 @@ impl Bench {
             wrench_delay_s: 0.0,
             bias_age_s: None,
             estimates,
+            base: None,
         }
     }
 

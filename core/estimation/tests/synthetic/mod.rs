@@ -174,6 +174,7 @@ impl Trial {
                     wrench_delay_s: 0.0,
                     wrench_validity: Validity::Valid,
                     wrench_bias_age_s: Some(t),
+                    base: None,
                 },
                 self.world * normal,
                 load > 0.0,

@@ -117,6 +117,13 @@ pub(super) fn check(config: &PlantConfig) -> Result<(), PlantError> {
         "0 to 10",
         (0.0..=10.0).contains(&mass),
     )?;
+    if let Some((key, value, allowed)) = config.base.as_ref().and_then(|base| base.wrong()) {
+        return Err(PlantError::Value {
+            key,
+            value,
+            allowed,
+        });
+    }
     if let Some(compliance) = &tool.compliance {
         let z = compliance.stiffness_n_per_m[2];
         value(

@@ -2,7 +2,7 @@
 
 mod check;
 
-use nalgebra::{UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::{
     Arm, Flange, Joints, ModelData, ModelError, Pose, Sensor as SensorFrame, Tool, Wrench,
 };
@@ -11,6 +11,7 @@ use crate::compliance::Compliance;
 use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 use crate::plant_config::{PlantConfig, PoseConfig};
+use crate::platform::{OdometrySample, Platform};
 use crate::sensor_load::{Body, SensorLoad};
 use crate::sensor_records::SensorRecords;
 use crate::servo::Servo;
@@ -75,6 +76,7 @@ pub struct Plant {
     pad: Pad,
     compliance: Option<Compliance>,
     sensor: SensorRecords,
+    platform: Option<Platform>,
     flange_from_tool: Pose<Flange, Tool>,
     load: SensorLoad,
     sub_steps: usize,
@@ -117,6 +119,7 @@ impl Plant {
             compliance: config.tool.compliance.as_ref().map(Compliance::new),
             sensor: SensorRecords::new(&config.sensor, config.arm.period_s, seed, Vector6::zeros()),
             load: SensorLoad::new(&config.tool),
+            platform: config.base.as_ref().map(|base| Platform::new(base, seed)),
             dt: config.arm.period_s / sub_steps as f64,
             sub_steps,
             periods: 0,
@@ -148,11 +151,23 @@ impl Plant {
             self.sub_step(start + sub_step as f64 * self.dt);
         }
         self.periods += 1;
+        if let Some(platform) = &mut self.platform {
+            platform.step(start + self.config.arm.period_s);
+        }
+    }
+
+    /// A pose of the base, in floor axes.
+    fn on_floor(&self, pose: Isometry3<f64>, time_s: f64) -> Isometry3<f64> {
+        match &self.platform {
+            Some(platform) => platform.pose(time_s) * pose,
+            None => pose,
+        }
     }
 
     fn sub_step(&mut self, time_before: f64) {
         let dt = self.dt;
         let pose = *self.arm.base_from_flange(&self.servo.q).isometry();
+        let pose = self.on_floor(pose, time_before + dt);
         // Velocity from positions, so that power times time is exactly the work along the path.
         let before = self.body;
         let turn = pose.rotation * before.pose.rotation.inverse();
@@ -214,13 +229,22 @@ impl Plant {
 
     /// What really happens at the contact now.
     pub fn truth(&self) -> Truth {
-        Truth::of(
+        let truth = Truth::of(
             self.time_s(),
             &self.surface,
             &self.motion,
             &self.contact,
             self.config.contact.friction.coulomb_coefficient,
-        )
+        );
+        match &self.platform {
+            Some(platform) => truth.seen_from(&platform.pose(self.time_s())),
+            None => truth,
+        }
+    }
+
+    /// What the platform has published in the last period, oldest first.
+    pub fn odometry(&self) -> &[OdometrySample] {
+        self.platform.as_ref().map_or(&[], Platform::published)
     }
 
     /// Time since the plant was made, s.
@@ -271,7 +295,8 @@ impl Plant {
     /// Moves the arm to `q` (rad) at once, at rest: for a teleport between tests, never for motion.
     pub fn reset_joints(&mut self, q: &Joints<6>) {
         self.servo = Servo::new(&self.config.arm, self.arm.limits(), *q);
-        self.body = Body::at_rest(*self.arm.base_from_flange(q).isometry());
+        let pose = *self.arm.base_from_flange(q).isometry();
+        self.body = Body::at_rest(self.on_floor(pose, self.time_s()));
         let tool = self.body.pose * self.flange_from_tool.isometry();
         self.contact = PadContact::none();
         self.motion = PadMotion {

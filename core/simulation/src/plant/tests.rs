@@ -32,6 +32,7 @@ fn on_a_plane() -> PlantConfig {
             yaw_rad: 0.0,
             seed_rad: None,
         },
+        base: None,
     }
 }
 

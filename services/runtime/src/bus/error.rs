@@ -4,7 +4,7 @@ use std::time::Duration;
 
 /// A router that refuses a certificate says so in its own log only.
 fn hint(endpoints: &str) -> &'static str {
-    if endpoints.contains("tls/") {
+    if endpoints.contains("quic/") {
         ". If it runs, it may have refused this process's certificate, or its own does not name the host dialled: its \
          log says which"
     } else {

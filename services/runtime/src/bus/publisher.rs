@@ -162,10 +162,15 @@ impl RawPublisher {
     pub fn publish(&self, payload: &[u8]) {
         let sequence = self.sequence.get() + 1;
         self.sequence.set(sequence);
+        self.publish_as(payload, self.id, sequence);
+    }
+
+    /// The same in the name and count of another publisher: what a tool says that stands in for it.
+    pub fn publish_as(&self, payload: &[u8], publisher: [u8; 16], sequence: u64) {
         let attachment = Attachment {
             sequence,
             source_time_ns: clock::now_ns(),
-            publisher: self.id,
+            publisher,
         };
         let arrival = Arrival::now(payload, attachment);
         self.bus

@@ -93,7 +93,7 @@ fn insert(zenoh_config: &mut Config, key: &str, value: String) -> Result<(), Bus
         })
 }
 
-/// Mutual TLS on every link; a router takes its access rules from their file.
+/// Mutual TLS, by QUIC, on every link; a router takes its access rules from their file.
 fn secure(
     zenoh_config: &mut Config,
     config: &ZenohConfig,
@@ -113,7 +113,7 @@ fn secure(
     settings.insert("verify_name_on_connect".into(), json!(true));
     let mut set = |key: &str, value: String| insert(zenoh_config, key, value);
     set("transport/link/tls", json!(settings).to_string())?;
-    set("transport/link/protocols", json!(["tls"]).to_string())?;
+    set("transport/link/protocols", json!(["quic"]).to_string())?;
     if role == Role::Router {
         set("access_control", access_rules(config)?)?;
     }

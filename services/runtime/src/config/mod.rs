@@ -8,6 +8,7 @@ mod sections;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use tangent_sensing::BaseConfig;
 
 pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
@@ -32,6 +33,9 @@ pub struct CellConfig {
     pub sensor: SensorConfig,
     /// What is mounted behind the sensor.
     pub tool: ToolConfig,
+    /// How the pose of a moving base is judged; whether it moves, `base/pose` says.
+    #[serde(default)]
+    pub base: BaseConfig,
     /// What the arm may never exceed.
     #[serde(default)]
     pub limits: LimitsConfig,
@@ -118,6 +122,9 @@ impl CellConfig {
         self.robot.check(checker)?;
         self.sensor.check(checker)?;
         self.tool.check(checker)?;
+        self.base
+            .check()
+            .map_err(|wrong| checker.refuse(wrong.key, wrong.value, wrong.allowed.clone()))?;
         self.limits.check(checker)?;
         self.zenoh.check(checker)?;
         self.estimators.check(checker)?;

@@ -196,6 +196,16 @@ mod tests {
         assert!(
             put("estimator.a", "a/estimate/mine/normal") && !put("estimator.a", "a/wrench/tool")
         );
+        assert!(put("base.a", "a/base/pose") && !put("base.a", "a/arm/command"));
+        for other in [
+            "base.b",
+            "robot.a",
+            "simulator.a",
+            "estimator.a",
+            "operator",
+        ] {
+            assert!(!put(other, "a/base/pose"), "{other}");
+        }
         assert!(put("recorder", "b/health/recorder") && !put("recorder", "b/health/rtde"));
         let ask = |who: &str, key: &str| allowed(&rules, who, "ingress", "query", key);
         assert!(ask("operator", "b/control/task") && ask("operator", "a/param/*/*"));

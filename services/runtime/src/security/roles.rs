@@ -71,6 +71,14 @@ const SIMULATOR: Service = Service {
     asks: &[],
     tokens: &[],
 };
+/// The platform under the arm, or whatever bridges its odometry to the bus.
+const BASE: Service = Service {
+    name: "",
+    publishes: &["base/pose"],
+    answers: &[],
+    asks: &[],
+    tokens: &[],
+};
 const OPERATOR: Service = Service {
     name: "",
     publishes: &[],
@@ -109,6 +117,11 @@ pub const ROLES: &[Role] = &[
     cell("netft", &[NETFT], "the sensor bridge alone"),
     cell("estimator", &[ESTIMATOR], "estimators, on any machine"),
     cell("simulator", &[SIMULATOR], "the simulated robot and sensor"),
+    cell(
+        "base",
+        &[BASE],
+        "the mobile platform under the arm; it alone may publish base/pose",
+    ),
     fleet(
         "recorder",
         &[RECORDER],
@@ -226,6 +239,11 @@ mod tests {
                 "{}",
                 role.name
             );
+            let moves_base = role
+                .services
+                .iter()
+                .any(|s| s.publishes.contains(&"base/pose"));
+            assert_eq!(moves_base, role.name == "base", "{}", role.name);
             let tasks = role.services.iter().any(|s| s.asks.contains(&"control/*"));
             assert_eq!(tasks, role.name == "operator", "{}", role.name);
         }

@@ -142,6 +142,10 @@ impl Robot for Controller {
         }
     }
 
+    fn payload(&self) -> (f64, [f64; 3]) {
+        (self.payload_kg, self.payload_centre_m)
+    }
+
     fn start_motion(&mut self, motion: Motion) -> Result<(), String> {
         self.planner.start(motion, &self.arm, &self.kinematics);
         Ok(())

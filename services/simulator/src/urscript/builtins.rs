@@ -50,6 +50,8 @@ pub trait Robot {
     fn within_limits(&self, q: &[f64; 6]) -> bool;
     /// Sets mass, kg, and centre of gravity, m.
     fn set_payload(&mut self, mass: f64, centre: Option<[f64; 3]>);
+    /// Mass, kg, and centre of gravity, m, as set.
+    fn payload(&self) -> (f64, [f64; 3]);
     /// Begins a motion, replacing the one under way.
     fn start_motion(&mut self, motion: Motion) -> Result<(), String>;
     /// The motion begun last has come to its end.
@@ -116,6 +118,9 @@ pub enum Motion {
         a: f64,
     },
 }
+
+/// Push at which the tool counts as touching, N.
+const TOOL_CONTACT_N: f64 = 5.0;
 
 /// Until when a thread waits.
 #[derive(Clone, Debug, PartialEq)]
@@ -262,29 +267,34 @@ builtins! {
         bool(q.is_some_and(|q| r.within_limits(&q)))
     };
     is_steady() = |r, _| bool(!r.moving());
-    tool_contact(direction) = |_, _| Ok(Outcome::Value(Value::Integer(0)));
+    tool_contact(direction) = |r, a| contact(r, &a[0]);
     get_speed_fraction() = |r, _| float(r.speed_fraction());
 
     // Settings.
     set_tcp(pose) = |r, a| { let p = finite(a[0].six()?)?; r.set_tcp(p); nothing() };
     set_payload(m, cog) = |r, a| payload(r, a);
     set_target_payload(m, cog, inertia, transition_time) = |r, a| payload(r, a);
-    get_target_payload() = |_, _| float(0.0);
-    set_gravity(d) = |_, _| nothing();
-    force_mode(task_frame, selection_vector, wrench, type, limits) = |_, _| nothing();
+    get_target_payload() = |r, _| float(r.payload().0);
+    set_gravity(d) = |_, a| upright(&a[0]);
+    // What ends a mode that is never on does nothing; what begins it is an error, not a silent success.
+    force_mode(task_frame, selection_vector, wrench, type, limits) = |_, _| absent("force_mode");
     end_force_mode() = |_, _| nothing();
     force_mode_set_damping(damping) = |_, _| nothing();
     #[e_series] force_mode_set_gain_scaling(scaling) = |_, _| nothing();
     // CB3 compiles it (clients' programs name it) and has no such sensor.
     zero_ftsensor() = |r, _| if r.is_e_series() { nothing() } else { Err("zero_ftsensor: no force/torque sensor".to_owned()) };
-    teach_mode() = |_, _| nothing();
+    teach_mode() = |_, _| absent("teach_mode");
     end_teach_mode() = |_, _| nothing();
-    #[e_series] freedrive_mode(freeAxes, feature) = |_, _| nothing();
+    #[e_series] freedrive_mode(freeAxes, feature) = |_, _| absent("freedrive_mode");
     #[e_series] end_freedrive_mode() = |_, _| nothing();
     #[e_series] get_freedrive_status() = |_, _| Ok(Outcome::Value(Value::Integer(0)));
-    #[e_series] ft_rtde_input_enable(enable, sensor_mass, sensor_measuring_offset, sensor_cog) = |_, _| nothing();
-    enable_external_ft_sensor(enable, sensor_mass, sensor_measuring_offset, sensor_cog) = |_, _| nothing();
-    #[e_series] get_target_payload_cog() = |_, _| Ok(Outcome::Value(Value::list(vec![Value::Float(0.0); 3])?));
+    #[e_series] ft_rtde_input_enable(enable, sensor_mass, sensor_measuring_offset, sensor_cog) = |_, a| external_sensor(&a[0]);
+    enable_external_ft_sensor(enable, sensor_mass, sensor_measuring_offset, sensor_cog) = |_, a| external_sensor(&a[0]);
+    #[e_series] get_target_payload_cog() = |r, _| {
+        let centre = r.payload().1;
+        Ok(Outcome::Value(Value::list(centre.into_iter().map(Value::Float).collect())?))
+    };
+    // The simulated payload is a point.
     #[e_series] get_target_payload_inertia() = |_, _| six([0.0; 6]);
     protective_stop() = |r, _| { r.protective_stop(); Ok(Outcome::Wait(Wait::Frame)) };
     rtde_set_watchdog(variable_name, min_frequency, action) = |r, a| {
@@ -328,6 +338,40 @@ builtins! {
 
 fn nothing() -> Done {
     Ok(Outcome::Value(Value::None))
+}
+
+fn absent(name: &str) -> Done {
+    Err(format!("{name}: the simulated controller has no such mode"))
+}
+
+/// Cycles since the contact began: one while the tool is pushed against the direction of its motion, or of `direction`, else none.
+fn contact(r: &dyn Robot, direction: &Value) -> Done {
+    let along = match direction {
+        Value::None => r.tcp_speed(false),
+        given => finite(given.six()?)?,
+    };
+    let force = r.tcp_force();
+    let length = along[..3].iter().map(|x| x * x).sum::<f64>().sqrt();
+    let push: f64 = (0..3).map(|i| -force[i] * along[i]).sum();
+    let touched = length > 0.0 && push / length > TOOL_CONTACT_N;
+    Ok(Outcome::Value(Value::Integer(touched.into())))
+}
+
+fn upright(direction: &Value) -> Done {
+    let d = direction.numbers()?;
+    match d[..] {
+        [x, y, z] if x.hypot(y) < 0.1 && z > 0.0 => nothing(),
+        _ => Err(format!(
+            "set_gravity: {d:?}, but the simulated arm stands upright"
+        )),
+    }
+}
+
+fn external_sensor(enable: &Value) -> Done {
+    if enable.truth()? {
+        return Err("the simulated controller takes no external force sensor".to_owned());
+    }
+    nothing()
 }
 
 fn float(x: f64) -> Done {

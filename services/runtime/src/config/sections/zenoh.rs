@@ -75,6 +75,14 @@ impl ZenohConfig {
             ("zenoh.connect", &self.connect),
             ("zenoh.listen", &self.listen),
         ] {
+            // Zenoh 1.10 reads and writes one TLS connection from two threads at once (its issue 2557): processes die of it.
+            let unsound = endpoints.iter().find(|e| e.starts_with("tls/"));
+            checker.require(
+                unsound.is_none(),
+                key,
+                format!("{endpoints:?}"),
+                "\"quic/HOST:PORT\" in place of tls/: the same certificates and TLS 1.3, over UDP",
+            )?;
             let bad = endpoints.iter().find(|endpoint| !is_endpoint(endpoint));
             checker.require(
                 bad.is_none() && !endpoints.is_empty(),
@@ -83,19 +91,19 @@ impl ZenohConfig {
                 "a list of endpoints such as \"tcp/127.0.0.1:7447\"",
             )?;
             // A link in the clear beside those with certificates would let anybody in.
-            let clear = endpoints.iter().find(|e| !e.starts_with("tls/"));
+            let clear = endpoints.iter().find(|e| !e.starts_with("quic/"));
             checker.require(
                 self.tls.is_none() || clear.is_none(),
                 key,
                 format!("{endpoints:?}"),
-                "with [zenoh.tls] every endpoint is one such as \"tls/router.local:7447\"",
+                "with [zenoh.tls] every endpoint is one such as \"quic/router.local:7447\"",
             )?;
-            let certified = endpoints.iter().find(|e| e.starts_with("tls/"));
+            let certified = endpoints.iter().find(|e| e.starts_with("quic/"));
             checker.require(
                 certified.is_none() || self.tls.is_some() || self.file.is_some(),
                 key,
                 format!("{endpoints:?}"),
-                "tls/ needs certificates: give [zenoh.tls] ca, certificate and key (`tangent keys new` makes them)",
+                "quic/ needs certificates: give [zenoh.tls] ca, certificate and key (`tangent keys new` makes them)",
             )?;
         }
         checker.range(
@@ -123,7 +131,7 @@ fn is_endpoint(endpoint: &str) -> bool {
         .rsplit_once(':')
         .map(|(_, port)| port.parse::<u16>());
     match protocol {
-        "tcp" | "tls" => matches!(port, Some(Ok(_))),
+        "tcp" | "quic" => matches!(port, Some(Ok(_))),
         _ => false,
     }
 }

@@ -1,0 +1,164 @@
+//! A moving base, put before the law: everything is seen from where the base stood when the task began.
+//!
+//! Called by the controller each cycle, first and last. The surface stands on the floor, so path, normal and force live there: the
+//! law works in the base's axes of the task's first cycle, as if the base had stayed. What it asks of the tool is an
+//! absolute motion; what the base already does of it is taken off (`against_base`), which is the feed-forward of the base's
+//! velocity. On a base that stands nothing is changed, not a bit.
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World};
+use tangent_sensing::BaseMotion;
+
+use crate::{ControlInput, EstimateInput};
+
+/// The arm falls short of the motion asked for by this much, m/s: so fast the base wins the race.
+const SHORTFALL_M_PER_S: f64 = 0.002;
+/// For so long: an acceleration limit is no end of reach, s.
+const SHORTFALL_S: f64 = 0.1;
+/// Longest age by which an estimate is turned back to the base of its time, s.
+const ESTIMATE_AGE_MAX_S: f64 = 0.5;
+
+/// The base where the task began. A fresh one at every start.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Ground {
+    origin: Option<Pose<World, Base>>,
+    /// The base of this cycle, as seen from there; none where it stands for good.
+    now: Option<BaseMotion>,
+    short_s: f64,
+}
+
+impl Ground {
+    /// The cycle as seen from where the base stood when the task began.
+    pub fn place(&mut self, input: &ControlInput) -> ControlInput {
+        self.now = input.base.map(|base| {
+            let origin = self.origin.get_or_insert(base.world_from_base);
+            base.seen_from(origin)
+        });
+        let Some(base) = &self.now else {
+            return *input;
+        };
+        let twist = base.over_ground(&input.base_from_tool, &input.twist);
+        ControlInput {
+            base_from_tool: Pose::from_isometry(
+                *(base.world_from_base * input.base_from_tool).isometry(),
+            ),
+            twist: Twist::new(twist.linear, twist.angular),
+            estimates: input.estimates.map(|e| e.map(|e| place_estimate(&e, base))),
+            ..*input
+        }
+    }
+
+    /// What the arm does for a tool at `base_from_tool` (of the base now) to move so over ground.
+    pub fn against_base(
+        &self,
+        base_from_tool: &Pose<Base, Tool>,
+        twist: Twist<Aligned<Tool, Base>>,
+    ) -> Twist<Aligned<Tool, Base>> {
+        self.now.map_or(twist, |base| {
+            base.against_base(base_from_tool, &Twist::new(twist.linear, twist.angular))
+        })
+    }
+
+    /// What the joints make of the motion asked for. A standing base leaves the arm all the time it needs; a moving one takes the
+    /// surface away, or drives it into the tool.
+    pub fn follow(
+        &mut self,
+        asked: &Twist<Aligned<Tool, Base>>,
+        made: &Twist<Aligned<Tool, Base>>,
+        dt_s: f64,
+    ) {
+        let short = (asked.linear - made.linear).norm() > SHORTFALL_M_PER_S;
+        self.short_s = if short { self.short_s + dt_s } else { 0.0 };
+    }
+
+    /// The base moves and the arm cannot make up for it: the end of its reach, a singularity, a joint's limit.
+    pub fn out_of_reach(&self) -> bool {
+        self.short_s > SHORTFALL_S
+    }
+
+    /// The base moves, as far as anybody knows.
+    pub fn moves(&self) -> bool {
+        self.now.is_some()
+    }
+
+    /// A direction, in axes of the base now.
+    pub fn direction(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+        self.now
+            .map_or(*direction, |base| base.world_from_base.unrotate(direction))
+    }
+
+    /// A point, in axes of the base now, m.
+    pub fn point(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.now.map_or(*point, |base| {
+            base.world_from_base.inverse().transform_point(point)
+        })
+    }
+}
+
+/// An estimate speaks in axes of the base as it was then.
+fn place_estimate(input: &EstimateInput, base: &BaseMotion) -> EstimateInput {
+    let age_s = if input.age_s.is_finite() {
+        input.age_s.clamp(0.0, ESTIMATE_AGE_MAX_S)
+    } else {
+        0.0
+    };
+    let back = Pose::<Base, Base>::new(
+        base.twist.linear * -age_s,
+        UnitQuaternion::new(base.twist.angular * -age_s),
+    );
+    let pose = base.world_from_base * back;
+    let rotation = pose.rotation().to_rotation_matrix().into_inner();
+    let turned = |m: &Matrix3<f64>| rotation * m * rotation.transpose();
+    let mut placed = *input;
+    let estimate = &mut placed.estimate;
+    estimate.point = pose.transform_point(&estimate.point);
+    estimate.normal = pose.rotate(&estimate.normal);
+    estimate.covariance = turned(&estimate.covariance);
+    estimate.curvature = estimate.curvature.as_ref().map(turned);
+    placed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn pose(t: [f64; 3], r: [f64; 3]) -> tangent_mechanics::Pose<World, Base> {
+        Pose::new(Vector3::from(t), UnitQuaternion::new(Vector3::from(r)))
+    }
+
+    proptest! {
+        /// What stands on the floor stands in the law's axes, however the base moves; and a tool that is to stand there is
+        /// moved against the base.
+        #[test]
+        fn the_floor_stands(t in prop::array::uniform3(-5.0f64..5.0), r in prop::array::uniform3(-1.0f64..1.0),
+                            v in prop::array::uniform3(-0.05f64..0.05), w in prop::array::uniform3(-0.1f64..0.1),
+                            p in prop::array::uniform3(-1.0f64..1.0)) {
+            let start = pose(t, r);
+            let twist = Twist::<Base>::new(Vector3::from(v), Vector3::from(w));
+            let mut ground = Ground::default();
+            let at = |dt: f64| BaseMotion {
+                // One short step of the twist.
+                world_from_base: start * Pose::<Base, Base>::new(twist.linear * dt, UnitQuaternion::new(twist.angular * dt)),
+                twist,
+                age_s: 0.0,
+                trouble: None,
+            };
+            let floor_point = start.transform_point(&Vector3::from(p));
+            let seen = |ground: &mut Ground, dt: f64| {
+                let motion = at(dt);
+                let origin = *ground.origin.get_or_insert(motion.world_from_base);
+                ground.now = Some(motion.seen_from(&origin));
+                motion.world_from_base.inverse().transform_point(&floor_point)
+            };
+            let before = seen(&mut ground, 0.0);
+            prop_assert!((before - Vector3::from(p)).norm() < 1e-9);
+            let tool = Pose::<Base, Tool>::new(before, UnitQuaternion::identity());
+            let arm = ground.against_base(&tool, Twist::zero());
+            let h = 1e-6;
+            let after = seen(&mut ground, h);
+            prop_assert!((ground.point(&before) - after).norm() < 1e-9);
+            prop_assert!(((after - before) / h - arm.linear).norm() < 1e-5);
+        }
+    }
+}

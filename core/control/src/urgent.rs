@@ -1,0 +1,26 @@
+//! Faults that leave the surface whatever the phase.
+
+use crate::run::Percept;
+use crate::wrench_guard::WrenchVerdict;
+use crate::{Fault, Limits};
+
+/// The first of them that holds in this cycle.
+pub(crate) fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> {
+    if let WrenchVerdict::Retract(reason) = percept.verdict {
+        return Some(Fault::Wrench(reason));
+    }
+    if percept.wrench.force.norm() > limits.force_max_n {
+        return Some(Fault::ForceLimit);
+    }
+    if percept.wrench.torque.norm() > limits.torque_max_nm {
+        return Some(Fault::TorqueLimit);
+    }
+    if percept.out_of_reach {
+        return Some(Fault::OutOfReach);
+    }
+    let inside = (0..3).all(|i| {
+        (limits.workspace_min_m[i]..=limits.workspace_max_m[i])
+            .contains(&percept.position_in_base[i])
+    });
+    (!inside).then_some(Fault::Workspace)
+}

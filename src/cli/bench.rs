@@ -1,0 +1,49 @@
+//! `tangent bench`.
+
+use clap::{Args, Subcommand};
+
+use super::parse_seconds;
+
+/// What to measure.
+#[derive(Debug, Subcommand)]
+pub enum Bench {
+    /// How long each step of sensing, estimation and control takes.
+    Steps,
+    /// How long a message takes there and back, within one process and between processes, idle and loaded.
+    Bus(BenchBus),
+    /// The other end of a measurement; started by `bus`.
+    #[command(hide = true)]
+    Peer(BenchPeer),
+}
+
+/// Options of `tangent bench bus`.
+#[derive(Debug, Args)]
+pub struct BenchBus {
+    /// Length of each measurement, s.
+    #[arg(long, default_value_t = 3.0, value_parser = parse_seconds)]
+    pub seconds: f64,
+    /// Python that has eclipse-zenoh.
+    #[arg(long, default_value = "python3")]
+    pub python: String,
+}
+
+/// Options of `tangent bench peer`.
+#[derive(Debug, Args)]
+pub struct BenchPeer {
+    /// What to be.
+    pub role: BenchRole,
+    /// Where the router is, or is to be.
+    pub endpoint: String,
+    /// Ask for SCHED_FIFO.
+    #[arg(long)]
+    pub realtime: bool,
+}
+
+/// What the other end is.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum BenchRole {
+    /// Everybody's router.
+    Router,
+    /// Answers each message.
+    Echo,
+}
