@@ -3,9 +3,10 @@
 //! Called by the `netft` service for every record, and by the closed loop of `evaluate`. A record passes through, in
 //! this order: tare ([`Tare`], subtracted on the host and with its age), payload ([`Payload`], by the arm's measured
 //! orientation), low-pass ([`LowPass`], with a stated delay), and eq. (2) of Tugal et al. to the tool's frame.
-//! [`identify_payload`] finds the payload from static poses, each the mean of a [`PoseAverage`].
+//! [`identify_payload`] finds the payload from static poses, each the mean of a [`PoseAverage`]. Beside it,
+//! [`BaseTracker`]: how the base moves that all this stands on.
 //!
-//! Beside it, [`BaseTracker`]: how the base moves that all this stands on. And images: [`TargetDetector`] finds the corners of a target.
+//! And images: [`TargetDetector`] finds the corners of a target.
 
 mod base_motion;
 mod conditioner;
