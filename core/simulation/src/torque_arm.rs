@@ -153,7 +153,7 @@ mod tests {
         };
         let start = energy(&arm);
         let mut kinetic = 0.0_f64;
-        let limits = arm.model().limits().clone();
+        let limits = *arm.model().limits();
         for _ in 0..1200 {
             // A joint that meets its stop loses what it has.
             let free = (0..N).all(|i| {
