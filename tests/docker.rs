@@ -141,9 +141,12 @@ fn it_wipes_and_records(project: &Project) {
         eprintln!("attempt {attempt} of the task ended with code {code:?}");
         project.compose(&["restart", "task"]);
     }
-    let figures = parsed(&project.inside(&["report", "recordings", "--no-html", "--json"]));
+    // The recorder still writes: its file has the end of the task a moment later.
+    let figures = wait_for("the task's end in the recording", PATIENCE, || {
+        let figures = parsed(&project.inside(&["report", "recordings", "--no-html", "--json"]));
+        (figures["phase"] == "done").then_some(figures)
+    });
     println!("{figures:#}");
-    assert_eq!(figures["phase"], "done");
     assert!(number(&figures, "/normal_error_deg/mean") < 2.0);
     assert!(number(&figures, "/force/rmse_n") < 0.5);
     assert!((number(&figures, "/force/mean_n") - 3.0).abs() < 0.3);
