@@ -6,7 +6,7 @@ mod common;
 
 use std::fs;
 
-use common::{json, number, port_offset, run, stderr};
+use common::{json, number, run, up};
 
 const SCENARIO: &str = "pipe_realistic";
 
@@ -14,25 +14,7 @@ const SCENARIO: &str = "pipe_realistic";
 #[test]
 fn up_wipes_the_pipe_as_evaluate_does() {
     let folder = tempfile::tempdir().unwrap();
-    let offset = port_offset().to_string();
-    let up = run(&[
-        "up",
-        "--scenario",
-        SCENARIO,
-        "--folder",
-        folder.path().to_str().unwrap(),
-        "--port-offset",
-        &offset,
-        "--json",
-    ]);
-    let code = up.status.code();
-    // 3 is "done, but something was lost": a busy machine may miss a cycle, which is no matter of this test.
-    assert!(
-        code == Some(0) || code == Some(3),
-        "{code:?}: {}",
-        stderr(&up)
-    );
-    let live = json(&up);
+    let live = up(SCENARIO, folder.path());
     let evaluation = json(&run(&["evaluate", SCENARIO, "--json"]));
 
     // Figure, and the difference that is too small to speak of.

@@ -41,6 +41,30 @@ pub fn json(output: &Output) -> Value {
     })
 }
 
+/// A whole `tangent up` of the scenario, recording and report in `folder`; its figures.
+pub fn up(scenario: &str, folder: &Path) -> Value {
+    let offset = port_offset().to_string();
+    let folder = folder.to_str().unwrap();
+    let output = run(&[
+        "up",
+        "--scenario",
+        scenario,
+        "--folder",
+        folder,
+        "--port-offset",
+        &offset,
+        "--json",
+    ]);
+    let code = output.status.code();
+    // 3 is "done, but something was lost": a busy machine may miss a cycle, which is no matter of these tests.
+    assert!(
+        code == Some(0) || code == Some(3),
+        "{code:?}: {}",
+        stderr(&output)
+    );
+    json(&output)
+}
+
 /// What went to standard error.
 pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
