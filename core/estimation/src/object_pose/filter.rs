@@ -278,14 +278,7 @@ impl ObjectPoseEstimator for ObjectPose {
     }
 
     fn update(&mut self, sample: &ObjectSample) -> ObjectEstimate {
-        let finite = sample.time_s.is_finite()
-            && sample
-                .base_from_flange
-                .matrix()
-                .iter()
-                .all(|x| x.is_finite())
-            && sample.base_from_tool.matrix().iter().all(|x| x.is_finite());
-        if !finite {
+        if !sample.is_placed() {
             return ObjectEstimate::invalid(Validity::NotFinite);
         }
         let now = sample.time_s;

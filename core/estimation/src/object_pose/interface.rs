@@ -28,6 +28,15 @@ pub struct ObjectSample {
     pub frame: Option<CameraFrame>,
 }
 
+impl ObjectSample {
+    /// Time and poses are finite; without them nothing else in the sample can be placed.
+    pub(crate) fn is_placed(&self) -> bool {
+        let flange = self.base_from_flange.matrix();
+        let tool = self.base_from_tool.matrix();
+        self.time_s.is_finite() && flange.iter().chain(tool.iter()).all(|x| x.is_finite())
+    }
+}
+
 /// Where the object is, and how sure that is.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectEstimate {
