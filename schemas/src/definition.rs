@@ -18,10 +18,10 @@ files! {
     "builtin_interfaces": "Duration" "Time";
     "geometry_msgs": "Point" "Pose" "PoseStamped" "PoseWithCovariance" "PoseWithCovarianceStamped" "Quaternion" "Transform"
         "TransformStamped" "Twist" "Vector3" "Wrench" "WrenchStamped";
-    "sensor_msgs": "CompressedImage" "JointState";
+    "sensor_msgs": "CameraInfo" "CompressedImage" "Image" "JointState" "RegionOfInterest";
     "std_msgs": "ColorRGBA" "Header";
-    "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "Health" "NormalEstimate"
-        "Request" "WrenchStatus";
+    "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "Feature" "FeatureArray" "Health"
+        "NormalEstimate" "ObjectEstimate" "Request" "WrenchStatus";
     "tf2_msgs": "TFMessage";
     "visualization_msgs": "Marker" "MarkerArray" "MeshFile" "UVCoordinate";
 }

@@ -192,6 +192,57 @@ message! {
 }
 
 message! {
+    /// A picture; the stamp is the time of exposure.
+    pub struct Image: "sensor_msgs/msg/Image" {
+        pub header: Header,
+        /// Rows.
+        pub height: u32,
+        /// Columns.
+        pub width: u32,
+        /// Of a pixel: `mono8`, `16UC1`, `32FC1`.
+        pub encoding: String,
+        /// 1 where numbers of several bytes begin with the highest.
+        pub is_bigendian: u8,
+        /// Bytes per row.
+        pub step: u32,
+        /// `step * height` bytes.
+        pub data: Vec<u8>,
+    }
+}
+
+message! {
+    /// A part of an image; all zero: the whole of it.
+    pub struct RegionOfInterest: "sensor_msgs/msg/RegionOfInterest" {
+        pub x_offset: u32,
+        pub y_offset: u32,
+        pub height: u32,
+        pub width: u32,
+        pub do_rectify: bool,
+    }
+}
+
+message! {
+    /// A camera's calibration, pixels.
+    pub struct CameraInfo: "sensor_msgs/msg/CameraInfo" {
+        pub header: Header,
+        pub height: u32,
+        pub width: u32,
+        pub distortion_model: String,
+        /// Distortion; empty for none.
+        pub d: Vec<f64>,
+        /// Row-major, `[fx 0 cx, 0 fy cy, 0 0 1]`.
+        pub k: [f64; 9],
+        /// Rectification; identity for a single camera.
+        pub r: [f64; 9],
+        /// Projection, 3 × 4, row-major.
+        pub p: [f64; 12],
+        pub binning_x: u32,
+        pub binning_y: u32,
+        pub roi: RegionOfInterest,
+    }
+}
+
+message! {
     /// Part of a marker; unused here.
     pub struct UVCoordinate: "visualization_msgs/msg/UVCoordinate" {
         pub u: f32,

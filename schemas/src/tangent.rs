@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::standard::{Header, Point, Pose, Twist, Vector3, Wrench};
-use crate::{JointArray, Name, Text, message};
+use crate::{Covariance, JointArray, Name, Text, message};
 
 message! {
     /// What the arm does now. Published once per robot packet.
@@ -134,6 +134,58 @@ message! {
         pub friction: f64,
         /// Shape operator, row-major, base axes, 1/m; all zero while unknown.
         pub curvature: [f64; 9],
+        /// Time one update took, s.
+        pub update_s: f64,
+    }
+}
+
+message! {
+    /// One labelled point in an image.
+    pub struct Feature: "tangent_msgs/msg/Feature" {
+        /// Which point of the target.
+        pub id: u32,
+        /// Column and row, pixels; the middle of the first pixel is (0, 0).
+        pub u: f64,
+        pub v: f64,
+    }
+}
+
+message! {
+    /// What was found in one image.
+    pub struct FeatureArray: "tangent_msgs/msg/FeatureArray" {
+        /// Time of exposure; frame `camera`.
+        pub header: Header,
+        /// Counts the images since the service started, those in which nothing was found too.
+        pub sequence: u64,
+        /// Points that were found; those that were not are left out.
+        pub features: Vec<Feature>,
+        /// Time that finding them took, s.
+        pub detect_s: f64,
+    }
+}
+
+message! {
+    /// Where an object of known shape is, by one estimator.
+    pub struct ObjectEstimate: "tangent_msgs/msg/ObjectEstimate" {
+        /// Time of the measurement it rests on; frame `base`.
+        pub header: Header,
+        /// `ArmState.cycle` that it rests on.
+        pub cycle: u64,
+        pub estimator: Name,
+        /// `base_from_object`.
+        pub pose: Pose,
+        /// Of its origin, base axes.
+        pub twist: Twist,
+        /// Row-major; x, y, z (m), then small turns about the base's axes (rad).
+        pub covariance: Covariance,
+        /// 0 valid; else why not, in code and in words.
+        pub validity: u8,
+        pub reason: Text,
+        /// Of the newest camera frame that was used, s; negative without one.
+        pub vision_age_s: f64,
+        /// The estimator holds that the tool touches the object, and how hard along its normal, N.
+        pub in_contact: bool,
+        pub force_n: f64,
         /// Time one update took, s.
         pub update_s: f64,
     }

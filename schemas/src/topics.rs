@@ -4,9 +4,12 @@ use std::borrow::Cow;
 use std::marker::PhantomData;
 
 use crate::Message;
-use crate::standard::{MarkerArray, PoseWithCovarianceStamped, TFMessage, WrenchStamped};
+use crate::standard::{
+    CameraInfo, Image, MarkerArray, PoseWithCovarianceStamped, TFMessage, WrenchStamped,
+};
 use crate::tangent::{
-    ArmCommand, ArmState, ContactTruth, ControlState, Health, NormalEstimate, WrenchStatus,
+    ArmCommand, ArmState, ContactTruth, ControlState, FeatureArray, Health, NormalEstimate,
+    ObjectEstimate, WrenchStatus,
 };
 
 /// How a topic is sent to other processes. Within a process every message is delivered in the sender's thread.
@@ -91,6 +94,14 @@ pub static WRENCH_STATUS: Topic<WrenchStatus> = Topic::new("wrench/status", Deli
 /// Where the arm's base is in the world, by the mobile platform that it stands on; silent where it stands for good.
 pub static BASE_POSE: Topic<PoseWithCovarianceStamped> =
     Topic::new("base/pose", Delivery::RealTime);
+/// Images of the camera on the wrist, for viewers and recordings: as many as the camera service is set to pass on.
+pub static CAMERA_IMAGE: Topic<Image> = Topic::new("camera/image", Delivery::Background);
+/// The camera's calibration, as it is stated.
+pub static CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/info", Delivery::Background);
+/// What was found in each image.
+pub static CAMERA_FEATURES: Topic<FeatureArray> = Topic::new("camera/features", Delivery::Stream);
+/// Images of the simulated camera, as its driver would give them.
+pub static SIMULATED_IMAGE: Topic<Image> = Topic::new("simulator/image", Delivery::Stream);
 /// What the controller does and why; once per cycle.
 pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
 /// The simulator's truth; never read by the system under test.
@@ -108,6 +119,11 @@ pub static HEALTHS: Topic<Health> = Topic::new("health/*", Delivery::Background)
 /// Normals by one estimator: `estimate/NAME/normal`.
 pub fn estimate_normal(estimator: &str) -> Topic<NormalEstimate> {
     Topic::named(format!("estimate/{estimator}/normal"), Delivery::RealTime)
+}
+
+/// Poses of an object by one estimator: `estimate/NAME/object`.
+pub fn estimate_object(estimator: &str) -> Topic<ObjectEstimate> {
+    Topic::named(format!("estimate/{estimator}/object"), Delivery::RealTime)
 }
 
 /// Health of one service: `health/SERVICE`.

@@ -281,13 +281,7 @@ impl ControllerConfig {
 
     /// A preset with single keys changed, as in `[controller.settings]` of a cell file.
     pub fn preset_with(name: &str, changes: &toml::Table) -> Result<Self, ControlError> {
-        let wrong = |e: String| ControlError::Syntax(format!("controller settings: {e}"));
-        let mut table =
-            toml::Table::try_from(Self::preset(name)?).map_err(|e| wrong(e.to_string()))?;
-        overlay(&mut table, changes);
-        let config: Self = table
-            .try_into()
-            .map_err(|e: toml::de::Error| wrong(e.message().to_owned()))?;
+        let config = with_changes(Self::preset(name)?, changes)?;
         config.check()?;
         Ok(config)
     }
@@ -328,6 +322,19 @@ impl ControllerConfig {
             ..default
         }
     }
+}
+
+/// A complete set of parameters with single ones changed.
+pub(crate) fn with_changes<T: Serialize + serde::de::DeserializeOwned>(
+    preset: T,
+    changes: &toml::Table,
+) -> Result<T, ControlError> {
+    let wrong = |e: String| ControlError::Syntax(format!("controller settings: {e}"));
+    let mut table = toml::Table::try_from(preset).map_err(|e| wrong(e.to_string()))?;
+    overlay(&mut table, changes);
+    table
+        .try_into()
+        .map_err(|e: toml::de::Error| wrong(e.message().to_owned()))
 }
 
 /// Puts `changes` over `base`, table by table.

@@ -62,8 +62,10 @@ pub enum CommandKind {
     /// Stand still; nothing is asked of the arm.
     #[default]
     Hold = 0,
-    /// Follow `qd`.
+    /// Follow joint velocities.
     JointVelocity = 1,
+    /// Give these joint torques.
+    JointTorque = 2,
 }
 
 /// One cycle's command and everything that `ControlState` publishes.

@@ -8,7 +8,7 @@ use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 use tangent_estimation::{CORNERS, CameraFrame, CameraModel, Corner};
 use tangent_mechanics::{Base, Camera as CameraFrameAxes, Flange, Object, Pose};
-use tangent_sensing::{TargetDetector, TargetDetectorError};
+use tangent_sensing::{GreyImage, TargetDetector, TargetDetectorError};
 
 use crate::plant_config::PoseConfig;
 use crate::target_image::{self, ImageConfig};
@@ -92,6 +92,44 @@ impl CameraConfig {
     }
 }
 
+/// What the shutter let in: all that an image of the target needs.
+#[derive(Clone, Copy, Debug)]
+pub struct Exposure {
+    /// Time of exposure, s.
+    pub time_s: f64,
+    /// Counts the frames.
+    pub sequence: u64,
+    /// Where the object was, as the camera really stood.
+    pub camera_from_object: Pose<CameraFrameAxes, Object>,
+}
+
+/// Draws the images of a camera's exposures, in whatever thread has the time for it.
+pub struct Imager {
+    config: CameraConfig,
+    truth: CameraModel,
+    corners_m: [Vector3<f64>; CORNERS],
+    rng: Pcg64Mcg,
+}
+
+impl Imager {
+    /// The image of one exposure.
+    pub fn draw(&mut self, exposure: &Exposure) -> GreyImage {
+        target_image::draw(
+            &self.config.image,
+            &self.truth,
+            self.config.image_px.map(|x| x as u32),
+            &exposure.camera_from_object,
+            &self.corners_m,
+            &mut self.rng,
+        )
+    }
+
+    /// From exposure to the image's arrival, s.
+    pub fn delay_s(&self) -> f64 {
+        self.config.delay_s
+    }
+}
+
 /// The camera with its true calibration and the frames under way.
 pub struct Camera {
     config: CameraConfig,
@@ -100,6 +138,9 @@ pub struct Camera {
     frames_taken: u64,
     under_way: ArrayVec<CameraFrame, FRAMES_MAX>,
     detector: TargetDetector,
+    /// Whoever draws elsewhere takes exposures instead of frames.
+    elsewhere: bool,
+    exposed: Option<Exposure>,
 }
 
 impl Camera {
@@ -135,7 +176,25 @@ impl Camera {
             frames_taken: 0,
             under_way: ArrayVec::new(),
             detector: TargetDetector::new()?,
+            elsewhere: false,
+            exposed: None,
         })
+    }
+
+    /// From now on the images are drawn by the one returned, from [`Camera::take_exposure`]; no frame comes any more.
+    pub fn hand_over(&mut self, corners_m: [Vector3<f64>; CORNERS]) -> Imager {
+        self.elsewhere = true;
+        Imager {
+            config: self.config.clone(),
+            truth: self.truth,
+            corners_m,
+            rng: self.rng.clone(),
+        }
+    }
+
+    /// The newest exposure that nobody took.
+    pub fn take_exposure(&mut self) -> Option<Exposure> {
+        self.exposed.take()
     }
 
     /// The true calibration, for judging estimates of it.
@@ -158,6 +217,15 @@ impl Camera {
         }
         let camera_from_object: Pose<CameraFrameAxes, Object> =
             (*base_from_flange * self.truth.flange_from_camera).inverse() * *base_from_object;
+        if self.elsewhere {
+            self.exposed = Some(Exposure {
+                time_s,
+                sequence: self.frames_taken,
+                camera_from_object,
+            });
+            self.frames_taken += 1;
+            return;
+        }
         let corners = match self.config.source {
             FeatureSource::Projection => self.projected(&camera_from_object, corners_m),
             FeatureSource::Image => self.found(&camera_from_object, corners_m),

@@ -328,7 +328,8 @@ impl ClosedLoop {
             self.conditioner.start_tare(&mut self.conditioning);
         }
         let command = match self.output.kind {
-            CommandKind::Hold => VelocityCommand::hold(),
+            // A velocity-controlled arm takes no torques.
+            CommandKind::Hold | CommandKind::JointTorque => VelocityCommand::hold(),
             CommandKind::JointVelocity => VelocityCommand {
                 qd: self.output.qd,
                 acceleration: self.output.acceleration,

@@ -31,14 +31,14 @@ mod target_image;
 mod torque_arm;
 mod truth;
 
-pub use camera::{Camera, CameraConfig, FeatureSource};
+pub use camera::{Camera, CameraConfig, Exposure, FeatureSource, Imager};
 pub use closed_loop::{ClosedLoop, Evaluation, LoopCycle, evaluate, evaluate_with};
 pub use digest::TrajectoryDigest;
 pub use measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 pub use object_loop::{
     Disturbance, ObjectCycle, ObjectLoop, Undisturbed, evaluate_object, evaluate_object_with,
 };
-pub use object_plant::ObjectPlant;
+pub use object_plant::{ObjectPlant, loaded_model};
 pub use object_plant_config::{ObjectMotionConfig, ObjectPlantConfig};
 pub use object_scenario::{ObjectKind, ObjectScenario};
 pub use overrides::OverrideError;

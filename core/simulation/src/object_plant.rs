@@ -8,7 +8,7 @@ use tangent_mechanics::{
     Sensor as SensorFrame, Tool, Wrench,
 };
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Exposure, Imager};
 use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample};
 use crate::object_plant_config::{DELAY_PERIODS_MAX, ObjectPlantConfig, check};
@@ -210,6 +210,16 @@ impl ObjectPlant {
     pub fn take_frame(&mut self) -> Option<CameraFrame> {
         let time = self.time_s();
         self.camera.take(time)
+    }
+
+    /// From now on the camera's images are drawn by the one returned, from [`ObjectPlant::take_exposure`].
+    pub fn hand_over_camera(&mut self) -> Imager {
+        self.camera.hand_over(self.corners)
+    }
+
+    /// The camera's newest exposure that nobody took.
+    pub fn take_exposure(&mut self) -> Option<Exposure> {
+        self.camera.take_exposure()
     }
 
     /// What the arm reports now; targets are what it measures, there is no servo.

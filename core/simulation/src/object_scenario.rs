@@ -6,10 +6,10 @@ use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_sensing::ConditioningConfig;
-use toml::{Table, Value};
+use toml::Table;
 
 use crate::object_plant_config::ObjectPlantConfig;
-use crate::scenario::{ScenarioError, merge, read_with_overrides};
+use crate::scenario::{ScenarioError, read_with_overrides};
 use crate::surfaces::ShapeConfig;
 
 /// Marks the file: other scenarios have no `kind`.
@@ -97,17 +97,10 @@ impl ObjectScenario {
     /// # Errors
     /// An unknown preset or parameter, or a value out of range.
     pub fn law(&self) -> Result<HybridDynamicsConfig, ScenarioError> {
-        let text = |message: String| ScenarioError::Text {
-            file: self.name.clone(),
-            message,
-        };
-        let preset = HybridDynamicsConfig::preset(&self.controller)?;
-        let mut table = Table::try_from(preset).map_err(|e| text(e.to_string()))?;
-        merge(&mut table, &self.control);
-        let config = HybridDynamicsConfig::deserialize(Value::Table(table))
-            .map_err(|e| text(format!("control: {}", e.message())))?;
-        config.check()?;
-        Ok(config)
+        Ok(HybridDynamicsConfig::preset_with(
+            &self.controller,
+            &self.control,
+        )?)
     }
 
     /// The surface as the estimator knows it, which must be the plant's: the object's geometry is known.

@@ -105,9 +105,9 @@ pub fn draw(
         camera_from_object.transform_point(&corners_m[0]),
     ];
     let plate_from_sight = Matrix3::from_columns(&columns).try_inverse();
-    let mut grey = vec![AROUND; width as usize * height as usize];
+    let mut window = Window::empty(config.blur_px);
     if let Some(plate_from_sight) = plate_from_sight {
-        let [columns, rows] = seen_part(
+        let seen = seen_part(
             &plate,
             camera,
             size_px,
@@ -115,37 +115,37 @@ pub fn draw(
             corners_m,
             [x, y],
         );
-        for row in rows.0..rows.1 {
-            for column in columns.0..columns.1 {
-                let mut sum = 0.0;
-                for i in 0..SAMPLES * SAMPLES {
-                    let share = |k: u32| (f64::from(k) + 0.5) / f64::from(SAMPLES) - 0.5;
-                    let pixel = Vector2::new(
-                        f64::from(column) + share(i % SAMPLES),
-                        f64::from(row) + share(i / SAMPLES),
-                    );
-                    let sight = camera.normalised(&pixel).push(1.0);
-                    let p = plate_from_sight * sight;
-                    // A plate behind the camera is not seen.
-                    sum += if p.z > 0.0 {
-                        plate.grey(&(p.xy() / p.z))
-                    } else {
-                        AROUND
-                    };
-                }
-                grey[(row * width + column) as usize] = sum / f64::from(SAMPLES * SAMPLES);
+        window = Window::around(seen, size_px, config.blur_px);
+        window.fill(|column, row| {
+            let mut sum = 0.0;
+            for i in 0..SAMPLES * SAMPLES {
+                let share = |k: u32| (f64::from(k) + 0.5) / f64::from(SAMPLES) - 0.5;
+                let pixel = Vector2::new(
+                    f64::from(column) + share(i % SAMPLES),
+                    f64::from(row) + share(i / SAMPLES),
+                );
+                let sight = camera.normalised(&pixel).push(1.0);
+                let p = plate_from_sight * sight;
+                // A plate behind the camera is not seen.
+                sum += if p.z > 0.0 {
+                    plate.grey(&(p.xy() / p.z))
+                } else {
+                    AROUND
+                };
             }
-        }
+            sum / f64::from(SAMPLES * SAMPLES)
+        });
+        window.blur();
     }
-    let blurred = blur(&grey, width as usize, config.blur_px);
-    let pixels = blurred
-        .iter()
-        .map(|value| {
+    let mut pixels = Vec::with_capacity(width as usize * height as usize);
+    for row in 0..height {
+        for column in 0..width {
+            let value = window.at(column, row);
             let noise: f64 = StandardNormal.sample(rng);
             // `as` saturates, as a sensor does.
-            (value + noise * config.noise_grey).round() as u8
-        })
-        .collect();
+            pixels.push((value + noise * config.noise_grey).round() as u8);
+        }
+    }
     GreyImage {
         width,
         height,
@@ -181,26 +181,91 @@ fn seen_part(
     spans
 }
 
-/// Gauss, along rows and then along columns; the border keeps its own value.
-fn blur(grey: &[f64], width: usize, sd_px: f64) -> Vec<f64> {
-    if sd_px <= 0.0 {
-        return grey.to_vec();
-    }
-    let reach = (3.0 * sd_px).ceil() as usize;
-    let weight = |k: usize| (-0.5 * (k as f64 / sd_px).powi(2)).exp();
-    let total: f64 = weight(0) + 2.0 * (1..=reach).map(weight).sum::<f64>();
-    let weights: Vec<f64> = (0..=reach).map(|k| weight(k) / total).collect();
-    let pass = |from: &[f64], step: usize| {
-        let mut to = from.to_vec();
-        let margin = reach * step;
-        for at in margin..from.len().saturating_sub(margin) {
-            let sides =
-                (1..=reach).map(|k| weights[k] * (from[at - k * step] + from[at + k * step]));
-            to[at] = weights[0] * from[at] + sides.sum::<f64>();
+/// The part of an image that is not all alike, with a margin for the blur.
+struct Window {
+    columns: (u32, u32),
+    rows: (u32, u32),
+    blur_px: f64,
+    grey: Vec<f64>,
+}
+
+impl Window {
+    fn empty(blur_px: f64) -> Self {
+        Self {
+            columns: (0, 0),
+            rows: (0, 0),
+            blur_px,
+            grey: Vec::new(),
         }
-        to
-    };
-    pass(&pass(grey, 1), width)
+    }
+
+    fn around(seen: [(u32, u32); 2], size_px: [u32; 2], blur_px: f64) -> Self {
+        let margin = 2 * reach(blur_px) as u32;
+        let widened = |i: usize| {
+            let (low, high): (u32, u32) = seen[i];
+            if low >= high {
+                return (0, 0);
+            }
+            (low.saturating_sub(margin), (high + margin).min(size_px[i]))
+        };
+        let (columns, rows) = (widened(0), widened(1));
+        let pixels = (columns.1 - columns.0) as usize * (rows.1 - rows.0) as usize;
+        Self {
+            columns,
+            rows,
+            blur_px,
+            grey: vec![AROUND; pixels],
+        }
+    }
+
+    fn width(&self) -> usize {
+        (self.columns.1 - self.columns.0) as usize
+    }
+
+    fn fill(&mut self, grey: impl Fn(u32, u32) -> f64) {
+        let (columns, rows) = (self.columns, self.rows);
+        let places = (rows.0..rows.1).flat_map(|row| (columns.0..columns.1).map(move |c| (c, row)));
+        for (value, (column, row)) in self.grey.iter_mut().zip(places) {
+            *value = grey(column, row);
+        }
+    }
+
+    /// Gauss, along rows and then along columns; the border keeps its own value.
+    fn blur(&mut self) {
+        if self.blur_px <= 0.0 || self.grey.is_empty() {
+            return;
+        }
+        let reach = reach(self.blur_px);
+        let weight = |k: usize| (-0.5 * (k as f64 / self.blur_px).powi(2)).exp();
+        let total: f64 = weight(0) + 2.0 * (1..=reach).map(weight).sum::<f64>();
+        let weights: Vec<f64> = (0..=reach).map(|k| weight(k) / total).collect();
+        let pass = |from: &[f64], step: usize| {
+            let mut to = from.to_vec();
+            let margin = reach * step;
+            for at in margin..from.len().saturating_sub(margin) {
+                let sides =
+                    (1..=reach).map(|k| weights[k] * (from[at - k * step] + from[at + k * step]));
+                to[at] = weights[0] * from[at] + sides.sum::<f64>();
+            }
+            to
+        };
+        self.grey = pass(&pass(&self.grey, 1), self.width());
+    }
+
+    fn at(&self, column: u32, row: u32) -> f64 {
+        let inside = (self.columns.0..self.columns.1).contains(&column)
+            && (self.rows.0..self.rows.1).contains(&row);
+        if !inside {
+            return AROUND;
+        }
+        let (column, row) = (column - self.columns.0, row - self.rows.0);
+        self.grey[row as usize * self.width() + column as usize]
+    }
+}
+
+/// How far the blur of this width reaches, pixels.
+fn reach(blur_px: f64) -> usize {
+    (3.0 * blur_px).ceil() as usize
 }
 
 #[cfg(test)]

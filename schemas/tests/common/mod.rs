@@ -9,9 +9,9 @@ macro_rules! for_every_message {
     ($check:ident, $argument:expr) => {
         $crate::common::for_every_message!(@ $check, $argument,
             tangent_schemas::standard: Time Duration Header ColorRGBA Vector3 Point Quaternion Pose PoseStamped
-                PoseWithCovariance PoseWithCovarianceStamped Twist Wrench WrenchStamped Transform TransformStamped TFMessage CompressedImage JointState UVCoordinate MeshFile
+                PoseWithCovariance PoseWithCovarianceStamped Twist Wrench WrenchStamped Transform TransformStamped TFMessage CompressedImage Image CameraInfo RegionOfInterest JointState UVCoordinate MeshFile
                 Marker MarkerArray;
-            tangent_schemas::tangent: ArmState ArmCommand WrenchStatus NormalEstimate ControlState Health ContactTruth
+            tangent_schemas::tangent: ArmState ArmCommand WrenchStatus NormalEstimate ObjectEstimate Feature FeatureArray ControlState Health ContactTruth
                 Request Answer;
         )
     };

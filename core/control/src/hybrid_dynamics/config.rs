@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::JointFriction;
 
-use crate::config::PatienceConfig;
+use crate::config::{PatienceConfig, with_changes};
 use crate::error::check_range;
 use crate::{ControlError, PathConfig};
 
@@ -222,6 +222,16 @@ impl HybridDynamicsConfig {
             "paper" => Ok(Self::paper()),
             other => Err(ControlError::UnknownPreset(other.into())),
         }
+    }
+
+    /// A preset with single parameters changed, checked.
+    ///
+    /// # Errors
+    /// An unknown name or parameter, or a value out of its range.
+    pub fn preset_with(name: &str, changes: &toml::Table) -> Result<Self, ControlError> {
+        let config = with_changes(Self::preset(name)?, changes)?;
+        config.check()?;
+        Ok(config)
     }
 
     fn paper() -> Self {

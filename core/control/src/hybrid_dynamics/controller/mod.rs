@@ -29,6 +29,7 @@ pub struct HybridDynamics {
     task: Task,
     path: Path,
     surface: Box<dyn ImplicitSurface>,
+    paused: bool,
     run: Run,
 }
 
@@ -101,6 +102,7 @@ impl HybridDynamics {
             task: task.clone(),
             path,
             surface,
+            paused: false,
             run: Run {
                 phase: Phase::Tare,
                 ..Run::default()
@@ -110,6 +112,7 @@ impl HybridDynamics {
 
     /// Begins the task anew.
     pub fn restart(&mut self) {
+        self.paused = false;
         self.run = Run {
             phase: Phase::Tare,
             ..Run::default()
@@ -121,6 +124,32 @@ impl HybridDynamics {
         if self.run.phase.is_active() {
             self.leave(Phase::Done);
         }
+    }
+
+    /// Stops the path where it is, keeps the force; false resumes. Refused where there is no path to stop.
+    ///
+    /// # Errors
+    /// When no task runs, or it is leaving the surface.
+    pub fn pause(&mut self, paused: bool) -> Result<(), ControlError> {
+        if !self.run.phase.is_active() || self.run.phase == Phase::Retract {
+            return Err(ControlError::WrongPhase {
+                request: if paused { "pause" } else { "resume" },
+                phase: self.run.phase.name(),
+                remedy: "start the task again",
+            });
+        }
+        self.paused = paused;
+        Ok(())
+    }
+
+    /// Phase after the last step.
+    pub fn phase(&self) -> Phase {
+        self.run.phase
+    }
+
+    /// The task.
+    pub fn task(&self) -> &Task {
+        &self.task
     }
 
     /// One control period.

@@ -24,7 +24,7 @@ impl HybridDynamics {
         let dt = input.dt_s;
         let good = verdict == WrenchVerdict::Good;
         let stopped = matches!(verdict, WrenchVerdict::Stop(_));
-        self.keep_time(estimate.is_some() && !stopped, dt);
+        self.keep_time(estimate.is_some() && !stopped && !self.paused, dt);
         match self.run.phase {
             Phase::Tare => {
                 let tared = !self.task.tare
@@ -56,7 +56,7 @@ impl HybridDynamics {
                     return self.hold(now);
                 }
                 self.run.held = None;
-                self.press(now, estimate.is_some(), pressing_n, good, dt)
+                self.press(now, estimate.is_some() && !self.paused, pressing_n, good, dt)
             }
             Phase::Retract => self.retract(now),
             Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
