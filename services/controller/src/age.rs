@@ -1,6 +1,8 @@
 //! How old a message's content is, on the monotonic clock of this host.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+use tangent_schemas::tangent::ArmState;
 
 /// Age of the content of one publisher's messages. The clocks of two hosts need not agree: what counts is how much later
 /// a message came than the promptest one did. So a burst of old messages after a cut is old although it has just arrived.
@@ -63,6 +65,32 @@ impl ContentAge {
             return 0.0;
         }
         late_s
+    }
+}
+
+/// Age of what rests on the arm's state: it counts the robot's packets since the one it rests on, so no clock is asked, and a
+/// burst of old ones is old. One that goes on talking while its stamp stands still is as old as the stamp.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CycleAge {
+    /// Publisher and stamp of the newest message, and the robot's cycle in which they were new.
+    advanced: Option<([u8; 16], i64, u64)>,
+}
+
+impl CycleAge {
+    /// Of a message `said` by a publisher with a stamp (ns), resting on `cycle`, received `ago`; s.
+    pub fn of(&mut self, said: ([u8; 16], i64), cycle: u64, ago: Duration, arm: &ArmState) -> f64 {
+        if cycle > arm.cycle {
+            // Of an earlier run of the bridge, whose count was higher.
+            return f64::INFINITY;
+        }
+        let since = match self.advanced {
+            Some((publisher, stamp_ns, cycle)) if (publisher, stamp_ns) == said => cycle,
+            _ => arm.cycle,
+        };
+        self.advanced = Some((said.0, said.1, since));
+        let behind = arm.cycle - cycle;
+        let standing = arm.cycle.saturating_sub(since);
+        (behind.max(standing) as f64 * arm.period_s).max(ago.as_secs_f64())
     }
 }
 

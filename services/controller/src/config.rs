@@ -61,7 +61,7 @@ impl Config {
     }
 }
 
-fn limits(cell: &CellConfig, arm: &Arm<6>) -> Limits {
+pub(crate) fn limits(cell: &CellConfig, arm: &Arm<6>) -> Limits {
     let own = &cell.limits;
     // One share for all joints: that of the joint with the least room.
     let joint_speed_share = own.joint_speed_max(6).map_or(SHARE, |speeds| {

@@ -2,21 +2,20 @@
 //! published before it returns. Takes no lock and no memory.
 
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use tangent_control::{ControlError, ControlOutput, Controller, Fault, Parameter, Phase};
+use tangent_control::{ControlError, ControlOutput, Controller, Parameter, Program};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{
-    Age, Counter, Gauge, HealthReporter, Histogram, Parameter as LiveParameter, Publisher, Rate,
-    Received,
+    Age, Gauge, HealthReporter, Histogram, Parameter as LiveParameter, Publisher, Rate, Received,
 };
 use tangent_schemas::Name;
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState};
 
 use crate::inputs::{Inputs, driven_by_another};
-use crate::mailbox::{Ask, Letter, Mailbox, Note, Outcome};
+use crate::mailbox::{Ask, Letter, Mailbox, Outcome};
 use crate::messages;
+use crate::watch::{Told, Watch};
 
 /// Live parameters in the order of [`Parameter::ALL`], with the value last seen of each.
 pub struct Live {
@@ -35,12 +34,10 @@ impl Live {
 /// Meters of the cycle.
 pub struct Meters {
     cycles: Rate,
-    missed: Counter,
     arm_age: Age,
     wrench_age: Gauge,
     estimate_age: Gauge,
     step: Histogram,
-    unusable: Gauge,
 }
 
 impl Meters {
@@ -48,12 +45,10 @@ impl Meters {
     pub fn new(health: &HealthReporter) -> Self {
         Self {
             cycles: health.rate("arm_state"),
-            missed: health.missed_cycles(),
             arm_age: health.age("arm_state"),
             wrench_age: health.gauge("wrench_age_s"),
             estimate_age: health.gauge("estimate_age_s"),
             step: health.histogram("step"),
-            unusable: health.gauge("arm_states_unusable"),
         }
     }
 }
@@ -65,34 +60,12 @@ pub struct Cycle {
     pub command: Publisher<ArmCommand>,
     pub state: Publisher<ControlState>,
     pub source: Name,
-    pub mailbox: Arc<Mailbox>,
-    pub health: Arc<HealthReporter>,
+    pub mailbox: Arc<Mailbox<Program>>,
     pub meters: Meters,
     pub live: Live,
-    pub last: Last,
-}
-
-/// How the controller stands towards the arm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Standing {
-    Well,
-    /// Another controller has the arm.
-    Second(Name),
-    /// Its state makes no sense.
-    Unusable,
-}
-
-/// What the cycle before was like.
-#[derive(Default)]
-pub struct Last {
-    cycle: Option<u64>,
-    phase: Phase,
-    /// Estimator, and how often it changed.
-    used: (usize, u32),
-    tare: bool,
-    fault: Option<Fault>,
-    activation_latched: u64,
-    said: Option<Standing>,
+    pub watch: Watch<Program>,
+    /// Activation that the bridge has latched out.
+    pub latched: u64,
 }
 
 impl Cycle {
@@ -102,8 +75,8 @@ impl Cycle {
         let arm_age = begin.saturating_duration_since(arm.received);
         self.meters.cycles.tick();
         self.meters.arm_age.mark_at(arm.received);
-        self.count_missed(arm.message.cycle);
-        self.last.activation_latched = arm.message.activation_latched;
+        self.watch.count_missed(arm.message.cycle);
+        self.latched = arm.message.activation_latched;
         while let Some(letter) = self.mailbox.take() {
             self.deal_with(letter);
         }
@@ -111,8 +84,7 @@ impl Cycle {
         let names = self.controller.estimators().clone();
         let Some(mut input) = self.inputs.gather(arm, &names, self.command.id()) else {
             // No answer: the bridge ramps the arm down by itself.
-            self.meters.unusable.set(self.meters.unusable.get() + 1.0);
-            self.say(Standing::Unusable);
+            self.watch.unusable();
             return;
         };
         // The bridge has ended this task: to it, all that is commanded for it is void.
@@ -142,16 +114,7 @@ impl Cycle {
         self.after(&output, driven_by_another(&arm.message, self.command.id()));
     }
 
-    fn count_missed(&mut self, cycle: u64) {
-        if let Some(last) = self.last.cycle
-            && cycle > last
-        {
-            self.meters.missed.add(cycle - last - 1);
-        }
-        self.last.cycle = Some(cycle);
-    }
-
-    fn deal_with(&mut self, mut letter: Letter) {
+    fn deal_with(&mut self, mut letter: Letter<Program>) {
         let controller = &mut self.controller;
         let result = match letter.ask() {
             Ask::Start(program) => {
@@ -162,7 +125,7 @@ impl Cycle {
                         remedy: "stop the running task first",
                     }))
                 } else if let Some(new) = program.take() {
-                    match controller.start(new, self.last.activation_latched) {
+                    match controller.start(new, self.latched) {
                         Ok(old) => {
                             **program = old;
                             self.show_parameters();
@@ -221,50 +184,16 @@ impl Cycle {
     }
 
     fn after(&mut self, output: &ControlOutput, other: Option<Name>) {
-        if output.tare_requested && !self.last.tare {
-            self.mailbox.tare_due.store(true, Ordering::Release);
+        if let Some(name) = self.controller.estimators().get(output.estimator) {
+            self.watch
+                .estimator(*name, output.estimator_switches, messages::cause(output));
         }
-        self.last.tare = output.tare_requested;
-        if output.phase != self.last.phase || output.fault != self.last.fault {
-            self.mailbox
-                .notes
-                .force_push(Note::Phase(output.phase, messages::fault(output)));
-            self.last.phase = output.phase;
-            self.last.fault = output.fault;
-            if output.phase == Phase::Fault {
-                self.health
-                    .set(tangent_runtime::State::Fault, messages::fault(output));
-                self.last.said = None;
-            }
-        }
-        let used = (output.estimator, output.estimator_switches);
-        if used != self.last.used {
-            self.last.used = used;
-            if let Some(name) = self.controller.estimators().get(output.estimator) {
-                self.mailbox
-                    .notes
-                    .force_push(Note::Estimator(*name, messages::cause(output)));
-            }
-        }
-        if output.phase != Phase::Fault {
-            self.say(other.map_or(Standing::Well, Standing::Second));
-        }
-        self.mailbox.tick(output.phase);
-    }
-
-    fn say(&mut self, standing: Standing) {
-        if self.last.said == Some(standing) {
-            return;
-        }
-        self.last.said = Some(standing);
-        match standing {
-            Standing::Well => self.health.running(),
-            Standing::Second(other) => self.health.degraded(format_args!(
-                "the arm is driven by {other}; tasks are refused here"
-            )),
-            Standing::Unusable => self.health.degraded(format_args!(
-                "arm/state has no usable pose or joints: is it this cell's arm?"
-            )),
-        }
+        self.watch.after(&Told {
+            phase: output.phase,
+            fault: output.fault,
+            fault_text: messages::fault(output),
+            tare_requested: output.tare_requested,
+            other,
+        });
     }
 }

@@ -4,32 +4,46 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use serde_json::json;
-use tangent_control::{ControllerConfig, EstimatorName, Phase, Program, Task};
+use tangent_control::{EstimatorName, Phase};
 use tangent_runtime::bus::answer::{done_with, refused};
 use tangent_runtime::{Bus, BusError, Handle, Latest};
-use tangent_schemas::tangent::{
-    Answer, ArmState, ControlState, NormalEstimate, Request, WrenchStatus,
-};
+use tangent_schemas::tangent::{Answer, ArmState, ControlState, Request, WrenchStatus};
 use tangent_schemas::topics::{self, queries};
 use tangent_sensing::Validity;
 
-use crate::inputs::{EstimateReader, driven_by_another};
+use crate::inputs::driven_by_another;
 use crate::mailbox::{Ask, Mailbox, Outcome};
 
 /// Older than this, an input does not count as there when a task is to start.
-const FRESH: Duration = Duration::from_millis(200);
-/// How long an estimator that nobody listened to yet is waited for.
-const FIRST_ESTIMATE: Duration = Duration::from_millis(400);
+pub const FRESH: Duration = Duration::from_millis(200);
+
+/// What differs from law to law when a task is started or an estimator chosen.
+pub trait Kind: Send + Sync + 'static {
+    /// A task made ready for the loop.
+    type Program: Send + 'static;
+
+    /// The task of this text with its name; or why it cannot be run.
+    fn prepare(&self, text: &str) -> Result<(String, Self::Program), String>;
+
+    /// Whether what is known of the surface comes in, now; or why not.
+    fn check_estimates(
+        &self,
+        program: &Self::Program,
+        mailbox: &Mailbox<Self::Program>,
+    ) -> Result<(), String>;
+
+    /// Makes sure that this estimator is listened to.
+    fn hear(&self, name: &EstimatorName, mailbox: &Mailbox<Self::Program>) -> Result<(), String>;
+}
 
 /// Where requests are answered.
-#[derive(Clone)]
-pub struct Desk {
+pub struct Desk<K: Kind> {
     bus: Bus,
-    mailbox: Arc<Mailbox>,
-    config: ControllerConfig,
+    mailbox: Arc<Mailbox<K::Program>>,
+    kind: K,
     /// Under which this controller's commands travel.
     own_id: [u8; 16],
-    seen: Arc<Mutex<Seen>>,
+    seen: Mutex<Seen>,
 }
 
 /// The desk's own readers: the loop's belong to the loop.
@@ -37,43 +51,35 @@ struct Seen {
     arm: Latest<ArmState>,
     wrench: Latest<WrenchStatus>,
     control: Latest<ControlState>,
-    estimates: Vec<(String, Latest<NormalEstimate>)>,
     /// The task that was started last, as it came.
     task_toml: String,
 }
 
-impl Desk {
-    /// Opens the desk's readers, those of `estimators` too.
+impl<K: Kind> Desk<K> {
+    /// Opens the desk's readers.
     pub fn new(
         bus: &Bus,
-        mailbox: &Arc<Mailbox>,
-        config: ControllerConfig,
-        estimators: &[String],
+        mailbox: &Arc<Mailbox<K::Program>>,
+        kind: K,
         own_id: [u8; 16],
-    ) -> Result<Self, BusError> {
-        let estimates = estimators
-            .iter()
-            .map(|name| Ok((name.clone(), bus.latest(&topics::estimate_normal(name))?)))
-            .collect::<Result<_, BusError>>()?;
-        Ok(Self {
-            seen: Arc::new(Mutex::new(Seen {
+    ) -> Result<Arc<Self>, BusError> {
+        Ok(Arc::new(Self {
+            seen: Mutex::new(Seen {
                 arm: bus.latest(&topics::ARM_STATE)?,
                 wrench: bus.latest(&topics::WRENCH_STATUS)?,
                 control: bus.latest(&topics::CONTROL_STATE)?,
-                estimates,
                 task_toml: String::new(),
-            })),
+            }),
             bus: bus.clone(),
             mailbox: Arc::clone(mailbox),
-            config,
+            kind,
             own_id,
-        })
+        }))
     }
 
     /// Begins to answer.
-    pub fn open(&self) -> Result<Vec<Handle>, BusError> {
-        let (task, stop, select) = (self.clone(), self.clone(), self.clone());
-        let show = self.clone();
+    pub fn open(self: &Arc<Self>) -> Result<Vec<Handle>, BusError> {
+        let [task, show, stop, select] = [(); 4].map(|()| Arc::clone(self));
         Ok(vec![
             self.bus
                 .answer(queries::CONTROL_TASK, move |_, request| task.task(&request))?,
@@ -107,17 +113,16 @@ impl Desk {
     }
 
     fn start(&self, text: &str) -> Answer {
-        let made = text
-            .parse::<Task>()
-            .and_then(|task| Program::new(&task, &self.config));
-        let program = match made {
-            Ok(program) => program,
-            Err(error) => return refused(error.to_string()),
+        let (name, program) = match self.kind.prepare(text) {
+            Ok(prepared) => prepared,
+            Err(reason) => return refused(reason),
         };
-        if let Err(reason) = self.check_inputs(&program) {
+        if let Err(reason) = self
+            .check_inputs()
+            .and_then(|()| self.kind.check_estimates(&program, &self.mailbox))
+        {
             return refused(reason);
         }
-        let name = program.task.name.clone();
         // Before the start: the recorder asks as soon as it sees one.
         let before = std::mem::replace(&mut self.seen().task_toml, text.to_owned());
         let answer = self.ask(
@@ -138,11 +143,8 @@ impl Desk {
         }
     }
 
-    /// Everything that a task needs is there, now.
-    fn check_inputs(&self, program: &Program) -> Result<(), String> {
-        for name in &program.estimators {
-            self.listen(name)?;
-        }
+    /// Arm and wrench are there and can be used, now.
+    fn check_inputs(&self) -> Result<(), String> {
         let mut seen = self.seen();
         match seen.arm.fresh(FRESH) {
             None => return Err("no arm/state: is rtde running, and the robot reached?".into()),
@@ -161,54 +163,19 @@ impl Desk {
             Some(_) => {}
         }
         match seen.wrench.fresh(FRESH) {
-            None => return Err("no wrench: is netft running, and the sensor reached?".into()),
+            None => Err("no wrench: is netft running, and the sensor reached?".into()),
             Some(status) => {
                 let validity = Validity::from(status.message.validity);
-                if !validity.is_valid() {
-                    return Err(format!(
-                        "the wrench cannot be used: {} ({})",
-                        validity.reason(),
-                        status.message.status_text
-                    ));
+                if validity.is_valid() {
+                    return Ok(());
                 }
+                Err(format!(
+                    "the wrench cannot be used: {} ({})",
+                    validity.reason(),
+                    status.message.status_text
+                ))
             }
         }
-        let fresh = |(name, newest): &mut (String, Latest<NormalEstimate>)| {
-            program.estimators.iter().any(|n| n.as_str() == name) && newest.fresh(FRESH).is_some()
-        };
-        if seen.estimates.iter_mut().any(fresh) {
-            return Ok(());
-        }
-        Err(format!(
-            "none of the task's estimators publishes: {}; is the estimator running, with these in [estimators] run?",
-            program.task.estimators.join(", ")
-        ))
-    }
-
-    /// Has the desk and the loop read this estimator's topic, and waits for its first word.
-    fn listen(&self, name: &EstimatorName) -> Result<(), String> {
-        let topic = topics::estimate_normal(name);
-        {
-            let mut seen = self.seen();
-            if seen
-                .estimates
-                .iter()
-                .any(|(known, _)| known == name.as_str())
-            {
-                return Ok(());
-            }
-            let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
-            seen.estimates.push((name.to_string(), newest));
-        }
-        let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
-        let reader = EstimateReader::new(*name, newest);
-        self.mailbox
-            .ask(Ask::Listen(Box::new(Some(reader))))
-            .ok_or_else(|| NO_LOOP.to_owned())?;
-        let first = self.bus.subscribe(&topic, 1).map_err(|e| e.to_string())?;
-        // Nobody there is no error here: another of the list may be.
-        let _ = first.recv_timeout(FIRST_ESTIMATE);
-        Ok(())
     }
 
     fn select(&self, request: &Request) -> Answer {
@@ -226,10 +193,10 @@ impl Desk {
         if name.is_empty() {
             return refused("name an estimator, as in `tangent estimator list`");
         }
-        if let Err(reason) = self.listen(&name) {
+        if let Err(reason) = self.kind.hear(&name, &self.mailbox) {
             return refused(reason);
         }
-        let words = format!("{name} in use; the normal turns to it at a bounded rate");
+        let words = format!("{name} in use; what is steered by turns to it at a bounded rate");
         let first = self.ask(Ask::Select { name, force }, &words);
         if first.done {
             return first;
@@ -245,7 +212,7 @@ impl Desk {
         first
     }
 
-    fn ask(&self, ask: Ask, done: &str) -> Answer {
+    fn ask(&self, ask: Ask<K::Program>, done: &str) -> Answer {
         let name = match &ask {
             Ask::Select { name, .. } => *name,
             _ => EstimatorName::new(),
@@ -304,5 +271,6 @@ fn with_host(source: &str) -> String {
     }
 }
 
-const NO_LOOP: &str =
+/// Nobody turns the loop.
+pub const NO_LOOP: &str =
     "the loop does not run: no arm/state comes in; is rtde running, and the robot reached?";

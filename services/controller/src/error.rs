@@ -11,6 +11,9 @@ pub enum ControllerError {
     /// A gain, limit or preset.
     #[error("[controller] or [limits] of the cell file: {0}")]
     Control(#[from] ControlError),
+    /// What the estimators are told of the object.
+    #[error("estimators.settings of an object's pose: {0}")]
+    Object(String),
     /// The arm's model.
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -22,7 +25,7 @@ pub enum ControllerError {
     Thread(#[from] std::io::Error),
     /// An arm that this law cannot drive.
     #[error(
-        "controller: arm model \"{name}\" has {dof} joints; joint velocity control is for arms with 6"
+        "controller: arm model \"{name}\" has {dof} joints; the laws here are for arms with 6"
     )]
     Joints {
         /// Name of the model.

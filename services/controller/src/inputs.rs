@@ -6,7 +6,7 @@ use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
 use tangent_control::{ControlInput, EstimateInput, EstimatorName, MAX_ESTIMATORS};
 use tangent_estimation::NormalEstimate;
-use tangent_mechanics::{Pose, Twist, Wrench};
+use tangent_mechanics::{Pose, Tool, Twist, Wrench};
 use tangent_runtime::{BaseReader, Latest, Received};
 use tangent_schemas::Name;
 use tangent_schemas::convert::joints;
@@ -14,15 +14,14 @@ use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::{ArmState, NormalEstimate as NormalMessage, WrenchStatus};
 use tangent_sensing::Validity;
 
-use crate::age::ContentAge;
+use crate::age::{ContentAge, CycleAge};
 
 /// One estimator's topic.
 pub struct EstimateReader {
     /// As in `estimate/NAME/normal`.
     pub name: EstimatorName,
     newest: Latest<NormalMessage>,
-    /// Publisher and stamp of the newest message, and the robot's cycle in which they were new.
-    advanced: Option<([u8; 16], i64, u64)>,
+    age: CycleAge,
 }
 
 impl EstimateReader {
@@ -31,17 +30,83 @@ impl EstimateReader {
         Self {
             name,
             newest,
-            advanced: None,
+            age: CycleAge::default(),
+        }
+    }
+}
+
+/// The wrench with its status.
+pub struct WrenchReader {
+    wrench: Latest<WrenchStamped>,
+    status: Latest<WrenchStatus>,
+    age: ContentAge,
+    late_s: f64,
+}
+
+/// The wrench as the loop sees it now.
+#[derive(Clone, Copy, Debug)]
+pub struct WrenchNow {
+    /// Tool axes.
+    pub wrench: Wrench<Tool>,
+    /// Whether to use it.
+    pub validity: Validity,
+    /// s
+    pub age_s: f64,
+    /// Of its filter, s.
+    pub delay_s: f64,
+    /// Age of the tare, s; none without one.
+    pub bias_age_s: Option<f64>,
+}
+
+impl WrenchReader {
+    /// Reads from these.
+    pub fn new(wrench: Latest<WrenchStamped>, status: Latest<WrenchStatus>) -> Self {
+        Self {
+            wrench,
+            status,
+            age: ContentAge::default(),
+            late_s: 0.0,
+        }
+    }
+
+    /// A wrench counts only with the status of the same stamp, published just before it.
+    pub fn read(&mut self) -> WrenchNow {
+        self.status.refresh();
+        if let Some(new) = self.wrench.take_new() {
+            let stamp = new.message.header.stamp.to_ns();
+            self.late_s = self.age.take(new.publisher, stamp, new.received);
+        }
+        let Some((wrench, status)) = self.wrench.get().zip(self.status.get()) else {
+            return WrenchNow {
+                wrench: Wrench::zero(),
+                validity: Validity::Missing,
+                age_s: f64::INFINITY,
+                delay_s: 0.0,
+                bias_age_s: None,
+            };
+        };
+        let validity = Validity::from(status.message.validity);
+        let said = wrench.message.header.stamp.to_ns();
+        let about = status.message.header.stamp.to_ns();
+        WrenchNow {
+            wrench: Wrench::from(&wrench.message.wrench),
+            age_s: self.late_s + wrench.age().as_secs_f64(),
+            delay_s: status.message.filter_delay_s.clamp(0.0, 1.0),
+            // A status newer than its wrench (between the two messages) can only make it worse.
+            validity: if !validity.is_valid() || about >= said {
+                validity
+            } else {
+                Validity::Stale
+            },
+            bias_age_s: (status.message.bias_age_s >= 0.0)
+                .then(|| status.message.bias_age_s + status.age().as_secs_f64()),
         }
     }
 }
 
 /// All inputs but the arm's state, which calls.
 pub struct Inputs {
-    wrench: Latest<WrenchStamped>,
-    status: Latest<WrenchStatus>,
-    wrench_age: ContentAge,
-    wrench_late_s: f64,
+    wrench: WrenchReader,
     base: BaseReader,
     estimates: ArrayVec<EstimateReader, MAX_READERS>,
     started: Instant,
@@ -52,16 +117,9 @@ pub const MAX_READERS: usize = 16;
 
 impl Inputs {
     /// Reads from these.
-    pub fn new(
-        wrench: Latest<WrenchStamped>,
-        status: Latest<WrenchStatus>,
-        base: BaseReader,
-    ) -> Self {
+    pub fn new(wrench: WrenchReader, base: BaseReader) -> Self {
         Self {
             wrench,
-            status,
-            wrench_age: ContentAge::default(),
-            wrench_late_s: 0.0,
             base,
             estimates: ArrayVec::new(),
             started: Instant::now(),
@@ -88,6 +146,7 @@ impl Inputs {
     ) -> Option<ControlInput> {
         let state = &arm.message;
         let base_from_tool: Pose<_, _> = (&state.tool_pose).try_into().ok()?;
+        let wrench = self.wrench.read();
         let mut input = ControlInput {
             time_s: arm
                 .received
@@ -101,15 +160,14 @@ impl Inputs {
             speed_scaling: state.speed_scaling,
             // Another controller's arm is not there for this one.
             arm_ready: state.ready && driven_by_another(state, own_id).is_none(),
-            wrench: Wrench::zero(),
-            wrench_validity: Validity::Missing,
-            wrench_age_s: f64::INFINITY,
-            wrench_delay_s: 0.0,
-            bias_age_s: None,
+            wrench: wrench.wrench,
+            wrench_validity: wrench.validity,
+            wrench_age_s: wrench.age_s,
+            wrench_delay_s: wrench.delay_s,
+            bias_age_s: wrench.bias_age_s,
             estimates: [None; MAX_ESTIMATORS],
             base: self.base.at(arm.received),
         };
-        self.read_wrench(&mut input);
         for (slot, name) in input.estimates.iter_mut().zip(names) {
             let reader = self
                 .estimates
@@ -119,32 +177,6 @@ impl Inputs {
         }
         Some(input)
     }
-
-    /// A wrench counts only with the status of the same stamp, published just before it.
-    fn read_wrench(&mut self, input: &mut ControlInput) {
-        self.status.refresh();
-        if let Some(new) = self.wrench.take_new() {
-            let stamp = new.message.header.stamp.to_ns();
-            self.wrench_late_s = self.wrench_age.take(new.publisher, stamp, new.received);
-        }
-        let Some((wrench, status)) = self.wrench.get().zip(self.status.get()) else {
-            return;
-        };
-        let validity = Validity::from(status.message.validity);
-        let said = wrench.message.header.stamp.to_ns();
-        let about = status.message.header.stamp.to_ns();
-        input.wrench = Wrench::from(&wrench.message.wrench);
-        input.wrench_age_s = self.wrench_late_s + wrench.age().as_secs_f64();
-        input.wrench_delay_s = status.message.filter_delay_s.clamp(0.0, 1.0);
-        // A status newer than its wrench (between the two messages) can only make it worse.
-        input.wrench_validity = if !validity.is_valid() || about >= said {
-            validity
-        } else {
-            Validity::Stale
-        };
-        input.bias_age_s = (status.message.bias_age_s >= 0.0)
-            .then(|| status.message.bias_age_s + status.age().as_secs_f64());
-    }
 }
 
 /// Who holds the arm's lease, when that is another publisher than `own_id`.
@@ -152,26 +184,11 @@ pub fn driven_by_another(state: &ArmState, own_id: [u8; 16]) -> Option<Name> {
     (!state.commanded_by.is_empty() && state.commander_id != own_id).then_some(state.commanded_by)
 }
 
-/// Its age counts the robot's packets since the one it rests on: no clock is asked, and a burst of old ones is old. One
-/// that goes on talking while its stamp stands still is as old as the stamp.
 fn read_estimate(reader: &mut EstimateReader, state: &ArmState) -> Option<EstimateInput> {
     let newest = reader.newest.get()?;
     let message = &newest.message;
-    let behind = state.cycle.saturating_sub(message.cycle) as f64 * state.period_s;
-    let future = message.cycle > state.cycle;
-    let age_s = if future {
-        // Of an earlier run of the bridge, whose count was higher.
-        f64::INFINITY
-    } else {
-        let said = (newest.publisher, message.header.stamp.to_ns());
-        let since = match reader.advanced {
-            Some((publisher, stamp_ns, cycle)) if (publisher, stamp_ns) == said => cycle,
-            _ => state.cycle,
-        };
-        reader.advanced = Some((said.0, said.1, since));
-        let standing = state.cycle.saturating_sub(since) as f64 * state.period_s;
-        behind.max(standing).max(newest.age().as_secs_f64())
-    };
+    let said = (newest.publisher, message.header.stamp.to_ns());
+    let age_s = reader.age.of(said, message.cycle, newest.age(), state);
     let shape = Matrix3::from_row_slice(&message.curvature);
     Some(EstimateInput {
         estimate: NormalEstimate {

@@ -13,7 +13,10 @@ mod error;
 mod inputs;
 mod mailbox;
 mod messages;
+mod normals;
+mod torque;
 mod viewer;
+mod watch;
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -28,11 +31,15 @@ use tangent_schemas::topics::{self, queries};
 pub use config::Config;
 pub use error::ControllerError;
 
-use cycle::{Cycle, Last, Live, Meters};
+pub use torque::{TorqueConfig, run_torque};
+
+use cycle::{Cycle, Live, Meters};
 use desk::Desk;
-use inputs::{EstimateReader, Inputs};
+use inputs::{EstimateReader, Inputs, WrenchReader};
 use mailbox::{Ask, Mailbox, Note};
+use normals::Normals;
 use viewer::Viewer;
+use watch::Watch;
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "controller";
@@ -54,8 +61,10 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
     let parameters = Parameters::new(&bus, SERVICE)?;
     let mailbox = Arc::new(Mailbox::default());
     let mut inputs = Inputs::new(
-        bus.latest(&topics::WRENCH_TOOL)?,
-        bus.latest(&topics::WRENCH_STATUS)?,
+        WrenchReader::new(
+            bus.latest(&topics::WRENCH_TOOL)?,
+            bus.latest(&topics::WRENCH_STATUS)?,
+        ),
         BaseReader::new(&bus, &config.base)?,
     );
     for name in &config.estimators {
@@ -66,7 +75,8 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
     }
     let command = bus.publisher(&topics::ARM_COMMAND)?;
     let own_id = command.id();
-    let desk = Desk::new(&bus, &mailbox, config.control, &config.estimators, own_id)?;
+    let normals = Normals::new(&bus, config.control, &config.estimators)?;
+    let desk = Desk::new(&bus, &mailbox, normals, own_id)?;
     let mut cycle = Cycle {
         controller: Controller::new(
             config.arm,
@@ -79,24 +89,29 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
         state: bus.publisher(&topics::CONTROL_STATE)?,
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
         mailbox: Arc::clone(&mailbox),
-        health: Arc::clone(&health),
         meters: Meters::new(&health),
         live: Live::new(live_parameters(&parameters, &config)),
-        last: Last::default(),
+        watch: Watch::new(&mailbox, &health),
+        latched: 0,
     };
     health.running();
-    let mut viewer = Viewer::new(&bus)?;
     let _loop = bus.on(&topics::ARM_STATE, move |arm| cycle.step(arm))?;
     let _answers = desk.open()?;
+    beside(&bus, &mailbox, &stop)
+}
+
+/// What goes on beside the loop until `stop`, and then until the arm has left the surface.
+fn beside<P: Send>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) -> Result<(), ControllerError> {
+    let mut viewer = Viewer::new(bus)?;
     std::thread::scope(|scope| -> Result<(), ControllerError> {
         let taring = std::thread::Builder::new()
             .name("controller-tare".into())
-            .spawn_scoped(scope, || tare_when_due(&bus, &mailbox, &stop))?;
+            .spawn_scoped(scope, || tare_when_due(bus, mailbox, stop))?;
         while !stop.wait(SIDE) {
-            write_notes(&mailbox);
+            write_notes(mailbox);
             viewer.draw();
         }
-        retract_first(&mailbox, &mut viewer);
+        retract_first(mailbox, &mut viewer);
         taring
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
@@ -126,7 +141,7 @@ fn live_parameters(parameters: &Parameters, config: &Config) -> [tangent_runtime
 }
 
 /// The tare is asked for outside the loop; the loop sees its effect in the wrench's status.
-fn tare_when_due(bus: &Bus, mailbox: &Mailbox, stop: &Stop) {
+fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
     let request = Request {
         action: "tare".into(),
         argument: String::new(),
@@ -143,7 +158,7 @@ fn tare_when_due(bus: &Bus, mailbox: &Mailbox, stop: &Stop) {
     }
 }
 
-fn write_notes(mailbox: &Mailbox) {
+fn write_notes<P>(mailbox: &Mailbox<P>) {
     while let Some(note) = mailbox.notes.pop() {
         match note {
             Note::Phase(phase, fault) if fault.is_empty() => tracing::info!("{}", phase.name()),
@@ -154,7 +169,7 @@ fn write_notes(mailbox: &Mailbox) {
 }
 
 /// Leaves the surface before the service goes; gives up when the robot is silent.
-fn retract_first(mailbox: &Mailbox, viewer: &mut Viewer) {
+fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
     if !mailbox.phase().is_active() {
         return;
     }

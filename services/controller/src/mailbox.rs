@@ -8,15 +8,15 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
-use tangent_control::{ControlError, EstimatorName, Phase, Program, SwitchRefusal};
+use tangent_control::{ControlError, EstimatorName, Phase, SwitchRefusal};
 use tangent_schemas::Text;
 
 use crate::inputs::EstimateReader;
 
-/// What the loop is asked.
-pub enum Ask {
+/// What the loop is asked. `P` is a task made ready for the loop's law.
+pub enum Ask<P> {
     /// Start this program; the box comes back with the one before.
-    Start(Box<Option<Program>>),
+    Start(Box<Option<P>>),
     /// Stop the path, keep the force.
     Pause,
     /// Go on.
@@ -48,16 +48,16 @@ pub enum Outcome {
 }
 
 /// A request on its way to the loop and back.
-pub struct Letter {
-    ask: Ask,
+pub struct Letter<P> {
+    ask: Ask<P>,
     outcome: Option<Outcome>,
-    back: Arc<ArrayQueue<Letter>>,
+    back: Arc<ArrayQueue<Letter<P>>>,
     asker: Thread,
 }
 
-impl Letter {
+impl<P> Letter<P> {
     /// The request, to be dealt with in the loop.
-    pub fn ask(&mut self) -> &mut Ask {
+    pub fn ask(&mut self) -> &mut Ask<P> {
         &mut self.ask
     }
 
@@ -82,8 +82,8 @@ pub enum Note {
 }
 
 /// What the loop and the others share.
-pub struct Mailbox {
-    letters: ArrayQueue<Letter>,
+pub struct Mailbox<P> {
+    letters: ArrayQueue<Letter<P>>,
     /// From the loop, for the log.
     pub notes: ArrayQueue<Note>,
     /// A tare is due.
@@ -95,7 +95,7 @@ pub struct Mailbox {
 /// How long a request waits for the loop: several packets of the slowest robot.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-impl Default for Mailbox {
+impl<P> Default for Mailbox<P> {
     fn default() -> Self {
         Self {
             letters: ArrayQueue::new(16),
@@ -107,10 +107,10 @@ impl Default for Mailbox {
     }
 }
 
-impl Mailbox {
+impl<P> Mailbox<P> {
     /// Asks the loop and waits for its answer; none when it does not run. Not for the loop's thread.
-    pub fn ask(&self, ask: Ask) -> Option<Outcome> {
-        let back = Arc::new(ArrayQueue::new(1));
+    pub fn ask(&self, ask: Ask<P>) -> Option<Outcome> {
+        let back = Arc::new(ArrayQueue::<Letter<P>>::new(1));
         let letter = Letter {
             ask,
             outcome: None,
@@ -132,7 +132,7 @@ impl Mailbox {
     }
 
     /// The next request. For the loop.
-    pub fn take(&self) -> Option<Letter> {
+    pub fn take(&self) -> Option<Letter<P>> {
         self.letters.pop()
     }
 

@@ -1,7 +1,8 @@
 //! What the estimator service runs, and with what settings.
 
-use serde::Deserialize;
-use tangent_estimation::{EstimatorConfig, estimator_names};
+use nalgebra::Vector2;
+use tangent_estimation::object_pose::{CameraModel, OBJECT_ESTIMATORS};
+use tangent_estimation::{EstimatorConfig, ObjectPoseConfig, estimator_names};
 use tangent_mechanics::{Flange, ModelData, Pose, Tool};
 use tangent_runtime::CellConfig;
 use tangent_sensing::BaseConfig;
@@ -21,11 +22,24 @@ pub struct EstimatorChoice {
     pub settings: EstimatorConfig,
 }
 
+/// One estimator of an object's pose and its settings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObjectChoice {
+    /// One of [`OBJECT_ESTIMATORS`]; also its topics, `estimate/NAME/object` and `estimate/NAME/normal`.
+    pub name: String,
+    /// Its settings.
+    pub settings: ObjectPoseConfig,
+}
+
 /// What the service runs.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// Estimators, each on its own topic.
     pub estimators: Vec<EstimatorChoice>,
+    /// Those of an object's pose.
+    pub objects: Vec<ObjectChoice>,
+    /// The camera as the cell file states it.
+    pub camera: Option<CameraModel>,
     /// The arm, for the twist that commanded joint velocities stand for.
     pub model: ModelData,
     /// Where the tool is on the flange.
@@ -45,7 +59,7 @@ impl Config {
     /// Names the estimator, key and value that are wrong.
     pub fn from_cell(cell: &CellConfig, model: ModelData) -> Result<Self, EstimatorError> {
         let settings = &cell.estimators.settings;
-        let names = estimator_names();
+        let names = [&estimator_names()[..], &OBJECT_ESTIMATORS].concat();
         if let Some(name) = settings
             .keys()
             .find(|k| k.as_str() != ALL && !names.contains(&k.as_str()))
@@ -53,32 +67,39 @@ impl Config {
             return Err(EstimatorError::Settings {
                 name: name.clone(),
                 reason: format!(
-                    "there is no such estimator; there are: {}, and \"{ALL}\" for what they share",
+                    "there is no such estimator; there are: {}, and \"{ALL}\" for what those of normals share",
                     names.join(", ")
                 ),
             });
         }
-        let choose = |name: &String| {
-            let mut table = Table::new();
-            for key in [ALL, name.as_str()] {
-                if let Some(own) = settings.get(key) {
-                    overlay(&mut table, own);
-                }
+        let (mut estimators, mut objects) = (Vec::new(), Vec::new());
+        for name in &cell.estimators.run {
+            let own = settings.get(name);
+            if OBJECT_ESTIMATORS.contains(&name.as_str()) {
+                objects.push(ObjectChoice {
+                    name: name.clone(),
+                    settings: parsed(name, own.cloned().unwrap_or_default())?,
+                });
+                continue;
             }
-            let parsed = EstimatorConfig::deserialize(Value::Table(table));
-            let settings = parsed.map_err(|e| EstimatorError::Settings {
+            let mut table = Table::new();
+            for own in [settings.get(ALL), own].into_iter().flatten() {
+                overlay(&mut table, own);
+            }
+            estimators.push(EstimatorChoice {
                 name: name.clone(),
-                reason: e.to_string(),
-            })?;
-            Ok(EstimatorChoice {
-                name: name.clone(),
-                settings,
-            })
-        };
-        let chosen: Result<Vec<_>, EstimatorError> =
-            cell.estimators.run.iter().map(choose).collect();
+                settings: parsed(name, table)?,
+            });
+        }
         Ok(Self {
-            estimators: chosen?,
+            estimators,
+            objects,
+            camera: cell.camera.as_ref().map(|camera| CameraModel {
+                flange_from_camera: camera.flange_from_camera(),
+                focal_px: camera.focal_px,
+                principal_px: Vector2::from(camera.principal_px),
+                pixel_m: camera.pixel_m,
+            }),
             model,
             flange_from_tool: cell.tool.flange_from_tool(),
             wrench_patience_s: 0.05,
@@ -89,6 +110,13 @@ impl Config {
                 .then_some(cell.realtime.estimator_priority),
         })
     }
+}
+
+fn parsed<T: serde::de::DeserializeOwned>(name: &str, table: Table) -> Result<T, EstimatorError> {
+    T::deserialize(Value::Table(table)).map_err(|e| EstimatorError::Settings {
+        name: name.to_owned(),
+        reason: e.to_string(),
+    })
 }
 
 fn overlay(base: &mut Table, own: &Table) {
@@ -151,6 +179,19 @@ mod tests {
             text.contains("blnd") && text.contains("gaussian_process"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn an_objects_pose_has_settings_and_a_camera_of_its_own() {
+        let text = "run = ['blend', 'object_pose']\n[settings.all.contact]\npad_radius_m = 0.02\n\
+                    [settings.object_pose]\ncorner_sd_px = 0.7";
+        let found = config(text).unwrap();
+        assert_eq!(found.estimators.len(), 1);
+        assert_eq!(found.objects[0].settings.corner_sd_px, 0.7);
+        assert!(found.camera.is_none());
+        let wrong = config("run = ['object_pose']\n[settings.object_pose]\ncorner_px = 1");
+        let text = wrong.err().unwrap().to_string();
+        assert!(text.contains("object_pose") && text.contains("corner_px"), "{text}");
     }
 
     #[test]

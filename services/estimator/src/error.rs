@@ -28,6 +28,9 @@ pub enum EstimatorError {
     /// No estimator at all.
     #[error("estimator: the list of estimators is empty; name at least one of: {0}")]
     NoEstimators(String),
+    /// The pose of an object is estimated from a camera.
+    #[error("estimator: \"{0}\" needs a camera, and the cell file has no [camera] section")]
+    NoCamera(String),
     /// The same estimator twice: both would publish on one topic.
     #[error("estimator: \"{0}\" is listed twice; each publishes on a topic of its own name")]
     Twice(String),

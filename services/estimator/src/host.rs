@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use tangent_estimation::{
-    ContactSample, EstimationError, EstimatorConfig, NormalEstimator, build, estimator_names,
+    ContactSample, EstimationError, EstimatorConfig, NormalEstimator, build,
 };
 use tangent_runtime::health::instance_name;
 use tangent_runtime::{AliveToken, Bus, Parameter, Parameters, Publisher};
@@ -102,9 +102,8 @@ impl Host {
         bus: &Bus,
         parameters: &Parameters,
     ) -> Result<Self, EstimatorError> {
-        let first = choices
-            .first()
-            .ok_or_else(|| EstimatorError::NoEstimators(estimator_names().join(", ")))?;
+        // Where only objects are estimated, there is nothing to set.
+        let first = choices.first().map(|c| c.settings).unwrap_or_default();
         let mut lanes: Vec<Lane> = Vec::with_capacity(choices.len());
         for choice in choices {
             let estimator = build(&choice.name, &choice.settings)?;
@@ -122,7 +121,7 @@ impl Host {
             });
         }
         Ok(Self {
-            live: Live::new(&first.settings, parameters),
+            live: Live::new(&first, parameters),
             lanes,
         })
     }

@@ -1,5 +1,5 @@
-//! The estimator service: listens to the arm's state and the wrench, steps one or more normal estimators, and
-//! publishes each on a topic of its own.
+//! The estimator service: listens to the arm's state, the wrench and the camera's features, steps one or more estimators of
+//! the surface's normal or of an object's pose, and publishes each on topics of its own.
 //!
 //! Runs in a thread of its own, in any process and on any host: the control loop's thread only leaves a message in
 //! a queue. The newest state wins; those that were skipped are counted.
@@ -8,10 +8,13 @@ mod config;
 mod error;
 mod host;
 mod message;
+mod objects;
 mod sample;
 
 use std::time::{Duration, Instant};
 
+use tangent_estimation::estimator_names;
+use tangent_estimation::object_pose::OBJECT_ESTIMATORS;
 use tangent_runtime::{
     Age, BaseReader, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters,
     Rate, RealtimeReport, Stop, Subscription, realtime,
@@ -21,9 +24,10 @@ use tangent_schemas::tangent::{ArmState, ControlState, WrenchStatus};
 use tangent_schemas::topics;
 use tangent_sensing::{BaseTrouble, Validity};
 
-pub use config::{ALL, Config, EstimatorChoice};
+pub use config::{ALL, Config, EstimatorChoice, ObjectChoice};
 pub use error::EstimatorError;
 use host::Host;
+use objects::Objects;
 use sample::{CommandedTwist, NewestWrench, SampleBuilder, commanded_twist};
 
 /// Name in topics and health messages.
@@ -59,6 +63,7 @@ struct Service {
     commanded: CommandedTwist,
     builder: SampleBuilder,
     host: Host,
+    objects: Option<Objects>,
     wrench_patience: Parameter,
     meters: Meters,
     said: Option<Trouble>,
@@ -83,12 +88,17 @@ enum Trouble {
     BadArm,
     Wrench(Validity),
     Base(BaseTrouble),
+    NoCamera,
 }
 
 impl Service {
     fn new(config: &Config, bus: &Bus) -> Result<Self, EstimatorError> {
         let health = HealthReporter::start(bus, SERVICE)?;
         let parameters = Parameters::new(bus, SERVICE)?;
+        if config.estimators.is_empty() && config.objects.is_empty() {
+            let names = [&estimator_names()[..], &OBJECT_ESTIMATORS].concat();
+            return Err(EstimatorError::NoEstimators(names.join(", ")));
+        }
         let wrench_patience = parameters.number(
             "wrench_patience_s",
             config.wrench_patience_s,
@@ -98,6 +108,13 @@ impl Service {
         );
         Ok(Self {
             host: Host::new(&config.estimators, bus, &parameters)?,
+            objects: Objects::new(
+                &config.objects,
+                config.camera.as_ref(),
+                &config.flange_from_tool,
+                bus,
+                &health,
+            )?,
             commanded: commanded_twist(&config.model, config.flange_from_tool)?,
             // A few, so that a pre-empted thread finds the newest and sees how many it missed.
             arm: bus.subscribe(&topics::ARM_STATE, 8)?,
@@ -160,14 +177,20 @@ impl Service {
             tracing::info!(
                 "the robot's clock started anew: all estimators forget what they learnt"
             );
-            self.host.reset();
+            self.reset();
         }
         built.sample.base = self.base.at(newest.received);
         let begin = Instant::now();
         self.host.step(&built.sample, &arm);
+        if let Some(objects) = &mut self.objects {
+            objects.step(&built.sample, &arm);
+        }
         self.meters.update.record(begin.elapsed());
         let adrift = built.sample.base.and_then(|base| base.trouble);
         self.say(match (built.sample.wrench_validity, adrift) {
+            (Validity::Valid, None) if self.objects.as_ref().is_some_and(Objects::is_blind) => {
+                Trouble::NoCamera
+            }
             (Validity::Valid, None) => Trouble::None,
             (Validity::Valid, Some(why)) => Trouble::Base(why),
             (why, _) => Trouble::Wrench(why),
@@ -181,7 +204,14 @@ impl Service {
         };
         if control.message.activation != self.activation {
             self.activation = control.message.activation;
-            self.host.reset();
+            self.reset();
+        }
+    }
+
+    fn reset(&mut self) {
+        self.host.reset();
+        if let Some(objects) = &mut self.objects {
+            objects.reset();
         }
     }
 
@@ -201,6 +231,9 @@ impl Service {
             Trouble::Wrench(why) => self
                 .health
                 .degraded(format_args!("wrench not usable: {}", why.reason())),
+            Trouble::NoCamera => self.health.degraded(format_args!(
+                "no camera/features for more than 0.5 s: is the camera service running, and its driver?"
+            )),
             Trouble::Base(why) => self.health.degraded(format_args!("{}", why.reason())),
         }
     }

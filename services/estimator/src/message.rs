@@ -1,9 +1,12 @@
 //! An estimate as it travels on the bus.
 
-use tangent_estimation::NormalEstimate;
+use tangent_estimation::{NormalEstimate, ObjectEstimate};
+use tangent_schemas::Covariance;
 use tangent_schemas::convert::cut;
 use tangent_schemas::standard::Header;
-use tangent_schemas::tangent::{ArmState, NormalEstimate as NormalEstimateMessage};
+use tangent_schemas::tangent::{
+    ArmState, NormalEstimate as NormalEstimateMessage, ObjectEstimate as ObjectEstimateMessage,
+};
 
 /// Of the arm state it rests on; `update_s` is the time the update took. No allocation.
 pub(crate) fn message(
@@ -30,6 +33,37 @@ pub(crate) fn message(
         reason: cut(estimate.validity.reason()),
         friction: estimate.friction.unwrap_or(-1.0),
         curvature,
+        update_s,
+    }
+}
+
+/// The same of an object's pose.
+pub(crate) fn object_message(
+    name: &str,
+    estimate: &ObjectEstimate,
+    arm: &ArmState,
+    update_s: f64,
+) -> ObjectEstimateMessage {
+    let mut covariance = Covariance::default();
+    covariance
+        .0
+        .copy_from_slice(estimate.covariance.as_slice());
+    ObjectEstimateMessage {
+        header: Header::new(arm.header.stamp.to_ns(), "base"),
+        cycle: arm.cycle,
+        estimator: cut(name),
+        pose: (&estimate.base_from_object).into(),
+        twist: (&estimate.twist).into(),
+        covariance,
+        validity: estimate.validity as u8,
+        reason: cut(estimate.validity.reason()),
+        vision_age_s: if estimate.vision_age_s.is_finite() {
+            estimate.vision_age_s
+        } else {
+            -1.0
+        },
+        in_contact: estimate.in_contact,
+        force_n: estimate.force_n,
         update_s,
     }
 }

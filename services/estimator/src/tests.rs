@@ -20,6 +20,8 @@ fn config(names: &[&str]) -> Config {
     };
     Config {
         estimators: names.iter().map(choice).collect(),
+        objects: Vec::new(),
+        camera: None,
         model: ModelData::builtin("ur5").unwrap(),
         flange_from_tool: Pose::identity(),
         // Tests run on loaded machines; staleness has its own test.
@@ -268,4 +270,85 @@ fn a_configuration_that_cannot_run_is_refused_with_the_reason() {
     assert!(refuse(&[]).contains("empty"));
     assert!(refuse(&["blend", "blend"]).contains("twice"));
     assert!(refuse(&["kalman"]).contains("no estimator is called \"kalman\""));
+}
+
+/// The tool hangs 0.4 m over the target; the camera looks the way the tool points.
+mod objects {
+    use super::*;
+    use nalgebra::Vector2;
+    use tangent_estimation::ObjectPoseConfig;
+    use tangent_estimation::object_pose::CameraModel;
+    use tangent_schemas::tangent::{Feature, FeatureArray, ObjectEstimate};
+
+    fn camera() -> CameraModel {
+        CameraModel {
+            flange_from_camera: Pose::identity(),
+            focal_px: 400.0,
+            principal_px: Vector2::new(320.0, 240.0),
+            pixel_m: 2e-5,
+        }
+    }
+
+    fn with_objects(camera: Option<CameraModel>) -> Config {
+        Config {
+            objects: vec![ObjectChoice {
+                name: "object_pose".to_owned(),
+                settings: ObjectPoseConfig::default(),
+            }],
+            camera,
+            ..config(&[])
+        }
+    }
+
+    #[test]
+    fn a_pose_needs_a_camera_and_the_list_a_name() {
+        let bus = Bus::in_process("no-camera");
+        let error = Service::new(&with_objects(None), &bus).err().unwrap();
+        assert!(error.to_string().contains("[camera]"), "{error}");
+        let error = Service::new(&config(&[]), &bus).err().unwrap();
+        assert!(error.to_string().contains("object_pose"), "{error}");
+    }
+
+    #[test]
+    fn features_become_a_pose_and_its_normal() {
+        let bus = Bus::in_process("objects");
+        let mut service = Service::new(&with_objects(Some(camera())), &bus).unwrap();
+        let found = bus.publisher(&topics::CAMERA_FEATURES).unwrap();
+        let object = topics::estimate_object("object_pose");
+        let poses = bus.subscribe::<ObjectEstimate>(&object, 64).unwrap();
+        let normals = bus
+            .subscribe(&topics::estimate_normal("object_pose"), 64)
+            .unwrap();
+        let mut cell = super::Cell::new(&bus);
+        cell.x = 0.3;
+        let square = [[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]];
+        let (mut pose, mut normal) = (None, None);
+        for cycle in 1..=60_u64 {
+            cell.cycle(0.0, Validity::Valid);
+            if cycle % 3 == 0 {
+                let stamp = cycle as i64 * 8_000_000;
+                let features = square.iter().zip(0..).map(|([x, y], id)| Feature {
+                    id,
+                    // The camera looks down with its y axis against that of the base.
+                    u: 320.0 + 400.0 * x / 0.4,
+                    v: 240.0 - 400.0 * y / 0.4,
+                });
+                found.publish(&FeatureArray {
+                    header: Header::new(stamp, "camera"),
+                    sequence: cycle,
+                    features: features.collect(),
+                    detect_s: 0.0,
+                });
+            }
+            service.turn(PATIENCE);
+            pose = poses.try_recv().or(pose);
+            normal = normals.try_recv().or(normal);
+        }
+        let (pose, normal) = (pose.unwrap().message, normal.unwrap().message);
+        assert_eq!(pose.validity, 0, "{}", pose.reason);
+        assert_eq!(pose.cycle, 60);
+        assert!((normal.normal.z - 1.0).abs() < 0.01, "{:?}", normal.normal);
+        assert!(pose.covariance.0[0] > 0.0 && normal.covariance[0] > 0.0);
+        assert!(pose.vision_age_s >= 0.0 && pose.vision_age_s < 0.05);
+    }
 }

@@ -13,7 +13,7 @@ use tangent_sensing::BaseConfig;
 pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
-    CellSection, ControllerConfig, EstimatorsConfig, LimitsConfig, PoseConfig, RealtimeConfig,
+    CameraConfig, CellSection, ControllerConfig, EstimatorsConfig, Law, LimitsConfig, PoseConfig, RealtimeConfig,
     RecorderConfig, RobotConfig, SensorConfig, SensorMode, SimulatorConfig, TlsConfig, ToolConfig,
     ZenohConfig,
 };
@@ -33,6 +33,9 @@ pub struct CellConfig {
     pub sensor: SensorConfig,
     /// What is mounted behind the sensor.
     pub tool: ToolConfig,
+    /// The camera on the wrist, if there is one.
+    #[serde(default)]
+    pub camera: Option<CameraConfig>,
     /// How the pose of a moving base is judged; whether it moves, `base/pose` says.
     #[serde(default)]
     pub base: BaseConfig,
@@ -122,6 +125,9 @@ impl CellConfig {
         self.robot.check(checker)?;
         self.sensor.check(checker)?;
         self.tool.check(checker)?;
+        if let Some(camera) = &self.camera {
+            camera.check(checker)?;
+        }
         self.base
             .check()
             .map_err(|wrong| checker.refuse(wrong.key, wrong.value, wrong.allowed.clone()))?;

@@ -57,6 +57,13 @@ const ESTIMATOR: Service = Service {
     asks: &[],
     tokens: &["alive/estimate/*/*"],
 };
+const CAMERA: Service = Service {
+    name: "camera",
+    publishes: &["camera/*"],
+    answers: &[],
+    asks: &[],
+    tokens: &[],
+};
 const RECORDER: Service = Service {
     name: "recorder",
     publishes: &[],
@@ -66,7 +73,7 @@ const RECORDER: Service = Service {
 };
 const SIMULATOR: Service = Service {
     name: "simulator",
-    publishes: &["truth/**"],
+    publishes: &["truth/**", "simulator/*"],
     answers: &[],
     asks: &[],
     tokens: &[],
@@ -116,6 +123,7 @@ pub const ROLES: &[Role] = &[
     ),
     cell("netft", &[NETFT], "the sensor bridge alone"),
     cell("estimator", &[ESTIMATOR], "estimators, on any machine"),
+    cell("camera", &[CAMERA], "the camera on the wrist"),
     cell("simulator", &[SIMULATOR], "the simulated robot and sensor"),
     cell(
         "base",

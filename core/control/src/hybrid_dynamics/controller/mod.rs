@@ -142,6 +142,13 @@ impl HybridDynamics {
         Ok(())
     }
 
+    /// Pressing force asked for from now on, N; the reference goes there at its rate.
+    pub fn set_force_reference(&mut self, force_n: f64) {
+        if force_n.is_finite() {
+            self.task.force.reference_n = force_n.max(0.0);
+        }
+    }
+
     /// Phase after the last step.
     pub fn phase(&self) -> Phase {
         self.run.phase

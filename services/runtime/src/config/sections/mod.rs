@@ -1,6 +1,7 @@
 //! The sections of `cell.toml`. What a key means stands here and, for users, in `deploy/cell.toml` and
 //! `docs/services/runtime.md`.
 
+mod camera;
 mod cell;
 mod limits;
 mod pose;
@@ -11,13 +12,14 @@ mod services;
 mod tool;
 mod zenoh;
 
+pub use camera::CameraConfig;
 pub use cell::CellSection;
 pub use limits::LimitsConfig;
 pub use pose::PoseConfig;
 pub use realtime::RealtimeConfig;
 pub use robot::RobotConfig;
 pub use sensor::{SensorConfig, SensorMode};
-pub use services::{ControllerConfig, EstimatorsConfig, RecorderConfig, SimulatorConfig};
+pub use services::{ControllerConfig, EstimatorsConfig, Law, RecorderConfig, SimulatorConfig};
 pub use tool::ToolConfig;
 pub use zenoh::{TlsConfig, ZenohConfig};
 

@@ -47,10 +47,23 @@ impl EstimatorsConfig {
     }
 }
 
+/// Which control law runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Law {
+    /// Joint velocities, on estimated normals.
+    #[default]
+    HybridAdmittance,
+    /// Joint torques, on the estimated pose of an object of known shape.
+    HybridDynamics,
+}
+
 /// `[controller]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
+    /// `hybrid_admittance` for arms that take velocities, `hybrid_dynamics` for those that take torques.
+    pub law: Law,
     /// Set of gains: `default` or `paper`.
     pub preset: String,
     /// Gains that differ from the preset, as the controller documents them.
@@ -60,6 +73,7 @@ pub struct ControllerConfig {
 impl Default for ControllerConfig {
     fn default() -> Self {
         Self {
+            law: Law::default(),
             preset: "default".into(),
             settings: toml::Table::new(),
         }

@@ -16,6 +16,9 @@ pub struct ToolConfig {
     pub mass_kg: f64,
     /// Its centre, sensor axes, m.
     pub com_in_sensor_m: [f64; 3],
+    /// Its moments of inertia about that centre, sensor axes, kg m²; for torque-controlled arms.
+    #[serde(default)]
+    pub inertia_kg_m2: [f64; 3],
     /// Origin at the tool's contact point, z out of the tool, into the surface.
     pub flange_from_tool: PoseConfig,
 }
@@ -38,6 +41,12 @@ impl ToolConfig {
             &self.com_in_sensor_m,
             -1.0..=1.0,
             "m",
+        )?;
+        checker.ranges(
+            "tool.inertia_kg_m2",
+            &self.inertia_kg_m2,
+            0.0..=10.0,
+            "kg m²",
         )?;
         self.flange_from_tool
             .check(checker, "tool.flange_from_tool")

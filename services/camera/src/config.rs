@@ -1,0 +1,37 @@
+//! What the service has to know, out of the cell file.
+
+use tangent_runtime::CellConfig;
+
+use crate::CameraError;
+
+/// Everything [`crate::run`] needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Key of the driver's images.
+    pub topic: String,
+    /// Width and height of an image, pixels.
+    pub size_px: [u32; 2],
+    /// Focal length, pixels.
+    pub focal_px: f64,
+    /// Principal point, pixels.
+    pub principal_px: [f64; 2],
+    /// Images passed on for viewers, per second; 0: none.
+    pub pass_on_hz: f64,
+}
+
+impl Config {
+    /// From the cell file's `[camera]`.
+    ///
+    /// # Errors
+    /// A cell without one.
+    pub fn from_cell(cell: &CellConfig) -> Result<Self, CameraError> {
+        let camera = cell.camera.as_ref().ok_or(CameraError::NoCamera)?;
+        Ok(Self {
+            topic: camera.topic.clone(),
+            size_px: camera.size_px,
+            focal_px: camera.focal_px,
+            principal_px: camera.principal_px,
+            pass_on_hz: camera.pass_on_hz,
+        })
+    }
+}

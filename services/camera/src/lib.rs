@@ -1,0 +1,226 @@
+//! The camera service: images come in from a driver's topic; the target's corners, the calibration and a few images for
+//! viewers go out.
+//!
+//! Who drives the camera does not matter: the simulator, or a ROS 2 driver behind a bridge. It runs in a thread of its own, in
+//! any process; the newest image wins, and what was skipped, refused or found empty is counted.
+
+mod config;
+mod error;
+mod picture;
+
+use std::time::{Duration, Instant};
+
+use tangent_runtime::clock::now_ns;
+use tangent_runtime::{
+    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, Stop, Subscription,
+};
+use tangent_schemas::Text;
+use tangent_schemas::convert::cut_format;
+use tangent_schemas::standard::{CameraInfo, Header, Image};
+use tangent_schemas::tangent::{Feature, FeatureArray};
+use tangent_schemas::topics::{self, Delivery, Topic};
+use tangent_sensing::TargetDetector;
+
+pub use config::Config;
+pub use error::CameraError;
+pub use picture::{PictureError, grey};
+
+/// Name in topics and health messages.
+pub const SERVICE: &str = "camera";
+/// How often the thread looks for a stop while no image comes.
+const LOOK: Duration = Duration::from_millis(50);
+/// Silence of the driver beyond this is reported, s.
+const PATIENCE_S: f64 = 0.5;
+/// Time between two announcements of the calibration.
+const INFO_EVERY: Duration = Duration::from_secs(1);
+
+/// Runs until `stop`. Blocks.
+///
+/// # Errors
+/// A topic that the bus refuses, or a detector that cannot be made.
+pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), CameraError> {
+    let mut service = Service::new(config, &bus)?;
+    while !stop.is_stopped() {
+        service.announce();
+        service.turn(LOOK);
+    }
+    Ok(())
+}
+
+struct Service {
+    config: Config,
+    images: Subscription<Image>,
+    features: Publisher<FeatureArray>,
+    info: Publisher<CameraInfo>,
+    passed_on: Publisher<Image>,
+    detector: TargetDetector,
+    /// Stamp of the newest image that was taken, ns.
+    newest_ns: Option<i64>,
+    sequence: u64,
+    announced: Option<Instant>,
+    passed_at: Option<Instant>,
+    meters: Meters,
+    said: Option<Text>,
+    health: HealthReporter,
+}
+
+struct Meters {
+    images: Rate,
+    age: Age,
+    exposure_age: Gauge,
+    skipped: Gauge,
+    refused: Gauge,
+    empty: Gauge,
+    detect: Histogram,
+    lost: Counter,
+}
+
+impl Service {
+    fn new(config: Config, bus: &Bus) -> Result<Self, CameraError> {
+        let health = HealthReporter::start(bus, SERVICE)?;
+        let driver: Topic<Image> = Topic::named(config.topic.clone(), Delivery::Stream);
+        Ok(Self {
+            images: bus.subscribe(&driver, 4)?,
+            features: bus.publisher(&topics::CAMERA_FEATURES)?,
+            info: bus.publisher(&topics::CAMERA_INFO)?,
+            passed_on: bus.publisher(&topics::CAMERA_IMAGE)?,
+            detector: TargetDetector::new()?,
+            newest_ns: None,
+            sequence: 0,
+            announced: None,
+            passed_at: None,
+            meters: Meters {
+                images: health.rate("images"),
+                age: health.age("images"),
+                exposure_age: health.gauge("exposure_age_s"),
+                skipped: health.gauge("images_skipped"),
+                refused: health.gauge("images_refused"),
+                empty: health.gauge("images_without_target"),
+                detect: health.histogram("detect"),
+                lost: health.lost(),
+            },
+            said: None,
+            health,
+            config,
+        })
+    }
+
+    /// Says the calibration, so that whoever comes late has it too.
+    fn announce(&mut self) {
+        if self.announced.is_some_and(|at| at.elapsed() < INFO_EVERY) {
+            return;
+        }
+        self.announced = Some(Instant::now());
+        let [width, height] = self.config.size_px;
+        let (f, [cx, cy]) = (self.config.focal_px, self.config.principal_px);
+        self.info.publish(&CameraInfo {
+            header: Header::new(now_ns(), "camera"),
+            height,
+            width,
+            distortion_model: "plumb_bob".to_owned(),
+            d: vec![0.0; 5],
+            k: [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0],
+            r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            p: [f, 0.0, cx, 0.0, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+            ..CameraInfo::default()
+        });
+    }
+
+    /// One image: the newest that waits, or the next to come.
+    fn turn(&mut self, patience: Duration) {
+        let Some(mut newest) = self.images.recv_timeout(patience) else {
+            let age = self.meters.age.seconds();
+            if !(0.0..=PATIENCE_S).contains(&age) {
+                let topic = self.config.topic.clone();
+                self.say(Some(cut_format(format_args!(
+                    "no image on {topic} for more than {PATIENCE_S} s: is the camera's driver running?"
+                ))));
+            }
+            return;
+        };
+        while let Some(newer) = self.images.try_recv() {
+            self.meters.skipped.set(self.meters.skipped.get() + 1.0);
+            newest = newer;
+        }
+        self.meters.images.tick();
+        self.meters.age.mark_at(newest.received);
+        self.meters.lost.set(self.images.lost());
+        match self.take(&newest.message) {
+            Ok(()) => self.say(None),
+            Err(error) => {
+                self.meters.refused.set(self.meters.refused.get() + 1.0);
+                self.say(Some(cut_format(format_args!("image refused: {error}"))));
+            }
+        }
+    }
+
+    fn take(&mut self, image: &Image) -> Result<(), PictureError> {
+        let stamp_ns = image.header.stamp.to_ns();
+        if let Some(newest_ns) = self.newest_ns
+            && stamp_ns <= newest_ns
+            && stamp_ns + picture::RESTART_NS > newest_ns
+        {
+            return Err(PictureError::OutOfOrder {
+                behind_s: (newest_ns - stamp_ns) as f64 * 1e-9,
+            });
+        }
+        let begin = Instant::now();
+        let picture = grey(image, self.config.size_px)?;
+        self.newest_ns = Some(stamp_ns);
+        let found = self
+            .detector
+            .detect(&picture)
+            .map_err(|error| PictureError::Detector(error.to_string()))?;
+        let took = begin.elapsed();
+        let features: Vec<Feature> = found
+            .iter()
+            .zip(0..)
+            .filter_map(|(corner, id)| corner.map(|at| Feature { id, u: at.x, v: at.y }))
+            .collect();
+        if features.is_empty() {
+            self.meters.empty.set(self.meters.empty.get() + 1.0);
+        }
+        let header = Header::new(stamp_ns, "camera");
+        self.features.publish(&FeatureArray {
+            header: header.clone(),
+            sequence: self.sequence,
+            features,
+            detect_s: took.as_secs_f64(),
+        });
+        self.sequence += 1;
+        self.meters.detect.record(took);
+        let age_s = (now_ns() - stamp_ns) as f64 * 1e-9;
+        self.meters.exposure_age.set(age_s);
+        self.pass_on(image, header);
+        Ok(())
+    }
+
+    fn pass_on(&mut self, image: &Image, header: Header) {
+        let due = self.config.pass_on_hz > 0.0
+            && self
+                .passed_at
+                .is_none_or(|at| at.elapsed().as_secs_f64() >= 1.0 / self.config.pass_on_hz);
+        if due {
+            self.passed_at = Some(Instant::now());
+            self.passed_on.publish(&Image {
+                header,
+                ..image.clone()
+            });
+        }
+    }
+
+    fn say(&mut self, trouble: Option<Text>) {
+        if self.said == trouble && trouble.is_some() {
+            return;
+        }
+        match trouble {
+            None if self.said.is_none() => {}
+            None => self.health.running(),
+            Some(words) => self.health.degraded(format_args!("{words}")),
+        }
+        self.said = trouble;
+    }
+}
+
+#[cfg(test)]
+mod tests;

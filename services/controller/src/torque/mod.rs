@@ -1,0 +1,70 @@
+//! The controller for arms that take torques: one step of the law per packet of the arm, at 1 kHz in one process with it.
+//!
+//! It is what [`crate::run`] is for arms that take velocities, with the same topics and queries; the law and what it reads
+//! besides the wrench come with each task as a [`TorqueProgram`].
+
+mod config;
+mod cycle;
+mod object_readers;
+mod objects;
+mod program;
+
+use std::sync::Arc;
+
+use tangent_control::Parameter;
+use tangent_runtime::{Bus, HealthReporter, Parameters, Stop};
+use tangent_schemas::convert::cut_format;
+use tangent_schemas::topics;
+
+pub use config::TorqueConfig;
+
+use crate::desk::Desk;
+use crate::inputs::WrenchReader;
+use crate::mailbox::Mailbox;
+use crate::watch::Watch;
+use crate::{ControllerError, SERVICE, beside};
+use cycle::{TorqueCycle, TorqueMeters};
+use objects::Objects;
+
+/// Runs until `stop`; a running task is then ended with a retraction. Blocks.
+///
+/// # Errors
+/// [`ControllerError`]: only what prevents it from starting.
+pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
+    let health = Arc::new(HealthReporter::start_only(&bus, SERVICE)?);
+    let parameters = Parameters::new(&bus, SERVICE)?;
+    let mailbox = Arc::new(Mailbox::default());
+    let command = bus.publisher(&topics::ARM_COMMAND)?;
+    let own_id = command.id();
+    let (lower, upper) = Parameter::ForceReference.range();
+    let force_reference = parameters.number(
+        Parameter::ForceReference.name(),
+        lower,
+        lower..=upper,
+        "N",
+        "Pressing force of the running task.",
+    );
+    let desk = Desk::new(&bus, &mailbox, Objects::new(&bus, config)?, own_id)?;
+    let mut cycle = TorqueCycle {
+        program: None,
+        activation: 0,
+        latched: 0,
+        wrench: WrenchReader::new(
+            bus.latest(&topics::WRENCH_TOOL)?,
+            bus.latest(&topics::WRENCH_STATUS)?,
+        ),
+        command,
+        state: bus.publisher(&topics::CONTROL_STATE)?,
+        source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
+        mailbox: Arc::clone(&mailbox),
+        meters: TorqueMeters::new(&health),
+        watch: Watch::new(&mailbox, &health),
+        force_reference_seen: force_reference.get(),
+        force_reference,
+        started: std::time::Instant::now(),
+    };
+    health.running();
+    let _loop = bus.on(&topics::ARM_STATE, move |arm| cycle.step(arm))?;
+    let _answers = desk.open()?;
+    beside(&bus, &mailbox, &stop)
+}
