@@ -80,11 +80,11 @@ pub enum Command {
 /// Options of `tangent up`.
 #[derive(Debug, Args)]
 pub struct Up {
-    /// Task file; the scenario's own task if none is named.
+    /// Task file, or a system's name: tugal, lippiello. The scenario's own task if none is named.
     pub task: Option<PathBuf>,
-    /// Scenario that the simulator plays: a name from `scenarios/` or a file.
-    #[arg(long, default_value = "pipe_realistic")]
-    pub scenario: String,
+    /// Scenario that the simulator plays: a name from `scenarios/` or a file; the system's own, or pipe_realistic.
+    #[arg(long)]
+    pub scenario: Option<String>,
     /// Seed of the simulator's noise.
     #[arg(long)]
     pub seed: Option<u64>,
@@ -102,8 +102,8 @@ pub struct Up {
 /// Options of `tangent run`.
 #[derive(Debug, Args)]
 pub struct Run {
-    /// Any of router, netft, rtde, estimator, controller, recorder, simulator.
-    #[arg(required = true, value_parser = ["router", "netft", "rtde", "estimator", "controller", "recorder", "simulator"])]
+    /// Any of router, netft, rtde, camera, estimator, controller, recorder, simulator.
+    #[arg(required = true, value_parser = ["router", "netft", "rtde", "camera", "estimator", "controller", "recorder", "simulator"])]
     pub services: Vec<String>,
     /// Estimators that the estimator service of this process runs, in place of the cell file's list; commas between them.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]

@@ -6,12 +6,13 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
 use tangent_mechanics::ModelData;
+use tangent_runtime::config::Law;
 use tangent_runtime::{Bus, CellConfig, Stop};
-use tangent_simulation::Scenario;
+use tangent_simulation::{ObjectScenario, Scenario};
 use tangent_simulator::{Flavour, Ports};
 
 use crate::output::bad_usage;
-use crate::scenarios;
+use crate::scenarios::{self, Played};
 
 /// The router answered a moment ago.
 const NETWORK_PATIENCE: Duration = Duration::from_secs(10);
@@ -107,6 +108,19 @@ pub fn service(
                 Ok(tangent_estimator::run(config, bus, stop)?)
             })
         }
+        "camera" => {
+            let config = tangent_camera::Config::from_cell(config).map_err(bad_usage)?;
+            Running::start("camera", everybody, move |stop| {
+                Ok(tangent_camera::run(config, bus, stop)?)
+            })
+        }
+        "controller" if config.controller.law == Law::HybridDynamics => {
+            let config = tangent_controller::TorqueConfig::from_cell(config, &model(config)?)
+                .map_err(bad_usage)?;
+            Running::start("controller", everybody, move |stop| {
+                Ok(tangent_controller::run_torque(config, bus, stop)?)
+            })
+        }
         "controller" => {
             let config =
                 tangent_controller::Config::from_cell(config, model(config)?).map_err(bad_usage)?;
@@ -138,16 +152,55 @@ pub fn service(
 /// A scenario that cannot be read.
 pub fn simulator(
     config: &CellConfig,
-    scenario: Option<&Scenario>,
+    played: Option<&Played>,
     bus: &Bus,
     everybody: &Stop,
 ) -> Result<Running> {
-    let scenario = match (scenario, &config.simulator.scenario) {
-        (Some(scenario), _) => scenario.clone(),
-        (None, Some(path)) => scenarios::load(&path.display().to_string(), &[])?,
-        (None, None) => scenarios::load(scenarios::DEFAULT, &[])?,
+    let own = match (played, &config.simulator.scenario) {
+        (Some(_), _) => None,
+        (None, Some(path)) => Some(Played::load(&path.display().to_string(), &[])?),
+        (None, None) => Some(Played::load(scenarios::DEFAULT, &[])?),
     };
-    let mut plant = scenario.plant;
+    match played.or(own.as_ref()) {
+        Some(Played::Object(scenario)) => simulated_object(config, scenario, bus, everybody),
+        Some(Played::Normals(scenario)) => simulated_normals(config, scenario, bus, everybody),
+        None => Err(anyhow!("no scenario to play; this is a defect")),
+    }
+}
+
+/// An arm with a torque interface on the bus, a sensor's box, a camera.
+fn simulated_object(
+    config: &CellConfig,
+    scenario: &ObjectScenario,
+    bus: &Bus,
+    everybody: &Stop,
+) -> Result<Running> {
+    let mut plant = scenario.plant.clone();
+    plant.sensor.rate_hz = config.sensor.rate_hz;
+    let simulated = tangent_simulator::TorqueCellConfig {
+        address: config.simulator.address,
+        ports: Ports::Offset(config.sensor.port_offset),
+        plant,
+        corners_m: scenario.estimation.target.corners(),
+        seed: config.simulator.seed.unwrap_or(scenario.seed),
+        realtime_priority: config
+            .realtime
+            .enabled
+            .then_some(config.realtime.simulator_priority),
+    };
+    let bus = bus.clone();
+    Running::start("simulator", everybody, move |stop| {
+        Ok(tangent_simulator::run_torque_cell(&simulated, &bus, &stop)?)
+    })
+}
+
+fn simulated_normals(
+    config: &CellConfig,
+    scenario: &Scenario,
+    bus: &Bus,
+    everybody: &Stop,
+) -> Result<Running> {
+    let mut plant = scenario.plant.clone();
     // The box sends at the rate that the cell asks for; the physics do not depend on it.
     plant.sensor.rate_hz = config.sensor.rate_hz;
     let flavour = if plant.arm.period_s < 0.004 {

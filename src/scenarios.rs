@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::Result;
+use tangent_control::Task;
 use tangent_simulation::{ObjectScenario, Scenario};
 
 use crate::output::bad_usage;
@@ -43,7 +44,7 @@ macro_rules! builtin_objects {
     };
 }
 
-// Of kind `object_pose`: for `evaluate` and `reproduce` only.
+// Of kind `object_pose`.
 builtin_objects![
     "lippiello_cylinder",
     "lippiello_plane",
@@ -51,6 +52,72 @@ builtin_objects![
     "lippiello_realistic",
     "lippiello_sphere",
 ];
+
+/// A system's name and the scenario that `up` plays for it.
+const SYSTEMS: &[(&str, &str)] = &[("tugal", DEFAULT), ("lippiello", "lippiello_realistic")];
+
+/// The scenario of a system by its paper's name.
+pub fn of_system(name: &str) -> Option<&'static str> {
+    let found = SYSTEMS.iter().find(|(system, _)| *system == name);
+    found.map(|(_, scenario)| *scenario)
+}
+
+/// A scenario of any kind that the simulator can play.
+#[derive(Clone, Debug)]
+pub enum Played {
+    /// An arm that takes velocities, on a surface that nobody has modelled.
+    Normals(Box<Scenario>),
+    /// An arm that takes torques, an object of known shape, a camera.
+    Object(Box<ObjectScenario>),
+}
+
+impl Played {
+    /// By name or file, with overrides.
+    ///
+    /// # Errors
+    /// As [`load`].
+    pub fn load(name: &str, overrides: &[String]) -> Result<Self> {
+        Ok(match load_object(name, overrides)? {
+            Some(object) => Self::Object(Box::new(object)),
+            None => Self::Normals(Box::new(load(name, overrides)?)),
+        })
+    }
+
+    /// As reports call it.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Normals(s) => &s.name,
+            Self::Object(s) => &s.name,
+        }
+    }
+
+    /// One sentence on it.
+    pub fn title(&self) -> &str {
+        match self {
+            Self::Normals(s) => &s.title,
+            Self::Object(s) => &s.title,
+        }
+    }
+
+    /// Its own task.
+    pub fn task(&self) -> &Task {
+        match self {
+            Self::Normals(s) => &s.task,
+            Self::Object(s) => &s.task,
+        }
+    }
+
+    /// As a file.
+    ///
+    /// # Errors
+    /// When it cannot be written as TOML.
+    pub fn text(&self) -> Result<String> {
+        Ok(match self {
+            Self::Normals(s) => toml::to_string(s.as_ref())?,
+            Self::Object(s) => toml::to_string(s.as_ref())?,
+        })
+    }
+}
 
 /// What `up` and a simulator without a scenario play.
 pub const DEFAULT: &str = "pipe_realistic";

@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 use crate::Message;
 use crate::standard::{
-    CameraInfo, Image, MarkerArray, PoseWithCovarianceStamped, TFMessage, WrenchStamped,
+    CameraInfo, Image, MarkerArray, PoseStamped, PoseWithCovarianceStamped, TFMessage, WrenchStamped,
 };
 use crate::tangent::{
     ArmCommand, ArmState, ContactTruth, ControlState, FeatureArray, Health, NormalEstimate,
@@ -106,6 +106,8 @@ pub static SIMULATED_IMAGE: Topic<Image> = Topic::new("simulator/image", Deliver
 pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
 /// The simulator's truth; never read by the system under test.
 pub static TRUTH_CONTACT: Topic<ContactTruth> = Topic::new("truth/contact", Delivery::Stream);
+/// Where the simulated object really is.
+pub static TRUTH_OBJECT: Topic<PoseStamped> = Topic::new("truth/object", Delivery::Stream);
 /// Frames, for viewers.
 pub static TF: Topic<TFMessage> = Topic::new("tf", Delivery::Background);
 /// Arrows and lines for viewers: the surface normal, the force, the path.

@@ -19,7 +19,7 @@ use super::evidence::Evidence;
 use super::sensor_clock::SensorClock;
 use super::wire::{Link, SensorWire};
 use crate::compose::{self, Running};
-use crate::scenarios;
+use crate::scenarios::{self, Played};
 
 /// Longest wait for the cell to come up, or to be itself again.
 const PATIENCE: Duration = Duration::from_secs(40);
@@ -145,8 +145,8 @@ impl PrivateCell {
             }
             _ => None,
         };
-        let scenario = scenario(layout, seed)?;
-        let simulator = compose::simulator(&config, Some(&scenario), &bus, &Stop::new())?;
+        let played = Played::Normals(Box::new(scenario(layout, seed)?));
+        let simulator = compose::simulator(&config, Some(&played), &bus, &Stop::new())?;
         let mut cell = Self {
             folder: folder.to_owned(),
             layout,

@@ -33,8 +33,8 @@ pub use servers::Endpoints;
 use servers::{Servers, Wanted, geometry};
 
 /// The sensor box's ports: RDT, and its web server (80 on a real one, which takes privileges).
-const PORT_RDT: u16 = 49152;
-const PORT_HTTP: u16 = 8080;
+pub(crate) const PORT_RDT: u16 = 49152;
+pub(crate) const PORT_HTTP: u16 = 8080;
 
 /// Why a cell cannot start.
 #[derive(Debug, thiserror::Error)]

@@ -24,9 +24,11 @@ mod rig;
 pub mod rtde_server;
 pub mod script_ports;
 pub mod service;
+pub mod torque_cell;
 pub mod urscript;
 
 pub use cell::{Endpoints, SimulatedCell, Snapshot, StartError};
 pub use config::{Config, ControllerConfig, Flavour, Ports};
 pub use fault::Fault;
 pub use service::run;
+pub use torque_cell::{TorqueCellConfig, TorqueCellError, run_torque_cell};

@@ -1,21 +1,21 @@
 //! `tangent up`: the whole system against the simulator, in this process, from approach to report.
 
+mod simulated_cell;
+
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use nalgebra::{UnitQuaternion, Vector3};
 use tangent_control::Phase;
-use tangent_runtime::config::PoseConfig;
 use tangent_runtime::security::roles;
 use tangent_runtime::{Bus, CellConfig, Role, Stop};
-use tangent_simulation::Scenario;
 
 use crate::cli::Up;
 use crate::compose::{self, RecorderExtra, Running};
 use crate::follow::follow;
-use crate::output::{Outcome, bad_usage, print_json};
+use crate::output::{Outcome, print_json};
+use crate::scenarios::Played;
 use crate::{control, report, scenarios};
 
 /// Longest wait for the arm to be powered, its program to run and the sensor to stream.
@@ -30,26 +30,35 @@ pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
     if let Some(seed) = args.seed {
         overrides.push(format!("seed={seed}"));
     }
-    let scenario = scenarios::load(&args.scenario, &overrides)?;
-    let task = task_text(args, &scenario)?;
-    let mut config = simulated_cell(base, &scenario, args)?;
+    let (scenario, task_file) = asked_for(args);
+    let played = Played::load(scenario, &overrides)?;
+    let task = match task_file {
+        Some(file) => control::task_text(file)?,
+        None => toml::to_string(played.task())?,
+    };
+    let mut config = match &played {
+        Played::Normals(scenario) => simulated_cell::of_normals(base, scenario, args)?,
+        Played::Object(scenario) => simulated_cell::of_object(base, scenario, args)?,
+    };
 
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
     eprintln!(
         "cell {}: {} ({}); Ctrl-C retracts and stops",
-        config.cell.name, scenario.title, scenario.name
+        config.cell.name,
+        played.title(),
+        played.name()
     );
     config.zenoh.identify(roles::ROUTER);
     let bus = Bus::open_until(&config, Role::Router, Some(READY_PATIENCE), &stop)?;
     let extra = RecorderExtra {
         folder: Some(args.folder.clone()),
         attachments: vec![
-            ("scenario.toml".to_owned(), toml::to_string(&scenario)?),
+            ("scenario.toml".to_owned(), played.text()?),
             ("task.toml".to_owned(), task.clone()),
         ],
     };
     let began = Instant::now();
-    let mut system = System::start(&config, &scenario, &bus, &stop, &extra)?;
+    let mut system = System::start(&config, &played, &bus, &stop, &extra)?;
     let wiped = follow(&bus, &task, &stop, READY_PATIENCE, args.stay);
     let recordings = system.end(&args.folder, began)?;
     let (phase, _) = wiped?;
@@ -71,70 +80,15 @@ pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
     })
 }
 
-fn task_text(args: &Up, scenario: &Scenario) -> Result<String> {
-    match &args.task {
-        Some(file) => control::task_text(file),
-        None => Ok(toml::to_string(&scenario.task)?),
-    }
-}
-
-/// The cell file that fits the simulated cell: what a person would have measured and written down.
-fn simulated_cell(mut cell: CellConfig, scenario: &Scenario, args: &Up) -> Result<CellConfig> {
-    let tool = &scenario.plant.tool;
-    let pose = |p: &tangent_simulation::PoseConfig| {
-        let [roll, pitch, yaw] = p.roll_pitch_yaw_rad;
-        let turn: Vector3<f64> = UnitQuaternion::from_euler_angles(roll, pitch, yaw).scaled_axis();
-        PoseConfig {
-            translation_m: p.position_m,
-            rotation_vector_rad: turn.into(),
-        }
+/// The scenario to play and the task file, if one is named: a system's name in the task's place means its scenario and task.
+fn asked_for(args: &Up) -> (&str, Option<&Path>) {
+    let default = args.scenario.as_deref().unwrap_or(scenarios::DEFAULT);
+    let Some(file) = &args.task else {
+        return (default, None);
     };
-    cell.robot.model.clone_from(&scenario.plant.robot);
-    cell.robot.address = "127.0.0.1".to_owned();
-    cell.sensor.address = "127.0.0.1".to_owned();
-    cell.robot.port_offset = offset(cell.robot.port_offset, args.port_offset)?;
-    cell.sensor.port_offset = offset(cell.sensor.port_offset, args.port_offset)?;
-    if args.port_offset > 0 {
-        let protocol = if cell.zenoh.tls.is_some() {
-            "quic"
-        } else {
-            "tcp"
-        };
-        let port = offset(7447, args.port_offset)?;
-        let endpoint = format!("{protocol}/127.0.0.1:{port}");
-        cell.zenoh.listen = vec![endpoint.clone()];
-        cell.zenoh.connect = vec![endpoint];
-    }
-    cell.sensor.flange_from_sensor = pose(&tool.flange_from_sensor);
-    cell.sensor.filter_cutoff_hz = scenario.sensing.filter_cutoff_hz;
-    cell.tool.flange_from_tool = pose(&tool.flange_from_tool);
-    cell.tool.mass_kg = tool.payload.mass_kg;
-    cell.tool.com_in_sensor_m = tool.payload.com_in_sensor_m;
-    cell.base = scenario.base;
-    cell.controller.preset.clone_from(&scenario.controller);
-    cell.controller.settings.clone_from(&scenario.control);
-    cell.estimators
-        .active
-        .clone_from(&scenario.task.estimators[0]);
-    for name in &scenario.task.estimators {
-        if !cell.estimators.run.contains(name) {
-            cell.estimators.run.push(name.clone());
-        }
-    }
-    cell.estimators.settings.insert(
-        tangent_estimator::ALL.to_owned(),
-        toml::Table::try_from(scenario.estimation)?,
-    );
-    Ok(cell)
-}
-
-fn offset(port: u16, by: u16) -> Result<u16> {
-    // The highest port in use is the sensor's, 49152.
-    match port.checked_add(by) {
-        Some(sum) if sum <= u16::MAX - 49_152 || port >= 7447 => Ok(sum),
-        _ => Err(bad_usage(format!(
-            "--port-offset {by}: must keep every port below 65536; 0 to 16383 is allowed"
-        ))),
+    match scenarios::of_system(&file.to_string_lossy()) {
+        Some(own) => (args.scenario.as_deref().unwrap_or(own), None),
+        None => (default, Some(file)),
     }
 }
 
@@ -146,15 +100,21 @@ struct System {
 impl System {
     fn start(
         config: &CellConfig,
-        scenario: &Scenario,
+        played: &Played,
         bus: &Bus,
         everybody: &Stop,
         extra: &RecorderExtra,
     ) -> Result<Self> {
-        let simulator = compose::simulator(config, Some(scenario), bus, everybody)?;
+        let simulator = compose::simulator(config, Some(played), bus, everybody)?;
         let recorder = compose::service("recorder", config, bus, everybody, extra)?;
         let mut services = Vec::new();
-        for name in ["controller", "estimator", "netft", "rtde"] {
+        // Registered before the arm's own service, a controller answers each packet within its publish.
+        let names = match played {
+            Played::Normals(_) => ["controller", "estimator", "netft", "rtde"],
+            // This arm is on the bus itself.
+            Played::Object(_) => ["controller", "estimator", "camera", "netft"],
+        };
+        for name in names {
             services.push(compose::service(name, config, bus, everybody, extra)?);
         }
         // The bridge says goodbye to the robot before the robot goes; the recorder hears everybody's last word.
