@@ -7,6 +7,7 @@ use serde::Serialize;
 use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tool};
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
+use tangent_simulation::metrics::object_pose::ObjectPoseFigures;
 use tangent_simulation::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 
 use super::comparison::{self, EstimatorFigures, Switch};
@@ -40,7 +41,7 @@ pub struct Report {
     #[serde(flatten)]
     pub figures: Figures,
     /// Of object estimators only.
-    pub object_pose: Option<()>,
+    pub object_pose: Option<ObjectPoseFigures>,
     /// How the live loop fared.
     pub r#loop: LoopFigures,
     /// Phase at the end of the task.
@@ -323,7 +324,7 @@ impl Report {
             wall_s: None,
             real_time_factor: None,
             figures,
-            object_pose: None,
+            object_pose: super::object::figures(run, task),
             r#loop: loop_figures(run),
             phase: last.map(|c| c.sample.phase.name()),
             fault: task

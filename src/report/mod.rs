@@ -3,6 +3,7 @@
 mod comparison;
 mod figures;
 mod html;
+pub mod object;
 pub mod plot;
 pub mod run;
 #[cfg(test)]
@@ -174,6 +175,9 @@ pub fn words(report: &Report) -> String {
             100.0 * fraction,
             f.contact.lost_count
         ));
+    }
+    if let Some(object) = &report.object_pose {
+        lines.extend(object::words(object));
     }
     let l = &report.r#loop;
     if let Some(q) = l.packet_to_command_us {

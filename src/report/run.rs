@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use tangent_recorder::{RecordedMessage, Recording};
+use tangent_schemas::standard::PoseStamped;
 use tangent_schemas::tangent::{
-    ArmState, ContactTruth, ControlState, Health, NormalEstimate, WrenchStatus,
+    ArmState, ContactTruth, ControlState, Health, NormalEstimate, ObjectEstimate, WrenchStatus,
 };
 use tangent_schemas::{Message, cdr};
 
@@ -32,8 +33,12 @@ pub struct Run {
     /// How old each estimator's newest was whenever a `control/state` came, in robot cycles: the age at use, by the
     /// order in which the messages came here, whatever the clocks say.
     pub ages_cycles: BTreeMap<String, Vec<u64>>,
+    /// `estimate/NAME/object` by estimator.
+    pub objects: BTreeMap<String, Vec<ObjectEstimate>>,
     /// `truth/contact`
     pub truth: Vec<ContactTruth>,
+    /// `truth/object`
+    pub object_truth: Vec<PoseStamped>,
     /// Sensor records lost while it was recorded.
     pub wrench_records_lost: Option<u64>,
     /// Last health message of each service.
@@ -98,6 +103,10 @@ impl Run {
         run.arm.sort_by_key(|m| m.header.stamp.to_ns());
         run.control.sort_by_key(|m| m.header.stamp.to_ns());
         run.truth.sort_by_key(|m| m.header.stamp.to_ns());
+        run.object_truth.sort_by_key(|m| m.header.stamp.to_ns());
+        for objects in run.objects.values_mut() {
+            objects.sort_by_key(|m| m.header.stamp.to_ns());
+        }
         for estimates in run.estimates.values_mut() {
             estimates.sort_by_key(|m| m.header.stamp.to_ns());
         }
@@ -181,6 +190,14 @@ impl Run {
                 let estimate: NormalEstimate = cdr::decode(bytes)?;
                 let name = estimate.estimator.to_string();
                 self.estimates.entry(name).or_default().push(estimate);
+            }
+            ObjectEstimate::NAME => {
+                let estimate: ObjectEstimate = cdr::decode(bytes)?;
+                let name = estimate.estimator.to_string();
+                self.objects.entry(name).or_default().push(estimate);
+            }
+            PoseStamped::NAME if message.topic == "/truth/object" => {
+                self.object_truth.push(cdr::decode(bytes)?);
             }
             ContactTruth::NAME => self.truth.push(cdr::decode(bytes)?),
             WrenchStatus::NAME => {

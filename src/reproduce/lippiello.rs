@@ -1,19 +1,28 @@
 //! Lippiello et al.: section V over seeds of calibration error, and the paper's four figures.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, anyhow};
 use plotters::style::RGBColor;
 use tangent_simulation::lippiello::{Runs, SCENARIO, System, figures};
-use tangent_simulation::metrics::object_pose::{ObjectSampleTruth, pose_error};
+use tangent_simulation::metrics::object_pose::ObjectSampleTruth;
 use tangent_simulation::{Undisturbed, evaluate_object_with};
 
 use super::{Row, progress};
 use crate::evaluate::once;
 use crate::output::bad_usage;
+use crate::report::object::draw_all;
 use crate::report::plot::{Axes, BLUE, GREEN, ORANGE, Series, draw as draw_plot};
 use crate::scenarios;
+
+/// Beginning of the page that shows all figures.
+const PAGE: &str = "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>tangent reproduce lippiello</title>\
+<style>body { font: 15px/1.5 system-ui, sans-serif; max-width: 960px; margin: 2em auto; } figure { margin: 1em 0; } \
+svg { width: 100%; height: auto; }</style></head><body>\n<h1>Lippiello et al., section V</h1>\n\
+<p>The paper's figures: error of the estimated pose, force and moment at the wrist, over time. Touching begins where the force \
+rises. First the published system with the camera alone and with everything, then ours.</p>\n";
 
 /// Runs all four systems over the seeds.
 ///
@@ -57,6 +66,7 @@ pub(super) fn rows(seeds: u64) -> Result<Vec<Row>> {
 /// When a file cannot be written.
 pub(super) fn draw(folder: &Path) -> Result<()> {
     fs::create_dir_all(folder).with_context(|| format!("folder {}", folder.display()))?;
+    let mut page = PAGE.to_owned();
     for system in System::ALL {
         let scenario = scenarios::load_object(SCENARIO, &system.overrides())?
             .ok_or_else(|| anyhow!("{SCENARIO} is not of kind object_pose"))?;
@@ -69,19 +79,13 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
             System::OursVision => "default_vision",
             System::OursAll => "default_all",
         };
-        for (kind, title, unit, pick) in curves() {
-            let axes: Vec<Vec<(f64, f64)>> = (0..3)
-                .map(|i| {
-                    let value = |s: &ObjectSampleTruth| pick(s).map_or(f64::NAN, |v| v[i]);
-                    samples.iter().map(|s| (s.time_s, value(s))).collect()
-                })
-                .collect();
+        let _ = write!(page, "<h2>{}</h2>\n", system.name());
+        draw_all(&samples, |(kind, title, unit, _), curves| {
             let colours: [RGBColor; 3] = [BLUE, GREEN, ORANGE];
-            let series: Vec<Series<'_>> = ["x", "y", "z"]
+            let series: Vec<Series<'_>> = curves
                 .iter()
-                .zip(&axes)
                 .zip(colours)
-                .map(|((&name, points), colour)| Series {
+                .map(|((name, points), colour)| Series {
                     name,
                     points,
                     colour,
@@ -99,34 +103,12 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
                 &series,
             )?;
             let file = folder.join(format!("{stem}_{kind}.svg"));
-            fs::write(&file, svg).with_context(|| format!("file {}", file.display()))?;
-        }
+            fs::write(&file, &svg).with_context(|| format!("file {}", file.display()))?;
+            let _ = write!(page, "<figure>{svg}</figure>\n");
+            Ok(())
+        })?;
     }
-    Ok(())
-}
-
-/// Three components at one time; none where there is no estimate.
-type Pick = fn(&ObjectSampleTruth) -> Option<[f64; 3]>;
-
-fn curves() -> [(&'static str, &'static str, &'static str, Pick); 4] {
-    [
-        ("position", "Position error in object axes", "m", |s| {
-            Some(pose_error(&s.object, s.estimated.as_ref()?).0.into())
-        }),
-        (
-            "orientation",
-            "Orientation error in object axes",
-            "deg",
-            |s| {
-                let turn = pose_error(&s.object, s.estimated.as_ref()?).1;
-                Some(turn.map(f64::to_degrees).into())
-            },
-        ),
-        ("force", "Force at the wrist", "N", |s| {
-            Some(s.sensor.0.into())
-        }),
-        ("moment", "Moment at the wrist", "Nm", |s| {
-            Some(s.sensor.1.into())
-        }),
-    ]
+    page += "</body></html>\n";
+    let file = folder.join("index.html");
+    fs::write(&file, page).with_context(|| format!("file {}", file.display()))
 }

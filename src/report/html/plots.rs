@@ -10,6 +10,7 @@ use tangent_simulation::metrics::{Spread, angle_deg};
 use super::escaped;
 use super::phases::bands;
 use crate::report::figures::{Cycle, Report, TaskRun};
+use crate::report::object;
 use crate::report::plot::{self, Axes, Series};
 use crate::report::run::Run;
 
@@ -65,6 +66,16 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String> {
         "While in contact: how wrong the estimated normal is, and how far the tool is from square to it.",
     )?;
     html += &path(task)?;
+    if let Some((samples, _)) = object::samples(run, task) {
+        object::draw_all(&samples, |(_, title, unit, _), curves| {
+            html += &figure(
+                &axes(title, unit),
+                curves,
+                "As the paper draws it: the estimate against the true object, or what the contact does to the wrist.",
+            )?;
+            Ok(())
+        })?;
+    }
     html += &figure(
         &axes("Age of the controller's inputs", "ms"),
         &[
