@@ -52,6 +52,10 @@ fn cell_files() {
     assert_eq!(compose.recorder, shipped.recorder);
     assert_eq!(compose.simulator, shipped.simulator);
 
+    let object = load("cell.lippiello.toml");
+    assert!(object.camera.is_some());
+    assert!(object.simulator.scenario.is_some_and(|file| file.is_file()));
+
     let secured = fs::read_to_string(root().join("deploy/cell.compose.tls.toml")).unwrap();
     load("cell.compose.tls.toml");
     let mut secured: toml::Table = secured.parse().unwrap();

@@ -6,7 +6,7 @@ mod common;
 
 use std::fs;
 
-use common::{json, number, run, up};
+use common::{json, number, run, up, up_system};
 
 const SCENARIO: &str = "pipe_realistic";
 
@@ -57,4 +57,43 @@ fn up_wipes_the_pipe_as_evaluate_does() {
     assert_eq!(again["force"], live["force"]);
     assert_eq!(again["normal_error_deg"], live["normal_error_deg"]);
     assert!(number(&again, "/loop/packet_to_command_us/p50") > 0.0);
+}
+
+/// The torque-controlled arm with its camera wipes the object, and the figures are those of `evaluate`.
+#[test]
+fn up_lippiello_wipes_the_object_as_evaluate_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = up_system("lippiello", folder.path());
+    let evaluation = json(&run(&["evaluate", "lippiello_realistic", "--json"]));
+    for (path, small) in [
+        ("/normal_error_deg/mean", 0.3),
+        ("/force/mean_n", 0.3),
+        ("/object_pose/sliding_force_rmse_n", 0.3),
+        ("/object_pose/position_rmse_m", 2e-3),
+        ("/object_pose/orientation_rmse_deg", 0.5),
+        ("/object_pose/path_on_object_rmse_m", 2e-3),
+        ("/path/rmse_m", 3e-4),
+    ] {
+        let (here, there) = (number(&live, path), number(&evaluation, path));
+        assert!(
+            (here - there).abs() <= (0.3 * there.abs()).max(small),
+            "{path}: live {here}, evaluate {there}"
+        );
+    }
+    assert_eq!(live["phase"], "done");
+    assert!(number(&live, "/loop/packet_to_command_us/p50") > 0.0);
+    let page = fs::read_dir(folder.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .find(|path| path.extension().is_some_and(|e| e == "html"))
+        .unwrap();
+    let page = fs::read_to_string(page).unwrap();
+    for title in [
+        "Position error in object axes",
+        "Orientation error in object axes",
+        "Force at the wrist",
+        "Moment at the wrist",
+    ] {
+        assert!(page.contains(title), "the page lacks: {title}");
+    }
 }

@@ -206,6 +206,7 @@ message! {
         /// Bytes per row.
         pub step: u32,
         /// `step * height` bytes.
+        #[serde(with = "serde_bytes")]
         pub data: Vec<u8>,
     }
 }

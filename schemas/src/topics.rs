@@ -19,6 +19,8 @@ pub enum Delivery {
     RealTime,
     /// Measurements and states at a steady rate: dropped when the wire is busy, the next one is newer.
     Stream,
+    /// Images and the like, too large for one packet: after the measurements, the oldest dropped when the wire is busy.
+    Bulk,
     /// For people and recorders: may wait behind everything else.
     Background,
 }
@@ -95,13 +97,13 @@ pub static WRENCH_STATUS: Topic<WrenchStatus> = Topic::new("wrench/status", Deli
 pub static BASE_POSE: Topic<PoseWithCovarianceStamped> =
     Topic::new("base/pose", Delivery::RealTime);
 /// Images of the camera on the wrist, for viewers and recordings: as many as the camera service is set to pass on.
-pub static CAMERA_IMAGE: Topic<Image> = Topic::new("camera/image", Delivery::Background);
+pub static CAMERA_IMAGE: Topic<Image> = Topic::new("camera/image", Delivery::Bulk);
 /// The camera's calibration, as it is stated.
 pub static CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/info", Delivery::Background);
 /// What was found in each image.
 pub static CAMERA_FEATURES: Topic<FeatureArray> = Topic::new("camera/features", Delivery::Stream);
 /// Images of the simulated camera, as its driver would give them.
-pub static SIMULATED_IMAGE: Topic<Image> = Topic::new("simulator/image", Delivery::Stream);
+pub static SIMULATED_IMAGE: Topic<Image> = Topic::new("simulator/image", Delivery::Bulk);
 /// What the controller does and why; once per cycle.
 pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
 /// The simulator's truth; never read by the system under test.

@@ -15,6 +15,8 @@ use crate::output::bad_usage;
 const TORQUE_SENSOR_HZ: f64 = 2000.0;
 /// Jitter of the wrench that a laptop's threads may have, s.
 const WRENCH_JITTER_S: f64 = 0.006;
+/// A laptop that draws the images too finds their corners late at times, s.
+const VISION_PATIENCE_S: f64 = 0.25;
 /// The controller's share of the cell's limits; see its own `SHARE`.
 const LIMIT_SHARE: f64 = 0.9;
 
@@ -91,10 +93,12 @@ pub fn of_object(mut cell: CellConfig, scenario: &ObjectScenario, args: &Up) -> 
     allow_jitter(&mut cell.controller.settings);
     run_estimators(&mut cell, &scenario.task.estimators, false);
     cell.estimators.settings.clear();
+    let mut estimation = scenario.estimation.clone();
+    estimation.vision_patience_s = estimation.vision_patience_s.max(VISION_PATIENCE_S);
     for name in &scenario.task.estimators {
         cell.estimators
             .settings
-            .insert(name.clone(), Table::try_from(&scenario.estimation)?);
+            .insert(name.clone(), Table::try_from(&estimation)?);
     }
     Ok(cell)
 }

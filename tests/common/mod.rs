@@ -43,18 +43,21 @@ pub fn json(output: &Output) -> Value {
 
 /// A whole `tangent up` of the scenario, recording and report in `folder`; its figures.
 pub fn up(scenario: &str, folder: &Path) -> Value {
+    up_with(&["--scenario", scenario], folder)
+}
+
+/// The same of a system by its paper's name.
+pub fn up_system(system: &str, folder: &Path) -> Value {
+    up_with(&[system], folder)
+}
+
+fn up_with(what: &[&str], folder: &Path) -> Value {
     let offset = port_offset().to_string();
     let folder = folder.to_str().unwrap();
-    let output = run(&[
-        "up",
-        "--scenario",
-        scenario,
-        "--folder",
-        folder,
-        "--port-offset",
-        &offset,
-        "--json",
-    ]);
+    let mut args = vec!["up"];
+    args.extend(what);
+    args.extend(["--folder", folder, "--port-offset", &offset, "--json"]);
+    let output = run(&args);
     let code = output.status.code();
     // 3 is "done, but something was lost": a busy machine may miss a cycle, which is no matter of these tests.
     assert!(

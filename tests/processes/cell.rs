@@ -33,22 +33,42 @@ pub struct Cell {
 impl Cell {
     /// Writes the cell file; nothing runs yet. `change` may alter it.
     pub fn new(change: impl FnOnce(&mut toml::Table)) -> Self {
+        // The shipped scenario, with the tool nearer to the surface: an approach is not what is tested here.
+        let nearer = ("clearance_m = 0.01", "clearance_m = 0.003");
+        Self::shipped("cell.toml", "scenarios/pipe_realistic.toml", nearer, |cell| {
+            set(cell, "sensor.rate_hz", 1000.0);
+            change(cell);
+        })
+    }
+
+    /// The torque-controlled arm over an object of known shape, with a camera.
+    pub fn with_object() -> Self {
+        let nearer = ("clearance_m = 0.15", "clearance_m = 0.08");
+        let scenario = "scenarios/lippiello/lippiello_realistic.toml";
+        Self::shipped("cell.lippiello.toml", scenario, nearer, |_| {})
+    }
+
+    /// From a cell file of `deploy/` and a scenario with one text in place of another.
+    fn shipped(
+        file: &str,
+        scenario: &str,
+        replaced: (&str, &str),
+        change: impl FnOnce(&mut toml::Table),
+    ) -> Self {
         let alone = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().unwrap();
         let port_offset = port_offset();
         let offset = i64::from(port_offset);
-        // The shipped scenario, with the tool nearer to the surface: an approach is not what is tested here.
-        let scenario = fs::read_to_string(root().join("scenarios/pipe_realistic.toml"))
-            .unwrap()
-            .replace("clearance_m = 0.01", "clearance_m = 0.003");
+        let scenario = fs::read_to_string(root().join(scenario)).unwrap();
+        assert!(scenario.contains(replaced.0));
+        let scenario = scenario.replace(replaced.0, replaced.1);
         fs::write(folder.path().join("scenario.toml"), scenario).unwrap();
-        let shipped = fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
+        let shipped = fs::read_to_string(root().join("deploy").join(file)).unwrap();
         let mut cell: toml::Table = shipped.parse().unwrap();
         let endpoint = format!("tcp/127.0.0.1:{}", 7447 + offset);
         set(&mut cell, "cell.name", format!("cell{offset}"));
         set(&mut cell, "robot.port_offset", offset);
         set(&mut cell, "sensor.port_offset", offset);
-        set(&mut cell, "sensor.rate_hz", 1000.0);
         set(&mut cell, "zenoh.connect", vec![endpoint.clone()]);
         set(&mut cell, "zenoh.listen", vec![endpoint]);
         set(&mut cell, "simulator.scenario", "scenario.toml");
@@ -144,6 +164,27 @@ impl Cell {
             let ended = self.process(name).code();
             assert_eq!(ended, None, "{name} has ended");
         }
+    }
+
+    /// A circle on the object, with so many newtons, so many times around.
+    pub fn object_task(&self, turns: u32) -> PathBuf {
+        let text = fs::read_to_string(root().join("deploy/tasks/object_circle.toml")).unwrap();
+        let text = text.replace("kind = \"circle\"", &format!("kind = \"circle\"\nturns = {turns}"));
+        let file = self.folder.path().join("task.toml");
+        fs::write(&file, text).unwrap();
+        file
+    }
+
+    /// Has the simulator do this, as `tangent faults` does.
+    pub fn provoke(&self, fault: &str, argument: &str) {
+        let config = CellConfig::load(&self.file()).unwrap();
+        let bus = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
+        let request = tangent_schemas::tangent::Request {
+            action: fault.to_owned(),
+            argument: argument.to_owned(),
+        };
+        let answer = bus.ask("simulator/fault", &request, PATIENCE).unwrap();
+        assert!(answer.done, "{}", answer.message);
     }
 
     /// Runs a `tangent` command on this cell.

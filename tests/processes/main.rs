@@ -8,4 +8,5 @@ mod commands;
 #[path = "../common/mod.rs"]
 mod common;
 mod failures;
+mod object;
 mod recordings;

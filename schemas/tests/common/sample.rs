@@ -76,12 +76,16 @@ impl<'de> Deserializer<'de> for &mut Filler {
         visitor.visit_seq(Elements { left, filler: self })
     }
 
+    fn deserialize_byte_buf<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        visitor.visit_byte_buf((0..self.length).map(|_| self.count()).collect())
+    }
+
     fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
         Err(de::Error::custom("a type that no .msg file can say"))
     }
 
     serde::forward_to_deserialize_any! {
-        char bytes byte_buf option unit unit_struct newtype_struct tuple_struct map enum identifier ignored_any
+        char bytes option unit unit_struct newtype_struct tuple_struct map enum identifier ignored_any
     }
 }
 

@@ -89,12 +89,17 @@ impl<'de> Deserializer<'de> for Tracer<'_> {
         Ok(value)
     }
 
+    fn deserialize_byte_buf<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        *self.kind = Some(Kind::Sequence(Box::new(Kind::Primitive("u8"))));
+        visitor.visit_byte_buf(Vec::new())
+    }
+
     fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
         Err(de::Error::custom("a type that no .msg file can say"))
     }
 
     serde::forward_to_deserialize_any! {
-        char bytes byte_buf option unit unit_struct newtype_struct tuple_struct map enum identifier ignored_any
+        char bytes option unit unit_struct newtype_struct tuple_struct map enum identifier ignored_any
     }
 }
 

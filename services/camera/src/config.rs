@@ -17,6 +17,8 @@ pub struct Config {
     pub principal_px: [f64; 2],
     /// Images passed on for viewers, per second; 0: none.
     pub pass_on_hz: f64,
+    /// SCHED_FIFO priority of the service's thread; `None` for normal scheduling.
+    pub realtime_priority: Option<u8>,
 }
 
 impl Config {
@@ -32,6 +34,10 @@ impl Config {
             focal_px: camera.focal_px,
             principal_px: camera.principal_px,
             pass_on_hz: camera.pass_on_hz,
+            realtime_priority: cell
+                .realtime
+                .enabled
+                .then_some(cell.realtime.camera_priority),
         })
     }
 }

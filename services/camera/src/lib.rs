@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{
-    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, Stop, Subscription,
+    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, RealtimeReport, Stop, Subscription,
+    realtime,
 };
 use tangent_schemas::Text;
 use tangent_schemas::convert::cut_format;
@@ -39,7 +40,13 @@ const INFO_EVERY: Duration = Duration::from_secs(1);
 /// # Errors
 /// A topic that the bus refuses, or a detector that cannot be made.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), CameraError> {
+    let priority = config.realtime_priority;
     let mut service = Service::new(config, &bus)?;
+    service.health.realtime(&match priority {
+        Some(priority) => realtime::setup_thread(SERVICE, priority),
+        None => RealtimeReport::not_asked(SERVICE),
+    });
+    service.health.running();
     while !stop.is_stopped() {
         service.announce();
         service.turn(LOOK);
@@ -78,7 +85,7 @@ struct Meters {
 impl Service {
     fn new(config: Config, bus: &Bus) -> Result<Self, CameraError> {
         let health = HealthReporter::start(bus, SERVICE)?;
-        let driver: Topic<Image> = Topic::named(config.topic.clone(), Delivery::Stream);
+        let driver: Topic<Image> = Topic::named(config.topic.clone(), Delivery::Bulk);
         Ok(Self {
             images: bus.subscribe(&driver, 4)?,
             features: bus.publisher(&topics::CAMERA_FEATURES)?,

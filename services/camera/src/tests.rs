@@ -9,6 +9,7 @@ fn config() -> Config {
         focal_px: 200.0,
         principal_px: [100.0, 80.0],
         pass_on_hz: 1e3,
+        realtime_priority: None,
     }
 }
 

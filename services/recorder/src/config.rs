@@ -15,6 +15,8 @@ pub struct RecorderConfig {
     pub prefix: String,
     /// Key patterns to record, relative to the cell: `*` is one part of a key, `**` any number of parts.
     pub include: Vec<String>,
+    /// Key patterns not to record, whatever `include` says.
+    pub exclude: Vec<String>,
     /// Cells to record, by name; none: the bus's own, whose topics then have no name before them.
     pub cells: Vec<String>,
     /// A new file after this many bytes on the disk.
@@ -41,6 +43,7 @@ impl Default for RecorderConfig {
             folder: PathBuf::from("recordings"),
             prefix: "cell".to_owned(),
             include: vec!["**".to_owned()],
+            exclude: Vec::new(),
             cells: Vec::new(),
             rotate_bytes: 1 << 30,
             rotate_after: Duration::from_secs(3600),
@@ -69,6 +72,7 @@ impl RecorderConfig {
             folder: section.folder.clone(),
             prefix: cell.cell.name.clone(),
             include: section.include.clone(),
+            exclude: section.exclude.clone(),
             cells: section.cells.clone(),
             rotate_bytes: (section.rotate_mb * 1e6) as u64,
             rotate_after: Duration::from_secs_f64(section.rotate_s),

@@ -87,6 +87,7 @@ struct Service {
     messages: RawSubscription,
     /// Patterns to look at one by one; empty when the subscription does it.
     include: Vec<String>,
+    exclude: Vec<String>,
     cells: Cells,
     disk: Disk,
     definitions: Definitions,
@@ -135,6 +136,7 @@ impl Service {
             // Patterns may overlap; one subscription hears each message once.
             several => ("**".to_owned(), several.to_vec()),
         };
+        let exclude = config.exclude.clone();
         let cells = Cells::new(config.cells.clone());
         let patterns: Vec<String> = cells
             .prefixes()
@@ -164,6 +166,7 @@ impl Service {
         Ok(Self {
             messages,
             include,
+            exclude,
             inquirer: Inquirer::start(network.clone(), cells.prefixes())?,
             cells,
             disk,
@@ -186,6 +189,9 @@ impl Service {
     fn take(&mut self, message: &RawMessage) {
         let (prefix, key) = self.cells.split(&message.key);
         if !self.include.is_empty() && !matches_any(&self.include, key) {
+            return;
+        }
+        if matches_any(&self.exclude, key) {
             return;
         }
         self.meters.messages.tick();
@@ -469,5 +475,26 @@ mod tests {
             service.take(&message);
         }
         assert_eq!(service.finish().recorded, 1);
+    }
+
+    #[test]
+    fn what_is_excluded_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let bus = Bus::in_process("cell1");
+        let config = RecorderConfig {
+            exclude: vec!["control/*".to_owned()],
+            ..config(folder.path())
+        };
+        let mut service = Service::new(config, &bus, &bus).unwrap();
+        let arm = bus.publisher(&topics::ARM_STATE).unwrap();
+        let control = bus.publisher(&topics::CONTROL_STATE).unwrap();
+        control.publish(&ControlState::default());
+        arm.publish(&ArmState::default());
+        until("messages arrive", || service.messages.waiting() >= 2);
+        while let Some(message) = service.messages.try_recv() {
+            service.take(&message);
+        }
+        let summary = service.finish();
+        assert_eq!((summary.recorded, summary.lost()), (1, 0));
     }
 }

@@ -28,6 +28,8 @@ fn capacity<M>(delivery: Delivery) -> usize {
             ((2 << 20) / size_of::<Received<M>>()).clamp(256, 1 << 14)
         }
         Delivery::Background => 64,
+        // A newer image is worth more than an older one.
+        Delivery::Bulk => 4,
     }
 }
 

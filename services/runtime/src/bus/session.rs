@@ -136,6 +136,7 @@ impl Session {
         let (priority, express) = match delivery {
             Delivery::RealTime => (Priority::RealTime, true),
             Delivery::Stream => (Priority::Data, false),
+            Delivery::Bulk => (Priority::DataLow, false),
             Delivery::Background => (Priority::Background, false),
         };
         let publisher = self

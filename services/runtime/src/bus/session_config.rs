@@ -61,6 +61,8 @@ pub(crate) fn session_config(
         ("timestamping/enabled", "false"),
         // With the default of 2, express messages were lost under CPU load.
         ("transport/link/tx/queue/size/real_time", "16"),
+        // Images go out in pieces of 64 KiB: with 2 of them, none would ever be whole. 16 hold one of 1 MB.
+        ("transport/link/tx/queue/size/data_low", "16"),
         // Dropping must not wait: the next message is newer.
         (
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop",

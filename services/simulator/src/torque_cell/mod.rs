@@ -37,6 +37,9 @@ use state::StateMaker;
 /// Exposures that may wait to be drawn.
 const SHOTS: usize = 2;
 
+/// SCHED_FIFO priority of the image thread: behind everything that is in a hurry, before what the machine does besides.
+const IMAGE_PRIORITY: u8 = 20;
+
 /// What the simulated cell is made of.
 #[derive(Clone, Debug)]
 pub struct TorqueCellConfig {
@@ -98,9 +101,15 @@ pub fn run_torque_cell(
     let faults = Arc::new(Faults::default());
     let (shots, to_draw) = sync_channel::<Shot>(SHOTS);
     let images = bus.publisher(&topics::SIMULATED_IMAGE)?;
+    let hurried = config.realtime_priority.is_some();
     let painter = std::thread::Builder::new()
         .name("simulator-image".into())
-        .spawn(move || draw_images(imager, &to_draw, &images))?;
+        .spawn(move || {
+            if hurried {
+                setup_thread("simulated camera", IMAGE_PRIORITY);
+            }
+            draw_images(imager, &to_draw, &images);
+        })?;
     // What a person would know of the arm: its model with the tool as written down.
     let model = loaded_model(&config.plant, false)?;
     let arm = plant.arm();

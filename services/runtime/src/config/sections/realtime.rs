@@ -17,6 +17,8 @@ pub struct RealtimeConfig {
     pub sensor_priority: u8,
     /// The same for the estimator's thread.
     pub estimator_priority: u8,
+    /// The same for the camera's thread, which finds the target in each image.
+    pub camera_priority: u8,
     /// The same for the threads of the bus: publishing to other processes, and Zenoh's own.
     pub bus_priority: u8,
     /// The same for the simulated robot and sensor box: no load on this machine would delay the real ones.
@@ -32,6 +34,7 @@ impl Default for RealtimeConfig {
             loop_priority: 80,
             sensor_priority: 70,
             estimator_priority: 60,
+            camera_priority: 30,
             bus_priority: 40,
             simulator_priority: 85,
             loop_cpu: None,
@@ -45,6 +48,7 @@ impl RealtimeConfig {
             ("realtime.loop_priority", self.loop_priority),
             ("realtime.sensor_priority", self.sensor_priority),
             ("realtime.estimator_priority", self.estimator_priority),
+            ("realtime.camera_priority", self.camera_priority),
             ("realtime.bus_priority", self.bus_priority),
             ("realtime.simulator_priority", self.simulator_priority),
         ] {

@@ -88,6 +88,8 @@ pub struct RecorderConfig {
     pub folder: PathBuf,
     /// Key patterns to record.
     pub include: Vec<String>,
+    /// Key patterns not to record, whatever `include` says: the camera's raw images are many, what was found in them is not.
+    pub exclude: Vec<String>,
     /// Cells to record through one router; none: this cell.
     pub cells: Vec<String>,
     /// A new file after so many megabytes.
@@ -105,6 +107,7 @@ impl Default for RecorderConfig {
         Self {
             folder: "recordings".into(),
             include: vec!["**".into()],
+            exclude: vec!["simulator/image".into()],
             cells: Vec::new(),
             rotate_mb: 1024.0,
             rotate_s: 3600.0,
