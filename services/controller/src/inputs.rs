@@ -41,6 +41,16 @@ pub struct WrenchReader {
     status: Latest<WrenchStatus>,
     age: ContentAge,
     late_s: f64,
+    /// The newest wrench whose status came with it; it grows old like any other.
+    paired: Option<Paired>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Paired {
+    wrench: Wrench<Tool>,
+    received: Instant,
+    late_s: f64,
+    delay_s: f64,
 }
 
 /// The wrench as the loop sees it now.
@@ -66,10 +76,12 @@ impl WrenchReader {
             status,
             age: ContentAge::default(),
             late_s: 0.0,
+            paired: None,
         }
     }
 
-    /// A wrench counts only with the status of the same stamp, published just before it.
+    /// A wrench counts only with the status of the same stamp, published just before it: where that was lost on the way, the one
+    /// before is used at its age. A status that says no counts at once.
     pub fn read(&mut self) -> WrenchNow {
         self.status.refresh();
         if let Some(new) = self.wrench.take_new() {
@@ -88,18 +100,28 @@ impl WrenchReader {
         let validity = Validity::from(status.message.validity);
         let said = wrench.message.header.stamp.to_ns();
         let about = status.message.header.stamp.to_ns();
-        WrenchNow {
+        let newest = Paired {
             wrench: Wrench::from(&wrench.message.wrench),
-            age_s: self.late_s + wrench.age().as_secs_f64(),
+            received: wrench.received,
+            late_s: self.late_s,
             delay_s: status.message.filter_delay_s.clamp(0.0, 1.0),
-            // A status newer than its wrench (between the two messages) can only make it worse.
-            validity: if !validity.is_valid() || about >= said {
+        };
+        if about >= said || !validity.is_valid() {
+            self.paired = Some(newest);
+        }
+        let bias_age_s = (status.message.bias_age_s >= 0.0)
+            .then(|| status.message.bias_age_s + status.age().as_secs_f64());
+        let used = self.paired.unwrap_or(newest);
+        WrenchNow {
+            wrench: used.wrench,
+            age_s: used.late_s + used.received.elapsed().as_secs_f64(),
+            delay_s: used.delay_s,
+            validity: if self.paired.is_some() {
                 validity
             } else {
                 Validity::Stale
             },
-            bias_age_s: (status.message.bias_age_s >= 0.0)
-                .then(|| status.message.bias_age_s + status.age().as_secs_f64()),
+            bias_age_s,
         }
     }
 }
