@@ -8,7 +8,7 @@ use nalgebra::Vector6;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
 use crate::guard::{Guard, GuardLimits, Permission, Posture, Wanted};
-use crate::lease::{Admission, Lease, Source};
+use tangent_runtime::lease::{Admission, Lease, Source};
 use crate::link::{Link, LinkError, LinkEvent};
 use crate::program::{CommandCode, ProgramState, RegisterMap};
 use crate::sample::Sample;

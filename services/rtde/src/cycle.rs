@@ -23,7 +23,7 @@ use tangent_schemas::tangent::{ArmCommand, ArmState};
 use crate::bridge::{Bridge, BridgeEvent};
 use crate::codec::{Framer, PACKAGE_BYTES_MAX};
 use crate::guard::{Posture, Wanted};
-use crate::lease::Source;
+use tangent_runtime::lease::Source;
 use crate::link::LinkError;
 use crate::robot_setup::resolve;
 use crate::settings::Config;

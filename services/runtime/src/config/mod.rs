@@ -13,8 +13,8 @@ use tangent_sensing::BaseConfig;
 pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
-    CellSection, ControllerConfig, EstimatorsConfig, LimitsConfig, PoseConfig, RealtimeConfig,
-    RecorderConfig, RobotConfig, SensorConfig, SensorMode, SimulatorConfig, TlsConfig, ToolConfig,
+    CellSection, ControllerConfig, EstimatorsConfig, FrankaConfig, LimitsConfig, PoseConfig,
+    RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, SensorConfig, SensorMode, SimulatorConfig, TlsConfig, ToolConfig,
     ZenohConfig,
 };
 

@@ -2,6 +2,7 @@
 //! `docs/services/runtime.md`.
 
 mod cell;
+mod franka;
 mod limits;
 mod pose;
 mod realtime;
@@ -12,10 +13,11 @@ mod tool;
 mod zenoh;
 
 pub use cell::CellSection;
+pub use franka::FrankaConfig;
 pub use limits::LimitsConfig;
 pub use pose::PoseConfig;
 pub use realtime::RealtimeConfig;
-pub use robot::RobotConfig;
+pub use robot::{RobotConfig, RobotDriver};
 pub use sensor::{SensorConfig, SensorMode};
 pub use services::{ControllerConfig, EstimatorsConfig, RecorderConfig, SimulatorConfig};
 pub use tool::ToolConfig;
