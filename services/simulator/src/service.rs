@@ -49,7 +49,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
         Listeners {
             truth: Some(Box::new(move |truth| {
                 told.tick();
-                publisher.publish(&message(truth));
+                publisher.publish(&truth_message(truth));
             })),
             odometry: platform.map(|publisher| -> OdometryListener {
                 Box::new(move |sample, age_s| {
@@ -91,7 +91,8 @@ fn answer(done: bool, message: String) -> Answer {
     }
 }
 
-fn message(truth: &Truth) -> ContactTruth {
+/// As the bus carries it.
+pub(crate) fn truth_message(truth: &Truth) -> ContactTruth {
     ContactTruth {
         header: Header::in_frame::<Base>(clock::now_ns()),
         point: (&truth.point).into(),
