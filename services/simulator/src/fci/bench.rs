@@ -206,7 +206,7 @@ impl TorquePlant for BenchPlant {
             sliding_speed_m_per_s: (twist.linear - touch.normal * along).norm(),
             friction_ratio: if pressing > 0.0 { across / pressing } else { 0.0 },
             friction_coefficient: self.config.plane.map_or(0.0, |plane| plane.friction),
-            world_from_base: nalgebra::Isometry3::identity(),
+            world_from_base: Pose::identity(),
         })
     }
 
