@@ -103,7 +103,7 @@ pub struct Up {
 #[derive(Debug, Args)]
 pub struct Run {
     /// Any of router, netft, rtde, estimator, controller, recorder, simulator.
-    #[arg(required = true, value_parser = ["router", "netft", "rtde", "estimator", "controller", "recorder", "simulator"])]
+    #[arg(required = true, value_parser = ["router", "netft", "rtde", "franka", "estimator", "controller", "recorder", "simulator"])]
     pub services: Vec<String>,
     /// Estimators that the estimator service of this process runs, in place of the cell file's list; commas between them.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
