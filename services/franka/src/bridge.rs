@@ -168,6 +168,10 @@ impl Bridge {
         }
         self.session.state(state, wanted, now_s, tcp);
         self.session.check(now_s)?;
+        if self.guard.is_commanded() && !(self.session.is_running() && state.in_torque_motion()) {
+            // Whoever moved the arm when its motion ended starts anew: at once, or that task would ask for the recovery.
+            self.guard.latch();
+        }
         self.advance_shutdown(now_s);
         Ok(true)
     }

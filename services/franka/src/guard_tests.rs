@@ -106,7 +106,7 @@ fn silence_is_ridden_out_for_two_cycles_then_the_arm_is_held_without_a_step() {
         assert!(bench.posture.torque[0] <= before[0]);
         before = bench.posture.torque;
     }
-    assert_eq!(bench.posture.torque, Joints::zeros());
+    assert_eq!(bench.posture.torque, Joints::<7>::zeros());
     assert_eq!(bench.guard.activation_latched(), 1);
     // The old activation moves nothing any more, a new one does.
     assert!(!bench.step(Some((2, &torque, 1))).following);

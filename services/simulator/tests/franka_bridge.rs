@@ -379,7 +379,7 @@ fn its_wrench_is_the_environments_and_can_be_tared() {
     cell.states(300);
     cell.simulated.fault(FciFault::Push([0.0, 0.0, 6.0]));
     cell.states(1500);
-    let pushed = wrenches.get().unwrap().message.wrench.force;
+    let pushed = wrenches.get().unwrap().message.wrench.force.clone();
     // The tool points down: up in the base is -z of the tool.
     assert!((pushed.z + 6.0).abs() < 0.5, "{pushed:?}");
     assert!(pushed.x.abs() < 0.5 && pushed.y.abs() < 0.5, "{pushed:?}");
@@ -387,7 +387,7 @@ fn its_wrench_is_the_environments_and_can_be_tared() {
     assert!(statuses.get().unwrap().message.bias_age_s < 0.0);
     cell.ask(topics::queries::NETFT_TARE);
     cell.states(100);
-    let tared = wrenches.get().unwrap().message.wrench.force;
+    let tared = wrenches.get().unwrap().message.wrench.force.clone();
     assert!(tared.z.abs() < 0.2, "{tared:?}");
     assert!(statuses.get().unwrap().message.bias_age_s >= 0.0);
 }

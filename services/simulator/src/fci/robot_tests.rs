@@ -101,12 +101,14 @@ impl Rig {
                     name: Name::from("test/1").unwrap(),
                     publisher: [1; 16],
                 };
-                let admitted = self.bridge.admit(&source, self.activation, self.now_s);
+                // As a controller without a task says it.
+                let activation = if *kind == 0 { 0 } else { self.activation };
+                let admitted = self.bridge.admit(&source, activation, self.now_s);
                 admitted.then_some(Wanted {
                     cycle: self.bridge.cycle(),
                     kind: *kind,
                     values,
-                    activation: self.activation,
+                    activation,
                 })
             }
             _ => None,
