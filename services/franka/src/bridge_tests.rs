@@ -114,7 +114,8 @@ impl Bench {
         let connected = ReplyBody::Connect(ConnectStatus::Success, 5);
         self.answer(connected).unwrap();
         self.cycle(None);
-        self.answer(ReplyBody::Setter(SetterStatus::Success)).unwrap();
+        self.answer(ReplyBody::Setter(SetterStatus::Success))
+            .unwrap();
         self.cycle(None);
     }
 
@@ -122,7 +123,8 @@ impl Bench {
         self.set_up();
         self.cycle(Some((0, 0)));
         self.cycle(Some((0, 0)));
-        self.answer(ReplyBody::Move(MoveStatus::MotionStarted)).unwrap();
+        self.answer(ReplyBody::Move(MoveStatus::MotionStarted))
+            .unwrap();
         self.state.robot_mode = RobotMode::Move.number();
         self.state.motion_generator_mode = MotionMode::JointVelocity.number();
         self.state.controller_mode = ControllerMode::External.number();
@@ -165,15 +167,23 @@ fn another_version_is_said_by_name() {
         error,
         BridgeError::Session(SessionError::Version { theirs: 10 })
     );
-    assert!(error.to_string().contains("FCI version 10, this bridge version 5"));
+    assert!(
+        error
+            .to_string()
+            .contains("FCI version 10, this bridge version 5")
+    );
 }
 
 #[test]
 fn a_setting_out_of_range_is_an_error_and_one_at_the_wrong_time_is_tried_again() {
     let mut bench = Bench::new();
-    bench.answer(ReplyBody::Connect(ConnectStatus::Success, 5)).unwrap();
+    bench
+        .answer(ReplyBody::Connect(ConnectStatus::Success, 5))
+        .unwrap();
     bench.cycle(None);
-    bench.answer(ReplyBody::Setter(SetterStatus::NotPossible)).unwrap();
+    bench
+        .answer(ReplyBody::Setter(SetterStatus::NotPossible))
+        .unwrap();
     for _ in 0..990 {
         bench.cycle(None);
         assert_eq!(bench.asked(), None);
@@ -197,7 +207,12 @@ fn lost_late_and_restarted_states_are_counted_or_said() {
     assert_eq!(bench.bridge.packets_lost(), 3);
     let mut old = bench.state;
     old.message_id -= 1;
-    assert!(!bench.bridge.state(&old, bench.now_s, &mut bench.tcp).unwrap());
+    assert!(
+        !bench
+            .bridge
+            .state(&old, bench.now_s, &mut bench.tcp)
+            .unwrap()
+    );
     old.dq[2] = f64::NAN;
     old.message_id += 2;
     assert_eq!(
@@ -208,8 +223,13 @@ fn lost_late_and_restarted_states_are_counted_or_said() {
     bench.cycle(None);
     bench.state.message_id = 3;
     assert_eq!(
-        bench.bridge.state(&bench.state, bench.now_s, &mut bench.tcp),
-        Err(BridgeError::Restarted { before: 5001, now: 3 })
+        bench
+            .bridge
+            .state(&bench.state, bench.now_s, &mut bench.tcp),
+        Err(BridgeError::Restarted {
+            before: 5001,
+            now: 3
+        })
     );
 }
 
@@ -245,14 +265,18 @@ fn a_reflex_is_left_when_a_fresh_task_comes_or_somebody_asks() {
         } else {
             bench.cycle(Some((2, 2)));
         }
-        bench.answer(ReplyBody::Recovery(RecoveryStatus::Success)).unwrap();
+        bench
+            .answer(ReplyBody::Recovery(RecoveryStatus::Success))
+            .unwrap();
         bench.state.robot_mode = RobotMode::Idle.number();
         bench.state.reflex_reason = ErrorFlags::default();
         let command = if by_person { (0, 1) } else { (2, 2) };
         for _ in 0..3 {
             bench.cycle(Some(command));
         }
-        bench.answer(ReplyBody::Move(MoveStatus::MotionStarted)).unwrap();
+        bench
+            .answer(ReplyBody::Move(MoveStatus::MotionStarted))
+            .unwrap();
         bench.state.robot_mode = RobotMode::Move.number();
         bench.state.motion_generator_mode = MotionMode::JointVelocity.number();
         bench.state.controller_mode = ControllerMode::External.number();

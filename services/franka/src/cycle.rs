@@ -47,7 +47,9 @@ pub(crate) const COMMANDS_MAX: usize = 64;
 enum Lost {
     #[error("{0}")]
     Io(#[from] std::io::Error),
-    #[error("the robot closed the connection (another client may hold it, or FCI is not activated)")]
+    #[error(
+        "the robot closed the connection (another client may hold it, or FCI is not activated)"
+    )]
     Closed,
     #[error("the robot has sent no state for {SILENCE_S} s")]
     Silent,
@@ -398,8 +400,12 @@ impl Cycle {
             if self.refused.1 != lease.refused()
                 && let Some(rival) = lease.rival(now_s)
             {
-                state.refusal_reason =
-                    cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
+                state.refusal_reason = match lease.holder() {
+                    Some(_) => {
+                        cut_format(format_args!("{rival} is refused: {holder} drives this arm"))
+                    }
+                    None => cut_format(format_args!("{rival} is refused until the arm rests")),
+                };
             }
             self.refused = (guard.refused(), lease.refused());
             state.commands_refused = guard.refused() + lease.refused();
@@ -408,7 +414,9 @@ impl Cycle {
             self.trip_told = guard.trip().copied();
             if let Some(trip) = guard.trip() {
                 state.refusal_reason = cut_format(format_args!("held, since {trip}"));
-                self.shared.notes.force_push(Note::Refused(state.refusal_reason));
+                self.shared
+                    .notes
+                    .force_push(Note::Refused(state.refusal_reason));
             }
         }
         state.activation_latched = guard.activation_latched();
@@ -440,8 +448,7 @@ impl Cycle {
             }
             (None, Some(rival)) => {
                 let holder = lease.holder().copied().unwrap_or_default();
-                let text =
-                    cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
+                let text = cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
                 self.health.set(State::Degraded, text);
                 self.shared.notes.force_push(Note::Refused(text));
             }

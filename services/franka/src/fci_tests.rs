@@ -42,7 +42,11 @@ fn numbers_are_the_other_clients() {
     assert_eq!(COMMAND_BYTES, size_of::<v5::RobotCommand>());
     for number in 0..=30u32 {
         let names = |ours: Option<String>, theirs: Option<String>| {
-            assert_eq!(ours.is_some(), theirs.is_some(), "{number}: {ours:?} {theirs:?}");
+            assert_eq!(
+                ours.is_some(),
+                theirs.is_some(),
+                "{number}: {ours:?} {theirs:?}"
+            );
         };
         let byte = number as u8;
         names(
@@ -67,15 +71,30 @@ fn numbers_are_the_other_clients() {
         );
     }
     for (ours, theirs) in [
-        (MoveStatus::ReflexAborted.number(), v5::MoveStatus::ReflexAborted.to_u8()),
-        (MoveStatus::NotPossible.number(), v5::MoveStatus::CommandNotPossibleRejected.to_u8()),
+        (
+            MoveStatus::ReflexAborted.number(),
+            v5::MoveStatus::ReflexAborted.to_u8(),
+        ),
+        (
+            MoveStatus::NotPossible.number(),
+            v5::MoveStatus::CommandNotPossibleRejected.to_u8(),
+        ),
         (
             RecoveryStatus::ManualRecoveryRequired.number(),
             v5::AutomaticErrorRecoveryStatus::ManualErrorRecoveryRequiredRejected.to_u8(),
         ),
-        (RobotMode::UserStopped.number(), v5::RobotMode::UserStopped.to_u8()),
-        (MotionMode::JointVelocity.number(), v5::MotionGeneratorMode::JointVelocity.to_u8()),
-        (ControllerMode::External.number(), v5::ControllerMode::ExternalController.to_u8()),
+        (
+            RobotMode::UserStopped.number(),
+            v5::RobotMode::UserStopped.to_u8(),
+        ),
+        (
+            MotionMode::JointVelocity.number(),
+            v5::MotionGeneratorMode::JointVelocity.to_u8(),
+        ),
+        (
+            ControllerMode::External.number(),
+            v5::ControllerMode::ExternalController.to_u8(),
+        ),
     ] {
         assert_eq!(ours, theirs);
     }
@@ -91,7 +110,11 @@ fn requests_are_the_other_clients_bytes() {
     let theirs_deviation = |x: f64| v5::Deviation::new(x, x + 1.0, x + 2.0);
     let check = |request: Request, command: v5::Command, payload: &[u8]| {
         let (number, bytes) = encoded(&request);
-        assert_eq!((number, &bytes[..]), (command.to_u32(), payload), "{request:?}");
+        assert_eq!(
+            (number, &bytes[..]),
+            (command.to_u32(), payload),
+            "{request:?}"
+        );
     };
     check(
         Request::Connect {
@@ -250,7 +273,10 @@ fn a_state_is_read_as_the_other_client_writes_it() {
         ours.errors,
         ErrorFlags::only(ErrorFlags::COMMUNICATION_CONSTRAINTS)
     );
-    assert_eq!(ours.errors.to_string(), "communication_constraints_violation");
+    assert_eq!(
+        ours.errors.to_string(),
+        "communication_constraints_violation"
+    );
     assert_eq!(
         ours.reflex_reason,
         ErrorFlags::only(ErrorFlags::JOINT_REFLEX)
@@ -300,7 +326,10 @@ fn an_answer_is_what_the_other_client_reads_and_writes() {
 fn replies_come_back_as_they_were_and_padding_is_let_be() {
     use Command as C;
     let replies = [
-        (C::Connect, ReplyBody::Connect(ConnectStatus::IncompatibleVersion, 5)),
+        (
+            C::Connect,
+            ReplyBody::Connect(ConnectStatus::IncompatibleVersion, 5),
+        ),
         (C::Move, ReplyBody::Move(MoveStatus::MotionStarted)),
         (C::StopMove, ReplyBody::Stop(StopStatus::Success)),
         (C::SetLoad, ReplyBody::Setter(SetterStatus::InvalidArgument)),

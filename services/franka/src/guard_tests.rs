@@ -60,11 +60,15 @@ impl Bench {
             values,
             activation,
         });
-        let allowed =
-            self.guard
-                .step(self.cycle, Permission::Move, &self.posture, wanted.as_ref());
+        let allowed = self
+            .guard
+            .step(self.cycle, Permission::Move, &self.posture, wanted.as_ref());
         let step = (allowed.torque - self.posture.torque).amax();
-        assert!(step <= STEP_NM, "a step of {step} Nm in cycle {}", self.cycle);
+        assert!(
+            step <= STEP_NM,
+            "a step of {step} Nm in cycle {}",
+            self.cycle
+        );
         self.posture.torque = allowed.torque;
         allowed
     }
@@ -110,7 +114,10 @@ fn silence_is_ridden_out_for_two_cycles_then_the_arm_is_held_without_a_step() {
     assert_eq!(bench.guard.activation_latched(), 1);
     // The old activation moves nothing any more, a new one does.
     assert!(!bench.step(Some((2, &torque, 1))).following);
-    assert!(matches!(bench.guard.refusal(), Some(Refusal::Latched { .. })));
+    assert!(matches!(
+        bench.guard.refusal(),
+        Some(Refusal::Latched { .. })
+    ));
     assert!(bench.step(Some((2, &torque, 2))).following);
 }
 
@@ -140,10 +147,22 @@ fn a_held_arm_is_damped_and_pulled_back() {
 fn what_is_bad_is_refused_and_not_followed_in_that_cycle() {
     let good = [5.0; 7];
     let cases: [(&[f64], u8, &str); 6] = [
-        (&[1.0, f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0], 2, "not a finite number"),
-        (&[f64::INFINITY, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 2, "not a finite number"),
+        (
+            &[1.0, f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0],
+            2,
+            "not a finite number",
+        ),
+        (
+            &[f64::INFINITY, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            2,
+            "not a finite number",
+        ),
         (&[1.0; 6], 2, "6 joint values for 7 joints"),
-        (&[0.0, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0], 2, "joint 5 at 20.00 Nm, limit 9.60 Nm"),
+        (
+            &[0.0, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0],
+            2,
+            "joint 5 at 20.00 Nm, limit 9.60 Nm",
+        ),
         (&[0.0; 7], 1, "kind 1"),
         (&[0.0; 7], 9, "kind 9"),
     ];
@@ -208,7 +227,10 @@ fn an_arm_that_leaves_its_limits_is_held_and_latched() {
         let said = bench.guard.trip().unwrap().to_string();
         assert!(said.contains(words), "{said}");
         assert!(!bench.step(Some((2, &[2.0; 7], 1))).following);
-        assert!(matches!(bench.guard.refusal(), Some(Refusal::Latched { .. })));
+        assert!(matches!(
+            bench.guard.refusal(),
+            Some(Refusal::Latched { .. })
+        ));
     }
     // A joint on its way back inside may be moved.
     let mut bench = Bench::new();

@@ -74,7 +74,10 @@ impl fmt::Display for Reason {
                 write!(f, "the robot stopped by a reflex; ask franka/recover")
             }
             Self::Reflex(errors) => {
-                write!(f, "the robot stopped by itself ({errors}); ask franka/recover")
+                write!(
+                    f,
+                    "the robot stopped by itself ({errors}); ask franka/recover"
+                )
             }
             Self::ManualRecovery(errors) => write!(
                 f,
@@ -93,11 +96,19 @@ impl fmt::Display for Reason {
 enum Motion {
     None,
     /// Asked for; the reply that it runs has come or not.
-    Asked { id: u32, started: bool },
+    Asked {
+        id: u32,
+        started: bool,
+    },
     /// The state shows it.
-    Running { id: u32 },
+    Running {
+        id: u32,
+    },
     /// It ends: because the answers say so (`finishing`), or because a stop was asked for.
-    Ending { id: u32, finishing: bool },
+    Ending {
+        id: u32,
+        finishing: bool,
+    },
 }
 
 /// See the module.
@@ -174,7 +185,7 @@ impl Session {
             Motion::None => None,
             Motion::Asked { id, .. } | Motion::Running { id } | Motion::Ending { id, .. } => {
                 Some(id)
-            },
+            }
         };
         if reply.command == Command::Move && motion_id == Some(reply.id) {
             self.motion_reply(reply, now_s);

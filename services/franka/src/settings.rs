@@ -254,10 +254,16 @@ mod tests {
             Config::from_cell(&cell).unwrap_err().to_string()
         };
         for (change, wanted) in [
-            ((|c| c.robot.driver = RobotDriver::Rtde) as fn(&mut CellConfig), "driver = \"franka\""),
+            (
+                (|c| c.robot.driver = RobotDriver::Rtde) as fn(&mut CellConfig),
+                "driver = \"franka\"",
+            ),
             (|c| c.robot.rate_hz = 500.0, "rate_hz = 500 is not allowed"),
             (|c| c.robot.model = "ur5".into(), "seven joints"),
-            (|c| c.limits.joint_speed_max_rad_per_s = vec![1.0; 6], "has 6 values; 1 or 7"),
+            (
+                |c| c.limits.joint_speed_max_rad_per_s = vec![1.0; 6],
+                "has 6 values; 1 or 7",
+            ),
             (
                 |c| c.robot.gravity_in_base_m_per_s2 = [0.0, 9.81, 0.0],
                 "stands on the floor",

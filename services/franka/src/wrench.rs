@@ -16,8 +16,7 @@ impl Frame for Stiffness {
 /// A pose as the robot writes it: 4 × 4, column by column, m.
 pub fn pose_from_columns<A, B>(columns: &[f64; 16]) -> Pose<A, B> {
     let matrix = Matrix4::from_column_slice(columns);
-    let rotation =
-        Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
+    let rotation = Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
     Pose::from_isometry(Isometry3::from_parts(
         Translation3::new(matrix[(0, 3)], matrix[(1, 3)], matrix[(2, 3)]),
         UnitQuaternion::from_rotation_matrix(&rotation),

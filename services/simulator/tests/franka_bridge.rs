@@ -14,7 +14,7 @@ use tangent_runtime::{Bus, CellConfig, Handle, Stop, Subscription};
 use tangent_schemas::tangent::{ArmCommand, ArmState, Request};
 use tangent_schemas::topics;
 use tangent_simulator::Ports;
-use tangent_simulator::fci::{FciConfig, FciFault, PlantConfig, SimulatedFranka};
+use tangent_simulator::fci::{FciConfig, FciFault, PlantConfig, SimulatedFranka, Snapshot};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 const STIFFNESS: [f64; 7] = [150.0, 150.0, 120.0, 120.0, 40.0, 30.0, 10.0];
@@ -116,11 +116,6 @@ impl Cell {
         activation
     }
 
-    fn torque(&self) -> f64 {
-        let snapshot = self.simulated.snapshot().unwrap();
-        snapshot.state.tau_j_d.iter().fold(0.0, |m, t| t.abs().max(m))
-    }
-
     fn mode(&self) -> RobotMode {
         self.simulated.snapshot().unwrap().state.mode()
     }
@@ -170,13 +165,17 @@ fn controller(bus: &Bus, act: &Arc<AtomicU8>, activation: &Arc<AtomicU64>) -> Ha
         let time_s = state.robot_time_s - since_s;
         let mut torque: Vec<f64> = (0..7)
             .map(|i| {
-                let swing = if i == 0 { 0.1 * (1.0 - (1.5 * time_s).cos()) } else { 0.0 };
+                let swing = if i == 0 {
+                    0.1 * (1.0 - (1.5 * time_s).cos())
+                } else {
+                    0.0
+                };
                 STIFFNESS[i] * (q_start[i] + swing - state.q[i]) - DAMPING[i] * state.qd[i]
             })
             .collect();
         match act {
             NAN => torque[3] = f64::NAN,
-            STEPS => torque[4] = if state.cycle % 40 < 20 { 4.0 } else { -4.0 },
+            STEPS => torque[0] = if state.cycle % 80 < 40 { 8.0 } else { -8.0 },
             _ => {}
         }
         commands.publish(&ArmCommand {
@@ -207,7 +206,12 @@ fn it_holds_then_follows_a_torque_law_for_seconds() {
     let state = cell.until("the way out again", |s| s.q[0] - q0 > 0.18);
     assert!(state.ready);
     assert_eq!(state.commanded_by.as_str(), "test/0");
-    assert_eq!(state.commands_refused, 0, "{}", state.refusal_reason);
+    // Before it was ready the arm sank a little under a tool it had not been told of, and nobody may take an arm that moves.
+    assert_eq!(
+        state.commands_refused, first.commands_refused,
+        "{}",
+        state.refusal_reason
+    );
     assert_eq!(state.missed_cycles, 0);
     assert!(state.command_latency_s > 0.0);
     let snapshot = cell.simulated.snapshot().unwrap();
@@ -228,12 +232,8 @@ fn silence_brings_it_to_rest_and_the_old_task_moves_nothing_more() {
     cell.until("rest", |s| s.qd.iter().all(|v| v.abs() < 0.01));
     // The same task again: refused. A new one: followed.
     cell.act.store(IMPEDANCE, Ordering::Release);
-    let refused = cell.until("a refusal", |s| s.commands_refused > 0);
-    let refused = match refused.refusal_reason.is_empty() {
-        true => cell.until("words", |s| !s.refusal_reason.is_empty()),
-        false => refused,
-    };
-    assert!(refused.refusal_reason.contains("latched out"), "{}", refused.refusal_reason);
+    let refused = cell.until("a refusal", |s| s.refusal_reason.contains("latched out"));
+    assert!(refused.commands_refused > latched.commands_refused);
     cell.start(IMPEDANCE);
     cell.until("motion", |s| s.qd[0] > 0.1);
     cell.no_step();
@@ -245,7 +245,10 @@ fn without_a_commander_the_motion_ends_and_begins_again_with_one() {
     cell.ready();
     cell.act.store(SILENT, Ordering::Release);
     cell.until("the motion's end", |s| s.runtime_state == 1 && s.ready);
-    assert!(cell.simulated.wait_for(PATIENCE, |s| s.state.mode() == RobotMode::Idle));
+    assert!(
+        cell.simulated
+            .wait_for(PATIENCE, |s| s.state.mode() == RobotMode::Idle)
+    );
     cell.act.store(STILL, Ordering::Release);
     cell.ready();
 }
@@ -258,12 +261,18 @@ fn what_is_no_number_is_refused_and_a_step_leaves_as_a_ramp() {
     cell.until("motion", |s| s.qd[0] > 0.1);
     cell.act.store(NAN, Ordering::Release);
     let state = cell.until("a refusal", |s| s.commands_refused > 20);
-    assert!(state.refusal_reason.contains("not a finite number"), "{}", state.refusal_reason);
+    assert!(
+        state.refusal_reason.contains("not a finite number"),
+        "{}",
+        state.refusal_reason
+    );
     cell.until("rest", |s| s.qd.iter().all(|v| v.abs() < 0.02));
     cell.start(STEPS);
-    cell.states(300);
+    for way in [1.0, -1.0, 1.0] {
+        let reached = |s: &Snapshot| s.state.tau_j_d[0] * way == 8.0;
+        assert!(cell.simulated.wait_for(PATIENCE, reached));
+    }
     assert_eq!(cell.mode(), RobotMode::Move);
-    assert!(cell.torque() > 1.0);
     cell.no_step();
 }
 
@@ -300,7 +309,8 @@ fn answers_that_never_come_are_a_violation_and_a_person_recovers() {
     cell.until("motion", |s| s.qd[0] > 0.1);
     cell.simulated.fault(FciFault::DropAnswers(20));
     let state = cell.until("the reflex", |s| {
-        s.not_ready_reason.contains("communication_constraints_violation")
+        s.not_ready_reason
+            .contains("communication_constraints_violation")
     });
     assert!(!state.ready);
     assert_eq!(state.robot_mode, i32::from(RobotMode::Reflex.number()));
@@ -320,7 +330,11 @@ fn a_collision_is_a_reflex_and_a_fresh_task_recovers() {
     cell.until("motion", |s| s.qd[0] > 0.1);
     cell.simulated.fault(FciFault::Push([0.0, 0.0, 100.0]));
     let state = cell.until("the reflex", |s| !s.ready);
-    assert!(state.not_ready_reason.contains("reflex"), "{}", state.not_ready_reason);
+    assert!(
+        state.not_ready_reason.contains("reflex"),
+        "{}",
+        state.not_ready_reason
+    );
     cell.simulated.fault(FciFault::Push([0.0; 3]));
     // The task that ran into it goes on talking: nothing recovers by itself.
     cell.states(500);
@@ -337,13 +351,20 @@ fn user_stop_and_guiding_are_said_and_leave_nothing_behind() {
     cell.until("motion", |s| s.qd[0] > 0.1);
     cell.simulated.fault(FciFault::UserStop(true));
     let state = cell.until("the stop", |s| !s.ready && s.safety_mode == 5);
-    assert!(state.not_ready_reason.contains("user stop"), "{}", state.not_ready_reason);
+    assert!(
+        state.not_ready_reason.contains("user stop"),
+        "{}",
+        state.not_ready_reason
+    );
     cell.simulated.fault(FciFault::UserStop(false));
     let state = cell.ready();
     assert!(state.activation_latched >= activation);
     cell.states(300);
     let state = cell.until("a state", |_| true);
-    assert!(state.qd.iter().all(|v| v.abs() < 0.02), "the old task moves nothing");
+    assert!(
+        state.qd.iter().all(|v| v.abs() < 0.02),
+        "the old task moves nothing"
+    );
     cell.act.store(SILENT, Ordering::Release);
     cell.until("the motion's end", |s| s.runtime_state == 1 && s.ready);
     cell.simulated.fault(FciFault::Guiding(true));
@@ -360,9 +381,15 @@ fn a_cut_connection_is_made_again_and_a_frozen_robot_too() {
         let activation = cell.start(IMPEDANCE);
         cell.until("motion", |s| s.qd[0] > 0.1);
         cell.simulated.fault(fault);
-        assert!(cell.simulated.wait_for(PATIENCE, |s| s.connections >= connections));
+        assert!(
+            cell.simulated
+                .wait_for(PATIENCE, |s| s.connections >= connections)
+        );
         let state = cell.ready();
-        assert!(state.activation_latched >= activation, "a cut latches what was");
+        assert!(
+            state.activation_latched >= activation,
+            "a cut latches what was"
+        );
         cell.states(200);
         let state = cell.until("a state", |_| true);
         assert!(state.qd.iter().all(|v| v.abs() < 0.02));
@@ -400,9 +427,16 @@ fn an_end_in_order_leaves_the_robot_idle() {
     cell.until("motion", |s| s.qd[0] > 0.1);
     cell.stop.trigger();
     cell.bridge.take().unwrap().join().unwrap().unwrap();
-    assert!(cell.simulated.wait_for(PATIENCE, |s| s.state.mode() == RobotMode::Idle));
+    assert!(
+        cell.simulated
+            .wait_for(PATIENCE, |s| s.state.mode() == RobotMode::Idle)
+    );
     let snapshot = cell.simulated.snapshot().unwrap();
-    assert!(snapshot.state.reflex_reason.is_empty(), "{}", snapshot.state.reflex_reason);
+    assert!(
+        snapshot.state.reflex_reason.is_empty(),
+        "{}",
+        snapshot.state.reflex_reason
+    );
     cell.no_step();
 }
 

@@ -80,13 +80,17 @@ fn settings_are_taken_and_seen_in_the_state() {
     tool[14] = 0.12;
     robot.set_ee(tool).unwrap();
     robot.set_joint_impedance([3000.0; 7]).unwrap();
-    robot.set_filters(100.0, 100.0, 100.0, 100.0, 100.0).unwrap();
+    robot
+        .set_filters(100.0, 100.0, 100.0, 100.0, 100.0)
+        .unwrap();
     robot.virtual_wall(0).unwrap();
     assert!(robot.set_ee([2.0; 16]).is_err());
-    assert!(robot.load_model_from_robot().is_err(), "the vendor's code is not ours to send");
-    let shown = |s: &tangent_simulator::fci::Snapshot| {
-        s.state.m_load == 0.3 && s.state.f_t_ee[14] == 0.12
-    };
+    assert!(
+        robot.load_model_from_robot().is_err(),
+        "the vendor's code is not ours to send"
+    );
+    let shown =
+        |s: &tangent_simulator::fci::Snapshot| s.state.m_load == 0.3 && s.state.f_t_ee[14] == 0.12;
     assert!(simulated.wait_for(PATIENCE, shown));
     let state = robot.read_once().unwrap();
     assert_eq!(state.m_load, 0.3);
@@ -191,6 +195,14 @@ fn it_is_told_of_a_collision_and_recovers() {
     let state = robot.read_once().unwrap();
     assert_eq!(state.robot_mode, RobotMode::Reflex);
     robot.automatic_error_recovery().unwrap();
+    // While it waited for the recovery its socket filled up, so the first states it reads are old.
+    let mut reads = 0;
+    robot
+        .read(|state| {
+            reads += 1;
+            state.robot_mode != RobotMode::Idle && reads < 1000
+        })
+        .unwrap();
+    assert!(reads < 1000);
     assert!(simulated.wait_for(PATIENCE, |s| s.state.errors.is_empty()));
-    assert_eq!(robot.read_once().unwrap().robot_mode, RobotMode::Idle);
 }

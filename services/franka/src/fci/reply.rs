@@ -120,22 +120,24 @@ pub struct Reply {
 impl Reply {
     /// Appends the whole message.
     pub fn encode(&self, out: &mut Vec<u8>) {
-        put_frame(self.command.number(), self.id, out, |out| match &self.body {
-            ReplyBody::Connect(status, version) => {
-                status.number().put(out);
-                version.put(out);
+        put_frame(self.command.number(), self.id, out, |out| {
+            match &self.body {
+                ReplyBody::Connect(status, version) => {
+                    status.number().put(out);
+                    version.put(out);
+                }
+                ReplyBody::Move(status) => status.number().put(out),
+                ReplyBody::Stop(status) => status.number().put(out),
+                ReplyBody::Recovery(status) => status.number().put(out),
+                ReplyBody::Setter(status) => status.number().put(out),
+                ReplyBody::Wall(status, size, pose, active) => {
+                    status.number().put(out);
+                    size.put(out);
+                    pose.put(out);
+                    active.put(out);
+                }
+                ReplyBody::Model(there) => u8::from(!*there).put(out),
             }
-            ReplyBody::Move(status) => status.number().put(out),
-            ReplyBody::Stop(status) => status.number().put(out),
-            ReplyBody::Recovery(status) => status.number().put(out),
-            ReplyBody::Setter(status) => status.number().put(out),
-            ReplyBody::Wall(status, size, pose, active) => {
-                status.number().put(out);
-                size.put(out);
-                pose.put(out);
-                active.put(out);
-            }
-            ReplyBody::Model(there) => u8::from(!*there).put(out),
         });
     }
 
@@ -168,12 +170,12 @@ impl Reply {
                 ConnectStatus::from_number(byte).ok_or_else(|| status("connect status"))?,
                 u16::take(&mut rest),
             ),
-            Command::Move => ReplyBody::Move(
-                MoveStatus::from_number(byte).ok_or_else(|| status("move status"))?,
-            ),
-            Command::StopMove => ReplyBody::Stop(
-                StopStatus::from_number(byte).ok_or_else(|| status("stop status"))?,
-            ),
+            Command::Move => {
+                ReplyBody::Move(MoveStatus::from_number(byte).ok_or_else(|| status("move status"))?)
+            }
+            Command::StopMove => {
+                ReplyBody::Stop(StopStatus::from_number(byte).ok_or_else(|| status("stop status"))?)
+            }
             Command::AutomaticErrorRecovery => ReplyBody::Recovery(
                 RecoveryStatus::from_number(byte).ok_or_else(|| status("recovery status"))?,
             ),

@@ -97,10 +97,7 @@ macro_rules! wire_struct {
 pub(super) use wire_struct;
 
 /// Exactly one value.
-pub(super) fn exact<T: Wire>(
-    what: &'static str,
-    mut bytes: &[u8],
-) -> Result<T, super::CodecError> {
+pub(super) fn exact<T: Wire>(what: &'static str, mut bytes: &[u8]) -> Result<T, super::CodecError> {
     if bytes.len() != T::BYTES {
         return Err(super::CodecError::Length {
             what,

@@ -14,8 +14,8 @@ pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
     CellSection, ControllerConfig, EstimatorsConfig, FrankaConfig, LimitsConfig, PoseConfig,
-    RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, SensorConfig, SensorMode, SimulatorConfig, TlsConfig, ToolConfig,
-    ZenohConfig,
+    RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, SensorConfig, SensorMode,
+    SimulatorConfig, TlsConfig, ToolConfig, ZenohConfig,
 };
 
 /// The cell file that ships: a simulated UR5 with a Gamma sensor on loopback.

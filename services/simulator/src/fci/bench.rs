@@ -204,7 +204,11 @@ impl TorquePlant for BenchPlant {
             base_from_tool: pose,
             twist,
             sliding_speed_m_per_s: (twist.linear - touch.normal * along).norm(),
-            friction_ratio: if pressing > 0.0 { across / pressing } else { 0.0 },
+            friction_ratio: if pressing > 0.0 {
+                across / pressing
+            } else {
+                0.0
+            },
             friction_coefficient: self.config.plane.map_or(0.0, |plane| plane.friction),
             world_from_base: Pose::identity(),
         })

@@ -84,7 +84,12 @@ mod tests {
             FciFault::parse("user_stop", "off"),
             Ok(FciFault::UserStop(false))
         );
-        for (name, argument) in [("push", "1,2"), ("freeze", "nan"), ("drop_states", "-1"), ("x", "")] {
+        for (name, argument) in [
+            ("push", "1,2"),
+            ("freeze", "nan"),
+            ("drop_states", "-1"),
+            ("x", ""),
+        ] {
             let said = FciFault::parse(name, argument).unwrap_err().to_string();
             assert!(said.contains("user_stop on|off"), "{said}");
         }

@@ -14,7 +14,7 @@ mod robot_tests;
 mod server;
 mod service;
 
-pub use bench::{BenchPlant, PlantConfig, Plane};
+pub use bench::{BenchPlant, Plane, PlantConfig};
 pub use config::FciConfig;
 pub use fault::FciFault;
 pub use plant::{ArmReading, TorquePlant};

@@ -525,10 +525,8 @@ impl FciRobot {
         let flange_from_k = matrix(&self.ne_t_ee) * matrix(&self.ee_t_k);
         let rotation = flange_from_k.fixed_view::<3, 3>(0, 0).into_owned();
         let turn = UnitQuaternion::from_matrix(&rotation);
-        let k = tangent_mechanics::Pose::new(
-            flange_from_k.fixed_view::<3, 1>(0, 3).into_owned(),
-            turn,
-        );
+        let k =
+            tangent_mechanics::Pose::new(flange_from_k.fixed_view::<3, 1>(0, 3).into_owned(), turn);
         let (base_from_k, jacobian) = self.model.tool_and_jacobian(&reading.q, &k);
         self.wrench_o = wrench_of(&jacobian, &reading.external);
         let force = base_from_k.unrotate(&self.wrench_o.fixed_rows::<3>(0).into_owned());

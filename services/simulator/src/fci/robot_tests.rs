@@ -12,7 +12,7 @@ use tangent_runtime::config::RobotDriver;
 use tangent_runtime::lease::Source;
 use tangent_schemas::Name;
 
-use super::bench::{BenchPlant, PlantConfig, Plane};
+use super::bench::{BenchPlant, Plane, PlantConfig};
 use super::config::FciConfig;
 use super::plant::TorquePlant;
 use super::robot::FciRobot;
@@ -88,7 +88,9 @@ impl Rig {
         let mut datagram = Vec::new();
         self.robot.state().encode(&mut datagram);
         let state = RobotState::decode(&datagram).unwrap();
-        self.bridge.state(&state, self.now_s, &mut self.tcp).unwrap();
+        self.bridge
+            .state(&state, self.now_s, &mut self.tcp)
+            .unwrap();
         let tool = self.robot.plant().flange_from_tool();
         let q = Joints::from(state.q);
         let (pose, jacobian) = self.arm.tool_and_jacobian(&q, &tool);
@@ -232,13 +234,15 @@ fn every_step_and_every_number_that_is_none_is_kept_from_the_robot() {
         let torque = match cycle % 7 {
             3 => Joints::from([f64::NAN; 7]),
             5 => Joints::from([30.0, 0.0, 0.0, -20.0, 5.0, 0.0, -3.0]),
-            _ => hold(&Posture::of(
-                &rig.robot.state(),
-                Vector3::zeros(),
-                nalgebra::SMatrix::zeros(),
-            ))
-            .unwrap()
-            .1,
+            _ => {
+                hold(&Posture::of(
+                    &rig.robot.state(),
+                    Vector3::zeros(),
+                    nalgebra::SMatrix::zeros(),
+                ))
+                .unwrap()
+                .1
+            }
         };
         rig.cycle(&|_| Some((2, torque)), false);
     }
@@ -266,7 +270,10 @@ fn a_few_lost_answers_are_borne_and_twenty_are_not() {
     rig.cycles(2, &silent);
     assert_eq!(rig.bridge.session().constraint_violations(), 1);
     let said = rig.bridge.reason(rig.now_s).unwrap().to_string();
-    assert!(said.contains("communication_constraints_violation"), "{said}");
+    assert!(
+        said.contains("communication_constraints_violation"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -364,9 +371,15 @@ fn pressing_on_a_plane_is_felt_with_the_projects_sign() {
     assert!(truth.in_contact && pushed > 5.0, "{pushed} N");
     let wrench = tool_wrench(&rig.robot.state(), &rig.robot.plant().flange_from_tool());
     // z of the tool points into the surface, so pressing is a force along -z of the tool.
-    let (pose, _) = rig.arm.tool_and_jacobian(&rig.q(), &rig.robot.plant().flange_from_tool());
+    let (pose, _) = rig
+        .arm
+        .tool_and_jacobian(&rig.q(), &rig.robot.plant().flange_from_tool());
     let in_base = pose.rotate(&wrench.vector().fixed_rows::<3>(0).into_owned());
-    assert!((in_base.z - pushed).abs() < 0.5, "{} N of {pushed} N", in_base.z);
+    assert!(
+        (in_base.z - pushed).abs() < 0.5,
+        "{} N of {pushed} N",
+        in_base.z
+    );
     assert!(wrench.vector()[2] < -5.0);
 }
 
@@ -387,7 +400,10 @@ fn what_it_cannot_do_is_refused_in_the_protocols_words() {
     };
     let cases = [
         (
-            motion(MoveController::CartesianImpedance, MoveGenerator::CartesianPosition),
+            motion(
+                MoveController::CartesianImpedance,
+                MoveGenerator::CartesianPosition,
+            ),
             ReplyBody::Move(MoveStatus::InvalidArgument),
         ),
         (Request::StopMove, ReplyBody::Stop(StopStatus::NotPossible)),
@@ -414,16 +430,21 @@ fn what_it_cannot_do_is_refused_in_the_protocols_words() {
     let second = Some(ReplyBody::Move(MoveStatus::NotPossible));
     assert_eq!(ask(&mut rig, good), second);
     let setter = Some(ReplyBody::Setter(SetterStatus::NotPossible));
-    assert_eq!(ask(&mut rig, Request::SetJointImpedance([100.0; 7])), setter);
+    assert_eq!(
+        ask(&mut rig, Request::SetJointImpedance([100.0; 7])),
+        setter
+    );
     // A jump in torque, past the bridge.
     for _ in 0..20 {
         let id = rig.robot.state().message_id;
-        rig.robot.step(Some(&RobotCommand::torque(id, [0.0; 7], false)));
+        rig.robot
+            .step(Some(&RobotCommand::torque(id, [0.0; 7], false)));
     }
     let id = rig.robot.state().message_id;
     let mut torque = [0.0; 7];
     torque[4] = 1.01;
-    rig.robot.step(Some(&RobotCommand::torque(id, torque, false)));
+    rig.robot
+        .step(Some(&RobotCommand::torque(id, torque, false)));
     let state = rig.robot.state();
     assert_eq!(state.errors.to_string(), "controller_torque_discontinuity");
     assert_eq!(state.mode(), RobotMode::Reflex);

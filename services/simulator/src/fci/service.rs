@@ -46,21 +46,22 @@ pub fn run(config: FciConfig, bus: Bus, stop: Stop) -> Result<(), FciServiceErro
         })),
     )?;
     let faults = robot.faults();
-    let _answering = bus.answer(FAULT_KEY, move |_, request: Request| {
-        match FciFault::parse(&request.action, &request.argument) {
-            Ok(fault) => {
-                faults(fault);
-                Answer {
-                    done: true,
-                    message: format!("{fault:?}"),
-                    ..Answer::default()
-                }
-            }
-            Err(error) => Answer {
-                message: error.to_string(),
+    let _answering = bus.answer(FAULT_KEY, move |_, request: Request| match FciFault::parse(
+        &request.action,
+        &request.argument,
+    ) {
+        Ok(fault) => {
+            faults(fault);
+            Answer {
+                done: true,
+                message: format!("{fault:?}"),
                 ..Answer::default()
-            },
+            }
         }
+        Err(error) => Answer {
+            message: error.to_string(),
+            ..Answer::default()
+        },
     })?;
     tracing::info!(target: "simulator", "Franka at {}", robot.address());
     health.running();

@@ -54,10 +54,34 @@ impl FrankaConfig {
     pub(super) fn check(&self, checker: &Checker<'_>, port_offset: u16) -> Result<(), ConfigError> {
         check_port(checker, "robot.franka.fci_port", self.fci_port, port_offset)?;
         let lists: [(&str, &[f64], f64, f64, &str); 8] = [
-            ("contact_torque_nm", &self.contact_torque_nm, 0.5, 100.0, "Nm"),
-            ("collision_torque_nm", &self.collision_torque_nm, 0.5, 100.0, "Nm"),
-            ("contact_force_n_nm", &self.contact_force_n_nm, 0.5, 200.0, "N, Nm"),
-            ("collision_force_n_nm", &self.collision_force_n_nm, 0.5, 200.0, "N, Nm"),
+            (
+                "contact_torque_nm",
+                &self.contact_torque_nm,
+                0.5,
+                100.0,
+                "Nm",
+            ),
+            (
+                "collision_torque_nm",
+                &self.collision_torque_nm,
+                0.5,
+                100.0,
+                "Nm",
+            ),
+            (
+                "contact_force_n_nm",
+                &self.contact_force_n_nm,
+                0.5,
+                200.0,
+                "N, Nm",
+            ),
+            (
+                "collision_force_n_nm",
+                &self.collision_force_n_nm,
+                0.5,
+                200.0,
+                "N, Nm",
+            ),
             (
                 "joint_impedance_nm_per_rad",
                 &self.joint_impedance_nm_per_rad,
@@ -65,7 +89,13 @@ impl FrankaConfig {
                 14_250.0,
                 "Nm/rad",
             ),
-            ("tool_inertia_kg_m2", &self.tool_inertia_kg_m2, 0.0, 1.0, "kg m²"),
+            (
+                "tool_inertia_kg_m2",
+                &self.tool_inertia_kg_m2,
+                0.0,
+                1.0,
+                "kg m²",
+            ),
             (
                 "hold_stiffness_nm_per_rad",
                 &self.hold_stiffness_nm_per_rad,
@@ -97,6 +127,11 @@ impl FrankaConfig {
             format!("{:?}", self.contact_force_n_nm),
             "for each axis at most collision_force_n_nm",
         )?;
-        checker.range("robot.franka.torque_share", self.torque_share, 0.05..=1.0, "")
+        checker.range(
+            "robot.franka.torque_share",
+            self.torque_share,
+            0.05..=1.0,
+            "",
+        )
     }
 }
