@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn the_estimate_settles_on_what_pushes() {
         let mut plant = BenchPlant::new(&PlantConfig::default()).unwrap();
-        let model = plant.arm.model().clone();
+        let model = *plant.arm.model();
         plant.push([3.0, -2.0, 5.0]);
         let q = plant.arm.q;
         for _ in 0..3000 {

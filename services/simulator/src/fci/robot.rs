@@ -73,7 +73,7 @@ impl FciRobot {
         let q = plant.reading().q;
         let identity: [f64; 16] = column_major(&Matrix4::identity());
         Ok(Self {
-            loaded: model.clone(),
+            loaded: model,
             model,
             plant,
             start_cycles: config.start_cycles,
@@ -421,7 +421,7 @@ impl FciRobot {
                     && inertia.iter().all(|x| x.is_finite());
                 if good {
                     self.load = *load;
-                    self.loaded = self.model.clone().with_payload(&Payload {
+                    self.loaded = self.model.with_payload(&Payload {
                         mass_kg: load.mass_kg,
                         com_in_flange_m: Vector3::from(load.com_in_flange_m),
                         inertia_kg_m2: inertia,
