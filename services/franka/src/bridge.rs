@@ -129,13 +129,15 @@ impl Bridge {
         Ok(self.session.reply(reply, now_s)?)
     }
 
-    /// A state came. False when it is older than one before, which is not to be answered.
+    /// A state came, after `skipped` others that it made old. False when it is older than one before, which is not to be
+    /// answered.
     ///
     /// # Errors
     /// It cannot be gone on with.
     pub fn state(
         &mut self,
         state: &RobotState,
+        skipped: u64,
         now_s: f64,
         tcp: &mut Vec<u8>,
     ) -> Result<bool, BridgeError> {
@@ -150,7 +152,7 @@ impl Bridge {
             if now <= before {
                 return Ok(false);
             }
-            self.packets_lost += now - before - 1;
+            self.packets_lost += (now - before - 1).saturating_sub(skipped);
         }
         self.measure_latency(state, now_s);
         self.cycle += 1;

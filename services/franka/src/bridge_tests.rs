@@ -81,7 +81,7 @@ impl Bench {
         self.now_s += PERIOD_S;
         self.state.message_id += 1;
         let (state, tcp) = (self.state, &mut self.tcp);
-        assert!(self.bridge.state(&state, self.now_s, tcp).unwrap());
+        assert!(self.bridge.state(&state, 0, self.now_s, tcp).unwrap());
         let posture = Posture::of(&state, Vector3::zeros(), SMatrix::zeros());
         let wanted = commanded.and_then(|(kind, activation)| {
             let source = Source {
@@ -205,18 +205,28 @@ fn lost_late_and_restarted_states_are_counted_or_said() {
     bench.state.message_id += 3;
     bench.cycle(None);
     assert_eq!(bench.bridge.packets_lost(), 3);
+    // One that came and was passed over for a newer one is late, not lost.
+    bench.state.message_id += 2;
+    let (state, now_s) = (bench.state, bench.now_s);
+    assert!(
+        bench
+            .bridge
+            .state(&state, 1, now_s, &mut bench.tcp)
+            .unwrap()
+    );
+    assert_eq!(bench.bridge.packets_lost(), 3);
     let mut old = bench.state;
     old.message_id -= 1;
     assert!(
         !bench
             .bridge
-            .state(&old, bench.now_s, &mut bench.tcp)
+            .state(&old, 0, bench.now_s, &mut bench.tcp)
             .unwrap()
     );
     old.dq[2] = f64::NAN;
     old.message_id += 2;
     assert_eq!(
-        bench.bridge.state(&old, bench.now_s, &mut bench.tcp),
+        bench.bridge.state(&old, 0, bench.now_s, &mut bench.tcp),
         Err(BridgeError::NotFinite)
     );
     bench.state.message_id = 5000;
@@ -225,7 +235,7 @@ fn lost_late_and_restarted_states_are_counted_or_said() {
     assert_eq!(
         bench
             .bridge
-            .state(&bench.state, bench.now_s, &mut bench.tcp),
+            .state(&bench.state, 0, bench.now_s, &mut bench.tcp),
         Err(BridgeError::Restarted {
             before: 5001,
             now: 3

@@ -4,8 +4,7 @@
 //! process, so its command is there when publishing returns; it passes the guard and leaves in the same cycle. The TCP side
 //! is looked at after the answer has left. Once a motion runs, nothing here allocates, locks or waits but for the robot.
 
-use std::io::{ErrorKind, Read, Write};
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
+use std::io::{Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -19,11 +18,9 @@ use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmCommand, ArmState, WrenchStatus};
 
 use crate::bridge::{Bridge, BridgeError};
-use crate::fci::{
-    COMMAND_BYTES, CodecError, FrameError, Framer, PERIOD_S, Reply, RobotMode, RobotState,
-    STATE_BYTES,
-};
+use crate::fci::{COMMAND_BYTES, CodecError, FrameError, PERIOD_S, Reply, RobotMode, RobotState};
 use crate::guard::{Posture, Trip, Wanted};
+use crate::link::{Link, LinkError, is_nothing_yet};
 use crate::meters::Meters;
 use crate::session::Reason;
 use crate::settings::Config;
@@ -33,12 +30,8 @@ use crate::wrench::tool_wrench;
 
 /// First and longest pause between attempts to connect.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
-/// The robot's silence is looked into this often.
-const LOOK: Duration = Duration::from_millis(20);
 /// A robot that sends nothing for so long is gone, s.
 const SILENCE_S: f64 = 1.0;
-/// A robot that takes no bytes for so long is gone.
-const WRITE_TIMEOUT: Duration = Duration::from_millis(200);
 /// Commands that may wait for a cycle, from all sources together.
 pub(crate) const COMMANDS_MAX: usize = 64;
 
@@ -58,17 +51,9 @@ enum Lost {
     #[error(transparent)]
     Codec(#[from] CodecError),
     #[error(transparent)]
+    Link(#[from] LinkError),
+    #[error(transparent)]
     Bridge(#[from] BridgeError),
-}
-
-/// Both sockets, with their buffers.
-struct Link {
-    tcp: TcpStream,
-    udp: UdpSocket,
-    robot: SocketAddr,
-    /// Where states come from, once one has come.
-    states_from: Option<SocketAddr>,
-    framer: Framer,
 }
 
 /// What the loop says on the bus.
@@ -176,30 +161,12 @@ impl Cycle {
     }
 
     fn connect(&self) -> Result<Link, Lost> {
-        let robot = (self.config.host.as_str(), self.config.port)
-            .to_socket_addrs()?
-            .next()
-            .ok_or_else(|| {
-                std::io::Error::new(ErrorKind::NotFound, "the host name has no address")
-            })?;
-        let any = if robot.is_ipv4() {
-            Ipv4Addr::UNSPECIFIED.into()
-        } else {
-            Ipv6Addr::UNSPECIFIED.into()
-        };
-        let udp = UdpSocket::bind(SocketAddr::new(any, 0))?;
-        udp.set_read_timeout(Some(LOOK))?;
-        let tcp = TcpStream::connect_timeout(&robot, self.config.connect_timeout)?;
-        tcp.set_nodelay(true)?;
-        tcp.set_write_timeout(Some(WRITE_TIMEOUT))?;
-        tcp.set_nonblocking(true)?;
-        Ok(Link {
-            tcp,
-            udp,
-            robot,
-            states_from: None,
-            framer: Framer::new(),
-        })
+        let config = &self.config;
+        Ok(Link::connect(
+            &config.host,
+            config.port,
+            config.connect_timeout,
+        )?)
     }
 
     fn now_s(&self, instant: Instant) -> f64 {
@@ -220,14 +187,14 @@ impl Cycle {
                 heard = arrival;
                 self.late += skipped;
                 let now_s = self.now_s(arrival);
-                due = self.bridge.state(&state, now_s, &mut self.tcp_out)?;
+                due = self
+                    .bridge
+                    .state(&state, skipped, now_s, &mut self.tcp_out)?;
             }
             if due {
                 self.cycle(arrival);
-                if let Some(to) = link.states_from
-                    && !self.udp_out.is_empty()
-                {
-                    link.send(to, &self.udp_out)?;
+                if !self.udp_out.is_empty() {
+                    link.send(&self.udp_out)?;
                 }
                 self.account(arrival);
             }
@@ -479,79 +446,4 @@ fn safety_mode(mode: RobotMode) -> i32 {
         RobotMode::UserStopped => 5,
         _ => 1,
     }
-}
-
-impl Link {
-    /// To where the states come from, which the socket is connected to.
-    fn send(&self, to: SocketAddr, answer: &[u8]) -> std::io::Result<()> {
-        match self.udp.send(answer) {
-            Ok(_) => Ok(()),
-            // The robot's port is closed for now; its silence is judged elsewhere.
-            Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
-                tracing::trace!("{to} takes no answer");
-                Ok(())
-            }
-            Err(error) => Err(error),
-        }
-    }
-
-    /// The newest state that is there, and how many older ones were passed over; `None` when none comes for a while.
-    fn receive(&mut self) -> Result<Option<(RobotState, u64)>, Lost> {
-        let mut bytes = [0; STATE_BYTES + 1];
-        let mut newest = None;
-        let mut skipped = 0;
-        loop {
-            let length = match self.receive_one(&mut bytes, newest.is_some()) {
-                Ok(Some(length)) => length,
-                Ok(None) => continue,
-                Err(error) if is_nothing_yet(&error) => break,
-                Err(error) if error.kind() == ErrorKind::ConnectionRefused => break,
-                Err(error) => return Err(error.into()),
-            };
-            let state = RobotState::decode(&bytes[..length])?;
-            match &newest {
-                Some(RobotState { message_id, .. }) if *message_id >= state.message_id => {}
-                Some(_) => {
-                    skipped += 1;
-                    newest = Some(state);
-                }
-                None => newest = Some(state),
-            }
-        }
-        Ok(newest.map(|state| (state, skipped)))
-    }
-
-    /// One datagram's length; `None` for one that is not the robot's. `only_waiting`: without waiting for it.
-    fn receive_one(
-        &mut self,
-        bytes: &mut [u8],
-        only_waiting: bool,
-    ) -> std::io::Result<Option<usize>> {
-        if let Some(peer) = self.states_from
-            && only_waiting
-        {
-            // The socket is connected to the peer, so nobody else's datagram comes through.
-            debug_assert_eq!(self.udp.peer_addr().ok(), Some(peer));
-            let flags = nix::sys::socket::MsgFlags::MSG_DONTWAIT;
-            let fd = std::os::fd::AsRawFd::as_raw_fd(&self.udp);
-            return Ok(nix::sys::socket::recv(fd, bytes, flags).map(Some)?);
-        }
-        if self.states_from.is_some() {
-            return self.udp.recv(bytes).map(Some);
-        }
-        let (length, from) = self.udp.recv_from(bytes)?;
-        if from.ip() != self.robot.ip() {
-            return Ok(None);
-        }
-        self.udp.connect(from)?;
-        self.states_from = Some(from);
-        Ok(Some(length))
-    }
-}
-
-fn is_nothing_yet(error: &std::io::Error) -> bool {
-    matches!(
-        error.kind(),
-        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-    )
 }

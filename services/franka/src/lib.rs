@@ -15,6 +15,7 @@ mod fci_tests;
 pub mod guard;
 #[cfg(test)]
 mod guard_tests;
+mod link;
 mod meters;
 mod refusal;
 pub mod session;

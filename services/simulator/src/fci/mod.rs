@@ -13,6 +13,7 @@ mod robot;
 mod robot_tests;
 mod server;
 mod service;
+mod settings;
 
 pub use bench::{BenchPlant, Plane, PlantConfig};
 pub use config::FciConfig;

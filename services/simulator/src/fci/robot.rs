@@ -3,17 +3,18 @@
 //! [`super::server`] gives it requests and answers as they come, sends the [`FciRobot::state`] of every cycle and calls
 //! [`FciRobot::step`].
 
-use nalgebra::{Matrix3, Matrix4, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix4, UnitQuaternion, Vector6};
 use tangent_franka::fci::{
-    CollisionBehavior, Command, ConnectStatus, ControllerMode, ErrorFlags, LOST_MAX, Load,
-    MotionMode, MoveController, MoveGenerator, MoveStatus, PERIOD_S, RecoveryStatus, Reply,
-    ReplyBody, Request, RobotCommand, RobotMode, RobotState, SetterStatus, StopStatus, VERSION,
+    Command, ConnectStatus, ControllerMode, ErrorFlags, LOST_MAX, MotionMode, MoveController,
+    MoveGenerator, MoveStatus, PERIOD_S, RecoveryStatus, Reply, ReplyBody, Request, RobotCommand,
+    RobotMode, RobotState, SetterStatus, StopStatus, VERSION,
 };
-use tangent_mechanics::{Arm, Joints, ModelData, ModelError, Payload};
+use tangent_mechanics::{Arm, Flange, Joints, ModelData, ModelError, Pose, Tool};
 
 use super::config::FciConfig;
 use super::plant::TorquePlant;
 use super::protection::{Felt, commanded, moving, wrench_of};
+use super::settings::{RobotSettings, column_major, matrix};
 
 /// Bandwidth and damping ratio of the robot's own hold, rad/s. Acts on accelerations, so it is the same for every joint.
 const HOLD_RAD_PER_S: f64 = 60.0;
@@ -53,10 +54,7 @@ pub struct FciRobot {
     lost_in_row: u32,
     /// The last answers, newest lowest: 1 in time.
     answered: u128,
-    behavior: CollisionBehavior,
-    load: Load,
-    ne_t_ee: [f64; 16],
-    ee_t_k: [f64; 16],
+    settings: RobotSettings,
     felt: Felt,
     wrench_o: Vector6<f64>,
     wrench_k: Vector6<f64>,
@@ -71,7 +69,6 @@ impl FciRobot {
     pub fn new(config: &FciConfig, plant: Box<dyn TorquePlant>) -> Result<Self, ModelError> {
         let model = Arm::<7>::new(&ModelData::builtin("panda")?)?;
         let q = plant.reading().q;
-        let identity: [f64; 16] = column_major(&Matrix4::identity());
         Ok(Self {
             loaded: model,
             model,
@@ -92,23 +89,7 @@ impl FciRobot {
             tau_motor_rate: Joints::zeros(),
             lost_in_row: 0,
             answered: 0,
-            behavior: CollisionBehavior {
-                lower_torque_acceleration: [10.0; 7],
-                upper_torque_acceleration: [20.0; 7],
-                lower_torque_nominal: [10.0; 7],
-                upper_torque_nominal: [20.0; 7],
-                lower_force_acceleration: [10.0; 6],
-                upper_force_acceleration: [20.0; 6],
-                lower_force_nominal: [10.0; 6],
-                upper_force_nominal: [20.0; 6],
-            },
-            load: Load {
-                mass_kg: 0.0,
-                com_in_flange_m: [0.0; 3],
-                inertia_kg_m2: [0.0; 9],
-            },
-            ne_t_ee: identity,
-            ee_t_k: identity,
+            settings: RobotSettings::default(),
             felt: Felt::default(),
             wrench_o: Vector6::zeros(),
             wrench_k: Vector6::zeros(),
@@ -213,7 +194,7 @@ impl FciRobot {
     pub fn state(&self) -> RobotState {
         let reading = self.plant.reading();
         let base_from_flange = self.model.base_from_flange(&reading.q).matrix();
-        let f_t_ee = matrix(&self.ne_t_ee);
+        let f_t_ee = matrix(&self.settings.ne_t_ee);
         let desired = self.model.base_from_flange(&self.q_d).matrix() * f_t_ee;
         let elbow = |q: &Joints<7>| [q[2], if q[3] < 0.0 { -1.0 } else { 1.0 }];
         let (motion_mode, controller) = match self.moving() {
@@ -239,12 +220,12 @@ impl FciRobot {
             o_t_ee_d: column_major(&desired),
             o_t_ee_c: column_major(&desired),
             f_t_ee: column_major(&f_t_ee),
-            ee_t_k: self.ee_t_k,
+            ee_t_k: self.settings.ee_t_k,
             f_t_ne: column_major(&Matrix4::identity()),
-            ne_t_ee: self.ne_t_ee,
-            m_load: self.load.mass_kg,
-            i_load: self.load.inertia_kg_m2,
-            f_x_cload: self.load.com_in_flange_m,
+            ne_t_ee: self.settings.ne_t_ee,
+            m_load: self.settings.load.mass_kg,
+            i_load: self.settings.load.inertia_kg_m2,
+            f_x_cload: self.settings.load.com_in_flange_m,
             elbow: elbow(&reading.q),
             elbow_d: elbow(&self.q_d),
             elbow_c: elbow(&self.q_d),
@@ -397,73 +378,11 @@ impl FciRobot {
         if self.motion.is_some() {
             return SetterStatus::NotPossible;
         }
-        let positive = |values: &[f64]| values.iter().all(|x| x.is_finite() && *x > 0.0);
-        let good = match request {
-            Request::SetCollisionBehavior(b) => {
-                let pairs: [(&[f64], &[f64]); 4] = [
-                    (&b.lower_torque_acceleration, &b.upper_torque_acceleration),
-                    (&b.lower_torque_nominal, &b.upper_torque_nominal),
-                    (&b.lower_force_acceleration, &b.upper_force_acceleration),
-                    (&b.lower_force_nominal, &b.upper_force_nominal),
-                ];
-                let good = pairs.iter().all(|(lower, upper)| {
-                    positive(lower) && lower.iter().zip(*upper).all(|(l, u)| l <= u)
-                });
-                if good {
-                    self.behavior = *b;
-                }
-                good
-            }
-            Request::SetLoad(load) => {
-                let inertia = Matrix3::from_column_slice(&load.inertia_kg_m2);
-                let good = (0.0..=20.0).contains(&load.mass_kg)
-                    && load.com_in_flange_m.iter().all(|x| x.abs() < 2.0)
-                    && inertia.iter().all(|x| x.is_finite());
-                if good {
-                    self.load = *load;
-                    self.loaded = self.model.with_payload(&Payload {
-                        mass_kg: load.mass_kg,
-                        com_in_flange_m: Vector3::from(load.com_in_flange_m),
-                        inertia_kg_m2: inertia,
-                    });
-                }
-                good
-            }
-            Request::SetNeToEe(pose) => {
-                let good = is_pose(pose);
-                if good {
-                    self.ne_t_ee = *pose;
-                }
-                good
-            }
-            Request::SetEeToK(pose) => {
-                let good = is_pose(pose);
-                if good {
-                    self.ee_t_k = *pose;
-                }
-                good
-            }
-            Request::SetJointImpedance(k) => k.iter().all(|k| (0.0..=14_250.0).contains(k)),
-            Request::SetCartesianImpedance(k) => {
-                k[..3].iter().all(|k| (10.0..=3000.0).contains(k))
-                    && k[3..].iter().all(|k| (1.0..=300.0).contains(k))
-            }
-            Request::SetFilters(f) => [
-                f.joint_position_hz,
-                f.joint_velocity_hz,
-                f.cartesian_position_hz,
-                f.cartesian_velocity_hz,
-                f.controller_hz,
-            ]
-            .iter()
-            .all(|f| (1.0..=1000.0).contains(f)),
-            _ => true,
-        };
-        if good {
-            SetterStatus::Success
-        } else {
-            SetterStatus::InvalidArgument
+        if !self.settings.set(request) {
+            return SetterStatus::InvalidArgument;
         }
+        self.loaded = self.model.with_payload(&self.settings.payload());
+        SetterStatus::Success
     }
 
     fn obey(&mut self, motion: &Motion, answer: &RobotCommand, gravity: &Joints<7>) {
@@ -522,18 +441,18 @@ impl FciRobot {
     /// What the arm feels after the step, and whether that ends the motion.
     fn feel(&mut self) {
         let reading = self.plant.reading();
-        let flange_from_k = matrix(&self.ne_t_ee) * matrix(&self.ee_t_k);
+        let flange_from_k = matrix(&self.settings.ne_t_ee) * matrix(&self.settings.ee_t_k);
         let rotation = flange_from_k.fixed_view::<3, 3>(0, 0).into_owned();
         let turn = UnitQuaternion::from_matrix(&rotation);
         let k =
-            tangent_mechanics::Pose::new(flange_from_k.fixed_view::<3, 1>(0, 3).into_owned(), turn);
+            Pose::<Flange, Tool>::new(flange_from_k.fixed_view::<3, 1>(0, 3).into_owned(), turn);
         let (base_from_k, jacobian) = self.model.tool_and_jacobian(&reading.q, &k);
         self.wrench_o = wrench_of(&jacobian, &reading.external);
         let force = base_from_k.unrotate(&self.wrench_o.fixed_rows::<3>(0).into_owned());
         let moment = base_from_k.unrotate(&self.wrench_o.fixed_rows::<3>(3).into_owned());
         self.wrench_k.fixed_rows_mut::<3>(0).copy_from(&force);
         self.wrench_k.fixed_rows_mut::<3>(3).copy_from(&moment);
-        self.felt = Felt::new(&self.behavior, &reading.external, &self.wrench_o);
+        self.felt = Felt::new(&self.settings.behavior, &reading.external, &self.wrench_o);
         if self.moving().is_some() {
             let error = self
                 .felt
@@ -568,25 +487,4 @@ impl FciRobot {
         self.tau_d = Joints::zeros();
         self.lost_in_row = 0;
     }
-}
-
-fn matrix(columns: &[f64; 16]) -> Matrix4<f64> {
-    Matrix4::from_column_slice(columns)
-}
-
-fn column_major(matrix: &Matrix4<f64>) -> [f64; 16] {
-    let mut columns = [0.0; 16];
-    columns.copy_from_slice(matrix.as_slice());
-    columns
-}
-
-/// A rotation and a translation, as far as rounding goes.
-fn is_pose(columns: &[f64; 16]) -> bool {
-    let pose = matrix(columns);
-    let rotation = pose.fixed_view::<3, 3>(0, 0).into_owned();
-    let last = pose.row(3);
-    columns.iter().all(|x| x.is_finite())
-        && (rotation.transpose() * rotation - Matrix3::identity()).amax() < 1e-5
-        && rotation.determinant() > 0.0
-        && last.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| *a == b)
 }

@@ -89,7 +89,7 @@ impl Rig {
         self.robot.state().encode(&mut datagram);
         let state = RobotState::decode(&datagram).unwrap();
         self.bridge
-            .state(&state, self.now_s, &mut self.tcp)
+            .state(&state, 0, self.now_s, &mut self.tcp)
             .unwrap();
         let tool = self.robot.plant().flange_from_tool();
         let q = Joints::from(state.q);
