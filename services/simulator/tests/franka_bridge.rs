@@ -465,3 +465,35 @@ fn a_port_that_is_none_of_ours_is_tried_again() {
     stop.trigger();
     bridge.join().unwrap().unwrap();
 }
+
+/// Whoever sends rubbish is cut off, and the next client is served.
+#[test]
+fn the_robot_survives_hostile_clients() {
+    let simulated = simulated(PlantConfig::default());
+    let mut seed = 0x2545_F491_4F6C_DD1Du64;
+    for round in 0..40 {
+        let mut stream = std::net::TcpStream::connect(simulated.address()).unwrap();
+        let mut bytes = vec![0u8; 16 + round * 40];
+        for byte in &mut bytes {
+            seed ^= seed << 13;
+            seed ^= seed >> 7;
+            seed ^= seed << 17;
+            *byte = seed as u8;
+        }
+        if round % 2 == 0 {
+            // A header that is right, for a command there is, and a payload that is not.
+            bytes[..4].copy_from_slice(&(round as u32 % 14).to_le_bytes());
+            let size = bytes.len() as u32;
+            bytes[8..12].copy_from_slice(&size.to_le_bytes());
+        }
+        let _ = std::io::Write::write_all(&mut stream, &bytes);
+    }
+    assert!(!simulated.has_ended());
+    let stop = Stop::new();
+    let (bus, s, c) = (Bus::in_process("test"), stop.clone(), config(&simulated));
+    let states = bus.subscribe(&topics::ARM_STATE, 64).unwrap();
+    let bridge = std::thread::spawn(move || tangent_franka::run(c, bus, s));
+    while !states.recv_timeout(PATIENCE).unwrap().message.ready {}
+    stop.trigger();
+    bridge.join().unwrap().unwrap();
+}
