@@ -17,7 +17,7 @@ mod settings;
 
 pub use bench::{BenchPlant, Plane, PlantConfig};
 pub use config::FciConfig;
-pub use fault::FciFault;
+pub use fault::{BadFault, FciFault};
 pub use plant::{ArmReading, TorquePlant};
 pub use robot::FciRobot;
 pub use server::{FciStartError, SimulatedFranka, Snapshot};
