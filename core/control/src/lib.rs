@@ -27,6 +27,7 @@ mod switching;
 mod task;
 pub mod touchdown;
 mod tracking;
+pub mod unified_force_impedance;
 mod urgent;
 pub mod wrench_guard;
 
@@ -45,6 +46,7 @@ pub use phases::{Fault, Phase};
 pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
 pub use switching::{SwitchCause, SwitchRefusal};
+pub use unified_force_impedance::{TankBooks, UnifiedInput, UnifiedOutput, VisualNormal};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis,

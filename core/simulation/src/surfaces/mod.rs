@@ -11,6 +11,7 @@ mod plane;
 mod sheet;
 mod sphere;
 mod torus;
+mod wave;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -22,6 +23,7 @@ pub use plane::Plane;
 pub use sheet::Sheet;
 pub use sphere::Sphere;
 pub use torus::Torus;
+pub use wave::Wave;
 
 use crate::plant_config::PoseConfig;
 
@@ -85,6 +87,19 @@ pub enum ShapeConfig {
         /// `[l_x, l_y]`, m.
         wavelength_m: [f64; 2],
     },
+    /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin; past its edges there is nothing.
+    Wave {
+        /// `a`, m.
+        amplitude_m: f64,
+        /// `l`, m.
+        wavelength_m: f64,
+        /// rad
+        phase_rad: f64,
+        /// m
+        offset_m: f64,
+        /// Along x and y, m.
+        size_m: [f64; 2],
+    },
     /// A table of heights, interpolated by a cubic spline.
     HeightField {
         /// The table as CSV text: first row `,x0,x1,…`, then `y0,z00,z01,…` (m). Either this or `csv_file`.
@@ -129,6 +144,7 @@ enum AnyShape {
     Sphere(Sphere),
     Torus(Torus),
     Sheet(Sheet),
+    Wave(Wave),
     HeightField(HeightField),
 }
 
@@ -141,6 +157,7 @@ impl AnyShape {
             Self::Sphere(s) => s.distance_and_normal(point),
             Self::Torus(s) => s.distance_and_normal(point),
             Self::Sheet(s) => s.distance_and_normal(point),
+            Self::Wave(s) => s.distance_and_normal(point),
             Self::HeightField(s) => s.distance_and_normal(point),
         }
     }
@@ -153,6 +170,7 @@ impl AnyShape {
             Self::Sphere(s) => s.curvature(point),
             Self::Torus(s) => s.curvature(point),
             Self::Sheet(s) => s.curvature(point),
+            Self::Wave(s) => s.curvature(point),
             Self::HeightField(s) => s.curvature(point),
         }
     }
@@ -223,6 +241,25 @@ impl Surface {
                 positive("sheet", "wavelength_m[0]", wavelength_m[0])?;
                 positive("sheet", "wavelength_m[1]", wavelength_m[1])?;
                 AnyShape::Sheet(Sheet::new(*amplitude_m, *wavelength_m))
+            }
+            ShapeConfig::Wave {
+                amplitude_m,
+                wavelength_m,
+                phase_rad,
+                offset_m,
+                size_m,
+            } => {
+                positive("wave", "amplitude_m", *amplitude_m)?;
+                positive("wave", "wavelength_m", *wavelength_m)?;
+                positive("wave", "size_m[0]", size_m[0])?;
+                positive("wave", "size_m[1]", size_m[1])?;
+                AnyShape::Wave(Wave::new(
+                    *amplitude_m,
+                    *wavelength_m,
+                    *phase_rad,
+                    *offset_m,
+                    *size_m,
+                ))
             }
             ShapeConfig::HeightField { csv, .. } => {
                 let text = csv.as_deref().ok_or(SurfaceError::HeightFieldMissing)?;

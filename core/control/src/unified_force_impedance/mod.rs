@@ -1,0 +1,3 @@
+//! `unified_force_impedance`
+mod interface;
+pub use interface::{JOINTS, TankBooks, UnifiedInput, UnifiedOutput, VisualNormal};
