@@ -6,6 +6,7 @@ pub mod admittance;
 pub mod alignment;
 mod config;
 mod controller;
+pub mod energy_tank;
 mod error;
 mod estimator_choice;
 pub mod force_integral;
@@ -46,8 +47,13 @@ pub use phases::{Fault, Phase};
 pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
 pub use switching::{SwitchCause, SwitchRefusal};
-pub use unified_force_impedance::{TankBooks, UnifiedInput, UnifiedOutput, VisualNormal};
+pub use energy_tank::{EnergyTank, EnergyTankState};
+pub use hybrid_dynamics::FrictionConfig;
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis,
+};
+pub use unified_force_impedance::{
+    TankBooks, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput, UnifiedOutput,
+    VisualNormal,
 };

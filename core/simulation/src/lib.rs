@@ -29,8 +29,10 @@ mod sensor_records;
 mod servo;
 mod start;
 pub mod surfaces;
+mod tactile_loop;
 mod tactile_plant;
 mod tactile_plant_config;
+mod tactile_scenario;
 mod target_image;
 mod torque_arm;
 mod truth;
@@ -60,8 +62,12 @@ pub use sensor::Sensor;
 pub use servo::Servo;
 pub use start::StartError;
 pub use surfaces::{ShapeConfig, Surface, SurfacePoint};
+pub use tactile_loop::{
+    Calm, TactileCycle, TactileDisturbance, TactileLoop, evaluate_tactile, evaluate_tactile_with,
+};
 pub use tactile_plant::{EnergyBooks, TactileMeasurement, TactilePlant};
 pub use tactile_plant_config::{StartSpreadConfig, TactilePlantConfig};
+pub use tactile_scenario::{TactileKind, TactileScenario};
 pub use target_image::ImageConfig;
 pub use torque_arm::{TorqueArm, TorqueArmConfig};
 pub use truth::Truth;

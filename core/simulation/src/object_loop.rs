@@ -127,6 +127,7 @@ pub fn evaluate_object_with(
         real_time_factor: None,
         figures: Figures::of(&samples),
         object_pose: Some(figures),
+        tactile: None,
         r#loop: None,
         phase: last.map_or(Phase::Idle, |o| o.phase).name(),
         fault: last.and_then(|o| o.fault).map(|f| f.text()),

@@ -58,7 +58,8 @@ pub struct ObjectScenario {
 impl ObjectScenario {
     /// Whether a text is a scenario of this kind.
     pub fn is_one(text: &str) -> bool {
-        toml::from_str::<Table>(text).is_ok_and(|table| table.contains_key("kind"))
+        toml::from_str::<Table>(text)
+            .is_ok_and(|t| t.get("kind").and_then(Value::as_str) == Some("object_pose"))
     }
 
     /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted keys.

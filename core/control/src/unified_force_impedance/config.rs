@@ -1,0 +1,585 @@
+//! Parameters of `unified_force_impedance`, with the presets `paper` (Table I) and `default`.
+
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::config::PatienceConfig;
+use crate::energy_tank::EnergyTank;
+use crate::error::check_range;
+use crate::{ControlError, FrictionConfig, PathConfig};
+
+/// All parameters of the law.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UnifiedForceImpedanceConfig {
+    /// Eqs. (7)-(9).
+    pub impedance: ImpedanceConfig,
+    /// Eqs. (10)-(12).
+    pub force: ForceLoopConfig,
+    /// Eqs. (17)-(21).
+    pub monitor: MonitorConfig,
+    /// Eqs. (22)-(29).
+    pub orientation: OrientationConfig,
+    /// Eqs. (30)-(31).
+    pub shaping: ShapingConfig,
+    /// Eqs. (34)-(73).
+    pub tanks: TankConfig,
+    /// Vision and touch into one normal.
+    pub fusion: FusionConfig,
+    /// What is known of the joints' friction.
+    pub friction: FrictionConfig,
+    /// Where the arm's spare joint goes.
+    pub posture: PostureConfig,
+    /// Meeting and losing the surface.
+    pub touch: TactileTouchConfig,
+    /// Acceleration, jerk and clock of the path; its gains are not used.
+    pub path: PathConfig,
+    /// How long to wait for whom.
+    pub patience: PatienceConfig,
+}
+
+/// Stiffness and damping of the tool.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImpedanceConfig {
+    /// K_max of translations along the tool's axes while pressing, N/m.
+    pub stiffness_n_per_m: [f64; 3],
+    /// Of turns about them, Nm/rad.
+    pub stiffness_nm_per_rad: [f64; 3],
+    /// Damping ratios, translations then turns: `D = 2 ζ sqrt(K m)` with the arm's own inertia along each axis.
+    pub damping_ratio: [f64; 6],
+    /// Damping along the tool's axis on top of that while pressing, Ns/m.
+    pub normal_damping_n_s_per_m: f64,
+    /// Stiffness of all translations while the tool is moved without pressing, N/m.
+    pub free_stiffness_n_per_m: f64,
+    /// The reference's own velocity, acceleration and the friction on the surface are fed forward.
+    pub feed_forward: bool,
+    /// Integral of the path's error across the normal, 1/s of the stiffness; 0: none, as published.
+    pub integral_per_s: f64,
+    /// Bound of that integral, N.
+    pub integral_max_n: f64,
+}
+
+/// PI control of the force along the tool's axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ForceLoopConfig {
+    /// K_p.
+    pub proportional: f64,
+    /// K_i, 1/s.
+    pub integral_per_s: f64,
+    /// Bound of the integral, N.
+    pub integral_max_n: f64,
+    /// Low-pass on the error that K_p sees, s.
+    pub filter_s: f64,
+    /// Along the normal in use; otherwise along the tool's axis, as published.
+    pub along_normal: bool,
+    /// How fast the reference rises from the force at touchdown, N/s.
+    pub reference_rate_n_per_s: f64,
+}
+
+/// Contact-alignment monitor and stiffness shaping.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MonitorConfig {
+    /// α, 1/J.
+    pub alpha_per_j: f64,
+    /// ξ, 1/deg: with θ in radians the published 0.08 would leave θ no say at all.
+    pub xi_per_deg: f64,
+    /// γ.
+    pub gamma: f64,
+    /// C_m; where it is found online, the one to begin with.
+    pub margin: f64,
+    /// C_m is found online: what the monitor shows while all is well, and this many standard deviations more; 0: C_m stays.
+    pub margin_sd: f64,
+    /// Time over which that is gathered, s.
+    pub margin_time_s: f64,
+    /// Least and greatest C_m found.
+    pub margin_range: [f64; 2],
+    /// ρ_min, 1/s.
+    pub rho_min_per_s: f64,
+    /// Rate of ρ_align, 1/s: 1 as published.
+    pub rate_per_s: f64,
+}
+
+/// From the normal in use to the tool's orientation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OrientationConfig {
+    /// T of eqs. (28)-(29), s: each new normal is turned to over this long. Where the normal's motion is fed forward, the time
+    /// constant with which the rest is followed.
+    pub follow_s: f64,
+    /// Fastest turn of the reference, rad/s.
+    pub turn_rate_max_rad_per_s: f64,
+    /// The surface's own turning under the tool is fed forward from the curvature seen ahead.
+    pub feed_forward: bool,
+}
+
+/// Force shaping.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShapingConfig {
+    /// δ_c, m.
+    pub margin_m: f64,
+    /// x̃_z counts from where the tool touched last, not from the height at which the policy was laid: a tool that goes down with the
+    /// surface has not lost it.
+    pub from_last_contact: bool,
+}
+
+/// Both tanks.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TankConfig {
+    /// S_t,i.
+    pub motion: EnergyTank,
+    /// S_t,f.
+    pub force: EnergyTank,
+    /// Share of what the dampers take that is offered to the force tank; the motion tank is offered the rest.
+    pub damping_share_to_force: f64,
+    /// Power over which λ of eq. (38) goes from one side to the other, W.
+    pub switch_w: f64,
+    /// Most power that the motion tank's torques may be heading for, W.
+    pub power_max_w: f64,
+}
+
+/// Vision and touch into one normal.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FusionConfig {
+    /// Touch has a say; otherwise the camera alone, as published.
+    pub touch: bool,
+    /// A frame is carried along by the curvature it saw, filtered and doubted; otherwise it stands as it came until the next, as published.
+    pub carry: bool,
+    /// What stays of the camera's error however many frames are taken (its mounting), rad.
+    pub vision_floor_rad: f64,
+    /// What touch is never better than, rad.
+    pub touch_floor_rad: f64,
+    /// How well the curvature seen is known, 1/m.
+    pub curvature_sd_per_m: f64,
+    /// Standard deviations (and no less than 0.1 rad) by which a frame may surprise.
+    pub gate_sd: f64,
+    /// Frames in a row that surprise alike before they are believed.
+    pub gate_frames: u32,
+    /// Age of the newest frame beyond which the camera is blind, s.
+    pub vision_patience_s: f64,
+}
+
+/// Where the spare joint goes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PostureConfig {
+    /// Towards the middle of the joints' ranges, steeper near their ends, Nm/rad; 0: none, as published.
+    pub stiffness_nm_per_rad: f64,
+    /// Damping of what the tool does not see, Nm s/rad.
+    pub damping_nm_s_per_rad: f64,
+}
+
+/// Meeting and losing the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TactileTouchConfig {
+    /// Force above which the tool touches, N.
+    pub on_n: f64,
+    /// Force below which it does not, N...
+    pub off_n: f64,
+    /// ...for this many periods.
+    pub lost_cycles: u32,
+    /// Losses after which the task ends.
+    pub lost_count_max: u32,
+    /// A lost surface is sought with the policy's clock stopped; otherwise the force controller alone brings the tool back, as published.
+    pub seek: bool,
+    /// Speed towards a surface that was lost, m/s.
+    pub seek_speed_m_per_s: f64,
+    /// Angle to the normal seen within which the approach begins, rad.
+    pub aligned_rad: f64,
+    /// Longest wait for that, s.
+    pub align_s: f64,
+    /// Time standing still over which the wrench's zero is taken, s.
+    pub tare_s: f64,
+    /// Least time between touchdown and path, s.
+    pub settle_s: f64,
+    /// Lag of the robot's wrench estimate, s: the friction taken off it gets the same.
+    pub wrench_lag_s: f64,
+}
+
+impl Default for UnifiedForceImpedanceConfig {
+    fn default() -> Self {
+        Self {
+            impedance: ImpedanceConfig::default(),
+            force: ForceLoopConfig::default(),
+            monitor: MonitorConfig::default(),
+            orientation: OrientationConfig::default(),
+            shaping: ShapingConfig::default(),
+            tanks: TankConfig::default(),
+            fusion: FusionConfig::default(),
+            friction: FrictionConfig::default(),
+            posture: PostureConfig::default(),
+            touch: TactileTouchConfig::default(),
+            path: PathConfig {
+                acceleration_m_per_s2: 0.2,
+                jerk_m_per_s3: 2.0,
+                ..PathConfig::default()
+            },
+            patience: PatienceConfig {
+                wrench_jitter_s: 0.002,
+                ..PatienceConfig::default()
+            },
+        }
+    }
+}
+
+impl Default for ImpedanceConfig {
+    fn default() -> Self {
+        Self {
+            stiffness_n_per_m: [2500.0, 2500.0, 10.0],
+            stiffness_nm_per_rad: [200.0; 3],
+            damping_ratio: [0.7, 0.7, 0.7, 1.0, 1.0, 1.0],
+            normal_damping_n_s_per_m: 150.0,
+            free_stiffness_n_per_m: 1500.0,
+            feed_forward: true,
+            integral_per_s: 3.0,
+            integral_max_n: 8.0,
+        }
+    }
+}
+
+impl Default for ForceLoopConfig {
+    fn default() -> Self {
+        Self {
+            proportional: 0.3,
+            integral_per_s: 6.0,
+            integral_max_n: 15.0,
+            filter_s: 0.02,
+            along_normal: true,
+            reference_rate_n_per_s: 40.0,
+        }
+    }
+}
+
+impl Default for MonitorConfig {
+    fn default() -> Self {
+        Self {
+            alpha_per_j: 1.0,
+            xi_per_deg: 0.08,
+            gamma: 10.0,
+            margin: 0.9,
+            margin_sd: 4.0,
+            margin_time_s: 2.0,
+            margin_range: [0.3, 3.0],
+            rho_min_per_s: 0.05,
+            rate_per_s: 8.0,
+        }
+    }
+}
+
+impl Default for OrientationConfig {
+    fn default() -> Self {
+        Self {
+            follow_s: 0.08,
+            turn_rate_max_rad_per_s: 0.8,
+            feed_forward: true,
+        }
+    }
+}
+
+impl Default for ShapingConfig {
+    fn default() -> Self {
+        Self {
+            margin_m: 0.04,
+            from_last_contact: true,
+        }
+    }
+}
+
+impl Default for TankConfig {
+    fn default() -> Self {
+        Self {
+            motion: EnergyTank {
+                // x_t,i(0) = 7.
+                initial_j: 24.5,
+                lower_j: 1.0,
+                upper_j: 32.0,
+                band_j: 2.0,
+                reserve_j: 0.2,
+            },
+            force: EnergyTank {
+                // x_t,f(0) = 2.
+                initial_j: 2.0,
+                lower_j: 1.0,
+                upper_j: 2.0,
+                band_j: 0.2,
+                reserve_j: 0.1,
+            },
+            damping_share_to_force: 0.2,
+            switch_w: 0.02,
+            power_max_w: 30.0,
+        }
+    }
+}
+
+impl Default for FusionConfig {
+    fn default() -> Self {
+        Self {
+            touch: true,
+            carry: true,
+            vision_floor_rad: 0.006,
+            touch_floor_rad: 0.03,
+            curvature_sd_per_m: 0.7,
+            gate_sd: 4.0,
+            gate_frames: 5,
+            vision_patience_s: 0.3,
+        }
+    }
+}
+
+impl Default for PostureConfig {
+    fn default() -> Self {
+        Self {
+            stiffness_nm_per_rad: 5.0,
+            damping_nm_s_per_rad: 2.0,
+        }
+    }
+}
+
+impl Default for TactileTouchConfig {
+    fn default() -> Self {
+        Self {
+            on_n: 3.0,
+            off_n: 0.8,
+            lost_cycles: 30,
+            lost_count_max: 30,
+            seek: true,
+            seek_speed_m_per_s: 0.01,
+            aligned_rad: 0.03,
+            align_s: 4.0,
+            tare_s: 0.3,
+            settle_s: 1.0,
+            wrench_lag_s: 0.018,
+        }
+    }
+}
+
+impl UnifiedForceImpedanceConfig {
+    /// Names that [`UnifiedForceImpedanceConfig::preset`] knows.
+    pub const PRESETS: [&'static str; 2] = ["default", "paper"];
+
+    /// A complete set of parameters: `default`, or `paper` (Table I).
+    ///
+    /// # Errors
+    /// An unknown name.
+    pub fn preset(name: &str) -> Result<Self, ControlError> {
+        match name {
+            "default" => Ok(Self::default()),
+            "paper" => Ok(Self::paper()),
+            other => Err(ControlError::UnknownPreset(other.into())),
+        }
+    }
+
+    fn paper() -> Self {
+        let default = Self::default();
+        Self {
+            impedance: ImpedanceConfig {
+                stiffness_n_per_m: [1000.0, 1000.0, 10.0],
+                normal_damping_n_s_per_m: 0.0,
+                feed_forward: false,
+                integral_per_s: 0.0,
+                free_stiffness_n_per_m: 1000.0,
+                ..default.impedance
+            },
+            force: ForceLoopConfig {
+                proportional: 0.6,
+                integral_per_s: 0.3,
+                filter_s: 0.0,
+                along_normal: false,
+                ..default.force
+            },
+            monitor: MonitorConfig {
+                margin: 0.9,
+                margin_sd: 0.0,
+                rho_min_per_s: 0.001,
+                rate_per_s: 1.0,
+                ..default.monitor
+            },
+            orientation: OrientationConfig {
+                follow_s: 0.15,
+                feed_forward: false,
+                ..default.orientation
+            },
+            shaping: ShapingConfig {
+                margin_m: 0.04,
+                from_last_contact: false,
+            },
+            fusion: FusionConfig {
+                touch: false,
+                carry: false,
+                ..default.fusion
+            },
+            // Dampers alone: a joint that nobody holds would drift for ever.
+            posture: PostureConfig {
+                stiffness_nm_per_rad: 0.0,
+                ..default.posture
+            },
+            touch: TactileTouchConfig {
+                seek: false,
+                // ρ_align alone takes seven seconds to rise.
+                align_s: 15.0,
+                ..default.touch
+            },
+            ..default
+        }
+    }
+
+    /// Every number in its range.
+    ///
+    /// # Errors
+    /// Names the key, the value and what is allowed.
+    pub fn check(&self) -> Result<(), ControlError> {
+        let table = Table::try_from(self).map_err(|e| ControlError::Syntax(e.to_string()))?;
+        for (key, lower, upper) in RANGES {
+            let (section, name) = key.split_once('.').unwrap_or((key, ""));
+            let value = table.get(section).and_then(|t| t.get(name));
+            // A parameter that is no number is refused as one out of range.
+            for x in value.map_or(vec![f64::NAN], numbers) {
+                check_range(key, x, *lower, *upper)?;
+            }
+        }
+        self.tanks.motion.check("tanks.motion")?;
+        self.tanks.force.check("tanks.force")?;
+        check_range("touch.off_n", self.touch.off_n, 0.0, self.touch.on_n)?;
+        let [least, most] = self.monitor.margin_range;
+        check_range("monitor.margin_range", most, least, 1e3)?;
+        for &x in self
+            .friction
+            .viscous_nm_s_per_rad
+            .iter()
+            .chain(&self.friction.coulomb_nm)
+        {
+            check_range("friction", x, 0.0, 1e4)?;
+        }
+        Ok(())
+    }
+}
+
+/// Key, least and greatest value; of lists, each entry's.
+const RANGES: &[(&str, f64, f64)] = &[
+    ("impedance.stiffness_n_per_m", 0.0, 20_000.0),
+    ("impedance.stiffness_nm_per_rad", 1.0, 2000.0),
+    ("impedance.damping_ratio", 0.05, 5.0),
+    ("impedance.normal_damping_n_s_per_m", 0.0, 5000.0),
+    ("impedance.free_stiffness_n_per_m", 10.0, 20_000.0),
+    ("impedance.integral_per_s", 0.0, 50.0),
+    ("impedance.integral_max_n", 0.0, 100.0),
+    ("force.proportional", 0.0, 10.0),
+    ("force.integral_per_s", 0.0, 100.0),
+    ("force.integral_max_n", 0.0, 200.0),
+    ("force.filter_s", 0.0, 1.0),
+    ("force.reference_rate_n_per_s", 0.1, 1e5),
+    ("monitor.alpha_per_j", 0.0, 1e3),
+    ("monitor.xi_per_deg", 0.0, 10.0),
+    ("monitor.gamma", 0.0, 1e4),
+    ("monitor.margin", 1e-3, 1e3),
+    ("monitor.margin_sd", 0.0, 20.0),
+    ("monitor.margin_time_s", 0.05, 100.0),
+    ("monitor.margin_range", 1e-3, 1e3),
+    ("monitor.rho_min_per_s", 1e-6, 1.0),
+    ("monitor.rate_per_s", 0.01, 100.0),
+    ("orientation.follow_s", 0.005, 5.0),
+    ("orientation.turn_rate_max_rad_per_s", 0.01, 6.0),
+    ("shaping.margin_m", 1e-3, 0.5),
+    ("tanks.damping_share_to_force", 0.0, 1.0),
+    ("tanks.switch_w", 1e-4, 10.0),
+    ("tanks.power_max_w", 0.1, 1000.0),
+    ("fusion.vision_floor_rad", 0.0, 1.0),
+    ("fusion.touch_floor_rad", 1e-4, 1.0),
+    ("fusion.curvature_sd_per_m", 0.0, 100.0),
+    ("fusion.gate_sd", 1.0, 100.0),
+    ("fusion.gate_frames", 1.0, 1000.0),
+    ("fusion.vision_patience_s", 0.01, 10.0),
+    ("friction.coulomb_speed_rad_per_s", 1e-6, 10.0),
+    ("posture.stiffness_nm_per_rad", 0.0, 500.0),
+    ("posture.damping_nm_s_per_rad", 0.0, 100.0),
+    ("touch.on_n", 0.01, 100.0),
+    ("touch.off_n", 0.0, 100.0),
+    ("touch.lost_cycles", 1.0, 1000.0),
+    ("touch.lost_count_max", 0.0, 1e6),
+    ("touch.seek_speed_m_per_s", 1e-4, 0.25),
+    ("touch.aligned_rad", 1e-3, 3.0),
+    ("touch.align_s", 0.0, 60.0),
+    ("touch.tare_s", 0.0, 10.0),
+    ("touch.settle_s", 0.0, 60.0),
+    ("touch.wrench_lag_s", 0.0, 1.0),
+    ("path.acceleration_m_per_s2", 0.005, 5.0),
+    ("path.jerk_m_per_s3", 0.01, 100.0),
+    ("path.clock_ramp_s", 0.01, 5.0),
+];
+
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Float(x) => vec![*x],
+        Value::Integer(n) => vec![*n as f64],
+        Value::Array(list) => list.iter().flat_map(numbers).collect(),
+        _ => vec![f64::NAN],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_are_in_range_and_the_paper_is_table_i() {
+        for name in UnifiedForceImpedanceConfig::PRESETS {
+            UnifiedForceImpedanceConfig::preset(name)
+                .unwrap()
+                .check()
+                .unwrap();
+        }
+        let paper = UnifiedForceImpedanceConfig::preset("paper").unwrap();
+        let i = paper.impedance;
+        assert_eq!(i.stiffness_n_per_m, [1000.0, 1000.0, 10.0]);
+        assert_eq!(i.stiffness_nm_per_rad, [200.0; 3]);
+        assert_eq!(i.damping_ratio, [0.7, 0.7, 0.7, 1.0, 1.0, 1.0]);
+        let m = paper.monitor;
+        assert_eq!(
+            (m.margin, m.alpha_per_j, m.xi_per_deg, m.gamma, m.rho_min_per_s),
+            (0.9, 1.0, 0.08, 10.0, 0.001)
+        );
+        let f = paper.force;
+        assert_eq!((f.proportional, f.integral_per_s), (0.6, 0.3));
+        assert_eq!(paper.shaping.margin_m, 0.04);
+        let t = paper.tanks;
+        assert_eq!(
+            (t.motion.initial_j, t.motion.upper_j, t.motion.lower_j),
+            (0.5 * 7.0 * 7.0, 32.0, 1.0)
+        );
+        assert_eq!(
+            (t.force.initial_j, t.force.upper_j, t.force.lower_j),
+            (0.5 * 2.0 * 2.0, 2.0, 1.0)
+        );
+        assert!(UnifiedForceImpedanceConfig::preset("best").is_err());
+    }
+
+    #[test]
+    fn out_of_range_names_the_key() {
+        for (key, _, upper) in RANGES {
+            let (section, name) = key.split_once('.').unwrap();
+            let mut table = Table::try_from(UnifiedForceImpedanceConfig::default()).unwrap();
+            let slot = table[section].get_mut(name).unwrap();
+            *slot = match slot {
+                Value::Integer(_) => Value::Integer((upper + 1.0) as i64),
+                Value::Array(list) => {
+                    let mut list = list.clone();
+                    list[0] = Value::Float(upper + 1.0);
+                    Value::Array(list)
+                }
+                _ => Value::Float(upper + 1.0),
+            };
+            let config: UnifiedForceImpedanceConfig = table.try_into().unwrap();
+            let error = config.check().unwrap_err().to_string();
+            assert!(error.contains(key), "{key}: {error}");
+        }
+        let mut config = UnifiedForceImpedanceConfig::default();
+        config.tanks.force.initial_j = f64::NAN;
+        assert!(config.check().is_err());
+    }
+}
