@@ -234,7 +234,7 @@ impl Default for ImpedanceConfig {
             stiffness_n_per_m: [2500.0, 2500.0, 10.0],
             stiffness_nm_per_rad: [200.0; 3],
             damping_ratio: [0.7, 0.7, 0.7, 1.0, 1.0, 1.0],
-            normal_damping_n_s_per_m: 150.0,
+            normal_damping_n_s_per_m: 300.0,
             free_stiffness_n_per_m: 1500.0,
             feed_forward: true,
             integral_per_s: 3.0,
@@ -246,8 +246,8 @@ impl Default for ImpedanceConfig {
 impl Default for ForceLoopConfig {
     fn default() -> Self {
         Self {
-            proportional: 0.3,
-            integral_per_s: 6.0,
+            proportional: 0.1,
+            integral_per_s: 3.0,
             integral_max_n: 15.0,
             filter_s: 0.02,
             along_normal: true,
@@ -295,8 +295,8 @@ impl Default for TankConfig {
     fn default() -> Self {
         Self {
             motion: EnergyTank {
-                // x_t,i(0) = 7.
-                initial_j: 24.5,
+                // Enough for twenty seconds against the published friction; x_t,i(0) = 7 of Table I is 24.5 J.
+                initial_j: 30.0,
                 lower_j: 1.0,
                 upper_j: 32.0,
                 band_j: 2.0,
@@ -389,7 +389,8 @@ impl UnifiedForceImpedanceConfig {
             force: ForceLoopConfig {
                 proportional: 0.6,
                 integral_per_s: 0.3,
-                filter_s: 0.0,
+                // Without it K_p and the lag of the robot's own wrench estimate feed a stiff contact more than its dampers take.
+                filter_s: 0.05,
                 along_normal: false,
                 ..default.force
             },
@@ -408,6 +409,13 @@ impl UnifiedForceImpedanceConfig {
             shaping: ShapingConfig {
                 margin_m: 0.04,
                 from_last_contact: false,
+            },
+            tanks: TankConfig {
+                motion: EnergyTank {
+                    initial_j: 24.5,
+                    ..default.tanks.motion
+                },
+                ..default.tanks
             },
             fusion: FusionConfig {
                 touch: false,

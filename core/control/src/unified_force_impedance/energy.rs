@@ -82,13 +82,15 @@ impl Tanks {
         let (pushed, damped) = (by_damping.max(0.0), (-by_damping).max(0.0));
         let drawn = config.motion.draw(&mut self.motion, by_motion + pushed);
         let pressed = config.force.draw(&mut self.force, by_force);
-        // What a force against its own motion gives is part of its port already; the dampers' share comes on top.
-        let to_force = config.force.fill(&mut self.force, damped * config.damping_share_to_force);
-        let to_motion = config
-            .motion
-            .fill(&mut self.motion, damped * (1.0 - config.damping_share_to_force));
-        self.dissipated_j +=
-            drawn.overflow_j + pressed.overflow_j + to_force.overflow_j + to_motion.overflow_j;
+        // A joule that one tank has no room for is offered to the other: each is counted once, and none is thrown away in haste.
+        let to_force = config
+            .force
+            .fill(&mut self.force, damped * config.damping_share_to_force);
+        let rest = damped * (1.0 - config.damping_share_to_force)
+            + to_force.overflow_j
+            + pressed.overflow_j;
+        let to_motion = config.motion.fill(&mut self.motion, rest);
+        self.dissipated_j += drawn.overflow_j + to_motion.overflow_j;
         self.short_j += drawn.short_j + pressed.short_j;
     }
 

@@ -34,6 +34,8 @@ pub(super) struct OrientationReference {
     pub rotation: UnitQuaternion<f64>,
     /// Base axes, rad/s.
     pub angular: Vector3<f64>,
+    /// The part of it that follows the normal; the rest is fed forward.
+    correction: Vector3<f64>,
     /// The published filter's: where it started, where it goes, for how long already.
     filter: Option<(UnitQuaternion<f64>, UnitQuaternion<f64>, f64)>,
     last_normal: Option<Vector3<f64>>,
@@ -44,6 +46,7 @@ impl OrientationReference {
         Self {
             rotation,
             angular: Vector3::zeros(),
+            correction: Vector3::zeros(),
             filter: None,
             last_normal: None,
         }
@@ -59,22 +62,32 @@ impl OrientationReference {
         curvature: &Matrix3<f64>,
         dt_s: f64,
     ) {
-        let wanted = if config.feed_forward {
-            self.followed(config, normal, velocity, curvature)
-        } else {
-            self.filtered(config, normal, present, dt_s)
-        };
         let most = config.turn_rate_max_rad_per_s;
+        // The rate itself has no step either: a frame that jumps turns the tool, it does not jerk it.
+        let (turning, wanted, lag) = if config.feed_forward {
+            let n = self.normal();
+            let across = velocity - n * n.dot(velocity);
+            let turning = clamp_norm(n.cross(&(curvature * across)), most);
+            (turning, self.away(normal) / config.follow_s, 0.5)
+        } else {
+            (Vector3::zeros(), self.filtered(config, normal, present, dt_s), 0.1)
+        };
         let wanted = clamp_norm(wanted, most);
-        // The rate itself has no step either: it takes a tenth of the filter's time.
-        let share = dt_s / (0.1 * config.follow_s + dt_s);
-        self.angular += (wanted - self.angular) * share;
+        let share = dt_s / (lag * config.follow_s + dt_s);
+        self.correction += (wanted - self.correction) * share;
+        self.angular = clamp_norm(turning + self.correction, most);
         self.rotation = UnitQuaternion::from_scaled_axis(self.angular * dt_s) * self.rotation;
+    }
+
+    /// The normal that the reference is square to: the one in use, without its jumps.
+    pub fn normal(&self) -> Vector3<f64> {
+        -(self.rotation * Vector3::z())
     }
 
     /// The reference stands.
     pub fn hold(&mut self) {
         self.angular = Vector3::zeros();
+        self.correction = Vector3::zeros();
         self.filter = None;
         self.last_normal = None;
     }
@@ -103,20 +116,11 @@ impl OrientationReference {
         (input * self.rotation.inverse()).scaled_axis() / dt_s
     }
 
-    /// Rate that follows the normal and turns with the surface.
-    fn followed(
-        &self,
-        config: &OrientationConfig,
-        normal: &Vector3<f64>,
-        velocity: &Vector3<f64>,
-        curvature: &Matrix3<f64>,
-    ) -> Vector3<f64> {
-        let across = velocity - normal * normal.dot(velocity);
-        let turning = normal.cross(&(curvature * across));
-        // Parallel to itself: the reference's own x axis, so that noise does not turn the tool about its axis.
-        let away = square_to(normal, &self.rotation)
-            .map_or_else(Vector3::zeros, |r| (r * self.rotation.inverse()).scaled_axis());
-        turning + away / config.follow_s
+    /// The turn left towards `normal`, rad. Parallel to itself: from the reference's own x axis, so that noise does not turn the tool
+    /// about its axis.
+    fn away(&self, normal: &Vector3<f64>) -> Vector3<f64> {
+        square_to(normal, &self.rotation)
+            .map_or_else(Vector3::zeros, |r| (r * self.rotation.inverse()).scaled_axis())
     }
 }
 

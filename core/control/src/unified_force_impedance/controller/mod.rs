@@ -179,13 +179,13 @@ impl UnifiedForceImpedance {
             input.touch.as_ref().map(|t| (t, input.touch_age_s)),
             dt,
         );
-        let felt = self.feel(input, &now, &normal);
+        let felt = self.feel(input, &now);
         self.judge(input, &felt, &now, &normal);
         let wanted = self.advance(input, &now, &normal, &felt);
         let error = pose_error(&now, &wanted.reference);
         let rho_force = self.watch(&wanted, &now, &normal, &felt, &error, dt);
         let (torque, force_reference_n) =
-            self.torques(&wanted, &now, &normal, &felt, &error, rho_force, dt);
+            self.torques(&wanted, &now, &felt, &error, rho_force, dt);
         let away = now.tool.translation() - wanted.policy;
         let n = &normal.normal;
         UnifiedOutput {
@@ -252,7 +252,7 @@ impl UnifiedForceImpedance {
     }
 
     /// The wrench in use: the robot's estimate without its zero, and without the joints' friction, which stands in it like a force.
-    fn feel(&mut self, input: &UnifiedInput, now: &ArmNow, normal: &NormalInUse) -> Felt {
+    fn feel(&mut self, input: &UnifiedInput, now: &ArmNow) -> Felt {
         let dt = input.dt_s;
         let verdict = self.run.guard.step(
             &self.config.patience,
@@ -282,17 +282,24 @@ impl UnifiedForceImpedance {
         Felt {
             verdict,
             wrench,
-            pressing_n: -self.push_direction(now, normal).dot(&now.tool.rotate(&force)),
+            pressing_n: -self.push_direction(now).dot(&now.tool.rotate(&force)),
         }
     }
 
     /// Where a push goes, base axes: the tool's z axis as published, or against the normal.
-    fn push_direction(&self, now: &ArmNow, normal: &NormalInUse) -> Vector3<f64> {
+    fn push_direction(&self, now: &ArmNow) -> Vector3<f64> {
         if self.config.force.along_normal {
-            -normal.normal
+            -self.smooth_normal(now)
         } else {
             now.tool.z_axis()
         }
+    }
+
+    /// The normal in use as the tool is turned to it: without the jumps of frames that come and go.
+    fn smooth_normal(&self, now: &ArmNow) -> Vector3<f64> {
+        self.run
+            .orientation
+            .map_or_else(|| -now.tool.z_axis(), |o| o.normal())
     }
 
     /// Monitor and shaping. Returns ρ_frc.

@@ -11,7 +11,7 @@ use super::{Felt, Lay, UnifiedForceImpedance, Wanted, at_rest};
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Fault, Phase, Profile};
 
-/// Stiffness counts as full from here, so that an approach does not begin with a limp arm.
+/// ρ_align counts as full from here: the arm that presses after the approach is not to be a limp one.
 const FULL_RHO: f64 = 0.99;
 /// Periods above the threshold that make a touch.
 const TOUCH_CYCLES: u32 = 3;
@@ -33,25 +33,25 @@ impl UnifiedForceImpedance {
             // Without a wrench there is nothing to control the force with: stand.
             self.enter(Phase::Hold);
             self.run.rate = 0.0;
-            return self.hold(now, normal);
+            return self.hold(now);
         }
         match self.run.phase {
             Phase::Tare => {
                 self.tare(input, good);
-                self.hold(now, normal)
+                self.hold(now)
             }
             Phase::Approach => self.approach(now, normal, felt, dt),
             Phase::Contact | Phase::Slide | Phase::Hold => self.press(now, normal, felt, dt),
             Phase::Seek => self.seek(now, normal, felt, dt),
-            Phase::Retract => self.retract(now, normal),
-            Phase::Idle | Phase::Done | Phase::Fault => self.hold(now, normal),
+            Phase::Retract => self.retract(now),
+            Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
         }
     }
 
     fn tare(&mut self, input: &UnifiedInput, good: bool) {
-        let full = self.run.monitor.rho >= FULL_RHO;
         let tared = !self.task.tare || self.run.phase_s >= self.config.touch.tare_s;
-        if good && tared && full && input.arm_ready {
+        if good && tared && input.arm_ready {
+            self.run.held = None;
             self.enter(Phase::Approach);
         } else if self.run.phase_s > self.task.timeouts.tare_s {
             self.fail(match (input.arm_ready, good) {
@@ -88,11 +88,11 @@ impl UnifiedForceImpedance {
     }
 
     /// Stands. A tool that was pressing keeps its push in the spring that takes over: the reference lies below the surface.
-    fn hold(&mut self, now: &ArmNow, normal: &NormalInUse) -> Wanted {
+    fn hold(&mut self, now: &ArmNow) -> Wanted {
         let mut orientation = self.orientation(now);
         orientation.hold();
         self.run.orientation = Some(orientation);
-        let below = self.push_direction(now, normal)
+        let below = self.push_direction(now)
             * (self.run.push_n / self.config.impedance.free_stiffness_n_per_m);
         let position = *self
             .run
@@ -128,7 +128,7 @@ impl UnifiedForceImpedance {
         let mut reference = at_rest(position, &orientation);
         reference.velocity = direction * speed;
         if self.run.strong_cycles >= TOUCH_CYCLES {
-            self.touch_down(now, normal, &direction, &position);
+            self.touch_down(now, &direction, &position);
         } else if way > self.task.approach.distance_max_m {
             self.fail(Fault::NoSurface);
         }
@@ -143,7 +143,6 @@ impl UnifiedForceImpedance {
     fn touch_down(
         &mut self,
         now: &ArmNow,
-        normal: &NormalInUse,
         direction: &Vector3<f64>,
         reference: &Vector3<f64>,
     ) {
@@ -157,7 +156,7 @@ impl UnifiedForceImpedance {
             y: up.cross(&x),
             up,
         });
-        let pushing = self.push_direction(now, normal).dot(&(reference - at))
+        let pushing = self.push_direction(now).dot(&(reference - at))
             * self.config.impedance.free_stiffness_n_per_m;
         self.run.path_s = 0.0;
         self.begin_pressing(pushing, at);
@@ -176,7 +175,7 @@ impl UnifiedForceImpedance {
 
     fn press(&mut self, now: &ArmNow, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
         let Some(lay) = self.run.lay else {
-            return self.hold(now, normal);
+            return self.hold(now);
         };
         self.run.held = None;
         self.keep_contact(now, felt);
@@ -187,7 +186,7 @@ impl UnifiedForceImpedance {
         let at = self.path.at(self.run.path_s);
         let drawn = lay.origin + lay.x * at.position.x + lay.y * at.position.y;
         let velocity = (lay.x * at.velocity.x + lay.y * at.velocity.y) * rate;
-        let (policy, velocity) = self.on_surface(now, normal, &lay, drawn, velocity, dt);
+        let (policy, velocity) = self.on_surface(now, &lay, drawn, velocity, dt);
         self.turn(now, normal, &velocity, dt);
         let orientation = self.orientation(now);
         let acceleration = (velocity - self.run.last_velocity) / dt;
@@ -263,7 +262,6 @@ impl UnifiedForceImpedance {
     fn on_surface(
         &mut self,
         now: &ArmNow,
-        normal: &NormalInUse,
         lay: &Lay,
         drawn: Vector3<f64>,
         velocity: Vector3<f64>,
@@ -279,7 +277,7 @@ impl UnifiedForceImpedance {
             self.run.offset = up + across * (1.0 - self.run.monitor.rho * dt / RETURN_S);
         }
         let mut point = drawn + self.run.offset;
-        let n = &normal.normal;
+        let n = self.smooth_normal(now);
         let slope = n.dot(&lay.up);
         if !self.config.shaping.from_last_contact || slope < 0.2 {
             return (point, velocity);
@@ -293,7 +291,7 @@ impl UnifiedForceImpedance {
     fn seek(&mut self, now: &ArmNow, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
         self.turn(now, normal, &Vector3::zeros(), dt);
         let touch = self.config.touch;
-        let direction = -normal.normal;
+        let direction = -self.smooth_normal(now);
         let start = *self.run.held.get_or_insert(now.tool.translation());
         let strong = felt.verdict == WrenchVerdict::Good && felt.pressing_n > touch.on_n;
         self.run.strong_cycles = if strong { self.run.strong_cycles + 1 } else { 0 };
@@ -321,9 +319,10 @@ impl UnifiedForceImpedance {
         }
     }
 
-    fn retract(&mut self, now: &ArmNow, normal: &NormalInUse) -> Wanted {
-        let start = self.hold(now, normal);
+    fn retract(&mut self, now: &ArmNow) -> Wanted {
+        let start = self.hold(now);
         let end = &self.task.end;
+        let away = self.smooth_normal(now);
         let (direction, profile) = *self.run.retract.get_or_insert_with(|| {
             self.run.phase_s = 0.0;
             let profile = Profile::new(
@@ -332,7 +331,7 @@ impl UnifiedForceImpedance {
                 self.config.path.acceleration_m_per_s2,
                 self.config.path.jerk_m_per_s3,
             );
-            (normal.normal, profile)
+            (away, profile)
         });
         let (way, speed) = profile.at(self.run.phase_s);
         let mut wanted = start;

@@ -4,7 +4,6 @@ use nalgebra::{Vector3, Vector6};
 use tangent_mechanics::Joints;
 
 use super::super::energy::TorqueParts;
-use super::super::fused_normal::NormalInUse;
 use super::super::interface::JOINTS;
 use super::super::law::{ArmNow, Impedance, posture, stacked};
 use super::{Felt, UnifiedForceImpedance, Wanted, twist_of};
@@ -28,7 +27,6 @@ impl UnifiedForceImpedance {
         &mut self,
         wanted: &Wanted,
         now: &ArmNow,
-        normal: &NormalInUse,
         felt: &Felt,
         error: &Vector6<f64>,
         rho_force: f64,
@@ -51,7 +49,7 @@ impl UnifiedForceImpedance {
             let moving = now.in_tool(&twist_of(reference));
             active += now.in_base(&impedance.damping.component_mul(&moving));
             active += now.wrench_for(&stacked(&reference.acceleration, &Vector3::zeros()));
-            active += stacked(&self.on_the_surface(wanted, now, normal, felt, dt), &Vector3::zeros());
+            active += stacked(&self.on_the_surface(wanted, now, felt, dt), &Vector3::zeros());
         }
         let config = &self.config;
         let (spare, spare_damper) = posture(&config.posture, &self.model, now);
@@ -73,7 +71,7 @@ impl UnifiedForceImpedance {
             (0.0, 0.0)
         };
         self.run.push_n = push_n;
-        let push = self.push_direction(now, normal) * push_n;
+        let push = self.push_direction(now) * push_n;
         let force = now.jacobian.tr_mul(&stacked(&push, &Vector3::zeros()));
 
         let tanks = &config.tanks;
@@ -93,11 +91,10 @@ impl UnifiedForceImpedance {
         &mut self,
         wanted: &Wanted,
         now: &ArmNow,
-        normal: &NormalInUse,
         felt: &Felt,
         dt: f64,
     ) -> Vector3<f64> {
-        let n = &normal.normal;
+        let n = self.smooth_normal(now);
         let across = |v: &Vector3<f64>| v - n * n.dot(v);
         if !wanted.pressing || felt.verdict != WrenchVerdict::Good {
             self.run.drawn = Vector3::zeros();
