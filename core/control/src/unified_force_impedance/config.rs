@@ -28,6 +28,8 @@ pub struct UnifiedForceImpedanceConfig {
     pub fusion: FusionConfig,
     /// What is known of the joints' friction.
     pub friction: FrictionConfig,
+    /// It is made up for, in the torques and in the wrench; the published law does neither.
+    pub compensate_friction: bool,
     /// Where the arm's spare joint goes.
     pub posture: PostureConfig,
     /// Meeting and losing the surface.
@@ -213,6 +215,7 @@ impl Default for UnifiedForceImpedanceConfig {
             tanks: TankConfig::default(),
             fusion: FusionConfig::default(),
             friction: FrictionConfig::default(),
+            compensate_friction: true,
             posture: PostureConfig::default(),
             touch: TactileTouchConfig::default(),
             path: PathConfig {
@@ -380,7 +383,9 @@ impl UnifiedForceImpedanceConfig {
         Self {
             impedance: ImpedanceConfig {
                 stiffness_n_per_m: [1000.0, 1000.0, 10.0],
-                normal_damping_n_s_per_m: 0.0,
+                // K_z = 10 N/m and a ratio of 0.7 alone leave 8 Ns/m, on which a stiff contact bounces; with these the tool is damped
+                // along its axis as it is across it.
+                normal_damping_n_s_per_m: 70.0,
                 feed_forward: false,
                 integral_per_s: 0.0,
                 free_stiffness_n_per_m: 1000.0,
@@ -422,6 +427,7 @@ impl UnifiedForceImpedanceConfig {
                 carry: false,
                 ..default.fusion
             },
+            compensate_friction: false,
             // Dampers alone: a joint that nobody holds would drift for ever.
             posture: PostureConfig {
                 stiffness_nm_per_rad: 0.0,

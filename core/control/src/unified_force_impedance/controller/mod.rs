@@ -136,7 +136,11 @@ impl UnifiedForceImpedance {
             model,
             flange_from_tool,
             limits,
-            friction: config.friction.model(),
+            friction: if config.compensate_friction {
+                config.friction.model()
+            } else {
+                JointFriction::from_lists(&[], &[], 1.0)
+            },
             run: Run::new(config),
             config: config.clone(),
             task: task.clone(),
