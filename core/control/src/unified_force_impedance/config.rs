@@ -385,7 +385,7 @@ impl UnifiedForceImpedanceConfig {
                 stiffness_n_per_m: [1000.0, 1000.0, 10.0],
                 // K_z = 10 N/m and a ratio of 0.7 alone leave 8 Ns/m, on which a stiff contact bounces; with these the tool is damped
                 // along its axis as it is across it.
-                normal_damping_n_s_per_m: 70.0,
+                normal_damping_n_s_per_m: 100.0,
                 feed_forward: false,
                 integral_per_s: 0.0,
                 free_stiffness_n_per_m: 1000.0,

@@ -161,7 +161,7 @@ impl FusedNormal {
             seen.surprises += 1;
             // Touch has a veto: a hand before the lens is a smooth surface too.
             let denied = touch.is_some_and(|(n, v)| {
-                n.angle(&here) > config.gate_sd * (v + noise).sqrt().max(GATE_LEAST_RAD)
+                n.angle(&here) > (config.gate_sd * (v + noise).sqrt()).max(GATE_LEAST_RAD)
             });
             if seen.surprises < config.gate_frames || denied {
                 return;

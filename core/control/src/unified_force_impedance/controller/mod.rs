@@ -76,6 +76,10 @@ struct Run {
     reference_n: f64,
     /// What the force controller pushed with last, N.
     push_n: f64,
+    /// What was asked of the tool last, N and Nm, base axes, in which way, and what is left of the way before.
+    last_wrench: Vector6<f64>,
+    was_pressing: bool,
+    bridge: Vector6<f64>,
     /// Integral of the path's error, N.
     drawn: Vector3<f64>,
     surface_friction: f64,
@@ -435,6 +439,9 @@ impl Run {
             last_velocity: Vector3::zeros(),
             reference_n: 0.0,
             push_n: 0.0,
+            last_wrench: Vector6::zeros(),
+            was_pressing: false,
+            bridge: Vector6::zeros(),
             drawn: Vector3::zeros(),
             surface_friction: 0.0,
             weak_cycles: 0,

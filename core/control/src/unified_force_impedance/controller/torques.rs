@@ -17,6 +17,8 @@ const SLIDING_M_PER_S: f64 = 0.01;
 const FRICTION_TIME_S: f64 = 0.5;
 /// More friction than this is a mistake.
 const FRICTION_MAX: f64 = 1.2;
+/// Time in which one way of moving hands over to another, s.
+const BRIDGE_S: f64 = 0.025;
 /// Share of the motors' rate that the law uses itself.
 const RATE_SHARE: f64 = 0.98;
 
@@ -56,7 +58,6 @@ impl UnifiedForceImpedance {
         let rubbed = self
             .friction
             .torque(&now.joint_velocity(&twist_of(reference)));
-        let motion = now.jacobian.tr_mul(&active) + spare + rubbed;
         let damping = now.jacobian.tr_mul(&now.in_base(&damper)) + spare_damper;
 
         let (push_n, reference_n) = if wanted.pressing && felt.verdict == WrenchVerdict::Good {
@@ -72,9 +73,12 @@ impl UnifiedForceImpedance {
         };
         self.run.push_n = push_n;
         let push = self.push_direction(now) * push_n;
-        let force = now.jacobian.tr_mul(&stacked(&push, &Vector3::zeros()));
+        let force = stacked(&push, &Vector3::zeros());
+        let active = active + self.bridge(wanted.pressing, &(active + force), dt);
+        let motion = now.jacobian.tr_mul(&active) + spare + rubbed;
+        let force = now.jacobian.tr_mul(&force);
 
-        let tanks = &config.tanks;
+        let tanks = &self.config.tanks;
         let heading_w = motion.dot(&now.qd);
         let slowed = (tanks.power_max_w / heading_w.max(tanks.power_max_w)).min(1.0);
         let share = self.run.tanks.force_share(tanks, push.dot(&now.linear));
@@ -84,6 +88,19 @@ impl UnifiedForceImpedance {
             damping,
         };
         (self.within_limits(parts, now, dt), reference_n)
+    }
+
+    /// Where pressing gives way to plain motion, or the other way, what one asked for and the other does not fades instead of ending:
+    /// the wrench to add to `asked`, base axes.
+    fn bridge(&mut self, pressing: bool, asked: &Vector6<f64>, dt: f64) -> Vector6<f64> {
+        let run = &mut self.run;
+        if run.was_pressing != pressing {
+            run.was_pressing = pressing;
+            run.bridge = run.last_wrench - asked;
+        }
+        run.bridge *= 1.0 - (dt / BRIDGE_S).min(1.0);
+        run.last_wrench = asked + run.bridge;
+        run.bridge
     }
 
     /// What the surface takes from a sliding tool, given back: its friction, found online, and the integral of what is left. N, base axes.
