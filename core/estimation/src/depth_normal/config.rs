@@ -49,7 +49,7 @@ impl Default for DepthNormalConfig {
             depth_sd_m: 0.0003,
             steepest_rad: 1.3,
             window_cells_max: 8,
-            consistency_sd: 2.0,
+            consistency_sd: 1.5,
             segment_step_rad: 0.14,
             segment_spread_rad: 0.35,
             patch_radius_m: [0.015, 0.06],

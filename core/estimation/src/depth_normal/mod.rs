@@ -7,6 +7,7 @@
 mod ahead;
 mod cells;
 mod config;
+mod cubics;
 mod dense;
 mod encoding;
 mod facets;

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::ahead::look_ahead;
 use super::cells::Cells;
 use super::config::DepthNormalConfig;
+use super::cubics::Cubics;
 use super::dense::{Field, PixelNormal};
 use super::facets::{Facet, Mesh};
 use super::image::{DepthImage, Intrinsics};
@@ -52,6 +53,7 @@ pub struct DepthNormal {
 pub struct DepthNormalState {
     cells: Cells,
     windows: Windows,
+    cubics: Cubics,
     facets: Vec<Facet>,
     segments: Segments,
     mesh: Mesh,
@@ -217,6 +219,10 @@ impl DepthNormalState {
         let (columns, rows) = (self.cells.columns, self.cells.rows);
         self.windows.resize(columns, rows);
         self.windows.fill(config, &self.cells);
+        self.cubics.resize(columns, rows);
+        let variance = self.windows.noise.variance(config);
+        self.cubics
+            .refine(config, &self.cells, variance, &mut self.windows.nodes);
         self.facets.resize(columns * rows, Facet::default());
         let cos = config.steepest_rad.cos();
         self.mesh

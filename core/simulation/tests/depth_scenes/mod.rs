@@ -1,5 +1,10 @@
 //! The scenes that normals from depth are judged on: a pipe, a waved sheet and a cone before a table, seen from 0.3 to 0.6 m.
 
+#[allow(dead_code)]
+pub mod pcl;
+#[allow(dead_code)]
+pub mod table;
+
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_estimation::depth_normal::{DepthImage, PixelNormal, metres_from_millimetres};
 use tangent_mechanics::{Base, Flange, Pose};
