@@ -45,6 +45,13 @@ impl Default for FrameNoise {
     }
 }
 
+impl FrameNoise {
+    /// Of a pixel's inverse depth, as it counts in averages, (1/m)².
+    pub(super) fn variance(&self, config: &DepthNormalConfig) -> f64 {
+        config.inverse_depth_sd_per_m.powi(2) * self.scale * self.correlation
+    }
+}
+
 /// Summed tables and the nodes made from them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Windows {
@@ -68,7 +75,6 @@ struct Plane {
     inverse: [f64; 3],
     /// Weighted sum of squares that the plane leaves.
     rest: f64,
-    weight: f64,
 }
 
 impl Plane {
@@ -96,7 +102,6 @@ impl Plane {
             slope,
             inverse,
             rest: (ww - slope[0] * uw - slope[1] * vw).max(0.0),
-            weight: p,
         })
     }
 }
@@ -119,8 +124,7 @@ impl Windows {
     pub fn fill(&mut self, config: &DepthNormalConfig, grid: &Cells) {
         self.sum(grid);
         self.measure_noise(config, grid);
-        let variance =
-            config.inverse_depth_sd_per_m.powi(2) * self.noise.scale * self.noise.correlation;
+        let variance = self.noise.variance(config);
         for row in 0..self.rows {
             for column in 0..self.columns {
                 let i = row * self.columns + column;
