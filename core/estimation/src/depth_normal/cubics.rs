@@ -10,8 +10,7 @@ use super::config::DepthNormalConfig;
 use super::windows::Node;
 
 /// Reach of the rectangles that are tried, cells.
-const REACHES: [usize; 8] = [2, 3, 4, 5, 6, 8, 10, 12];
-const REACH_MAX: usize = 12;
+const REACHES: [usize; 7] = [2, 3, 4, 6, 8, 10, 12];
 
 /// Sums over cells along one axis, from the least cell to the last.
 #[derive(Clone, Debug)]
@@ -58,7 +57,10 @@ impl Axis {
 /// The kernels and the grid they are laid over.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cubics {
+    /// One for each of [`REACHES`].
     axes: Vec<Axis>,
+    /// For each of them, cell by cell: sums along the row around the cell, as [`Axis`] has them, and without weights.
+    along_rows: Vec<Vec<[f64; 4]>>,
     /// Inverse depth at the cells' middles, 1/m.
     means: Vec<f64>,
     /// `(columns + 1) (rows + 1)`: cells above and to the left that have no mean, and that have one only from their neighbours.
@@ -97,7 +99,8 @@ impl Cubics {
             return;
         }
         (self.columns, self.rows) = (columns, rows);
-        self.axes = (1..=REACH_MAX).map(Axis::new).collect();
+        self.axes = REACHES.into_iter().map(Axis::new).collect();
+        self.along_rows = vec![vec![[0.0; 4]; columns * rows]; REACHES.len()];
         self.means.clear();
         self.means.resize(columns * rows, 0.0);
         self.missing.clear();
@@ -117,12 +120,15 @@ impl Cubics {
     ) {
         let full = (config.cell_px * config.cell_px) as f64;
         self.take_means(grid, nodes, full);
+        let limit = config.window_cells_max.max(REACHES[0]);
+        let tried = REACHES.iter().take_while(|reach| **reach <= limit).count();
+        self.sum_rows(tried);
         for row in 0..self.rows {
             for column in 0..self.columns {
                 let i = row * self.columns + column;
                 self.slopes[i] = if nodes[i].valid {
                     let per_cell = variance / full;
-                    self.slope(config, per_cell, column, row)
+                    self.slope(config, per_cell, tried, column, row)
                 } else {
                     None
                 };
@@ -134,6 +140,11 @@ impl Cubics {
                 node.covariance = found.covariance;
             }
         }
+    }
+
+    /// Whether [`Cubics::refine`] has found this node's slope.
+    pub fn has(&self, node: usize) -> bool {
+        self.slopes[node].is_some()
     }
 
     fn take_means(&mut self, grid: &Cells, nodes: &[Node], full: f64) {
@@ -168,7 +179,8 @@ impl Cubics {
     }
 
     /// Whether a rectangle has hardly any cell without a mean of its own.
-    fn is_whole(&self, column: usize, row: usize, [x, y]: [usize; 2]) -> bool {
+    fn is_whole(&self, column: usize, row: usize, reach: [usize; 2]) -> bool {
+        let [x, y] = reach.map(|i| REACHES[i]);
         if column < x || row < y || column + x >= self.columns || row + y >= self.rows {
             return false;
         }
@@ -183,58 +195,82 @@ impl Cubics {
         count(0) == 0 && (count(1) as usize) * 10 <= (2 * x + 1) * (2 * y + 1)
     }
 
-    fn fit(&self, column: usize, row: usize, [x, y]: [usize; 2]) -> Fit {
-        let (across, along) = (&self.axes[x - 1], &self.axes[y - 1]);
-        let (nx, ny) = ((2 * x + 1) as f64, (2 * y + 1) as f64);
-        let mut fit = Fit {
-            plane: [0.0; 2],
-            corrections: [[0.0; 2]; 2],
-            variances: [[0.0; 3]; 2],
-        };
-        let left = column - x;
-        for j in 0..2 * y + 1 {
-            let start = (row - y + j) * self.columns + left;
-            let means = &self.means[start..start + 2 * x + 1];
-            let (mut line, mut third, mut second, mut sum) = (0.0, 0.0, 0.0, 0.0);
-            for (i, m) in means.iter().enumerate() {
-                line += across.line[i] * m;
-                third += across.third[i] * m;
-                second += across.second[i] * m;
-                sum += m;
+    /// The part along the rows of every rectangle's sums, for the first `tried` reaches.
+    fn sum_rows(&mut self, tried: usize) {
+        for ((axis, sums), reach) in self
+            .axes
+            .iter()
+            .zip(&mut self.along_rows)
+            .zip(REACHES)
+            .take(tried)
+        {
+            if 2 * reach + 1 > self.columns {
+                continue;
             }
-            fit.plane[0] += line;
-            fit.corrections[0][0] += third;
-            fit.corrections[0][1] += line * along.second[j];
-            fit.plane[1] += along.line[j] * sum;
-            fit.corrections[1][0] += along.third[j] * sum;
-            fit.corrections[1][1] += along.line[j] * second;
+            for row in 0..self.rows {
+                let line = row * self.columns..(row + 1) * self.columns;
+                let means = &self.means[line.clone()];
+                let sums = &mut sums[line][reach..self.columns - reach];
+                sums.fill([0.0; 4]);
+                for i in 0..=2 * reach {
+                    let [line, third, second] = [axis.line[i], axis.third[i], axis.second[i]];
+                    for (s, m) in sums.iter_mut().zip(&means[i..]) {
+                        s[0] += line * m;
+                        s[1] += third * m;
+                        s[2] += second * m;
+                        s[3] += m;
+                    }
+                }
+            }
         }
-        fit.plane[0] /= ny;
-        fit.corrections[0][0] /= ny;
-        fit.plane[1] /= nx;
-        fit.corrections[1][0] /= nx;
+    }
+
+    /// Of a rectangle with reaches by their number in [`REACHES`].
+    fn fit(&self, column: usize, row: usize, [x, y]: [usize; 2]) -> Fit {
+        let (across, along) = (&self.axes[x], &self.axes[y]);
+        let (nx, ny) = ((2 * REACHES[x] + 1) as f64, (2 * REACHES[y] + 1) as f64);
+        let mut plane = [0.0; 2];
+        let mut corrections = [[0.0; 2]; 2];
+        let first = (row - REACHES[y]) * self.columns + column;
+        let sums = self.along_rows[x][first..].iter().step_by(self.columns);
+        let kernels = along.line.iter().zip(&along.third).zip(&along.second);
+        for ([line, third, second, sum], ((along_line, along_third), along_second)) in
+            sums.zip(kernels)
+        {
+            plane[0] += line;
+            corrections[0][0] += third;
+            corrections[0][1] += line * along_second;
+            plane[1] += along_line * sum;
+            corrections[1][0] += along_third * sum;
+            corrections[1][1] += along_line * second;
+        }
         let [line_x, third_x, second_x] = across.squares;
         let [line_y, third_y, second_y] = along.squares;
-        fit.variances = [
-            [line_x / ny, third_x / ny, line_x * second_y],
-            [line_y / nx, third_y / nx, line_y * second_x],
-        ];
-        fit
+        Fit {
+            plane: [plane[0] / ny, plane[1] / nx],
+            corrections: [
+                [corrections[0][0] / ny, corrections[0][1]],
+                [corrections[1][0] / nx, corrections[1][1]],
+            ],
+            variances: [
+                [line_x / ny, third_x / ny, line_x * second_y],
+                [line_y / nx, third_y / nx, line_y * second_x],
+            ],
+        }
     }
 
     fn slope(
         &self,
         config: &DepthNormalConfig,
         per_cell: f64,
+        tried: usize,
         column: usize,
         row: usize,
     ) -> Option<Slope> {
-        let mut reach = [2, 2];
+        let mut reach = [0, 0];
         if !self.is_whole(column, row, reach) {
             return None;
         }
-        let mut best = self.fit(column, row, reach);
-        let mut interval = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
         let narrowed = |interval: &[[f64; 2]; 2], fit: &Fit| {
             let mut next = *interval;
             for (axis, range) in next.iter_mut().enumerate() {
@@ -244,29 +280,26 @@ impl Cubics {
             }
             next
         };
-        interval = narrowed(&interval, &best);
+        let mut best = self.fit(column, row, reach);
+        let mut interval = narrowed(&[[f64::NEG_INFINITY, f64::INFINITY]; 2], &best);
         let mut open = [true, true];
-        for wider in REACHES.into_iter().skip(1) {
+        for wider in 1..tried {
             for axis in 0..2 {
                 if !open[axis] {
                     continue;
                 }
                 let mut next = reach;
                 next[axis] = wider;
-                if wider > config.window_cells_max.max(2) || !self.is_whole(column, row, next) {
-                    open[axis] = false;
+                open[axis] = self.is_whole(column, row, next);
+                if !open[axis] {
                     continue;
                 }
                 let fit = self.fit(column, row, next);
                 let inside = narrowed(&interval, &fit);
-                if inside.iter().any(|[low, high]| low > high) {
-                    open[axis] = false;
-                    continue;
+                open[axis] = inside.iter().all(|[low, high]| low <= high);
+                if open[axis] {
+                    (interval, reach, best) = (inside, next, fit);
                 }
-                (interval, reach, best) = (inside, next, fit);
-            }
-            if !(open[0] || open[1]) {
-                break;
             }
         }
         let slope = [0, 1].map(|axis| {

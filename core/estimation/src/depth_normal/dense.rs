@@ -19,6 +19,59 @@ pub(super) struct Field<'a> {
     pub range_m: [f64; 2],
 }
 
+/// A stretch of a row over which inverse depth and its slopes are linear: value and change per cell.
+struct Line {
+    /// Place of the first pixel, and from pixel to pixel, cells.
+    first: f32,
+    step: f32,
+    w: [f32; 2],
+    a: [f32; 2],
+    b: [f32; 2],
+    /// `x/z` of the first pixel, and from pixel to pixel.
+    sight: [f32; 2],
+    /// `y/z` of the row.
+    row_sight: f32,
+    range: [f32; 2],
+}
+
+/// Pixels that are worked on together.
+const LANES: usize = 8;
+
+impl Line {
+    fn fill(&self, depths: &[f32], normals: &mut [PixelNormal]) {
+        let mut from = 0;
+        for (normals, depths) in normals.chunks_mut(LANES).zip(depths.chunks(LANES)) {
+            let mut z = [0.0; LANES];
+            z[..depths.len()].copy_from_slice(depths);
+            let [x, y, z] = self.lanes(from as f32, &z);
+            for (normal, ((x, y), z)) in normals.iter_mut().zip(x.iter().zip(&y).zip(&z)) {
+                *normal = [*x, *y, *z];
+            }
+            from += LANES;
+        }
+    }
+
+    fn lanes(&self, from: f32, z: &[f32; LANES]) -> [[f32; LANES]; 3] {
+        let mut out = [[0.0; LANES]; 3];
+        for k in 0..LANES {
+            let i = from + k as f32;
+            let share = self.first + i * self.step;
+            let w = self.w[0] + self.w[1] * share;
+            let wa = self.a[0] + self.a[1] * share;
+            let wb = self.b[0] + self.b[1] * share;
+            let wc = w - (self.sight[0] + self.sight[1] * i) * wa - self.row_sight * wb;
+            let square = wa * wa + wb * wb + wc * wc;
+            let reads = (z[k] >= self.range[0]) & (z[k] <= self.range[1]) & (square > 0.0);
+            let length = if reads { square } else { 1.0 }.sqrt();
+            let scale = if reads { -1.0 } else { 0.0 } / length;
+            out[0][k] = wa * scale;
+            out[1][k] = wb * scale;
+            out[2][k] = wc * scale;
+        }
+        out
+    }
+}
+
 impl Field<'_> {
     /// Fills `normals`, one per pixel of the image.
     pub fn fill(&self, image: &DepthImage<'_>, normals: &mut [PixelNormal]) {
@@ -35,14 +88,7 @@ impl Field<'_> {
                 let left = ((u as f64 - middle) / cell).floor();
                 let until = ((left + 1.0) * cell + middle).ceil().max(u as f64 + 1.0) as usize;
                 let until = until.min(width);
-                self.stretch(
-                    u,
-                    until,
-                    left,
-                    place,
-                    &depths[u..until],
-                    &mut line[u..until],
-                );
+                self.stretch(u, left, place, &depths[u..until], &mut line[u..until]);
                 u = until;
             }
         }
@@ -51,7 +97,6 @@ impl Field<'_> {
     fn stretch(
         &self,
         from: usize,
-        to: usize,
         left: f64,
         place: f64,
         depths: &[f32],
@@ -75,12 +120,17 @@ impl Field<'_> {
             let first = (from as f32 - middle) / cell - column as f32;
             let sight = self.mesh.sight((f64::from(first)) + column as f64, 0.0)[0] as f32;
             let sight_step = (self.mesh.step[0] / self.cell_px as f64) as f32;
-            for (i, (normal, z)) in normals.iter_mut().zip(depths).enumerate() {
-                let share = first + i as f32 / cell;
-                let w = w0 + (w1 - w0) * share;
-                let (wa, wb) = (a0 + (a1 - a0) * share, b0 + (b1 - b0) * share);
-                *normal = self.unit(w, wa, wb, sight + sight_step * i as f32, b, *z);
-            }
+            let line = Line {
+                first,
+                step: 1.0 / cell,
+                w: [w0, w1 - w0],
+                a: [a0, a1 - a0],
+                b: [b0, b1 - b0],
+                sight: [sight, sight_step],
+                row_sight: b,
+                range: self.range_m.map(|m| m as f32),
+            };
+            line.fill(depths, normals);
             return;
         }
         for (i, (normal, z)) in normals.iter_mut().zip(depths).enumerate() {
@@ -88,7 +138,6 @@ impl Field<'_> {
             let at = (u - 0.5 * (self.cell_px as f64 - 1.0)) / self.cell_px as f64;
             *normal = self.nearest(at, place, *z);
         }
-        let _ = to;
     }
 
     /// Inverse depth and its slopes at the four nodes around, where all are of one surface.

@@ -218,11 +218,13 @@ impl DepthNormalState {
             .fill(config, &sample.image, sample.left_out, self.jump);
         let (columns, rows) = (self.cells.columns, self.cells.rows);
         self.windows.resize(columns, rows);
-        self.windows.fill(config, &self.cells);
+        self.windows.begin(config, &self.cells);
         self.cubics.resize(columns, rows);
         let variance = self.windows.noise.variance(config);
         self.cubics
             .refine(config, &self.cells, variance, &mut self.windows.nodes);
+        self.windows
+            .widen(config, &self.cells, |node| !self.cubics.has(node));
         self.facets.resize(columns * rows, Facet::default());
         let cos = config.steepest_rad.cos();
         self.mesh

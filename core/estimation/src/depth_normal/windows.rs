@@ -23,8 +23,6 @@ pub(super) struct Node {
     pub slope: [f64; 2],
     /// Of the slope, `uu`, `uv`, `vv`, (1/m)².
     pub covariance: [f64; 3],
-    /// Cells from the cell to the window's left, right, top and bottom.
-    pub reach: [u8; 4],
 }
 
 /// What the noise of this frame is, found in it.
@@ -120,18 +118,41 @@ impl Windows {
         self.ratios.reserve(2 * columns * rows);
     }
 
-    /// Node of every cell that has depth and no edge.
-    pub fn fill(&mut self, config: &DepthNormalConfig, grid: &Cells) {
+    /// Node of every cell without an edge that has depth, or neighbours with depth: from the smallest window.
+    pub fn begin(&mut self, config: &DepthNormalConfig, grid: &Cells) {
         self.sum(grid);
         self.measure_noise(config, grid);
+        self.each(config, grid, 1, |_| true);
+    }
+
+    /// The widest window for each node that is `wanted`.
+    pub fn widen(
+        &mut self,
+        config: &DepthNormalConfig,
+        grid: &Cells,
+        wanted: impl Fn(usize) -> bool,
+    ) {
+        self.each(config, grid, config.window_cells_max, wanted);
+    }
+
+    fn each(
+        &mut self,
+        config: &DepthNormalConfig,
+        grid: &Cells,
+        reach_max: usize,
+        wanted: impl Fn(usize) -> bool,
+    ) {
         let variance = self.noise.variance(config);
         for row in 0..self.rows {
             for column in 0..self.columns {
                 let i = row * self.columns + column;
-                self.nodes[i] = if grid.cells[i].is_edge() || grid.cells[i].sums[0] <= 0.0 {
+                if !wanted(i) {
+                    continue;
+                }
+                self.nodes[i] = if grid.cells[i].is_edge() {
                     Node::default()
                 } else {
-                    self.node(config, variance, column, row)
+                    self.node(config, variance, reach_max, [column, row])
                 };
             }
         }
@@ -230,7 +251,13 @@ impl Windows {
         self.noise.correlation = ratio.clamp(1.0, 30.0);
     }
 
-    fn node(&self, config: &DepthNormalConfig, variance: f64, column: usize, row: usize) -> Node {
+    fn node(
+        &self,
+        config: &DepthNormalConfig,
+        variance: f64,
+        reach_max: usize,
+        [column, row]: [usize; 2],
+    ) -> Node {
         let mut bounds = [column, column + 1, row, row + 1];
         let mut best: Option<(Plane, [usize; 4])> = None;
         let mut interval = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
@@ -238,7 +265,7 @@ impl Windows {
         let limits = [self.columns, self.rows];
         let place = [column, row];
         for reach in REACHES {
-            let reach = reach.min(config.window_cells_max);
+            let reach = reach.min(reach_max);
             for axis in 0..2 {
                 if !open[axis] {
                     continue;
@@ -287,27 +314,20 @@ impl Windows {
                 bounds = wider;
                 best = Some((plane, bounds));
             }
-            if reach == config.window_cells_max || !(open[0] || open[1]) {
+            if reach == reach_max || !(open[0] || open[1]) {
                 break;
             }
         }
-        let Some((plane, bounds)) = best else {
+        let Some((plane, _)) = best else {
             return Node::default();
         };
         let du = column as f64 - self.origin[0] - plane.middle[0];
         let dv = row as f64 - self.origin[1] - plane.middle[1];
-        let reach = [
-            column - bounds[0],
-            bounds[1] - 1 - column,
-            row - bounds[2],
-            bounds[3] - 1 - row,
-        ];
         Node {
             valid: true,
             w: self.origin[2] + plane.middle[2] + plane.slope[0] * du + plane.slope[1] * dv,
             slope: plane.slope,
             covariance: plane.inverse.map(|x| x * variance),
-            reach: reach.map(|cells| cells as u8),
         }
     }
 }
