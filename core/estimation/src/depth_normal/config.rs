@@ -32,6 +32,8 @@ pub struct DepthNormalConfig {
     pub segment_spread_rad: f64,
     /// Radius of the patch that is fitted at the tool, smallest and largest, m.
     pub patch_radius_m: [f64; 2],
+    /// How fast the bend of surfaces changes along them, standard deviation, 1/m²: what a patch may hide.
+    pub bend_change_sd_per_m2: f64,
     /// Cells that a patch needs.
     pub patch_cells_min: usize,
     /// Length of the map ahead of the tool, m.
@@ -53,6 +55,7 @@ impl Default for DepthNormalConfig {
             segment_step_rad: 0.14,
             segment_spread_rad: 0.35,
             patch_radius_m: [0.015, 0.06],
+            bend_change_sd_per_m2: 300.0,
             patch_cells_min: 12,
             ahead_m: 0.08,
             ahead_step_m: 0.005,
@@ -111,6 +114,12 @@ impl DepthNormalConfig {
             ),
             ("depth_normal.patch_radius_m[0]", small, 1e-4, 10.0),
             ("depth_normal.patch_radius_m[1]", large, small, 10.0),
+            (
+                "depth_normal.bend_change_sd_per_m2",
+                self.bend_change_sd_per_m2,
+                1e-3,
+                1e6,
+            ),
             (
                 "depth_normal.patch_cells_min",
                 self.patch_cells_min as f64,

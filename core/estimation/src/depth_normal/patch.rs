@@ -1,4 +1,6 @@
-//! A quadric in inverse depth through the cells around a line of sight: the normal and curvature there, and how sure they are.
+//! A cubic in inverse depth through the cells around a line of sight: the normal and curvature there, and how sure they are.
+//!
+//! The cubic's own terms are believed to be small, as small as surfaces are smooth: so what they may hide is in the covariance.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -8,7 +10,8 @@ use super::facets::{Facet, Mesh};
 use super::inverse_depth::InverseDepth;
 use super::windows::FrameNoise;
 
-type Normal = SMatrix<f64, 6, 6>;
+/// 1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy.
+const TERMS: usize = 10;
 
 /// What a patch is fitted to.
 pub(super) struct Ground<'a> {
@@ -93,8 +96,8 @@ impl Ground<'_> {
         };
         // Coordinates over the reach, so that the matrix is well scaled.
         let scale = reach[0].max(reach[1]).max(1e-9);
-        let mut matrix = Normal::zeros();
-        let mut right = SVector::<f64, 6>::zeros();
+        let mut matrix = SMatrix::<f64, TERMS, TERMS>::zeros();
+        let mut right = SVector::<f64, TERMS>::zeros();
         let centre = Vector3::new(sight[0], sight[1], 1.0) * depth_m;
         let mut square = 0.0;
         let mut used = 0usize;
@@ -114,19 +117,33 @@ impl Ground<'_> {
                     continue;
                 }
                 let cell = &self.cells.cells[k];
-                let s = &cell.sums;
-                let (p, c) = (s[0], 1.0 / scale);
-                let (u, v) = (s[1] / p * c, s[2] / p * c);
-                // Means over the cell's pixels of 1, x, y, xx, xy, yy.
-                let line = SVector::<f64, 6>::from([
+                let sums = &cell.sums;
+                let (p, c) = (sums[0], 1.0 / scale);
+                // A hole has a facet from its neighbours, but nothing to say.
+                if p <= 0.0 {
+                    continue;
+                }
+                let (u, v) = (sums[1] / p, sums[2] / p);
+                let (uu, uv, vv) = (
+                    (sums[3] / p - u * u) * c * c,
+                    (sums[4] / p - u * v) * c * c,
+                    (sums[5] / p - v * v) * c * c,
+                );
+                let (x, y) = (x + u * c, y + v * c);
+                // Means over the cell's pixels; what is lopsided within a cell does not count.
+                let line = SVector::<f64, TERMS>::from([
                     1.0,
-                    x + u,
-                    y + v,
-                    x * x + 2.0 * x * u + s[3] / p * c * c,
-                    x * y + x * v + y * u + s[4] / p * c * c,
-                    y * y + 2.0 * y * v + s[5] / p * c * c,
+                    x,
+                    y,
+                    x * x + uu,
+                    x * y + uv,
+                    y * y + vv,
+                    x * x * x + 3.0 * x * uu,
+                    x * x * y + y * uu + 2.0 * x * uv,
+                    x * y * y + x * vv + 2.0 * y * uv,
+                    y * y * y + 3.0 * y * vv,
                 ]);
-                let w = cell.reference + s[6] / p - reference;
+                let w = cell.reference + sums[6] / p - reference;
                 matrix.syger(p, &line, &line, 1.0);
                 right.axpy(p * w, &line, 1.0);
                 square += p * w * w;
@@ -140,25 +157,39 @@ impl Ground<'_> {
         if longest_gap(octants) >= 4 {
             return Err(PatchError::OneSided);
         }
+        let pixel = self.config.inverse_depth_sd_per_m.powi(2) * self.noise.scale;
+        let expected = pixel * self.noise.correlation;
+        // A third derivative of depth, 1/m², is one of inverse depth by the line of sight, 1/m, times the depth.
+        let [step_a, step_b] = self.mesh.step.map(|s| s * scale);
+        let third = self.config.bend_change_sd_per_m2 * depth_m;
+        let believed = [
+            third * step_a.powi(3) / 6.0,
+            third * step_a.powi(2) * step_b / 2.0,
+            third * step_a * step_b.powi(2) / 2.0,
+            third * step_b.powi(3) / 6.0,
+        ];
+        for (i, sd) in believed.into_iter().enumerate() {
+            matrix[(6 + i, 6 + i)] += expected / (sd * sd).max(1e-30);
+        }
         matrix.fill_upper_triangle_with_lower_triangle();
         let cholesky = matrix.cholesky().ok_or(PatchError::TooFew)?;
         let solution = cholesky.solve(&right);
-        let pixel = self.config.inverse_depth_sd_per_m.powi(2) * self.noise.scale;
-        let expected = pixel * self.noise.correlation;
         let rest = (square - right.dot(&solution)).max(0.0);
         // What the cells themselves show counts where it is more.
         let shown = rest / (used as f64 - 6.0).max(1.0);
         let mut covariance = cholesky.inverse() * expected.max(shown);
-        let [step_a, step_b] = self.mesh.step.map(|s| 1.0 / (s * scale));
+        // From the scaled coordinates to derivatives by the line of sight.
+        let (by_a, by_b) = (1.0 / step_a, 1.0 / step_b);
         let by = SVector::<f64, 6>::from([
             1.0,
-            step_a,
-            step_b,
-            2.0 * step_a * step_a,
-            step_a * step_b,
-            2.0 * step_b * step_b,
+            by_a,
+            by_b,
+            2.0 * by_a * by_a,
+            by_a * by_b,
+            2.0 * by_b * by_b,
         ]);
-        let found = solution.component_mul(&by);
+        let found = solution.fixed_rows::<6>(0).component_mul(&by);
+        let mut covariance = covariance.fixed_view_mut::<6, 6>(0, 0);
         covariance.component_mul_assign(&(by * by.transpose()));
         Ok(Patch {
             at: InverseDepth {
