@@ -8,6 +8,7 @@ mod closed_loop;
 mod compliance;
 pub mod contact;
 mod cycle_line;
+pub mod depth_camera;
 mod digest;
 pub mod lippiello;
 mod loaded_arm;

@@ -8,6 +8,7 @@ mod cylinder;
 mod graph;
 mod height_field;
 mod plane;
+mod ray;
 mod sheet;
 mod sphere;
 mod torus;
@@ -20,6 +21,7 @@ pub use cone::Cone;
 pub use cylinder::Cylinder;
 pub use height_field::{HeightField, HeightFieldError};
 pub use plane::Plane;
+pub use ray::Ray;
 pub use sheet::Sheet;
 pub use sphere::Sphere;
 pub use torus::Torus;
@@ -48,6 +50,12 @@ pub trait Shape {
 
     /// Shape operator at the closest point, 1/m.
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64>;
+
+    /// The first `t` within `range` at which the ray is inside the material; its start where it begins there. Sphere tracing
+    /// unless a shape knows a shorter way.
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        ray::march(ray, range, |p| self.distance_and_normal(p).0)
+    }
 }
 
 /// Which shape, with its dimensions; the tagged form of the `[plant.surface]` table.
@@ -176,6 +184,20 @@ impl AnyShape {
     }
 }
 
+impl AnyShape {
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        match self {
+            Self::Plane(s) => s.enter(ray, range),
+            Self::Cylinder(s) => s.enter(ray, range),
+            Self::Cone(s) => s.enter(ray, range),
+            Self::Sphere(s) => s.enter(ray, range),
+            Self::Torus(s) => s.enter(ray, range),
+            Self::Sheet(s) => s.enter(ray, range),
+            Self::HeightField(s) => s.enter(ray, range),
+        }
+    }
+}
+
 /// A shape placed in the arm's base.
 #[derive(Clone, Debug)]
 pub struct Surface {
@@ -282,6 +304,19 @@ impl Surface {
 
     fn local(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.rotation.matrix().tr_mul(&(point - self.translation))
+    }
+
+    /// A ray in base axes as the shape sees it.
+    pub fn ray_in_surface(&self, ray: &Ray) -> Ray {
+        Ray {
+            origin: self.local(&ray.origin),
+            direction: self.rotation.matrix().tr_mul(&ray.direction),
+        }
+    }
+
+    /// The first `t` within `range` at which a ray given in the surface's axes ([`Surface::ray_in_surface`]) is inside the material.
+    pub fn enter(&self, ray_in_surface: &Ray, range: [f64; 2]) -> Option<f64> {
+        self.shape.enter(ray_in_surface, range)
     }
 
     /// Signed distance (m) and unit normal at the closest point, base axes. The cheap part of [`Surface::query`].

@@ -1,0 +1,232 @@
+//! A normal for every pixel that has depth, from the planes of the cells around it.
+
+use super::facets::Mesh;
+use super::image::DepthImage;
+use super::windows::Node;
+
+/// Unit normal of a pixel, camera axes, out of the material; all zero where there is none.
+pub type PixelNormal = [f32; 3];
+
+/// The grid that the normals come from.
+pub(super) struct Field<'a> {
+    pub nodes: &'a [Node],
+    pub columns: usize,
+    pub rows: usize,
+    pub cell_px: usize,
+    pub mesh: Mesh,
+    /// As in `DepthNormalConfig::jump`.
+    pub jump: [f64; 2],
+    pub range_m: [f64; 2],
+}
+
+/// A stretch of a row over which inverse depth and its slopes are linear: value and change per cell.
+struct Line {
+    /// Place of the first pixel, and from pixel to pixel, cells.
+    first: f32,
+    step: f32,
+    w: [f32; 2],
+    a: [f32; 2],
+    b: [f32; 2],
+    /// `x/z` of the first pixel, and from pixel to pixel.
+    sight: [f32; 2],
+    /// `y/z` of the row.
+    row_sight: f32,
+    range: [f32; 2],
+}
+
+/// Pixels that are worked on together.
+const LANES: usize = 8;
+
+impl Line {
+    fn fill(&self, depths: &[f32], normals: &mut [PixelNormal]) {
+        let mut from = 0;
+        for (normals, depths) in normals.chunks_mut(LANES).zip(depths.chunks(LANES)) {
+            let mut z = [0.0; LANES];
+            z[..depths.len()].copy_from_slice(depths);
+            let [x, y, z] = self.lanes(from as f32, &z);
+            for (normal, ((x, y), z)) in normals.iter_mut().zip(x.iter().zip(&y).zip(&z)) {
+                *normal = [*x, *y, *z];
+            }
+            from += LANES;
+        }
+    }
+
+    fn lanes(&self, from: f32, z: &[f32; LANES]) -> [[f32; LANES]; 3] {
+        let mut out = [[0.0; LANES]; 3];
+        for k in 0..LANES {
+            let i = from + k as f32;
+            let share = self.first + i * self.step;
+            let w = self.w[0] + self.w[1] * share;
+            let wa = self.a[0] + self.a[1] * share;
+            let wb = self.b[0] + self.b[1] * share;
+            let wc = w - (self.sight[0] + self.sight[1] * i) * wa - self.row_sight * wb;
+            let square = wa * wa + wb * wb + wc * wc;
+            let reads = (z[k] >= self.range[0]) & (z[k] <= self.range[1]) & (square > 0.0);
+            let length = if reads { square } else { 1.0 }.sqrt();
+            let scale = if reads { -1.0 } else { 0.0 } / length;
+            out[0][k] = wa * scale;
+            out[1][k] = wb * scale;
+            out[2][k] = wc * scale;
+        }
+        out
+    }
+}
+
+impl Field<'_> {
+    /// Fills `normals`, one per pixel of the image.
+    pub fn fill(&self, image: &DepthImage<'_>, normals: &mut [PixelNormal]) {
+        let width = image.width();
+        let cell = self.cell_px as f64;
+        let middle = 0.5 * (cell - 1.0);
+        for v in 0..image.height() {
+            let place = (v as f64 - middle) / cell;
+            let line = &mut normals[v * width..(v + 1) * width];
+            let depths = image.row(v);
+            // Between two columns of nodes everything is linear along the row.
+            let mut u = 0;
+            while u < width {
+                let left = ((u as f64 - middle) / cell).floor();
+                let until = ((left + 1.0) * cell + middle).ceil().max(u as f64 + 1.0) as usize;
+                let until = until.min(width);
+                self.stretch(u, left, place, &depths[u..until], &mut line[u..until]);
+                u = until;
+            }
+        }
+    }
+
+    fn stretch(
+        &self,
+        from: usize,
+        left: f64,
+        place: f64,
+        depths: &[f32],
+        normals: &mut [PixelNormal],
+    ) {
+        let top = place.floor();
+        // Beyond the outermost nodes their own interval goes on.
+        let column = (left.max(0.0) as usize).min(self.columns.saturating_sub(2));
+        let row = (top.max(0.0) as usize).min(self.rows.saturating_sub(2));
+        let fraction = (place - row as f64) as f32;
+        if let Some(corners) = self.corners(column, row) {
+            let b = self.mesh.sight(0.0, place)[1] as f32;
+            let mix = |i: usize| {
+                let side =
+                    |k: usize| corners[k][i] + (corners[k + 2][i] - corners[k][i]) * fraction;
+                (side(0), side(1))
+            };
+            let ((w0, w1), (a0, a1), (b0, b1)) = (mix(0), mix(1), mix(2));
+            let cell = self.cell_px as f32;
+            let middle = 0.5 * (cell - 1.0);
+            let first = (from as f32 - middle) / cell - column as f32;
+            let sight = self.mesh.sight((f64::from(first)) + column as f64, 0.0)[0] as f32;
+            let sight_step = (self.mesh.step[0] / self.cell_px as f64) as f32;
+            let line = Line {
+                first,
+                step: 1.0 / cell,
+                w: [w0, w1 - w0],
+                a: [a0, a1 - a0],
+                b: [b0, b1 - b0],
+                sight: [sight, sight_step],
+                row_sight: b,
+                range: self.range_m.map(|m| m as f32),
+            };
+            line.fill(depths, normals);
+            return;
+        }
+        for (i, (normal, z)) in normals.iter_mut().zip(depths).enumerate() {
+            let u = (from + i) as f64;
+            let at = (u - 0.5 * (self.cell_px as f64 - 1.0)) / self.cell_px as f64;
+            *normal = self.nearest(at, place, *z);
+        }
+    }
+
+    /// Inverse depth and its slopes at the four nodes around, where all are of one surface.
+    fn corners(&self, column: usize, row: usize) -> Option<[[f32; 3]; 4]> {
+        if self.columns < 2 || self.rows < 2 {
+            return None;
+        }
+        let k = row * self.columns + column;
+        let four = [k, k + 1, k + self.columns, k + self.columns + 1].map(|k| &self.nodes[k]);
+        if four.iter().any(|n| !n.valid) {
+            return None;
+        }
+        let limit = self.jump[0] + self.jump[1] * four[0].w;
+        let apart = |m: &Node, n: &Node, axis: usize| {
+            (m.w + 0.5 * m.slope[axis] - n.w + 0.5 * n.slope[axis]).abs() > limit
+        };
+        if apart(four[0], four[1], 0)
+            || apart(four[2], four[3], 0)
+            || apart(four[0], four[2], 1)
+            || apart(four[1], four[3], 1)
+        {
+            return None;
+        }
+        let [step_a, step_b] = self.mesh.step;
+        Some(four.map(|n| {
+            [
+                n.w as f32,
+                (n.slope[0] / step_a) as f32,
+                (n.slope[1] / step_b) as f32,
+            ]
+        }))
+    }
+
+    /// The plane around that is nearest to what the pixel itself says.
+    fn nearest(&self, column: f64, row: f64, z: f32) -> PixelNormal {
+        if !self.reads(z) {
+            return [0.0; 3];
+        }
+        let w = 1.0 / f64::from(z);
+        let limit = self.jump[0] + self.jump[1] * w;
+        let [step_a, step_b] = self.mesh.step;
+        let sight = self.mesh.sight(column, row);
+        let mut best = (f64::INFINITY, [0.0; 3]);
+        for reach in 1..=3 {
+            let around = |at: f64, size: usize| {
+                let from = (at.round() - f64::from(reach)).max(0.0) as usize;
+                let to = (at.round() + f64::from(reach) + 1.0).max(0.0) as usize;
+                from..to.min(size)
+            };
+            for j in around(row, self.rows) {
+                for i in around(column, self.columns) {
+                    let node = &self.nodes[j * self.columns + i];
+                    if !node.valid {
+                        continue;
+                    }
+                    let (du, dv) = (column - i as f64, row - j as f64);
+                    let there = node.w + node.slope[0] * du + node.slope[1] * dv;
+                    let off = (there - w).abs() + limit * 0.1 * (du * du + dv * dv);
+                    if off < best.0 {
+                        let (wa, wb) = (node.slope[0] / step_a, node.slope[1] / step_b);
+                        best = (off, [there, wa, wb]);
+                    }
+                }
+            }
+            if best.0 < limit {
+                break;
+            }
+        }
+        if !best.0.is_finite() {
+            return [0.0; 3];
+        }
+        let [there, wa, wb] = best.1.map(|x| x as f32);
+        self.unit(there, wa, wb, sight[0] as f32, sight[1] as f32, z)
+    }
+
+    fn reads(&self, z: f32) -> bool {
+        f64::from(z) >= self.range_m[0] && f64::from(z) <= self.range_m[1]
+    }
+
+    fn unit(&self, w: f32, wa: f32, wb: f32, a: f32, b: f32, z: f32) -> PixelNormal {
+        let wc = w - a * wa - b * wb;
+        let length = (wa * wa + wb * wb + wc * wc).sqrt();
+        let near = self.range_m[0] as f32;
+        let far = self.range_m[1] as f32;
+        let scale = if z >= near && z <= far && length > 0.0 {
+            -1.0 / length
+        } else {
+            0.0
+        };
+        [wa * scale, wb * scale, wc * scale]
+    }
+}

@@ -1,0 +1,1 @@
+//! The camera against the surfaces' own distances, and each of its errors by itself.
