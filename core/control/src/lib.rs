@@ -55,5 +55,5 @@ pub use task::{
 };
 pub use unified_force_impedance::{
     TankBooks, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput, UnifiedOutput,
-    VisualNormal,
+    VisionInput,
 };

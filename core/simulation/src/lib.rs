@@ -9,6 +9,7 @@ mod compliance;
 pub mod contact;
 mod cycle_line;
 pub mod depth_camera;
+mod depth_source;
 mod digest;
 pub mod lippiello;
 mod loaded_arm;
@@ -41,6 +42,7 @@ mod wrench_estimate;
 
 pub use camera::{Camera, CameraConfig, FeatureSource};
 pub use closed_loop::{ClosedLoop, Evaluation, LoopCycle, evaluate, evaluate_with};
+pub use depth_source::DepthSource;
 pub use digest::TrajectoryDigest;
 pub use measurement::{ArmMeasurement, SensorSample, VelocityCommand};
 pub use normal_camera::{NormalCamera, NormalCameraConfig};
@@ -67,7 +69,7 @@ pub use tactile_loop::{
     Calm, TactileCycle, TactileDisturbance, TactileLoop, evaluate_tactile, evaluate_tactile_with,
 };
 pub use tactile_plant::{EnergyBooks, TactileMeasurement, TactilePlant};
-pub use tactile_plant_config::{StartSpreadConfig, TactilePlantConfig};
+pub use tactile_plant_config::{NormalSource, StartSpreadConfig, TactilePlantConfig};
 pub use tactile_scenario::{TactileKind, TactileScenario};
 pub use target_image::ImageConfig;
 pub use torque_arm::{TorqueArm, TorqueArmConfig};

@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
-use tangent_control::VisualNormal;
+use tangent_control::VisionInput;
 use tangent_sensing::Validity;
 
 use crate::plant::PlantError;
@@ -75,7 +75,7 @@ pub struct NormalCamera {
     mounting: Vector3<f64>,
     rng: Pcg64Mcg,
     taken: u64,
-    under_way: ArrayVec<(f64, VisualNormal), UNDER_WAY_MAX>,
+    under_way: ArrayVec<(f64, VisionInput), UNDER_WAY_MAX>,
 }
 
 impl NormalCamera {
@@ -107,7 +107,7 @@ impl NormalCamera {
         let noise = Matrix3::from_fn(|_, _| StandardNormal.sample(&mut self.rng));
         let noise = project * (noise + noise.transpose()) * project * (0.5 * c.curvature_sd_per_m);
         let sd = (c.normal_sd_rad.powi(2) + c.mounting_sd_rad.powi(2)).max(1e-8);
-        let sample = VisualNormal {
+        let sample = VisionInput {
             time_s,
             point: under.point,
             normal,
@@ -123,7 +123,7 @@ impl NormalCamera {
     }
 
     /// The newest sample that has arrived since it was asked last.
-    pub fn take(&mut self, time_s: f64) -> Option<VisualNormal> {
+    pub fn take(&mut self, time_s: f64) -> Option<VisionInput> {
         let mut newest = None;
         while self
             .under_way

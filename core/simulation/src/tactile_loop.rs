@@ -2,7 +2,7 @@
 //! `visuo_tactile`.
 
 use nalgebra::{Vector3, Vector6};
-use tangent_control::{Phase, UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisualNormal};
+use tangent_control::{Phase, UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput};
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
 use tangent_mechanics::{Joints, Pose, Twist, Wrench};
 use tangent_sensing::Validity;
@@ -38,7 +38,7 @@ pub struct TactileCycle<'a> {
 /// Something done to the inputs on their way, for tests of what fails.
 pub trait TactileDisturbance {
     /// A normal before the law sees it; none for a frame that never comes.
-    fn vision(&mut self, _time_s: f64, normal: VisualNormal) -> Option<VisualNormal> {
+    fn vision(&mut self, _time_s: f64, normal: VisionInput) -> Option<VisionInput> {
         Some(normal)
     }
 
@@ -118,7 +118,7 @@ pub struct TactileLoop {
     controller: UnifiedForceImpedance,
     wrench_lag_s: f64,
     up: Vector3<f64>,
-    vision: Option<VisualNormal>,
+    vision: Option<VisionInput>,
     felt: Option<NormalEstimate>,
     torque: Joints<JOINTS>,
     output: Option<UnifiedOutput>,

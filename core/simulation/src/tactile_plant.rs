@@ -4,17 +4,18 @@
 use nalgebra::{Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use tangent_control::VisualNormal;
+use tangent_control::VisionInput;
 use tangent_mechanics::{Arm, Flange, JointFriction, Joints, Pose, Tool, Wrench};
 
 use crate::contact::{Pad, PadContact, PadMotion};
+use crate::depth_source::DepthSource;
 use crate::loaded_arm::loaded_arm;
 use crate::normal_camera::NormalCamera;
 use crate::plant::PlantError;
 use crate::plant_config::{PoseConfig, StartConfig};
 use crate::start;
 use crate::surfaces::Surface;
-use crate::tactile_plant_config::{TactilePlantConfig, check};
+use crate::tactile_plant_config::{NormalSource, TactilePlantConfig, check};
 use crate::torque_arm::{DELAY_PERIODS_MAX, TorqueArm};
 use crate::truth::Truth;
 use crate::wrench_estimate::WrenchEstimate;
@@ -48,6 +49,12 @@ pub struct EnergyBooks {
     pub friction_j: f64,
 }
 
+/// The camera, by where its normals come from.
+enum Eye {
+    Features(NormalCamera),
+    Depth(Box<DepthSource>),
+}
+
 /// The simulated cell.
 pub struct TactilePlant {
     config: TactilePlantConfig,
@@ -56,7 +63,7 @@ pub struct TactilePlant {
     surface: Surface,
     pad: Pad,
     wrench: WrenchEstimate<JOINTS>,
-    camera: NormalCamera,
+    camera: Eye,
     flange_from_tool: Pose<Flange, Tool>,
     dt: f64,
     periods: u64,
@@ -92,7 +99,15 @@ impl TactilePlant {
         let mut plant = Self {
             friction: config.arm.friction(),
             wrench: WrenchEstimate::new(&config.external_wrench, stated, seed),
-            camera: NormalCamera::new(&config.camera, seed),
+            camera: match config.normals_from {
+                NormalSource::Features => Eye::Features(NormalCamera::new(&config.camera, seed)),
+                NormalSource::Depth => Eye::Depth(Box::new(DepthSource::new(
+                    &config.depth_camera,
+                    &config.depth_normal,
+                    &flange_from_tool,
+                    seed,
+                )?)),
+            },
             arm: TorqueArm::new(model, &config.arm, q),
             pad: Pad::new(
                 &config.tool.pad,
@@ -125,9 +140,7 @@ impl TactilePlant {
             config: config.clone(),
         };
         plant.measure();
-        plant
-            .camera
-            .expose(0.0, &plant.surface, &plant.motion.origin);
+        plant.expose();
         Ok(plant)
     }
 
@@ -144,8 +157,19 @@ impl TactilePlant {
         }
         self.periods += 1;
         self.measure();
+        self.expose();
+    }
+
+    /// The camera looks from where the arm measures it to be.
+    fn expose(&mut self) {
         let time = self.time_s();
-        self.camera.expose(time, &self.surface, &self.motion.origin);
+        match &mut self.camera {
+            Eye::Features(camera) => camera.expose(time, &self.surface, &self.motion.origin),
+            Eye::Depth(source) => {
+                let flange = self.arm.model().base_from_flange(&self.measured.q);
+                source.expose(time, &flange, &self.surface);
+            }
+        }
     }
 
     fn sub_step(&mut self) {
@@ -207,14 +231,20 @@ impl TactilePlant {
     }
 
     /// The newest of the camera's normals that has arrived since it was asked last.
-    pub fn take_normal(&mut self) -> Option<VisualNormal> {
+    pub fn take_normal(&mut self) -> Option<VisionInput> {
         let time = self.time_s();
-        self.camera.take(time)
+        match &mut self.camera {
+            Eye::Features(camera) => camera.take(time),
+            Eye::Depth(source) => source.take(time),
+        }
     }
 
     /// Frames that the camera took.
     pub fn frames(&self) -> u64 {
-        self.camera.frames()
+        match &self.camera {
+            Eye::Features(camera) => camera.frames(),
+            Eye::Depth(source) => source.frames(),
+        }
     }
 
     /// What really happens at the contact now.

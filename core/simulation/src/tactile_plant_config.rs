@@ -1,7 +1,9 @@
 //! The `[plant]` table of a visuo-tactile scenario: a torque-controlled arm without a force sensor, a surface, a camera.
 
 use serde::{Deserialize, Serialize};
+use tangent_estimation::depth_normal::DepthNormalConfig;
 
+use crate::depth_camera::DepthCameraConfig;
 use crate::normal_camera::NormalCameraConfig;
 use crate::plant::PlantError;
 use crate::plant_config::{ContactConfig, StartConfig, SurfaceConfig, ToolConfig};
@@ -29,14 +31,34 @@ pub struct TactilePlantConfig {
     /// What the robot makes of the torques in its joints.
     #[serde(default)]
     pub external_wrench: ExternalWrenchConfig,
-    /// The camera's normals.
+    /// Where the camera's normals come from.
+    #[serde(default)]
+    pub normals_from: NormalSource,
+    /// The camera of the source `features`.
     #[serde(default)]
     pub camera: NormalCameraConfig,
+    /// The camera of the source `depth`.
+    #[serde(default)]
+    pub depth_camera: DepthCameraConfig,
+    /// What reads its images.
+    #[serde(default)]
+    pub depth_normal: DepthNormalConfig,
     /// Where the arm stands at the start.
     pub start: StartConfig,
     /// What the seed changes about the start.
     #[serde(default)]
     pub start_spread: StartSpreadConfig,
+}
+
+/// Where the camera's normals come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NormalSource {
+    /// The true normal with a camera's errors, rate and delay: fast.
+    #[default]
+    Features,
+    /// Depth images are drawn and read.
+    Depth,
 }
 
 /// What the seed changes about the start.

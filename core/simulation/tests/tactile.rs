@@ -2,7 +2,7 @@
 
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
-use tangent_control::{Phase, UnifiedInput, VisualNormal};
+use tangent_control::{Phase, UnifiedInput, VisionInput};
 use tangent_mechanics::Joints;
 use tangent_sensing::Validity;
 use tangent_simulation::{
@@ -129,7 +129,7 @@ struct Rough {
 }
 
 impl TactileDisturbance for Rough {
-    fn vision(&mut self, time_s: f64, mut normal: VisualNormal) -> Option<VisualNormal> {
+    fn vision(&mut self, time_s: f64, mut normal: VisionInput) -> Option<VisionInput> {
         let axis = Vector3::new(self.view[0], self.view[1], 0.0) * (3.0 * time_s).sin();
         normal.normal = (normal.normal + axis.cross(&normal.normal)).normalize();
         Some(normal)
@@ -190,10 +190,10 @@ proptest! {
 }
 
 /// What the torque does in one period while something happens to the camera.
-struct Eye<F: FnMut(f64, VisualNormal) -> Option<VisualNormal>>(F);
+struct Eye<F: FnMut(f64, VisionInput) -> Option<VisionInput>>(F);
 
-impl<F: FnMut(f64, VisualNormal) -> Option<VisualNormal>> TactileDisturbance for Eye<F> {
-    fn vision(&mut self, time_s: f64, normal: VisualNormal) -> Option<VisualNormal> {
+impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> TactileDisturbance for Eye<F> {
+    fn vision(&mut self, time_s: f64, normal: VisionInput) -> Option<VisionInput> {
         (self.0)(time_s, normal)
     }
 }
@@ -216,7 +216,7 @@ fn no_step_in_torque_when_vision_comes_goes_or_jumps() {
     let (from, to) = (6.5, 14.0);
     let (calm, e) = steepest(&mut Calm, from, to);
     assert_eq!(e.phase, "done");
-    let mut jump = Eye(|t: f64, mut n: VisualNormal| {
+    let mut jump = Eye(|t: f64, mut n: VisionInput| {
         if (8.0..8.6).contains(&t) {
             n.normal = (n.normal + Vector3::new(0.25, 0.2, 0.0)).normalize();
         }

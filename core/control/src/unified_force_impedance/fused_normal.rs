@@ -6,7 +6,7 @@ use tangent_estimation::NormalEstimate;
 use tangent_sensing::Validity;
 
 use super::config::FusionConfig;
-use super::interface::VisualNormal;
+use super::interface::VisionInput;
 
 /// Way over which an error of the curvature stays the same, m.
 const CURVATURE_LENGTH_M: f64 = 0.01;
@@ -60,7 +60,7 @@ impl FusedNormal {
         time_s: f64,
         at: &Vector3<f64>,
         tool_z: &Vector3<f64>,
-        vision: Option<&VisualNormal>,
+        vision: Option<&VisionInput>,
         touch: Option<(&NormalEstimate, f64)>,
         dt_s: f64,
     ) -> NormalInUse {
@@ -123,7 +123,7 @@ impl FusedNormal {
     fn look(
         &mut self,
         config: &FusionConfig,
-        frame: &VisualNormal,
+        frame: &VisionInput,
         at: &Vector3<f64>,
         touch: Option<(Vector3<f64>, f64)>,
     ) {
@@ -200,7 +200,7 @@ fn is_unit(v: &Vector3<f64>) -> bool {
     (v.norm() - 1.0).abs() < 1e-6
 }
 
-fn usable(v: &VisualNormal) -> bool {
+fn usable(v: &VisionInput) -> bool {
     v.validity.is_valid()
         && is_unit(&v.normal)
         && v.time_s.is_finite()
@@ -214,8 +214,8 @@ fn usable(v: &VisualNormal) -> bool {
 mod tests {
     use super::*;
 
-    fn frame(time_s: f64, normal: Vector3<f64>, curvature: Option<Matrix3<f64>>) -> VisualNormal {
-        VisualNormal {
+    fn frame(time_s: f64, normal: Vector3<f64>, curvature: Option<Matrix3<f64>>) -> VisionInput {
+        VisionInput {
             time_s,
             point: Vector3::zeros(),
             normal,

@@ -12,7 +12,7 @@ pub const JOINTS: usize = 7;
 
 /// What a camera says about the surface at the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VisualNormal {
+pub struct VisionInput {
     /// Time of exposure, s, on the clock of [`UnifiedInput::time_s`].
     pub time_s: f64,
     /// Point of the surface that the normal belongs to, base axes, m.
@@ -49,7 +49,7 @@ pub struct UnifiedInput {
     /// How old it is now, s.
     pub wrench_age_s: f64,
     /// Newest normal from the camera, as long as there is one.
-    pub vision: Option<VisualNormal>,
+    pub vision: Option<VisionInput>,
     /// Newest normal from touch, made from [`UnifiedOutput::wrench`].
     pub touch: Option<NormalEstimate>,
     /// How old that is now, s.

@@ -17,4 +17,4 @@ pub use config::{
     ShapingConfig, TactileTouchConfig, TankConfig, UnifiedForceImpedanceConfig,
 };
 pub use controller::UnifiedForceImpedance;
-pub use interface::{JOINTS, TankBooks, UnifiedInput, UnifiedOutput, VisualNormal};
+pub use interface::{JOINTS, TankBooks, UnifiedInput, UnifiedOutput, VisionInput};

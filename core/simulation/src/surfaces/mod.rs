@@ -193,6 +193,7 @@ impl AnyShape {
             Self::Sphere(s) => s.enter(ray, range),
             Self::Torus(s) => s.enter(ray, range),
             Self::Sheet(s) => s.enter(ray, range),
+            Self::Wave(s) => s.enter(ray, range),
             Self::HeightField(s) => s.enter(ray, range),
         }
     }

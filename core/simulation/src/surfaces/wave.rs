@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::Shape;
 use super::graph::{self, Graph};
+use super::ray::{self, Ray};
 
 /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, material below. Karacan et al., III: the block of
 /// 0.26 x 0.51 m with a = 0.02 m, l = 0.38 m, phase 0.44 rad and an offset of 0.02 m.
@@ -50,6 +51,10 @@ impl Graph for Wave {
             Matrix2::new(0.0, 0.0, 0.0, -a * k * k * s),
         )
     }
+
+    fn slope_max(&self) -> f64 {
+        self.amplitude * self.wavenumber
+    }
 }
 
 impl Shape for Wave {
@@ -66,5 +71,10 @@ impl Shape for Wave {
 
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
         graph::curvature(self, point)
+    }
+
+    /// Of the wave without its edges: a camera's `extent_m` cuts those.
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        ray::march_graph(self, ray, range)
     }
 }
