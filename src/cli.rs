@@ -302,12 +302,12 @@ pub struct Evaluate {
 #[derive(Debug, Args)]
 pub struct Reproduce {
     /// Which paper.
-    #[arg(value_parser = ["tugal", "lippiello", "all"])]
+    #[arg(value_parser = ["tugal", "karacan", "lippiello", "all"])]
     pub paper: String,
-    /// Seeds per row: 5 for `tugal`, whose figures are means over them, 20 for `lippiello`, whose figures are medians.
+    /// Seeds per row: 5 for `tugal` and 10 for `karacan`, whose figures are means over them, 20 for `lippiello`, whose figures are medians.
     #[arg(long)]
     pub seeds: Option<u64>,
-    /// Also draw the paper's figures beside ours as SVG files into this folder (`lippiello`).
+    /// Also draw the paper's figures beside ours as SVG files into this folder (`karacan`, `lippiello`).
     #[arg(long, value_name = "FOLDER")]
     pub figures: Option<PathBuf>,
 }

@@ -11,6 +11,7 @@ mod cycle_line;
 pub mod depth_camera;
 mod depth_source;
 mod digest;
+pub mod karacan;
 pub mod lippiello;
 mod loaded_arm;
 mod measurement;

@@ -168,6 +168,7 @@ impl FusedNormal {
             }
             *seen = Seen {
                 normal: here,
+                curvature: bend,
                 ..fresh
             };
             return;

@@ -7,6 +7,9 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::config::OrientationConfig;
 use crate::clamp_norm;
 
+/// Lag of what is fed forward, s.
+const TURNING_S: f64 = 0.03;
+
 /// R_ee,d of eqs. (24)-(27): square to the surface, its x axis as near to the present one as it can be. None where that axis is
 /// along the normal.
 pub(super) fn square_to(
@@ -36,6 +39,7 @@ pub(super) struct OrientationReference {
     pub angular: Vector3<f64>,
     /// The part of it that follows the normal; the rest is fed forward.
     correction: Vector3<f64>,
+    turning: Vector3<f64>,
     /// The published filter's: where it started, where it goes, for how long already.
     filter: Option<(UnitQuaternion<f64>, UnitQuaternion<f64>, f64)>,
     last_normal: Option<Vector3<f64>>,
@@ -47,6 +51,7 @@ impl OrientationReference {
             rotation,
             angular: Vector3::zeros(),
             correction: Vector3::zeros(),
+            turning: Vector3::zeros(),
             filter: None,
             last_normal: None,
         }
@@ -68,7 +73,10 @@ impl OrientationReference {
             let n = self.normal();
             let across = velocity - n * n.dot(velocity);
             let turning = clamp_norm(n.cross(&(curvature * across)), most);
-            (turning, self.away(normal) / config.follow_s, 0.5)
+            // A curvature that comes, goes or jumps with its frame is no jump of the rate.
+            let share = dt_s / (TURNING_S + dt_s);
+            self.turning += (turning - self.turning) * share;
+            (self.turning, self.away(normal) / config.follow_s, 0.5)
         } else {
             (Vector3::zeros(), self.filtered(config, normal, present, dt_s), 0.1)
         };
@@ -88,6 +96,7 @@ impl OrientationReference {
     pub fn hold(&mut self) {
         self.angular = Vector3::zeros();
         self.correction = Vector3::zeros();
+        self.turning = Vector3::zeros();
         self.filter = None;
         self.last_normal = None;
     }
