@@ -113,6 +113,8 @@ pub struct OrientationConfig {
     pub follow_s: f64,
     /// Fastest turn of the reference, rad/s.
     pub turn_rate_max_rad_per_s: f64,
+    /// Fastest change of that, rad/s²: what a normal that jumps may ask of the dampers.
+    pub turn_acceleration_max_rad_per_s2: f64,
     /// The surface's own turning under the tool is fed forward from the curvature seen ahead.
     pub feed_forward: bool,
 }
@@ -280,6 +282,7 @@ impl Default for OrientationConfig {
         Self {
             follow_s: 0.08,
             turn_rate_max_rad_per_s: 0.8,
+            turn_acceleration_max_rad_per_s2: 6.0,
             feed_forward: true,
         }
     }
@@ -407,7 +410,7 @@ impl UnifiedForceImpedanceConfig {
                 ..default.monitor
             },
             orientation: OrientationConfig {
-                follow_s: 0.15,
+                follow_s: 0.12,
                 feed_forward: false,
                 ..default.orientation
             },
@@ -499,6 +502,7 @@ const RANGES: &[(&str, f64, f64)] = &[
     ("monitor.rate_per_s", 0.01, 100.0),
     ("orientation.follow_s", 0.005, 5.0),
     ("orientation.turn_rate_max_rad_per_s", 0.01, 6.0),
+    ("orientation.turn_acceleration_max_rad_per_s2", 0.1, 200.0),
     ("shaping.margin_m", 1e-3, 0.5),
     ("tanks.damping_share_to_force", 0.0, 1.0),
     ("tanks.switch_w", 1e-4, 10.0),

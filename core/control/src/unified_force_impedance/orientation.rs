@@ -7,6 +7,8 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::config::OrientationConfig;
 use crate::clamp_norm;
 
+/// Time constant with which the arm's reference follows R_input, s: eq. (29) alone has a step in its rate with every frame.
+const INPUT_S: f64 = 0.04;
 /// Lag of what is fed forward, s.
 const TURNING_S: f64 = 0.03;
 
@@ -69,20 +71,26 @@ impl OrientationReference {
     ) {
         let most = config.turn_rate_max_rad_per_s;
         // The rate itself has no step either: a frame that jumps turns the tool, it does not jerk it.
-        let (turning, wanted, lag) = if config.feed_forward {
+        let (turning, wanted, lag_s) = if config.feed_forward {
             let n = self.normal();
             let across = velocity - n * n.dot(velocity);
             let turning = clamp_norm(n.cross(&(curvature * across)), most);
             // A curvature that comes, goes or jumps with its frame is no jump of the rate.
             let share = dt_s / (TURNING_S + dt_s);
             self.turning += (turning - self.turning) * share;
-            (self.turning, self.away(normal) / config.follow_s, 0.5)
+            (
+                self.turning,
+                self.away(normal) / config.follow_s,
+                0.5 * config.follow_s,
+            )
         } else {
-            (Vector3::zeros(), self.filtered(config, normal, present, dt_s), 0.1)
+            let input = self.filtered(config, normal, present, dt_s);
+            let left = (input * self.rotation.inverse()).scaled_axis();
+            (Vector3::zeros(), left / INPUT_S, 0.5 * INPUT_S)
         };
         let wanted = clamp_norm(wanted, most);
-        let share = dt_s / (lag * config.follow_s + dt_s);
-        self.correction += (wanted - self.correction) * share;
+        let change = (wanted - self.correction) * (dt_s / (lag_s + dt_s));
+        self.correction += clamp_norm(change, config.turn_acceleration_max_rad_per_s2 * dt_s);
         self.angular = clamp_norm(turning + self.correction, most);
         self.rotation = UnitQuaternion::from_scaled_axis(self.angular * dt_s) * self.rotation;
     }
@@ -101,14 +109,14 @@ impl OrientationReference {
         self.last_normal = None;
     }
 
-    /// Rate towards eq. (29): from where the reference was when the normal changed last, over T.
+    /// R_input of eq. (29): from where the reference was when the normal changed last, over T.
     fn filtered(
         &mut self,
         config: &OrientationConfig,
         normal: &Vector3<f64>,
         present: &UnitQuaternion<f64>,
         dt_s: f64,
-    ) -> Vector3<f64> {
+    ) -> UnitQuaternion<f64> {
         if self.last_normal != Some(*normal) {
             self.last_normal = Some(*normal);
             if let Some(target) = square_to(normal, present) {
@@ -116,13 +124,12 @@ impl OrientationReference {
             }
         }
         let Some((start, target, since)) = &mut self.filter else {
-            return Vector3::zeros();
+            return self.rotation;
         };
         *since += dt_s;
         let zeta = (*since / config.follow_s).min(1.0);
         let way = (*target * start.inverse()).scaled_axis();
-        let input = UnitQuaternion::from_scaled_axis(way * zeta) * *start;
-        (input * self.rotation.inverse()).scaled_axis() / dt_s
+        UnitQuaternion::from_scaled_axis(way * zeta) * *start
     }
 
     /// The turn left towards `normal`, rad. Parallel to itself: from the reference's own x axis, so that noise does not turn the tool
@@ -163,10 +170,10 @@ mod tests {
         let n = Vector3::new(0.05, 0.03, 1.0).normalize();
         let zero = Vector3::zeros();
         let mut last = reference.angular;
-        for i in 0..400 {
+        for i in 0..700 {
             reference.step(&config, &n, &down(), &zero, &Matrix3::zeros(), 1e-3);
             let step = (reference.angular - last).norm();
-            assert!(step < 0.05, "{i}: {step}");
+            assert!(step <= config.turn_acceleration_max_rad_per_s2 * 1e-3 + 1e-12, "{i}: {step}");
             last = reference.angular;
             assert!(last.norm() <= config.turn_rate_max_rad_per_s + 1e-9);
         }
