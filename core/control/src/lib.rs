@@ -37,7 +37,9 @@ pub use config::{
     PatienceConfig, TorqueConfig,
 };
 pub use controller::Controller;
+pub use energy_tank::{EnergyTank, EnergyTankState};
 pub use error::ControlError;
+pub use hybrid_dynamics::FrictionConfig;
 pub use hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
 pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
@@ -47,8 +49,6 @@ pub use phases::{Fault, Phase};
 pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
 pub use switching::{SwitchCause, SwitchRefusal};
-pub use energy_tank::{EnergyTank, EnergyTankState};
-pub use hybrid_dynamics::FrictionConfig;
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis,

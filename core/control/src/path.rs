@@ -171,7 +171,12 @@ impl PathSpec {
             }
             Self::Loops(l) => {
                 check_range("path.radius_m", l.radius_m, 0.001, REACH)?;
-                check_range("path.turn_rate_rad_per_s", l.turn_rate_rad_per_s, -20.0, 20.0)?;
+                check_range(
+                    "path.turn_rate_rad_per_s",
+                    l.turn_rate_rad_per_s,
+                    -20.0,
+                    20.0,
+                )?;
                 check_range("path.advance_m_per_s", l.advance_m_per_s, -SPEED.1, SPEED.1)?;
                 check_range("path.duration_s", l.duration_s, 0.1, 86_400.0)?;
                 check_range("path: r w + v, m/s", l.speed(), SPEED.0, SPEED.1)
@@ -472,8 +477,12 @@ mod tests {
         let loops = path(
             "kind = \"loops\"\nradius_m = 0.04\nturn_rate_rad_per_s = 2.0\nadvance_m_per_s = 0.005\nduration_s = 20.0",
         );
-        let policy =
-            |t: f64| Vector2::new(0.04 * (2.0 * t).sin(), 0.04 * ((2.0 * t).cos() - 1.0) - 0.005 * t);
+        let policy = |t: f64| {
+            Vector2::new(
+                0.04 * (2.0 * t).sin(),
+                0.04 * ((2.0 * t).cos() - 1.0) - 0.005 * t,
+            )
+        };
         let ramp = loops.duration_s() - 20.0;
         assert!(ramp > 0.1 && ramp < 2.0, "{ramp}");
         // Running up takes one ramp and covers half of its time.

@@ -30,7 +30,9 @@ fn run() -> Result<(), Box<dyn Error>> {
         }
     }
     let text = include_str!("../../../scenarios/karacan/karacan_wave.toml");
-    println!("seed phase force_mad rmse peak path_mad x y z rmse x y z motion force tool_deg rho slide_s wall_s");
+    println!(
+        "seed phase force_mad rmse peak path_mad x y z rmse x y z motion force tool_deg rho slide_s wall_s"
+    );
     for seed in 1..=seeds {
         let mut set = overrides.clone();
         set.push(format!("seed={seed}"));
@@ -43,12 +45,29 @@ fn run() -> Result<(), Box<dyn Error>> {
                 let (s, o) = (c.sample, c.output);
                 println!(
                     "{:6.2} {:9} C {:.2}/{:.2} rho {:.2} {:.2} F {:6.2} of {:5.2} (felt {:6.2}) d {:6.2} {:6.2} {:6.2} mm err n {:.1} tool {:.1} deg S {:.2} {:.2} short {:.1e} mu {:.2} {}",
-                    s.time_s, s.phase.name(), s.monitor.0, s.monitor.1, s.rho_align, s.rho_force,
-                    c.truth.wrench.force.dot(&c.truth.normal), s.force_reference_n, o.force_n,
-                    (s.tool_m[0] - s.wanted_m[0]) * 1e3, (s.tool_m[1] - s.wanted_m[1]) * 1e3, (s.tool_m[2] - s.wanted_m[2]) * 1e3,
+                    s.time_s,
+                    s.phase.name(),
+                    s.monitor.0,
+                    s.monitor.1,
+                    s.rho_align,
+                    s.rho_force,
+                    c.truth.wrench.force.dot(&c.truth.normal),
+                    s.force_reference_n,
+                    o.force_n,
+                    (s.tool_m[0] - s.wanted_m[0]) * 1e3,
+                    (s.tool_m[1] - s.wanted_m[1]) * 1e3,
+                    (s.tool_m[2] - s.wanted_m[2]) * 1e3,
                     o.normal.angle(&c.truth.normal).to_degrees(),
-                    c.truth.base_from_tool.z_axis().angle(&-c.truth.normal).to_degrees(),
-                    s.tanks_j.0, s.tanks_j.1, s.short_j, s.friction, if s.limited { "limited" } else { "" }
+                    c.truth
+                        .base_from_tool
+                        .z_axis()
+                        .angle(&-c.truth.normal)
+                        .to_degrees(),
+                    s.tanks_j.0,
+                    s.tanks_j.1,
+                    s.short_j,
+                    s.friction,
+                    if s.limited { "limited" } else { "" }
                 );
             }
         })?;
@@ -60,13 +79,24 @@ fn run() -> Result<(), Box<dyn Error>> {
         let tanks = e.figures.tanks;
         println!(
             "{seed} {} {:.2} {:.2} {:.1} | {:.2?} | {:.2?} | {:.2?} | tool {:.2} est {:.2} | rho {:.2} {:.2} frc {:.2} share {:.2} lost {} lim {} | {:.1} s {:.1} s {}",
-            e.phase, or(f.mad_n), or(f.rmse_n), or(f.peak_n), mm(p.mad_xyz_m), mm(p.rmse_xyz_m),
+            e.phase,
+            or(f.mad_n),
+            or(f.rmse_n),
+            or(f.peak_n),
+            mm(p.mad_xyz_m),
+            mm(p.rmse_xyz_m),
             tanks.map(|t| [t.motion_min_j, t.motion_max_j, t.force_min_j, t.force_max_j]),
             e.figures.tool_error_deg.map_or(f64::NAN, |s| s.mean),
             e.figures.normal_error_deg.map_or(f64::NAN, |s| s.mean),
-            or(t.rho_align_min), or(t.rho_align_mean), or(t.rho_force_min), or(t.monitor_share_max),
-            e.figures.contact.lost_count, t.limited_cycles,
-            t.sliding_s, wall, e.fault.unwrap_or("")
+            or(t.rho_align_min),
+            or(t.rho_align_mean),
+            or(t.rho_force_min),
+            or(t.monitor_share_max),
+            e.figures.contact.lost_count,
+            t.limited_cycles,
+            t.sliding_s,
+            wall,
+            e.fault.unwrap_or("")
         );
     }
     Ok(())

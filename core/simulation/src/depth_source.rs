@@ -73,7 +73,12 @@ impl DepthSource {
     }
 
     /// Exposes a frame where one is due at `time_s`, with the flange where the arm measures it.
-    pub fn expose(&mut self, time_s: f64, base_from_flange: &Pose<Base, Flange>, surface: &Surface) {
+    pub fn expose(
+        &mut self,
+        time_s: f64,
+        base_from_flange: &Pose<Base, Flange>,
+        surface: &Surface,
+    ) {
         if self.camera.expose(time_s, base_from_flange, surface) {
             self.frames += 1;
             if self.poses.len() == POSES_MAX {

@@ -45,7 +45,11 @@ impl System {
 
     /// Overrides of it.
     pub fn overrides(self) -> Vec<String> {
-        let preset = if self == Self::Paper { "paper" } else { "default" };
+        let preset = if self == Self::Paper {
+            "paper"
+        } else {
+            "default"
+        };
         vec![format!("controller=\"{preset}\"")]
     }
 
@@ -103,13 +107,46 @@ type Pick = fn(&Evaluation) -> Option<f64>;
 type Line = (&'static str, &'static str, Option<f64>, f64, f64, Pick);
 
 const LINES: [Line; 8] = [
-    ("force along the normal, mean absolute deviation", "N", Some(2.0), 2.0, 0.5, |e| {
-        e.figures.force.mad_n
-    }),
-    ("force along the normal, RMSE", "N", Some(3.0), 3.0, 0.75, |e| e.figures.force.rmse_n),
-    ("path x, mean absolute error", "mm", Some(9.0), 9.0, 2.0, |e| mad(e, 0)),
-    ("path y, mean absolute error", "mm", Some(8.0), 8.0, 2.0, |e| mad(e, 1)),
-    ("path z, mean absolute error", "mm", Some(4.0), 4.0, 1.0, |e| mad(e, 2)),
+    (
+        "force along the normal, mean absolute deviation",
+        "N",
+        Some(2.0),
+        2.0,
+        0.5,
+        |e| e.figures.force.mad_n,
+    ),
+    (
+        "force along the normal, RMSE",
+        "N",
+        Some(3.0),
+        3.0,
+        0.75,
+        |e| e.figures.force.rmse_n,
+    ),
+    (
+        "path x, mean absolute error",
+        "mm",
+        Some(9.0),
+        9.0,
+        2.0,
+        |e| mad(e, 0),
+    ),
+    (
+        "path y, mean absolute error",
+        "mm",
+        Some(8.0),
+        8.0,
+        2.0,
+        |e| mad(e, 1),
+    ),
+    (
+        "path z, mean absolute error",
+        "mm",
+        Some(4.0),
+        4.0,
+        1.0,
+        |e| mad(e, 2),
+    ),
     ("path x, RMSE", "mm", Some(10.0), 10.0, 2.5, |e| rmse(e, 0)),
     ("path y, RMSE", "mm", Some(10.0), 10.0, 2.5, |e| rmse(e, 1)),
     ("path z, RMSE", "mm", Some(6.0), 6.0, 1.5, |e| rmse(e, 2)),
@@ -117,24 +154,44 @@ const LINES: [Line; 8] = [
 
 /// Metric, its goal, and the figure: held in every seed.
 const HELD: [(&str, &str, Option<f64>, Goal, Pick); 6] = [
-    ("motion tank, most", "J", Some(32.0), Goal::AtMost(32.0), |e| {
-        Some(e.figures.tanks?.motion_max_j)
-    }),
-    ("motion tank, least", "J", Some(1.0), Goal::AtLeast(1.0), |e| {
-        Some(e.figures.tanks?.motion_min_j)
-    }),
+    (
+        "motion tank, most",
+        "J",
+        Some(32.0),
+        Goal::AtMost(32.0),
+        |e| Some(e.figures.tanks?.motion_max_j),
+    ),
+    (
+        "motion tank, least",
+        "J",
+        Some(1.0),
+        Goal::AtLeast(1.0),
+        |e| Some(e.figures.tanks?.motion_min_j),
+    ),
     ("force tank, most", "J", Some(2.0), Goal::AtMost(2.0), |e| {
         Some(e.figures.tanks?.force_max_j)
     }),
-    ("force tank, least", "J", Some(1.0), Goal::AtLeast(1.0), |e| {
-        Some(e.figures.tanks?.force_min_j)
-    }),
-    ("energy that a tank came short of", "J", None, Goal::AtMost(0.0), |e| {
-        Some(e.tactile?.short_j)
-    }),
-    ("vision rate, least", "Hz", Some(3.0), Goal::AtLeast(30.0), |e| {
-        Some(e.tactile?.vision_rate_hz)
-    }),
+    (
+        "force tank, least",
+        "J",
+        Some(1.0),
+        Goal::AtLeast(1.0),
+        |e| Some(e.figures.tanks?.force_min_j),
+    ),
+    (
+        "energy that a tank came short of",
+        "J",
+        None,
+        Goal::AtMost(0.0),
+        |e| Some(e.tactile?.short_j),
+    ),
+    (
+        "vision rate, least",
+        "Hz",
+        Some(3.0),
+        Goal::AtLeast(30.0),
+        |e| Some(e.tactile?.vision_rate_hz),
+    ),
 ];
 
 const TOLD: [(&str, &str, Pick); 4] = [
@@ -172,27 +229,66 @@ pub fn figures(runs: &[Runs]) -> Vec<KaracanFigure> {
             figure(row, metric, unit, published, goal, values.as_deref(), every)
         };
         for (metric, unit, published, paper, ours, pick) in LINES {
-            let goal = if *system == System::Paper { paper } else { ours };
+            let goal = if *system == System::Paper {
+                paper
+            } else {
+                ours
+            };
             let values = picked(runs, pick);
-            table.push(add(metric, unit, published, Goal::AtMost(goal), values, false));
+            table.push(add(
+                metric,
+                unit,
+                published,
+                Goal::AtMost(goal),
+                values,
+                false,
+            ));
         }
         for (metric, unit, published, goal, pick) in HELD {
             table.push(add(metric, unit, published, goal, picked(runs, pick), true));
         }
         for (metric, unit, pick) in TOLD {
-            table.push(add(metric, unit, None, Goal::None, picked(runs, pick), false));
+            table.push(add(
+                metric,
+                unit,
+                None,
+                Goal::None,
+                picked(runs, pick),
+                false,
+            ));
         }
         if let Some([median, p99]) = *step_us {
             let goal = Goal::AtMost(50.0);
-            table.push(add("law's step, median", "us", None, goal, Some(vec![median]), false));
-            table.push(add("law's step, p99", "us", None, goal, Some(vec![p99]), false));
+            table.push(add(
+                "law's step, median",
+                "us",
+                None,
+                goal,
+                Some(vec![median]),
+                false,
+            ));
+            table.push(add(
+                "law's step, p99",
+                "us",
+                None,
+                goal,
+                Some(vec![p99]),
+                false,
+            ));
         }
         let ended: Vec<f64> = runs
             .iter()
             .map(|e| f64::from(u8::from(e.phase != "done")))
             .collect();
         let failed = Some(ended);
-        table.push(add("runs that did not end as they should, share", "", None, Goal::AtMost(0.0), failed, false));
+        table.push(add(
+            "runs that did not end as they should, share",
+            "",
+            None,
+            Goal::AtMost(0.0),
+            failed,
+            false,
+        ));
     }
     table
 }

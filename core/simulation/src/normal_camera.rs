@@ -56,11 +56,36 @@ impl NormalCameraConfig {
         for (key, x, max, allowed) in [
             ("camera.rate_hz", self.rate_hz, 500.0, "0 to 500 Hz"),
             ("camera.delay_s", self.delay_s, 0.2, "0 to 0.2 s"),
-            ("camera.normal_sd_rad", self.normal_sd_rad, 1.0, "0 to 1 rad"),
-            ("camera.mounting_sd_rad", self.mounting_sd_rad, 1.0, "0 to 1 rad"),
-            ("camera.curvature_sd_per_m", self.curvature_sd_per_m, 100.0, "0 to 100 1/m"),
-            ("camera.patch_radius_m", self.patch_radius_m, 0.5, "0 to 0.5 m"),
-            ("camera.range_noise_m", self.range_noise_m, 0.1, "0 to 0.1 m"),
+            (
+                "camera.normal_sd_rad",
+                self.normal_sd_rad,
+                1.0,
+                "0 to 1 rad",
+            ),
+            (
+                "camera.mounting_sd_rad",
+                self.mounting_sd_rad,
+                1.0,
+                "0 to 1 rad",
+            ),
+            (
+                "camera.curvature_sd_per_m",
+                self.curvature_sd_per_m,
+                100.0,
+                "0 to 100 1/m",
+            ),
+            (
+                "camera.patch_radius_m",
+                self.patch_radius_m,
+                0.5,
+                "0 to 0.5 m",
+            ),
+            (
+                "camera.range_noise_m",
+                self.range_noise_m,
+                0.1,
+                "0 to 0.1 m",
+            ),
         ] {
             PlantError::unless(key, x, allowed, (0.0..=max).contains(&x))?;
         }
@@ -112,7 +137,11 @@ impl NormalCamera {
             point: under.point,
             normal,
             covariance: (Matrix3::identity() - normal * normal.transpose()) * sd,
-            surface_variation: surface_variation(&under.curvature, c.patch_radius_m, c.range_noise_m),
+            surface_variation: surface_variation(
+                &under.curvature,
+                c.patch_radius_m,
+                c.range_noise_m,
+            ),
             curvature: Some(under.curvature + noise),
             validity: Validity::Valid,
         };
@@ -188,7 +217,10 @@ mod tests {
         let expected = variance / (variance + across / n);
         let shape = Matrix3::from_diagonal(&Vector3::new(k1, k2, 0.0));
         let found = surface_variation(&shape, r, 0.0);
-        assert!((found - expected).abs() < 1e-3 * expected, "{found} {expected}");
+        assert!(
+            (found - expected).abs() < 1e-3 * expected,
+            "{found} {expected}"
+        );
     }
 
     #[test]

@@ -4,8 +4,7 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use tangent_estimation::{CORNERS, CameraFrame, CameraModel};
 use tangent_mechanics::{
-    Arm, Base, Flange, JointFriction, Joints, Object, Pose,
-    Sensor as SensorFrame, Tool, Wrench,
+    Arm, Base, Flange, JointFriction, Joints, Object, Pose, Sensor as SensorFrame, Tool, Wrench,
 };
 
 use crate::camera::Camera;

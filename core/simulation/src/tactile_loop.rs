@@ -214,7 +214,11 @@ impl TactileLoop {
             twist_commanded: twist,
             wrench: if sound { output.wrench } else { Wrench::zero() },
             wrench_delay_s: self.wrench_lag_s,
-            wrench_validity: if sound { Validity::Valid } else { Validity::Missing },
+            wrench_validity: if sound {
+                Validity::Valid
+            } else {
+                Validity::Missing
+            },
             wrench_bias_age_s: sound.then_some(input.time_s),
             base: None,
         }));

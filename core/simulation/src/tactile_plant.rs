@@ -260,7 +260,11 @@ impl TactilePlant {
 
     /// Height of the surface along `direction` (unit, against gravity) over the point `at`, base axes: where a tool that comes down
     /// along `-direction` touches. None past the edges.
-    pub fn surface_along(&self, at: &Vector3<f64>, direction: &Vector3<f64>) -> Option<Vector3<f64>> {
+    pub fn surface_along(
+        &self,
+        at: &Vector3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Option<Vector3<f64>> {
         let mut point = *at;
         for _ in 0..60 {
             let (distance, normal) = self.surface.distance_and_normal(&point);

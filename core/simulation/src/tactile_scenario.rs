@@ -115,7 +115,11 @@ impl TactileScenario {
     /// # Errors
     /// An unknown estimator, or a setting out of its range.
     pub fn touch(&self) -> Result<Box<dyn NormalEstimator>, ScenarioError> {
-        let name = self.task.estimators.first().map_or("reactive", String::as_str);
+        let name = self
+            .task
+            .estimators
+            .first()
+            .map_or("reactive", String::as_str);
         Ok(build(name, &self.estimation)?)
     }
 }

@@ -140,12 +140,7 @@ impl<const N: usize> TorqueArm<N> {
     }
 
     /// `torque` (Nm), as near as the motors come to it in `period_s` from `before`: none jumps.
-    pub fn within_rate(
-        &self,
-        torque: &Joints<N>,
-        before: &Joints<N>,
-        period_s: f64,
-    ) -> Joints<N> {
+    pub fn within_rate(&self, torque: &Joints<N>, before: &Joints<N>, period_s: f64) -> Joints<N> {
         match self.model.limits().effort_rate {
             Some(rate) => Joints::from_fn(|i, _| {
                 let step = rate[i] * period_s;

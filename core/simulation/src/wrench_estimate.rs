@@ -108,9 +108,9 @@ impl<const N: usize> WrenchEstimate<N> {
     ) -> (Wrench<Tool>, Joints<N>) {
         let noise = normal_joints::<N>(&mut self.rng) * self.config.torque_noise_nm;
         let measured = torque + self.bias + noise;
-        let external =
-            self.observer
-                .update(&mut self.state, &self.model, q, qd, &measured, dt_s);
+        let external = self
+            .observer
+            .update(&mut self.state, &self.model, q, qd, &measured, dt_s);
         let at_tool = wrench_of_torques(jacobian, &external);
         let wrench = tool.unalign_wrench(&Wrench::from_vector(&at_tool));
         // Never full: one comes, and past the delay one goes.

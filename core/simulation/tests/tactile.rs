@@ -115,8 +115,16 @@ fn the_energy_books_close_against_the_plants_to_a_microjoule() {
         let mut audit = Audit::new();
         let e = evaluate_tactile_with(&scenario(&set), &mut Calm, |c| audit.see(c)).unwrap();
         assert_eq!(e.phase, "done");
-        assert!(audit.worst_books_j < 1e-6, "{preset}: {}", audit.worst_books_j);
-        assert!(audit.worst_tanks_j < 1e-6, "{preset}: {}", audit.worst_tanks_j);
+        assert!(
+            audit.worst_books_j < 1e-6,
+            "{preset}: {}",
+            audit.worst_books_j
+        );
+        assert!(
+            audit.worst_tanks_j < 1e-6,
+            "{preset}: {}",
+            audit.worst_tanks_j
+        );
         assert!(audit.tank_low >= 1.0, "{preset}: {}", audit.tank_low);
     }
 }
@@ -203,7 +211,11 @@ fn steepest(preset: &str, disturbance: &mut dyn TactileDisturbance) -> (f64, Eva
     let (mut last, mut worst): (Option<Joints<7>>, f64) = (None, 0.0);
     let mut sliding = 0;
     let e = evaluate_tactile_with(&scenario(&set), disturbance, |c| {
-        sliding = if c.output.phase == Phase::Slide { sliding + 1 } else { 0 };
+        sliding = if c.output.phase == Phase::Slide {
+            sliding + 1
+        } else {
+            0
+        };
         if let Some(before) = last.filter(|_| sliding > 1) {
             worst = worst.max((c.output.torque - before).amax());
         }
@@ -277,7 +289,11 @@ fn a_wrench_that_falls_silent_or_is_no_number_stops_and_retracts() {
         .unwrap();
         assert_eq!(e.phase, "fault", "{case}");
         assert!(e.fault.is_some());
-        assert!(seen.iter().all(|p| matches!(p, Phase::Hold | Phase::Retract)), "{case}: {seen:?}");
+        assert!(
+            seen.iter()
+                .all(|p| matches!(p, Phase::Hold | Phase::Retract)),
+            "{case}: {seen:?}"
+        );
         assert!(e.figures.force.peak_n.unwrap() < 25.0);
     }
 }
@@ -329,11 +345,29 @@ fn contact_lost_is_sought_and_found_again() {
 #[test]
 fn other_worlds_are_wiped_too() {
     for (name, set) in [
-        ("slippery", vec!["plant.contact.friction.coulomb_coefficient=0.1", "plant.contact.friction.static_coefficient=0.12"]),
-        ("rough", vec!["plant.contact.friction.coulomb_coefficient=0.6", "plant.contact.friction.static_coefficient=0.65"]),
+        (
+            "slippery",
+            vec![
+                "plant.contact.friction.coulomb_coefficient=0.1",
+                "plant.contact.friction.static_coefficient=0.12",
+            ],
+        ),
+        (
+            "rough",
+            vec![
+                "plant.contact.friction.coulomb_coefficient=0.6",
+                "plant.contact.friction.static_coefficient=0.65",
+            ],
+        ),
         ("soft", vec!["plant.contact.stiffness_n_per_m=20000.0"]),
         ("stiff", vec!["plant.contact.stiffness_n_per_m=100000.0"]),
-        ("steeper", vec!["plant.surface.amplitude_m=0.025", "plant.surface.wavelength_m=0.36"]),
+        (
+            "steeper",
+            vec![
+                "plant.surface.amplitude_m=0.025",
+                "plant.surface.wavelength_m=0.36",
+            ],
+        ),
         ("other phase", vec!["plant.surface.phase_rad=2.2"]),
         ("light", vec!["task.force.reference_n=8.0"]),
         ("firm", vec!["task.force.reference_n=25.0"]),

@@ -238,11 +238,11 @@ impl Default for ImpedanceConfig {
         Self {
             stiffness_n_per_m: [2500.0, 2500.0, 10.0],
             stiffness_nm_per_rad: [200.0; 3],
-            damping_ratio: [0.7, 0.7, 0.7, 1.0, 1.0, 1.0],
+            damping_ratio: [1.0, 1.0, 0.7, 1.0, 1.0, 1.0],
             normal_damping_n_s_per_m: 300.0,
             free_stiffness_n_per_m: 1500.0,
             feed_forward: true,
-            integral_per_s: 3.0,
+            integral_per_s: 1.0,
             integral_max_n: 8.0,
         }
     }
@@ -280,7 +280,7 @@ impl Default for MonitorConfig {
 impl Default for OrientationConfig {
     fn default() -> Self {
         Self {
-            follow_s: 0.08,
+            follow_s: 0.18,
             turn_rate_max_rad_per_s: 0.8,
             turn_acceleration_max_rad_per_s2: 6.0,
             feed_forward: true,
@@ -386,6 +386,7 @@ impl UnifiedForceImpedanceConfig {
         Self {
             impedance: ImpedanceConfig {
                 stiffness_n_per_m: [1000.0, 1000.0, 10.0],
+                damping_ratio: [0.7, 0.7, 0.7, 1.0, 1.0, 1.0],
                 // K_z = 10 N/m and a ratio of 0.7 alone leave 8 Ns/m, on which a stiff contact bounces; with these the tool is damped
                 // along its axis as it is across it.
                 normal_damping_n_s_per_m: 100.0,
@@ -559,7 +560,13 @@ mod tests {
         assert_eq!(i.damping_ratio, [0.7, 0.7, 0.7, 1.0, 1.0, 1.0]);
         let m = paper.monitor;
         assert_eq!(
-            (m.margin, m.alpha_per_j, m.xi_per_deg, m.gamma, m.rho_min_per_s),
+            (
+                m.margin,
+                m.alpha_per_j,
+                m.xi_per_deg,
+                m.gamma,
+                m.rho_min_per_s
+            ),
             (0.9, 1.0, 0.08, 10.0, 0.001)
         );
         let f = paper.force;

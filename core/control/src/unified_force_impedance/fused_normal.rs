@@ -154,7 +154,10 @@ impl FusedNormal {
         let bend = seen.curvature + (bend - seen.curvature) * CURVATURE_SHARE;
         let here = turned(&frame.normal, &(bend * since));
         let noise = variance + (config.curvature_sd_per_m * since.norm()).powi(2);
-        let surprise = here.cross(&seen.normal).norm().atan2(here.dot(&seen.normal));
+        let surprise = here
+            .cross(&seen.normal)
+            .norm()
+            .atan2(here.dot(&seen.normal));
         let expected = config.gate_sd * (seen.variance + noise).sqrt();
         seen.frame_s = frame.time_s;
         if surprise > expected.max(GATE_LEAST_RAD) {
@@ -256,7 +259,9 @@ mod tests {
         for i in 1..=30 {
             at.y = f64::from(i) * 1e-4;
             let time = f64::from(i) * 1e-3;
-            last = fused.step(&config, time, &at, &DOWN, Some(&first), None, 1e-3).normal;
+            last = fused
+                .step(&config, time, &at, &DOWN, Some(&first), None, 1e-3)
+                .normal;
         }
         // 3 mm at 5 1/m.
         assert!(last.angle(&tilted(0.015)) < 1e-4);
@@ -269,7 +274,15 @@ mod tests {
         for (sd, least, most) in [(0.5, 0.0, 0.002), (0.01, 0.003, 0.03)] {
             let mut fused = FusedNormal::default();
             let touch = felt(tilted(0.05), sd);
-            let n = fused.step(&config, 0.0, &here, &DOWN, Some(&seen), Some((&touch, 0.0)), 1e-3);
+            let n = fused.step(
+                &config,
+                0.0,
+                &here,
+                &DOWN,
+                Some(&seen),
+                Some((&touch, 0.0)),
+                1e-3,
+            );
             let turn = n.normal.angle(&tilted(0.0));
             assert!(turn >= least && turn <= most, "{turn}");
         }

@@ -13,7 +13,9 @@ use super::interface::JOINTS;
 pub(super) type Jacobian = SMatrix<f64, 6, JOINTS>;
 
 /// Keeps the tool's inertia finite at a singularity, 1/kg.
-const SINGULAR: f64 = 1e-4;
+const SINGULAR: f64 = 1e-6;
+/// Damping of the joint velocities that a reference stands for.
+const VELOCITY_DAMPING: f64 = 1e-5;
 
 /// The arm in one period: everything that follows from q and q̇ alone.
 #[derive(Clone, Copy, Debug)]
@@ -73,9 +75,7 @@ impl ArmNow {
     pub fn inertia(&self) -> [f64; 6] {
         let turn = self.tool.rotation().to_rotation_matrix();
         let block = |at: usize| -> Matrix3<f64> {
-            turn.matrix().transpose()
-                * self.mobility.fixed_view::<3, 3>(at, at)
-                * turn.matrix()
+            turn.matrix().transpose() * self.mobility.fixed_view::<3, 3>(at, at) * turn.matrix()
         };
         let (linear, angular) = (block(0), block(3));
         std::array::from_fn(|i| {
@@ -102,7 +102,7 @@ impl ArmNow {
     /// Joint velocities of least size for a twist of the tool, rad/s.
     pub fn joint_velocity(&self, twist: &Vector6<f64>) -> Joints<JOINTS> {
         let square = self.jacobian * self.jacobian.transpose()
-            + SMatrix::<f64, 6, 6>::identity() * SINGULAR;
+            + SMatrix::<f64, 6, 6>::identity() * VELOCITY_DAMPING;
         self.jacobian
             .tr_mul(&solve_positive_definite(&square, twist).unwrap_or_else(Vector6::zeros))
     }
@@ -139,10 +139,7 @@ pub(super) struct MotionReference {
 /// x̃ of eq. (7) in tool axes, m and rad: how far the tool is from where it is wanted.
 pub(super) fn pose_error(now: &ArmNow, wanted: &MotionReference) -> Vector6<f64> {
     let turn = (now.tool.rotation() * wanted.rotation.inverse()).scaled_axis();
-    now.in_tool(&stacked(
-        &(now.tool.translation() - wanted.position),
-        &turn,
-    ))
+    now.in_tool(&stacked(&(now.tool.translation() - wanted.position), &turn))
 }
 
 /// Diagonals of K and D in tool axes.

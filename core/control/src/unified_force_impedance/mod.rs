@@ -13,8 +13,8 @@ mod monitor;
 mod orientation;
 
 pub use config::{
-    ForceLoopConfig, FusionConfig, ImpedanceConfig, MonitorConfig, OrientationConfig, PostureConfig,
-    ShapingConfig, TactileTouchConfig, TankConfig, UnifiedForceImpedanceConfig,
+    ForceLoopConfig, FusionConfig, ImpedanceConfig, MonitorConfig, OrientationConfig,
+    PostureConfig, ShapingConfig, TactileTouchConfig, TankConfig, UnifiedForceImpedanceConfig,
 };
 pub use controller::UnifiedForceImpedance;
 pub use interface::{JOINTS, TankBooks, UnifiedInput, UnifiedOutput, VisionInput};

@@ -34,7 +34,9 @@ impl Monitor {
             return config.margin;
         }
         let [least, most] = config.margin_range;
-        let found = (self.mean + config.margin_sd * self.variance.sqrt()).max(least).min(most);
+        let found = (self.mean + config.margin_sd * self.variance.sqrt())
+            .max(least)
+            .min(most);
         // Fades in over the time that it is gathered over.
         let share = (self.gathered_s / config.margin_time_s).min(1.0);
         config.margin + (found - config.margin) * share
@@ -88,7 +90,9 @@ mod tests {
     use crate::unified_force_impedance::UnifiedForceImpedanceConfig;
 
     fn paper() -> MonitorConfig {
-        UnifiedForceImpedanceConfig::preset("paper").unwrap().monitor
+        UnifiedForceImpedanceConfig::preset("paper")
+            .unwrap()
+            .monitor
     }
 
     #[test]
@@ -134,7 +138,10 @@ mod tests {
                 monitor.step(&config, &zero, &zero, theta, 0.0, true, 1e-3);
             }
             let margin = monitor.margin(&config);
-            assert!(margin > 1.2 * usual && margin < 2.0 * usual, "{margin} of {usual}");
+            assert!(
+                margin > 1.2 * usual && margin < 2.0 * usual,
+                "{margin} of {usual}"
+            );
             assert_eq!(monitor.rho, 1.0);
         }
     }

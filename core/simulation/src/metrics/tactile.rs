@@ -97,14 +97,20 @@ impl TactileFigures {
         let sliding: Vec<&TactileSample> =
             samples.iter().filter(|s| s.phase == Phase::Slide).collect();
         let n = sliding.len() as f64;
-        let least = |f: &dyn Fn(&TactileSample) -> f64| sliding.iter().map(|s| f(s)).reduce(f64::min);
-        let most = |f: &dyn Fn(&TactileSample) -> f64| sliding.iter().map(|s| f(s)).reduce(f64::max);
+        let least =
+            |f: &dyn Fn(&TactileSample) -> f64| sliding.iter().map(|s| f(s)).reduce(f64::min);
+        let most =
+            |f: &dyn Fn(&TactileSample) -> f64| sliding.iter().map(|s| f(s)).reduce(f64::max);
         let mean = |f: &dyn Fn(&TactileSample) -> f64| {
             (n > 0.0).then(|| sliding.iter().map(|s| f(s)).sum::<f64>() / n)
         };
         let time = samples.last().map_or(0.0, |s| s.time_s);
         Self {
-            vision_rate_hz: if time > 0.0 { frames as f64 / time } else { 0.0 },
+            vision_rate_hz: if time > 0.0 {
+                frames as f64 / time
+            } else {
+                0.0
+            },
             rho_align_min: least(&|s| s.rho_align),
             rho_align_mean: mean(&|s| s.rho_align),
             rho_force_min: least(&|s| s.rho_force),

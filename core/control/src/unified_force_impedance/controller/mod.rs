@@ -192,8 +192,7 @@ impl UnifiedForceImpedance {
         let wanted = self.advance(input, &now, &normal, &felt);
         let error = pose_error(&now, &wanted.reference);
         let rho_force = self.watch(&wanted, &now, &normal, &felt, &error, dt);
-        let (torque, force_reference_n) =
-            self.torques(&wanted, &now, &felt, &error, rho_force, dt);
+        let (torque, force_reference_n) = self.torques(&wanted, &now, &felt, &error, rho_force, dt);
         let away = now.tool.translation() - wanted.policy;
         let n = &normal.normal;
         UnifiedOutput {
@@ -321,7 +320,11 @@ impl UnifiedForceImpedance {
         dt: f64,
     ) -> f64 {
         let theta = normal.normal.angle(&-now.tool.z_axis()).to_degrees();
-        let theta = if normal.validity.is_valid() { theta } else { 0.0 };
+        let theta = if normal.validity.is_valid() {
+            theta
+        } else {
+            0.0
+        };
         let short = (self.run.reference_n - felt.pressing_n).abs();
         let well = self.run.phase == Phase::Slide
             && short < 0.2 * self.task.force.reference_n
@@ -336,7 +339,8 @@ impl UnifiedForceImpedance {
             well,
             dt,
         );
-        let depth = if !wanted.pressing || (self.config.shaping.from_last_contact && self.touches()) {
+        let depth = if !wanted.pressing || (self.config.shaping.from_last_contact && self.touches())
+        {
             0.0
         } else if self.config.shaping.from_last_contact {
             now.tool

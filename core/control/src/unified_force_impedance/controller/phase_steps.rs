@@ -94,10 +94,7 @@ impl UnifiedForceImpedance {
         self.run.orientation = Some(orientation);
         let below = self.push_direction(now)
             * (self.run.push_n / self.config.impedance.free_stiffness_n_per_m);
-        let position = *self
-            .run
-            .held
-            .get_or_insert(now.tool.translation() + below);
+        let position = *self.run.held.get_or_insert(now.tool.translation() + below);
         Wanted {
             reference: at_rest(position, &orientation),
             policy: position,
@@ -122,7 +119,11 @@ impl UnifiedForceImpedance {
         self.run.approach = (way, speed);
         let direction = self.task.approach.direction.in_base(&now.tool);
         let strong = felt.verdict == WrenchVerdict::Good && felt.pressing_n > touch.on_n;
-        self.run.strong_cycles = if strong { self.run.strong_cycles + 1 } else { 0 };
+        self.run.strong_cycles = if strong {
+            self.run.strong_cycles + 1
+        } else {
+            0
+        };
         let position = start + direction * way;
         let orientation = self.orientation(now);
         let mut reference = at_rest(position, &orientation);
@@ -140,12 +141,7 @@ impl UnifiedForceImpedance {
     }
 
     /// Lays the policy where the tool touched; the force controller takes over what the approach's spring was pushing with.
-    fn touch_down(
-        &mut self,
-        now: &ArmNow,
-        direction: &Vector3<f64>,
-        reference: &Vector3<f64>,
-    ) {
+    fn touch_down(&mut self, now: &ArmNow, direction: &Vector3<f64>, reference: &Vector3<f64>) {
         let up = -direction;
         let at = now.tool.translation();
         let x = self.task.plane.x_axis.in_base(&now.tool);
@@ -294,7 +290,11 @@ impl UnifiedForceImpedance {
         let direction = -self.smooth_normal(now);
         let start = *self.run.held.get_or_insert(now.tool.translation());
         let strong = felt.verdict == WrenchVerdict::Good && felt.pressing_n > touch.on_n;
-        self.run.strong_cycles = if strong { self.run.strong_cycles + 1 } else { 0 };
+        self.run.strong_cycles = if strong {
+            self.run.strong_cycles + 1
+        } else {
+            0
+        };
         self.run.sought_m += touch.seek_speed_m_per_s * dt;
         let position = start + direction * self.run.sought_m;
         let orientation = self.orientation(now);

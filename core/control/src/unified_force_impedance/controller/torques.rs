@@ -51,7 +51,10 @@ impl UnifiedForceImpedance {
             let moving = now.in_tool(&twist_of(reference));
             active += now.in_base(&impedance.damping.component_mul(&moving));
             active += now.wrench_for(&stacked(&reference.acceleration, &Vector3::zeros()));
-            active += stacked(&self.on_the_surface(wanted, now, felt, dt), &Vector3::zeros());
+            active += stacked(
+                &self.on_the_surface(wanted, now, felt, dt),
+                &Vector3::zeros(),
+            );
         }
         let config = &self.config;
         let (spare, spare_damper) = posture(&config.posture, &self.model, now);
@@ -119,11 +122,14 @@ impl UnifiedForceImpedance {
         }
         let sliding = across(&now.linear);
         let speed = sliding.norm();
-        let force = now.tool.rotate(&felt.wrench.fixed_rows::<3>(0).into_owned());
+        let force = now
+            .tool
+            .rotate(&felt.wrench.fixed_rows::<3>(0).into_owned());
         if self.run.phase == Phase::Slide && speed > SLIDING_M_PER_S && felt.pressing_n > 2.0 {
             let seen = -force.dot(&sliding) / (speed * felt.pressing_n);
             let seen = seen.max(0.0).min(FRICTION_MAX);
-            self.run.surface_friction += (seen - self.run.surface_friction) * (dt / FRICTION_TIME_S);
+            self.run.surface_friction +=
+                (seen - self.run.surface_friction) * (dt / FRICTION_TIME_S);
         }
         let c = &self.config.impedance;
         let away = across(&(wanted.reference.position - now.tool.translation()));
