@@ -63,7 +63,7 @@ pub struct TankBooks {
     pub motion_j: f64,
     /// In the force tank, S_t,f.
     pub force_j: f64,
-    /// Work of all torques but gravity's, by the measured joints.
+    /// Work of all torques but [`UnifiedOutput::held_torque`], by the measured joints.
     pub work_j: f64,
     /// Dissipated: what damping took and no tank could hold.
     pub dissipated_j: f64,
@@ -76,8 +76,8 @@ pub struct TankBooks {
 pub struct UnifiedOutput {
     /// Motor torques, Nm, within the arm's limits and gravity included.
     pub torque: Joints<JOINTS>,
-    /// The part of them that holds the arm against gravity, Nm.
-    pub gravity_torque: Joints<JOINTS>,
+    /// The part of them that depends on the joints' positions alone, Nm: against gravity, and the springs before the joints' ends.
+    pub held_torque: Joints<JOINTS>,
     /// Phase after this period.
     pub phase: Phase,
     /// The last fault since the task started.

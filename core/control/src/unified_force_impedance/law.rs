@@ -196,6 +196,24 @@ impl ForceLoop {
     }
 }
 
+/// Stiffness of the springs before the joints' ends, Nm/rad.
+const END_STIFFNESS_NM_PER_RAD: f64 = 400.0;
+
+/// Springs that begin at twice the cell's margin before the joints' ends, Nm. They stand still, so they need no tank: what they take they
+/// give back.
+pub(super) fn before_the_ends(
+    model: &Arm<JOINTS>,
+    margin_rad: f64,
+    q: &Joints<JOINTS>,
+) -> Joints<JOINTS> {
+    let limits = model.limits();
+    Joints::from_fn(|i, _| {
+        let above = (q[i] - limits.position_upper[i] + 2.0 * margin_rad).max(0.0);
+        let below = (limits.position_lower[i] + 2.0 * margin_rad - q[i]).max(0.0);
+        END_STIFFNESS_NM_PER_RAD * (below - above)
+    })
+}
+
 /// Torques that keep the spare joint where there is room, and that damp what the tool does not see.
 pub(super) fn posture(
     config: &PostureConfig,

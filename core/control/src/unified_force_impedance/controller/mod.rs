@@ -91,6 +91,7 @@ struct Run {
     after_retract: Phase,
     blind_s: f64,
     torque: Option<Joints<JOINTS>>,
+    held_torque: Joints<JOINTS>,
     limited: bool,
 }
 
@@ -197,7 +198,7 @@ impl UnifiedForceImpedance {
         let n = &normal.normal;
         UnifiedOutput {
             torque,
-            gravity_torque: now.gravity,
+            held_torque: self.run.held_torque,
             phase: self.run.phase,
             fault: self.run.fault,
             in_contact: self.touches(),
@@ -231,7 +232,7 @@ impl UnifiedForceImpedance {
         self.run.held = None;
         UnifiedOutput {
             torque: self.run.torque.unwrap_or_else(Joints::zeros),
-            gravity_torque: Joints::zeros(),
+            held_torque: Joints::zeros(),
             phase: Phase::Fault,
             fault: self.run.fault,
             in_contact: false,
@@ -456,6 +457,7 @@ impl Run {
             after_retract: Phase::Idle,
             blind_s: 0.0,
             torque: None,
+            held_torque: Joints::zeros(),
             limited: false,
         }
     }

@@ -5,7 +5,7 @@ use tangent_mechanics::Joints;
 
 use super::super::energy::TorqueParts;
 use super::super::interface::JOINTS;
-use super::super::law::{ArmNow, Impedance, posture, stacked};
+use super::super::law::{ArmNow, Impedance, before_the_ends, posture, stacked};
 use super::{Felt, UnifiedForceImpedance, Wanted, twist_of};
 use crate::hybrid_dynamics::joint_guard::bounded_torque;
 use crate::wrench_guard::WrenchVerdict;
@@ -146,8 +146,9 @@ impl UnifiedForceImpedance {
     /// the motion tank's account, so that the books hold the torques in force.
     fn within_limits(&mut self, mut parts: TorqueParts, now: &ArmNow, dt: f64) -> Joints<JOINTS> {
         let limits = self.model.limits();
-        let (possible, weak) = bounded_torque(limits, &now.gravity, &parts.sum());
-        let before = self.run.torque.unwrap_or(now.gravity);
+        let held = now.gravity + before_the_ends(&self.model, self.limits.joint_margin_rad, &now.q);
+        let (possible, weak) = bounded_torque(limits, &held, &parts.sum());
+        let before = self.run.torque.unwrap_or(held);
         let torque = match limits.effort_rate {
             Some(rate) => Joints::from_fn(|i, _| {
                 let step = rate[i] * dt * RATE_SHARE;
@@ -159,9 +160,10 @@ impl UnifiedForceImpedance {
             return before;
         }
         self.run.limited = weak || torque != possible;
-        parts.motion += torque - now.gravity - parts.sum();
+        parts.motion += torque - held - parts.sum();
         self.run.tanks.commit(parts);
         self.run.torque = Some(torque);
+        self.run.held_torque = held;
         torque
     }
 }
