@@ -116,6 +116,7 @@ pub(super) fn look_ahead(
         let guess = Place {
             point: station.point + onward * step - fall,
             normal: (station.normal + onward * (station.bend_per_m * step)).normalize(),
+            shape: patch.place.shape,
         };
         // Where the patch reaches over the border, that is why it fails.
         let [inside, clear] =

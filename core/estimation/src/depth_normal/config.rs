@@ -36,6 +36,8 @@ pub struct DepthNormalConfig {
     pub patch_radius_m: [f64; 2],
     /// How far its slopes may disagree with those of smaller patches, standard deviations.
     pub patch_consistency_sd: f64,
+    /// Depth error that is alike over many pixels and in every frame (the camera's steps of disparity and millimetres beat), m.
+    pub ripple_sd_m: f64,
     /// How fast the bend of surfaces changes along them, standard deviation, 1/m²: what a patch may hide.
     pub bend_change_sd_per_m2: f64,
     /// Cells that a patch needs.
@@ -59,8 +61,9 @@ impl Default for DepthNormalConfig {
             crease_rad: 0.06,
             bend_max_per_m: 20.0,
             segment_spread_rad: 0.35,
-            patch_radius_m: [0.015, 0.06],
-            patch_consistency_sd: 2.5,
+            patch_radius_m: [0.015, 0.05],
+            patch_consistency_sd: 2.0,
+            ripple_sd_m: 0.00002,
             bend_change_sd_per_m2: 100.0,
             patch_cells_min: 12,
             ahead_m: 0.08,
@@ -122,6 +125,7 @@ impl DepthNormalConfig {
             ),
             ("depth_normal.patch_radius_m[0]", small, 1e-4, 10.0),
             ("depth_normal.patch_radius_m[1]", large, small, 10.0),
+            ("depth_normal.ripple_sd_m", self.ripple_sd_m, 0.0, 0.01),
             (
                 "depth_normal.bend_change_sd_per_m2",
                 self.bend_change_sd_per_m2,

@@ -13,6 +13,10 @@ use crate::tangent_frame::TangentFrame;
 
 /// 1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy.
 const TERMS: usize = 10;
+/// Over which length the change of a surface's bend changes itself, m: a wave of 0.4 m.
+const CHANGE_LENGTH_M: f64 = 0.06;
+/// Of the largest radius, for what is seen too little of within it.
+const FURTHEST: f64 = 2.0;
 /// From one radius that is tried to the next.
 const GROWTH: f64 = 1.25;
 
@@ -39,6 +43,8 @@ pub(super) enum PatchError {
 pub(super) struct Place {
     pub point: Vector3<f64>,
     pub normal: Vector3<f64>,
+    /// Shape operator that is expected, 1/m: only the fourth order of the height is taken from it.
+    pub shape: Matrix3<f64>,
 }
 
 /// The fit, camera axes.
@@ -67,9 +73,11 @@ impl Ground<'_> {
         let mut best = Err(PatchError::TooFew);
         let mut interval = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
         let mut radius = small;
+        let mut place = *place;
         loop {
-            match self.patch(place, body, radius) {
+            match self.patch(&place, body, radius) {
                 Ok(patch) => {
+                    place.shape = patch.place.shape;
                     let turn = frame.project(&patch.frame.normal);
                     for (i, range) in interval.iter_mut().enumerate() {
                         let within =
@@ -85,10 +93,16 @@ impl Ground<'_> {
                 Err(error) if best.is_err() => best = Err(error),
                 Err(_) => {}
             }
-            if radius >= large {
+            // Where too little was seen, around the tool or its shadow, it may lie further away.
+            let limit = if best.is_err() {
+                FURTHEST * large
+            } else {
+                large
+            };
+            if radius >= limit {
                 break;
             }
-            radius = (radius * GROWTH).min(large);
+            radius = (radius * GROWTH).min(limit);
         }
         let found = best?;
         let [a, b] = sight;
@@ -100,7 +114,7 @@ impl Ground<'_> {
         }
         let there = Place {
             point: ray * depth,
-            normal,
+            ..found.place
         };
         self.patch(&there, body, found.radius_m).or(Ok(found))
     }
@@ -126,6 +140,7 @@ impl Ground<'_> {
         let mut matrix = SMatrix::<f64, TERMS, TERMS>::zeros();
         let mut right = SVector::<f64, TERMS>::zeros();
         let mut square = 0.0;
+        let bent = frame.project_matrix(&place.shape);
         let mut used = 0usize;
         let mut octants = 0u8;
         let pixel = self.config.inverse_depth_sd_per_m.powi(2) * self.noise.scale;
@@ -152,6 +167,10 @@ impl Ground<'_> {
                     continue;
                 }
                 let (x, y) = (xy.x, xy.y);
+                // What a surface of this bend has beyond its second order, all along it.
+                let turn = bent * xy;
+                let height =
+                    height + 0.125 * radius_m.powi(4) * xy.dot(&turn) * turn.norm_squared();
                 let line = SVector::<f64, TERMS>::from([
                     1.0,
                     x,
@@ -201,15 +220,22 @@ impl Ground<'_> {
         let by = Vector3::new(2.0, 1.0, 2.0) / (radius_m * radius_m);
         let of_bend: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into();
         let of_slope: Matrix2<f64> = covariance.fixed_view::<2, 2>(1, 1).into();
+        // An error that is alike over half of the patch tilts it so much.
+        let ripple = 2.0 * self.config.ripple_sd_m / radius_m;
+        // A change of the change looks like bend: by a fourteenth of the square of the radius.
+        let fourth =
+            self.config.bend_change_sd_per_m2 / CHANGE_LENGTH_M * radius_m * radius_m / 14.0;
+        let hidden = Matrix3::from_diagonal(&Vector3::new(1.0, 0.25, 1.0)) * (fourth * fourth);
         Ok(Patch {
             place: Place {
                 point: place.point + frame.normal * solution[0],
                 normal: turned.normal,
+                shape: turned.lift_matrix(&shape),
             },
             frame: turned,
-            covariance: of_slope / (radius_m * radius_m),
+            covariance: of_slope / (radius_m * radius_m) + Matrix2::identity() * ripple.powi(2),
             shape,
-            shape_covariance: of_bend.component_mul(&(by * by.transpose())),
+            shape_covariance: of_bend.component_mul(&(by * by.transpose())) + hidden,
             radius_m,
             cells: used,
         })

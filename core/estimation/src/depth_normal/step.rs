@@ -1,6 +1,6 @@
 //! `depth_normal`: one frame in, the surface at the tool out.
 
-use nalgebra::{Matrix2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector3};
 
 use super::ahead::look_ahead;
 use super::cells::{Cells, noise_between_neighbours};
@@ -146,6 +146,7 @@ impl DepthNormal {
         let place = Place {
             point: Vector3::new(a, b, 1.0) * depth_m,
             normal: facet.normal,
+            shape: Matrix3::zeros(),
         };
         let patch = match ground.widest(&place, sight, body) {
             Ok(patch) => patch,

@@ -248,7 +248,9 @@ impl Windows {
         }
         // The median of a squared normal variable is 0.4549 of its variance.
         let ratio = median(&mut self.ratios).unwrap_or(0.4549) / 0.4549;
-        self.noise.correlation = ratio.clamp(1.0, 30.0);
+        // A cell is not endless: of what neighbours share, the part over its border is missing.
+        let cell = config.cell_px as f64;
+        self.noise.correlation = (1.0 + (ratio - 1.0) * cell / (cell - 1.0)).clamp(1.0, 30.0);
     }
 
     fn node(
