@@ -262,6 +262,22 @@ impl Windows {
     ) -> Node {
         let mut bounds = [column, column + 1, row, row + 1];
         let mut best: Option<(Plane, [usize; 4])> = None;
+        if reach_max == 1 {
+            // No wider one to compare with: at once, where no edge is in it.
+            let around = [
+                column.saturating_sub(1),
+                (column + 2).min(self.columns),
+                row.saturating_sub(1),
+                (row + 2).min(self.rows),
+            ];
+            let sums = self.window(around);
+            if sums[10] == 0.0 {
+                let sums: &[f64; 10] = sums.first_chunk().expect("ten of eleven");
+                return Plane::of(sums).map_or(Node::default(), |plane| {
+                    self.node_of(&plane, variance, column, row)
+                });
+            }
+        }
         let mut interval = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
         let mut open = [true, true];
         let limits = [self.columns, self.rows];
@@ -323,6 +339,11 @@ impl Windows {
         let Some((plane, _)) = best else {
             return Node::default();
         };
+        self.node_of(&plane, variance, column, row)
+    }
+
+    /// What a plane says at a cell's middle.
+    fn node_of(&self, plane: &Plane, variance: f64, column: usize, row: usize) -> Node {
         let du = column as f64 - self.origin[0] - plane.middle[0];
         let dv = row as f64 - self.origin[1] - plane.middle[1];
         Node {
