@@ -214,7 +214,8 @@ impl Field<'_> {
                     }
                 }
             }
-            if best.0 < limit {
+            // Further away only for a pixel that is of no surface here, and furthest only where there is none.
+            if best.0 < limit || (reach == 2 && best.0.is_finite()) {
                 break;
             }
         }
