@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use tangent_mechanics::{Base, Camera, Pose};
 
 use super::image::Intrinsics;
-use super::patch::{Ground, Patch};
+use super::patch::{Ground, Patch, Place};
 
 /// Stations of a map, at most.
 pub const STATIONS_MAX: usize = 64;
@@ -112,29 +112,49 @@ pub(super) fn look_ahead(
             return map;
         }
         // Along the circle that bends as the surface does here.
-        let guess = station.point + onward * step
-            - station.normal * (0.5 * station.bend_per_m * step * step);
-        let Some([u, v]) = intrinsics.project(&guess) else {
-            map.end = AheadEnd::OutOfImage;
+        let fall = station.normal * (0.5 * station.bend_per_m * step * step);
+        let guess = Place {
+            point: station.point + onward * step - fall,
+            normal: (station.normal + onward * (station.bend_per_m * step)).normalize(),
+            shape: patch.place.shape,
+        };
+        // Where the patch reaches over the border, that is why it fails.
+        let [inside, clear] =
+            [0.0, tool.radius_m].map(|r| in_image(intrinsics, size_px, &guess.point, r));
+        let next = if inside {
+            ground.patch(&guess, body, tool.radius_m).ok()
+        } else {
+            None
+        };
+        // A surface that is not where it was going to be is another one.
+        let next = next.filter(|next| (next.place.point - guess.point).norm() < 0.5 * step);
+        let Some(next) = next else {
+            map.end = if clear {
+                AheadEnd::NotSeen
+            } else {
+                AheadEnd::OutOfImage
+            };
             return map;
         };
-        let inside =
-            u >= 0.0 && v >= 0.0 && u <= size_px[0] as f64 - 1.0 && v <= size_px[1] as f64 - 1.0;
-        if !inside {
-            map.end = AheadEnd::OutOfImage;
-            return map;
-        }
-        let next = ground.patch(intrinsics.sight(u, v), guess.z, body, tool.radius_m);
-        match next {
-            // A surface that is not where it was going to be is another one.
-            Ok(next) if (1.0 / next.at.w - guess.z).abs() < step => patch = next,
-            _ => {
-                map.end = AheadEnd::NotSeen;
-                return map;
-            }
-        }
+        patch = next;
         distance += step;
     }
+}
+
+/// Whether a ball around a point lies in the image.
+fn in_image(
+    intrinsics: &Intrinsics,
+    size_px: [usize; 2],
+    point: &Vector3<f64>,
+    radius_m: f64,
+) -> bool {
+    let focal = [intrinsics.fx_px, intrinsics.fy_px];
+    intrinsics.project(point).is_some_and(|px| {
+        (0..2).all(|i| {
+            let reach = focal[i] * radius_m / point.z;
+            px[i] >= reach && px[i] <= size_px[i] as f64 - 1.0 - reach
+        })
+    })
 }
 
 /// What a patch says at its middle, and the direction of travel within the surface.
@@ -143,29 +163,22 @@ fn station(
     distance_m: f64,
     travel: &Vector3<f64>,
 ) -> Option<(SurfaceStation, Vector3<f64>)> {
-    let (point, normal) = (patch.at.point()?, patch.at.normal()?);
-    let onward = (travel - normal * normal.dot(travel)).try_normalize(1e-6)?;
-    let bend_per_m = onward.dot(&(patch.at.curvature()? * onward));
+    let along = patch.frame.project(travel).try_normalize(1e-6)?;
+    // xx, xy and yy of the shape along it.
+    let by = Vector3::new(
+        along.x * along.x,
+        2.0 * along.x * along.y,
+        along.y * along.y,
+    );
     Some((
         SurfaceStation {
             distance_m,
-            point,
-            normal,
-            covariance: patch.at.normal_covariance(&patch.covariance),
-            bend_per_m,
-            bend_sd_per_m: patch.bend_sd(&onward),
+            point: patch.place.point,
+            normal: patch.place.normal,
+            covariance: patch.frame.lift_matrix(&patch.covariance),
+            bend_per_m: along.dot(&(patch.shape * along)),
+            bend_sd_per_m: by.dot(&(patch.shape_covariance * by)).max(0.0).sqrt(),
         },
-        onward,
+        patch.frame.lift(&along),
     ))
-}
-
-impl Patch {
-    /// Standard deviation of the bend along a tangent, 1/m, from that of the second derivatives.
-    fn bend_sd(&self, along: &Vector3<f64>) -> f64 {
-        let [a, b] = self.at.sight;
-        let (x, y) = (along.x - a * along.z, along.y - b * along.z);
-        let by = Vector3::new(x * x, 2.0 * x * y, y * y)
-            * (self.at.w / self.at.gradient().norm().max(1e-12));
-        by.dot(&(self.bend_covariance * by)).max(0.0).sqrt()
-    }
 }

@@ -26,12 +26,18 @@ pub struct DepthNormalConfig {
     pub window_cells_max: usize,
     /// How far slopes of growing windows may disagree, standard deviations.
     pub consistency_sd: f64,
-    /// Neighbouring cells of one segment differ by less, rad.
-    pub segment_step_rad: f64,
+    /// Neighbouring cells of one surface differ by less than this, rad, ...
+    pub crease_rad: f64,
+    /// ... and what a surface that bends so much turns between them, 1/m.
+    pub bend_max_per_m: f64,
     /// A segment's cells differ from its mean by less, rad.
     pub segment_spread_rad: f64,
     /// Radius of the patch that is fitted at the tool, smallest and largest, m.
     pub patch_radius_m: [f64; 2],
+    /// How far its slopes may disagree with those of smaller patches, standard deviations.
+    pub patch_consistency_sd: f64,
+    /// Depth error that is alike over many pixels and in every frame (the camera's steps of disparity and millimetres beat), m.
+    pub ripple_sd_m: f64,
     /// How fast the bend of surfaces changes along them, standard deviation, 1/m²: what a patch may hide.
     pub bend_change_sd_per_m2: f64,
     /// Cells that a patch needs.
@@ -52,10 +58,13 @@ impl Default for DepthNormalConfig {
             steepest_rad: 1.3,
             window_cells_max: 8,
             consistency_sd: 1.5,
-            segment_step_rad: 0.14,
+            crease_rad: 0.06,
+            bend_max_per_m: 20.0,
             segment_spread_rad: 0.35,
-            patch_radius_m: [0.015, 0.06],
-            bend_change_sd_per_m2: 300.0,
+            patch_radius_m: [0.015, 0.05],
+            patch_consistency_sd: 2.0,
+            ripple_sd_m: 0.00002,
+            bend_change_sd_per_m2: 100.0,
             patch_cells_min: 12,
             ahead_m: 0.08,
             ahead_step_m: 0.005,
@@ -100,12 +109,14 @@ impl DepthNormalConfig {
                 0.5,
                 10.0,
             ),
+            ("depth_normal.crease_rad", self.crease_rad, 1e-3, 1.6),
             (
-                "depth_normal.segment_step_rad",
-                self.segment_step_rad,
-                1e-3,
-                1.6,
+                "depth_normal.patch_consistency_sd",
+                self.patch_consistency_sd,
+                0.5,
+                10.0,
             ),
+            ("depth_normal.bend_max_per_m", self.bend_max_per_m, 0.0, 1e4),
             (
                 "depth_normal.segment_spread_rad",
                 self.segment_spread_rad,
@@ -114,6 +125,7 @@ impl DepthNormalConfig {
             ),
             ("depth_normal.patch_radius_m[0]", small, 1e-4, 10.0),
             ("depth_normal.patch_radius_m[1]", large, small, 10.0),
+            ("depth_normal.ripple_sd_m", self.ripple_sd_m, 0.0, 0.01),
             (
                 "depth_normal.bend_change_sd_per_m2",
                 self.bend_change_sd_per_m2,
@@ -145,9 +157,10 @@ impl DepthNormalConfig {
     }
 
     /// Difference of inverse depth between neighbouring pixels beyond which they are not of one surface: `[0] + [1] w`, 1/m.
-    pub(super) fn jump(&self, focal_px: f64) -> [f64; 2] {
+    /// `sd_found` is the noise of the frame, 1/m, where it is known to be more than configured.
+    pub(super) fn jump(&self, focal_px: f64, sd_found: f64) -> [f64; 2] {
         [
-            6.0 * self.inverse_depth_sd_per_m,
+            6.0 * self.inverse_depth_sd_per_m.max(sd_found),
             self.steepest_rad.tan() / focal_px,
         ]
     }

@@ -59,6 +59,10 @@ impl Axis {
 pub(super) struct Cubics {
     /// One for each of [`REACHES`].
     axes: Vec<Axis>,
+    /// Variances of each rectangle's slopes for unit noise of a cell: along both axes, the plane's and its corrections'.
+    variances: [[[[f64; 3]; 2]; REACHES.len()]; REACHES.len()],
+    /// Their sums' square roots.
+    deviations: [[[f64; 2]; REACHES.len()]; REACHES.len()],
     /// For each of them, cell by cell: sums along the row around the cell, as [`Axis`] has them, and without weights.
     along_rows: Vec<Vec<[f64; 4]>>,
     /// Inverse depth at the cells' middles, 1/m.
@@ -80,16 +84,11 @@ struct Slope {
 struct Fit {
     plane: [f64; 2],
     corrections: [[f64; 2]; 2],
-    variances: [[f64; 3]; 2],
 }
 
 impl Fit {
     fn cubic(&self, axis: usize) -> f64 {
         self.plane[axis] + self.corrections[axis][0] + self.corrections[axis][1]
-    }
-
-    fn variance(&self, axis: usize) -> f64 {
-        self.variances[axis].iter().sum()
     }
 }
 
@@ -100,6 +99,19 @@ impl Cubics {
         }
         (self.columns, self.rows) = (columns, rows);
         self.axes = REACHES.into_iter().map(Axis::new).collect();
+        for x in 0..REACHES.len() {
+            for y in 0..REACHES.len() {
+                let [line_x, third_x, second_x] = self.axes[x].squares;
+                let [line_y, third_y, second_y] = self.axes[y].squares;
+                let [nx, ny] = [x, y].map(|i| (2 * REACHES[i] + 1) as f64);
+                let variances = [
+                    [line_x / ny, third_x / ny, line_x * second_y],
+                    [line_y / nx, third_y / nx, line_y * second_x],
+                ];
+                self.variances[x][y] = variances;
+                self.deviations[x][y] = variances.map(|v| v.iter().sum::<f64>().sqrt());
+            }
+        }
         self.along_rows = vec![vec![[0.0; 4]; columns * rows]; REACHES.len()];
         self.means.clear();
         self.means.resize(columns * rows, 0.0);
@@ -244,17 +256,11 @@ impl Cubics {
             corrections[1][0] += along_third * sum;
             corrections[1][1] += along_line * second;
         }
-        let [line_x, third_x, second_x] = across.squares;
-        let [line_y, third_y, second_y] = along.squares;
         Fit {
             plane: [plane[0] / ny, plane[1] / nx],
             corrections: [
                 [corrections[0][0] / ny, corrections[0][1]],
                 [corrections[1][0] / nx, corrections[1][1]],
-            ],
-            variances: [
-                [line_x / ny, third_x / ny, line_x * second_y],
-                [line_y / nx, third_y / nx, line_y * second_x],
             ],
         }
     }
@@ -271,17 +277,18 @@ impl Cubics {
         if !self.is_whole(column, row, reach) {
             return None;
         }
-        let narrowed = |interval: &[[f64; 2]; 2], fit: &Fit| {
+        let deviation = config.consistency_sd * per_cell.sqrt();
+        let narrowed = |interval: &[[f64; 2]; 2], fit: &Fit, reach: [usize; 2]| {
             let mut next = *interval;
             for (axis, range) in next.iter_mut().enumerate() {
-                let within = config.consistency_sd * (per_cell * fit.variance(axis)).sqrt();
+                let within = deviation * self.deviations[reach[0]][reach[1]][axis];
                 range[0] = range[0].max(fit.cubic(axis) - within);
                 range[1] = range[1].min(fit.cubic(axis) + within);
             }
             next
         };
         let mut best = self.fit(column, row, reach);
-        let mut interval = narrowed(&[[f64::NEG_INFINITY, f64::INFINITY]; 2], &best);
+        let mut interval = narrowed(&[[f64::NEG_INFINITY, f64::INFINITY]; 2], &best, reach);
         let mut open = [true, true];
         for wider in 1..tried {
             for axis in 0..2 {
@@ -295,19 +302,17 @@ impl Cubics {
                     continue;
                 }
                 let fit = self.fit(column, row, next);
-                let inside = narrowed(&interval, &fit);
+                let inside = narrowed(&interval, &fit, next);
                 open[axis] = inside.iter().all(|[low, high]| low <= high);
                 if open[axis] {
                     (interval, reach, best) = (inside, next, fit);
                 }
             }
         }
+        let variances = &self.variances[reach[0]][reach[1]];
         let slope = [0, 1].map(|axis| {
             let kept = [0, 1].map(|k| {
-                let (t, v) = (
-                    best.corrections[axis][k],
-                    per_cell * best.variances[axis][k + 1],
-                );
+                let (t, v) = (best.corrections[axis][k], per_cell * variances[axis][k + 1]);
                 // Of a correction, what stands out of its noise.
                 if t * t > v {
                     t * (1.0 - v / (t * t))
@@ -317,13 +322,10 @@ impl Cubics {
             });
             best.plane[axis] + kept[0] + kept[1]
         });
+        let total = |axis: usize| per_cell * variances[axis].iter().sum::<f64>();
         Some(Slope {
             slope,
-            covariance: [
-                per_cell * best.variance(0),
-                0.0,
-                per_cell * best.variance(1),
-            ],
+            covariance: [total(0), 0.0, total(1)],
         })
     }
 }

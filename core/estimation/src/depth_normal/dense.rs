@@ -1,5 +1,7 @@
 //! A normal for every pixel that has depth, from the planes of the cells around it.
 
+use std::ops::Range;
+
 use super::facets::Mesh;
 use super::image::DepthImage;
 use super::windows::Node;
@@ -75,68 +77,78 @@ impl Line {
 impl Field<'_> {
     /// Fills `normals`, one per pixel of the image.
     pub fn fill(&self, image: &DepthImage<'_>, normals: &mut [PixelNormal]) {
-        let width = image.width();
-        let cell = self.cell_px as f64;
-        let middle = 0.5 * (cell - 1.0);
-        for v in 0..image.height() {
-            let place = (v as f64 - middle) / cell;
-            let line = &mut normals[v * width..(v + 1) * width];
-            let depths = image.row(v);
-            // Between two columns of nodes everything is linear along the row.
-            let mut u = 0;
-            while u < width {
-                let left = ((u as f64 - middle) / cell).floor();
-                let until = ((left + 1.0) * cell + middle).ceil().max(u as f64 + 1.0) as usize;
-                let until = until.min(width);
-                self.stretch(u, left, place, &depths[u..until], &mut line[u..until]);
-                u = until;
+        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost, their own square goes on.
+        for row in 0..self.rows.max(2) - 1 {
+            let lines = self.between(row, self.rows, image.height());
+            for column in 0..self.columns.max(2) - 1 {
+                let pixels = self.between(column, self.columns, image.width());
+                self.square([column, row], pixels, lines.clone(), image, normals);
             }
         }
     }
 
-    fn stretch(
+    /// Pixels from a node to the next; from the border on, and to it.
+    fn between(&self, node: usize, nodes: usize, size: usize) -> Range<usize> {
+        let middle = self.cell_px.div_ceil(2);
+        let from = if node == 0 {
+            0
+        } else {
+            node * self.cell_px + middle
+        };
+        let last = node + 2 >= nodes;
+        let to = if last {
+            size
+        } else {
+            (node + 1) * self.cell_px + middle
+        };
+        from.min(size)..to.min(size)
+    }
+
+    fn square(
         &self,
-        from: usize,
-        left: f64,
-        place: f64,
-        depths: &[f32],
+        [column, row]: [usize; 2],
+        pixels: Range<usize>,
+        lines: Range<usize>,
+        image: &DepthImage<'_>,
         normals: &mut [PixelNormal],
     ) {
-        let top = place.floor();
-        // Beyond the outermost nodes their own interval goes on.
-        let column = (left.max(0.0) as usize).min(self.columns.saturating_sub(2));
-        let row = (top.max(0.0) as usize).min(self.rows.saturating_sub(2));
-        let fraction = (place - row as f64) as f32;
-        if let Some(corners) = self.corners(column, row) {
-            let b = self.mesh.sight(0.0, place)[1] as f32;
+        let cell = self.cell_px as f64;
+        let place = |pixel: usize| (pixel as f64 - 0.5 * (cell - 1.0)) / cell;
+        let corners = self.corners(column, row);
+        let first = place(pixels.start) - column as f64;
+        let sight = [
+            self.mesh.sight(place(pixels.start), 0.0)[0] as f32,
+            (self.mesh.step[0] / cell) as f32,
+        ];
+        let range = self.range_m.map(|m| m as f32);
+        for v in lines {
+            let depths = &image.row(v)[pixels.clone()];
+            let line = v * image.width();
+            let normals = &mut normals[line + pixels.start..line + pixels.end];
+            let at = place(v);
+            let Some(corners) = &corners else {
+                for (i, (normal, z)) in normals.iter_mut().zip(depths).enumerate() {
+                    *normal = self.nearest(place(pixels.start + i), at, *z);
+                }
+                continue;
+            };
+            let fraction = (at - row as f64) as f32;
             let mix = |i: usize| {
                 let side =
                     |k: usize| corners[k][i] + (corners[k + 2][i] - corners[k][i]) * fraction;
-                (side(0), side(1))
+                [side(0), side(1) - side(0)]
             };
-            let ((w0, w1), (a0, a1), (b0, b1)) = (mix(0), mix(1), mix(2));
-            let cell = self.cell_px as f32;
-            let middle = 0.5 * (cell - 1.0);
-            let first = (from as f32 - middle) / cell - column as f32;
-            let sight = self.mesh.sight((f64::from(first)) + column as f64, 0.0)[0] as f32;
-            let sight_step = (self.mesh.step[0] / self.cell_px as f64) as f32;
             let line = Line {
-                first,
-                step: 1.0 / cell,
-                w: [w0, w1 - w0],
-                a: [a0, a1 - a0],
-                b: [b0, b1 - b0],
-                sight: [sight, sight_step],
-                row_sight: b,
-                range: self.range_m.map(|m| m as f32),
+                first: first as f32,
+                step: 1.0 / cell as f32,
+                w: mix(0),
+                a: mix(1),
+                b: mix(2),
+                sight,
+                row_sight: self.mesh.sight(0.0, at)[1] as f32,
+                range,
             };
             line.fill(depths, normals);
-            return;
-        }
-        for (i, (normal, z)) in normals.iter_mut().zip(depths).enumerate() {
-            let u = (from + i) as f64;
-            let at = (u - 0.5 * (self.cell_px as f64 - 1.0)) / self.cell_px as f64;
-            *normal = self.nearest(at, place, *z);
         }
     }
 
@@ -202,7 +214,8 @@ impl Field<'_> {
                     }
                 }
             }
-            if best.0 < limit {
+            // Further away only for a pixel that is of no surface here, and furthest only where there is none.
+            if best.0 < limit || (reach == 2 && best.0.is_finite()) {
                 break;
             }
         }

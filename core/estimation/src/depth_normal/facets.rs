@@ -15,6 +15,8 @@ pub(super) struct Facet {
     pub point: Vector3<f64>,
     /// Out of the material.
     pub normal: Vector3<f64>,
+    /// Standard deviation of the normal, the larger way, rad.
+    pub sd_rad: f64,
 }
 
 /// From cells to lines of sight.
@@ -72,10 +74,14 @@ impl Mesh {
             if let (Some(point), Some(normal)) = (at.point(), at.normal())
                 && -normal.dot(&point) >= cos_steepest * point.norm()
             {
+                let [uu, _, vv] = node.covariance;
+                let [step_a, step_b] = self.step;
+                let most = (uu / (step_a * step_a)).max(vv / (step_b * step_b));
                 *facet = Facet {
                     valid: true,
                     point,
                     normal,
+                    sd_rad: most.sqrt() / at.gradient().norm(),
                 };
             }
         }

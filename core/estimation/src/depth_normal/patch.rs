@@ -1,17 +1,24 @@
-//! A cubic in inverse depth through the cells around a line of sight: the normal and curvature there, and how sure they are.
+//! A cubic through the cells around a point, as height over the tangent plane there: normal and curvature, and how sure they are.
 //!
-//! The cubic's own terms are believed to be small, as small as surfaces are smooth: so what they may hide is in the covariance.
+//! In the tangent frame a bent surface has no third derivative but the change of its bend, however steeply it is seen; that change
+//! is believed to be as small as surfaces are smooth, and what it may hide is in the covariance.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::cells::Cells;
 use super::config::DepthNormalConfig;
 use super::facets::{Facet, Mesh};
-use super::inverse_depth::InverseDepth;
 use super::windows::FrameNoise;
+use crate::tangent_frame::TangentFrame;
 
 /// 1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy.
 const TERMS: usize = 10;
+/// Over which length the change of a surface's bend changes itself, m: a wave of 0.4 m.
+const CHANGE_LENGTH_M: f64 = 0.06;
+/// Of the largest radius, for what is seen too little of within it.
+const FURTHEST: f64 = 2.0;
+/// From one radius that is tried to the next.
+const GROWTH: f64 = 1.25;
 
 /// What a patch is fitted to.
 pub(super) struct Ground<'a> {
@@ -31,34 +38,52 @@ pub(super) enum PatchError {
     OneSided,
 }
 
-/// The fit at one line of sight.
+/// Where a patch is to be: a point near the surface, and about which way that faces; camera axes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    pub point: Vector3<f64>,
+    pub normal: Vector3<f64>,
+    /// Shape operator that is expected, 1/m: only the fourth order of the height is taken from it.
+    pub shape: Matrix3<f64>,
+}
+
+/// The fit, camera axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
-    pub at: InverseDepth,
-    /// Of `[w, w_a, w_b]`.
-    pub covariance: Matrix3<f64>,
-    /// Of `[w_aa, w_ab, w_bb]`.
-    pub bend_covariance: Matrix3<f64>,
+    /// On the surface, straight under the place.
+    pub place: Place,
+    pub frame: TangentFrame,
+    /// Of the normal, rad², tangent axes.
+    pub covariance: Matrix2<f64>,
+    /// Shape operator, 1/m, tangent axes.
+    pub shape: Matrix2<f64>,
+    /// Of its `xx`, `xy`, `yy`.
+    pub shape_covariance: Matrix3<f64>,
     /// Reach of the cells that were used, m.
     pub radius_m: f64,
     pub cells: usize,
 }
 
 impl Ground<'_> {
-    /// The widest patch of the body at `sight` (about `depth_m` away) whose slopes agree with those of the narrower ones.
-    pub fn widest(&self, sight: [f64; 2], depth_m: f64, body: u16) -> Result<Patch, PatchError> {
+    /// The widest patch of the body whose slopes agree with those of the narrower ones; once more in its own tangent frame,
+    /// under `sight`.
+    pub fn widest(&self, place: &Place, sight: [f64; 2], body: u16) -> Result<Patch, PatchError> {
         let [small, large] = self.config.patch_radius_m;
-        let mut best: Result<Patch, PatchError> = Err(PatchError::TooFew);
+        let frame = TangentFrame::new(place.normal, Vector3::x());
+        let mut best = Err(PatchError::TooFew);
         let mut interval = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
         let mut radius = small;
+        let mut place = *place;
         loop {
-            match self.patch(sight, depth_m, body, radius) {
+            match self.patch(&place, body, radius) {
                 Ok(patch) => {
+                    place.shape = patch.place.shape;
+                    let turn = frame.project(&patch.frame.normal);
                     for (i, range) in interval.iter_mut().enumerate() {
-                        let sd = patch.covariance[(i + 1, i + 1)].sqrt();
-                        let within = self.config.consistency_sd * sd;
-                        range[0] = range[0].max(patch.at.slope[i] - within);
-                        range[1] = range[1].min(patch.at.slope[i] + within);
+                        let within =
+                            self.config.patch_consistency_sd * patch.covariance[(i, i)].sqrt();
+                        range[0] = range[0].max(turn[i] - within);
+                        range[1] = range[1].min(turn[i] + within);
                     }
                     if interval.iter().any(|[low, high]| low > high) {
                         break;
@@ -68,138 +93,149 @@ impl Ground<'_> {
                 Err(error) if best.is_err() => best = Err(error),
                 Err(_) => {}
             }
-            if radius >= large {
+            // Where too little was seen, around the tool or its shadow, it may lie further away.
+            let limit = if best.is_err() {
+                FURTHEST * large
+            } else {
+                large
+            };
+            if radius >= limit {
                 break;
             }
-            radius = (radius * 1.3).min(large);
+            radius = (radius * GROWTH).min(limit);
         }
-        best
+        let found = best?;
+        let [a, b] = sight;
+        let ray = Vector3::new(a, b, 1.0);
+        let normal = found.frame.normal;
+        let depth = found.place.point.dot(&normal) / ray.dot(&normal);
+        if !(depth.is_finite() && depth > 0.0) {
+            return Err(PatchError::TooFew);
+        }
+        let there = Place {
+            point: ray * depth,
+            ..found.place
+        };
+        self.patch(&there, body, found.radius_m).or(Ok(found))
     }
 
     /// The patch within `radius_m`.
-    pub fn patch(
-        &self,
-        sight: [f64; 2],
-        depth_m: f64,
-        body: u16,
-        radius_m: f64,
-    ) -> Result<Patch, PatchError> {
-        let [column, row] = self.mesh.place(sight);
+    pub fn patch(&self, place: &Place, body: u16, radius_m: f64) -> Result<Patch, PatchError> {
+        let frame = TangentFrame::new(place.normal, Vector3::x());
+        let depth = place.point.z.max(1e-3);
+        let [column, row] = self
+            .mesh
+            .place([place.point.x / depth, place.point.y / depth]);
+        // A radius towards the camera looks larger.
+        let near = (depth - radius_m).max(0.5 * depth);
         let reach = self
             .mesh
             .step
-            .map(|step| (radius_m / (depth_m * step)).min(1e4));
+            .map(|step| (radius_m / (near * step) + 1.0).min(1e4));
         let around = |middle: f64, reach: f64, size: usize| {
             let from = (middle - reach).ceil().max(0.0) as usize;
             let to = ((middle + reach).floor() + 1.0).max(0.0) as usize;
             from..to.min(size)
         };
-        // Coordinates over the reach, so that the matrix is well scaled.
-        let scale = reach[0].max(reach[1]).max(1e-9);
         let mut matrix = SMatrix::<f64, TERMS, TERMS>::zeros();
         let mut right = SVector::<f64, TERMS>::zeros();
-        let centre = Vector3::new(sight[0], sight[1], 1.0) * depth_m;
         let mut square = 0.0;
+        let bent = frame.project_matrix(&place.shape);
         let mut used = 0usize;
         let mut octants = 0u8;
-        let reference = 1.0 / depth_m;
+        let pixel = self.config.inverse_depth_sd_per_m.powi(2) * self.noise.scale;
+        let expected = pixel * self.noise.correlation;
         for j in around(row, reach[1], self.cells.rows) {
             for i in around(column, reach[0], self.cells.columns) {
                 let k = j * self.cells.columns + i;
-                if self.body[k] != body || !self.facets[k].valid {
-                    continue;
-                }
-                let (x, y) = ((i as f64 - column) / scale, (j as f64 - row) / scale);
-                let flat = [(i as f64 - column) / reach[0], (j as f64 - row) / reach[1]];
-                if flat[0] * flat[0] + flat[1] * flat[1] > 1.0
-                    || (self.facets[k].point - centre).norm() > 1.5 * radius_m
-                {
-                    continue;
-                }
-                let cell = &self.cells.cells[k];
-                let sums = &cell.sums;
-                let (p, c) = (sums[0], 1.0 / scale);
+                let sums = &self.cells.cells[k].sums;
                 // A hole has a facet from its neighbours, but nothing to say.
-                if p <= 0.0 {
+                if self.body[k] != body || !self.facets[k].valid || sums[0] <= 0.0 {
                     continue;
                 }
-                let (u, v) = (sums[1] / p, sums[2] / p);
-                let (uu, uv, vv) = (
-                    (sums[3] / p - u * u) * c * c,
-                    (sums[4] / p - u * v) * c * c,
-                    (sums[5] / p - v * v) * c * c,
-                );
-                let (x, y) = (x + u * c, y + v * c);
-                // Means over the cell's pixels; what is lopsided within a cell does not count.
+                let p = sums[0];
+                let w = self.cells.cells[k].reference + sums[6] / p;
+                let [a, b] = self
+                    .mesh
+                    .sight(i as f64 + sums[1] / p, j as f64 + sums[2] / p);
+                let ray = Vector3::new(a, b, 1.0);
+                let offset = ray / w - place.point;
+                // Over the radius, so that the matrix is well scaled.
+                let xy = frame.project(&offset) / radius_m;
+                let height = frame.normal.dot(&offset);
+                if xy.norm_squared() > 1.0 || height.abs() > radius_m {
+                    continue;
+                }
+                let (x, y) = (xy.x, xy.y);
+                // What a surface of this bend has beyond its second order, all along it.
+                let turn = bent * xy;
+                let height =
+                    height + 0.125 * radius_m.powi(4) * xy.dot(&turn) * turn.norm_squared();
                 let line = SVector::<f64, TERMS>::from([
                     1.0,
                     x,
                     y,
-                    x * x + uu,
-                    x * y + uv,
-                    y * y + vv,
-                    x * x * x + 3.0 * x * uu,
-                    x * x * y + y * uu + 2.0 * x * uv,
-                    x * y * y + x * vv + 2.0 * y * uv,
-                    y * y * y + 3.0 * y * vv,
+                    x * x,
+                    x * y,
+                    y * y,
+                    x * x * x,
+                    x * x * y,
+                    x * y * y,
+                    y * y * y,
                 ]);
-                let w = cell.reference + sums[6] / p - reference;
-                matrix.syger(p, &line, &line, 1.0);
-                right.axpy(p * w, &line, 1.0);
-                square += p * w * w;
+                // Noise lies along the line of sight; what of it is height?
+                let along = frame.normal.dot(&ray) / (w * w);
+                let information = p / (expected * along * along).max(1e-30);
+                matrix.syger(information, &line, &line, 1.0);
+                right.axpy(information * height, &line, 1.0);
+                square += information * height * height;
                 used += 1;
                 octants |= 1 << octant(x, y);
             }
         }
+        if used > 2 && longest_gap(octants) >= 4 {
+            return Err(PatchError::OneSided);
+        }
         if used < self.config.patch_cells_min {
             return Err(PatchError::TooFew);
         }
-        if longest_gap(octants) >= 4 {
-            return Err(PatchError::OneSided);
-        }
-        let pixel = self.config.inverse_depth_sd_per_m.powi(2) * self.noise.scale;
-        let expected = pixel * self.noise.correlation;
-        // A third derivative of depth, 1/m², is one of inverse depth by the line of sight, 1/m, times the depth.
-        let [step_a, step_b] = self.mesh.step.map(|s| s * scale);
-        let third = self.config.bend_change_sd_per_m2 * depth_m;
-        let believed = [
-            third * step_a.powi(3) / 6.0,
-            third * step_a.powi(2) * step_b / 2.0,
-            third * step_a * step_b.powi(2) / 2.0,
-            third * step_b.powi(3) / 6.0,
-        ];
-        for (i, sd) in believed.into_iter().enumerate() {
-            matrix[(6 + i, 6 + i)] += expected / (sd * sd).max(1e-30);
+        let change = self.config.bend_change_sd_per_m2 * radius_m.powi(3);
+        for (i, share) in [6.0, 2.0, 2.0, 6.0].into_iter().enumerate() {
+            matrix[(6 + i, 6 + i)] += (share / change).powi(2);
         }
         matrix.fill_upper_triangle_with_lower_triangle();
         let cholesky = matrix.cholesky().ok_or(PatchError::TooFew)?;
         let solution = cholesky.solve(&right);
+        // What the cells themselves show counts where it is more than their noise.
         let rest = (square - right.dot(&solution)).max(0.0);
-        // What the cells themselves show counts where it is more.
         let shown = rest / (used as f64 - 6.0).max(1.0);
-        let mut covariance = cholesky.inverse() * expected.max(shown);
-        // From the scaled coordinates to derivatives by the line of sight.
-        let (by_a, by_b) = (1.0 / step_a, 1.0 / step_b);
-        let by = SVector::<f64, 6>::from([
-            1.0,
-            by_a,
-            by_b,
-            2.0 * by_a * by_a,
-            by_a * by_b,
-            2.0 * by_b * by_b,
-        ]);
-        let found = solution.fixed_rows::<6>(0).component_mul(&by);
-        let mut covariance = covariance.fixed_view_mut::<6, 6>(0, 0);
-        covariance.component_mul_assign(&(by * by.transpose()));
+        let covariance = cholesky.inverse() * shown.max(1.0);
+        let slope = Vector2::new(solution[1], solution[2]) / radius_m;
+        let bend = [3, 4, 5].map(|i| solution[i] / (radius_m * radius_m));
+        // Of the height to the operator, and of slopes that are nearly zero to the frame's own turn.
+        let length = (1.0 + slope.norm_squared()).sqrt();
+        let shape = Matrix2::new(-2.0 * bend[0], -bend[1], -bend[1], -2.0 * bend[2]) / length;
+        let steep = slope.norm();
+        let turned = frame.turned(&(slope * -(steep.atan() / steep.max(1e-12))));
+        let by = Vector3::new(2.0, 1.0, 2.0) / (radius_m * radius_m);
+        let of_bend: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into();
+        let of_slope: Matrix2<f64> = covariance.fixed_view::<2, 2>(1, 1).into();
+        // An error that is alike over half of the patch tilts it so much.
+        let ripple = 2.0 * self.config.ripple_sd_m / radius_m;
+        // A change of the change looks like bend: by a fourteenth of the square of the radius.
+        let fourth =
+            self.config.bend_change_sd_per_m2 / CHANGE_LENGTH_M * radius_m * radius_m / 14.0;
+        let hidden = Matrix3::from_diagonal(&Vector3::new(1.0, 0.25, 1.0)) * (fourth * fourth);
         Ok(Patch {
-            at: InverseDepth {
-                sight,
-                w: reference + found[0],
-                slope: [found[1], found[2]],
-                bend: [found[3], found[4], found[5]],
+            place: Place {
+                point: place.point + frame.normal * solution[0],
+                normal: turned.normal,
+                shape: turned.lift_matrix(&shape),
             },
-            covariance: covariance.fixed_view::<3, 3>(0, 0).into(),
-            bend_covariance: covariance.fixed_view::<3, 3>(3, 3).into(),
+            frame: turned,
+            covariance: of_slope / (radius_m * radius_m) + Matrix2::identity() * ripple.powi(2),
+            shape,
+            shape_covariance: of_bend.component_mul(&(by * by.transpose())) + hidden,
             radius_m,
             cells: used,
         })
@@ -212,7 +248,7 @@ fn octant(x: f64, y: f64) -> u8 {
 
 /// Longest run of empty octants around the middle, of eight.
 fn longest_gap(octants: u8) -> u32 {
-    // Counter-clockwise in the image.
+    // Counter-clockwise.
     let order = [0b111, 0b011, 0b010, 0b110, 0b100, 0b000, 0b001, 0b101];
     let mut ring = 0u16;
     for (i, octant) in order.into_iter().enumerate() {
@@ -226,4 +262,30 @@ fn longest_gap(octants: u8) -> u32 {
         longest = longest.max(run);
     }
     longest.min(8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn octants_are_in_the_order_of_the_gap() {
+        // A point in each eighth of the circle, in turn: a gap of n neighbours is n wide wherever it begins.
+        let turn: Vec<u8> = (0..8)
+            .map(|i| {
+                let angle = (f64::from(i) + 0.5) * std::f64::consts::FRAC_PI_4;
+                octant(angle.cos(), angle.sin())
+            })
+            .collect();
+        for first in 0..8 {
+            for wide in 0..8u32 {
+                let gap = |i: usize| (i + 8 - first) % 8 < wide as usize;
+                let seen = (0..8)
+                    .filter(|i| !gap(*i))
+                    .fold(0, |bits, i| bits | 1 << turn[i]);
+                assert_eq!(longest_gap(seen), wide, "{first} {wide}");
+            }
+        }
+        assert_eq!(longest_gap(0), 8);
+    }
 }

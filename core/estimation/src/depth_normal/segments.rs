@@ -20,6 +20,8 @@ pub(super) struct Segments {
     /// By connection, from 1.
     pub body: Vec<u16>,
     queue: Vec<u32>,
+    /// How much of each body is around the tool.
+    votes: Vec<f64>,
     pub segments: u16,
     columns: usize,
 }
@@ -50,55 +52,29 @@ impl Segments {
         }
         self.queue.clear();
         self.queue.reserve(n);
+        self.votes.clear();
+        self.votes.reserve(n + 1);
     }
 
-    /// Labels everything; the tool's own segment first, so that it is centred there.
-    pub fn grow(
+    /// Labels the bodies: to be done first.
+    pub fn grow_bodies(
         &mut self,
         config: &DepthNormalConfig,
         nodes: &[Node],
         facets: &[Facet],
         jump: [f64; 2],
-        tool: Option<usize>,
     ) {
-        self.segment.fill(NONE);
         self.body.fill(NONE);
         let mut bodies = NONE;
-        self.segments = NONE;
-        let step = config.segment_step_rad.cos();
-        let spread = config.segment_spread_rad.min(std::f64::consts::PI).cos();
         let neighbours = Neighbours {
             nodes,
             facets,
             jump,
-            step,
+            config,
             columns: self.columns,
         };
-        for seed in tool.into_iter().chain(0..facets.len()) {
-            if !facets[seed].valid {
-                continue;
-            }
-            if self.segment[seed] == NONE && self.segments < u16::MAX {
-                self.segments += 1;
-                let mut mean = facets[seed].normal;
-                flood(
-                    &mut self.segment,
-                    &mut self.queue,
-                    seed,
-                    self.segments,
-                    &neighbours,
-                    |to| {
-                        let normal = &facets[to].normal;
-                        // The sum's length is left in: a cosine against the sum needs it once.
-                        let alike = mean.dot(normal) >= spread * mean.norm();
-                        if alike {
-                            mean += normal;
-                        }
-                        alike
-                    },
-                );
-            }
-            if self.body[seed] == NONE && bodies < u16::MAX {
+        for (seed, facet) in facets.iter().enumerate() {
+            if facet.valid && self.body[seed] == NONE && bodies < u16::MAX {
                 bodies += 1;
                 flood(
                     &mut self.body,
@@ -110,6 +86,84 @@ impl Segments {
                 );
             }
         }
+        self.votes.clear();
+        self.votes.resize(usize::from(bodies) + 1, 0.0);
+    }
+
+    /// Labels the segments; the tool's own first, so that it is centred there.
+    pub fn grow_segments(
+        &mut self,
+        config: &DepthNormalConfig,
+        nodes: &[Node],
+        facets: &[Facet],
+        jump: [f64; 2],
+        tool: Option<usize>,
+    ) {
+        self.segment.fill(NONE);
+        self.segments = NONE;
+        let spread = config.segment_spread_rad.min(std::f64::consts::PI).cos();
+        let neighbours = Neighbours {
+            nodes,
+            facets,
+            jump,
+            config,
+            columns: self.columns,
+        };
+        for seed in tool.into_iter().chain(0..facets.len()) {
+            if !facets[seed].valid || self.segment[seed] != NONE || self.segments == u16::MAX {
+                continue;
+            }
+            self.segments += 1;
+            let mut mean = facets[seed].normal;
+            flood(
+                &mut self.segment,
+                &mut self.queue,
+                seed,
+                self.segments,
+                &neighbours,
+                |to| {
+                    let normal = &facets[to].normal;
+                    // The sum's length is left in: a cosine against the sum needs it once.
+                    let alike = mean.dot(normal) >= spread * mean.norm();
+                    if alike {
+                        mean += normal;
+                    }
+                    alike
+                },
+            );
+        }
+    }
+
+    /// The cell at `place` (cells): of the body that has most around it, within `reach(cell)` cells, the nearest. A cell that hangs
+    /// together with nothing is not taken for the surface because it lies nearest.
+    pub fn at(
+        &mut self,
+        place: [f64; 2],
+        facets: &[Facet],
+        reach: impl Fn(&Facet) -> f64,
+    ) -> Option<usize> {
+        let distance = |i: usize| {
+            let x = (i % self.columns) as f64 - place[0];
+            let y = (i / self.columns) as f64 - place[1];
+            x * x + y * y
+        };
+        let within = |i: usize| {
+            let square = distance(i);
+            (facets[i].valid && square <= reach(&facets[i]).powi(2)).then_some(square)
+        };
+        self.votes.fill(0.0);
+        for (i, body) in self.body.iter().enumerate() {
+            if *body != NONE
+                && let Some(square) = within(i)
+            {
+                self.votes[usize::from(*body)] += 1.0 / (1.0 + square);
+            }
+        }
+        let most = self.votes.iter().copied().fold(0.0, f64::max);
+        let body = self.votes.iter().position(|v| *v == most && most > 0.0)?;
+        let members = (0..facets.len())
+            .filter(|i| usize::from(self.body[*i]) == body && within(*i).is_some());
+        members.min_by(|m, n| distance(*m).total_cmp(&distance(*n)))
     }
 
     /// Principal components of a segment's points.
@@ -156,7 +210,7 @@ struct Neighbours<'a> {
     nodes: &'a [Node],
     facets: &'a [Facet],
     jump: [f64; 2],
-    step: f64,
+    config: &'a DepthNormalConfig,
     columns: usize,
 }
 
@@ -182,7 +236,14 @@ impl Neighbours<'_> {
 
     fn joins(&self, from: usize, to: usize, axis: usize, way: f64) -> bool {
         let (a, b) = (&self.facets[from], &self.facets[to]);
-        if !(a.valid && b.valid) || a.normal.dot(&b.normal) < self.step {
+        if !(a.valid && b.valid) {
+            return false;
+        }
+        // Where normals are in doubt, or cells far apart, they may differ by more.
+        let doubt = 2.0 * (a.sd_rad * a.sd_rad + b.sd_rad * b.sd_rad).sqrt();
+        let bend = self.config.bend_max_per_m * (a.point - b.point).norm();
+        let allowed = self.config.crease_rad + doubt + bend;
+        if (a.normal - b.normal).norm_squared() > allowed * allowed {
             return false;
         }
         // Both planes half way.

@@ -1,15 +1,15 @@
 //! `depth_normal`: one frame in, the surface at the tool out.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix2, Matrix3, Vector3};
 
 use super::ahead::look_ahead;
-use super::cells::Cells;
+use super::cells::{Cells, noise_between_neighbours};
 use super::config::DepthNormalConfig;
 use super::cubics::Cubics;
 use super::dense::{Field, PixelNormal};
 use super::facets::{Facet, Mesh};
 use super::image::{DepthImage, Intrinsics};
-use super::patch::{Ground, PatchError};
+use super::patch::{Ground, PatchError, Place};
 use super::segments::{NONE, Segments};
 use super::visual_normal::{VisualNormal, VisualValidity};
 use super::windows::Windows;
@@ -59,6 +59,7 @@ pub struct DepthNormalState {
     mesh: Mesh,
     jump: [f64; 2],
     size_px: [usize; 2],
+    differences: Vec<f32>,
 }
 
 impl DepthNormal {
@@ -89,9 +90,16 @@ impl DepthNormal {
             ToolTarget::Point(point) => sample.intrinsics.project(&point),
         };
         let target = target.filter(|px| px.iter().all(|x| x.is_finite()));
-        let tool =
-            target.and_then(|[u, v]| state.at_tool(&self.config, sample.intrinsics.sight(u, v)));
-        state.segments.grow(
+        let tool = target.and_then(|[u, v]| {
+            let mesh = state.mesh;
+            let step = mesh.step[0].max(mesh.step[1]);
+            let far = self.config.patch_radius_m[1];
+            let place = mesh.place(sample.intrinsics.sight(u, v));
+            state
+                .segments
+                .at(place, &state.facets, |facet| far / (step * facet.point.z))
+        });
+        state.segments.grow_segments(
             &self.config,
             &state.windows.nodes,
             &state.facets,
@@ -133,18 +141,19 @@ impl DepthNormal {
         }
         let sight = sample.intrinsics.sight(u, v);
         let facet = &state.facets[tool];
+        let [a, b] = sight;
         let depth_m = plane_depth(facet, sight).unwrap_or(facet.point.z);
-        let patch = match ground.widest(sight, depth_m, body) {
+        let place = Place {
+            point: Vector3::new(a, b, 1.0) * depth_m,
+            normal: facet.normal,
+            shape: Matrix3::zeros(),
+        };
+        let patch = match ground.widest(&place, sight, body) {
             Ok(patch) => patch,
             Err(PatchError::TooFew) => return invalid(VisualValidity::TooFew),
             Err(PatchError::OneSided) => return invalid(VisualValidity::Edge),
         };
-        let at = &patch.at;
-        let (Some(point), Some(normal), Some(curvature)) =
-            (at.point(), at.normal(), at.curvature())
-        else {
-            return invalid(VisualValidity::TooFew);
-        };
+        let (point, normal) = (patch.place.point, patch.place.normal);
         if -normal.dot(&point) < self.config.steepest_rad.cos() * point.norm() {
             return invalid(VisualValidity::TooSteep);
         }
@@ -164,9 +173,9 @@ impl DepthNormal {
             validity: VisualValidity::Valid,
             point,
             normal,
-            covariance: at.normal_covariance(&patch.covariance),
-            curvature,
-            principal_curvatures_per_m: principal(&curvature),
+            covariance: patch.frame.lift_matrix(&patch.covariance),
+            curvature: patch.frame.lift_matrix(&patch.shape),
+            principal_curvatures_per_m: principal(&patch.shape),
             tilt_rad: (-normal.z).clamp(-1.0, 1.0).acos().abs(),
             segment: state.segments.shape(label, &state.facets),
             patch_radius_m: patch.radius_m,
@@ -211,7 +220,11 @@ impl DepthNormalState {
     fn prepare(&mut self, config: &DepthNormalConfig, sample: &DepthSample<'_>) {
         let (width, height) = (sample.image.width(), sample.image.height());
         self.size_px = [width, height];
-        self.jump = config.jump(sample.intrinsics.fx_px.min(sample.intrinsics.fy_px));
+        self.differences.clear();
+        self.differences.reserve(10_000);
+        let found = noise_between_neighbours(&sample.image, config.range_m, &mut self.differences);
+        let focal_px = sample.intrinsics.fx_px.min(sample.intrinsics.fy_px);
+        self.jump = config.jump(focal_px, found);
         self.mesh = Mesh::new(&sample.intrinsics, config.cell_px);
         self.cells.resize(width, height, config.cell_px);
         self.cells
@@ -230,29 +243,8 @@ impl DepthNormalState {
         self.mesh
             .facets(&self.windows.nodes, columns, cos, &mut self.facets);
         self.segments.resize(columns, rows);
-    }
-
-    /// The cell with a facet that is nearest to the tool's line of sight, within the smallest patch's reach or that of the tool's
-    /// own shadow.
-    fn at_tool(&self, config: &DepthNormalConfig, sight: [f64; 2]) -> Option<usize> {
-        let [column, row] = self.mesh.place(sight);
-        let mut best = (f64::INFINITY, None);
-        for (i, facet) in self.facets.iter().enumerate() {
-            if !facet.valid {
-                continue;
-            }
-            let x = (i % self.cells.columns) as f64 - column;
-            let y = (i / self.cells.columns) as f64 - row;
-            let distance = x * x + y * y;
-            if distance < best.0 {
-                best = (distance, Some(i));
-            }
-        }
-        let (distance, cell) = best;
-        let cell = cell?;
-        let step = self.mesh.step[0].max(self.mesh.step[1]);
-        let away = distance.sqrt() * step * self.facets[cell].point.z;
-        (away <= config.patch_radius_m[1]).then_some(cell)
+        self.segments
+            .grow_bodies(config, &self.windows.nodes, &self.facets, self.jump);
     }
 }
 
@@ -263,11 +255,11 @@ fn plane_depth(facet: &Facet, [a, b]: [f64; 2]) -> Option<f64> {
     (depth.is_finite() && depth > 0.0).then_some(depth)
 }
 
-/// Eigenvalues of a shape operator within its tangent plane, the larger first.
-fn principal(curvature: &nalgebra::Matrix3<f64>) -> [f64; 2] {
-    // The third eigenvalue is zero, along the normal.
-    let trace = curvature.trace();
-    let square = (curvature * curvature).trace();
-    let apart = (2.0 * square - trace * trace).max(0.0).sqrt();
-    [0.5 * (trace + apart), 0.5 * (trace - apart)]
+/// Eigenvalues, the larger first.
+fn principal(shape: &Matrix2<f64>) -> [f64; 2] {
+    let middle = 0.5 * shape.trace();
+    let apart = (0.25 * (shape.m11 - shape.m22).powi(2) + shape.m12 * shape.m21)
+        .max(0.0)
+        .sqrt();
+    [middle + apart, middle - apart]
 }

@@ -248,7 +248,9 @@ impl Windows {
         }
         // The median of a squared normal variable is 0.4549 of its variance.
         let ratio = median(&mut self.ratios).unwrap_or(0.4549) / 0.4549;
-        self.noise.correlation = ratio.clamp(1.0, 30.0);
+        // A cell is not endless: of what neighbours share, the part over its border is missing.
+        let cell = config.cell_px as f64;
+        self.noise.correlation = (1.0 + (ratio - 1.0) * cell / (cell - 1.0)).clamp(1.0, 30.0);
     }
 
     fn node(
@@ -260,6 +262,22 @@ impl Windows {
     ) -> Node {
         let mut bounds = [column, column + 1, row, row + 1];
         let mut best: Option<(Plane, [usize; 4])> = None;
+        if reach_max == 1 {
+            // No wider one to compare with: at once, where no edge is in it.
+            let around = [
+                column.saturating_sub(1),
+                (column + 2).min(self.columns),
+                row.saturating_sub(1),
+                (row + 2).min(self.rows),
+            ];
+            let sums = self.window(around);
+            if sums[10] == 0.0 {
+                let sums: &[f64; 10] = sums.first_chunk().expect("ten of eleven");
+                return Plane::of(sums).map_or(Node::default(), |plane| {
+                    self.node_of(&plane, variance, column, row)
+                });
+            }
+        }
         let mut interval = [[f64::NEG_INFINITY, f64::INFINITY]; 2];
         let mut open = [true, true];
         let limits = [self.columns, self.rows];
@@ -321,6 +339,11 @@ impl Windows {
         let Some((plane, _)) = best else {
             return Node::default();
         };
+        self.node_of(&plane, variance, column, row)
+    }
+
+    /// What a plane says at a cell's middle.
+    fn node_of(&self, plane: &Plane, variance: f64, column: usize, row: usize) -> Node {
         let du = column as f64 - self.origin[0] - plane.middle[0];
         let dv = row as f64 - self.origin[1] - plane.middle[1];
         Node {

@@ -39,8 +39,8 @@ pub(super) fn roots(a: f64, b: f64, c: f64) -> Option<[f64; 2]> {
 }
 
 /// Longest walk of a march; a ray that grazes a surface for longer counts as a miss.
-const STEPS_MAX: usize = 400;
-/// Where a march is near enough to finish by secants, m.
+const STEPS_MAX: usize = 2000;
+/// So near to the surface a march no longer slows down, m: what is thinner may be stepped over.
 const NEAR_M: f64 = 1e-4;
 /// Where it has arrived, m.
 const ARRIVED_M: f64 = 1e-9;
@@ -52,7 +52,7 @@ pub(super) fn march(
     distance: impl Fn(&Vector3<f64>) -> f64,
 ) -> Option<f64> {
     let speed = ray.direction.norm();
-    walk([from, to], |t| distance(&ray.at(t)), |f| f / speed)
+    walk([from, to], |t| distance(&ray.at(t)), speed)
 }
 
 /// Down to a height over the plane: the clearance changes at most so fast along the ray, which bounds each step.
@@ -63,55 +63,45 @@ pub(super) fn march_graph<G: Graph>(graph: &G, ray: &Ray, [from, to]: [f64; 2]) 
         let p = ray.at(t);
         p.z - graph.height(p.x, p.y).0
     };
-    walk([from, to], clearance, |f| f / rate)
+    walk([from, to], clearance, rate)
 }
 
-fn walk(
-    [from, to]: [f64; 2],
-    clearance: impl Fn(f64) -> f64,
-    step: impl Fn(f64) -> f64,
-) -> Option<f64> {
+/// `rate` bounds how fast the clearance falls along the ray.
+fn walk([from, to]: [f64; 2], clearance: impl Fn(f64) -> f64, rate: f64) -> Option<f64> {
     let mut t = from;
     let mut f = clearance(t);
     if f <= 0.0 {
         return Some(from);
     }
     for _ in 0..STEPS_MAX {
-        let ahead = step(f);
-        if f < NEAR_M
-            && let Some(hit) = secant(t, f, t + ahead, to, &clearance)
-        {
-            return Some(hit);
+        let next = (t + f.max(NEAR_M) / rate).min(to);
+        let there = clearance(next);
+        if there <= 0.0 {
+            return Some(crossing([t, f], [next, there], &clearance));
         }
-        t += ahead;
-        if t > to || ahead <= 0.0 {
+        if next >= to {
             return None;
         }
-        f = clearance(t);
-        if f <= ARRIVED_M {
-            return Some(t);
-        }
+        (t, f) = (next, there);
     }
     None
 }
 
-/// From just outside (`t0` with clearance `f0`) to the surface. None where the secant does not close in: it grazes.
-fn secant(t0: f64, f0: f64, t1: f64, to: f64, clearance: &impl Fn(f64) -> f64) -> Option<f64> {
-    let (mut a, mut fa, mut b) = (t0, f0, t1);
-    for _ in 0..6 {
-        let fb = clearance(b);
-        if fb.abs() <= ARRIVED_M {
-            return (b <= to).then_some(b);
+/// Between a point outside and one inside: regula falsi that halves what stands still (Illinois).
+fn crossing(mut outside: [f64; 2], mut inside: [f64; 2], clearance: &impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..60 {
+        let t = outside[0] + (inside[0] - outside[0]) * outside[1] / (outside[1] - inside[1]);
+        let f = clearance(t);
+        if f.abs() <= ARRIVED_M {
+            return t;
         }
-        // Only while the clearance falls steadily: otherwise the surface may bend away, and small steps are due.
-        if fb >= fa || (fb > 0.0 && fb > 0.9 * fa) {
-            return None;
+        if f > 0.0 {
+            outside = [t, f];
+            inside[1] *= 0.5;
+        } else {
+            inside = [t, f];
+            outside[1] *= 0.5;
         }
-        let next = b - fb * (b - a) / (fb - fa);
-        if !(next.is_finite() && next >= t0 && next <= t0 + 100.0 * (t1 - t0)) {
-            return None;
-        }
-        (a, fa, b) = (b, fb, next);
     }
-    None
+    inside[0]
 }
