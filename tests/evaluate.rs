@@ -53,6 +53,7 @@ fn every_key_of_the_contract_is_there() {
         "contact",
         "joints",
         "object_pose",
+        "tactile",
         "tanks",
         "loop",
         "state_digest",
@@ -65,6 +66,39 @@ fn every_key_of_the_contract_is_there() {
             "normal_error_deg.{key}"
         );
     }
+}
+
+#[test]
+fn a_visuo_tactile_scenario_is_evaluated_like_any_other() {
+    let short = ["--set", "task.path.duration_s=3.0"];
+    let output = run(&[
+        &["evaluate", "karacan_wave", "--seed", "3", "--json"][..],
+        &short,
+    ]
+    .concat());
+    assert_eq!(output.status.code(), Some(0));
+    let value = json(&output);
+    assert_eq!(value["phase"], "done");
+    for key in ["motion_min_j", "motion_max_j", "force_min_j", "force_max_j"] {
+        assert!(
+            value["tanks"][key].as_f64().is_some_and(|x| x >= 1.0),
+            "{key}"
+        );
+    }
+    assert!(
+        value["tactile"]["vision_rate_hz"]
+            .as_f64()
+            .is_some_and(|x| x >= 30.0)
+    );
+    assert_eq!(value["path"]["mad_xyz_m"].as_array().map(Vec::len), Some(3));
+    let bad = run(&[
+        "evaluate",
+        "karacan_wave",
+        "--set",
+        "control.monitor.rate_per_s=-1",
+    ]);
+    assert_eq!(bad.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&bad.stderr).contains("monitor.rate_per_s"));
 }
 
 #[test]

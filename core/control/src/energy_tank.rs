@@ -107,8 +107,12 @@ impl EnergyTankState {
 /// 0 below 0, 1 above 1, `u² (3 - 2u)` between.
 pub(crate) fn smooth(u: f64) -> f64 {
     // Also for what is not a number: shut.
-    let u = u.max(0.0).min(1.0);
-    u * u * (3.0 - 2.0 * u)
+    if u > 0.0 {
+        let u = u.min(1.0);
+        u * u * (3.0 - 2.0 * u)
+    } else {
+        0.0
+    }
 }
 
 #[cfg(test)]

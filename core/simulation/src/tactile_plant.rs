@@ -51,7 +51,7 @@ pub struct EnergyBooks {
 
 /// The camera, by where its normals come from.
 enum Eye {
-    Features(NormalCamera),
+    Features(Box<NormalCamera>),
     Depth(Box<DepthSource>),
 }
 
@@ -100,7 +100,9 @@ impl TactilePlant {
             friction: config.arm.friction(),
             wrench: WrenchEstimate::new(&config.external_wrench, stated, seed),
             camera: match config.normals_from {
-                NormalSource::Features => Eye::Features(NormalCamera::new(&config.camera, seed)),
+                NormalSource::Features => {
+                    Eye::Features(Box::new(NormalCamera::new(&config.camera, seed)))
+                }
                 NormalSource::Depth => Eye::Depth(Box::new(DepthSource::new(
                     &config.depth_camera,
                     &config.depth_normal,

@@ -1,5 +1,8 @@
 //! Closed loops of `unified_force_impedance`: what must hold whatever the surface, the policy, and what fails.
 
+// A whole file of tests: what fails here is the test.
+#![allow(clippy::unwrap_used)]
+
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
 use tangent_control::{Phase, UnifiedInput, VisionInput};

@@ -54,6 +54,7 @@ struct Seen {
 
 impl FusedNormal {
     /// One period with the tool's origin at `at` (base axes, m) and its axis `tool_z`.
+    #[allow(clippy::too_many_arguments)]
     pub fn step(
         &mut self,
         config: &FusionConfig,

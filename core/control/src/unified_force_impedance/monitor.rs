@@ -44,6 +44,7 @@ impl Monitor {
 
     /// Eqs. (17)-(21). `wrench` and `error` are f_ext and x̃ in tool axes (N, Nm; m, rad), `theta_deg` the angle to the normal,
     /// `variation` l_s. `well` says that the force is held and the path followed: C_m is learnt from such periods only.
+    #[allow(clippy::too_many_arguments)]
     pub fn step(
         &mut self,
         config: &MonitorConfig,
@@ -68,7 +69,7 @@ impl Monitor {
         let h = 1.0 - self.value / self.margin(config);
         let rate = (h * self.rho + config.rho_min_per_s) * config.rate_per_s;
         // Eq. (20): held at both ends.
-        self.rho = (self.rho + rate * dt_s).max(0.0).min(1.0);
+        self.rho = (self.rho + rate * dt_s).clamp(0.0, 1.0);
     }
 }
 

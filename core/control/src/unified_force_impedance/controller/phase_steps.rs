@@ -248,7 +248,7 @@ impl UnifiedForceImpedance {
         let going = self.run.phase == Phase::Slide && sees && felt.verdict == WrenchVerdict::Good;
         let step = dt / self.config.path.clock_ramp_s.max(dt);
         let change = if going { step } else { -step };
-        self.run.rate = (self.run.rate + change).max(0.0).min(1.0);
+        self.run.rate = (self.run.rate + change).clamp(0.0, 1.0);
         let rate = self.run.rate * self.run.monitor.rho;
         self.run.path_s += rate * dt;
         rate

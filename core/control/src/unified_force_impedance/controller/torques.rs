@@ -127,7 +127,7 @@ impl UnifiedForceImpedance {
             .rotate(&felt.wrench.fixed_rows::<3>(0).into_owned());
         if self.run.phase == Phase::Slide && speed > SLIDING_M_PER_S && felt.pressing_n > 2.0 {
             let seen = -force.dot(&sliding) / (speed * felt.pressing_n);
-            let seen = seen.max(0.0).min(FRICTION_MAX);
+            let seen = seen.clamp(0.0, FRICTION_MAX);
             self.run.surface_friction +=
                 (seen - self.run.surface_friction) * (dt / FRICTION_TIME_S);
         }
