@@ -99,7 +99,7 @@ fn surfaces() -> Vec<(&'static str, Surface)> {
     let place = |shape: ShapeConfig, z: f64| {
         let pose = PoseConfig {
             position_m: [0.0, 0.0, z],
-            roll_pitch_yaw_rad: [0.0, 1.5708, 0.3],
+            roll_pitch_yaw_rad: [0.0, std::f64::consts::FRAC_PI_2, 0.3],
         };
         Surface::new(&shape, &pose).unwrap()
     };

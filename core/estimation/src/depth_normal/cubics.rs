@@ -239,7 +239,7 @@ impl Cubics {
 
     /// Of a rectangle with reaches by their number in [`REACHES`].
     fn fit(&self, column: usize, row: usize, [x, y]: [usize; 2]) -> Fit {
-        let (across, along) = (&self.axes[x], &self.axes[y]);
+        let along = &self.axes[y];
         let (nx, ny) = ((2 * REACHES[x] + 1) as f64, (2 * REACHES[y] + 1) as f64);
         let mut plane = [0.0; 2];
         let mut corrections = [[0.0; 2]; 2];

@@ -128,7 +128,7 @@ impl Field<'_> {
             let at = place(v);
             let Some(corners) = &corners else {
                 for (i, (normal, z)) in normals.iter_mut().zip(depths).enumerate() {
-                    *normal = self.nearest(place(pixels.start + i), at, *z);
+                    *normal = self.nearest([column, row], [place(pixels.start + i), at], *z);
                 }
                 continue;
             };
@@ -183,24 +183,20 @@ impl Field<'_> {
         }))
     }
 
-    /// The plane around that is nearest to what the pixel itself says.
-    fn nearest(&self, column: f64, row: f64, z: f32) -> PixelNormal {
+    /// The plane around that is nearest to what the pixel itself says: of the square's own nodes, or of those beyond where none
+    /// of them fits.
+    fn nearest(&self, square: [usize; 2], [column, row]: [f64; 2], z: f32) -> PixelNormal {
         if !self.reads(z) {
             return [0.0; 3];
         }
         let w = 1.0 / f64::from(z);
         let limit = self.jump[0] + self.jump[1] * w;
-        let [step_a, step_b] = self.mesh.step;
-        let sight = self.mesh.sight(column, row);
-        let mut best = (f64::INFINITY, [0.0; 3]);
-        for reach in 1..=3 {
-            let around = |at: f64, size: usize| {
-                let from = (at.round() - f64::from(reach)).max(0.0) as usize;
-                let to = (at.round() + f64::from(reach) + 1.0).max(0.0) as usize;
-                from..to.min(size)
-            };
-            for j in around(row, self.rows) {
-                for i in around(column, self.columns) {
+        let mut best: (f64, Option<(&Node, f64)>) = (f64::INFINITY, None);
+        for reach in [0, 1, 2] {
+            let around =
+                |at: usize, size: usize| at.saturating_sub(reach)..(at + 2 + reach).min(size);
+            for j in around(square[1], self.rows) {
+                for i in around(square[0], self.columns) {
                     let node = &self.nodes[j * self.columns + i];
                     if !node.valid {
                         continue;
@@ -209,21 +205,22 @@ impl Field<'_> {
                     let there = node.w + node.slope[0] * du + node.slope[1] * dv;
                     let off = (there - w).abs() + limit * 0.1 * (du * du + dv * dv);
                     if off < best.0 {
-                        let (wa, wb) = (node.slope[0] / step_a, node.slope[1] / step_b);
-                        best = (off, [there, wa, wb]);
+                        best = (off, Some((node, there)));
                     }
                 }
             }
             // Further away only for a pixel that is of no surface here, and furthest only where there is none.
-            if best.0 < limit || (reach == 2 && best.0.is_finite()) {
+            if best.0 < limit || (reach == 1 && best.1.is_some()) {
                 break;
             }
         }
-        if !best.0.is_finite() {
+        let Some((node, there)) = best.1 else {
             return [0.0; 3];
-        }
-        let [there, wa, wb] = best.1.map(|x| x as f32);
-        self.unit(there, wa, wb, sight[0] as f32, sight[1] as f32, z)
+        };
+        let sight = self.mesh.sight(column, row);
+        let [step_a, step_b] = self.mesh.step;
+        let [wa, wb] = [node.slope[0] / step_a, node.slope[1] / step_b].map(|x| x as f32);
+        self.unit(there as f32, wa, wb, sight[0] as f32, sight[1] as f32, z)
     }
 
     fn reads(&self, z: f32) -> bool {

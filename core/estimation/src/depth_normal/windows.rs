@@ -10,7 +10,7 @@ use super::config::DepthNormalConfig;
 /// Sums of a table: those of a [`Cell`], and the number of edge cells.
 const SUMS: usize = 11;
 /// Reach of the windows that are tried, cells.
-const REACHES: [usize; 9] = [1, 2, 3, 4, 6, 8, 12, 20, 64];
+const REACHES: [usize; 6] = [1, 2, 4, 8, 16, 64];
 
 /// The plane at a cell's middle.
 #[derive(Clone, Copy, Debug, Default)]

@@ -21,10 +21,13 @@ pub struct DepthScene {
     pub base_from_flange: Vec<Pose<Base, Flange>>,
 }
 
+/// Name, shape, orientation, and the box that it is cut off at.
+type Placed = (&'static str, ShapeConfig, [f64; 3], [[f64; 3]; 2]);
+
 /// `image_px` and `focal_px` of the camera; `errors` are its noise, holes and edges.
 pub fn scenes(image_px: [usize; 2], focal_px: f64, errors: DepthNoiseConfig) -> Vec<DepthScene> {
     let lying = [0.0, std::f64::consts::FRAC_PI_2, 0.4];
-    let shapes: [(&str, ShapeConfig, [f64; 3], [[f64; 3]; 2]); 3] = [
+    let shapes: [Placed; 3] = [
         (
             "cylinder",
             ShapeConfig::Cylinder { radius_m: 0.12 },
