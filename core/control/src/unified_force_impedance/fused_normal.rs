@@ -300,7 +300,7 @@ mod tests {
     fn one_wild_frame_is_ignored_and_a_hand_before_the_lens_is_vetoed_by_touch() {
         let config = FusionConfig::default();
         let here = Vector3::zeros();
-        let mut run = |touching: bool| {
+        let run = |touching: bool| {
             let mut fused = FusedNormal::default();
             let touch = felt(tilted(0.0), 0.03);
             let mut worst = 0.0_f64;
