@@ -125,6 +125,32 @@ fn an_object_scenario_is_evaluated_like_any_other() {
     assert_eq!(bad.status.code(), Some(2));
 }
 
+/// One seed of each system: every row is there, and what is promised holds, but for times, which are a machine's.
+#[test]
+fn the_wave_figures_hold() {
+    let folder = std::env::temp_dir().join(format!("karacan-{}", std::process::id()));
+    let figures = folder.to_string_lossy().into_owned();
+    let output = run(&[
+        "reproduce",
+        "karacan",
+        "--seeds",
+        "1",
+        "--json",
+        "--figures",
+        &figures,
+    ]);
+    let value = json(&output);
+    let rows = value["rows"].as_array().unwrap();
+    assert!(rows.len() >= 55, "{} rows", rows.len());
+    for row in rows {
+        let timed = row["metric"].as_str().unwrap().starts_with("law's step");
+        assert!(timed || row["met"] != false, "{row}");
+    }
+    let drawn = std::fs::read_dir(&folder).unwrap().count();
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert_eq!(drawn, 10);
+}
+
 /// Two seeds of each of the four systems: every row is there, and what is promised of ours but for the peak holds.
 #[test]
 fn the_pose_and_force_figures_hold() {
