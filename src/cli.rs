@@ -102,8 +102,8 @@ pub struct Up {
 /// Options of `tangent run`.
 #[derive(Debug, Args)]
 pub struct Run {
-    /// Any of router, netft, rtde, camera, estimator, controller, recorder, simulator.
-    #[arg(required = true, value_parser = ["router", "netft", "rtde", "camera", "estimator", "controller", "recorder", "simulator"])]
+    /// Any of router, netft, rtde, franka, camera, estimator, controller, recorder, simulator.
+    #[arg(required = true, value_parser = ["router", "netft", "rtde", "franka", "camera", "estimator", "controller", "recorder", "simulator"])]
     pub services: Vec<String>,
     /// Estimators that the estimator service of this process runs, in place of the cell file's list; commas between them.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
@@ -302,12 +302,12 @@ pub struct Evaluate {
 #[derive(Debug, Args)]
 pub struct Reproduce {
     /// Which paper.
-    #[arg(value_parser = ["tugal", "lippiello", "all"])]
+    #[arg(value_parser = ["tugal", "karacan", "lippiello", "all"])]
     pub paper: String,
-    /// Seeds per row: 5 for `tugal`, whose figures are means over them, 20 for `lippiello`, whose figures are medians.
+    /// Seeds per row: 5 for `tugal` and 10 for `karacan`, whose figures are means over them, 20 for `lippiello`, whose figures are medians.
     #[arg(long)]
     pub seeds: Option<u64>,
-    /// Also draw the paper's figures beside ours as SVG files into this folder (`lippiello`).
+    /// Also draw the paper's figures beside ours as SVG files into this folder (`karacan`, `lippiello`).
     #[arg(long, value_name = "FOLDER")]
     pub figures: Option<PathBuf>,
 }

@@ -6,9 +6,10 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
 use tangent_mechanics::ModelData;
-use tangent_runtime::config::Law;
+use tangent_runtime::config::{Law, RobotDriver};
 use tangent_runtime::{Bus, CellConfig, Stop};
 use tangent_simulation::{ObjectScenario, Scenario};
+use tangent_simulator::fci::{FciConfig, Plane, PlantConfig};
 use tangent_simulator::{Flavour, Ports};
 
 use crate::output::bad_usage;
@@ -101,6 +102,12 @@ pub fn service(
                 Ok(tangent_rtde::run(config, bus, stop)?)
             })
         }
+        "franka" => {
+            let config = tangent_franka::Config::from_cell(config).map_err(bad_usage)?;
+            Running::start("franka", everybody, move |stop| {
+                Ok(tangent_franka::run(config, bus, stop)?)
+            })
+        }
         "estimator" => {
             let config =
                 tangent_estimator::Config::from_cell(config, model(config)?).map_err(bad_usage)?;
@@ -156,6 +163,9 @@ pub fn simulator(
     bus: &Bus,
     everybody: &Stop,
 ) -> Result<Running> {
+    if config.robot.driver == RobotDriver::Franka {
+        return simulated_franka(config, bus, everybody);
+    }
     let own = match (played, &config.simulator.scenario) {
         (Some(_), _) => None,
         (None, Some(path)) => Some(Played::load(&path.display().to_string(), &[])?),
@@ -227,6 +237,45 @@ fn simulated_normals(
         Ok(tangent_simulator::run(simulated, bus, stop)?)
     })
 }
+
+/// A simulated Franka with the cell's tool. Without a scenario of its own there is a table under the tool to press on.
+fn simulated_franka(config: &CellConfig, bus: &Bus, everybody: &Stop) -> Result<Running> {
+    let tool = config.tool.flange_from_tool();
+    let com = config
+        .sensor
+        .flange_from_sensor()
+        .transform_point(&config.tool.com_in_sensor());
+    let simulated = FciConfig {
+        address: config.simulator.address,
+        ports: Ports::Offset(config.robot.port_offset),
+        plant: PlantConfig {
+            tool_m: tool.translation().into(),
+            tool_rotation_rad: tool.rotation().scaled_axis().into(),
+            tool_mass_kg: config.tool.mass_kg,
+            tool_com_m: com.into(),
+            plane: Some(TABLE),
+            ..PlantConfig::default()
+        },
+        realtime_priority: config
+            .realtime
+            .enabled
+            .then_some(config.realtime.simulator_priority),
+        ..FciConfig::default()
+    };
+    let bus = bus.clone();
+    Running::start("simulator", everybody, move |stop| {
+        Ok(tangent_simulator::fci::run(simulated, bus, stop)?)
+    })
+}
+
+/// Horizontal, well below the tool at the arm's home.
+const TABLE: Plane = Plane {
+    point_m: [0.0, 0.0, 0.2],
+    normal: [0.0, 0.0, 1.0],
+    stiffness_n_per_m: 10_000.0,
+    damping_n_s_per_m: 50.0,
+    friction: 0.3,
+};
 
 /// What a recording holds besides the topics.
 #[derive(Clone, Debug, Default)]

@@ -5,7 +5,8 @@ use std::time::Instant;
 use anyhow::Result;
 use serde_json::json;
 use tangent_simulation::metrics::object_pose::ObjectPoseFigures;
-use tangent_simulation::{Evaluation, evaluate, evaluate_object};
+use tangent_simulation::metrics::tactile::TactileFigures;
+use tangent_simulation::{Evaluation, evaluate, evaluate_object, evaluate_tactile};
 
 use crate::cli::Evaluate;
 use crate::output::{Outcome, bad_usage, print_json};
@@ -39,6 +40,10 @@ fn list(json: bool) -> Result<Outcome> {
     }
     for (name, _) in scenarios::builtin_objects() {
         let title = scenarios::load_object(name, &[])?.map(|s| s.title);
+        rows.push((name, title.unwrap_or_default()));
+    }
+    for (name, _) in scenarios::builtin_tactile() {
+        let title = scenarios::load_tactile(name, &[])?.map(|s| s.title);
         rows.push((name, title.unwrap_or_default()));
     }
     if json {
@@ -78,6 +83,11 @@ pub fn once(scenario: &str, overrides: &[String]) -> Result<Evaluation> {
     if let Some(object) = scenarios::load_object(scenario, overrides)? {
         let start = Instant::now();
         let evaluation = evaluate_object(&object).map_err(bad_usage)?;
+        return Ok(evaluation.with_wall_time(start.elapsed().as_secs_f64()));
+    }
+    if let Some(tactile) = scenarios::load_tactile(scenario, overrides)? {
+        let start = Instant::now();
+        let evaluation = evaluate_tactile(&tactile).map_err(bad_usage)?;
         return Ok(evaluation.with_wall_time(start.elapsed().as_secs_f64()));
     }
     let scenario = scenarios::load(scenario, overrides)?;
@@ -141,10 +151,50 @@ fn print(e: &Evaluation) {
     if let Some(o) = &e.object_pose {
         print_object(o);
     }
+    if let Some(t) = &e.tactile {
+        print_tactile(e, t);
+    }
     if let Some(factor) = e.real_time_factor {
         println!("  {:<26} {factor:.0} x real time", "speed");
     }
     println!("  {:<26} {}", "digest", e.state_digest);
+}
+
+fn print_tactile(e: &Evaluation, t: &TactileFigures) {
+    let or_dash = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
+    if let (Some(mad), Some(rmse)) = (e.figures.path.mad_xyz_m, e.figures.path.rmse_xyz_m) {
+        let mm = |v: [f64; 3]| v.map(|x| format!("{:.2}", x * 1e3)).join(", ");
+        println!(
+            "  {:<26} mean absolute {} mm, rmse {} mm",
+            "path by x, y, z",
+            mm(mad),
+            mm(rmse)
+        );
+    }
+    if let Some(tanks) = &e.figures.tanks {
+        println!(
+            "  {:<26} motion {:.2} to {:.2} J, force {:.2} to {:.2} J, short of {:.1e} J",
+            "tanks",
+            tanks.motion_min_j,
+            tanks.motion_max_j,
+            tanks.force_min_j,
+            tanks.force_max_j,
+            t.short_j
+        );
+    }
+    println!(
+        "  {:<26} rho_align from {}, rho_frc from {}, C at most {} of its margin",
+        "shaping",
+        or_dash(t.rho_align_min),
+        or_dash(t.rho_force_min),
+        or_dash(t.monitor_share_max)
+    );
+    println!(
+        "  {:<26} {:.1} frames a second, {} of the sliding without a normal",
+        "camera",
+        t.vision_rate_hz,
+        or_dash(t.blind_share)
+    );
 }
 
 fn print_object(o: &ObjectPoseFigures) {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use tangent_control::Task;
-use tangent_simulation::{ObjectScenario, Scenario};
+use tangent_simulation::{ObjectScenario, Scenario, TactileScenario};
 
 use crate::output::bad_usage;
 
@@ -51,6 +51,23 @@ builtin_objects![
     "lippiello_plane_friction",
     "lippiello_realistic",
     "lippiello_sphere",
+];
+
+macro_rules! builtin_tactile {
+    ($($name:literal),* $(,)?) => {
+        const BUILTIN_TACTILE: &[(&str, &str)] = &[$((
+            $name,
+            include_str!(concat!("../scenarios/karacan/", $name, ".toml")),
+        )),*];
+    };
+}
+
+// Of kind `visuo_tactile`: for `evaluate` and `reproduce` only.
+builtin_tactile![
+    "karacan_dark",
+    "karacan_depth",
+    "karacan_rough",
+    "karacan_wave",
 ];
 
 /// A system's name and the scenario that `up` plays for it.
@@ -138,6 +155,28 @@ pub fn builtin_objects() -> &'static [(&'static str, &'static str)] {
     BUILTIN_OBJECTS
 }
 
+/// Names of the built-in scenarios of kind `visuo_tactile`, and their texts.
+pub fn builtin_tactile() -> &'static [(&'static str, &'static str)] {
+    BUILTIN_TACTILE
+}
+
+/// Reads a scenario of kind `visuo_tactile` by its built-in name or its file; none where it is another kind, or no file.
+///
+/// # Errors
+/// A bad key or value: exit code 2.
+pub fn load_tactile(name: &str, overrides: &[String]) -> Result<Option<TactileScenario>> {
+    let known = BUILTIN_TACTILE.iter().find(|(n, _)| *n == name);
+    let text = match known {
+        Some((_, text)) => (*text).to_owned(),
+        None => match fs::read_to_string(name) {
+            Ok(text) if TactileScenario::is_one(&text) => text,
+            _ => return Ok(None),
+        },
+    };
+    let scenario = TactileScenario::parse(name, &text, overrides).map_err(bad_usage)?;
+    Ok(Some(scenario))
+}
+
 /// Reads a scenario of kind `object_pose` by its built-in name or its file; none where it is another kind, or no file.
 ///
 /// # Errors
@@ -175,6 +214,7 @@ pub fn load(name: &str, overrides: &[String]) -> Result<Scenario> {
         let names: Vec<_> = BUILTIN
             .iter()
             .chain(BUILTIN_OBJECTS)
+            .chain(BUILTIN_TACTILE)
             .map(|(n, _)| *n)
             .collect();
         bad_usage(format!(
@@ -216,6 +256,14 @@ mod tests {
         for name in names {
             let object = load_object(name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
             assert_eq!(object.unwrap().name, name);
+            assert!(load_tactile(name, &[]).unwrap().is_none());
+        }
+        let names: Vec<&str> = BUILTIN_TACTILE.iter().map(|(name, _)| *name).collect();
+        assert_eq!(files("scenarios/karacan"), names);
+        for name in names {
+            let tactile = load_tactile(name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
+            assert_eq!(tactile.unwrap().name, name);
+            assert!(load_object(name, &[]).unwrap().is_none());
         }
     }
 

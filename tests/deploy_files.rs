@@ -70,6 +70,18 @@ fn cell_files() {
     tangent_rtde::Config::from_cell(&real).unwrap();
 }
 
+/// The Franka's file shows every default of its own table, and makes a bridge; no other file does.
+#[test]
+fn the_cell_of_a_franka() {
+    let cell = load("cell.franka.toml");
+    let shown = cell.robot.franka.clone().unwrap();
+    assert_eq!(shown, tangent_runtime::config::FrankaConfig::default());
+    let config = tangent_franka::Config::from_cell(&cell).unwrap();
+    assert_eq!(config.port, tangent_franka::fci::PORT);
+    assert!(tangent_rtde::Config::from_cell(&cell).is_err());
+    assert!(tangent_franka::Config::from_cell(&load("cell.toml")).is_err());
+}
+
 /// `NAME` and its default in each `${NAME:-DEFAULT}` of the compose file, and what it is started from.
 #[test]
 fn the_image_is_pinned_small_and_not_root() {

@@ -53,6 +53,7 @@ fn every_key_of_the_contract_is_there() {
         "contact",
         "joints",
         "object_pose",
+        "tactile",
         "tanks",
         "loop",
         "state_digest",
@@ -65,6 +66,39 @@ fn every_key_of_the_contract_is_there() {
             "normal_error_deg.{key}"
         );
     }
+}
+
+#[test]
+fn a_visuo_tactile_scenario_is_evaluated_like_any_other() {
+    let short = ["--set", "task.path.duration_s=3.0"];
+    let output = run(&[
+        &["evaluate", "karacan_wave", "--seed", "3", "--json"][..],
+        &short,
+    ]
+    .concat());
+    assert_eq!(output.status.code(), Some(0));
+    let value = json(&output);
+    assert_eq!(value["phase"], "done");
+    for key in ["motion_min_j", "motion_max_j", "force_min_j", "force_max_j"] {
+        assert!(
+            value["tanks"][key].as_f64().is_some_and(|x| x >= 1.0),
+            "{key}"
+        );
+    }
+    assert!(
+        value["tactile"]["vision_rate_hz"]
+            .as_f64()
+            .is_some_and(|x| x >= 30.0)
+    );
+    assert_eq!(value["path"]["mad_xyz_m"].as_array().map(Vec::len), Some(3));
+    let bad = run(&[
+        "evaluate",
+        "karacan_wave",
+        "--set",
+        "control.monitor.rate_per_s=-1",
+    ]);
+    assert_eq!(bad.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&bad.stderr).contains("monitor.rate_per_s"));
 }
 
 #[test]
@@ -89,6 +123,32 @@ fn an_object_scenario_is_evaluated_like_any_other() {
         "plant.camera.focal=1",
     ]);
     assert_eq!(bad.status.code(), Some(2));
+}
+
+/// One seed of each system: every row is there, and what is promised holds, but for times, which are a machine's.
+#[test]
+fn the_wave_figures_hold() {
+    let folder = std::env::temp_dir().join(format!("karacan-{}", std::process::id()));
+    let figures = folder.to_string_lossy().into_owned();
+    let output = run(&[
+        "reproduce",
+        "karacan",
+        "--seeds",
+        "1",
+        "--json",
+        "--figures",
+        &figures,
+    ]);
+    let value = json(&output);
+    let rows = value["rows"].as_array().unwrap();
+    assert!(rows.len() >= 55, "{} rows", rows.len());
+    for row in rows {
+        let timed = row["metric"].as_str().unwrap().starts_with("law's step");
+        assert!(timed || row["met"] != false, "{row}");
+    }
+    let drawn = std::fs::read_dir(&folder).unwrap().count();
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert_eq!(drawn, 10);
 }
 
 /// Two seeds of each of the four systems: every row is there, and what is promised of ours but for the peak holds.

@@ -5,7 +5,8 @@ use std::marker::PhantomData;
 
 use crate::Message;
 use crate::standard::{
-    CameraInfo, Image, MarkerArray, PoseStamped, PoseWithCovarianceStamped, TFMessage, WrenchStamped,
+    CameraInfo, Image, MarkerArray, PoseStamped, PoseWithCovarianceStamped, TFMessage,
+    WrenchStamped,
 };
 use crate::tangent::{
     ArmCommand, ArmState, ContactTruth, ControlState, FeatureArray, Health, NormalEstimate,

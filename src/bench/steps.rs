@@ -5,12 +5,17 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use tangent_control::{ControlInput, Controller, Program};
+use tangent_estimation::depth_normal::{
+    DepthImage, DepthNormal, DepthNormalConfig, DepthNormalState, DepthSample, ToolTarget,
+    metres_from_millimetres,
+};
 use tangent_estimation::{ContactSample, build, estimator_names};
-use tangent_mechanics::Wrench;
+use tangent_mechanics::{Pose, Wrench};
 use tangent_sensing::{
     Payload, Reading, SensorCondition, WrenchConditioner, WrenchConditionerState,
 };
-use tangent_simulation::{ClosedLoop, Scenario};
+use tangent_simulation::depth_camera::{DepthCamera, DepthCameraConfig};
+use tangent_simulation::{ClosedLoop, PoseConfig, Scenario, ShapeConfig, Surface};
 
 use super::Row;
 use crate::scenarios;
@@ -44,6 +49,7 @@ pub fn run() -> Result<Vec<Row>> {
             },
         ));
     }
+    rows.extend(depth_normal()?);
     let mut closed_loop = ClosedLoop::new(&scenario)?;
     rows.push(timed(
         "closed loop: plant, sensing, estimators, control",
@@ -147,4 +153,38 @@ fn control(scenario: &Scenario, inputs: &Inputs) -> Result<Option<Row>> {
     Ok(timed("control law", inputs.control.iter(), |input| {
         black_box(controller.step(input));
     }))
+}
+
+/// One frame of 640 x 480 from half a metre over a waved sheet: the surface at the tool with its map ahead, then every pixel.
+fn depth_normal() -> Result<[Option<Row>; 2]> {
+    let shape = ShapeConfig::Sheet {
+        amplitude_m: [0.0, 0.02],
+        wavelength_m: [1.0, 0.38],
+    };
+    let surface = Surface::new(&shape, &PoseConfig::default())?;
+    let mut camera = DepthCamera::new(&DepthCameraConfig::default(), &Pose::identity(), 1)?;
+    let down = nalgebra::UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.1, 0.0);
+    let over = Pose::new(nalgebra::Vector3::new(0.0, 0.0, 0.5), down);
+    let frame = camera.picture(0.0, 0, &over, &surface);
+    let mut depth_m = Vec::new();
+    metres_from_millimetres(&frame.depth_mm, &mut depth_m);
+    let image = DepthImage::new(frame.width, frame.height, &depth_m).context("a whole frame")?;
+    let step = DepthNormal::new(&DepthNormalConfig::default())?;
+    let mut state = DepthNormalState::default();
+    let sample = DepthSample {
+        time_s: 0.0,
+        image,
+        intrinsics: frame.intrinsics,
+        target: ToolTarget::Pixel([320.0, 240.0]),
+        left_out: None,
+        travel: Some(nalgebra::Vector3::x()),
+    };
+    let at_tool = timed("depth_normal, one frame 640 x 480", 0..200, |_| {
+        black_box(step.update(&mut state, &sample));
+    });
+    let mut normals = vec![[0.0; 3]; depth_m.len()];
+    let every_pixel = timed("depth_normal, a normal for every pixel", 0..200, |_| {
+        black_box(step.normals(&state, &image, &mut normals));
+    });
+    Ok([at_tool, every_pixel])
 }

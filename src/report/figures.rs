@@ -42,6 +42,8 @@ pub struct Report {
     pub figures: Figures,
     /// Of object estimators only.
     pub object_pose: Option<ObjectPoseFigures>,
+    /// Of `evaluate` only.
+    pub tactile: Option<()>,
     /// How the live loop fared.
     pub r#loop: LoopFigures,
     /// Phase at the end of the task.
@@ -325,6 +327,7 @@ impl Report {
             real_time_factor: None,
             figures,
             object_pose: super::object::figures(run, task),
+            tactile: None,
             r#loop: loop_figures(run),
             phase: last.map(|c| c.sample.phase.name()),
             fault: task

@@ -22,12 +22,8 @@ pub fn samples(run: &Run, task: &TaskRun<'_>) -> Option<(Vec<ObjectSampleTruth>,
     if run.objects.is_empty() || run.object_truth.is_empty() {
         return None;
     }
-    let scenario = ObjectScenario::parse(
-        "scenario.toml",
-        run.attachments.get("scenario.toml")?,
-        &[],
-    )
-    .ok()?;
+    let scenario =
+        ObjectScenario::parse("scenario.toml", run.attachments.get("scenario.toml")?, &[]).ok()?;
     let tool = &scenario.plant.tool;
     let flange_from_sensor: Pose<Flange, Sensor> =
         Pose::from_isometry(tool.flange_from_sensor.isometry());
@@ -71,8 +67,10 @@ fn sample(
         object,
         estimated,
         tip: base_from_tool.translation(),
-        reference_in_object: estimated
-            .map(|e| e.inverse().transform_point(&vector(&cycle.control.path_reference))),
+        reference_in_object: estimated.map(|e| {
+            e.inverse()
+                .transform_point(&vector(&cycle.control.path_reference))
+        }),
         force_n: force.dot(&Vector3::from(&truth.normal)),
         sensor: (sensor.unrotate(&force), sensor.unrotate(&moment)),
         in_contact: truth.in_contact,
@@ -125,8 +123,12 @@ pub const FIGURES: [Drawn; 4] = [
             Some(turn.map(f64::to_degrees).into())
         },
     ),
-    ("force", "Force at the wrist", "N", |s| Some(s.sensor.0.into())),
-    ("moment", "Moment at the wrist", "Nm", |s| Some(s.sensor.1.into())),
+    ("force", "Force at the wrist", "N", |s| {
+        Some(s.sensor.0.into())
+    }),
+    ("moment", "Moment at the wrist", "Nm", |s| {
+        Some(s.sensor.1.into())
+    }),
 ];
 
 /// The three components of one figure over time.

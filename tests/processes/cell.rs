@@ -35,10 +35,15 @@ impl Cell {
     pub fn new(change: impl FnOnce(&mut toml::Table)) -> Self {
         // The shipped scenario, with the tool nearer to the surface: an approach is not what is tested here.
         let nearer = ("clearance_m = 0.01", "clearance_m = 0.003");
-        Self::shipped("cell.toml", "scenarios/pipe_realistic.toml", nearer, |cell| {
-            set(cell, "sensor.rate_hz", 1000.0);
-            change(cell);
-        })
+        Self::shipped(
+            "cell.toml",
+            "scenarios/pipe_realistic.toml",
+            nearer,
+            |cell| {
+                set(cell, "sensor.rate_hz", 1000.0);
+                change(cell);
+            },
+        )
     }
 
     /// The torque-controlled arm over an object of known shape, with a camera.
@@ -169,7 +174,10 @@ impl Cell {
     /// A circle on the object, with so many newtons, so many times around.
     pub fn object_task(&self, turns: u32) -> PathBuf {
         let text = fs::read_to_string(root().join("deploy/tasks/object_circle.toml")).unwrap();
-        let text = text.replace("kind = \"circle\"", &format!("kind = \"circle\"\nturns = {turns}"));
+        let text = text.replace(
+            "kind = \"circle\"",
+            &format!("kind = \"circle\"\nturns = {turns}"),
+        );
         let file = self.folder.path().join("task.toml");
         fs::write(&file, text).unwrap();
         file

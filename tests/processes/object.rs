@@ -42,7 +42,11 @@ fn the_objects_estimator_dies() {
     let hold = observer.phase("hold", killed);
     assert!(seconds(hold.at_ns - killed) < 0.4 + SLACK_S);
     let fault = observer.phase("fault", killed);
-    assert!(fault.message.fault.contains("estimate"), "{}", fault.message.fault);
+    assert!(
+        fault.message.fault.contains("estimate"),
+        "{}",
+        fault.message.fault
+    );
     observer.at_rest(killed);
     safe(&observer, killed);
     // It comes back as another process, and the next task runs.
@@ -69,7 +73,11 @@ fn the_camera_stops() {
     let killed = now_ns();
     cell.process("camera").kill();
     let fault = observer.phase("fault", killed);
-    assert!(fault.message.fault.contains("estimate"), "{}", fault.message.fault);
+    assert!(
+        fault.message.fault.contains("estimate"),
+        "{}",
+        fault.message.fault
+    );
     observer.at_rest(killed);
     safe(&observer, killed);
     cell.start("camera");
@@ -85,7 +93,11 @@ fn the_force_sensor_falls_silent() {
     let killed = now_ns();
     cell.process("netft").kill();
     let fault = observer.phase("fault", killed);
-    assert!(fault.message.fault.contains("wrench"), "{}", fault.message.fault);
+    assert!(
+        fault.message.fault.contains("wrench"),
+        "{}",
+        fault.message.fault
+    );
     observer.at_rest(killed);
     safe(&observer, killed);
 }

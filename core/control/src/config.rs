@@ -5,6 +5,7 @@ mod ranges;
 use serde::{Deserialize, Serialize};
 
 use crate::ControlError;
+use crate::energy_tank::EnergyTank;
 
 /// Parameters of the law. `ControllerConfig::preset` gives a complete one; a file may change single keys of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Default)]
@@ -56,6 +57,10 @@ pub struct ForceConfig {
     pub speed_max_m_per_s: f64,
     /// Rate at which a changed reference comes into force, N/s.
     pub reference_rate_n_per_s: f64,
+    /// Bounds the energy that a task may put into the surface along the normal, however long it lasts: a surface that gives way for ever, or
+    /// a normal that is wrong. None: `limits.power_max_w` alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tank: Option<EnergyTank>,
 }
 
 /// Rotational part of the admittance.
@@ -183,6 +188,7 @@ impl Default for ForceConfig {
             integral_speed_max_m_per_s: 0.02,
             speed_max_m_per_s: 0.02,
             reference_rate_n_per_s: 5.0,
+            tank: None,
         }
     }
 }

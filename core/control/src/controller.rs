@@ -351,6 +351,7 @@ impl Controller {
             tare_requested: run.phase == Phase::Tare,
             stiffness_n_per_m: run.force.stiffness_n_per_m(),
             damping_n_s_per_m: run.force.damping_n_s_per_m(),
+            force_tank_j: run.force.tank_j(),
             fault: run.fault,
             ..hold
         }

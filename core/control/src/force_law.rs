@@ -8,6 +8,7 @@ use tangent_mechanics::{Aligned, Base, Contact, Pose, Tool, Twist, Wrench};
 
 use crate::admittance::{Admittance, AdmittanceState};
 use crate::alignment::{any_perpendicular, tangential};
+use crate::energy_tank::{EnergyTank, EnergyTankState};
 use crate::force_integral::ForceIntegral;
 use crate::limits::clamp_norm;
 use crate::stiffness::Stiffness;
@@ -50,6 +51,8 @@ pub struct ForceLaw {
     /// Depth along the normal, summed up from steps: the normal may turn meanwhile, and the origin is far away.
     depth_m: f64,
     position: Option<Vector3<f64>>,
+    /// What may still be put into the surface, where the configuration bounds it, and where the tool was when it was settled last.
+    tank: Option<(EnergyTankState, Vector3<f64>)>,
 }
 
 impl ForceLaw {
@@ -65,7 +68,24 @@ impl ForceLaw {
             damping: 0.0,
             depth_m: 0.0,
             position: None,
+            tank: None,
         }
+    }
+
+    /// Energy that may still be put into the surface, J; none where nothing bounds it.
+    pub fn tank_j(&self) -> Option<f64> {
+        self.tank.map(|(tank, _)| tank.energy_j())
+    }
+
+    /// Settles the work that the tool did on the surface since the last cycle, by its measured way, and returns the share of an inward
+    /// speed that the tank allows now.
+    fn allowed(&mut self, tank: &EnergyTank, sample: &ForceSample, force_n: f64) -> f64 {
+        let at = sample.base_from_tool.translation();
+        let (mut state, before) = self.tank.unwrap_or((tank.start(), at));
+        let inward_m = (before - at).dot(&sample.normal);
+        tank.draw(&mut state, force_n.max(0.0) * inward_m);
+        self.tank = Some((state, at));
+        tank.valve(&state)
     }
 
     /// The tool has just touched with `force_n`, coming at `speed_m_per_s`.
@@ -184,6 +204,12 @@ impl ForceLaw {
         speed = speed.clamp(-force.speed_max_m_per_s, force.speed_max_m_per_s);
         if force_n > 0.0 {
             speed = speed.max(-limits.power_max_w / force_n);
+        }
+        if let Some(tank) = &force.tank {
+            let share = self.allowed(tank, sample, force_n);
+            if speed < 0.0 {
+                speed *= share;
+            }
         }
         let turn = clamp_norm(
             base_from_contact * twist.angular,
@@ -323,6 +349,42 @@ mod tests {
         }
         // No force, 3 N asked: into the surface with 3/150 m/s.
         assert!((speed + 0.02).abs() < 1e-6, "{speed}");
+    }
+
+    #[test]
+    fn a_tank_bounds_what_is_put_into_a_surface_that_gives_way_for_ever() {
+        let tank = EnergyTank {
+            initial_j: 0.3,
+            lower_j: 0.05,
+            upper_j: 0.5,
+            band_j: 0.05,
+            reserve_j: 0.01,
+        };
+        let mut config = ControllerConfig::default();
+        config.force.tank = Some(tank);
+        let mut law = ForceLaw::new(1e4);
+        let mut sample = Bench::new(1e4, 0.008, 0.016).sample(true);
+        // Dough: it pushes back with 2 N however deep the tool is, of 10 N that are wanted.
+        sample.wrench = Wrench::new(Vector3::z() * 2.0, Vector3::zeros());
+        let mut depth = 0.0;
+        for _ in 0..5000 {
+            sample.base_from_tool = Pose::new(
+                Vector3::new(0.0, 0.0, -depth),
+                sample.base_from_tool.rotation(),
+            );
+            let (speed, _) = law.step(&config, &Limits::default(), 10.0, &sample);
+            depth -= speed * sample.dt_s;
+        }
+        let spent = 2.0 * depth;
+        assert!(
+            spent > 0.15 && spent <= tank.initial_j - tank.lower_j,
+            "{spent} J"
+        );
+        assert!(law.tank_j().unwrap() >= tank.lower_j);
+        // Pushed out again, the energy comes back and the tool may press once more.
+        sample.base_from_tool = Pose::new(Vector3::zeros(), sample.base_from_tool.rotation());
+        law.step(&config, &Limits::default(), 10.0, &sample);
+        assert!((law.tank_j().unwrap() - tank.initial_j).abs() < 1e-9);
     }
 
     proptest! {

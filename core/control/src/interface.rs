@@ -123,6 +123,8 @@ pub struct ControlOutput {
     pub stiffness_n_per_m: f64,
     /// Damping of the admittance in use along the normal, Ns/m.
     pub damping_n_s_per_m: f64,
+    /// Energy that may still be put into the surface, J; none where nothing bounds it.
+    pub force_tank_j: Option<f64>,
     /// The last fault since the task started.
     pub fault: Option<Fault>,
 }
@@ -157,6 +159,7 @@ impl ControlOutput {
             tare_requested: false,
             stiffness_n_per_m: 0.0,
             damping_n_s_per_m: 0.0,
+            force_tank_j: None,
             fault: None,
         }
     }

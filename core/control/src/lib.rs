@@ -6,6 +6,7 @@ pub mod admittance;
 pub mod alignment;
 mod config;
 mod controller;
+pub mod energy_tank;
 mod error;
 mod estimator_choice;
 pub mod force_integral;
@@ -27,6 +28,7 @@ mod switching;
 mod task;
 pub mod touchdown;
 mod tracking;
+pub mod unified_force_impedance;
 mod urgent;
 pub mod wrench_guard;
 
@@ -35,7 +37,9 @@ pub use config::{
     PatienceConfig, TorqueConfig,
 };
 pub use controller::Controller;
+pub use energy_tank::{EnergyTank, EnergyTankState};
 pub use error::ControlError;
+pub use hybrid_dynamics::FrictionConfig;
 pub use hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
 pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
@@ -48,4 +52,8 @@ pub use switching::{SwitchCause, SwitchRefusal};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis,
+};
+pub use unified_force_impedance::{
+    TankBooks, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput, UnifiedOutput,
+    VisionInput,
 };

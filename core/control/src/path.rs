@@ -21,6 +21,8 @@ pub enum PathSpec {
     Line(Line),
     /// Straight lines through points, stopping at each.
     Waypoints(Waypoints),
+    /// Loops that advance across (Karacan et al., III.A).
+    Loops(Loops),
     /// Stay where it touched.
     Stay(Stay),
 }
@@ -88,6 +90,20 @@ pub struct Waypoints {
     pub pause_s: f64,
 }
 
+/// Loops: `x = r sin(w t)`, `y = r (cos(w t) - 1) - v t`. The paper's wiping policy has r = 0.04 m, w = 2 rad/s, v = 0.005 m/s.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Loops {
+    /// `r`, m.
+    pub radius_m: f64,
+    /// `w`, rad/s; negative turns the other way.
+    pub turn_rate_rad_per_s: f64,
+    /// `v`, m/s, against y.
+    pub advance_m_per_s: f64,
+    /// How far `t` goes, s; starting and stopping come on top.
+    pub duration_s: f64,
+}
+
 /// Standing still under force.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -153,6 +169,18 @@ impl PathSpec {
                 pause(w.pause_s)?;
                 speed(w.speed_m_per_s)
             }
+            Self::Loops(l) => {
+                check_range("path.radius_m", l.radius_m, 0.001, REACH)?;
+                check_range(
+                    "path.turn_rate_rad_per_s",
+                    l.turn_rate_rad_per_s,
+                    -20.0,
+                    20.0,
+                )?;
+                check_range("path.advance_m_per_s", l.advance_m_per_s, -SPEED.1, SPEED.1)?;
+                check_range("path.duration_s", l.duration_s, 0.1, 86_400.0)?;
+                check_range("path: r w + v, m/s", l.speed(), SPEED.0, SPEED.1)
+            }
             Self::Stay(s) => check_range("path.duration_s", s.duration_s, 0.0, 86_400.0),
         }
     }
@@ -164,8 +192,16 @@ impl PathSpec {
             Self::Circle(c) => c.speed_m_per_s,
             Self::Line(l) => l.speed_m_per_s,
             Self::Waypoints(w) => w.speed_m_per_s,
+            Self::Loops(l) => l.speed(),
             Self::Stay(_) => SPEED.0,
         }
+    }
+}
+
+impl Loops {
+    /// Highest speed, m/s.
+    fn speed(&self) -> f64 {
+        self.radius_m * self.turn_rate_rad_per_s.abs() + self.advance_m_per_s.abs()
     }
 }
 
@@ -185,6 +221,12 @@ enum Shape {
         radius: f64,
         start_rad: f64,
         sign: f64,
+    },
+    /// Its profile's length is the policy's time, s.
+    Loops {
+        radius: f64,
+        turn_rate: f64,
+        advance: f64,
     },
 }
 
@@ -260,6 +302,18 @@ impl Path {
                     path.duration_s += w.pause_s;
                     from = to;
                 }
+            }
+            PathSpec::Loops(l) => {
+                // The policy's time runs up to its own rate and down again within the bounds of acceleration.
+                let speed = l.speed();
+                path.push(
+                    Shape::Loops {
+                        radius: l.radius_m,
+                        turn_rate: l.turn_rate_rad_per_s,
+                        advance: l.advance_m_per_s,
+                    },
+                    Profile::new(l.duration_s, 1.0, bounds.0 / speed, bounds.1 / speed),
+                );
             }
             PathSpec::Stay(s) => path.duration_s = s.duration_s,
         }
@@ -357,6 +411,18 @@ impl Path {
                     velocity: Vector2::new(-sin, cos) * (sign * speed),
                 }
             }
+            Shape::Loops {
+                radius,
+                turn_rate,
+                advance,
+            } => {
+                let (sin, cos) = (turn_rate * distance).sin_cos();
+                let along = radius * turn_rate;
+                PathPoint {
+                    position: Vector2::new(radius * sin, radius * (cos - 1.0) - advance * distance),
+                    velocity: Vector2::new(along * cos, -along * sin - advance) * speed,
+                }
+            }
         }
     }
 }
@@ -404,6 +470,30 @@ mod tests {
         assert!((end(&points) - Vector2::new(0.0, 0.1)).norm() < 1e-12);
         let stay = path("kind = \"stay\"\nduration_s = 2.0");
         assert_eq!((end(&stay), stay.duration_s()), (Vector2::zeros(), 2.0));
+    }
+
+    #[test]
+    fn the_wiping_policy_is_the_published_one_but_for_its_start_and_end() {
+        let loops = path(
+            "kind = \"loops\"\nradius_m = 0.04\nturn_rate_rad_per_s = 2.0\nadvance_m_per_s = 0.005\nduration_s = 20.0",
+        );
+        let policy = |t: f64| {
+            Vector2::new(
+                0.04 * (2.0 * t).sin(),
+                0.04 * ((2.0 * t).cos() - 1.0) - 0.005 * t,
+            )
+        };
+        let ramp = loops.duration_s() - 20.0;
+        assert!(ramp > 0.1 && ramp < 2.0, "{ramp}");
+        // Running up takes one ramp and covers half of its time.
+        for t in [2.0, 7.3, 15.0] {
+            let now = loops.at(t + 0.5 * ramp);
+            assert!((now.position - policy(t)).norm() < 1e-12);
+            let slope = (policy(t + 1e-6) - policy(t - 1e-6)) / 2e-6;
+            assert!((now.velocity - slope).norm() < 1e-8);
+        }
+        assert!((end(&loops) - policy(20.0)).norm() < 1e-12);
+        assert_eq!(loops.at(0.0).velocity.norm(), 0.0);
     }
 
     #[test]

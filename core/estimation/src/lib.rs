@@ -6,6 +6,7 @@
 mod blend;
 mod config;
 mod contact_filter;
+pub mod depth_normal;
 mod error;
 mod estimator;
 mod gaussian_process;

@@ -6,6 +6,8 @@
 //! [`identify_payload`] finds the payload from static poses, each the mean of a [`PoseAverage`]. Beside it,
 //! [`BaseTracker`]: how the base moves that all this stands on.
 //!
+//! For arms without a sensor at the wrist: [`MomentumObserver`], the environment's torques from the arm's own motion.
+//!
 //! And images: [`TargetDetector`] finds the corners of a target.
 
 mod base_motion;
@@ -13,6 +15,7 @@ mod conditioner;
 mod error;
 mod identification;
 mod low_pass;
+mod momentum_observer;
 mod payload;
 mod pose_average;
 mod tare;
@@ -27,6 +30,7 @@ pub use conditioner::{
 pub use error::SensingError;
 pub use identification::{IdentificationError, IdentifiedPayload, StaticPose, identify_payload};
 pub use low_pass::{LowPass, LowPassState};
+pub use momentum_observer::{MomentumObserver, MomentumObserverState, wrench_of_torques};
 pub use payload::{Payload, SensorMotion};
 pub use pose_average::{PoseAverage, PoseFinder};
 pub use tare::{Tare, TareConfig, TareRefusal};

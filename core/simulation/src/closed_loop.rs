@@ -18,6 +18,7 @@ use tangent_sensing::{
 use crate::digest::TrajectoryDigest;
 use crate::measurement::{ArmMeasurement, VelocityCommand};
 use crate::metrics::object_pose::ObjectPoseFigures;
+use crate::metrics::tactile::TactileFigures;
 use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 use crate::plant::Plant;
 use crate::platform::OdometrySample;
@@ -51,6 +52,8 @@ pub struct Evaluation {
     pub figures: Figures,
     /// Of scenarios of kind `object_pose` only.
     pub object_pose: Option<ObjectPoseFigures>,
+    /// Of scenarios of kind `visuo_tactile` only.
+    pub tactile: Option<TactileFigures>,
     /// Live only.
     pub r#loop: Option<()>,
     /// Phase at the end.
@@ -142,6 +145,7 @@ pub fn evaluate_with(
         real_time_factor: None,
         figures: Figures::of(&samples),
         object_pose: None,
+        tactile: None,
         r#loop: None,
         phase: phase.name(),
         fault: fault.map(|f| f.text()),

@@ -8,10 +8,15 @@ mod closed_loop;
 mod compliance;
 pub mod contact;
 mod cycle_line;
+pub mod depth_camera;
+mod depth_source;
 mod digest;
+pub mod karacan;
 pub mod lippiello;
+mod loaded_arm;
 mod measurement;
 pub mod metrics;
+mod normal_camera;
 mod object_loop;
 mod object_plant;
 mod object_plant_config;
@@ -27,18 +32,26 @@ mod sensor_records;
 mod servo;
 mod start;
 pub mod surfaces;
+mod tactile_loop;
+mod tactile_plant;
+mod tactile_plant_config;
+mod tactile_scenario;
 mod target_image;
 mod torque_arm;
 mod truth;
+mod wrench_estimate;
 
 pub use camera::{Camera, CameraConfig, Exposure, FeatureSource, Imager};
 pub use closed_loop::{ClosedLoop, Evaluation, LoopCycle, evaluate, evaluate_with};
+pub use depth_source::DepthSource;
 pub use digest::TrajectoryDigest;
+pub use loaded_arm::loaded_arm;
 pub use measurement::{ArmMeasurement, SensorSample, VelocityCommand};
+pub use normal_camera::{NormalCamera, NormalCameraConfig};
 pub use object_loop::{
     Disturbance, ObjectCycle, ObjectLoop, Undisturbed, evaluate_object, evaluate_object_with,
 };
-pub use object_plant::{ObjectPlant, loaded_model};
+pub use object_plant::ObjectPlant;
 pub use object_plant_config::{ObjectMotionConfig, ObjectPlantConfig};
 pub use object_scenario::{ObjectKind, ObjectScenario};
 pub use overrides::OverrideError;
@@ -54,6 +67,13 @@ pub use sensor::Sensor;
 pub use servo::Servo;
 pub use start::StartError;
 pub use surfaces::{ShapeConfig, Surface, SurfacePoint};
+pub use tactile_loop::{
+    Calm, TactileCycle, TactileDisturbance, TactileLoop, evaluate_tactile, evaluate_tactile_with,
+};
+pub use tactile_plant::{EnergyBooks, TactileMeasurement, TactilePlant};
+pub use tactile_plant_config::{NormalSource, StartSpreadConfig, TactilePlantConfig};
+pub use tactile_scenario::{TactileKind, TactileScenario};
 pub use target_image::ImageConfig;
 pub use torque_arm::{TorqueArm, TorqueArmConfig};
 pub use truth::Truth;
+pub use wrench_estimate::{ExternalWrenchConfig, WrenchEstimate};

@@ -57,6 +57,11 @@ impl System {
     }
 }
 
+/// Pressing force that the paper's task asks for, N.
+const REFERENCE_N: f64 = 20.0;
+/// At most this share of the peak is to be left.
+const PEAK_SHARE: f64 = 0.75;
+
 /// One figure. `here` is the median over the seeds; goals are upper bounds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LippielloFigure {
@@ -170,7 +175,7 @@ pub fn figures(runs: &[Runs]) -> Vec<LippielloFigure> {
                 metric,
                 "",
                 values,
-                goal.then_some(limit),
+                (goal && limit.is_finite()).then_some(limit),
             ));
         };
         add("position error along the normal, share left", 0.1, |f| {
@@ -181,7 +186,11 @@ pub fn figures(runs: &[Runs]) -> Vec<LippielloFigure> {
             0.1,
             |f| f.about_surface_settled_deg,
         );
-        add("peak force at contact, share", 0.75, |f| {
+        // No peak lies below the force that is asked for: where the camera alone leaves less than that to take away, there is no goal.
+        let vision_peak = median(&picked(of(vision), |f| f.peak_at_contact_n));
+        let within_reach = vision_peak.is_none_or(|n| PEAK_SHARE * n >= REFERENCE_N);
+        let share = if within_reach { PEAK_SHARE } else { f64::INFINITY };
+        add("peak force at contact, share", share, |f| {
             f.peak_at_contact_n
         });
     }

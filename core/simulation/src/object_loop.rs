@@ -16,12 +16,13 @@ use tangent_sensing::{
 
 use crate::closed_loop::Evaluation;
 use crate::digest::TrajectoryDigest;
+use crate::loaded_arm::loaded_arm;
 use crate::measurement::ArmMeasurement;
 use crate::metrics::object_pose::{
     CalibrationError, ObjectPoseFigures, ObjectSampleTruth, frame_counts, normal_in_flange,
 };
 use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
-use crate::object_plant::{ObjectPlant, loaded_model};
+use crate::object_plant::ObjectPlant;
 use crate::object_scenario::ObjectScenario;
 use crate::scenario::ScenarioError;
 use crate::truth::Truth;
@@ -126,6 +127,7 @@ pub fn evaluate_object_with(
         real_time_factor: None,
         figures: Figures::of(&samples),
         object_pose: Some(figures),
+        tactile: None,
         r#loop: None,
         phase: last.map_or(Phase::Idle, |o| o.phase).name(),
         fault: last.and_then(|o| o.fault).map(|f| f.text()),
@@ -162,7 +164,7 @@ impl ObjectLoop {
     pub fn new(scenario: &ObjectScenario) -> Result<Self, ScenarioError> {
         let corners = scenario.estimation.target.corners();
         let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed)?;
-        let model = loaded_model(&scenario.plant, false)?;
+        let model = loaded_arm::<6>(&scenario.plant.robot, &scenario.plant.tool, false)?;
         let (flange_from_tool, flange_from_sensor) =
             (plant.flange_from_tool(), plant.flange_from_sensor());
         let payload = &scenario.plant.tool.payload;

@@ -4,21 +4,21 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use tangent_estimation::{CORNERS, CameraFrame, CameraModel};
 use tangent_mechanics::{
-    Arm, Base, Flange, JointFriction, Joints, ModelData, Object, Payload, Pose,
-    Sensor as SensorFrame, Tool, Wrench,
+    Arm, Base, Flange, JointFriction, Joints, Object, Pose, Sensor as SensorFrame, Tool, Wrench,
 };
 
 use crate::camera::{Camera, Exposure, Imager};
 use crate::contact::{Pad, PadContact, PadMotion};
+use crate::loaded_arm::loaded_arm;
 use crate::measurement::{ArmMeasurement, SensorSample};
-use crate::object_plant_config::{DELAY_PERIODS_MAX, ObjectPlantConfig, check};
+use crate::object_plant_config::{ObjectPlantConfig, check};
 use crate::plant::PlantError;
 use crate::plant_config::PoseConfig;
 use crate::sensor_load::{Body, SensorLoad};
 use crate::sensor_records::SensorRecords;
 use crate::start;
 use crate::surfaces::Surface;
-use crate::torque_arm::TorqueArm;
+use crate::torque_arm::{DELAY_PERIODS_MAX, TorqueArm};
 use crate::truth::Truth;
 
 /// The simulated cell.
@@ -55,7 +55,7 @@ impl ObjectPlant {
         seed: u64,
     ) -> Result<Self, PlantError> {
         check(config)?;
-        let model = loaded_model(config, true)?;
+        let model = loaded_arm::<6>(&config.robot, &config.tool, true)?;
         let surface_pose = PoseConfig {
             position_m: config.surface.position_m,
             roll_pitch_yaw_rad: config.surface.roll_pitch_yaw_rad,
@@ -289,27 +289,4 @@ impl ObjectPlant {
     pub fn torque_applied(&self) -> Joints<6> {
         self.torque_applied
     }
-}
-
-/// The arm with what hangs on its flange: as it is, or as the cell file says.
-///
-/// # Errors
-/// An unknown robot.
-pub fn loaded_model(config: &ObjectPlantConfig, as_it_is: bool) -> Result<Arm<6>, PlantError> {
-    let model = Arm::<6>::new(&ModelData::builtin(&config.robot)?)?;
-    let (payload, error) = (&config.tool.payload, &config.tool.payload_error);
-    let share = if as_it_is { 1.0 } else { 0.0 };
-    let mass_kg = payload.mass_kg + share * error.mass_kg;
-    if mass_kg <= 0.0 {
-        return Ok(model);
-    }
-    let com = Vector3::from(payload.com_in_sensor_m) + Vector3::from(error.com_in_sensor_m) * share;
-    let flange_from_sensor = config.tool.flange_from_sensor.isometry();
-    let turn = flange_from_sensor.rotation.to_rotation_matrix();
-    let inertia = nalgebra::Matrix3::from_diagonal(&payload.inertia_kg_m2.into());
-    Ok(model.with_payload(&Payload {
-        mass_kg,
-        com_in_flange_m: flange_from_sensor.transform_point(&com.into()).coords,
-        inertia_kg_m2: turn * inertia * turn.transpose(),
-    }))
 }

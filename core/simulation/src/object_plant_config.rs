@@ -7,9 +7,6 @@ use crate::plant::PlantError;
 use crate::plant_config::{ContactConfig, SensorConfig, StartConfig, SurfaceConfig, ToolConfig};
 use crate::torque_arm::TorqueArmConfig;
 
-/// Longest delay of a torque, periods.
-pub(crate) const DELAY_PERIODS_MAX: usize = 8;
-
 /// The `[plant]` table of an object-pose scenario.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -71,38 +68,8 @@ fn default_robot() -> String {
 /// Every number in its range.
 pub(crate) fn check(config: &ObjectPlantConfig) -> Result<(), PlantError> {
     let value = PlantError::unless;
-    let (arm, camera) = (&config.arm, &config.camera);
-    let periods = arm.period_s;
-    value(
-        "arm.period_s",
-        periods,
-        "0.0005 to 0.01 s",
-        (5e-4..=0.01).contains(&periods),
-    )?;
-    value(
-        "arm.sub_steps",
-        arm.sub_steps as f64,
-        "1 to 100",
-        (1..=100).contains(&arm.sub_steps),
-    )?;
-    value(
-        "arm.delay_periods",
-        arm.delay_periods as f64,
-        "0 to 8",
-        arm.delay_periods <= DELAY_PERIODS_MAX,
-    )?;
-    value(
-        "arm.coulomb_speed_rad_per_s",
-        arm.coulomb_speed_rad_per_s,
-        "above 0",
-        arm.coulomb_speed_rad_per_s > 0.0,
-    )?;
-    for &x in &arm.viscous_nm_s_per_rad {
-        value("arm.viscous_nm_s_per_rad", x, "0 or above", x >= 0.0)?;
-    }
-    for &x in &arm.coulomb_nm {
-        value("arm.coulomb_nm", x, "0 or above", x >= 0.0)?;
-    }
+    let camera = &config.camera;
+    config.arm.check()?;
     value(
         "tool.compliance",
         1.0,

@@ -6,7 +6,7 @@ use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_sensing::ConditioningConfig;
-use toml::Table;
+use toml::{Table, Value};
 
 use crate::object_plant_config::ObjectPlantConfig;
 use crate::scenario::{ScenarioError, read_with_overrides};
@@ -58,7 +58,8 @@ pub struct ObjectScenario {
 impl ObjectScenario {
     /// Whether a text is a scenario of this kind.
     pub fn is_one(text: &str) -> bool {
-        toml::from_str::<Table>(text).is_ok_and(|table| table.contains_key("kind"))
+        toml::from_str::<Table>(text)
+            .is_ok_and(|t| t.get("kind").and_then(Value::as_str) == Some("object_pose"))
     }
 
     /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted keys.

@@ -445,9 +445,9 @@ pub struct StartConfig {
     /// Turn of the tool about its own z axis, rad; at 0 its x axis is as near the base's as it can be.
     #[serde(default)]
     pub yaw_rad: f64,
-    /// Joint positions from which inverse kinematics starts, rad; the model's home when absent.
+    /// Joint positions from which inverse kinematics starts, one per joint, rad; the model's home when absent.
     #[serde(default)]
-    pub seed_rad: Option<[f64; 6]>,
+    pub seed_rad: Option<Vec<f64>>,
 }
 
 fn default_clearance() -> f64 {

@@ -5,6 +5,7 @@ use tangent_mechanics::{
     Arm, Base, Flange, InverseKinematicsError, Joints, Pose, Tool, inverse_kinematics,
 };
 
+use crate::plant::PlantError;
 use crate::plant_config::StartConfig;
 use crate::surfaces::Surface;
 
@@ -51,21 +52,29 @@ pub fn tool_pose(start: &StartConfig, surface: &Surface) -> Pose<Base, Tool> {
 /// Joint positions for that pose, rad.
 ///
 /// # Errors
-/// When the pose is out of reach from the seed.
-pub fn joints(
-    arm: &Arm<6>,
+/// When the seed has not one entry per joint, or the pose is out of reach from it.
+pub fn joints<const N: usize>(
+    arm: &Arm<N>,
     flange_from_tool: &Pose<Flange, Tool>,
     target: &Pose<Base, Tool>,
     start: &StartConfig,
-) -> Result<Joints<6>, StartError> {
-    let seed = start.seed_rad.map_or_else(|| arm.home(), Joints::<6>::from);
+) -> Result<Joints<N>, PlantError> {
+    let seed = match &start.seed_rad {
+        None => arm.home(),
+        Some(seed) => {
+            let count = seed.len();
+            let key = "start.seed_rad (entries)";
+            PlantError::unless(key, count as f64, "one entry per joint", count == N)?;
+            Joints::from_fn(|i, _| seed[i])
+        }
+    };
     inverse_kinematics(arm, flange_from_tool, target, &seed).map_err(|source| {
         let p = target.translation();
-        StartError {
+        PlantError::Start(StartError {
             x: p.x,
             y: p.y,
             z: p.z,
             source,
-        }
+        })
     })
 }

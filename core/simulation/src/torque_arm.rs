@@ -4,7 +4,11 @@ use serde::{Deserialize, Serialize};
 use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, JointFriction, Joints};
 
+use crate::plant::PlantError;
 use crate::servo::quantise;
+
+/// Longest delay of a torque, periods.
+pub(crate) const DELAY_PERIODS_MAX: usize = 8;
 
 /// The `[plant.arm]` table of a torque-controlled cell. One entry per joint, base to flange; a single entry holds for all.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,6 +48,44 @@ impl Default for TorqueArmConfig {
 }
 
 impl TorqueArmConfig {
+    /// Every number in its range.
+    pub(crate) fn check(&self) -> Result<(), PlantError> {
+        let arm = self;
+        let value = PlantError::unless;
+        let period = arm.period_s;
+        value(
+            "arm.period_s",
+            period,
+            "0.0005 to 0.01 s",
+            (5e-4..=0.01).contains(&period),
+        )?;
+        value(
+            "arm.sub_steps",
+            arm.sub_steps as f64,
+            "1 to 100",
+            (1..=100).contains(&arm.sub_steps),
+        )?;
+        value(
+            "arm.delay_periods",
+            arm.delay_periods as f64,
+            "0 to 8",
+            arm.delay_periods <= DELAY_PERIODS_MAX,
+        )?;
+        value(
+            "arm.coulomb_speed_rad_per_s",
+            arm.coulomb_speed_rad_per_s,
+            "above 0",
+            arm.coulomb_speed_rad_per_s > 0.0,
+        )?;
+        for &x in &arm.viscous_nm_s_per_rad {
+            value("arm.viscous_nm_s_per_rad", x, "0 or above", x >= 0.0)?;
+        }
+        for &x in &arm.coulomb_nm {
+            value("arm.coulomb_nm", x, "0 or above", x >= 0.0)?;
+        }
+        Ok(())
+    }
+
     /// The joints' true friction.
     pub fn friction<const N: usize>(&self) -> JointFriction<N> {
         JointFriction::from_lists(
@@ -93,6 +135,17 @@ impl<const N: usize> TorqueArm<N> {
     pub fn limited(&self, torque: &Joints<N>) -> Joints<N> {
         match self.model.limits().effort {
             Some(effort) => Joints::from_fn(|i, _| torque[i].clamp(-effort[i], effort[i])),
+            None => *torque,
+        }
+    }
+
+    /// `torque` (Nm), as near as the motors come to it in `period_s` from `before`: none jumps.
+    pub fn within_rate(&self, torque: &Joints<N>, before: &Joints<N>, period_s: f64) -> Joints<N> {
+        match self.model.limits().effort_rate {
+            Some(rate) => Joints::from_fn(|i, _| {
+                let step = rate[i] * period_s;
+                before[i] + (torque[i] - before[i]).clamp(-step, step)
+            }),
             None => *torque,
         }
     }
@@ -203,6 +256,17 @@ mod tests {
             arm.step(&huge, &Joints::zeros(), 2.5e-4);
         }
         assert!(arm.model().limits().contains(&arm.q));
+    }
+
+    #[test]
+    fn a_torque_rises_no_faster_than_the_motors_do() {
+        let arm = arm::<7>("panda", &TorqueArmConfig::default());
+        let mut before = Joints::<7>::zeros();
+        let wanted = Joints::<7>::repeat(2.5);
+        for expected in [1.0, 2.0, 2.5, 2.5] {
+            before = arm.within_rate(&wanted, &before, 1e-3);
+            assert!((before - Joints::<7>::repeat(expected)).amax() < 1e-12);
+        }
     }
 
     #[test]

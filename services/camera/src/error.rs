@@ -7,7 +7,9 @@ use tangent_sensing::TargetDetectorError;
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// The cell has no camera.
-    #[error("camera: the cell file has no [camera] section; docs/services/camera.md says what goes into it")]
+    #[error(
+        "camera: the cell file has no [camera] section; docs/services/camera.md says what goes into it"
+    )]
     NoCamera,
     /// The bus refused a topic.
     #[error("camera: {0}")]

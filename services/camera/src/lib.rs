@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{
-    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, RealtimeReport, Stop, Subscription,
-    realtime,
+    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, RealtimeReport, Stop,
+    Subscription, realtime,
 };
 use tangent_schemas::Text;
 use tangent_schemas::convert::cut_format;
@@ -182,7 +182,13 @@ impl Service {
         let features: Vec<Feature> = found
             .iter()
             .zip(0..)
-            .filter_map(|(corner, id)| corner.map(|at| Feature { id, u: at.x, v: at.y }))
+            .filter_map(|(corner, id)| {
+                corner.map(|at| Feature {
+                    id,
+                    u: at.x,
+                    v: at.y,
+                })
+            })
             .collect();
         if features.is_empty() {
             self.meters.empty.set(self.meters.empty.get() + 1.0);

@@ -73,7 +73,10 @@ pub fn grey(image: &Image, size_px: [u32; 2]) -> Result<GreyImage, PictureError>
             row,
         });
     }
-    let rows = image.data.chunks_exact(step).map(|line| &line[..row as usize]);
+    let rows = image
+        .data
+        .chunks_exact(step)
+        .map(|line| &line[..row as usize]);
     let pixels = if channels == 1 {
         rows.flatten().copied().collect()
     } else {

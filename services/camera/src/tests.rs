@@ -82,16 +82,19 @@ fn an_image_becomes_features_with_its_own_stamp() {
     let ids: Vec<u32> = found.features.iter().map(|f| f.id).collect();
     assert_eq!(ids, [0, 1, 2, 3]);
     // Counter-clockwise as the camera sees it, whose y axis points down.
-    for (feature, expected) in found.features.iter().zip([
-        [60.0, 40.0],
-        [60.0, 120.0],
-        [140.0, 120.0],
-        [140.0, 40.0],
-    ]) {
+    for (feature, expected) in
+        found
+            .features
+            .iter()
+            .zip([[60.0, 40.0], [60.0, 120.0], [140.0, 120.0], [140.0, 40.0]])
+    {
         let off = (feature.u - expected[0]).hypot(feature.v - expected[1]);
         assert!(off < 1.0, "{feature:?}");
     }
-    assert_eq!(bench.passed_on.try_recv().unwrap().message.data.len(), 32_000);
+    assert_eq!(
+        bench.passed_on.try_recv().unwrap().message.data.len(),
+        32_000
+    );
 }
 
 #[test]

@@ -24,9 +24,7 @@ pub enum ControllerError {
     #[error("starting a thread: {0}")]
     Thread(#[from] std::io::Error),
     /// An arm that this law cannot drive.
-    #[error(
-        "controller: arm model \"{name}\" has {dof} joints; the laws here are for arms with 6"
-    )]
+    #[error("controller: arm model \"{name}\" has {dof} joints; the laws here are for arms with 6")]
     Joints {
         /// Name of the model.
         name: String,

@@ -59,7 +59,7 @@ pub fn state(
         arm_state_age_s,
         base_age_s: finite(output.base_age_s),
         motion_tank_j: 0.0,
-        force_tank_j: 0.0,
+        force_tank_j: output.force_tank_j.unwrap_or_default(),
         manipulability: output.manipulability,
         contact_lost_count: output.contact_lost_count,
         step_s,

@@ -41,7 +41,9 @@ impl Normals {
     }
 
     fn estimates(&self) -> MutexGuard<'_, Vec<(String, Latest<NormalEstimate>)>> {
-        self.estimates.lock().unwrap_or_else(PoisonError::into_inner)
+        self.estimates
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -55,11 +57,7 @@ impl Kind for Normals {
             .map_err(|error| error.to_string())
     }
 
-    fn check_estimates(
-        &self,
-        program: &Program,
-        mailbox: &Mailbox<Program>,
-    ) -> Result<(), String> {
+    fn check_estimates(&self, program: &Program, mailbox: &Mailbox<Program>) -> Result<(), String> {
         for name in &program.estimators {
             self.hear(name, mailbox)?;
         }

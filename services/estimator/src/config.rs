@@ -191,7 +191,10 @@ mod tests {
         assert!(found.camera.is_none());
         let wrong = config("run = ['object_pose']\n[settings.object_pose]\ncorner_px = 1");
         let text = wrong.err().unwrap().to_string();
-        assert!(text.contains("object_pose") && text.contains("corner_px"), "{text}");
+        assert!(
+            text.contains("object_pose") && text.contains("corner_px"),
+            "{text}"
+        );
     }
 
     #[test]

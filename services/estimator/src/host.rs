@@ -2,9 +2,7 @@
 
 use std::time::Instant;
 
-use tangent_estimation::{
-    ContactSample, EstimationError, EstimatorConfig, NormalEstimator, build,
-};
+use tangent_estimation::{ContactSample, EstimationError, EstimatorConfig, NormalEstimator, build};
 use tangent_runtime::health::instance_name;
 use tangent_runtime::{AliveToken, Bus, Parameter, Parameters, Publisher};
 use tangent_schemas::tangent::{ArmState, NormalEstimate};

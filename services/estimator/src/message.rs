@@ -45,9 +45,7 @@ pub(crate) fn object_message(
     update_s: f64,
 ) -> ObjectEstimateMessage {
     let mut covariance = Covariance::default();
-    covariance
-        .0
-        .copy_from_slice(estimate.covariance.as_slice());
+    covariance.0.copy_from_slice(estimate.covariance.as_slice());
     ObjectEstimateMessage {
         header: Header::new(arm.header.stamp.to_ns(), "base"),
         cycle: arm.cycle,

@@ -8,12 +8,12 @@ use nalgebra::Vector6;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
 use crate::guard::{Guard, GuardLimits, Permission, Posture, Wanted};
-use crate::lease::{Admission, Lease, Source};
 use crate::link::{Link, LinkError, LinkEvent};
 use crate::program::{CommandCode, ProgramState, RegisterMap};
 use crate::sample::Sample;
 use crate::status::RUNTIME_PLAYING;
 use crate::supervisor::{Reason, Supervisor};
+use tangent_runtime::lease::{Admission, Lease, Source};
 
 /// Sequences wrap here.
 const SEQUENCE_MAX: i32 = 1 << 30;

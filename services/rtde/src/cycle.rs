@@ -23,12 +23,12 @@ use tangent_schemas::tangent::{ArmCommand, ArmState};
 use crate::bridge::{Bridge, BridgeEvent};
 use crate::codec::{Framer, PACKAGE_BYTES_MAX};
 use crate::guard::{Posture, Wanted};
-use crate::lease::Source;
 use crate::link::LinkError;
 use crate::robot_setup::resolve;
 use crate::settings::Config;
 use crate::shared::{LoopRequest, Note, Shared, Upload};
 use crate::supervisor::Reason;
+use tangent_runtime::lease::Source;
 
 /// First and longest pause between attempts to connect.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));

@@ -15,7 +15,6 @@ pub mod guard;
 #[cfg(test)]
 mod guard_tests;
 pub mod inquiry;
-pub mod lease;
 pub mod link;
 pub mod primary;
 pub mod program;

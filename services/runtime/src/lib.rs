@@ -31,6 +31,7 @@ pub mod clock;
 pub mod clock_offset;
 pub mod config;
 pub mod health;
+pub mod lease;
 pub mod meter;
 pub mod parameters;
 pub mod realtime;

@@ -1,4 +1,4 @@
-//! A robot cell on sockets: UR controller and Net F/T box around the simulated plant.
+//! A robot cell on sockets: UR controller and Net F/T box around the simulated plant, or ([`fci`]) a Franka arm.
 //!
 //! [`service::run`] is the service; tests of other crates start a [`SimulatedCell`] in their own process, on free ports.
 
@@ -11,6 +11,7 @@ pub mod connection;
 pub mod controller;
 pub mod dashboard;
 pub mod fault;
+pub mod fci;
 #[cfg(test)]
 mod hostile_input_tests;
 pub mod kinematics;

@@ -69,6 +69,9 @@ impl ControllerConfig {
             check_range(key, value, *lower, *upper)?;
         }
         let (force, contact) = (&self.force, &self.contact);
+        if let Some(tank) = &force.tank {
+            tank.check("force.tank")?;
+        }
         check_range(
             "force.damping_max_n_s_per_m",
             force.damping_max_n_s_per_m,

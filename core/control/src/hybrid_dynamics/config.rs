@@ -86,7 +86,8 @@ pub struct FrictionConfig {
 }
 
 impl FrictionConfig {
-    pub(super) fn model(&self) -> JointFriction<6> {
+    /// For an arm of `N` joints.
+    pub(crate) fn model<const N: usize>(&self) -> JointFriction<N> {
         JointFriction::from_lists(
             &self.viscous_nm_s_per_rad,
             &self.coulomb_nm,

@@ -43,16 +43,16 @@ pub(super) fn bounded_acceleration(
 
 /// `needed` plus as much of `wanted` (Nm) as the motors can give. What holds the arm goes first; what moves it is cut as a whole,
 /// so that it keeps its direction.
-pub(super) fn bounded_torque(
-    arm: &ArmLimits<6>,
-    needed: &Joints<6>,
-    wanted: &Joints<6>,
-) -> (Joints<6>, bool) {
+pub(crate) fn bounded_torque<const N: usize>(
+    arm: &ArmLimits<N>,
+    needed: &Joints<N>,
+    wanted: &Joints<N>,
+) -> (Joints<N>, bool) {
     let Some(effort) = arm.effort else {
         return (needed + wanted, false);
     };
     let mut share = 1.0_f64;
-    for i in 0..6 {
+    for i in 0..N {
         let room = if wanted[i] > 0.0 {
             effort[i] - needed[i]
         } else {
@@ -64,7 +64,7 @@ pub(super) fn bounded_torque(
     }
     let torque = needed + wanted * share;
     (
-        Joints::<6>::from_fn(|i, _| torque[i].min(effort[i]).max(-effort[i])),
+        Joints::from_fn(|i, _| torque[i].min(effort[i]).max(-effort[i])),
         share < 1.0,
     )
 }

@@ -7,7 +7,7 @@ mod config;
 mod controller;
 mod estimate_follower;
 mod interface;
-mod joint_guard;
+pub(crate) mod joint_guard;
 mod law;
 mod reference;
 

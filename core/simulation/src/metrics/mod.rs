@@ -3,6 +3,7 @@
 //! Every figure's definition is in `docs/evaluate.md`; the two commands agree because both call this.
 
 pub mod object_pose;
+pub mod tactile;
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};

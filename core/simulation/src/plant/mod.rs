@@ -34,6 +34,12 @@ pub enum PlantError {
     /// The detector of the target's corners cannot be made.
     #[error("plant.camera: {0}")]
     Camera(#[from] tangent_sensing::TargetDetectorError),
+    /// A setting of the depth camera is out of its range.
+    #[error("plant.{0}")]
+    DepthCamera(#[from] crate::depth_camera::DepthCameraError),
+    /// A setting of what reads its images is.
+    #[error("plant.{0}")]
+    DepthNormal(#[from] tangent_estimation::EstimationError),
     /// A number out of its range.
     #[error("plant: `{key}` is {value}, but must be {allowed}")]
     Value {

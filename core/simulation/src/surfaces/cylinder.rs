@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Shape;
+use super::ray::roots;
+use super::{Ray, Shape};
 
 /// Material where the distance from the z axis is below the radius.
 #[derive(Clone, Copy, Debug)]
@@ -37,5 +38,17 @@ impl Shape for Cylinder {
         let (out, _) = radial(point);
         let around = Vector3::z().cross(&out);
         around * around.transpose() / self.radius
+    }
+
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        let (o, d) = (ray.origin.xy(), ray.direction.xy());
+        let (a, c) = (
+            d.norm_squared(),
+            o.norm_squared() - self.radius * self.radius,
+        );
+        if a == 0.0 {
+            return (c <= 0.0).then_some(range[0]);
+        }
+        Ray::first(range, roots(a, o.dot(&d), c)?)
     }
 }

@@ -6,6 +6,9 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 pub(super) trait Graph {
     /// Height (m), gradient and second derivatives (1/m) at `(x, y)`.
     fn height(&self, x: f64, y: f64) -> (f64, Vector2<f64>, Matrix2<f64>);
+
+    /// A bound of the gradient's length anywhere.
+    fn slope_max(&self) -> f64;
 }
 
 fn normal_of(gradient: &Vector2<f64>) -> Vector3<f64> {

@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::Shape;
 use super::graph::{self, Graph};
+use super::ray::{self, Ray};
 
 /// Why a table of heights cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -65,6 +66,8 @@ pub struct HeightField {
     size: [usize; 2],
     /// Spline coefficients with one extra on every side, row by row.
     coefficients: Vec<f64>,
+    /// Bound of the gradient's length: a spline's slope is an average of its coefficients' differences.
+    slope_max: f64,
 }
 
 impl HeightField {
@@ -129,7 +132,16 @@ impl HeightField {
                 coefficients[j * (nx + 2) + i] = c;
             }
         }
+        let steepest = |stride: usize, step: f64| {
+            let pairs = coefficients.iter().zip(coefficients.iter().skip(stride));
+            let differences = pairs
+                .enumerate()
+                .filter(|(i, _)| stride > 1 || (i + 1) % (nx + 2) != 0);
+            differences.fold(0.0, |most: f64, (_, (a, b))| most.max((b - a).abs())) / step
+        };
+        let (along_x, along_y) = (steepest(1, step[0]), steepest(nx + 2, step[1]));
         Ok(Self {
+            slope_max: (along_x * along_x + along_y * along_y).sqrt(),
             origin: [x[0], y[0]],
             step,
             size: [nx, ny],
@@ -192,6 +204,10 @@ impl Graph for HeightField {
         let height = sums[0][0] + gradient.x * beyond_x + gradient.y * beyond_y;
         (height, gradient, hessian)
     }
+
+    fn slope_max(&self) -> f64 {
+        self.slope_max
+    }
 }
 
 impl Shape for HeightField {
@@ -201,6 +217,10 @@ impl Shape for HeightField {
 
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
         graph::curvature(self, point)
+    }
+
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        ray::march_graph(self, ray, range)
     }
 }
 

@@ -8,9 +8,11 @@ mod cylinder;
 mod graph;
 mod height_field;
 mod plane;
+mod ray;
 mod sheet;
 mod sphere;
 mod torus;
+mod wave;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -19,9 +21,11 @@ pub use cone::Cone;
 pub use cylinder::Cylinder;
 pub use height_field::{HeightField, HeightFieldError};
 pub use plane::Plane;
+pub use ray::Ray;
 pub use sheet::Sheet;
 pub use sphere::Sphere;
 pub use torus::Torus;
+pub use wave::Wave;
 
 use crate::plant_config::PoseConfig;
 
@@ -46,6 +50,12 @@ pub trait Shape {
 
     /// Shape operator at the closest point, 1/m.
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64>;
+
+    /// The first `t` within `range` at which the ray is inside the material; its start where it begins there. Sphere tracing
+    /// unless a shape knows a shorter way.
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        ray::march(ray, range, |p| self.distance_and_normal(p).0)
+    }
 }
 
 /// Which shape, with its dimensions; the tagged form of the `[plant.surface]` table.
@@ -84,6 +94,19 @@ pub enum ShapeConfig {
         amplitude_m: [f64; 2],
         /// `[l_x, l_y]`, m.
         wavelength_m: [f64; 2],
+    },
+    /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin; past its edges there is nothing.
+    Wave {
+        /// `a`, m.
+        amplitude_m: f64,
+        /// `l`, m.
+        wavelength_m: f64,
+        /// rad
+        phase_rad: f64,
+        /// m
+        offset_m: f64,
+        /// Along x and y, m.
+        size_m: [f64; 2],
     },
     /// A table of heights, interpolated by a cubic spline.
     HeightField {
@@ -129,6 +152,7 @@ enum AnyShape {
     Sphere(Sphere),
     Torus(Torus),
     Sheet(Sheet),
+    Wave(Wave),
     HeightField(HeightField),
 }
 
@@ -141,6 +165,7 @@ impl AnyShape {
             Self::Sphere(s) => s.distance_and_normal(point),
             Self::Torus(s) => s.distance_and_normal(point),
             Self::Sheet(s) => s.distance_and_normal(point),
+            Self::Wave(s) => s.distance_and_normal(point),
             Self::HeightField(s) => s.distance_and_normal(point),
         }
     }
@@ -153,7 +178,23 @@ impl AnyShape {
             Self::Sphere(s) => s.curvature(point),
             Self::Torus(s) => s.curvature(point),
             Self::Sheet(s) => s.curvature(point),
+            Self::Wave(s) => s.curvature(point),
             Self::HeightField(s) => s.curvature(point),
+        }
+    }
+}
+
+impl AnyShape {
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        match self {
+            Self::Plane(s) => s.enter(ray, range),
+            Self::Cylinder(s) => s.enter(ray, range),
+            Self::Cone(s) => s.enter(ray, range),
+            Self::Sphere(s) => s.enter(ray, range),
+            Self::Torus(s) => s.enter(ray, range),
+            Self::Sheet(s) => s.enter(ray, range),
+            Self::Wave(s) => s.enter(ray, range),
+            Self::HeightField(s) => s.enter(ray, range),
         }
     }
 }
@@ -224,6 +265,25 @@ impl Surface {
                 positive("sheet", "wavelength_m[1]", wavelength_m[1])?;
                 AnyShape::Sheet(Sheet::new(*amplitude_m, *wavelength_m))
             }
+            ShapeConfig::Wave {
+                amplitude_m,
+                wavelength_m,
+                phase_rad,
+                offset_m,
+                size_m,
+            } => {
+                positive("wave", "amplitude_m", *amplitude_m)?;
+                positive("wave", "wavelength_m", *wavelength_m)?;
+                positive("wave", "size_m[0]", size_m[0])?;
+                positive("wave", "size_m[1]", size_m[1])?;
+                AnyShape::Wave(Wave::new(
+                    *amplitude_m,
+                    *wavelength_m,
+                    *phase_rad,
+                    *offset_m,
+                    *size_m,
+                ))
+            }
             ShapeConfig::HeightField { csv, .. } => {
                 let text = csv.as_deref().ok_or(SurfaceError::HeightFieldMissing)?;
                 AnyShape::HeightField(HeightField::from_csv(text)?)
@@ -245,6 +305,19 @@ impl Surface {
 
     fn local(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.rotation.matrix().tr_mul(&(point - self.translation))
+    }
+
+    /// A ray in base axes as the shape sees it.
+    pub fn ray_in_surface(&self, ray: &Ray) -> Ray {
+        Ray {
+            origin: self.local(&ray.origin),
+            direction: self.rotation.matrix().tr_mul(&ray.direction),
+        }
+    }
+
+    /// The first `t` within `range` at which a ray given in the surface's axes ([`Surface::ray_in_surface`]) is inside the material.
+    pub fn enter(&self, ray_in_surface: &Ray, range: [f64; 2]) -> Option<f64> {
+        self.shape.enter(ray_in_surface, range)
     }
 
     /// Signed distance (m) and unit normal at the closest point, base axes. The cheap part of [`Surface::query`].

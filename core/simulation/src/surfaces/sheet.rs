@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::Shape;
 use super::graph::{self, Graph};
+use super::ray::{self, Ray};
 
 /// `z = a_x sin(k_x x) + a_y sin(k_y y)`, material below.
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +33,11 @@ impl Graph for Sheet {
             Matrix2::new(-ax * kx * kx * sx, 0.0, 0.0, -ay * ky * ky * sy),
         )
     }
+
+    fn slope_max(&self) -> f64 {
+        let [x, y] = [0, 1].map(|i| self.amplitude[i] * self.wavenumber[i]);
+        (x * x + y * y).sqrt()
+    }
 }
 
 impl Shape for Sheet {
@@ -41,5 +47,9 @@ impl Shape for Sheet {
 
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
         graph::curvature(self, point)
+    }
+
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        ray::march_graph(self, ray, range)
     }
 }

@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Shape;
+use super::ray::roots;
+use super::{Ray, Shape};
 
 /// Material within `radius` of the origin.
 #[derive(Clone, Copy, Debug)]
@@ -31,5 +32,11 @@ impl Shape for Sphere {
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
         let (_, normal) = self.distance_and_normal(point);
         (Matrix3::identity() - normal * normal.transpose()) / self.radius
+    }
+
+    fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
+        let (o, d) = (&ray.origin, &ray.direction);
+        let c = o.norm_squared() - self.radius * self.radius;
+        Ray::first(range, roots(d.norm_squared(), o.dot(d), c)?)
     }
 }

@@ -60,6 +60,17 @@ fn shapes() -> Vec<(&'static str, ShapeConfig, Vector3<f64>)> {
             Vector3::new(0.07, 0.03, 0.0),
         ),
         (
+            "wave",
+            ShapeConfig::Wave {
+                amplitude_m: 0.02,
+                wavelength_m: 0.38,
+                phase_rad: 0.44,
+                offset_m: 0.02,
+                size_m: [0.26, 0.51],
+            },
+            Vector3::new(0.05, -0.08, 0.01),
+        ),
+        (
             "height field",
             ShapeConfig::HeightField {
                 csv: Some(TABLE.to_owned()),
@@ -195,4 +206,24 @@ fn a_bad_dimension_is_refused() {
             .to_string()
             .contains("smaller than")
     );
+}
+
+#[test]
+fn past_its_edges_a_wave_is_not_there() {
+    let shape = ShapeConfig::Wave {
+        amplitude_m: 0.02,
+        wavelength_m: 0.38,
+        phase_rad: 0.44,
+        offset_m: 0.02,
+        size_m: [0.26, 0.51],
+    };
+    let wave = Surface::new(&shape, &PoseConfig::default()).unwrap();
+    // At y = 0 the top is at 0.02 sin(0.44) + 0.02.
+    let top = 0.02 * 0.44f64.sin() + 0.02;
+    let inside = wave.query(&Vector3::new(0.129, 0.0, top));
+    assert!(inside.distance.abs() < 1e-12);
+    for (x, y) in [(0.131, 0.0), (-0.2, 0.1), (0.0, 0.256), (0.0, -0.3)] {
+        let (distance, normal) = wave.distance_and_normal(&Vector3::new(x, y, -0.01));
+        assert!(distance > 0.0 && (normal.norm() - 1.0).abs() < 1e-12);
+    }
 }

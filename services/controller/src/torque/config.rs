@@ -58,7 +58,10 @@ impl TorqueConfig {
     ///
     /// # Errors
     /// An unknown preset or parameter.
-    pub fn law(&self, preset: Option<&str>) -> Result<HybridDynamicsConfig, tangent_control::ControlError> {
+    pub fn law(
+        &self,
+        preset: Option<&str>,
+    ) -> Result<HybridDynamicsConfig, tangent_control::ControlError> {
         HybridDynamicsConfig::preset_with(preset.unwrap_or(&self.preset), &self.settings)
     }
 }

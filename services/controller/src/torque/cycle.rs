@@ -6,7 +6,9 @@ use std::time::Instant;
 
 use tangent_control::{CommandKind, ControlError, Phase, SwitchRefusal};
 use tangent_runtime::clock::now_ns;
-use tangent_runtime::{Age, Gauge, HealthReporter, Histogram, Parameter, Publisher, Rate, Received};
+use tangent_runtime::{
+    Age, Gauge, HealthReporter, Histogram, Parameter, Publisher, Rate, Received,
+};
 use tangent_schemas::Name;
 use tangent_schemas::convert::cut;
 use tangent_schemas::standard::Header;
@@ -114,7 +116,13 @@ impl TorqueCycle {
         self.meters.step.record(took);
         self.meters.wrench_age.set(wrench.age_s);
         self.meters.estimate_age.set(answer.state.estimate_age_s);
-        self.say(arm, answer, other, arm_age.as_secs_f64(), took.as_secs_f64());
+        self.say(
+            arm,
+            answer,
+            other,
+            arm_age.as_secs_f64(),
+            took.as_secs_f64(),
+        );
     }
 
     fn say(

@@ -196,10 +196,7 @@ mod tests {
             let names = ["a", "b"];
             let newest = names.map(|n| {
                 let topic = topics::estimate_object(n);
-                (
-                    EstimatorName::from(n).unwrap(),
-                    bus.latest(&topic).unwrap(),
-                )
+                (EstimatorName::from(n).unwrap(), bus.latest(&topic).unwrap())
             });
             let speakers = names.map(|n| bus.publisher(&topics::estimate_object(n)).unwrap());
             let mut arm = ArmState {

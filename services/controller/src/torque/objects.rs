@@ -156,7 +156,11 @@ impl TorqueProgram for ObjectProgram {
     }
 }
 
-fn state(output: &HybridOutput, input: &TorqueInput<'_>, estimate_age_s: Option<f64>) -> ControlState {
+fn state(
+    output: &HybridOutput,
+    input: &TorqueInput<'_>,
+    estimate_age_s: Option<f64>,
+) -> ControlState {
     let age = |age_s: f64| if age_s.is_finite() { age_s } else { -1.0 };
     let wrench = &input.wrench;
     ControlState {

@@ -35,6 +35,14 @@ const RTDE: Service = Service {
     asks: &[],
     tokens: &[],
 };
+/// A Franka has no separate sensor: its bridge says what it feels, and sets the zero of it.
+const FRANKA: Service = Service {
+    name: "franka",
+    publishes: &["arm/state", "wrench/*"],
+    answers: &["franka/*", "netft/*"],
+    asks: &[],
+    tokens: &[],
+};
 /// The only one that publishes `arm/command`.
 const CONTROLLER: Service = Service {
     name: "controller",
@@ -94,6 +102,7 @@ const OPERATOR: Service = Service {
         "control/*",
         "netft/*",
         "rtde/*",
+        "franka/*",
         "param/*/*",
         "parameters/*",
         "ping/*/*",
@@ -115,11 +124,17 @@ pub const ROLES: &[Role] = &[
         &[RTDE, CONTROLLER, NETFT],
         "the hard loop in one process: rtde, controller and netft",
     ),
+    cell(
+        "franka_robot",
+        &[FRANKA, CONTROLLER],
+        "the hard loop of a Franka in one process: franka and controller",
+    ),
     cell("rtde", &[RTDE], "the robot bridge alone"),
+    cell("franka", &[FRANKA], "the bridge to a Franka alone"),
     cell(
         "controller",
         &[CONTROLLER],
-        "the controller alone; it and `robot` alone may publish arm/command",
+        "the controller alone; beside it only `robot` and `franka_robot` may publish arm/command",
     ),
     cell("netft", &[NETFT], "the sensor bridge alone"),
     cell("estimator", &[ESTIMATOR], "estimators, on any machine"),
@@ -228,6 +243,7 @@ mod tests {
     fn a_process_gets_the_least_role_that_covers_it() {
         assert_eq!(role_of(&["controller"]), Some("controller"));
         assert_eq!(role_of(&["rtde", "controller"]), Some("robot"));
+        assert_eq!(role_of(&["franka", "controller"]), Some("franka_robot"));
         assert_eq!(role_of(&["router", "simulator"]), Some("router"));
         assert_eq!(role_of(&["recorder"]), Some("recorder"));
         assert_eq!(role_of(&["recorder", "controller"]), None);
@@ -243,7 +259,7 @@ mod tests {
                 .any(|s| s.publishes.contains(&"arm/command"));
             assert_eq!(
                 commands,
-                ["controller", "robot"].contains(&role.name),
+                ["controller", "robot", "franka_robot"].contains(&role.name),
                 "{}",
                 role.name
             );

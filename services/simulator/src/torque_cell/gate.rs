@@ -5,7 +5,7 @@
 //! present activation is latched out, so that only a newer one moves the arm again.
 
 use tangent_mechanics::{Arm, Joints};
-use tangent_rtde::lease::{Admission, Lease, Source};
+use tangent_runtime::lease::{Admission, Lease, Source};
 use tangent_schemas::Text;
 use tangent_schemas::convert::{cut_format, joints};
 use tangent_schemas::tangent::ArmCommand;
@@ -294,8 +294,7 @@ mod tests {
 
     impl Bench {
         fn new() -> Self {
-            let model =
-                Arm::<6>::new(&ModelData::builtin("smart3s_substitute").unwrap()).unwrap();
+            let model = Arm::<6>::new(&ModelData::builtin("smart3s_substitute").unwrap()).unwrap();
             let q = model.home();
             Self {
                 gate: TorqueGate::new(model, &q),
@@ -310,7 +309,10 @@ mod tests {
         fn command(&self) -> ArmCommand {
             let mut wanted = Joints::<6>::zeros();
             wanted[0] = 0.3;
-            let (mass, bias) = self.arm.model().mass_matrix_and_bias(&self.arm.q, &self.arm.qd);
+            let (mass, bias) = self
+                .arm
+                .model()
+                .mass_matrix_and_bias(&self.arm.q, &self.arm.qd);
             let torque = mass * ((wanted - self.arm.qd) * 20.0) + bias;
             ArmCommand {
                 cycle: self.cycle,

@@ -16,14 +16,16 @@ use std::time::{Duration, Instant};
 
 use tangent_estimation::CORNERS;
 use tangent_mechanics::Joints;
-use tangent_rtde::lease::Source;
 use tangent_runtime::clock::{DeadlineClock, now_ns};
+use tangent_runtime::lease::Source;
 use tangent_runtime::realtime::setup_thread;
-use tangent_runtime::{Bus, BusError, Counter, HealthReporter, Histogram, Latest, Publisher, Rate, Stop};
-use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, ContactTruth, Request};
+use tangent_runtime::{
+    Bus, BusError, Counter, HealthReporter, Histogram, Latest, Publisher, Rate, Stop,
+};
 use tangent_schemas::standard::{Header, PoseStamped};
+use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, ContactTruth, Request};
 use tangent_schemas::topics::{self, TRUTH_CONTACT, TRUTH_OBJECT};
-use tangent_simulation::{ObjectPlant, ObjectPlantConfig, PlantError, loaded_model};
+use tangent_simulation::{ObjectPlant, ObjectPlantConfig, PlantError, loaded_arm};
 
 use crate::cell::StartError;
 use crate::config::Ports;
@@ -111,7 +113,7 @@ pub fn run_torque_cell(
             draw_images(imager, &to_draw, &images);
         })?;
     // What a person would know of the arm: its model with the tool as written down.
-    let model = loaded_model(&config.plant, false)?;
+    let model = loaded_arm::<6>(&config.plant.robot, &config.plant.tool, false)?;
     let arm = plant.arm();
     let mut cell = TorqueCell {
         gate: TorqueGate::new(model, &arm.q),
@@ -131,7 +133,9 @@ pub fn run_torque_cell(
         answer_s: 0.0,
     };
     let told = Arc::clone(&faults);
-    let _answering = bus.answer(FAULT_KEY, move |_, request: Request| provoke(&told, &request))?;
+    let _answering = bus.answer(FAULT_KEY, move |_, request: Request| {
+        provoke(&told, &request)
+    })?;
     let (own, priority) = (stop.clone(), config.realtime_priority);
     let thread: JoinHandle<()> = std::thread::Builder::new()
         .name("simulator-arm".into())
@@ -290,9 +294,7 @@ impl TorqueCell {
             (&received.message, source)
         });
         let answered = command.is_some();
-        let torque: Joints<6> = self
-            .gate
-            .step(command, self.cycle, now_s, &arm.q, &arm.qd);
+        let torque: Joints<6> = self.gate.step(command, self.cycle, now_s, &arm.q, &arm.qd);
         if answered {
             let took = start.elapsed();
             self.answer_s = took.as_secs_f64();

@@ -56,7 +56,13 @@ impl HybridDynamics {
                     return self.hold(now);
                 }
                 self.run.held = None;
-                self.press(now, estimate.is_some() && !self.paused, pressing_n, good, dt)
+                self.press(
+                    now,
+                    estimate.is_some() && !self.paused,
+                    pressing_n,
+                    good,
+                    dt,
+                )
             }
             Phase::Retract => self.retract(now),
             Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),

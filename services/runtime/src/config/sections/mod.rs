@@ -3,6 +3,7 @@
 
 mod camera;
 mod cell;
+mod franka;
 mod limits;
 mod pose;
 mod realtime;
@@ -14,10 +15,11 @@ mod zenoh;
 
 pub use camera::CameraConfig;
 pub use cell::CellSection;
+pub use franka::FrankaConfig;
 pub use limits::LimitsConfig;
 pub use pose::PoseConfig;
 pub use realtime::RealtimeConfig;
-pub use robot::RobotConfig;
+pub use robot::{RobotConfig, RobotDriver};
 pub use sensor::{SensorConfig, SensorMode};
 pub use services::{ControllerConfig, EstimatorsConfig, Law, RecorderConfig, SimulatorConfig};
 pub use tool::ToolConfig;

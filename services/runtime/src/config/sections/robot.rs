@@ -5,14 +5,28 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 use serde::Deserialize;
 
-use super::check_port;
+use super::{FrankaConfig, check_port};
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
+
+/// Which protocol the arm speaks, and so which service drives it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RobotDriver {
+    /// A Universal Robots arm: RTDE, joint velocity, service `rtde`.
+    #[default]
+    Rtde,
+    /// A Franka arm: FCI, joint torque, service `franka`.
+    Franka,
+}
 
 /// `[robot]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotConfig {
+    /// Which protocol the arm speaks.
+    #[serde(default)]
+    pub driver: RobotDriver,
     /// Name of a built-in model, for instance `ur5`.
     pub model: String,
     /// A model of one's own instead.
@@ -56,6 +70,9 @@ pub struct RobotConfig {
     /// Connection attempts wait this long, s.
     #[serde(default = "connect_timeout")]
     pub connect_timeout_s: f64,
+    /// What only a Franka has.
+    #[serde(default)]
+    pub franka: Option<FrankaConfig>,
 }
 
 mod ports {
@@ -94,6 +111,11 @@ fn connect_timeout() -> f64 {
 }
 
 impl RobotConfig {
+    /// What only a Franka has, with defaults where the cell says nothing.
+    pub fn franka(&self) -> FrankaConfig {
+        self.franka.clone().unwrap_or_default()
+    }
+
     /// Gravity in base axes, m/s².
     pub fn gravity_in_base(&self) -> Vector3<f64> {
         Vector3::from(self.gravity_in_base_m_per_s2)
@@ -112,6 +134,15 @@ impl RobotConfig {
             "\"\"",
             "a host name or an IP address",
         )?;
+        checker.require(
+            self.franka.is_none() || self.driver == RobotDriver::Franka,
+            "robot.driver",
+            "rtde",
+            "\"franka\" where there is a table [robot.franka]",
+        )?;
+        if let Some(franka) = &self.franka {
+            franka.check(checker, self.port_offset)?;
+        }
         for (key, port) in [
             ("robot.rtde_port", self.rtde_port),
             ("robot.script_port", self.script_port),

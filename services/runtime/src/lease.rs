@@ -1,6 +1,6 @@
 //! Who may command the arm: one source at a time, whatever the others send.
 //!
-//! Pure; [`crate::bridge::Bridge::admit`] asks it for every command that arrives, before the guard sees it. The first
+//! Pure; a robot bridge asks it for every command that arrives, before its guard sees it. The first
 //! source heard holds the lease and keeps it while it speaks, holding still or moving. Others are refused by name and
 //! counted. The lease passes on only when its holder has been silent and the arm rests; the bridge then latches out what
 //! the new holder brings, so that a task has to be started anew.

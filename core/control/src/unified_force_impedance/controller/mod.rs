@@ -1,0 +1,480 @@
+//! The law in its period: what is felt and seen, what ends a task, which torques follow. The phases are in `phase_steps`, the torques'
+//! make-up in `torques`.
+
+mod phase_steps;
+mod torques;
+
+use nalgebra::{Matrix3, Vector3, Vector6};
+use tangent_mechanics::{Arm, Flange, JointFriction, Joints, Pose, Tool, Wrench};
+use tangent_sensing::{Validity, wrench_of_torques};
+
+use super::config::UnifiedForceImpedanceConfig;
+use super::energy::{DELAY_MAX, Tanks};
+use super::fused_normal::{FusedNormal, NormalInUse};
+use super::interface::{JOINTS, UnifiedInput, UnifiedOutput};
+use super::law::{ArmNow, ForceLoop, MotionReference, pose_error, stacked};
+use super::monitor::Monitor;
+use super::orientation::OrientationReference;
+use crate::error::check_range;
+use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
+use crate::{ControlError, Fault, Limits, Path, Phase, Profile, Task};
+
+/// The controller. One [`UnifiedForceImpedance::step`] per control period; nothing in it allocates.
+pub struct UnifiedForceImpedance {
+    model: Arm<JOINTS>,
+    flange_from_tool: Pose<Flange, Tool>,
+    limits: Limits,
+    config: UnifiedForceImpedanceConfig,
+    friction: JointFriction<JOINTS>,
+    task: Task,
+    path: Path,
+    delay_periods: usize,
+    run: Run,
+}
+
+/// Where the policy lies: its origin and axes, base axes.
+#[derive(Clone, Copy, Debug)]
+struct Lay {
+    origin: Vector3<f64>,
+    x: Vector3<f64>,
+    y: Vector3<f64>,
+    /// Against the approach.
+    up: Vector3<f64>,
+}
+
+/// Memory of one task.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    phase: Phase,
+    fault: Option<Fault>,
+    since_s: f64,
+    /// In this phase, s.
+    phase_s: f64,
+    guard: WrenchGuard,
+    /// Sum of what the wrench read standing still, and over how many periods.
+    zero: (Vector6<f64>, f64),
+    /// The joints' friction as it stands in the robot's estimate, base axes.
+    rubbing: Vector6<f64>,
+    fused: FusedNormal,
+    orientation: Option<OrientationReference>,
+    monitor: Monitor,
+    tanks: Tanks,
+    force: ForceLoop,
+    /// Where the tool is kept while nothing else is wanted.
+    held: Option<Vector3<f64>>,
+    /// Way of the approach, m, and its speed, m/s.
+    approach: (f64, f64),
+    lay: Option<Lay>,
+    path_s: f64,
+    /// Rate of the policy's clock, 0 to 1.
+    rate: f64,
+    /// What the policy was moved by when the arm was limp, m.
+    offset: Vector3<f64>,
+    /// Where the tool touched last, m.
+    last_contact: Vector3<f64>,
+    last_velocity: Vector3<f64>,
+    reference_n: f64,
+    /// What the force controller pushed with last, N.
+    push_n: f64,
+    /// What was asked of the tool last, N and Nm, base axes, in which way, and what is left of the way before.
+    last_wrench: Vector6<f64>,
+    was_pressing: bool,
+    bridge: Vector6<f64>,
+    /// Integral of the path's error, N.
+    drawn: Vector3<f64>,
+    surface_friction: f64,
+    weak_cycles: u32,
+    strong_cycles: u32,
+    lost_count: u32,
+    sought_m: f64,
+    retract: Option<(Vector3<f64>, Profile)>,
+    after_retract: Phase,
+    blind_s: f64,
+    torque: Option<Joints<JOINTS>>,
+    held_torque: Joints<JOINTS>,
+    limited: bool,
+}
+
+/// What is felt in one period.
+#[derive(Clone, Copy, Debug)]
+struct Felt {
+    verdict: WrenchVerdict,
+    /// Tool axes.
+    wrench: Vector6<f64>,
+    /// Along the direction that is pushed in, N.
+    pressing_n: f64,
+}
+
+/// What one phase wants.
+#[derive(Clone, Copy, Debug)]
+struct Wanted {
+    reference: MotionReference,
+    /// Where the policy wants the tool, m.
+    policy: Vector3<f64>,
+    pressing: bool,
+}
+
+impl UnifiedForceImpedance {
+    /// For an arm with what it carries, and a task. `delay_periods` lie between a measurement and the torque that answers it: the tanks
+    /// account for the torques in force.
+    ///
+    /// # Errors
+    /// A parameter, limit or task out of its range.
+    pub fn new(
+        model: Arm<JOINTS>,
+        flange_from_tool: Pose<Flange, Tool>,
+        limits: Limits,
+        config: &UnifiedForceImpedanceConfig,
+        task: &Task,
+        delay_periods: usize,
+    ) -> Result<Self, ControlError> {
+        limits.check()?;
+        config.check()?;
+        task.check()?;
+        check_range("delay_periods", delay_periods as f64, 0.0, DELAY_MAX as f64)?;
+        let path = Path::new(
+            &task.path,
+            config.path.acceleration_m_per_s2,
+            config.path.jerk_m_per_s3,
+        )?;
+        Ok(Self {
+            model,
+            flange_from_tool,
+            limits,
+            friction: if config.compensate_friction {
+                config.friction.model()
+            } else {
+                JointFriction::from_lists(&[], &[], 1.0)
+            },
+            run: Run::new(config),
+            config: config.clone(),
+            task: task.clone(),
+            path,
+            delay_periods,
+        })
+    }
+
+    /// Begins the task anew, with the tanks as at the start.
+    pub fn restart(&mut self) {
+        self.run = Run::new(&self.config);
+    }
+
+    /// Ends the task: the tool leaves the surface.
+    pub fn stop(&mut self) {
+        if self.run.phase.is_active() {
+            self.leave(Phase::Done);
+        }
+    }
+
+    /// One control period.
+    pub fn step(&mut self, input: &UnifiedInput) -> UnifiedOutput {
+        let dt = input.dt_s;
+        let sound = input.q.iter().chain(input.qd.iter()).all(|x| x.is_finite());
+        if !sound {
+            return self.blind_output();
+        }
+        let now = ArmNow::new(&self.model, &self.flange_from_tool, &input.q, &input.qd);
+        self.run.since_s += dt;
+        self.run.phase_s += dt;
+        self.run
+            .tanks
+            .settle(&self.config.tanks, &input.q, self.delay_periods);
+        let normal = self.run.fused.step(
+            &self.config.fusion,
+            input.time_s,
+            &now.tool.translation(),
+            &now.tool.z_axis(),
+            input.vision.as_ref(),
+            input.touch.as_ref().map(|t| (t, input.touch_age_s)),
+            dt,
+        );
+        let felt = self.feel(input, &now);
+        self.judge(input, &felt, &now, &normal);
+        let wanted = self.advance(input, &now, &normal, &felt);
+        let error = pose_error(&now, &wanted.reference);
+        let rho_force = self.watch(&wanted, &now, &normal, &felt, &error, dt);
+        let (torque, force_reference_n) = self.torques(&wanted, &now, &felt, &error, rho_force, dt);
+        let away = now.tool.translation() - wanted.policy;
+        let n = &normal.normal;
+        UnifiedOutput {
+            torque,
+            held_torque: self.run.held_torque,
+            phase: self.run.phase,
+            fault: self.run.fault,
+            in_contact: self.touches(),
+            contact_lost_count: self.run.lost_count,
+            normal: *n,
+            normal_covariance: normal.covariance,
+            normal_validity: normal.validity,
+            wrench: Wrench::from_vector(&felt.wrench),
+            force_reference_n,
+            force_n: felt.pressing_n,
+            base_from_tool: now.tool,
+            path_reference: wanted.policy,
+            path_error_m: (away - n * n.dot(&away)).norm(),
+            path_progress: (self.run.path_s / self.path.duration_s().max(1e-9)).min(1.0),
+            alignment_error_rad: n.angle(&-now.tool.z_axis()),
+            monitor: self.run.monitor.value,
+            monitor_margin: self.run.monitor.margin(&self.config.monitor),
+            rho_align: self.run.monitor.rho,
+            rho_force,
+            tanks: self.run.tanks.books(),
+            friction: self.run.surface_friction,
+            manipulability: now.manipulability(),
+            limited: self.run.limited,
+        }
+    }
+
+    /// The arm's state is no number: the last torque that held it is the best guess.
+    fn blind_output(&mut self) -> UnifiedOutput {
+        self.run.fault = Some(Fault::ArmState);
+        self.enter(Phase::Fault);
+        self.run.held = None;
+        UnifiedOutput {
+            torque: self.run.torque.unwrap_or_else(Joints::zeros),
+            held_torque: Joints::zeros(),
+            phase: Phase::Fault,
+            fault: self.run.fault,
+            in_contact: false,
+            contact_lost_count: self.run.lost_count,
+            normal: Vector3::z(),
+            normal_covariance: Matrix3::identity(),
+            normal_validity: Validity::Missing,
+            wrench: Wrench::zero(),
+            force_reference_n: 0.0,
+            force_n: 0.0,
+            base_from_tool: Pose::identity(),
+            path_reference: Vector3::zeros(),
+            path_error_m: 0.0,
+            path_progress: 0.0,
+            alignment_error_rad: 0.0,
+            monitor: 0.0,
+            monitor_margin: 0.0,
+            rho_align: 0.0,
+            rho_force: 0.0,
+            tanks: self.run.tanks.books(),
+            friction: 0.0,
+            manipulability: 0.0,
+            limited: true,
+        }
+    }
+
+    /// The wrench in use: the robot's estimate without its zero, and without the joints' friction, which stands in it like a force.
+    fn feel(&mut self, input: &UnifiedInput, now: &ArmNow) -> Felt {
+        let dt = input.dt_s;
+        let verdict = self.run.guard.step(
+            &self.config.patience,
+            input.wrench_validity,
+            input.wrench.is_finite(),
+            input.wrench_age_s,
+            dt,
+        );
+        let rubbing = wrench_of_torques(&now.jacobian, &self.friction.torque(&now.qd));
+        let share = dt / (self.config.touch.wrench_lag_s + dt);
+        self.run.rubbing += (rubbing - self.run.rubbing) * share;
+        if verdict != WrenchVerdict::Good {
+            return Felt {
+                verdict,
+                wrench: Vector6::zeros(),
+                pressing_n: 0.0,
+            };
+        }
+        let raw = input.wrench.vector() + now.in_tool(&self.run.rubbing);
+        if self.run.phase == Phase::Tare {
+            self.run.zero.0 += raw;
+            self.run.zero.1 += 1.0;
+        }
+        let zero = self.run.zero.0 / self.run.zero.1.max(1.0);
+        let wrench = if self.task.tare { raw - zero } else { raw };
+        let force = wrench.fixed_rows::<3>(0).into_owned();
+        Felt {
+            verdict,
+            wrench,
+            pressing_n: -self.push_direction(now).dot(&now.tool.rotate(&force)),
+        }
+    }
+
+    /// Where a push goes, base axes: the tool's z axis as published, or against the normal.
+    fn push_direction(&self, now: &ArmNow) -> Vector3<f64> {
+        if self.config.force.along_normal {
+            -self.smooth_normal(now)
+        } else {
+            now.tool.z_axis()
+        }
+    }
+
+    /// The normal in use as the tool is turned to it: without the jumps of frames that come and go.
+    fn smooth_normal(&self, now: &ArmNow) -> Vector3<f64> {
+        self.run
+            .orientation
+            .map_or_else(|| -now.tool.z_axis(), |o| o.normal())
+    }
+
+    /// Monitor and shaping. Returns ρ_frc.
+    fn watch(
+        &mut self,
+        wanted: &Wanted,
+        now: &ArmNow,
+        normal: &NormalInUse,
+        felt: &Felt,
+        error: &Vector6<f64>,
+        dt: f64,
+    ) -> f64 {
+        let theta = normal.normal.angle(&-now.tool.z_axis()).to_degrees();
+        let theta = if normal.validity.is_valid() {
+            theta
+        } else {
+            0.0
+        };
+        let short = (self.run.reference_n - felt.pressing_n).abs();
+        let well = self.run.phase == Phase::Slide
+            && short < 0.2 * self.task.force.reference_n
+            && error.fixed_rows::<2>(0).norm() < 0.01;
+        let config = &self.config.monitor;
+        self.run.monitor.step(
+            config,
+            &felt.wrench,
+            error,
+            theta,
+            normal.variation,
+            well,
+            dt,
+        );
+        let depth = if !wanted.pressing || (self.config.shaping.from_last_contact && self.touches())
+        {
+            0.0
+        } else if self.config.shaping.from_last_contact {
+            now.tool
+                .z_axis()
+                .dot(&(now.tool.translation() - self.run.last_contact))
+        } else {
+            error.z
+        };
+        super::monitor::rho_force(&self.config.shaping, depth)
+    }
+
+    fn touches(&self) -> bool {
+        (self.run.phase.is_pressing() || self.run.phase == Phase::Retract)
+            && self.run.weak_cycles == 0
+    }
+
+    /// Everything that ends or stops a task.
+    fn judge(&mut self, input: &UnifiedInput, felt: &Felt, now: &ArmNow, normal: &NormalInUse) {
+        if !self.run.phase.is_active() || self.run.phase == Phase::Retract {
+            return;
+        }
+        let touching = self.run.phase.is_pressing() || self.run.phase == Phase::Seek;
+        // Before contact a tool may come down as it stands; while it slides, somebody must say where the surface faces.
+        let blind = self.run.phase == Phase::Slide && !normal.validity.is_valid();
+        let on_hold = self.run.phase == Phase::Hold && self.run.blind_s > 0.0;
+        self.run.blind_s = match (blind || on_hold, normal.validity.is_valid()) {
+            (true, false) => self.run.blind_s + input.dt_s,
+            _ => 0.0,
+        };
+        let force = felt.wrench.fixed_rows::<3>(0).norm();
+        let moment = felt.wrench.fixed_rows::<3>(3).norm();
+        let at = now.tool.translation();
+        let (low, high) = (&self.limits.workspace_min_m, &self.limits.workspace_max_m);
+        let outside = (0..3).any(|i| at[i] < low[i] || at[i] > high[i]);
+        let begun = self.run.phase != Phase::Tare;
+        let task_s = self.task.timeouts.task_s;
+        let fault = match felt.verdict {
+            WrenchVerdict::Retract(validity) if begun => Some(Fault::Wrench(validity)),
+            _ if begun && force > self.limits.force_max_n => Some(Fault::ForceLimit),
+            _ if begun && moment > self.limits.torque_max_nm => Some(Fault::TorqueLimit),
+            _ if outside && begun => Some(Fault::Workspace),
+            _ if !input.arm_ready && begun => Some(Fault::ArmNotReady),
+            _ if task_s > 0.0 && self.run.since_s > task_s => Some(Fault::TaskTimeout),
+            _ if self.run.blind_s > self.config.patience.estimate_retract_s => {
+                Some(Fault::Estimate(normal.validity))
+            }
+            _ if touching && self.run.lost_count > self.config.touch.lost_count_max => {
+                Some(Fault::ContactUnstable)
+            }
+            _ => None,
+        };
+        if let Some(fault) = fault {
+            self.fail(fault);
+        }
+    }
+
+    fn enter(&mut self, phase: Phase) {
+        if self.run.phase != phase {
+            self.run.phase = phase;
+            self.run.phase_s = 0.0;
+        }
+    }
+
+    /// Off the surface, then `then`.
+    fn leave(&mut self, then: Phase) {
+        self.run.after_retract = then;
+        self.run.retract = None;
+        self.run.held = None;
+        self.enter(Phase::Retract);
+    }
+
+    fn fail(&mut self, fault: Fault) {
+        self.run.fault = Some(fault);
+        self.leave(Phase::Fault);
+    }
+}
+
+impl Run {
+    fn new(config: &UnifiedForceImpedanceConfig) -> Self {
+        Self {
+            phase: Phase::Tare,
+            fault: None,
+            since_s: 0.0,
+            phase_s: 0.0,
+            guard: WrenchGuard::default(),
+            zero: (Vector6::zeros(), 0.0),
+            rubbing: Vector6::zeros(),
+            fused: FusedNormal::default(),
+            orientation: None,
+            monitor: Monitor::new(),
+            tanks: Tanks::new(&config.tanks),
+            force: ForceLoop::default(),
+            held: None,
+            approach: (0.0, 0.0),
+            lay: None,
+            path_s: 0.0,
+            rate: 0.0,
+            offset: Vector3::zeros(),
+            last_contact: Vector3::zeros(),
+            last_velocity: Vector3::zeros(),
+            reference_n: 0.0,
+            push_n: 0.0,
+            last_wrench: Vector6::zeros(),
+            was_pressing: false,
+            bridge: Vector6::zeros(),
+            drawn: Vector3::zeros(),
+            surface_friction: 0.0,
+            weak_cycles: 0,
+            strong_cycles: 0,
+            lost_count: 0,
+            sought_m: 0.0,
+            retract: None,
+            after_retract: Phase::Idle,
+            blind_s: 0.0,
+            torque: None,
+            held_torque: Joints::zeros(),
+            limited: false,
+        }
+    }
+}
+
+/// A reference at rest at `position` with the tool turned as `orientation` says.
+fn at_rest(position: Vector3<f64>, orientation: &OrientationReference) -> MotionReference {
+    MotionReference {
+        position,
+        velocity: Vector3::zeros(),
+        acceleration: Vector3::zeros(),
+        rotation: orientation.rotation,
+        angular: orientation.angular,
+    }
+}
+
+/// Twist of a reference.
+fn twist_of(reference: &MotionReference) -> Vector6<f64> {
+    stacked(&reference.velocity, &reference.angular)
+}

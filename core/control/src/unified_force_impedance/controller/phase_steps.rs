@@ -1,0 +1,348 @@
+//! The phases of a task, step by step: tare, alignment by eye, descent, touchdown, policy, retraction, and back after an interruption.
+
+use nalgebra::Vector3;
+use tangent_sensing::Validity;
+
+use super::super::fused_normal::NormalInUse;
+use super::super::interface::UnifiedInput;
+use super::super::law::{ArmNow, ForceLoop, MotionReference};
+use super::super::orientation::OrientationReference;
+use super::{Felt, Lay, UnifiedForceImpedance, Wanted, at_rest};
+use crate::wrench_guard::WrenchVerdict;
+use crate::{Fault, Phase, Profile};
+
+/// ρ_align counts as full from here: the arm that presses after the approach is not to be a limp one.
+const FULL_RHO: f64 = 0.99;
+/// Periods above the threshold that make a touch.
+const TOUCH_CYCLES: u32 = 3;
+/// Time in which a policy that was moved comes back to where it was drawn, s.
+const RETURN_S: f64 = 1.0;
+
+impl UnifiedForceImpedance {
+    /// Moves the phases on and says where the tool is wanted.
+    pub(super) fn advance(
+        &mut self,
+        input: &UnifiedInput,
+        now: &ArmNow,
+        normal: &NormalInUse,
+        felt: &Felt,
+    ) -> Wanted {
+        let dt = input.dt_s;
+        let good = felt.verdict == WrenchVerdict::Good;
+        if matches!(felt.verdict, WrenchVerdict::Stop(_)) && self.run.phase.is_pressing() {
+            // Without a wrench there is nothing to control the force with: stand.
+            self.enter(Phase::Hold);
+            self.run.rate = 0.0;
+            return self.hold(now);
+        }
+        match self.run.phase {
+            Phase::Tare => {
+                self.tare(input, good);
+                self.hold(now)
+            }
+            Phase::Approach => self.approach(now, normal, felt, dt),
+            Phase::Contact | Phase::Slide | Phase::Hold => self.press(now, normal, felt, dt),
+            Phase::Seek => self.seek(now, normal, felt, dt),
+            Phase::Retract => self.retract(now),
+            Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
+        }
+    }
+
+    fn tare(&mut self, input: &UnifiedInput, good: bool) {
+        let tared = !self.task.tare || self.run.phase_s >= self.config.touch.tare_s;
+        if good && tared && input.arm_ready {
+            self.run.held = None;
+            self.enter(Phase::Approach);
+        } else if self.run.phase_s > self.task.timeouts.tare_s {
+            self.fail(match (input.arm_ready, good) {
+                (false, _) => Fault::ArmNotReady,
+                (_, false) => Fault::Wrench(input.wrench_validity),
+                _ => Fault::NoTare,
+            });
+        }
+    }
+
+    fn orientation(&mut self, now: &ArmNow) -> OrientationReference {
+        *self
+            .run
+            .orientation
+            .get_or_insert_with(|| OrientationReference::new(now.tool.rotation()))
+    }
+
+    /// Turns the reference with the surface.
+    fn turn(&mut self, now: &ArmNow, normal: &NormalInUse, velocity: &Vector3<f64>, dt: f64) {
+        let mut orientation = self.orientation(now);
+        if normal.validity == Validity::Missing {
+            orientation.hold();
+        } else {
+            orientation.step(
+                &self.config.orientation,
+                &normal.normal,
+                &now.tool.rotation(),
+                velocity,
+                &normal.curvature,
+                dt,
+            );
+        }
+        self.run.orientation = Some(orientation);
+    }
+
+    /// Stands. A tool that was pressing keeps its push in the spring that takes over: the reference lies below the surface.
+    fn hold(&mut self, now: &ArmNow) -> Wanted {
+        let mut orientation = self.orientation(now);
+        orientation.hold();
+        self.run.orientation = Some(orientation);
+        let below = self.push_direction(now)
+            * (self.run.push_n / self.config.impedance.free_stiffness_n_per_m);
+        let position = *self.run.held.get_or_insert(now.tool.translation() + below);
+        Wanted {
+            reference: at_rest(position, &orientation),
+            policy: position,
+            pressing: false,
+        }
+    }
+
+    /// Square to what is seen first, then down until it is felt.
+    fn approach(&mut self, now: &ArmNow, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
+        self.turn(now, normal, &Vector3::zeros(), dt);
+        let start = *self.run.held.get_or_insert(now.tool.translation());
+        let touch = self.config.touch;
+        let tilt = normal.normal.angle(&-now.tool.z_axis());
+        let ready = !normal.validity.is_valid()
+            || (tilt < touch.aligned_rad && self.run.monitor.rho >= FULL_RHO);
+        let (mut way, mut speed) = self.run.approach;
+        if way > 0.0 || ready || self.run.phase_s > touch.align_s {
+            let most = self.task.approach.speed_m_per_s;
+            speed = (speed + self.config.path.acceleration_m_per_s2 * dt).min(most);
+            way += speed * dt;
+        }
+        self.run.approach = (way, speed);
+        let direction = self.task.approach.direction.in_base(&now.tool);
+        let strong = felt.verdict == WrenchVerdict::Good && felt.pressing_n > touch.on_n;
+        self.run.strong_cycles = if strong {
+            self.run.strong_cycles + 1
+        } else {
+            0
+        };
+        let position = start + direction * way;
+        let orientation = self.orientation(now);
+        let mut reference = at_rest(position, &orientation);
+        reference.velocity = direction * speed;
+        if self.run.strong_cycles >= TOUCH_CYCLES {
+            self.touch_down(now, &direction, &position);
+        } else if way > self.task.approach.distance_max_m {
+            self.fail(Fault::NoSurface);
+        }
+        Wanted {
+            reference,
+            policy: position,
+            pressing: false,
+        }
+    }
+
+    /// Lays the policy where the tool touched; the force controller takes over what the approach's spring was pushing with.
+    fn touch_down(&mut self, now: &ArmNow, direction: &Vector3<f64>, reference: &Vector3<f64>) {
+        let up = -direction;
+        let at = now.tool.translation();
+        let x = self.task.plane.x_axis.in_base(&now.tool);
+        let x = (x - up * up.dot(&x)).normalize();
+        self.run.lay = Some(Lay {
+            origin: at,
+            x,
+            y: up.cross(&x),
+            up,
+        });
+        let pushing = self.push_direction(now).dot(&(reference - at))
+            * self.config.impedance.free_stiffness_n_per_m;
+        self.run.path_s = 0.0;
+        self.begin_pressing(pushing, at);
+        self.enter(Phase::Contact);
+    }
+
+    fn begin_pressing(&mut self, pushing_n: f64, at: Vector3<f64>) {
+        self.run.reference_n = pushing_n.max(0.0).min(self.task.force.reference_n);
+        self.run.force = ForceLoop::default();
+        self.run.last_contact = at;
+        self.run.weak_cycles = 0;
+        self.run.strong_cycles = 0;
+        self.run.rate = 0.0;
+        self.run.held = None;
+    }
+
+    fn press(&mut self, now: &ArmNow, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
+        let Some(lay) = self.run.lay else {
+            return self.hold(now);
+        };
+        self.run.held = None;
+        self.keep_contact(now, felt);
+        let step = self.config.force.reference_rate_n_per_s * dt;
+        let away = self.task.force.reference_n - self.run.reference_n;
+        self.run.reference_n += away.max(-step).min(step);
+        let rate = self.keep_time(normal, felt, dt);
+        let at = self.path.at(self.run.path_s);
+        let drawn = lay.origin + lay.x * at.position.x + lay.y * at.position.y;
+        let velocity = (lay.x * at.velocity.x + lay.y * at.velocity.y) * rate;
+        let (policy, velocity) = self.on_surface(now, &lay, drawn, velocity, dt);
+        self.turn(now, normal, &velocity, dt);
+        let orientation = self.orientation(now);
+        let acceleration = (velocity - self.run.last_velocity) / dt;
+        self.run.last_velocity = velocity;
+        Wanted {
+            reference: MotionReference {
+                position: policy,
+                velocity,
+                // A clock that stops or a normal that turns is no command to jerk.
+                acceleration: crate::clamp_norm(
+                    acceleration,
+                    self.limits.acceleration_max_m_per_s2,
+                ),
+                rotation: orientation.rotation,
+                angular: orientation.angular,
+            },
+            policy,
+            pressing: true,
+        }
+    }
+
+    /// Counts losses; a tool that has lost the surface seeks it, where the law does.
+    fn keep_contact(&mut self, now: &ArmNow, felt: &Felt) {
+        let touch = self.config.touch;
+        let weak = felt.verdict == WrenchVerdict::Good && felt.pressing_n < touch.off_n;
+        if !weak {
+            self.run.weak_cycles = 0;
+            self.run.last_contact = now.tool.translation();
+            return;
+        }
+        self.run.weak_cycles = self.run.weak_cycles.saturating_add(1);
+        if self.run.weak_cycles == touch.lost_cycles {
+            self.run.lost_count += 1;
+            if touch.seek {
+                self.run.sought_m = 0.0;
+                self.run.rate = 0.0;
+                self.run.held = Some(now.tool.translation());
+                self.enter(Phase::Seek);
+            }
+        }
+    }
+
+    /// The policy's clock. It runs as fast as the arm is stiff enough to follow, and stands while something is missing. Returns its rate.
+    fn keep_time(&mut self, normal: &NormalInUse, felt: &Felt, dt: f64) -> f64 {
+        let ended = self.run.path_s >= self.path.duration_s();
+        let sees = self.run.blind_s <= self.config.patience.estimate_s;
+        let settled = self.run.phase_s >= self.config.touch.settle_s;
+        match self.run.phase {
+            Phase::Contact if settled => {
+                let near = (self.task.force.reference_n - felt.pressing_n).abs()
+                    < 0.3 * self.task.force.reference_n;
+                if near || self.run.phase_s > self.task.timeouts.contact_s {
+                    self.enter(Phase::Slide);
+                }
+            }
+            Phase::Slide if ended || (!sees && self.run.rate <= 0.0) => self.enter(Phase::Hold),
+            Phase::Hold if ended && self.run.phase_s >= self.task.end.hold_s => {
+                self.leave(Phase::Done);
+            }
+            Phase::Hold if !ended && normal.validity.is_valid() => self.enter(Phase::Slide),
+            _ => {}
+        }
+        let going = self.run.phase == Phase::Slide && sees && felt.verdict == WrenchVerdict::Good;
+        let step = dt / self.config.path.clock_ramp_s.max(dt);
+        let change = if going { step } else { -step };
+        self.run.rate = (self.run.rate + change).clamp(0.0, 1.0);
+        let rate = self.run.rate * self.run.monitor.rho;
+        self.run.path_s += rate * dt;
+        rate
+    }
+
+    /// The policy's point and velocity as the tool should have them.
+    fn on_surface(
+        &mut self,
+        now: &ArmNow,
+        lay: &Lay,
+        drawn: Vector3<f64>,
+        velocity: Vector3<f64>,
+        dt: f64,
+    ) -> (Vector3<f64>, Vector3<f64>) {
+        let at = now.tool.translation();
+        if self.run.monitor.rho <= 0.0 {
+            // The paper: a limp arm's pose becomes the desired one, and the policy goes on from there.
+            self.run.offset = at - drawn;
+        } else {
+            let up = lay.up * lay.up.dot(&self.run.offset);
+            let across = self.run.offset - up;
+            self.run.offset = up + across * (1.0 - self.run.monitor.rho * dt / RETURN_S);
+        }
+        let mut point = drawn + self.run.offset;
+        let n = self.smooth_normal(now);
+        let slope = n.dot(&lay.up);
+        if !self.config.shaping.from_last_contact || slope < 0.2 {
+            return (point, velocity);
+        }
+        // At the height at which the plane under the tool is met there: the error then lies in that plane.
+        point += lay.up * (n.dot(&(at - point)) / slope);
+        (point, velocity - lay.up * (n.dot(&velocity) / slope))
+    }
+
+    /// Slowly against the normal until the surface is felt again.
+    fn seek(&mut self, now: &ArmNow, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
+        self.turn(now, normal, &Vector3::zeros(), dt);
+        let touch = self.config.touch;
+        let direction = -self.smooth_normal(now);
+        let start = *self.run.held.get_or_insert(now.tool.translation());
+        let strong = felt.verdict == WrenchVerdict::Good && felt.pressing_n > touch.on_n;
+        self.run.strong_cycles = if strong {
+            self.run.strong_cycles + 1
+        } else {
+            0
+        };
+        self.run.sought_m += touch.seek_speed_m_per_s * dt;
+        let position = start + direction * self.run.sought_m;
+        let orientation = self.orientation(now);
+        if self.run.strong_cycles >= TOUCH_CYCLES {
+            let pushing = direction.dot(&(position - now.tool.translation()))
+                * self.config.impedance.free_stiffness_n_per_m;
+            self.begin_pressing(pushing, now.tool.translation());
+            self.enter(if self.run.path_s > 0.0 {
+                Phase::Slide
+            } else {
+                Phase::Contact
+            });
+        } else if self.run.sought_m > self.limits.blind_distance_max_m {
+            self.fail(Fault::SurfaceLost);
+        }
+        let mut reference = at_rest(position, &orientation);
+        reference.velocity = direction * touch.seek_speed_m_per_s;
+        Wanted {
+            reference,
+            policy: position,
+            pressing: false,
+        }
+    }
+
+    fn retract(&mut self, now: &ArmNow) -> Wanted {
+        let start = self.hold(now);
+        let end = &self.task.end;
+        let away = self.smooth_normal(now);
+        let (direction, profile) = *self.run.retract.get_or_insert_with(|| {
+            self.run.phase_s = 0.0;
+            let profile = Profile::new(
+                end.retract_distance_m,
+                end.retract_speed_m_per_s,
+                self.config.path.acceleration_m_per_s2,
+                self.config.path.jerk_m_per_s3,
+            );
+            (away, profile)
+        });
+        let (way, speed) = profile.at(self.run.phase_s);
+        let mut wanted = start;
+        wanted.reference.position += direction * way;
+        wanted.reference.velocity = direction * speed;
+        wanted.policy = wanted.reference.position;
+        if self.run.phase_s > profile.duration_s() + 0.1 {
+            self.run.held = Some(wanted.reference.position);
+            let then = self.run.after_retract;
+            self.enter(then);
+        }
+        wanted
+    }
+}

@@ -1,0 +1,169 @@
+//! The torques of one period, eq. (73), within what the tanks, the motors and their rates allow.
+
+use nalgebra::{Vector3, Vector6};
+use tangent_mechanics::Joints;
+
+use super::super::energy::TorqueParts;
+use super::super::interface::JOINTS;
+use super::super::law::{ArmNow, Impedance, before_the_ends, posture, stacked};
+use super::{Felt, UnifiedForceImpedance, Wanted, twist_of};
+use crate::hybrid_dynamics::joint_guard::bounded_torque;
+use crate::wrench_guard::WrenchVerdict;
+use crate::{Phase, clamp_norm};
+
+/// Below this speed a direction of sliding is not defined, m/s.
+const SLIDING_M_PER_S: f64 = 0.01;
+/// Time over which the friction on the surface is gathered, s.
+const FRICTION_TIME_S: f64 = 0.5;
+/// More friction than this is a mistake.
+const FRICTION_MAX: f64 = 1.2;
+/// Time in which one way of moving hands over to another, s.
+const BRIDGE_S: f64 = 0.025;
+/// Share of the motors' rate that the law uses itself.
+const RATE_SHARE: f64 = 0.98;
+
+impl UnifiedForceImpedance {
+    /// Torques to command (Nm), and the pressing force they aim at (N).
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn torques(
+        &mut self,
+        wanted: &Wanted,
+        now: &ArmNow,
+        felt: &Felt,
+        error: &Vector6<f64>,
+        rho_force: f64,
+        dt: f64,
+    ) -> (Joints<JOINTS>, f64) {
+        let config = &self.config;
+        let impedance = Impedance::new(&config.impedance, now, wanted.pressing);
+        let limp = wanted.pressing || self.run.phase == Phase::Tare;
+        let rho = if limp { self.run.monitor.rho } else { 1.0 };
+        let mut spring = -impedance.stiffness.component_mul(error);
+        // Eq. (19): only translations are shaped.
+        for i in 0..3 {
+            spring[i] *= rho;
+        }
+        let twist = now.in_tool(&stacked(&now.linear, &now.angular));
+        let damper = -impedance.damping.component_mul(&twist);
+        let mut active = now.in_base(&spring);
+        let reference = &wanted.reference;
+        if config.impedance.feed_forward {
+            let moving = now.in_tool(&twist_of(reference));
+            active += now.in_base(&impedance.damping.component_mul(&moving));
+            active += now.wrench_for(&stacked(&reference.acceleration, &Vector3::zeros()));
+            active += stacked(
+                &self.on_the_surface(wanted, now, felt, dt),
+                &Vector3::zeros(),
+            );
+        }
+        let config = &self.config;
+        let (spare, spare_damper) = posture(&config.posture, &self.model, now);
+        let rubbed = self
+            .friction
+            .torque(&now.joint_velocity(&twist_of(reference)));
+        let damping = now.jacobian.tr_mul(&now.in_base(&damper)) + spare_damper;
+
+        let (push_n, reference_n) = if wanted.pressing && felt.verdict == WrenchVerdict::Good {
+            let shaped = self.run.reference_n * rho_force;
+            let push = self
+                .run
+                .force
+                .step(&config.force, shaped, felt.pressing_n, rho_force, dt);
+            // Eq. (31): ρ_frc over the controller's whole answer.
+            (shaped + (push - shaped) * rho_force, shaped)
+        } else {
+            (0.0, 0.0)
+        };
+        self.run.push_n = push_n;
+        let push = self.push_direction(now) * push_n;
+        let force = stacked(&push, &Vector3::zeros());
+        let active = active + self.bridge(wanted.pressing, &(active + force), dt);
+        let motion = now.jacobian.tr_mul(&active) + spare + rubbed;
+        let force = now.jacobian.tr_mul(&force);
+
+        let tanks = &self.config.tanks;
+        let heading_w = motion.dot(&now.qd);
+        let slowed = (tanks.power_max_w / heading_w.max(tanks.power_max_w)).min(1.0);
+        let share = self.run.tanks.force_share(tanks, push.dot(&now.linear));
+        let parts = TorqueParts {
+            motion: motion * (self.run.tanks.motion_valve(tanks) * slowed),
+            force: force * share,
+            damping,
+        };
+        (self.within_limits(parts, now, dt), reference_n)
+    }
+
+    /// Where pressing gives way to plain motion, or the other way, what one asked for and the other does not fades instead of ending:
+    /// the wrench to add to `asked`, base axes.
+    fn bridge(&mut self, pressing: bool, asked: &Vector6<f64>, dt: f64) -> Vector6<f64> {
+        let run = &mut self.run;
+        if run.was_pressing != pressing {
+            run.was_pressing = pressing;
+            run.bridge = run.last_wrench - asked;
+        }
+        run.bridge *= 1.0 - (dt / BRIDGE_S).min(1.0);
+        run.last_wrench = asked + run.bridge;
+        run.bridge
+    }
+
+    /// What the surface takes from a sliding tool, given back: its friction, found online, and the integral of what is left. N, base axes.
+    fn on_the_surface(
+        &mut self,
+        wanted: &Wanted,
+        now: &ArmNow,
+        felt: &Felt,
+        dt: f64,
+    ) -> Vector3<f64> {
+        let n = self.smooth_normal(now);
+        let across = |v: &Vector3<f64>| v - n * n.dot(v);
+        if !wanted.pressing || felt.verdict != WrenchVerdict::Good {
+            self.run.drawn = Vector3::zeros();
+            return Vector3::zeros();
+        }
+        let sliding = across(&now.linear);
+        let speed = sliding.norm();
+        let force = now
+            .tool
+            .rotate(&felt.wrench.fixed_rows::<3>(0).into_owned());
+        if self.run.phase == Phase::Slide && speed > SLIDING_M_PER_S && felt.pressing_n > 2.0 {
+            let seen = -force.dot(&sliding) / (speed * felt.pressing_n);
+            let seen = seen.clamp(0.0, FRICTION_MAX);
+            self.run.surface_friction +=
+                (seen - self.run.surface_friction) * (dt / FRICTION_TIME_S);
+        }
+        let c = &self.config.impedance;
+        let away = across(&(wanted.reference.position - now.tool.translation()));
+        let gain = c.stiffness_n_per_m[0] * c.integral_per_s * self.run.monitor.rho * dt;
+        let drawn = across(&(self.run.drawn + away * gain));
+        self.run.drawn = clamp_norm(drawn, c.integral_max_n);
+        // Along the reference's motion, fading in with its speed: friction itself does not know where it will be asked for.
+        let way = across(&wanted.reference.velocity);
+        let along = way / way.norm().max(SLIDING_M_PER_S);
+        self.run.drawn + along * (self.run.surface_friction * self.run.reference_n)
+    }
+
+    /// Gravity and `parts` as the motors can give them. What they cannot is taken from all parts alike; what their rate cannot goes to
+    /// the motion tank's account, so that the books hold the torques in force.
+    fn within_limits(&mut self, mut parts: TorqueParts, now: &ArmNow, dt: f64) -> Joints<JOINTS> {
+        let limits = self.model.limits();
+        let held = now.gravity + before_the_ends(&self.model, self.limits.joint_margin_rad, &now.q);
+        let (possible, weak) = bounded_torque(limits, &held, &parts.sum());
+        let before = self.run.torque.unwrap_or(held);
+        let torque = match limits.effort_rate {
+            Some(rate) => Joints::from_fn(|i, _| {
+                let step = rate[i] * dt * RATE_SHARE;
+                before[i] + (possible[i] - before[i]).max(-step).min(step)
+            }),
+            None => possible,
+        };
+        if !torque.iter().all(|x| x.is_finite()) {
+            return before;
+        }
+        self.run.limited = weak || torque != possible;
+        parts.motion += torque - held - parts.sum();
+        self.run.tanks.commit(parts);
+        self.run.torque = Some(torque);
+        self.run.held_torque = held;
+        torque
+    }
+}

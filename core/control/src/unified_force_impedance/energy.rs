@@ -1,0 +1,124 @@
+//! The two tanks in use: which work each pays for, and what damping gives back. Eqs. (34)-(73), over periods instead of instants.
+//!
+//! A torque that is constant over a period does the work `τ · Δq`, whatever happens in between. So the books are kept one period
+//! late, from the positions measured, and close to rounding; a power `τ · q̇` taken in advance would not. The published shares count the
+//! same dissipation in both tanks (eqs. (39) and (57)); here every joule goes to one of them.
+
+use tangent_mechanics::Joints;
+
+use super::config::TankConfig;
+use super::interface::{JOINTS, TankBooks};
+use crate::energy_tank::{EnergyTankState, smooth};
+
+/// Longest delay of a torque, periods.
+pub(super) const DELAY_MAX: usize = 8;
+
+/// Torques of one period by who pays for them, Nm. Gravity is in none.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TorqueParts {
+    /// Springs, references that move, what is fed forward: the motion tank.
+    pub motion: Joints<JOINTS>,
+    /// The force controller: the force tank.
+    pub force: Joints<JOINTS>,
+    /// Dampers.
+    pub damping: Joints<JOINTS>,
+}
+
+impl TorqueParts {
+    pub fn zero() -> Self {
+        Self {
+            motion: Joints::zeros(),
+            force: Joints::zeros(),
+            damping: Joints::zeros(),
+        }
+    }
+
+    pub fn sum(&self) -> Joints<JOINTS> {
+        self.motion + self.force + self.damping
+    }
+}
+
+/// Both tanks with the torques under way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tanks {
+    motion: EnergyTankState,
+    force: EnergyTankState,
+    /// Newest first.
+    under_way: [TorqueParts; DELAY_MAX + 1],
+    last_q: Option<Joints<JOINTS>>,
+    work_j: f64,
+    dissipated_j: f64,
+    short_j: f64,
+}
+
+impl Tanks {
+    pub fn new(config: &TankConfig) -> Self {
+        Self {
+            motion: config.motion.start(),
+            force: config.force.start(),
+            under_way: [TorqueParts::zero(); DELAY_MAX + 1],
+            last_q: None,
+            work_j: 0.0,
+            dissipated_j: 0.0,
+            short_j: 0.0,
+        }
+    }
+
+    /// The period that ended at `q` (rad): what the torques in force did to the joints. `delay_periods` lie between a measurement and
+    /// the torque that answers it.
+    pub fn settle(&mut self, config: &TankConfig, q: &Joints<JOINTS>, delay_periods: usize) {
+        let Some(last) = self.last_q.replace(*q) else {
+            return;
+        };
+        let moved = q - last;
+        let parts = self.under_way[delay_periods.min(DELAY_MAX)];
+        let (by_motion, by_force, by_damping) = (
+            parts.motion.dot(&moved),
+            parts.force.dot(&moved),
+            parts.damping.dot(&moved),
+        );
+        self.work_j += by_motion + by_force + by_damping;
+        // A damper whose speed has turned since it was computed pushes for a moment: the motion tank pays for that too.
+        let (pushed, damped) = (by_damping.max(0.0), (-by_damping).max(0.0));
+        let drawn = config.motion.draw(&mut self.motion, by_motion + pushed);
+        let pressed = config.force.draw(&mut self.force, by_force);
+        // A joule that one tank has no room for is offered to the other: each is counted once, and none is thrown away in haste.
+        let to_force = config
+            .force
+            .fill(&mut self.force, damped * config.damping_share_to_force);
+        let rest = damped * (1.0 - config.damping_share_to_force)
+            + to_force.overflow_j
+            + pressed.overflow_j;
+        let to_motion = config.motion.fill(&mut self.motion, rest);
+        self.dissipated_j += drawn.overflow_j + to_motion.overflow_j;
+        self.short_j += drawn.short_j + pressed.short_j;
+    }
+
+    /// The torques that answer the newest measurement.
+    pub fn commit(&mut self, parts: TorqueParts) {
+        self.under_way.rotate_right(1);
+        self.under_way[0] = parts;
+    }
+
+    /// σ(S_t,i).
+    pub fn motion_valve(&self, config: &TankConfig) -> f64 {
+        config.motion.valve(&self.motion)
+    }
+
+    /// λ + σ(S_t,f) (1 - λ) of eq. (51) for a force that puts in `power_w` now. λ is 1 where it takes power out; the published
+    /// switch is a step, this one is a ramp on the side where nothing is at stake.
+    pub fn force_share(&self, config: &TankConfig, power_w: f64) -> f64 {
+        let lambda = smooth(-power_w / config.switch_w);
+        lambda + config.force.valve(&self.force) * (1.0 - lambda)
+    }
+
+    pub fn books(&self) -> TankBooks {
+        TankBooks {
+            motion_j: self.motion.energy_j(),
+            force_j: self.force.energy_j(),
+            work_j: self.work_j,
+            dissipated_j: self.dissipated_j,
+            short_j: self.short_j,
+        }
+    }
+}

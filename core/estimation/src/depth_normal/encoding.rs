@@ -1,0 +1,260 @@
+//! Payloads of `sensor_msgs/Image` to metres. Called by whoever receives frames, before the first step.
+
+use thiserror::Error;
+
+/// What a payload's numbers are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DepthEncoding {
+    /// Unsigned 16 bit, mm; 0 is no reading.
+    Millimetres16,
+    /// 32 bit floating point, m; NaN (and 0) is no reading.
+    Metres32,
+}
+
+/// Why a payload cannot be read as a depth image.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum DepthEncodingError {
+    /// Neither of the two encodings of depth (REP 118).
+    #[error("a depth image must be encoded as 16UC1 (mm) or 32FC1 (m), not \"{0}\"")]
+    Encoding(String),
+    /// A row that overlaps the next.
+    #[error("step = {step} bytes is too short for a row of {width} pixels of {bytes} bytes each")]
+    Step {
+        /// Bytes from row to row.
+        step: usize,
+        /// Pixels along a row.
+        width: usize,
+        /// Per pixel.
+        bytes: usize,
+    },
+    /// Fewer bytes than the size says.
+    #[error("{got} bytes of data, but {height} rows of {step} bytes need at least {needed}")]
+    Short {
+        /// Bytes there are.
+        got: usize,
+        /// Rows.
+        height: usize,
+        /// Bytes from row to row.
+        step: usize,
+        /// Bytes needed.
+        needed: usize,
+    },
+    /// No pixels, or more than can be counted.
+    #[error("an image of {width} x {height} pixels cannot be read")]
+    Size {
+        /// Pixels along a row.
+        width: usize,
+        /// Rows.
+        height: usize,
+    },
+}
+
+/// The header of a payload, as in `sensor_msgs/Image`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DepthLayout {
+    /// Pixels along a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Bytes from row to row.
+    pub step: usize,
+    /// `is_bigendian`.
+    pub big_endian: bool,
+    /// Of one pixel.
+    pub encoding: DepthEncoding,
+}
+
+impl DepthEncoding {
+    /// By its name in ROS; OpenCV's bare names are in use too.
+    ///
+    /// # Errors
+    /// [`DepthEncodingError::Encoding`] for anything that is not depth.
+    pub fn from_name(name: &str) -> Result<Self, DepthEncodingError> {
+        match name {
+            "16UC1" | "mono16" => Ok(Self::Millimetres16),
+            "32FC1" => Ok(Self::Metres32),
+            other => Err(DepthEncodingError::Encoding(other.to_owned())),
+        }
+    }
+
+    /// Bytes of one pixel.
+    pub fn bytes(self) -> usize {
+        match self {
+            Self::Millimetres16 => 2,
+            Self::Metres32 => 4,
+        }
+    }
+}
+
+impl DepthLayout {
+    /// Fills `depth_m` (m; 0 for no reading) with `width * height` pixels; allocates only where it has to grow.
+    ///
+    /// # Errors
+    /// Says what does not fit; `depth_m` is empty then.
+    pub fn read(&self, data: &[u8], depth_m: &mut Vec<f32>) -> Result<(), DepthEncodingError> {
+        depth_m.clear();
+        let (width, height, step) = (self.width, self.height, self.step);
+        let bytes = self.encoding.bytes();
+        let size = DepthEncodingError::Size { width, height };
+        let row = width.checked_mul(bytes).ok_or_else(|| size.clone())?;
+        let pixels = width
+            .checked_mul(height)
+            .filter(|n| *n > 0)
+            .ok_or_else(|| size.clone())?;
+        if step < row {
+            return Err(DepthEncodingError::Step { step, width, bytes });
+        }
+        // The last row may come without its padding.
+        let needed = (height - 1)
+            .checked_mul(step)
+            .and_then(|n| n.checked_add(row))
+            .ok_or(size)?;
+        if data.len() < needed {
+            let got = data.len();
+            return Err(DepthEncodingError::Short {
+                got,
+                height,
+                step,
+                needed,
+            });
+        }
+        depth_m.reserve(pixels);
+        for v in 0..height {
+            let line = &data[v * step..v * step + row];
+            match (self.encoding, self.big_endian) {
+                (DepthEncoding::Millimetres16, false) => {
+                    extend(depth_m, line, |b| millimetres(u16::from_le_bytes(b)));
+                }
+                (DepthEncoding::Millimetres16, true) => {
+                    extend(depth_m, line, |b| millimetres(u16::from_be_bytes(b)));
+                }
+                (DepthEncoding::Metres32, false) => {
+                    extend(depth_m, line, |b| reading(f32::from_le_bytes(b)));
+                }
+                (DepthEncoding::Metres32, true) => {
+                    extend(depth_m, line, |b| reading(f32::from_be_bytes(b)));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Millimetres in the machine's own order, as a simulated frame has them; 0 stays 0.
+pub fn metres_from_millimetres(depth_mm: &[u16], depth_m: &mut Vec<f32>) {
+    depth_m.clear();
+    depth_m.extend(depth_mm.iter().map(|mm| millimetres(*mm)));
+}
+
+fn extend<const N: usize>(depth_m: &mut Vec<f32>, line: &[u8], take: impl Fn([u8; N]) -> f32) {
+    let (pixels, _) = line.as_chunks::<N>();
+    depth_m.extend(pixels.iter().map(|b| take(*b)));
+}
+
+fn millimetres(mm: u16) -> f32 {
+    f32::from(mm) * 1e-3
+}
+
+fn reading(m: f32) -> f32 {
+    if m.is_finite() && m > 0.0 { m } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_encodings_in_both_byte_orders_with_padding() {
+        let mm: [u16; 6] = [0, 1, 500, 1234, 40_000, u16::MAX];
+        for big_endian in [false, true] {
+            let layout = DepthLayout {
+                width: 3,
+                height: 2,
+                step: 8,
+                big_endian,
+                encoding: DepthEncoding::Millimetres16,
+            };
+            let mut data = Vec::new();
+            for row in mm.chunks(3) {
+                for x in row {
+                    data.extend(if big_endian {
+                        x.to_be_bytes()
+                    } else {
+                        x.to_le_bytes()
+                    });
+                }
+                data.extend([0xff; 2]);
+            }
+            let mut out = vec![9.0; 100];
+            layout.read(&data, &mut out).unwrap();
+            assert_eq!(out, mm.map(|x| f32::from(x) * 1e-3));
+            // Without the last row's padding it is whole; a byte less, and it is not.
+            layout.read(&data[..14], &mut out).unwrap();
+            let error = layout.read(&data[..13], &mut out).unwrap_err();
+            assert_eq!(
+                error.to_string(),
+                "13 bytes of data, but 2 rows of 8 bytes need at least 14"
+            );
+            assert!(out.is_empty());
+        }
+        let m = [f32::NAN, 0.5, f32::INFINITY, -1.0, 0.25, 3.5];
+        for big_endian in [false, true] {
+            let layout = DepthLayout {
+                width: 2,
+                height: 3,
+                step: 8,
+                big_endian,
+                encoding: DepthEncoding::Metres32,
+            };
+            let order = |x: &f32| {
+                if big_endian {
+                    x.to_be_bytes()
+                } else {
+                    x.to_le_bytes()
+                }
+            };
+            let data: Vec<u8> = m.iter().flat_map(order).collect();
+            let mut out = Vec::new();
+            layout.read(&data, &mut out).unwrap();
+            assert_eq!(out, [0.0, 0.5, 0.0, 0.0, 0.25, 3.5]);
+        }
+    }
+
+    #[test]
+    fn what_is_no_depth_image_is_refused_by_name() {
+        let error = DepthEncoding::from_name("rgb8").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "a depth image must be encoded as 16UC1 (mm) or 32FC1 (m), not \"rgb8\""
+        );
+        let layout = DepthLayout {
+            width: 4,
+            height: 1,
+            step: 7,
+            big_endian: false,
+            encoding: DepthEncoding::from_name("16UC1").unwrap(),
+        };
+        let mut out = Vec::new();
+        let error = layout.read(&[0; 64], &mut out).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "step = 7 bytes is too short for a row of 4 pixels of 2 bytes each"
+        );
+        for (width, height) in [(0, 1), (1, 0), (usize::MAX, 2)] {
+            let empty = DepthLayout {
+                width,
+                height,
+                step: usize::MAX,
+                ..layout
+            };
+            assert!(empty.read(&[0; 64], &mut out).is_err());
+        }
+        let huge = DepthLayout {
+            width: 1,
+            height: usize::MAX,
+            step: 8,
+            ..layout
+        };
+        assert!(huge.read(&[0; 64], &mut out).is_err());
+    }
+}

@@ -1,0 +1,87 @@
+//! A depth image as the steps see it, and the pinhole that took it.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+/// A pinhole without distortion. Pixel (0, 0) is the middle of the upper left pixel, as in `sensor_msgs/CameraInfo`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Intrinsics {
+    /// Focal length along a row, pixels.
+    pub fx_px: f64,
+    /// Focal length along a column, pixels.
+    pub fy_px: f64,
+    /// Principal point along a row, pixels.
+    pub cx_px: f64,
+    /// Principal point along a column, pixels.
+    pub cy_px: f64,
+}
+
+impl Intrinsics {
+    /// `[x/z, y/z]` of a pixel's line of sight.
+    pub fn sight(&self, u_px: f64, v_px: f64) -> [f64; 2] {
+        [
+            (u_px - self.cx_px) / self.fx_px,
+            (v_px - self.cy_px) / self.fy_px,
+        ]
+    }
+
+    /// Pixel of a point (camera axes, m); none for one that is not before the camera.
+    pub fn project(&self, point: &Vector3<f64>) -> Option<[f64; 2]> {
+        (point.z > 1e-6).then(|| {
+            [
+                self.cx_px + self.fx_px * point.x / point.z,
+                self.cy_px + self.fy_px * point.y / point.z,
+            ]
+        })
+    }
+
+    /// Finite, with positive focal lengths.
+    pub fn is_sound(&self) -> bool {
+        let focal = [self.fx_px, self.fy_px];
+        focal.iter().all(|f| f.is_finite() && *f > 1e-3)
+            && self.cx_px.is_finite()
+            && self.cy_px.is_finite()
+    }
+}
+
+/// A borrowed depth image, row by row.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthImage<'a> {
+    width: usize,
+    height: usize,
+    depth_m: &'a [f32],
+}
+
+impl<'a> DepthImage<'a> {
+    /// `depth_m` along the optical axis, m; 0, negative and NaN are no reading. None where the size does not fit the data.
+    pub fn new(width: usize, height: usize, depth_m: &'a [f32]) -> Option<Self> {
+        (width > 0 && height > 0 && width.checked_mul(height) == Some(depth_m.len())).then_some(
+            Self {
+                width,
+                height,
+                depth_m,
+            },
+        )
+    }
+
+    /// Pixels along a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All of it, m.
+    pub fn depth_m(&self) -> &'a [f32] {
+        self.depth_m
+    }
+
+    /// One row, m.
+    pub fn row(&self, v: usize) -> &'a [f32] {
+        &self.depth_m[v * self.width..(v + 1) * self.width]
+    }
+}

@@ -1,0 +1,279 @@
+//! Segments of alike orientation, and bodies: what hangs together without a jump or a crease, however it turns.
+//!
+//! Region growing over the grid's nodes, after the paper's II.B (Westfechtel et al.), but without a point cloud: neighbours are
+//! neighbours in the image.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::config::DepthNormalConfig;
+use super::facets::Facet;
+use super::windows::Node;
+
+/// A cell that belongs to nothing.
+pub(super) const NONE: u16 = 0;
+
+/// Labels of the cells.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Segments {
+    /// By orientation, from 1.
+    pub segment: Vec<u16>,
+    /// By connection, from 1.
+    pub body: Vec<u16>,
+    queue: Vec<u32>,
+    /// How much of each body is around the tool.
+    votes: Vec<f64>,
+    pub segments: u16,
+    columns: usize,
+}
+
+/// A segment's principal components.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SegmentShape {
+    /// Middle, camera axes, m.
+    pub middle: Vector3<f64>,
+    /// Direction of least spread, towards the camera: the paper's `n_s`.
+    pub normal: Vector3<f64>,
+    /// Eq. (16): λ3 / tr Σ.
+    pub variation: f64,
+    /// Cells in it.
+    pub cells: usize,
+}
+
+impl Segments {
+    pub fn resize(&mut self, columns: usize, rows: usize) {
+        let n = columns * rows;
+        if self.segment.len() == n && self.columns == columns {
+            return;
+        }
+        self.columns = columns;
+        for labels in [&mut self.segment, &mut self.body] {
+            labels.clear();
+            labels.resize(n, NONE);
+        }
+        self.queue.clear();
+        self.queue.reserve(n);
+        self.votes.clear();
+        self.votes.reserve(n + 1);
+    }
+
+    /// Labels the bodies: to be done first.
+    pub fn grow_bodies(
+        &mut self,
+        config: &DepthNormalConfig,
+        nodes: &[Node],
+        facets: &[Facet],
+        jump: [f64; 2],
+    ) {
+        self.body.fill(NONE);
+        let mut bodies = NONE;
+        let neighbours = Neighbours {
+            nodes,
+            facets,
+            jump,
+            config,
+            columns: self.columns,
+        };
+        for (seed, facet) in facets.iter().enumerate() {
+            if facet.valid && self.body[seed] == NONE && bodies < u16::MAX {
+                bodies += 1;
+                flood(
+                    &mut self.body,
+                    &mut self.queue,
+                    seed,
+                    bodies,
+                    &neighbours,
+                    |_| true,
+                );
+            }
+        }
+        self.votes.clear();
+        self.votes.resize(usize::from(bodies) + 1, 0.0);
+    }
+
+    /// Labels the segments; the tool's own first, so that it is centred there.
+    pub fn grow_segments(
+        &mut self,
+        config: &DepthNormalConfig,
+        nodes: &[Node],
+        facets: &[Facet],
+        jump: [f64; 2],
+        tool: Option<usize>,
+    ) {
+        self.segment.fill(NONE);
+        self.segments = NONE;
+        let spread = config.segment_spread_rad.min(std::f64::consts::PI).cos();
+        let neighbours = Neighbours {
+            nodes,
+            facets,
+            jump,
+            config,
+            columns: self.columns,
+        };
+        for seed in tool.into_iter().chain(0..facets.len()) {
+            if !facets[seed].valid || self.segment[seed] != NONE || self.segments == u16::MAX {
+                continue;
+            }
+            self.segments += 1;
+            let mut mean = facets[seed].normal;
+            flood(
+                &mut self.segment,
+                &mut self.queue,
+                seed,
+                self.segments,
+                &neighbours,
+                |to| {
+                    let normal = &facets[to].normal;
+                    // The sum's length is left in: a cosine against the sum needs it once.
+                    let alike = mean.dot(normal) >= spread * mean.norm();
+                    if alike {
+                        mean += normal;
+                    }
+                    alike
+                },
+            );
+        }
+    }
+
+    /// The cell at `place` (cells): of the body that has most around it, within `reach(cell)` cells, the nearest. A cell that hangs
+    /// together with nothing is not taken for the surface because it lies nearest.
+    pub fn at(
+        &mut self,
+        place: [f64; 2],
+        facets: &[Facet],
+        reach: impl Fn(&Facet) -> f64,
+    ) -> Option<usize> {
+        let distance = |i: usize| {
+            let x = (i % self.columns) as f64 - place[0];
+            let y = (i / self.columns) as f64 - place[1];
+            x * x + y * y
+        };
+        let within = |i: usize| {
+            let square = distance(i);
+            (facets[i].valid && square <= reach(&facets[i]).powi(2)).then_some(square)
+        };
+        self.votes.fill(0.0);
+        for (i, body) in self.body.iter().enumerate() {
+            if *body != NONE
+                && let Some(square) = within(i)
+            {
+                self.votes[usize::from(*body)] += 1.0 / (1.0 + square);
+            }
+        }
+        let most = self.votes.iter().copied().fold(0.0, f64::max);
+        let body = self.votes.iter().position(|v| *v == most && most > 0.0)?;
+        let members = (0..facets.len())
+            .filter(|i| usize::from(self.body[*i]) == body && within(*i).is_some());
+        members.min_by(|m, n| distance(*m).total_cmp(&distance(*n)))
+    }
+
+    /// Principal components of a segment's points.
+    pub fn shape(&self, label: u16, facets: &[Facet]) -> Option<SegmentShape> {
+        let points = || {
+            let of = self.segment.iter().zip(facets);
+            of.filter(move |(l, f)| **l == label && f.valid)
+                .map(|(_, f)| f.point)
+        };
+        let cells = points().count();
+        if label == NONE || cells < 3 {
+            return None;
+        }
+        let middle = points().sum::<Vector3<f64>>() / cells as f64;
+        let spread: Matrix3<f64> = points()
+            .map(|p| (p - middle) * (p - middle).transpose())
+            .sum();
+        shape_of(middle, &(spread / cells as f64), cells)
+    }
+}
+
+/// Normal and variation from points' mean and covariance (16).
+pub(super) fn shape_of(
+    middle: Vector3<f64>,
+    spread: &Matrix3<f64>,
+    cells: usize,
+) -> Option<SegmentShape> {
+    let eigen = spread.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    let trace = spread.trace();
+    if trace.is_nan() || trace <= 0.0 {
+        return None;
+    }
+    let axis: Vector3<f64> = eigen.eigenvectors.column(least).into();
+    Some(SegmentShape {
+        middle,
+        normal: if axis.dot(&middle) > 0.0 { -axis } else { axis },
+        variation: (eigen.eigenvalues[least] / trace).abs(),
+        cells,
+    })
+}
+
+struct Neighbours<'a> {
+    nodes: &'a [Node],
+    facets: &'a [Facet],
+    jump: [f64; 2],
+    config: &'a DepthNormalConfig,
+    columns: usize,
+}
+
+impl Neighbours<'_> {
+    /// Neighbouring cells, and whether the surface goes on from the one to the other without a jump or a crease.
+    fn of(&self, from: usize) -> impl Iterator<Item = usize> {
+        let (column, n) = (from % self.columns, self.nodes.len());
+        let sides = [
+            (column > 0, from.wrapping_sub(1), 0, -1.0),
+            (column + 1 < self.columns, from + 1, 0, 1.0),
+            (
+                from >= self.columns,
+                from.wrapping_sub(self.columns),
+                1,
+                -1.0,
+            ),
+            (from + self.columns < n, from + self.columns, 1, 1.0),
+        ];
+        sides.into_iter().filter_map(move |(there, to, axis, way)| {
+            (there && self.joins(from, to, axis, way)).then_some(to)
+        })
+    }
+
+    fn joins(&self, from: usize, to: usize, axis: usize, way: f64) -> bool {
+        let (a, b) = (&self.facets[from], &self.facets[to]);
+        if !(a.valid && b.valid) {
+            return false;
+        }
+        // Where normals are in doubt, or cells far apart, they may differ by more.
+        let doubt = 2.0 * (a.sd_rad * a.sd_rad + b.sd_rad * b.sd_rad).sqrt();
+        let bend = self.config.bend_max_per_m * (a.point - b.point).norm();
+        let allowed = self.config.crease_rad + doubt + bend;
+        if (a.normal - b.normal).norm_squared() > allowed * allowed {
+            return false;
+        }
+        // Both planes half way.
+        let (m, n) = (&self.nodes[from], &self.nodes[to]);
+        let there = m.w + 0.5 * way * m.slope[axis];
+        let back = n.w - 0.5 * way * n.slope[axis];
+        (there - back).abs() <= self.jump[0] + self.jump[1] * m.w
+    }
+}
+
+fn flood(
+    labels: &mut [u16],
+    queue: &mut Vec<u32>,
+    seed: usize,
+    label: u16,
+    neighbours: &Neighbours<'_>,
+    mut belongs: impl FnMut(usize) -> bool,
+) {
+    queue.clear();
+    queue.push(seed as u32);
+    labels[seed] = label;
+    // Every cell enters once, so the queue never outgrows the grid; first in, first out grows evenly around the seed.
+    let mut next = 0;
+    while let Some(from) = queue.get(next).copied() {
+        next += 1;
+        for to in neighbours.of(from as usize) {
+            if labels[to] == NONE && belongs(to) {
+                labels[to] = label;
+                queue.push(to as u32);
+            }
+        }
+    }
+}

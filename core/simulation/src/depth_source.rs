@@ -1,0 +1,131 @@
+//! Normals from drawn depth images: the simulated depth camera and `depth_normal` behind it, as the live system has them.
+
+use std::collections::VecDeque;
+
+use nalgebra::Vector3;
+use tangent_control::VisionInput;
+use tangent_estimation::depth_normal::{
+    DepthImage, DepthNormal, DepthNormalConfig, DepthNormalState, DepthSample, ToolTarget,
+    leave_out_rod, metres_from_millimetres,
+};
+use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
+
+use crate::depth_camera::{DepthCamera, DepthCameraConfig};
+use crate::plant::PlantError;
+use crate::surfaces::Surface;
+
+/// Poses kept for frames under way.
+const POSES_MAX: usize = 64;
+/// What is masked around the tool beyond its own radius, m: pixels at its edge float.
+const MASK_MARGIN_M: f64 = 0.004;
+
+/// Camera, estimator, and where the arm was when each frame was exposed.
+pub struct DepthSource {
+    camera: DepthCamera,
+    estimator: DepthNormal,
+    state: DepthNormalState,
+    flange_from_camera: Pose<Flange, Camera>,
+    /// Camera axes, m.
+    tool: Vector3<f64>,
+    left_out: Vec<u8>,
+    depth_m: Vec<f32>,
+    poses: VecDeque<(f64, Pose<Base, Flange>)>,
+    frames: u64,
+}
+
+impl DepthSource {
+    /// # Errors
+    /// A setting of the camera or of the estimator out of its range.
+    pub fn new(
+        camera: &DepthCameraConfig,
+        estimator: &DepthNormalConfig,
+        flange_from_tool: &Pose<Flange, Tool>,
+        seed: u64,
+    ) -> Result<Self, PlantError> {
+        let (size, rod) = (camera.sent_px(), camera.tool);
+        let camera = DepthCamera::new(camera, flange_from_tool, seed)?;
+        let flange_from_camera = camera.flange_from_camera();
+        let camera_from_tool = flange_from_camera.inverse() * *flange_from_tool;
+        let tool = camera_from_tool.translation();
+        let mut left_out = vec![0; size[0] * size[1]];
+        if let Some(rod) = rod {
+            let end = tool - camera_from_tool.z_axis() * rod.length_m;
+            let radius = rod.radius_m + MASK_MARGIN_M;
+            leave_out_rod(
+                &camera.intrinsics(),
+                size,
+                [&tool, &end],
+                radius,
+                &mut left_out,
+            );
+        }
+        Ok(Self {
+            camera,
+            estimator: DepthNormal::new(estimator)?,
+            state: DepthNormalState::default(),
+            flange_from_camera,
+            tool,
+            left_out,
+            depth_m: Vec::new(),
+            poses: VecDeque::new(),
+            frames: 0,
+        })
+    }
+
+    /// Exposes a frame where one is due at `time_s`, with the flange where the arm measures it.
+    pub fn expose(
+        &mut self,
+        time_s: f64,
+        base_from_flange: &Pose<Base, Flange>,
+        surface: &Surface,
+    ) {
+        if self.camera.expose(time_s, base_from_flange, surface) {
+            self.frames += 1;
+            if self.poses.len() == POSES_MAX {
+                self.poses.pop_front();
+            }
+            self.poses.push_back((time_s, *base_from_flange));
+        }
+    }
+
+    /// What the newest frame says that has arrived since it was asked last.
+    pub fn take(&mut self, time_s: f64) -> Option<VisionInput> {
+        let mut newest = None;
+        while let Some(frame) = self.camera.take(time_s) {
+            newest = Some(frame);
+        }
+        let frame = newest?;
+        let (_, base_from_flange) = *self
+            .poses
+            .iter()
+            .find(|(at, _)| (at - frame.time_s).abs() < 1e-9)?;
+        metres_from_millimetres(&frame.depth_mm, &mut self.depth_m);
+        let image = DepthImage::new(frame.width, frame.height, &self.depth_m)?;
+        let seen = self.estimator.update(
+            &mut self.state,
+            &DepthSample {
+                time_s: frame.time_s,
+                image,
+                intrinsics: frame.intrinsics,
+                target: ToolTarget::Point(self.tool),
+                left_out: Some(&self.left_out),
+                travel: None,
+            },
+        );
+        let in_base = seen.in_base(&(base_from_flange * self.flange_from_camera));
+        Some(VisionInput {
+            time_s: seen.time_s,
+            point: in_base.point,
+            normal: in_base.normal,
+            covariance: in_base.covariance,
+            surface_variation: seen.segment.map_or(0.0, |s| s.variation),
+            curvature: in_base.curvature,
+            validity: in_base.validity,
+        })
+    }
+
+    /// Frames exposed.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+}

@@ -1,0 +1,365 @@
+//! The figures that `tangent reproduce karacan` states: the published law and ours over the same seeds, and what to read off their runs.
+
+use serde::Serialize;
+use tangent_control::{ControlError, Phase, UnifiedInput};
+
+use crate::tactile_plant::TactilePlant;
+use crate::{Calm, Evaluation, ScenarioError, TactileScenario, evaluate_tactile_with};
+
+/// The scenario that is reproduced.
+pub const SCENARIO: &str = "karacan_wave";
+/// The same with depth images drawn and read.
+pub const DEPTH_SCENARIO: &str = "karacan_depth";
+
+/// What is run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum System {
+    /// The published law with Table I.
+    Paper,
+    /// Ours.
+    Ours,
+    /// Ours, with the camera's images drawn and read.
+    OursDepth,
+}
+
+impl System {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Paper, Self::Ours, Self::OursDepth];
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "preset paper",
+            Self::Ours => "preset default",
+            Self::OursDepth => "preset default, depth images drawn and read",
+        }
+    }
+
+    /// Which scenario.
+    pub fn scenario(self) -> &'static str {
+        match self {
+            Self::OursDepth => DEPTH_SCENARIO,
+            _ => SCENARIO,
+        }
+    }
+
+    /// Overrides of it.
+    pub fn overrides(self) -> Vec<String> {
+        let preset = if self == Self::Paper {
+            "paper"
+        } else {
+            "default"
+        };
+        vec![format!("controller=\"{preset}\"")]
+    }
+
+    /// Seeds of `seeds` that are run: drawing images takes as long as the run lasts.
+    pub fn seeds(self, seeds: u64) -> u64 {
+        match self {
+            Self::OursDepth => seeds.min(2),
+            _ => seeds,
+        }
+    }
+}
+
+/// Which side of a goal is good.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Goal {
+    AtMost(f64),
+    AtLeast(f64),
+    None,
+}
+
+/// One figure. `here` is the mean over the seeds.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct KaracanFigure {
+    /// Which system.
+    pub row: &'static str,
+    /// What is measured; `least` in it means that the goal is a lower bound.
+    pub metric: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// In the paper.
+    pub published: Option<f64>,
+    /// Mean over the seeds; null where a run has no such figure.
+    pub here: Option<f64>,
+    /// The worst of the seeds.
+    pub worst: Option<f64>,
+    /// What `here` is held to; tanks are held to it in every seed.
+    pub goal: Option<f64>,
+    /// Whether it is.
+    pub met: Option<bool>,
+}
+
+/// The runs of one system, one per seed, and what a step of the law took there, µs: the median and the 99th percentile.
+pub struct Runs {
+    /// Which system.
+    pub system: System,
+    /// In order of the seeds.
+    pub runs: Vec<Evaluation>,
+    /// From [`step_inputs`], by who has a clock.
+    pub step_us: Option<[f64; 2]>,
+}
+
+type Pick = fn(&Evaluation) -> Option<f64>;
+
+/// Metric, unit, published, goals of the presets `paper` and `default`, and the figure.
+type Line = (&'static str, &'static str, Option<f64>, f64, f64, Pick);
+
+const LINES: [Line; 8] = [
+    (
+        "force along the normal, mean absolute deviation",
+        "N",
+        Some(2.0),
+        2.0,
+        0.5,
+        |e| e.figures.force.mad_n,
+    ),
+    (
+        "force along the normal, RMSE",
+        "N",
+        Some(3.0),
+        3.0,
+        0.75,
+        |e| e.figures.force.rmse_n,
+    ),
+    (
+        "path x, mean absolute error",
+        "mm",
+        Some(9.0),
+        9.0,
+        2.0,
+        |e| mad(e, 0),
+    ),
+    (
+        "path y, mean absolute error",
+        "mm",
+        Some(8.0),
+        8.0,
+        2.0,
+        |e| mad(e, 1),
+    ),
+    (
+        "path z, mean absolute error",
+        "mm",
+        Some(4.0),
+        4.0,
+        1.0,
+        |e| mad(e, 2),
+    ),
+    ("path x, RMSE", "mm", Some(10.0), 10.0, 2.5, |e| rmse(e, 0)),
+    ("path y, RMSE", "mm", Some(10.0), 10.0, 2.5, |e| rmse(e, 1)),
+    ("path z, RMSE", "mm", Some(6.0), 6.0, 1.5, |e| rmse(e, 2)),
+];
+
+/// Metric, its goal, and the figure: held in every seed.
+const HELD: [(&str, &str, Option<f64>, Goal, Pick); 6] = [
+    (
+        "motion tank, most",
+        "J",
+        Some(32.0),
+        Goal::AtMost(32.0),
+        |e| Some(e.figures.tanks?.motion_max_j),
+    ),
+    (
+        "motion tank, least",
+        "J",
+        Some(1.0),
+        Goal::AtLeast(1.0),
+        |e| Some(e.figures.tanks?.motion_min_j),
+    ),
+    ("force tank, most", "J", Some(2.0), Goal::AtMost(2.0), |e| {
+        Some(e.figures.tanks?.force_max_j)
+    }),
+    (
+        "force tank, least",
+        "J",
+        Some(1.0),
+        Goal::AtLeast(1.0),
+        |e| Some(e.figures.tanks?.force_min_j),
+    ),
+    (
+        "energy that a tank came short of",
+        "J",
+        None,
+        Goal::AtMost(0.0),
+        |e| Some(e.tactile?.short_j),
+    ),
+    (
+        "vision rate, least",
+        "Hz",
+        Some(3.0),
+        Goal::AtLeast(30.0),
+        |e| Some(e.tactile?.vision_rate_hz),
+    ),
+];
+
+const TOLD: [(&str, &str, Pick); 4] = [
+    ("tool against the true normal, mean", "deg", |e| {
+        Some(e.figures.tool_error_deg?.mean)
+    }),
+    ("normal in use against the truth, mean", "deg", |e| {
+        Some(e.figures.normal_error_deg?.mean)
+    }),
+    ("force, peak", "N", |e| e.figures.force.peak_n),
+    ("time that a simulated second takes", "s", |e| {
+        Some(1.0 / e.real_time_factor?)
+    }),
+];
+
+fn mad(e: &Evaluation, axis: usize) -> Option<f64> {
+    Some(e.figures.path.mad_xyz_m?[axis] * 1e3)
+}
+
+fn rmse(e: &Evaluation, axis: usize) -> Option<f64> {
+    Some(e.figures.path.rmse_xyz_m?[axis] * 1e3)
+}
+
+/// All figures, in the order of [`System::ALL`].
+pub fn figures(runs: &[Runs]) -> Vec<KaracanFigure> {
+    let mut table = Vec::new();
+    for Runs {
+        system,
+        runs,
+        step_us,
+    } in runs
+    {
+        let row = system.name();
+        let add = |metric, unit, published, goal, values: Option<Vec<f64>>, every| {
+            figure(row, metric, unit, published, goal, values.as_deref(), every)
+        };
+        for (metric, unit, published, paper, ours, pick) in LINES {
+            let goal = if *system == System::Paper {
+                paper
+            } else {
+                ours
+            };
+            let values = picked(runs, pick);
+            table.push(add(
+                metric,
+                unit,
+                published,
+                Goal::AtMost(goal),
+                values,
+                false,
+            ));
+        }
+        for (metric, unit, published, goal, pick) in HELD {
+            table.push(add(metric, unit, published, goal, picked(runs, pick), true));
+        }
+        for (metric, unit, pick) in TOLD {
+            table.push(add(
+                metric,
+                unit,
+                None,
+                Goal::None,
+                picked(runs, pick),
+                false,
+            ));
+        }
+        if let Some([median, p99]) = *step_us {
+            let goal = Goal::AtMost(50.0);
+            table.push(add(
+                "law's step, median",
+                "us",
+                None,
+                goal,
+                Some(vec![median]),
+                false,
+            ));
+            table.push(add(
+                "law's step, p99",
+                "us",
+                None,
+                goal,
+                Some(vec![p99]),
+                false,
+            ));
+        }
+        let ended: Vec<f64> = runs
+            .iter()
+            .map(|e| f64::from(u8::from(e.phase != "done")))
+            .collect();
+        let failed = Some(ended);
+        table.push(add(
+            "runs that did not end as they should, share",
+            "",
+            None,
+            Goal::AtMost(0.0),
+            failed,
+            false,
+        ));
+    }
+    table
+}
+
+/// None as soon as one run lacks the figure: it must not make the others look good.
+fn picked(runs: &[Evaluation], pick: Pick) -> Option<Vec<f64>> {
+    let values: Option<Vec<f64>> = runs.iter().map(pick).collect();
+    values.filter(|v| !v.is_empty())
+}
+
+fn figure(
+    row: &'static str,
+    metric: &'static str,
+    unit: &'static str,
+    published: Option<f64>,
+    goal: Goal,
+    values: Option<&[f64]>,
+    every: bool,
+) -> KaracanFigure {
+    let here = values.map(|v| v.iter().sum::<f64>() / v.len() as f64);
+    let worst = values.and_then(|v| match goal {
+        Goal::AtLeast(_) => v.iter().copied().reduce(f64::min),
+        _ => v.iter().copied().reduce(f64::max),
+    });
+    let held = if every { worst } else { here };
+    let (bound, met) = match goal {
+        Goal::AtMost(x) => (Some(x), Some(held.is_some_and(|h| h <= x))),
+        Goal::AtLeast(x) => (Some(x), Some(held.is_some_and(|h| h >= x))),
+        Goal::None => (None, None),
+    };
+    KaracanFigure {
+        row,
+        metric,
+        unit,
+        published,
+        here,
+        worst,
+        goal: bound,
+        met,
+    }
+}
+
+/// What the law saw in a run, cycle by cycle: to time its steps by.
+///
+/// # Errors
+/// A scenario that cannot be run.
+pub fn step_inputs(scenario: &TactileScenario) -> Result<Vec<UnifiedInput>, ScenarioError> {
+    let mut inputs = Vec::new();
+    evaluate_tactile_with(scenario, &mut Calm, |c| inputs.push(*c.input))?;
+    Ok(inputs)
+}
+
+/// Steps a fresh law through `inputs`, handing each step to `timed`, which calls it once.
+///
+/// # Errors
+/// A scenario that cannot be run.
+pub fn replay(
+    scenario: &TactileScenario,
+    inputs: &[UnifiedInput],
+    mut timed: impl FnMut(&mut dyn FnMut()),
+) -> Result<Phase, ScenarioError> {
+    let plant = TactilePlant::new(&scenario.plant, scenario.seed)?;
+    let mut controller = scenario.controller(&plant)?;
+    let mut phase = Phase::Idle;
+    for input in inputs {
+        timed(&mut || phase = controller.step(input).phase);
+    }
+    if inputs.is_empty() {
+        return Err(ScenarioError::Control(ControlError::Syntax(
+            "no cycle to step through".to_owned(),
+        )));
+    }
+    Ok(phase)
+}

@@ -1,0 +1,129 @@
+//! What the figures of every law leave out of `unified_force_impedance`: shaping, the camera's rate, the tanks' books.
+
+use serde::{Deserialize, Serialize};
+use tangent_control::{Phase, UnifiedOutput};
+
+/// One cycle of a visuo-tactile run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TactileSample {
+    /// s
+    pub time_s: f64,
+    /// The task's phase.
+    pub phase: Phase,
+    /// C and its margin.
+    pub monitor: (f64, f64),
+    /// ρ_align.
+    pub rho_align: f64,
+    /// ρ_frc.
+    pub rho_force: f64,
+    /// Where the policy wants the tool, on the true surface, base axes, m.
+    pub wanted_m: [f64; 3],
+    /// Where it is, m.
+    pub tool_m: [f64; 3],
+    /// What the surface does to the tool, tool axes, N.
+    pub force_n: [f64; 3],
+    /// Shaped pressing force asked for, N.
+    pub force_reference_n: f64,
+    /// Motion and force tank, J.
+    pub tanks_j: (f64, f64),
+    /// What a tank came short of until now, J.
+    pub short_j: f64,
+    /// Normal in use, seen or felt.
+    pub normal_valid: bool,
+    /// A limit of torque or rate cut the command.
+    pub limited: bool,
+    /// Friction coefficient in use.
+    pub friction: f64,
+}
+
+impl TactileSample {
+    pub(crate) fn of(
+        time_s: f64,
+        output: &UnifiedOutput,
+        wanted: &nalgebra::Vector3<f64>,
+        force: &nalgebra::Vector3<f64>,
+    ) -> Self {
+        Self {
+            time_s,
+            phase: output.phase,
+            monitor: (output.monitor, output.monitor_margin),
+            rho_align: output.rho_align,
+            rho_force: output.rho_force,
+            wanted_m: (*wanted).into(),
+            tool_m: output.base_from_tool.translation().into(),
+            force_n: (*force).into(),
+            force_reference_n: output.force_reference_n,
+            tanks_j: (output.tanks.motion_j, output.tanks.force_j),
+            short_j: output.tanks.short_j,
+            normal_valid: output.normal_validity.is_valid(),
+            limited: output.limited,
+            friction: output.friction,
+        }
+    }
+}
+
+/// Figures of a visuo-tactile run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TactileFigures {
+    /// Camera frames a second.
+    pub vision_rate_hz: f64,
+    /// Least ρ_align while sliding.
+    pub rho_align_min: Option<f64>,
+    /// Its mean.
+    pub rho_align_mean: Option<f64>,
+    /// Least ρ_frc while sliding.
+    pub rho_force_min: Option<f64>,
+    /// Its mean.
+    pub rho_force_mean: Option<f64>,
+    /// Largest monitor over its margin while sliding; above 1 the arm gives way.
+    pub monitor_share_max: Option<f64>,
+    /// Largest force across the tool's axis, N.
+    pub lateral_force_max_n: Option<f64>,
+    /// Energy that a tank was short of, J; 0 unless a valve closed too late.
+    pub short_j: f64,
+    /// Time that the sliding took, s: the policy's clock waits for a limp arm.
+    pub sliding_s: f64,
+    /// Share of the sliding without a valid normal.
+    pub blind_share: Option<f64>,
+    /// Periods in which a limit of torque or rate cut the command.
+    pub limited_cycles: u64,
+    /// Friction coefficient found at the end.
+    pub friction_found: f64,
+}
+
+impl TactileFigures {
+    /// From the cycles of one task.
+    pub fn of(samples: &[TactileSample], period_s: f64, frames: u64) -> Self {
+        let sliding: Vec<&TactileSample> =
+            samples.iter().filter(|s| s.phase == Phase::Slide).collect();
+        let n = sliding.len() as f64;
+        let least =
+            |f: &dyn Fn(&TactileSample) -> f64| sliding.iter().map(|s| f(s)).reduce(f64::min);
+        let most =
+            |f: &dyn Fn(&TactileSample) -> f64| sliding.iter().map(|s| f(s)).reduce(f64::max);
+        let mean = |f: &dyn Fn(&TactileSample) -> f64| {
+            (n > 0.0).then(|| sliding.iter().map(|s| f(s)).sum::<f64>() / n)
+        };
+        let time = samples.last().map_or(0.0, |s| s.time_s);
+        Self {
+            vision_rate_hz: if time > 0.0 {
+                frames as f64 / time
+            } else {
+                0.0
+            },
+            rho_align_min: least(&|s| s.rho_align),
+            rho_align_mean: mean(&|s| s.rho_align),
+            rho_force_min: least(&|s| s.rho_force),
+            rho_force_mean: mean(&|s| s.rho_force),
+            monitor_share_max: most(&|s| s.monitor.0 / s.monitor.1),
+            lateral_force_max_n: most(&|s| {
+                (s.force_n[0] * s.force_n[0] + s.force_n[1] * s.force_n[1]).sqrt()
+            }),
+            short_j: samples.last().map_or(0.0, |s| s.short_j),
+            sliding_s: n * period_s,
+            blind_share: mean(&|s| f64::from(u8::from(!s.normal_valid))),
+            limited_cycles: samples.iter().filter(|s| s.limited).count() as u64,
+            friction_found: samples.last().map_or(0.0, |s| s.friction),
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Where a line of sight enters a shape's material: the geometry of the simulated depth camera.
+
+use nalgebra::Vector3;
+
+use super::graph::Graph;
+
+/// Points `origin + t direction`, in a shape's own axes (m); `direction` need not be a unit vector.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Where `t = 0`.
+    pub origin: Vector3<f64>,
+    /// Per unit of `t`.
+    pub direction: Vector3<f64>,
+}
+
+impl Ray {
+    /// The point at `t`.
+    pub fn at(&self, t: f64) -> Vector3<f64> {
+        self.origin + self.direction * t
+    }
+
+    /// The first `t` in `[from, to]` that lies in `[enter, leave]`.
+    pub(super) fn first(range: [f64; 2], inside: [f64; 2]) -> Option<f64> {
+        let t = range[0].max(inside[0]);
+        (t <= range[1].min(inside[1])).then_some(t)
+    }
+}
+
+/// Both roots of `a t² + 2 b t + c`, the smaller first; none where they are not real or `a` vanishes.
+pub(super) fn roots(a: f64, b: f64, c: f64) -> Option<[f64; 2]> {
+    let discriminant = b * b - a * c;
+    if a == 0.0 || discriminant < 0.0 {
+        return None;
+    }
+    // The root that does not cancel first.
+    let q = -(b + discriminant.sqrt().copysign(b));
+    let (one, two) = (q / a, if q == 0.0 { 0.0 } else { c / q });
+    Some([one.min(two), one.max(two)])
+}
+
+/// Longest walk of a march; a ray that grazes a surface for longer counts as a miss.
+const STEPS_MAX: usize = 2000;
+/// So near to the surface a march no longer slows down, m: what is thinner may be stepped over.
+const NEAR_M: f64 = 1e-4;
+/// Where it has arrived, m.
+const ARRIVED_M: f64 = 1e-9;
+
+/// Sphere tracing: `distance` never exceeds the true one outside the material.
+pub(super) fn march(
+    ray: &Ray,
+    [from, to]: [f64; 2],
+    distance: impl Fn(&Vector3<f64>) -> f64,
+) -> Option<f64> {
+    let speed = ray.direction.norm();
+    walk([from, to], |t| distance(&ray.at(t)), speed)
+}
+
+/// Down to a height over the plane: the clearance changes at most so fast along the ray, which bounds each step.
+pub(super) fn march_graph<G: Graph>(graph: &G, ray: &Ray, [from, to]: [f64; 2]) -> Option<f64> {
+    let along = (ray.direction.x * ray.direction.x + ray.direction.y * ray.direction.y).sqrt();
+    let rate = ray.direction.z.abs() + graph.slope_max() * along;
+    let clearance = |t: f64| {
+        let p = ray.at(t);
+        p.z - graph.height(p.x, p.y).0
+    };
+    walk([from, to], clearance, rate)
+}
+
+/// `rate` bounds how fast the clearance falls along the ray.
+fn walk([from, to]: [f64; 2], clearance: impl Fn(f64) -> f64, rate: f64) -> Option<f64> {
+    let mut t = from;
+    let mut f = clearance(t);
+    if f <= 0.0 {
+        return Some(from);
+    }
+    for _ in 0..STEPS_MAX {
+        let next = (t + f.max(NEAR_M) / rate).min(to);
+        let there = clearance(next);
+        if there <= 0.0 {
+            return Some(crossing([t, f], [next, there], &clearance));
+        }
+        if next >= to {
+            return None;
+        }
+        (t, f) = (next, there);
+    }
+    None
+}
+
+/// Between a point outside and one inside: regula falsi that halves what stands still (Illinois).
+fn crossing(mut outside: [f64; 2], mut inside: [f64; 2], clearance: &impl Fn(f64) -> f64) -> f64 {
+    for _ in 0..60 {
+        let t = outside[0] + (inside[0] - outside[0]) * outside[1] / (outside[1] - inside[1]);
+        let f = clearance(t);
+        if f.abs() <= ARRIVED_M {
+            return t;
+        }
+        if f > 0.0 {
+            outside = [t, f];
+            inside[1] *= 0.5;
+        } else {
+            inside = [t, f];
+            outside[1] *= 0.5;
+        }
+    }
+    inside[0]
+}

@@ -1,0 +1,338 @@
+//! The simulated cell of visuo-tactile scenarios: a torque-controlled arm with a soft pad and no force sensor, a stiff surface, a camera.
+//! One control period per step.
+
+use nalgebra::{Vector3, Vector6};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use tangent_control::VisionInput;
+use tangent_mechanics::{Arm, Flange, JointFriction, Joints, Pose, Tool, Wrench};
+
+use crate::contact::{Pad, PadContact, PadMotion};
+use crate::depth_source::DepthSource;
+use crate::loaded_arm::loaded_arm;
+use crate::normal_camera::NormalCamera;
+use crate::plant::PlantError;
+use crate::plant_config::{PoseConfig, StartConfig};
+use crate::start;
+use crate::surfaces::Surface;
+use crate::tactile_plant_config::{NormalSource, TactilePlantConfig, check};
+use crate::torque_arm::{DELAY_PERIODS_MAX, TorqueArm};
+use crate::truth::Truth;
+use crate::wrench_estimate::WrenchEstimate;
+
+/// Joints of the arm.
+pub const JOINTS: usize = 7;
+
+/// What the arm reports after a period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TactileMeasurement {
+    /// Time of measurement, s.
+    pub time_s: f64,
+    /// Measured joint positions, rad.
+    pub q: Joints<JOINTS>,
+    /// Measured joint velocities, rad/s.
+    pub qd: Joints<JOINTS>,
+    /// The robot's own estimate of what the environment does to the tool.
+    pub wrench: Wrench<Tool>,
+    /// The same as torques on the joints, Nm.
+    pub external_torque: Joints<JOINTS>,
+}
+
+/// Energy that went through the arm's ports since the plant was made, J. What tests hold a law's own books against.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EnergyBooks {
+    /// By the motors.
+    pub motors_j: f64,
+    /// By the environment.
+    pub environment_j: f64,
+    /// Taken by the joints' friction.
+    pub friction_j: f64,
+}
+
+/// The camera, by where its normals come from.
+enum Eye {
+    Features(Box<NormalCamera>),
+    Depth(Box<DepthSource>),
+}
+
+/// The simulated cell.
+pub struct TactilePlant {
+    config: TactilePlantConfig,
+    arm: TorqueArm<JOINTS>,
+    friction: JointFriction<JOINTS>,
+    surface: Surface,
+    pad: Pad,
+    wrench: WrenchEstimate<JOINTS>,
+    camera: Eye,
+    flange_from_tool: Pose<Flange, Tool>,
+    dt: f64,
+    periods: u64,
+    torques: [Joints<JOINTS>; DELAY_PERIODS_MAX + 1],
+    torque_applied: Joints<JOINTS>,
+    motion: PadMotion,
+    contact: PadContact,
+    joint_wrench: Joints<JOINTS>,
+    push: Vector6<f64>,
+    measured: TactileMeasurement,
+    books: EnergyBooks,
+}
+
+impl TactilePlant {
+    /// Builds the cell at rest in its start pose, motors holding the arm.
+    ///
+    /// # Errors
+    /// Says which key is wrong and what is allowed, or why the start pose cannot be reached.
+    pub fn new(config: &TactilePlantConfig, seed: u64) -> Result<Self, PlantError> {
+        check(config)?;
+        let model = loaded_arm::<JOINTS>(&config.robot, &config.tool, true)?;
+        let stated = loaded_arm::<JOINTS>(&config.robot, &config.tool, false)?;
+        let pose = PoseConfig {
+            position_m: config.surface.position_m,
+            roll_pitch_yaw_rad: config.surface.roll_pitch_yaw_rad,
+        };
+        let surface = Surface::new(&config.surface.shape, &pose)?;
+        let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
+        let place = spread_start(config, seed);
+        let target = start::tool_pose(&place, &surface);
+        let q = start::joints(&model, &flange_from_tool, &target, &place)?;
+        let gravity = model.gravity(&q);
+        let mut plant = Self {
+            friction: config.arm.friction(),
+            wrench: WrenchEstimate::new(&config.external_wrench, stated, seed),
+            camera: match config.normals_from {
+                NormalSource::Features => {
+                    Eye::Features(Box::new(NormalCamera::new(&config.camera, seed)))
+                }
+                NormalSource::Depth => Eye::Depth(Box::new(DepthSource::new(
+                    &config.depth_camera,
+                    &config.depth_normal,
+                    &flange_from_tool,
+                    seed,
+                )?)),
+            },
+            arm: TorqueArm::new(model, &config.arm, q),
+            pad: Pad::new(
+                &config.tool.pad,
+                &config.contact,
+                config.contact.stiffness_n_per_m,
+            ),
+            surface,
+            flange_from_tool,
+            dt: config.arm.period_s / config.arm.sub_steps as f64,
+            periods: 0,
+            torques: [gravity; DELAY_PERIODS_MAX + 1],
+            torque_applied: gravity,
+            motion: PadMotion {
+                origin: target.translation(),
+                rotation: target.rotation(),
+                linear: Vector3::zeros(),
+                angular: Vector3::zeros(),
+            },
+            contact: PadContact::none(),
+            joint_wrench: Joints::zeros(),
+            push: Vector6::zeros(),
+            measured: TactileMeasurement {
+                time_s: 0.0,
+                q,
+                qd: Joints::zeros(),
+                wrench: Wrench::zero(),
+                external_torque: Joints::zeros(),
+            },
+            books: EnergyBooks::default(),
+            config: config.clone(),
+        };
+        plant.measure();
+        plant.expose();
+        Ok(plant)
+    }
+
+    /// One period under motor torques (Nm), from their delay line to the wrench estimate and the camera.
+    pub fn step(&mut self, torque: &Joints<JOINTS>) {
+        let delay = self.config.arm.delay_periods;
+        self.torques[..=delay].rotate_right(1);
+        self.torques[0] = *torque;
+        let wanted = self.arm.limited(&self.torques[delay]);
+        let period = self.config.arm.period_s;
+        self.torque_applied = self.arm.within_rate(&wanted, &self.torque_applied, period);
+        for _ in 0..self.config.arm.sub_steps {
+            self.sub_step();
+        }
+        self.periods += 1;
+        self.measure();
+        self.expose();
+    }
+
+    /// The camera looks from where the arm measures it to be.
+    fn expose(&mut self) {
+        let time = self.time_s();
+        match &mut self.camera {
+            Eye::Features(camera) => camera.expose(time, &self.surface, &self.motion.origin),
+            Eye::Depth(source) => {
+                let flange = self.arm.model().base_from_flange(&self.measured.q);
+                source.expose(time, &flange, &self.surface);
+            }
+        }
+    }
+
+    fn sub_step(&mut self) {
+        let dt = self.dt;
+        let slope = self.friction.slope(&self.arm.qd);
+        self.arm.step(&self.torque_applied, &self.joint_wrench, dt);
+        let (q, qd) = (self.arm.q, self.arm.qd);
+        self.books.motors_j += self.torque_applied.dot(&qd) * dt;
+        self.books.environment_j += self.joint_wrench.dot(&qd) * dt;
+        self.books.friction_j += slope.component_mul(&qd).dot(&qd) * dt;
+        let (tool, jacobian) = self
+            .arm
+            .model()
+            .tool_and_jacobian(&q, &self.flange_from_tool);
+        let twist = jacobian * qd;
+        self.motion = PadMotion {
+            origin: tool.translation(),
+            rotation: tool.rotation(),
+            linear: twist.fixed_rows::<3>(0).into_owned(),
+            angular: twist.fixed_rows::<3>(3).into_owned(),
+        };
+        self.contact = self.pad.step(&self.surface, &self.motion, dt, None);
+        let (f, t) = (&self.contact.force, &self.contact.torque);
+        let wrench = Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z) + self.push;
+        self.joint_wrench = jacobian.tr_mul(&wrench);
+    }
+
+    fn measure(&mut self) {
+        let (q, qd) = (self.arm.q_measured(), self.arm.qd_measured());
+        let (tool, jacobian) = self
+            .arm
+            .model()
+            .tool_and_jacobian(&q, &self.flange_from_tool);
+        let (wrench, external_torque) = self.wrench.step(
+            &q,
+            &qd,
+            &self.torque_applied,
+            &tool,
+            &jacobian,
+            self.config.arm.period_s,
+        );
+        self.measured = TactileMeasurement {
+            time_s: self.time_s(),
+            q,
+            qd,
+            wrench,
+            external_torque,
+        };
+    }
+
+    /// Somebody pushes: a wrench on the tool, base axes (N, then Nm), until it is set again.
+    pub fn push(&mut self, wrench: &Vector6<f64>) {
+        self.push = *wrench;
+    }
+
+    /// What the arm reports now.
+    pub fn measured(&self) -> TactileMeasurement {
+        self.measured
+    }
+
+    /// The newest of the camera's normals that has arrived since it was asked last.
+    pub fn take_normal(&mut self) -> Option<VisionInput> {
+        let time = self.time_s();
+        match &mut self.camera {
+            Eye::Features(camera) => camera.take(time),
+            Eye::Depth(source) => source.take(time),
+        }
+    }
+
+    /// Frames that the camera took.
+    pub fn frames(&self) -> u64 {
+        match &self.camera {
+            Eye::Features(camera) => camera.frames(),
+            Eye::Depth(source) => source.frames(),
+        }
+    }
+
+    /// What really happens at the contact now.
+    pub fn truth(&self) -> Truth {
+        Truth::of(
+            self.time_s(),
+            &self.surface,
+            &self.motion,
+            &self.contact,
+            self.config.contact.friction.coulomb_coefficient,
+        )
+    }
+
+    /// Height of the surface along `direction` (unit, against gravity) over the point `at`, base axes: where a tool that comes down
+    /// along `-direction` touches. None past the edges.
+    pub fn surface_along(
+        &self,
+        at: &Vector3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Option<Vector3<f64>> {
+        let mut point = *at;
+        for _ in 0..60 {
+            let (distance, normal) = self.surface.distance_and_normal(&point);
+            let slope = normal.dot(direction);
+            if slope < 0.1 {
+                return None;
+            }
+            point -= direction * (distance / slope);
+            if distance.abs() < 1e-9 {
+                return Some(point);
+            }
+        }
+        None
+    }
+
+    /// Time since the plant was made, s.
+    pub fn time_s(&self) -> f64 {
+        self.periods as f64 * self.config.arm.period_s
+    }
+
+    /// Time per step, s.
+    pub fn period_s(&self) -> f64 {
+        self.config.arm.period_s
+    }
+
+    /// The arm, with what really hangs on it.
+    pub fn arm(&self) -> &TorqueArm<JOINTS> {
+        &self.arm
+    }
+
+    /// The arm as its controller knows it.
+    ///
+    /// # Errors
+    /// None for a plant that was built.
+    pub fn stated_model(&self) -> Result<Arm<JOINTS>, PlantError> {
+        loaded_arm(&self.config.robot, &self.config.tool, false)
+    }
+
+    /// `flange_from_tool` as configured.
+    pub fn flange_from_tool(&self) -> Pose<Flange, Tool> {
+        self.flange_from_tool
+    }
+
+    /// What the motors gave in the last period, Nm.
+    pub fn torque_applied(&self) -> Joints<JOINTS> {
+        self.torque_applied
+    }
+
+    /// Energy through the ports until now.
+    pub fn energy(&self) -> EnergyBooks {
+        self.books
+    }
+}
+
+/// The start with what the seed changes about it.
+fn spread_start(config: &TactilePlantConfig, seed: u64) -> StartConfig {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x57a2_7b3a_d0c1_f00d);
+    let mut share = || -> f64 { rng.random_range(-1.0..=1.0) };
+    let (spread, mut start) = (config.start_spread, config.start.clone());
+    if spread.tilt_rad > 0.0 {
+        start.tilt_rad += share() * spread.tilt_rad;
+        start.tilt_direction_rad += share() * std::f64::consts::PI;
+    }
+    for x in &mut start.near_m {
+        *x += share() * spread.position_m;
+    }
+    start.clearance_m += share() * spread.clearance_m;
+    start
+}

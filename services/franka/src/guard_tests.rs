@@ -1,0 +1,309 @@
+use nalgebra::{SMatrix, Vector3};
+use proptest::prelude::*;
+use tangent_mechanics::Joints;
+
+use crate::guard::*;
+
+const PERIOD_S: f64 = 0.001;
+/// What leaves may change by at most, Nm per cycle: below the robot's 1.
+const STEP_NM: f64 = 0.9 + 1e-12;
+
+fn limits() -> GuardLimits {
+    GuardLimits {
+        torque_nm: Joints::from([70.0, 70.0, 70.0, 70.0, 9.6, 9.6, 9.6]),
+        torque_rate_nm_per_s: Joints::repeat(1000.0),
+        speed_rad_per_s: Joints::repeat(1.0),
+        position_lower_rad: Joints::repeat(-2.0),
+        position_upper_rad: Joints::repeat(2.0),
+        tool_speed_max_m_per_s: 0.25,
+        tool_turn_rate_max_rad_per_s: 1.0,
+        workspace_lower_m: Vector3::repeat(-1.0),
+        workspace_upper_m: Vector3::repeat(1.0),
+        hold_stiffness: Joints::repeat(100.0),
+        hold_damping: Joints::repeat(10.0),
+        patience_cycles: 2,
+        silence_latch_s: 0.1,
+    }
+}
+
+fn at_rest() -> Posture {
+    Posture {
+        q: Joints::zeros(),
+        qd: Joints::zeros(),
+        torque: Joints::zeros(),
+        tool_m: Vector3::zeros(),
+        tool_jacobian: SMatrix::zeros(),
+    }
+}
+
+/// Steps with a robot that goes by whatever leaves.
+struct Bench {
+    guard: Guard,
+    posture: Posture,
+    cycle: u64,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            guard: Guard::new(limits(), PERIOD_S),
+            posture: at_rest(),
+            cycle: 0,
+        }
+    }
+
+    fn step(&mut self, command: Option<(u8, &[f64], u64)>) -> Allowed {
+        self.cycle += 1;
+        let wanted = command.map(|(kind, values, activation)| Wanted {
+            cycle: self.cycle,
+            kind,
+            values,
+            activation,
+        });
+        let allowed = self
+            .guard
+            .step(self.cycle, Permission::Move, &self.posture, wanted.as_ref());
+        let step = (allowed.torque - self.posture.torque).amax();
+        assert!(
+            step <= STEP_NM,
+            "a step of {step} Nm in cycle {}",
+            self.cycle
+        );
+        self.posture.torque = allowed.torque;
+        allowed
+    }
+
+    fn follow(&mut self, torque: [f64; 7], cycles: usize) {
+        for _ in 0..cycles {
+            assert!(self.step(Some((2, &torque, 1))).following);
+        }
+    }
+}
+
+#[test]
+fn a_step_in_the_command_leaves_as_a_ramp() {
+    let mut bench = Bench::new();
+    let torque = [10.0, -5.0, 3.0, 0.0, 0.5, 0.0, -2.0];
+    bench.follow(torque, 1);
+    assert!((bench.posture.torque[0] - 0.9).abs() < 1e-9);
+    assert_eq!(bench.guard.limited(), 1);
+    bench.follow(torque, 20);
+    assert_eq!(bench.posture.torque, Joints::from(torque));
+    assert_eq!(bench.guard.refused(), 0);
+}
+
+#[test]
+fn silence_is_ridden_out_for_two_cycles_then_the_arm_is_held_without_a_step() {
+    let mut bench = Bench::new();
+    let torque = [8.0, -4.0, 2.0, 1.0, 0.5, 0.2, -0.1];
+    bench.follow(torque, 30);
+    for _ in 0..2 {
+        assert!(bench.step(None).following);
+        assert_eq!(bench.posture.torque, Joints::from(torque));
+    }
+    let allowed = bench.step(None);
+    assert!(!allowed.following);
+    let mut before = bench.posture.torque;
+    for _ in 0..300 {
+        bench.step(None);
+        // The old torque goes, and nothing comes in its place while the arm stands.
+        assert!(bench.posture.torque[0] <= before[0]);
+        before = bench.posture.torque;
+    }
+    assert_eq!(bench.posture.torque, Joints::<7>::zeros());
+    assert_eq!(bench.guard.activation_latched(), 1);
+    // The old activation moves nothing any more, a new one does.
+    assert!(!bench.step(Some((2, &torque, 1))).following);
+    assert!(matches!(
+        bench.guard.refusal(),
+        Some(Refusal::Latched { .. })
+    ));
+    assert!(bench.step(Some((2, &torque, 2))).following);
+}
+
+#[test]
+fn a_held_arm_is_damped_and_pulled_back() {
+    let mut bench = Bench::new();
+    bench.step(Some((0, &[], 0)));
+    for _ in 0..400 {
+        bench.step(None);
+    }
+    bench.posture.q[3] = 0.05;
+    bench.posture.qd[5] = 0.2;
+    for _ in 0..20 {
+        bench.step(None);
+    }
+    assert!((bench.posture.torque[3] + 5.0).abs() < 1e-9);
+    assert!((bench.posture.torque[5] + 2.0).abs() < 1e-9);
+    // However far it is pushed, the spring stays soft.
+    bench.posture.q[3] = 1.0;
+    for _ in 0..100 {
+        bench.step(None);
+    }
+    assert!((bench.posture.torque[3] + 21.0).abs() < 1e-9);
+}
+
+#[test]
+fn what_is_bad_is_refused_and_not_followed_in_that_cycle() {
+    let good = [5.0; 7];
+    let cases: [(&[f64], u8, &str); 6] = [
+        (
+            &[1.0, f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0],
+            2,
+            "not a finite number",
+        ),
+        (
+            &[f64::INFINITY, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            2,
+            "not a finite number",
+        ),
+        (&[1.0; 6], 2, "6 joint values for 7 joints"),
+        (
+            &[0.0, 0.0, 0.0, 0.0, 20.0, 0.0, 0.0],
+            2,
+            "joint 5 at 20.00 Nm, limit 9.60 Nm",
+        ),
+        (&[0.0; 7], 1, "kind 1"),
+        (&[0.0; 7], 9, "kind 9"),
+    ];
+    for (values, kind, words) in cases {
+        let mut bench = Bench::new();
+        bench.follow(good, 10);
+        assert!(!bench.step(Some((kind, values, 1))).following, "{words}");
+        let said = bench.guard.refusal().unwrap().to_string();
+        assert!(said.contains(words), "{said}");
+        assert_eq!(bench.guard.refused(), 1);
+        // One bad command is no end: the next good one is followed.
+        assert!(bench.step(Some((2, &good, 1))).following);
+    }
+}
+
+#[test]
+fn old_duplicate_and_future_answers_are_refused() {
+    let mut guard = Guard::new(limits(), PERIOD_S);
+    let torque = [1.0; 7];
+    let mut give = |now: u64, answers: u64| {
+        let wanted = Wanted {
+            cycle: answers,
+            kind: 2,
+            values: &torque,
+            activation: 1,
+        };
+        guard.step(now, Permission::Move, &at_rest(), Some(&wanted));
+        guard.refusal().copied()
+    };
+    assert_eq!(give(10, 10), None);
+    assert_eq!(give(11, 10), Some(Refusal::Duplicate { cycle: 10 }));
+    assert_eq!(give(12, 20), Some(Refusal::Future { cycle: 20 }));
+    assert_eq!(give(30, 27), Some(Refusal::Old { age: 3 }));
+}
+
+#[test]
+fn an_arm_that_leaves_its_limits_is_held_and_latched() {
+    type Change = fn(&mut Posture);
+    let cases: [(Change, &str); 4] = [
+        (|p| p.qd[2] = 1.3, "joint 3 at 1.30 rad/s"),
+        (
+            |p| {
+                p.q[6] = 2.01;
+                p.qd[6] = 0.1;
+            },
+            "joint 7 at 2.010 rad",
+        ),
+        (
+            |p| {
+                p.tool_jacobian[(0, 0)] = 1.0;
+                p.qd[0] = 0.4;
+            },
+            "tool at 0.400 m/s",
+        ),
+        (|p| p.tool_m.z = -1.2, "tool at z = -1.200 m"),
+    ];
+    for (change, words) in cases {
+        let mut bench = Bench::new();
+        bench.follow([2.0; 7], 10);
+        change(&mut bench.posture);
+        assert!(!bench.step(Some((2, &[2.0; 7], 1))).following, "{words}");
+        let said = bench.guard.trip().unwrap().to_string();
+        assert!(said.contains(words), "{said}");
+        assert!(!bench.step(Some((2, &[2.0; 7], 1))).following);
+        assert!(matches!(
+            bench.guard.refusal(),
+            Some(Refusal::Latched { .. })
+        ));
+    }
+    // A joint on its way back inside may be moved.
+    let mut bench = Bench::new();
+    bench.posture.q[6] = 2.01;
+    bench.posture.qd[6] = -0.1;
+    bench.follow([0.0; 7], 3);
+}
+
+#[derive(Clone, Debug)]
+enum Act {
+    Good([f64; 7]),
+    Bad(f64),
+    Silence(u8),
+    Latch,
+    Off,
+}
+
+fn act() -> impl Strategy<Value = Act> {
+    prop_oneof![
+        5 => proptest::array::uniform7(-9.0..9.0f64).prop_map(Act::Good),
+        1 => prop_oneof![Just(f64::NAN), Just(f64::NEG_INFINITY), Just(1e9)].prop_map(Act::Bad),
+        1 => (1u8..150).prop_map(Act::Silence),
+        1 => Just(Act::Latch),
+        1 => Just(Act::Off),
+    ]
+}
+
+proptest! {
+    /// Whatever comes in whatever order, what leaves is finite, inside the limits, and never further from what the robot
+    /// goes by than it bears.
+    #[test]
+    fn what_leaves_is_always_within_the_robots_bounds(
+        acts in proptest::collection::vec(act(), 1..60),
+        motion in proptest::array::uniform7(-3.0..3.0f64),
+    ) {
+        let mut guard = Guard::new(limits(), PERIOD_S);
+        let mut posture = at_rest();
+        let mut cycle = 0;
+        let mut activation = 1;
+        for (n, act) in acts.iter().enumerate() {
+            posture.qd = Joints::from(motion) * (n as f64).sin();
+            posture.q = Joints::from(motion) * (0.3 * n as f64).cos();
+            let (times, permission) = match act {
+                Act::Silence(times) => (*times, Permission::Move),
+                Act::Off => (1, Permission::Off),
+                _ => (1, Permission::Move),
+            };
+            if let Act::Latch = act {
+                guard.latch();
+                activation += 1;
+            }
+            for _ in 0..times {
+                cycle += 1;
+                let values = match act {
+                    Act::Good(values) => Some(*values),
+                    Act::Bad(value) => Some([*value; 7]),
+                    _ => None,
+                };
+                let wanted = values.as_ref().map(|values| Wanted { cycle, kind: 2, values, activation });
+                let allowed = guard.step(cycle, permission, &posture, wanted.as_ref());
+                if permission == Permission::Off {
+                    // The robot goes by its own controller; torques begin at zero again.
+                    posture.torque = Joints::zeros();
+                    continue;
+                }
+                let l = limits();
+                for i in 0..7 {
+                    prop_assert!(allowed.torque[i].is_finite());
+                    prop_assert!(allowed.torque[i].abs() <= l.torque_nm[i]);
+                    prop_assert!((allowed.torque[i] - posture.torque[i]).abs() <= STEP_NM);
+                }
+                posture.torque = allowed.torque;
+            }
+        }
+    }
+}

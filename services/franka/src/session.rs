@@ -1,0 +1,422 @@
+//! The conversation with the robot as a state machine: replies and states go in, requests come out; no sockets, no clock.
+//!
+//! It connects, sets the robot up, starts and ends the torque motion, stops it, and recovers from a reflex when it is told to.
+//! At most one request waits for its reply, except the motion's own, whose second reply says how the motion ended.
+
+use std::collections::VecDeque;
+use std::fmt;
+
+use crate::fci::{
+    Command, ConnectStatus, Deviation, ErrorFlags, MoveController, MoveGenerator, MoveStatus,
+    RecoveryStatus, Reply, ReplyBody, Request, RobotMode, RobotState, SetterStatus, VERSION,
+};
+
+/// A reply that takes longer will not come, s. A recovery may take some seconds.
+const REPLY_S: f64 = 10.0;
+/// What the robot refused is tried again after this time, s.
+const RETRY_S: f64 = 1.0;
+
+/// A conversation that cannot go on.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SessionError {
+    /// The robot speaks another version.
+    #[error(
+        "the robot speaks FCI version {theirs}, this bridge version 5 (Franka Emika Robot with system 4.2 or newer); an FR3 has \
+         another one and is not driven"
+    )]
+    Version {
+        /// What it speaks.
+        theirs: u16,
+    },
+    /// The robot does not answer.
+    #[error("the robot has not answered {0:?} for {REPLY_S} s")]
+    Silent(Command),
+    /// The robot does not take a setting.
+    #[error("the robot refuses {0:?}: its values are out of range; see [robot.franka] and [tool]")]
+    Setting(Command),
+    /// An answer to nothing that was asked.
+    #[error("the robot answers {0:?}, which was not asked")]
+    Unexpected(Command),
+}
+
+/// Why a torque would not move the arm now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// No connection, or no state yet.
+    NoLink,
+    /// The robot is being set up.
+    SettingUp,
+    /// The robot is in a mode in which nobody may move it.
+    Mode(RobotMode),
+    /// It stopped by itself.
+    Reflex(ErrorFlags),
+    /// The reflex needs a person at the robot.
+    ManualRecovery(ErrorFlags),
+    /// It is leaving the reflex.
+    Recovering,
+    /// The torque motion is starting.
+    Starting,
+    /// The motion is ending.
+    Ending,
+    /// The robot would not start the motion.
+    Refused(MoveStatus),
+    /// The bridge ends.
+    ShuttingDown,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoLink => write!(f, "no connection to the robot"),
+            Self::SettingUp => write!(f, "the robot is being set up"),
+            Self::Mode(mode) => write!(f, "the robot is {mode}"),
+            Self::Reflex(errors) if errors.is_empty() => {
+                write!(f, "the robot stopped by a reflex; ask franka/recover")
+            }
+            Self::Reflex(errors) => {
+                write!(
+                    f,
+                    "the robot stopped by itself ({errors}); ask franka/recover"
+                )
+            }
+            Self::ManualRecovery(errors) => write!(
+                f,
+                "the robot stopped by itself ({errors}) and cannot recover alone: guide it back by hand"
+            ),
+            Self::Recovering => write!(f, "the robot is recovering"),
+            Self::Starting => write!(f, "the torque motion is starting"),
+            Self::Ending => write!(f, "the torque motion is ending"),
+            Self::Refused(status) => write!(f, "the robot refuses a torque motion ({status:?})"),
+            Self::ShuttingDown => write!(f, "the bridge is shutting down"),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Motion {
+    None,
+    /// Asked for; the reply that it runs has come or not.
+    Asked {
+        id: u32,
+        started: bool,
+    },
+    /// The state shows it.
+    Running {
+        id: u32,
+    },
+    /// It ends: because the answers say so (`finishing`), or because a stop was asked for.
+    Ending {
+        id: u32,
+        finishing: bool,
+    },
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct Session {
+    settings: Vec<Request>,
+    to_set: VecDeque<Request>,
+    connected: bool,
+    next_id: u32,
+    /// The request that waits for its reply, and since when, s.
+    waiting: Option<(u32, Request, f64)>,
+    motion: Motion,
+    not_before_s: f64,
+    refused: Option<MoveStatus>,
+    manual: bool,
+    mode: RobotMode,
+    errors: ErrorFlags,
+    recoveries: u64,
+    reflexes: u64,
+    constraint_violations: u64,
+}
+
+impl Session {
+    /// `settings`: what the robot is set to before its first motion, in order.
+    pub fn new(settings: Vec<Request>) -> Self {
+        Self {
+            settings,
+            to_set: VecDeque::new(),
+            connected: false,
+            next_id: 0,
+            waiting: None,
+            motion: Motion::None,
+            not_before_s: 0.0,
+            refused: None,
+            manual: false,
+            mode: RobotMode::Other,
+            errors: ErrorFlags::default(),
+            recoveries: 0,
+            reflexes: 0,
+            constraint_violations: 0,
+        }
+    }
+
+    /// The TCP connection is made; states shall come to `udp_port`.
+    pub fn open(&mut self, udp_port: u16, now_s: f64, out: &mut Vec<u8>) {
+        self.close();
+        self.to_set.extend(self.settings.iter().copied());
+        let request = Request::Connect {
+            version: VERSION,
+            udp_port,
+        };
+        self.ask(request, now_s, out);
+    }
+
+    /// The connection is gone.
+    pub fn close(&mut self) {
+        self.to_set.clear();
+        self.connected = false;
+        self.waiting = None;
+        self.motion = Motion::None;
+        self.not_before_s = 0.0;
+        self.refused = None;
+        self.manual = false;
+        self.mode = RobotMode::Other;
+        self.errors = ErrorFlags::default();
+    }
+
+    /// A reply came.
+    ///
+    /// # Errors
+    /// The conversation cannot go on.
+    pub fn reply(&mut self, reply: &Reply, now_s: f64) -> Result<(), SessionError> {
+        let motion_id = match self.motion {
+            Motion::None => None,
+            Motion::Asked { id, .. } | Motion::Running { id } | Motion::Ending { id, .. } => {
+                Some(id)
+            }
+        };
+        if reply.command == Command::Move && motion_id == Some(reply.id) {
+            self.motion_reply(reply, now_s);
+            return Ok(());
+        }
+        let Some((_, request, _)) = self
+            .waiting
+            .take_if(|(id, request, _)| *id == reply.id && request.command() == reply.command)
+        else {
+            // What a stop has made pointless may still be answered.
+            return if reply.command == Command::Move {
+                Ok(())
+            } else {
+                Err(SessionError::Unexpected(reply.command))
+            };
+        };
+        match &reply.body {
+            ReplyBody::Connect(ConnectStatus::Success, theirs) if *theirs == VERSION => {
+                self.connected = true;
+            }
+            ReplyBody::Connect(_, theirs) => {
+                return Err(SessionError::Version { theirs: *theirs });
+            }
+            ReplyBody::Setter(SetterStatus::Success) => {}
+            ReplyBody::Setter(SetterStatus::InvalidArgument) => {
+                return Err(SessionError::Setting(reply.command));
+            }
+            ReplyBody::Setter(SetterStatus::NotPossible) => {
+                self.to_set.push_front(request);
+                self.not_before_s = now_s + RETRY_S;
+            }
+            ReplyBody::Recovery(status) => {
+                self.manual = *status == RecoveryStatus::ManualRecoveryRequired;
+                if *status == RecoveryStatus::Success {
+                    self.recoveries += 1;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// A state came; `wanted`: somebody is there to command, so the torque motion shall run.
+    pub fn state(&mut self, state: &RobotState, wanted: bool, now_s: f64, out: &mut Vec<u8>) {
+        let before = self.mode;
+        self.mode = state.mode();
+        self.errors = if state.reflex_reason.is_empty() {
+            state.errors
+        } else {
+            state.reflex_reason
+        };
+        if self.mode == RobotMode::Reflex && before != RobotMode::Reflex {
+            self.reflexes += 1;
+            if self.errors.0[ErrorFlags::COMMUNICATION_CONSTRAINTS] {
+                self.constraint_violations += 1;
+            }
+        }
+        if self.mode != RobotMode::Reflex {
+            self.manual = false;
+        }
+        if let Motion::Asked { id, started: true } = self.motion
+            && state.in_torque_motion()
+        {
+            self.motion = Motion::Running { id };
+            self.refused = None;
+        }
+        if !self.connected || self.waiting.is_some() || now_s < self.not_before_s {
+            return;
+        }
+        if self.mode != RobotMode::Idle || self.motion != Motion::None {
+            return;
+        }
+        if let Some(setting) = self.to_set.pop_front() {
+            self.ask(setting, now_s, out);
+        } else if wanted {
+            let id = self.next_id;
+            let request = Request::Move {
+                controller: MoveController::External,
+                generator: MoveGenerator::JointVelocity,
+                path_deviation: Deviation::WIDE,
+                goal_deviation: Deviation::WIDE,
+            };
+            request.encode(id, out);
+            self.next_id = self.next_id.wrapping_add(1);
+            self.motion = Motion::Asked { id, started: false };
+            self.waiting = Some((id, request, now_s));
+        }
+    }
+
+    /// Says when a reply is overdue.
+    ///
+    /// # Errors
+    /// It is.
+    pub fn check(&self, now_s: f64) -> Result<(), SessionError> {
+        match &self.waiting {
+            Some((_, request, since_s)) if now_s - since_s > REPLY_S => {
+                Err(SessionError::Silent(request.command()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Leaves a reflex, if there is one. True when the robot was asked.
+    pub fn recover(&mut self, now_s: f64, out: &mut Vec<u8>) -> bool {
+        let can = self.connected
+            && self.waiting.is_none()
+            && self.mode == RobotMode::Reflex
+            && self.motion == Motion::None;
+        if can {
+            self.ask(Request::AutomaticErrorRecovery, now_s, out);
+        }
+        can
+    }
+
+    /// The robot ends the motion by itself, now.
+    pub fn stop(&mut self, now_s: f64, out: &mut Vec<u8>) {
+        if let Motion::Running { id } = self.motion
+            && self.waiting.is_none()
+        {
+            self.ask(Request::StopMove, now_s, out);
+            self.motion = Motion::Ending {
+                id,
+                finishing: false,
+            };
+        }
+    }
+
+    /// The answers from now on say that the motion shall end.
+    pub fn finish(&mut self) {
+        if let Motion::Running { id } = self.motion {
+            self.motion = Motion::Ending {
+                id,
+                finishing: true,
+            };
+        }
+    }
+
+    /// The torque motion runs and each state is answered with torques.
+    pub fn is_running(&self) -> bool {
+        matches!(self.motion, Motion::Running { .. })
+    }
+
+    /// The motion is ending by what the answers say: they still go out.
+    pub fn is_finishing(&self) -> bool {
+        matches!(
+            self.motion,
+            Motion::Ending {
+                finishing: true,
+                ..
+            }
+        )
+    }
+
+    /// There is no motion, nor is one asked for.
+    pub fn is_at_rest(&self) -> bool {
+        self.motion == Motion::None
+    }
+
+    /// The robot took the connection.
+    pub fn is_connected(&self) -> bool {
+        self.connected
+    }
+
+    /// Why torques would not move the arm now. `wanted` as for [`Session::state`].
+    pub fn reason(&self, wanted: bool) -> Option<Reason> {
+        if !self.connected {
+            return Some(Reason::NoLink);
+        }
+        if let Some((_, Request::AutomaticErrorRecovery, _)) = self.waiting {
+            return Some(Reason::Recovering);
+        }
+        match self.mode {
+            RobotMode::Reflex if self.manual => Some(Reason::ManualRecovery(self.errors)),
+            RobotMode::Reflex => Some(Reason::Reflex(self.errors)),
+            RobotMode::AutomaticErrorRecovery => Some(Reason::Recovering),
+            RobotMode::Idle | RobotMode::Move => match self.motion {
+                Motion::Running { .. } => None,
+                Motion::Ending { .. } => Some(Reason::Ending),
+                Motion::Asked { .. } => Some(Reason::Starting),
+                Motion::None if self.is_setting_up() => Some(Reason::SettingUp),
+                Motion::None => match self.refused {
+                    Some(status) => Some(Reason::Refused(status)),
+                    None if self.mode == RobotMode::Move => Some(Reason::Mode(self.mode)),
+                    None => wanted.then_some(Reason::Starting),
+                },
+            },
+            mode => Some(Reason::Mode(mode)),
+        }
+    }
+
+    /// Reflexes that were left, since the start.
+    pub fn recoveries(&self) -> u64 {
+        self.recoveries
+    }
+
+    /// Reflexes since the start.
+    pub fn reflexes(&self) -> u64 {
+        self.reflexes
+    }
+
+    /// Of these, for answers that came too late.
+    pub fn constraint_violations(&self) -> u64 {
+        self.constraint_violations
+    }
+
+    fn is_setting_up(&self) -> bool {
+        !self.to_set.is_empty() || self.waiting.is_some()
+    }
+
+    fn ask(&mut self, request: Request, now_s: f64, out: &mut Vec<u8>) {
+        request.encode(self.next_id, out);
+        self.waiting = Some((self.next_id, request, now_s));
+        self.next_id = self.next_id.wrapping_add(1);
+    }
+
+    fn motion_reply(&mut self, reply: &Reply, now_s: f64) {
+        let ReplyBody::Move(status) = reply.body else {
+            return;
+        };
+        self.waiting
+            .take_if(|(id, request, _)| *id == reply.id && request.command() == Command::Move);
+        if status == MoveStatus::MotionStarted {
+            if let Motion::Asked { id, .. } = self.motion {
+                self.motion = Motion::Asked { id, started: true };
+            }
+            return;
+        }
+        if matches!(self.motion, Motion::Asked { started: false, .. }) {
+            self.refused = Some(status);
+            self.not_before_s = now_s + RETRY_S;
+        }
+        self.motion = Motion::None;
+    }
+}

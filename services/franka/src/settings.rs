@@ -1,0 +1,276 @@
+//! What the service has to know, out of the cell file.
+
+use std::time::Duration;
+
+use nalgebra::Vector3;
+use tangent_mechanics::{Arm, Flange, Joints, ModelData, ModelError, Pose, Tool};
+use tangent_runtime::CellConfig;
+use tangent_runtime::config::{RealtimeConfig, RobotDriver};
+use tangent_schemas::JointArray;
+
+use crate::bridge::BridgeConfig;
+use crate::fci::{CollisionBehavior, Load, Request};
+use crate::guard::GuardLimits;
+
+/// Silence of the controller after which its activation is latched out, s.
+const SILENCE_LATCH_S: f64 = 0.1;
+/// The arm is held this far before its joints' limits, rad: the robot itself stops there for good.
+const POSITION_MARGIN_RAD: f64 = 0.03;
+/// The robot's bound on the rate of a torque where the model does not say, Nm/s.
+const TORQUE_RATE_NM_PER_S: f64 = 1000.0;
+
+/// A cell file that cannot work with this service.
+#[derive(Debug, thiserror::Error)]
+pub enum SettingsError {
+    /// The cell is another vendor's.
+    #[error(
+        "[robot] driver is \"rtde\", for a Universal Robots arm; this service drives a Franka: set driver = \"franka\""
+    )]
+    Driver,
+    /// The model cannot be read, or has another number of joints.
+    #[error("[robot] model: {0}; this service drives \"panda\" (or a model_file of seven joints)")]
+    Model(#[from] ModelError),
+    /// The model file cannot be read.
+    #[error("[robot] model_file = {path}: {reason}")]
+    ModelFile {
+        /// Path.
+        path: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// The model does not say how strong the joints are.
+    #[error("[robot] model = \"{model}\" has no effort_nm, which bounds the torques")]
+    NoEffort {
+        /// As configured.
+        model: String,
+    },
+    /// A list of limits of the wrong length.
+    #[error("[limits] {key} has {got} values; 1 or 7 are allowed for this arm")]
+    JointCount {
+        /// Which list.
+        key: &'static str,
+        /// Its length.
+        got: usize,
+    },
+    /// The robot has one rate.
+    #[error("[robot] rate_hz = {rate_hz} is not allowed: 0 or 1000, the rate of FCI")]
+    Rate {
+        /// What was configured, Hz.
+        rate_hz: f64,
+    },
+    /// The robot takes gravity to point at its foot.
+    #[error(
+        "[robot] gravity_in_base_m_per_s2 = {gravity:?} is not allowed: FCI compensates gravity for an arm that stands on the floor, \
+         so it has to be about [0, 0, -9.81]"
+    )]
+    Gravity {
+        /// As configured.
+        gravity: [f64; 3],
+    },
+}
+
+/// Everything `run` needs.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Host name or address of the robot.
+    pub host: String,
+    /// Its FCI port.
+    pub port: u16,
+    /// For each attempt to connect.
+    pub connect_timeout: Duration,
+    /// The state machine's part.
+    pub bridge: BridgeConfig,
+    /// The arm's kinematics.
+    pub arm: Arm<7>,
+    /// The cell's tcp.
+    pub flange_from_tool: Pose<Flange, Tool>,
+    /// Scheduling of the loop's thread.
+    pub realtime: RealtimeConfig,
+}
+
+impl Config {
+    /// From a cell file.
+    ///
+    /// # Errors
+    /// [`SettingsError`], naming key, value and what is allowed.
+    pub fn from_cell(cell: &CellConfig) -> Result<Self, SettingsError> {
+        let robot = &cell.robot;
+        if robot.driver != RobotDriver::Franka {
+            return Err(SettingsError::Driver);
+        }
+        if robot.rate_hz != 0.0 && robot.rate_hz != 1000.0 {
+            return Err(SettingsError::Rate {
+                rate_hz: robot.rate_hz,
+            });
+        }
+        let gravity = robot.gravity_in_base();
+        if gravity.angle(&-Vector3::z()) > 0.05 {
+            return Err(SettingsError::Gravity {
+                gravity: robot.gravity_in_base_m_per_s2,
+            });
+        }
+        let model = match &robot.model_file {
+            Some(path) => {
+                let text =
+                    std::fs::read_to_string(path).map_err(|error| SettingsError::ModelFile {
+                        path: path.display().to_string(),
+                        reason: error.to_string(),
+                    })?;
+                ModelData::from_toml(&text)?
+            }
+            None => ModelData::builtin(&robot.model)?,
+        };
+        let arm = Arm::<7>::new(&model)?;
+        let franka = robot.franka();
+        Ok(Self {
+            host: robot.address.clone(),
+            port: franka.fci_port.saturating_add(robot.port_offset),
+            connect_timeout: Duration::from_secs_f64(robot.connect_timeout_s),
+            bridge: BridgeConfig {
+                settings: settings(cell),
+                limits: limits(cell, &arm)?,
+            },
+            arm,
+            flange_from_tool: cell.tool.flange_from_tool(),
+            realtime: cell.realtime.clone(),
+        })
+    }
+}
+
+/// What the robot is set to, in order. The end effector's frame stays as set at the robot: the estimate of the wrench is moved
+/// to the cell's tool here.
+fn settings(cell: &CellConfig) -> Vec<Request> {
+    let franka = cell.robot.franka();
+    let com = cell
+        .sensor
+        .flange_from_sensor()
+        .transform_point(&cell.tool.com_in_sensor());
+    let [ix, iy, iz] = if cell.tool.mass_kg > 0.0 {
+        franka.tool_inertia_kg_m2
+    } else {
+        [0.0; 3]
+    };
+    vec![
+        Request::SetCollisionBehavior(CollisionBehavior {
+            lower_torque_acceleration: franka.contact_torque_nm,
+            upper_torque_acceleration: franka.collision_torque_nm,
+            lower_torque_nominal: franka.contact_torque_nm,
+            upper_torque_nominal: franka.collision_torque_nm,
+            lower_force_acceleration: franka.contact_force_n_nm,
+            upper_force_acceleration: franka.collision_force_n_nm,
+            lower_force_nominal: franka.contact_force_n_nm,
+            upper_force_nominal: franka.collision_force_n_nm,
+        }),
+        Request::SetJointImpedance(franka.joint_impedance_nm_per_rad),
+        Request::SetLoad(Load {
+            mass_kg: cell.tool.mass_kg,
+            com_in_flange_m: com.into(),
+            inertia_kg_m2: [ix, 0.0, 0.0, 0.0, iy, 0.0, 0.0, 0.0, iz],
+        }),
+    ]
+}
+
+fn limits(cell: &CellConfig, arm: &Arm<7>) -> Result<GuardLimits, SettingsError> {
+    let per_joint = |key, list: &[f64], found: Option<JointArray>| {
+        found
+            .and_then(|joints| <[f64; 7]>::try_from(joints.as_slice()).ok())
+            .map(Joints::from)
+            .ok_or(SettingsError::JointCount {
+                key,
+                got: list.len(),
+            })
+    };
+    let l = &cell.limits;
+    let own = arm.limits();
+    let franka = cell.robot.franka();
+    let effort = own.effort.ok_or_else(|| SettingsError::NoEffort {
+        model: cell.robot.model.clone(),
+    })?;
+    let speed = per_joint(
+        "joint_speed_max_rad_per_s",
+        &l.joint_speed_max_rad_per_s,
+        l.joint_speed_max(7),
+    )?;
+    let margin = Joints::repeat(POSITION_MARGIN_RAD);
+    Ok(GuardLimits {
+        torque_nm: effort * franka.torque_share,
+        torque_rate_nm_per_s: own
+            .effort_rate
+            .unwrap_or_else(|| Joints::repeat(TORQUE_RATE_NM_PER_S)),
+        // The arm's own limit counts where it is lower.
+        speed_rad_per_s: speed.inf(&own.velocity),
+        position_lower_rad: own.position_lower + margin,
+        position_upper_rad: own.position_upper - margin,
+        tool_speed_max_m_per_s: l.tool_speed_max_m_per_s,
+        tool_turn_rate_max_rad_per_s: l.tool_turn_rate_max_rad_per_s,
+        workspace_lower_m: Vector3::from(l.workspace_min_m),
+        workspace_upper_m: Vector3::from(l.workspace_max_m),
+        hold_stiffness: Joints::from(franka.hold_stiffness_nm_per_rad),
+        hold_damping: Joints::from(franka.hold_damping_nm_s_per_rad),
+        patience_cycles: cell.robot.command_patience_cycles,
+        silence_latch_s: SILENCE_LATCH_S,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tangent_runtime::config::FrankaConfig;
+
+    fn cell() -> CellConfig {
+        let mut cell = CellConfig::default_cell();
+        cell.robot.model = "panda".into();
+        cell.robot.driver = RobotDriver::Franka;
+        cell
+    }
+
+    #[test]
+    fn a_franka_cell_becomes_limits_and_settings() {
+        let mut cell = cell();
+        cell.robot.port_offset = 5;
+        cell.sensor.flange_from_sensor.translation_m = [0.0, 0.0, 0.01];
+        cell.robot.franka = Some(FrankaConfig {
+            torque_share: 0.5,
+            ..FrankaConfig::default()
+        });
+        let config = Config::from_cell(&cell).unwrap();
+        assert_eq!(config.port, 1342);
+        assert_eq!(config.bridge.limits.torque_nm[0], 43.5);
+        assert_eq!(config.bridge.limits.torque_nm[6], 6.0);
+        let load = config.bridge.settings.iter().find_map(|r| match r {
+            Request::SetLoad(load) => Some(load),
+            _ => None,
+        });
+        let load = load.unwrap();
+        assert_eq!(load.mass_kg, 0.3);
+        assert!((load.com_in_flange_m[2] - 0.06).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_cannot_work_is_named() {
+        let said = |change: fn(&mut CellConfig)| {
+            let mut cell = cell();
+            change(&mut cell);
+            Config::from_cell(&cell).unwrap_err().to_string()
+        };
+        for (change, wanted) in [
+            (
+                (|c| c.robot.driver = RobotDriver::Rtde) as fn(&mut CellConfig),
+                "driver = \"franka\"",
+            ),
+            (|c| c.robot.rate_hz = 500.0, "rate_hz = 500 is not allowed"),
+            (|c| c.robot.model = "ur5".into(), "seven joints"),
+            (
+                |c| c.limits.joint_speed_max_rad_per_s = vec![1.0; 6],
+                "has 6 values; 1 or 7",
+            ),
+            (
+                |c| c.robot.gravity_in_base_m_per_s2 = [0.0, 9.81, 0.0],
+                "stands on the floor",
+            ),
+        ] {
+            let said = said(change);
+            assert!(said.contains(wanted), "{said}");
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! `[robot.franka]`: what the bridge to a Franka arm has to know beyond `[robot]`. Per joint from base to flange; forces and
+//! moments are x, y, z and about x, y, z.
+
+use serde::Deserialize;
+
+use super::check_port;
+use crate::config::check::Checker;
+use crate::config::load::ConfigError;
+
+/// `[robot.franka]`
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FrankaConfig {
+    /// FCI.
+    pub fci_port: u16,
+    /// External joint torque from which the robot reports a contact, Nm.
+    pub contact_torque_nm: [f64; 7],
+    /// External joint torque at which the robot stops with a reflex, Nm.
+    pub collision_torque_nm: [f64; 7],
+    /// External force and moment from which the robot reports a contact, N, Nm.
+    pub contact_force_n_nm: [f64; 6],
+    /// External force and moment at which the robot stops with a reflex, N, Nm.
+    pub collision_force_n_nm: [f64; 6],
+    /// Stiffness with which the robot holds itself while nobody commands it, Nm/rad.
+    pub joint_impedance_nm_per_rad: [f64; 7],
+    /// Inertia of the tool about its centre of mass, kg m²: about x, y, z.
+    pub tool_inertia_kg_m2: [f64; 3],
+    /// Share of a joint's greatest torque that a command may ask for.
+    pub torque_share: f64,
+    /// Stiffness with which the bridge holds the arm in a torque motion while no command moves it, Nm/rad.
+    pub hold_stiffness_nm_per_rad: [f64; 7],
+    /// Damping of the same, Nm s/rad.
+    pub hold_damping_nm_s_per_rad: [f64; 7],
+}
+
+impl Default for FrankaConfig {
+    fn default() -> Self {
+        Self {
+            fci_port: 1337,
+            contact_torque_nm: [15.0, 15.0, 15.0, 15.0, 8.0, 8.0, 8.0],
+            collision_torque_nm: [40.0, 40.0, 40.0, 40.0, 12.0, 12.0, 12.0],
+            contact_force_n_nm: [20.0, 20.0, 20.0, 8.0, 8.0, 8.0],
+            collision_force_n_nm: [60.0, 60.0, 60.0, 20.0, 20.0, 20.0],
+            joint_impedance_nm_per_rad: [3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0],
+            tool_inertia_kg_m2: [0.001, 0.001, 0.001],
+            torque_share: 0.8,
+            hold_stiffness_nm_per_rad: [200.0, 200.0, 200.0, 200.0, 50.0, 30.0, 10.0],
+            hold_damping_nm_s_per_rad: [20.0, 20.0, 20.0, 20.0, 4.0, 3.0, 1.0],
+        }
+    }
+}
+
+impl FrankaConfig {
+    pub(super) fn check(&self, checker: &Checker<'_>, port_offset: u16) -> Result<(), ConfigError> {
+        check_port(checker, "robot.franka.fci_port", self.fci_port, port_offset)?;
+        let lists: [(&str, &[f64], f64, f64, &str); 8] = [
+            (
+                "contact_torque_nm",
+                &self.contact_torque_nm,
+                0.5,
+                100.0,
+                "Nm",
+            ),
+            (
+                "collision_torque_nm",
+                &self.collision_torque_nm,
+                0.5,
+                100.0,
+                "Nm",
+            ),
+            (
+                "contact_force_n_nm",
+                &self.contact_force_n_nm,
+                0.5,
+                200.0,
+                "N, Nm",
+            ),
+            (
+                "collision_force_n_nm",
+                &self.collision_force_n_nm,
+                0.5,
+                200.0,
+                "N, Nm",
+            ),
+            (
+                "joint_impedance_nm_per_rad",
+                &self.joint_impedance_nm_per_rad,
+                10.0,
+                14_250.0,
+                "Nm/rad",
+            ),
+            (
+                "tool_inertia_kg_m2",
+                &self.tool_inertia_kg_m2,
+                0.0,
+                1.0,
+                "kg m²",
+            ),
+            (
+                "hold_stiffness_nm_per_rad",
+                &self.hold_stiffness_nm_per_rad,
+                0.0,
+                2000.0,
+                "Nm/rad",
+            ),
+            (
+                "hold_damping_nm_s_per_rad",
+                &self.hold_damping_nm_s_per_rad,
+                0.1,
+                100.0,
+                "Nm s/rad",
+            ),
+        ];
+        for (key, list, least, most, unit) in lists {
+            checker.ranges(&format!("robot.franka.{key}"), list, least..=most, unit)?;
+        }
+        let ordered = |lower: &[f64], upper: &[f64]| lower.iter().zip(upper).all(|(l, u)| l <= u);
+        checker.require(
+            ordered(&self.contact_torque_nm, &self.collision_torque_nm),
+            "robot.franka.contact_torque_nm",
+            format!("{:?}", self.contact_torque_nm),
+            "for each joint at most collision_torque_nm",
+        )?;
+        checker.require(
+            ordered(&self.contact_force_n_nm, &self.collision_force_n_nm),
+            "robot.franka.contact_force_n_nm",
+            format!("{:?}", self.contact_force_n_nm),
+            "for each axis at most collision_force_n_nm",
+        )?;
+        checker.range(
+            "robot.franka.torque_share",
+            self.torque_share,
+            0.05..=1.0,
+            "",
+        )
+    }
+}

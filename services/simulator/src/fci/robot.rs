@@ -1,0 +1,490 @@
+//! The robot's controller: modes, motions, reflexes and its own hold, one millisecond per step, without sockets and clock.
+//!
+//! [`super::server`] gives it requests and answers as they come, sends the [`FciRobot::state`] of every cycle and calls
+//! [`FciRobot::step`].
+
+use nalgebra::{Matrix4, UnitQuaternion, Vector6};
+use tangent_franka::fci::{
+    Command, ConnectStatus, ControllerMode, ErrorFlags, LOST_MAX, MotionMode, MoveController,
+    MoveGenerator, MoveStatus, PERIOD_S, RecoveryStatus, Reply, ReplyBody, Request, RobotCommand,
+    RobotMode, RobotState, SetterStatus, StopStatus, VERSION,
+};
+use tangent_mechanics::{Arm, Flange, Joints, ModelData, ModelError, Pose, Tool};
+
+use super::config::FciConfig;
+use super::plant::TorquePlant;
+use super::protection::{Felt, commanded, moving, wrench_of};
+use super::settings::{RobotSettings, column_major, matrix};
+
+/// Bandwidth and damping ratio of the robot's own hold, rad/s. Acts on accelerations, so it is the same for every joint.
+const HOLD_RAD_PER_S: f64 = 60.0;
+const HOLD_DAMPING: f64 = 1.0;
+/// A hand that guides feels so much damping, 1/s.
+const GUIDING_DAMPING_PER_S: f64 = 5.0;
+/// Answers over which the success rate is taken.
+const RATE_WINDOW: u32 = 100;
+
+#[derive(Clone, Copy, Debug)]
+struct Motion {
+    id: u32,
+    controller: MoveController,
+    generator: MoveGenerator,
+    age_cycles: u32,
+}
+
+/// See the module.
+pub struct FciRobot {
+    plant: Box<dyn TorquePlant>,
+    model: Arm<7>,
+    loaded: Arm<7>,
+    start_cycles: u32,
+    recovery_cycles: u64,
+    message_id: u64,
+    motion: Option<Motion>,
+    user_stop: bool,
+    guiding: bool,
+    recovering: Option<(u32, u64)>,
+    errors: ErrorFlags,
+    reflex_reason: ErrorFlags,
+    tau_d: Joints<7>,
+    q_d: Joints<7>,
+    dq_d: Joints<7>,
+    tau_motor: Joints<7>,
+    tau_motor_rate: Joints<7>,
+    lost_in_row: u32,
+    /// The last answers, newest lowest: 1 in time.
+    answered: u128,
+    settings: RobotSettings,
+    felt: Felt,
+    wrench_o: Vector6<f64>,
+    wrench_k: Vector6<f64>,
+    replies: Vec<Reply>,
+}
+
+impl FciRobot {
+    /// At rest, idle, nobody connected.
+    ///
+    /// # Errors
+    /// The model that ships is broken.
+    pub fn new(config: &FciConfig, plant: Box<dyn TorquePlant>) -> Result<Self, ModelError> {
+        let model = Arm::<7>::new(&ModelData::builtin("panda")?)?;
+        let q = plant.reading().q;
+        Ok(Self {
+            loaded: model,
+            model,
+            plant,
+            start_cycles: config.start_cycles,
+            recovery_cycles: (config.recovery_s / PERIOD_S).max(1.0) as u64,
+            message_id: 1,
+            motion: None,
+            user_stop: false,
+            guiding: false,
+            recovering: None,
+            errors: ErrorFlags::default(),
+            reflex_reason: ErrorFlags::default(),
+            tau_d: Joints::zeros(),
+            q_d: q,
+            dq_d: Joints::zeros(),
+            tau_motor: Joints::zeros(),
+            tau_motor_rate: Joints::zeros(),
+            lost_in_row: 0,
+            answered: 0,
+            settings: RobotSettings::default(),
+            felt: Felt::default(),
+            wrench_o: Vector6::zeros(),
+            wrench_k: Vector6::zeros(),
+            replies: Vec::new(),
+        })
+    }
+
+    /// What it does now.
+    pub fn mode(&self) -> RobotMode {
+        if self.user_stop {
+            RobotMode::UserStopped
+        } else if self.recovering.is_some() {
+            RobotMode::AutomaticErrorRecovery
+        } else if !self.errors.is_empty() {
+            RobotMode::Reflex
+        } else if self.moving().is_some() {
+            RobotMode::Move
+        } else if self.guiding {
+            RobotMode::Guiding
+        } else {
+            RobotMode::Idle
+        }
+    }
+
+    /// A motion runs that the state shows: each state is to be answered.
+    pub fn wants_answer(&self) -> bool {
+        self.moving().is_some()
+    }
+
+    /// The arm and what it touches.
+    pub fn plant(&self) -> &dyn TorquePlant {
+        &*self.plant
+    }
+
+    /// Replies since the last call, in order.
+    pub fn take_replies(&mut self) -> Vec<Reply> {
+        std::mem::take(&mut self.replies)
+    }
+
+    /// The client is gone: what it moved is held.
+    pub fn disconnect(&mut self) {
+        if self.motion.take().is_some() {
+            self.hold_here();
+        }
+        self.replies.clear();
+    }
+
+    /// Presses or releases the user stop.
+    pub fn set_user_stop(&mut self, pressed: bool) {
+        self.user_stop = pressed;
+        if pressed {
+            self.end_motion(MoveStatus::EmergencyAborted);
+        }
+    }
+
+    /// A hand takes the arm, or lets go; not during a motion.
+    pub fn set_guiding(&mut self, guiding: bool) {
+        self.guiding = guiding && self.motion.is_none();
+        self.hold_here();
+    }
+
+    /// Something pushes the tool, N, base axes.
+    pub fn push(&mut self, force_n: [f64; 3]) {
+        self.plant.push(force_n);
+    }
+
+    /// A request of the client.
+    pub fn request(&mut self, id: u32, request: &Request) {
+        let command = request.command();
+        let body = match request {
+            Request::Connect { version, .. } => Some(ReplyBody::Connect(
+                if *version == VERSION {
+                    ConnectStatus::Success
+                } else {
+                    ConnectStatus::IncompatibleVersion
+                },
+                VERSION,
+            )),
+            Request::Move {
+                controller,
+                generator,
+                ..
+            } => Some(ReplyBody::Move(self.start(id, *controller, *generator))),
+            Request::StopMove => Some(ReplyBody::Stop(self.stop())),
+            Request::AutomaticErrorRecovery => self.recover(id).map(ReplyBody::Recovery),
+            Request::GetCartesianLimit(_) => Some(ReplyBody::Wall(
+                SetterStatus::Success,
+                [0.0; 3],
+                column_major(&Matrix4::identity()),
+                false,
+            )),
+            // The code is the vendor's; there is none here.
+            Request::LoadModelLibrary(..) => Some(ReplyBody::Model(false)),
+            setter => Some(ReplyBody::Setter(self.set(setter))),
+        };
+        if let Some(body) = body {
+            self.replies.push(Reply { command, id, body });
+        }
+    }
+
+    /// The state of this cycle.
+    pub fn state(&self) -> RobotState {
+        let reading = self.plant.reading();
+        let base_from_flange = self.model.base_from_flange(&reading.q).matrix();
+        let f_t_ee = matrix(&self.settings.ne_t_ee);
+        let desired = self.model.base_from_flange(&self.q_d).matrix() * f_t_ee;
+        let elbow = |q: &Joints<7>| [q[2], if q[3] < 0.0 { -1.0 } else { 1.0 }];
+        let (motion_mode, controller) = match self.moving() {
+            None => (MotionMode::Idle, ControllerMode::Other),
+            Some(motion) => (
+                match motion.generator {
+                    MoveGenerator::JointPosition => MotionMode::JointPosition,
+                    MoveGenerator::JointVelocity => MotionMode::JointVelocity,
+                    MoveGenerator::CartesianPosition => MotionMode::CartesianPosition,
+                    MoveGenerator::CartesianVelocity => MotionMode::CartesianVelocity,
+                },
+                match motion.controller {
+                    MoveController::JointImpedance => ControllerMode::JointImpedance,
+                    MoveController::CartesianImpedance => ControllerMode::CartesianImpedance,
+                    MoveController::External => ControllerMode::External,
+                },
+            ),
+        };
+        let in_time = self.answered & ((1 << RATE_WINDOW) - 1);
+        RobotState {
+            message_id: self.message_id,
+            o_t_ee: column_major(&(base_from_flange * f_t_ee)),
+            o_t_ee_d: column_major(&desired),
+            o_t_ee_c: column_major(&desired),
+            f_t_ee: column_major(&f_t_ee),
+            ee_t_k: self.settings.ee_t_k,
+            f_t_ne: column_major(&Matrix4::identity()),
+            ne_t_ee: self.settings.ne_t_ee,
+            m_load: self.settings.load.mass_kg,
+            i_load: self.settings.load.inertia_kg_m2,
+            f_x_cload: self.settings.load.com_in_flange_m,
+            elbow: elbow(&reading.q),
+            elbow_d: elbow(&self.q_d),
+            elbow_c: elbow(&self.q_d),
+            tau_j: self.tau_motor.into(),
+            tau_j_d: self.tau_d.into(),
+            dtau_j: self.tau_motor_rate.into(),
+            q: reading.q.into(),
+            q_d: self.q_d.into(),
+            dq: reading.qd.into(),
+            dq_d: self.dq_d.into(),
+            joint_contact: self.felt.joint_contact,
+            cartesian_contact: self.felt.cartesian_contact,
+            joint_collision: self.felt.joint_collision,
+            cartesian_collision: self.felt.cartesian_collision,
+            // The vendor's sign: what the robot does to the environment.
+            tau_ext_hat_filtered: (-reading.external).into(),
+            o_f_ext_hat_k: (-self.wrench_o).into(),
+            k_f_ext_hat_k: (-self.wrench_k).into(),
+            o_ddp_o: self.model.gravity_in_base().into(),
+            theta: reading.q.into(),
+            dtheta: reading.qd.into(),
+            motion_generator_mode: motion_mode.number(),
+            controller_mode: controller.number(),
+            errors: self.errors,
+            reflex_reason: self.reflex_reason,
+            robot_mode: self.mode().number(),
+            control_command_success_rate: if self.moving().is_some() {
+                f64::from(in_time.count_ones()) / f64::from(RATE_WINDOW)
+            } else {
+                0.0
+            },
+            ..RobotState::default()
+        }
+    }
+
+    /// One cycle: the answer to its state, if one came.
+    pub fn step(&mut self, answer: Option<&RobotCommand>) {
+        let gravity = self.loaded.gravity(&self.plant.reading().q);
+        if let Some(motion) = &mut self.motion {
+            motion.age_cycles = motion.age_cycles.saturating_add(1);
+            if motion.age_cycles > self.start_cycles + 1 {
+                let motion = *motion;
+                let answer = answer.filter(|answer| answer.message_id == self.message_id);
+                self.answered = self.answered << 1 | u128::from(answer.is_some());
+                match answer {
+                    Some(answer) => self.obey(&motion, answer, &gravity),
+                    None => {
+                        self.lost_in_row += 1;
+                        if self.lost_in_row >= LOST_MAX {
+                            self.reflex(ErrorFlags::COMMUNICATION_CONSTRAINTS);
+                        }
+                    }
+                }
+            }
+        }
+        self.advance_recovery();
+        let torque = self.torque() + gravity;
+        self.tau_motor_rate = (torque - self.tau_motor) / PERIOD_S;
+        self.tau_motor = torque;
+        self.plant.step(&torque);
+        self.feel();
+        self.message_id += 1;
+    }
+
+    /// The motion that the state shows.
+    fn moving(&self) -> Option<&Motion> {
+        self.motion
+            .as_ref()
+            .filter(|motion| motion.age_cycles > self.start_cycles)
+    }
+
+    fn start(
+        &mut self,
+        id: u32,
+        controller: MoveController,
+        generator: MoveGenerator,
+    ) -> MoveStatus {
+        if self.mode() != RobotMode::Idle || self.motion.is_some() {
+            return MoveStatus::NotPossible;
+        }
+        let joints = matches!(
+            generator,
+            MoveGenerator::JointPosition | MoveGenerator::JointVelocity
+        );
+        // Its own Cartesian motions are the vendor's planning, and no part of this simulation.
+        if controller != MoveController::External && !joints {
+            return MoveStatus::InvalidArgument;
+        }
+        self.reflex_reason = ErrorFlags::default();
+        self.motion = Some(Motion {
+            id,
+            controller,
+            generator,
+            age_cycles: 0,
+        });
+        self.tau_d = Joints::zeros();
+        self.lost_in_row = 0;
+        self.answered = u128::MAX;
+        MoveStatus::MotionStarted
+    }
+
+    fn stop(&mut self) -> StopStatus {
+        if self.user_stop {
+            return StopStatus::EmergencyAborted;
+        }
+        if self.motion.is_none() {
+            return StopStatus::NotPossible;
+        }
+        self.end_motion(MoveStatus::Preempted);
+        StopStatus::Success
+    }
+
+    fn recover(&mut self, id: u32) -> Option<RecoveryStatus> {
+        if self.user_stop || self.motion.is_some() || self.recovering.is_some() {
+            return Some(RecoveryStatus::NotPossible);
+        }
+        if self.errors.0[ErrorFlags::JOINT_POSITION_LIMITS] {
+            return Some(RecoveryStatus::ManualRecoveryRequired);
+        }
+        if self.errors.is_empty() {
+            return Some(RecoveryStatus::Success);
+        }
+        self.recovering = Some((id, self.recovery_cycles));
+        None
+    }
+
+    fn advance_recovery(&mut self) {
+        let Some((id, cycles)) = self.recovering else {
+            return;
+        };
+        let status = if self.user_stop {
+            RecoveryStatus::EmergencyAborted
+        } else if cycles == 0 {
+            self.errors = ErrorFlags::default();
+            self.hold_here();
+            RecoveryStatus::Success
+        } else {
+            self.recovering = Some((id, cycles - 1));
+            return;
+        };
+        self.recovering = None;
+        self.replies.push(Reply {
+            command: Command::AutomaticErrorRecovery,
+            id,
+            body: ReplyBody::Recovery(status),
+        });
+    }
+
+    fn set(&mut self, request: &Request) -> SetterStatus {
+        if self.motion.is_some() {
+            return SetterStatus::NotPossible;
+        }
+        if !self.settings.set(request) {
+            return SetterStatus::InvalidArgument;
+        }
+        self.loaded = self.model.with_payload(&self.settings.payload());
+        SetterStatus::Success
+    }
+
+    fn obey(&mut self, motion: &Motion, answer: &RobotCommand, gravity: &Joints<7>) {
+        self.lost_in_row = 0;
+        if !answer.is_finite() {
+            self.end_motion(MoveStatus::InputErrorAborted);
+            return;
+        }
+        if motion.controller == MoveController::External {
+            let torque = Joints::from(answer.tau_j_d);
+            if let Some(error) = commanded(&torque, &self.tau_d, gravity, self.model.limits()) {
+                self.reflex(error);
+                return;
+            }
+            self.tau_d = torque;
+        } else {
+            let q_d = match motion.generator {
+                MoveGenerator::JointPosition => Joints::from(answer.q_c),
+                _ => self.q_d + Joints::from(answer.dq_c) * PERIOD_S,
+            };
+            let dq_d = (q_d - self.q_d) / PERIOD_S;
+            let limits = self.model.limits();
+            if (0..7).any(|i| dq_d[i].abs() > limits.velocity[i]) {
+                // joint_motion_generator_velocity_limits_violation
+                self.reflex(13);
+                return;
+            }
+            (self.q_d, self.dq_d) = (q_d, dq_d);
+        }
+        if answer.motion_finished {
+            self.end_motion(MoveStatus::Success);
+        }
+    }
+
+    /// Torque beyond gravity, Nm.
+    fn torque(&mut self) -> Joints<7> {
+        let reading = self.plant.reading();
+        let external = |m: &Motion| m.controller == MoveController::External;
+        if self.moving().is_some_and(external) {
+            return self.tau_d;
+        }
+        let mass = self.loaded.mass_matrix(&reading.q);
+        if self.guiding && self.motion.is_none() && self.errors.is_empty() && !self.user_stop {
+            self.hold_here();
+            return mass * (reading.qd * -GUIDING_DAMPING_PER_S);
+        }
+        let pull = (self.q_d - reading.q) * HOLD_RAD_PER_S.powi(2);
+        let brake = (self.dq_d - reading.qd) * (2.0 * HOLD_DAMPING * HOLD_RAD_PER_S);
+        let torque = mass * (pull + brake);
+        match self.model.limits().effort {
+            Some(effort) => Joints::from_fn(|i, _| torque[i].clamp(-effort[i], effort[i])),
+            None => torque,
+        }
+    }
+
+    /// What the arm feels after the step, and whether that ends the motion.
+    fn feel(&mut self) {
+        let reading = self.plant.reading();
+        let flange_from_k = matrix(&self.settings.ne_t_ee) * matrix(&self.settings.ee_t_k);
+        let rotation = flange_from_k.fixed_view::<3, 3>(0, 0).into_owned();
+        let turn = UnitQuaternion::from_matrix(&rotation);
+        let k =
+            Pose::<Flange, Tool>::new(flange_from_k.fixed_view::<3, 1>(0, 3).into_owned(), turn);
+        let (base_from_k, jacobian) = self.model.tool_and_jacobian(&reading.q, &k);
+        self.wrench_o = wrench_of(&jacobian, &reading.external);
+        let force = base_from_k.unrotate(&self.wrench_o.fixed_rows::<3>(0).into_owned());
+        let moment = base_from_k.unrotate(&self.wrench_o.fixed_rows::<3>(3).into_owned());
+        self.wrench_k.fixed_rows_mut::<3>(0).copy_from(&force);
+        self.wrench_k.fixed_rows_mut::<3>(3).copy_from(&moment);
+        self.felt = Felt::new(&self.settings.behavior, &reading.external, &self.wrench_o);
+        if self.moving().is_some() {
+            let error = self
+                .felt
+                .error()
+                .or_else(|| moving(&reading, self.model.limits()));
+            if let Some(error) = error {
+                self.reflex(error);
+            }
+        }
+    }
+
+    fn reflex(&mut self, error: usize) {
+        self.errors = ErrorFlags::only(error);
+        self.reflex_reason = self.errors;
+        self.end_motion(MoveStatus::ReflexAborted);
+    }
+
+    fn end_motion(&mut self, status: MoveStatus) {
+        if let Some(motion) = self.motion.take() {
+            self.replies.push(Reply {
+                command: Command::Move,
+                id: motion.id,
+                body: ReplyBody::Move(status),
+            });
+        }
+        self.hold_here();
+    }
+
+    fn hold_here(&mut self) {
+        self.q_d = self.plant.reading().q;
+        self.dq_d = Joints::zeros();
+        self.tau_d = Joints::zeros();
+        self.lost_in_row = 0;
+    }
+}
