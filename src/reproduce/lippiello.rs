@@ -79,7 +79,7 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
             System::OursVision => "default_vision",
             System::OursAll => "default_all",
         };
-        let _ = write!(page, "<h2>{}</h2>\n", system.name());
+        let _ = writeln!(page, "<h2>{}</h2>", system.name());
         draw_all(&samples, |(kind, title, unit, _), curves| {
             let colours: [RGBColor; 3] = [BLUE, GREEN, ORANGE];
             let series: Vec<Series<'_>> = curves
@@ -104,7 +104,7 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
             )?;
             let file = folder.join(format!("{stem}_{kind}.svg"));
             fs::write(&file, &svg).with_context(|| format!("file {}", file.display()))?;
-            let _ = write!(page, "<figure>{svg}</figure>\n");
+            let _ = writeln!(page, "<figure>{svg}</figure>");
             Ok(())
         })?;
     }

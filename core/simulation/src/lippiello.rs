@@ -189,7 +189,11 @@ pub fn figures(runs: &[Runs]) -> Vec<LippielloFigure> {
         // No peak lies below the force that is asked for: where the camera alone leaves less than that to take away, there is no goal.
         let vision_peak = median(&picked(of(vision), |f| f.peak_at_contact_n));
         let within_reach = vision_peak.is_none_or(|n| PEAK_SHARE * n >= REFERENCE_N);
-        let share = if within_reach { PEAK_SHARE } else { f64::INFINITY };
+        let share = if within_reach {
+            PEAK_SHARE
+        } else {
+            f64::INFINITY
+        };
         add("peak force at contact, share", share, |f| {
             f.peak_at_contact_n
         });

@@ -388,7 +388,8 @@ mod tests {
 
     #[test]
     fn what_makes_no_sense_is_refused_with_the_reason_and_ends_the_motion() {
-        let bad: [(fn(&mut ArmCommand), &str); 6] = [
+        type Spoil = fn(&mut ArmCommand);
+        let bad: [(Spoil, &str); 6] = [
             (|c| c.values[2] = f64::NAN, "joint 3"),
             (|c| c.values[1] = 1e9, "effort"),
             (|c| c.values.truncate(5), "5 joint values"),
