@@ -2,7 +2,7 @@
 //! sensor behind a Net F/T box, and a camera on the wrist whose images come as a driver's would.
 //!
 //! One thread is the arm: it publishes its state, in which the controller answers at once, lets the answer through the
-//! [`gate`], and moves by one period. Images are drawn in a thread of their own.
+//! guard of [`TorqueGate`], and moves by one period. Images are drawn in a thread of their own.
 
 mod gate;
 mod images;
