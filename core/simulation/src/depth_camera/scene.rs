@@ -30,7 +30,7 @@ pub enum Thing {
 }
 
 impl<'a> Scene<'a> {
-    /// As [`crate::DepthCameraConfig`] has it; rays end at `far_m`.
+    /// As [`super::DepthCameraConfig`] has it; rays end at `far_m`.
     pub fn new(
         surface: &'a Surface,
         base_from_camera: Isometry3<f64>,
