@@ -8,8 +8,8 @@ use anyhow::{Context, Result, anyhow};
 use tangent_mechanics::ModelData;
 use tangent_runtime::config::{Law, RobotDriver};
 use tangent_runtime::{Bus, CellConfig, Stop};
-use tangent_simulation::{ObjectScenario, Scenario};
-use tangent_simulator::fci::{FciConfig, Plane, PlantConfig};
+use tangent_simulation::{ObjectScenario, Scenario, TactileScenario};
+use tangent_simulator::fci::{FciConfig, Plane, PlantConfig, TactileArm};
 use tangent_simulator::{Flavour, Ports};
 
 use crate::output::bad_usage;
@@ -121,7 +121,7 @@ pub fn service(
                 Ok(tangent_camera::run(config, bus, stop)?)
             })
         }
-        "controller" if config.controller.law == Law::HybridDynamics => {
+        "controller" if config.controller.law != Law::HybridAdmittance => {
             let config = tangent_controller::TorqueConfig::from_cell(config, &model(config)?)
                 .map_err(bad_usage)?;
             Running::start("controller", everybody, move |stop| {
@@ -163,8 +163,11 @@ pub fn simulator(
     bus: &Bus,
     everybody: &Stop,
 ) -> Result<Running> {
-    if config.robot.driver == RobotDriver::Franka {
-        return simulated_franka(config, bus, everybody);
+    if config.robot.driver == RobotDriver::Franka
+        && played.is_none()
+        && config.simulator.scenario.is_none()
+    {
+        return simulated_franka(config, None, bus, everybody);
     }
     let own = match (played, &config.simulator.scenario) {
         (Some(_), _) => None,
@@ -173,6 +176,9 @@ pub fn simulator(
     };
     match played.or(own.as_ref()) {
         Some(Played::Object(scenario)) => simulated_object(config, scenario, bus, everybody),
+        Some(Played::Tactile(scenario)) => {
+            simulated_franka(config, Some(scenario), bus, everybody)
+        }
         Some(Played::Normals(scenario)) => simulated_normals(config, scenario, bus, everybody),
         None => Err(anyhow!("no scenario to play; this is a defect")),
     }
@@ -239,7 +245,12 @@ fn simulated_normals(
 }
 
 /// A simulated Franka with the cell's tool. Without a scenario of its own there is a table under the tool to press on.
-fn simulated_franka(config: &CellConfig, bus: &Bus, everybody: &Stop) -> Result<Running> {
+fn simulated_franka(
+    config: &CellConfig,
+    scenario: Option<&TactileScenario>,
+    bus: &Bus,
+    everybody: &Stop,
+) -> Result<Running> {
     let tool = config.tool.flange_from_tool();
     let com = config
         .sensor
@@ -263,8 +274,15 @@ fn simulated_franka(config: &CellConfig, bus: &Bus, everybody: &Stop) -> Result<
         ..FciConfig::default()
     };
     let bus = bus.clone();
+    let Some(scenario) = scenario else {
+        return Running::start("simulator", everybody, move |stop| {
+            Ok(tangent_simulator::fci::run(simulated, bus, stop)?)
+        });
+    };
+    let seed = config.simulator.seed.unwrap_or(scenario.seed);
+    let plant = TactileArm::new(&scenario.plant, seed).map_err(bad_usage)?;
     Running::start("simulator", everybody, move |stop| {
-        Ok(tangent_simulator::fci::run(simulated, bus, stop)?)
+        Ok(tangent_simulator::fci::run_with(&simulated, Box::new(plant), &bus, &stop)?)
     })
 }
 

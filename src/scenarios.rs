@@ -62,7 +62,7 @@ macro_rules! builtin_tactile {
     };
 }
 
-// Of kind `visuo_tactile`: for `evaluate` and `reproduce` only.
+// Of kind `visuo_tactile`.
 builtin_tactile![
     "karacan_dark",
     "karacan_depth",
@@ -71,7 +71,7 @@ builtin_tactile![
 ];
 
 /// A system's name and the scenario that `up` plays for it.
-const SYSTEMS: &[(&str, &str)] = &[("tugal", DEFAULT), ("lippiello", "lippiello_realistic")];
+const SYSTEMS: &[(&str, &str)] = &[("tugal", DEFAULT), ("lippiello", "lippiello_realistic"), ("karacan", "karacan_dark")];
 
 /// The scenario of a system by its paper's name.
 pub fn of_system(name: &str) -> Option<&'static str> {
@@ -86,6 +86,8 @@ pub enum Played {
     Normals(Box<Scenario>),
     /// An arm that takes torques, an object of known shape, a camera.
     Object(Box<ObjectScenario>),
+    /// A Franka on a surface that nobody has modelled, by touch.
+    Tactile(Box<TactileScenario>),
 }
 
 impl Played {
@@ -94,10 +96,13 @@ impl Played {
     /// # Errors
     /// As [`load`].
     pub fn load(name: &str, overrides: &[String]) -> Result<Self> {
-        Ok(match load_object(name, overrides)? {
-            Some(object) => Self::Object(Box::new(object)),
-            None => Self::Normals(Box::new(load(name, overrides)?)),
-        })
+        if let Some(object) = load_object(name, overrides)? {
+            return Ok(Self::Object(Box::new(object)));
+        }
+        if let Some(tactile) = load_tactile(name, overrides)? {
+            return Ok(Self::Tactile(Box::new(tactile)));
+        }
+        Ok(Self::Normals(Box::new(load(name, overrides)?)))
     }
 
     /// As reports call it.
@@ -105,6 +110,7 @@ impl Played {
         match self {
             Self::Normals(s) => &s.name,
             Self::Object(s) => &s.name,
+            Self::Tactile(s) => &s.name,
         }
     }
 
@@ -113,6 +119,7 @@ impl Played {
         match self {
             Self::Normals(s) => &s.title,
             Self::Object(s) => &s.title,
+            Self::Tactile(s) => &s.title,
         }
     }
 
@@ -121,6 +128,7 @@ impl Played {
         match self {
             Self::Normals(s) => &s.task,
             Self::Object(s) => &s.task,
+            Self::Tactile(s) => &s.task,
         }
     }
 
@@ -132,6 +140,7 @@ impl Played {
         Ok(match self {
             Self::Normals(s) => toml::to_string(s.as_ref())?,
             Self::Object(s) => toml::to_string(s.as_ref())?,
+            Self::Tactile(s) => toml::to_string(s.as_ref())?,
         })
     }
 }

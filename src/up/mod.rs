@@ -39,6 +39,7 @@ pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
     let mut config = match &played {
         Played::Normals(scenario) => simulated_cell::of_normals(base, scenario, args)?,
         Played::Object(scenario) => simulated_cell::of_object(base, scenario, args)?,
+        Played::Tactile(scenario) => simulated_cell::of_tactile(base, scenario, args)?,
     };
 
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
@@ -109,10 +110,12 @@ impl System {
         let recorder = compose::service("recorder", config, bus, everybody, extra)?;
         let mut services = Vec::new();
         // Registered before the arm's own service, a controller answers each packet within its publish.
-        let names = match played {
-            Played::Normals(_) => ["controller", "estimator", "netft", "rtde"],
+        let names: &[&str] = match played {
+            Played::Normals(_) => &["controller", "estimator", "netft", "rtde"],
             // This arm is on the bus itself.
-            Played::Object(_) => ["controller", "estimator", "camera", "netft"],
+            Played::Object(_) => &["controller", "estimator", "camera", "netft"],
+            // This one feels by itself.
+            Played::Tactile(_) => &["controller", "estimator", "franka"],
         };
         for name in names {
             services.push(compose::service(name, config, bus, everybody, extra)?);

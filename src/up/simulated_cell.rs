@@ -4,13 +4,15 @@ use anyhow::{Context, Result};
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_mechanics::{Arm, ModelData};
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::{CameraConfig, Law, PoseConfig};
-use tangent_simulation::{ObjectScenario, Scenario};
+use tangent_runtime::config::{CameraConfig, Law, PoseConfig, WrenchSource};
+use tangent_simulation::{ObjectScenario, Scenario, TactileScenario};
 use toml::Table;
 
 use crate::cli::Up;
 use crate::output::bad_usage;
 
+/// A simulated Franka as its cell file has it.
+const FRANKA: &str = include_str!("../../deploy/cell.franka.toml");
 /// Records per second of the force sensor beside a torque-controlled arm: two per period.
 const TORQUE_SENSOR_HZ: f64 = 2000.0;
 /// Jitter of the wrench that a laptop's threads may have, s.
@@ -100,6 +102,47 @@ pub fn of_object(mut cell: CellConfig, scenario: &ObjectScenario, args: &Up) -> 
             .settings
             .insert(name.clone(), Table::try_from(&estimation)?);
     }
+    Ok(cell)
+}
+
+/// For a scenario of a Franka that feels through its joints.
+///
+/// # Errors
+/// A port offset that leads past the last port.
+pub fn of_tactile(
+    mut cell: CellConfig,
+    scenario: &TactileScenario,
+    args: &Up,
+) -> Result<CellConfig> {
+    let shipped = CellConfig::parse("deploy/cell.franka.toml", FRANKA).map_err(bad_usage)?;
+    let tool = &scenario.plant.tool;
+    cell.robot = shipped.robot;
+    cell.sensor = shipped.sensor;
+    cell.robot.model.clone_from(&scenario.plant.robot);
+    on_this_machine(&mut cell, args)?;
+    cell.sensor.flange_from_sensor = pose(&tool.flange_from_sensor);
+    cell.tool.flange_from_tool = pose(&tool.flange_from_tool);
+    cell.tool.mass_kg = tool.payload.mass_kg;
+    cell.tool.com_in_sensor_m = tool.payload.com_in_sensor_m;
+    cell.tool.inertia_kg_m2 = tool.payload.inertia_kg_m2;
+    if let Some(franka) = &mut cell.robot.franka {
+        franka.tool_inertia_kg_m2 = tool.payload.inertia_kg_m2;
+    }
+    let limits = &scenario.limits;
+    cell.limits = shipped.limits;
+    cell.limits.force_max_n = limits.force_max_n;
+    cell.limits.torque_max_nm = limits.torque_max_nm;
+    cell.controller.law = Law::UnifiedForceImpedance;
+    cell.controller.preset.clone_from(&scenario.controller);
+    cell.controller.settings.clone_from(&scenario.control);
+    allow_jitter(&mut cell.controller.settings);
+    cell.estimators.wrench = WrenchSource::Law;
+    run_estimators(&mut cell, &scenario.task.estimators, false);
+    cell.estimators.settings.clear();
+    cell.estimators.settings.insert(
+        tangent_estimator::ALL.to_owned(),
+        Table::try_from(scenario.estimation)?,
+    );
     Ok(cell)
 }
 

@@ -37,6 +37,7 @@ impl Config {
             return Err(ControllerError::Joints {
                 name: model.name.clone(),
                 dof: model.dof,
+                wanted: 6,
             });
         }
         let arm = Arm::new(&model)?;
@@ -61,10 +62,10 @@ impl Config {
     }
 }
 
-pub(crate) fn limits(cell: &CellConfig, arm: &Arm<6>) -> Limits {
+pub(crate) fn limits<const N: usize>(cell: &CellConfig, arm: &Arm<N>) -> Limits {
     let own = &cell.limits;
     // One share for all joints: that of the joint with the least room.
-    let joint_speed_share = own.joint_speed_max(6).map_or(SHARE, |speeds| {
+    let joint_speed_share = own.joint_speed_max(N).map_or(SHARE, |speeds| {
         speeds
             .iter()
             .zip(arm.limits().velocity.iter())
@@ -73,7 +74,7 @@ pub(crate) fn limits(cell: &CellConfig, arm: &Arm<6>) -> Limits {
     });
     let default = Limits::default();
     let acceleration = own
-        .joint_acceleration_max(6)
+        .joint_acceleration_max(N)
         .map_or(default.joint_acceleration_max_rad_per_s2, |list| {
             list.iter().copied().fold(f64::INFINITY, f64::min)
         });

@@ -24,11 +24,13 @@ pub enum ControllerError {
     #[error("starting a thread: {0}")]
     Thread(#[from] std::io::Error),
     /// An arm that this law cannot drive.
-    #[error("controller: arm model \"{name}\" has {dof} joints; the laws here are for arms with 6")]
+    #[error("controller: arm model \"{name}\" has {dof} joints; [controller] law is for arms with {wanted}")]
     Joints {
         /// Name of the model.
         name: String,
         /// Its number of joints.
         dof: usize,
+        /// Those of the law's arms.
+        wanted: usize,
     },
 }

@@ -206,7 +206,8 @@ pub fn driven_by_another(state: &ArmState, own_id: [u8; 16]) -> Option<Name> {
     (!state.commanded_by.is_empty() && state.commander_id != own_id).then_some(state.commanded_by)
 }
 
-fn read_estimate(reader: &mut EstimateReader, state: &ArmState) -> Option<EstimateInput> {
+/// The newest of one estimator with its age; none before its first word.
+pub fn read_estimate(reader: &mut EstimateReader, state: &ArmState) -> Option<EstimateInput> {
     let newest = reader.newest.get()?;
     let message = &newest.message;
     let said = (newest.publisher, message.header.stamp.to_ns());

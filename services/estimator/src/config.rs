@@ -5,6 +5,7 @@ use tangent_estimation::object_pose::{CameraModel, OBJECT_ESTIMATORS};
 use tangent_estimation::{EstimatorConfig, ObjectPoseConfig, estimator_names};
 use tangent_mechanics::{Flange, ModelData, Pose, Tool};
 use tangent_runtime::CellConfig;
+use tangent_runtime::config::WrenchSource;
 use tangent_sensing::BaseConfig;
 use toml::{Table, Value};
 
@@ -44,6 +45,8 @@ pub struct Config {
     pub model: ModelData,
     /// Where the tool is on the flange.
     pub flange_from_tool: Pose<Flange, Tool>,
+    /// Which wrench is used.
+    pub wrench_source: WrenchSource,
     /// Age at which a wrench is no longer used, s.
     pub wrench_patience_s: f64,
     /// How the pose of a moving base is judged.
@@ -102,6 +105,7 @@ impl Config {
             }),
             model,
             flange_from_tool: cell.tool.flange_from_tool(),
+            wrench_source: cell.estimators.wrench,
             wrench_patience_s: 0.05,
             base: cell.base,
             realtime_priority: cell

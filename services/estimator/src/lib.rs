@@ -13,8 +13,10 @@ mod sample;
 
 use std::time::{Duration, Instant};
 
+use tangent_control::Phase;
 use tangent_estimation::estimator_names;
 use tangent_estimation::object_pose::OBJECT_ESTIMATORS;
+use tangent_runtime::config::WrenchSource;
 use tangent_runtime::{
     Age, BaseReader, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters,
     Rate, RealtimeReport, Stop, Subscription, realtime,
@@ -61,6 +63,7 @@ struct Service {
     base: BaseReader,
     activation: u64,
     commanded: CommandedTwist,
+    wrench_source: WrenchSource,
     builder: SampleBuilder,
     host: Host,
     objects: Option<Objects>,
@@ -124,6 +127,7 @@ impl Service {
             base: BaseReader::new(bus, &config.base)?,
             activation: 0,
             builder: SampleBuilder::default(),
+            wrench_source: config.wrench_source,
             wrench_patience,
             meters: Meters {
                 cycles: health.rate("arm_state"),
@@ -158,18 +162,35 @@ impl Service {
         let arm = newest.message;
         self.reset_on_new_task();
 
-        self.status.refresh();
-        self.wrench.refresh();
-        let pair = self.wrench.get().zip(self.status.get()).map(|(w, s)| {
-            self.meters.wrench_age.mark_at(w.received);
-            NewestWrench {
-                wrench: &w.message,
-                status: &s.message,
-                age: w.age(),
-            }
-        });
         let patience = Duration::from_secs_f64(self.wrench_patience.get());
-        let Some(mut built) = self.builder.build(&arm, &self.commanded, pair, patience) else {
+        let built = match self.wrench_source {
+            WrenchSource::Measured => {
+                self.status.refresh();
+                self.wrench.refresh();
+                let pair = self.wrench.get().zip(self.status.get()).map(|(w, s)| {
+                    self.meters.wrench_age.mark_at(w.received);
+                    NewestWrench {
+                        wrench: &w.message,
+                        status: &s.message,
+                        age: w.age(),
+                    }
+                });
+                self.builder.build(&arm, &self.commanded, pair, patience)
+            }
+            WrenchSource::Law => {
+                let used = self.control.get().map(|control| {
+                    self.meters.wrench_age.mark_at(control.received);
+                    (wrench_of_law(&control.message), control.age())
+                });
+                let pair = used.as_ref().map(|((wrench, status), age)| NewestWrench {
+                    wrench,
+                    status,
+                    age: *age,
+                });
+                self.builder.build(&arm, &self.commanded, pair, patience)
+            }
+        };
+        let Some(mut built) = built else {
             self.say(Trouble::BadArm);
             return;
         };
@@ -237,6 +258,26 @@ impl Service {
             Trouble::Base(why) => self.health.degraded(format_args!("{}", why.reason())),
         }
     }
+}
+
+/// What the law made of the wrench, with its own zero; none while it takes that zero, or no task runs.
+fn wrench_of_law(control: &ControlState) -> (WrenchStamped, WrenchStatus) {
+    let phase = Phase::from_code(control.phase).unwrap_or_default();
+    let usable = phase.is_active() && phase != Phase::Tare;
+    let wrench = WrenchStamped {
+        header: control.header.clone(),
+        wrench: control.wrench.clone(),
+    };
+    let status = WrenchStatus {
+        header: control.header.clone(),
+        validity: if usable {
+            Validity::Valid
+        } else {
+            Validity::Missing
+        } as u8,
+        ..WrenchStatus::default()
+    };
+    (wrench, status)
 }
 
 #[cfg(test)]

@@ -26,6 +26,7 @@ fn config(names: &[&str]) -> Config {
         flange_from_tool: Pose::identity(),
         // Tests run on loaded machines; staleness has its own test.
         realtime_priority: None,
+        wrench_source: tangent_runtime::config::WrenchSource::Measured,
         wrench_patience_s: 1.0,
         base: tangent_sensing::BaseConfig::default(),
     }

@@ -4,7 +4,7 @@ mod ranges;
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::PatienceConfig;
+use crate::config::{PatienceConfig, with_changes};
 use crate::energy_tank::EnergyTank;
 use crate::{ControlError, FrictionConfig, PathConfig};
 
@@ -379,6 +379,16 @@ impl UnifiedForceImpedanceConfig {
             "paper" => Ok(Self::paper()),
             other => Err(ControlError::UnknownPreset(other.into())),
         }
+    }
+
+    /// A preset with single parameters changed, checked.
+    ///
+    /// # Errors
+    /// An unknown name or parameter, or a value out of its range.
+    pub fn preset_with(name: &str, changes: &toml::Table) -> Result<Self, ControlError> {
+        let config = with_changes(Self::preset(name)?, changes)?;
+        config.check()?;
+        Ok(config)
     }
 
     fn paper() -> Self {

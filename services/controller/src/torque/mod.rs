@@ -8,6 +8,7 @@ mod cycle;
 mod object_readers;
 mod objects;
 mod program;
+mod unified;
 
 use std::sync::Arc;
 
@@ -18,21 +19,35 @@ use tangent_schemas::topics;
 
 pub use config::TorqueConfig;
 
-use crate::desk::Desk;
+use crate::desk::{Desk, Kind};
 use crate::inputs::WrenchReader;
 use crate::mailbox::Mailbox;
 use crate::watch::Watch;
 use crate::{ControllerError, SERVICE, beside};
-use cycle::{TorqueCycle, TorqueMeters};
+use cycle::{Boxed, TorqueCycle, TorqueMeters};
 use objects::Objects;
+use unified::Unified;
 
 /// Runs until `stop`; a running task is then ended with a retraction. Blocks.
 ///
 /// # Errors
 /// [`ControllerError`]: only what prevents it from starting.
 pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
-    let health = Arc::new(HealthReporter::start_only(&bus, SERVICE)?);
-    let parameters = Parameters::new(&bus, SERVICE)?;
+    match config {
+        TorqueConfig::HybridDynamics(config) => run_kind(Objects::new(&bus, *config), &bus, &stop),
+        TorqueConfig::UnifiedForceImpedance(config) => {
+            run_kind(Unified::new(&bus, *config), &bus, &stop)
+        }
+    }
+}
+
+fn run_kind<K: Kind<Program = Boxed>>(
+    kind: K,
+    bus: &Bus,
+    stop: &Stop,
+) -> Result<(), ControllerError> {
+    let health = Arc::new(HealthReporter::start_only(bus, SERVICE)?);
+    let parameters = Parameters::new(bus, SERVICE)?;
     let mailbox = Arc::new(Mailbox::default());
     let command = bus.publisher(&topics::ARM_COMMAND)?;
     let own_id = command.id();
@@ -44,7 +59,7 @@ pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), Cont
         "N",
         "Pressing force of the running task.",
     );
-    let desk = Desk::new(&bus, &mailbox, Objects::new(&bus, config)?, own_id)?;
+    let desk = Desk::new(bus, &mailbox, kind, own_id)?;
     let mut cycle = TorqueCycle {
         program: None,
         activation: 0,
@@ -66,5 +81,5 @@ pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), Cont
     health.running();
     let _loop = bus.on(&topics::ARM_STATE, move |arm| cycle.step(arm))?;
     let _answers = desk.open()?;
-    beside(&bus, &mailbox, &stop)
+    beside(bus, &mailbox, stop)
 }

@@ -4,12 +4,12 @@ use tangent_control::{
     ControlError, EstimatorName, HybridDynamics, HybridInput, HybridOutput, Phase, SwitchRefusal,
     Task,
 };
-use tangent_runtime::{Bus, BusError};
+use tangent_runtime::Bus;
 use tangent_schemas::convert::{cut_format, joint_array, joints};
 use tangent_schemas::tangent::ControlState;
 use tangent_schemas::topics;
 
-use super::TorqueConfig;
+use super::config::ObjectsConfig;
 use super::cycle::Boxed;
 use super::object_readers::ObjectReaders;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
@@ -23,16 +23,16 @@ const SWITCH_GATE_RAD: f64 = 0.2;
 /// Makes tasks ready. In the desk.
 pub struct Objects {
     bus: Bus,
-    config: TorqueConfig,
+    config: ObjectsConfig,
 }
 
 impl Objects {
     /// For the cell's arm and object.
-    pub fn new(bus: &Bus, config: TorqueConfig) -> Result<Self, BusError> {
-        Ok(Self {
+    pub fn new(bus: &Bus, config: ObjectsConfig) -> Self {
+        Self {
             bus: bus.clone(),
             config,
-        })
+        }
     }
 
     fn program(&self, text: &str) -> Result<ObjectProgram, String> {

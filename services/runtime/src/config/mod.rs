@@ -15,7 +15,7 @@ pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
     CameraConfig, CellSection, ControllerConfig, EstimatorsConfig, FrankaConfig, Law, LimitsConfig,
     PoseConfig, RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, SensorConfig, SensorMode,
-    SimulatorConfig, TlsConfig, ToolConfig, ZenohConfig,
+    SimulatorConfig, TlsConfig, ToolConfig, WrenchSource, ZenohConfig,
 };
 
 /// The cell file that ships: a simulated UR5 with a Gamma sensor on loopback.

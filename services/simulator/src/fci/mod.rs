@@ -14,6 +14,7 @@ mod robot_tests;
 mod server;
 mod service;
 mod settings;
+mod tactile;
 
 pub use bench::{BenchPlant, Plane, PlantConfig};
 pub use config::FciConfig;
@@ -21,4 +22,5 @@ pub use fault::{BadFault, FciFault};
 pub use plant::{ArmReading, TorquePlant};
 pub use robot::FciRobot;
 pub use server::{FciStartError, SimulatedFranka, Snapshot};
-pub use service::{FAULT_KEY, FciServiceError, run};
+pub use service::{FAULT_KEY, FciServiceError, run, run_with};
+pub use tactile::TactileArm;

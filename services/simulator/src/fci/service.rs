@@ -9,6 +9,7 @@ use tangent_schemas::topics::TRUTH_CONTACT;
 use super::bench::BenchPlant;
 use super::config::FciConfig;
 use super::fault::FciFault;
+use super::plant::TorquePlant;
 use super::server::{FciStartError, SimulatedFranka};
 use crate::service::truth_message;
 
@@ -34,13 +35,26 @@ pub enum FciServiceError {
 /// # Errors
 /// A port is taken, or the bus refuses.
 pub fn run(config: FciConfig, bus: Bus, stop: Stop) -> Result<(), FciServiceError> {
-    let health = HealthReporter::start_only(&bus, "simulator")?;
+    let plant = BenchPlant::new(&config.plant).map_err(FciStartError::from)?;
+    run_with(&config, Box::new(plant), &bus, &stop)
+}
+
+/// The same around another plant.
+///
+/// # Errors
+/// A port is taken, or the bus refuses.
+pub fn run_with(
+    config: &FciConfig,
+    plant: Box<dyn TorquePlant>,
+    bus: &Bus,
+    stop: &Stop,
+) -> Result<(), FciServiceError> {
+    let health = HealthReporter::start_only(bus, "simulator")?;
     let cycles = health.rate("cycles");
     let publisher = bus.publisher(&TRUTH_CONTACT)?;
-    let plant = BenchPlant::new(&config.plant).map_err(FciStartError::from)?;
     let robot = SimulatedFranka::start_with(
-        &config,
-        Box::new(plant),
+        config,
+        plant,
         Some(Box::new(move |truth| {
             publisher.publish(&truth_message(truth));
         })),

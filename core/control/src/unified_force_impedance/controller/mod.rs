@@ -45,6 +45,7 @@ struct Lay {
 /// Memory of one task.
 #[derive(Clone, Copy, Debug)]
 struct Run {
+    paused: bool,
     phase: Phase,
     fault: Option<Fault>,
     since_s: f64,
@@ -164,6 +165,39 @@ impl UnifiedForceImpedance {
         if self.run.phase.is_active() {
             self.leave(Phase::Done);
         }
+    }
+
+    /// Stops the policy where it is, keeps the force; false goes on.
+    ///
+    /// # Errors
+    /// When no task runs, or it is leaving the surface.
+    pub fn pause(&mut self, paused: bool) -> Result<(), ControlError> {
+        if !self.run.phase.is_active() || self.run.phase == Phase::Retract {
+            return Err(ControlError::WrongPhase {
+                request: if paused { "pause" } else { "resume" },
+                phase: self.run.phase.name(),
+                remedy: "start the task again",
+            });
+        }
+        self.run.paused = paused;
+        Ok(())
+    }
+
+    /// Pressing force asked for from now on, N; the reference goes there at its rate.
+    pub fn set_force_reference(&mut self, force_n: f64) {
+        if force_n.is_finite() {
+            self.task.force.reference_n = force_n.max(0.0);
+        }
+    }
+
+    /// Phase after the last step.
+    pub fn phase(&self) -> Phase {
+        self.run.phase
+    }
+
+    /// The task.
+    pub fn task(&self) -> &Task {
+        &self.task
     }
 
     /// One control period.
@@ -422,6 +456,7 @@ impl UnifiedForceImpedance {
 impl Run {
     fn new(config: &UnifiedForceImpedanceConfig) -> Self {
         Self {
+            paused: false,
             phase: Phase::Tare,
             fault: None,
             since_s: 0.0,

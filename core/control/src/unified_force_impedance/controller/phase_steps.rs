@@ -245,7 +245,10 @@ impl UnifiedForceImpedance {
             Phase::Hold if !ended && normal.validity.is_valid() => self.enter(Phase::Slide),
             _ => {}
         }
-        let going = self.run.phase == Phase::Slide && sees && felt.verdict == WrenchVerdict::Good;
+        let going = self.run.phase == Phase::Slide
+            && sees
+            && felt.verdict == WrenchVerdict::Good
+            && !self.run.paused;
         let step = dt / self.config.path.clock_ramp_s.max(dt);
         let change = if going { step } else { -step };
         self.run.rate = (self.run.rate + change).clamp(0.0, 1.0);

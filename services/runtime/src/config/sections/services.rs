@@ -10,6 +10,17 @@ use super::cell::is_cell_name;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
+/// Which wrench estimators of normals go by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WrenchSource {
+    /// `wrench/tool`, as measured.
+    #[default]
+    Measured,
+    /// The one in `control/state`: for arms that only estimate it, a law takes the joints' friction and the zero out of it.
+    Law,
+}
+
 /// `[estimators]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -18,6 +29,8 @@ pub struct EstimatorsConfig {
     pub run: Vec<String>,
     /// The one that the controller starts with.
     pub active: String,
+    /// Which wrench estimators of normals go by.
+    pub wrench: WrenchSource,
     /// Settings per estimator, as that estimator documents them.
     pub settings: BTreeMap<String, toml::Table>,
 }
@@ -27,6 +40,7 @@ impl Default for EstimatorsConfig {
         Self {
             run: vec!["blend".into()],
             active: "blend".into(),
+            wrench: WrenchSource::default(),
             settings: BTreeMap::new(),
         }
     }
@@ -56,6 +70,8 @@ pub enum Law {
     HybridAdmittance,
     /// Joint torques, on the estimated pose of an object of known shape.
     HybridDynamics,
+    /// Joint torques of a seven-joint arm, on estimated normals, passive by energy tanks.
+    UnifiedForceImpedance,
 }
 
 /// `[controller]`

@@ -1,0 +1,225 @@
+//! Tasks of `unified_force_impedance`: made ready for the loop, with the estimators of normals that they name.
+
+use arrayvec::ArrayVec;
+use tangent_control::{
+    ControlError, EstimatorName, MAX_ESTIMATORS, Phase, SwitchCause, SwitchRefusal, Task,
+    UnifiedForceImpedance, UnifiedInput, UnifiedOutput,
+};
+use tangent_mechanics::Arm;
+use tangent_runtime::Bus;
+use tangent_schemas::convert::{cut_format, joint_array, joints};
+use tangent_schemas::tangent::ControlState;
+use tangent_schemas::topics;
+use tangent_sensing::Validity;
+
+use super::config::UnifiedConfig;
+use super::cycle::Boxed;
+use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
+use crate::desk::{FRESH, Kind};
+use crate::inputs::{EstimateReader, read_estimate};
+use crate::mailbox::Mailbox;
+use crate::normals::FIRST_ESTIMATE;
+
+/// Periods between a packet of the arm and the torque that answers it: the arm waits for the answer.
+const DELAY_PERIODS: usize = 0;
+
+/// Makes tasks ready. In the desk.
+pub struct Unified {
+    bus: Bus,
+    config: UnifiedConfig,
+}
+
+impl Unified {
+    /// For the cell's arm.
+    pub fn new(bus: &Bus, config: UnifiedConfig) -> Self {
+        Self {
+            bus: bus.clone(),
+            config,
+        }
+    }
+
+    fn program(&self, text: &str) -> Result<UnifiedProgram, String> {
+        let words = |e: ControlError| e.to_string();
+        let task: Task = text.parse().map_err(words)?;
+        let law = self.config.law(task.controller.as_deref()).map_err(words)?;
+        let mut readers = ArrayVec::new();
+        for name in task.estimators.iter().take(MAX_ESTIMATORS) {
+            let short = EstimatorName::from(name)
+                .map_err(|_| format!("estimators: \"{name}\" is longer than 64 bytes"))?;
+            let newest = self.bus.latest(&topics::estimate_normal(name));
+            readers.push(EstimateReader::new(short, newest.map_err(|e| e.to_string())?));
+        }
+        Ok(UnifiedProgram {
+            readers,
+            active: 0,
+            cause: SwitchCause::Task,
+            switches: 0,
+            patience_s: law.patience.estimate_s,
+            weighed: self.config.gravity_by_arm.then_some(self.config.arm),
+            law: UnifiedForceImpedance::new(
+                self.config.arm,
+                self.config.flange_from_tool,
+                self.config.limits,
+                &law,
+                &task,
+                DELAY_PERIODS,
+            )
+            .map_err(words)?,
+        })
+    }
+}
+
+impl Kind for Unified {
+    type Program = Boxed;
+
+    fn prepare(&self, text: &str) -> Result<(String, Boxed), String> {
+        let program = self.program(text)?;
+        Ok((program.law.task().name.clone(), Box::new(program)))
+    }
+
+    fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>) -> Result<(), String> {
+        let names = &program.task().estimators;
+        for name in names {
+            let topic = topics::estimate_normal(name);
+            let heard = self.bus.subscribe(&topic, 1).map_err(|e| e.to_string())?;
+            let first = heard.recv_timeout(FIRST_ESTIMATE);
+            if first.is_some_and(|estimate| estimate.age() <= FRESH) {
+                return Ok(());
+            }
+        }
+        Err(format!(
+            "none of the task's estimators publishes: {}; is the estimator running, with these in [estimators] run?",
+            names.join(", ")
+        ))
+    }
+
+    fn hear(&self, _: &EstimatorName, _: &Mailbox<Boxed>) -> Result<(), String> {
+        // A task's program listens to all that the task names, and to no others.
+        Ok(())
+    }
+}
+
+/// `unified_force_impedance` with what it reads.
+struct UnifiedProgram {
+    law: UnifiedForceImpedance,
+    readers: ArrayVec<EstimateReader, MAX_ESTIMATORS>,
+    active: usize,
+    cause: SwitchCause,
+    switches: u32,
+    patience_s: f64,
+    /// The arm's model, where the arm adds what holds it against gravity itself.
+    weighed: Option<Arm<7>>,
+}
+
+impl TorqueProgram for UnifiedProgram {
+    fn task(&self) -> &Task {
+        self.law.task()
+    }
+
+    fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer> {
+        // Silence of the one in use takes the next that speaks; what each says of itself, the law judges.
+        let newest: ArrayVec<_, MAX_ESTIMATORS> = self
+            .readers
+            .iter_mut()
+            .map(|reader| read_estimate(reader, input.arm))
+            .collect();
+        let speaks = |i: usize| {
+            let estimate = newest.get(i).copied().flatten();
+            estimate.filter(|e| e.age_s <= self.patience_s)
+        };
+        if speaks(self.active).is_none()
+            && let Some(other) = (0..newest.len()).find(|i| speaks(*i).is_some())
+        {
+            self.active = other;
+            self.cause = SwitchCause::FellBack(Validity::Stale);
+            self.switches += 1;
+        }
+        let touch = speaks(self.active);
+        let wrench = &input.wrench;
+        let q = joints(&input.arm.q).ok()?;
+        let output = self.law.step(&UnifiedInput {
+            time_s: input.time_s,
+            dt_s: input.arm.period_s,
+            q,
+            qd: joints(&input.arm.qd).ok()?,
+            arm_ready: input.arm_ready,
+            wrench: wrench.wrench,
+            wrench_validity: wrench.validity,
+            wrench_age_s: wrench.age_s,
+            vision: None,
+            touch: touch.map(|t| t.estimate),
+            touch_age_s: touch.map_or(f64::INFINITY, |t| t.age_s),
+        });
+        let torque = match &self.weighed {
+            Some(arm) => output.torque - arm.gravity(&q),
+            None => output.torque,
+        };
+        let (what, why) = self.cause.text();
+        let name = self.readers.get(self.active).map(|reader| reader.name);
+        Some(TorqueAnswer {
+            torque: joint_array(&torque),
+            state: state(&output, input, touch.map(|t| t.age_s)),
+            phase: output.phase,
+            fault: output.fault,
+            // The law takes the zero itself, at rest before it moves.
+            tare_requested: false,
+            estimator: (
+                name.unwrap_or_default(),
+                self.switches,
+                cut_format(format_args!("{what}{why}")),
+            ),
+        })
+    }
+
+    fn pause(&mut self, paused: bool) -> Result<(), ControlError> {
+        self.law.pause(paused)
+    }
+
+    fn stop(&mut self) {
+        self.law.stop();
+    }
+
+    fn select(&mut self, name: &EstimatorName, _force: bool) -> Result<(), SwitchRefusal> {
+        let index = self
+            .readers
+            .iter()
+            .position(|reader| reader.name == *name)
+            .ok_or(SwitchRefusal::Unknown)?;
+        if index != self.active {
+            // The law fuses what it is given by covariance and turns at a bounded rate: a newcomer that is wrong is gated there.
+            self.active = index;
+            self.cause = SwitchCause::Asked;
+            self.switches += 1;
+        }
+        Ok(())
+    }
+
+    fn set_force_reference(&mut self, force_n: f64) {
+        self.law.set_force_reference(force_n);
+    }
+
+    fn phase(&self) -> Phase {
+        self.law.phase()
+    }
+}
+
+fn state(output: &UnifiedOutput, input: &TorqueInput<'_>, estimate_age_s: Option<f64>) -> ControlState {
+    let age = |age_s: f64| if age_s.is_finite() { age_s } else { -1.0 };
+    ControlState {
+        normal: (&output.normal).into(),
+        force_reference_n: output.force_reference_n,
+        force_n: output.force_n,
+        wrench: (&output.wrench).into(),
+        path_reference: (&output.path_reference).into(),
+        path_error_m: output.path_error_m,
+        path_progress: output.path_progress,
+        alignment_error_rad: output.alignment_error_rad,
+        wrench_age_s: age(input.wrench.age_s),
+        estimate_age_s: estimate_age_s.map_or(-1.0, age),
+        motion_tank_j: output.tanks.motion_j,
+        force_tank_j: output.tanks.force_j,
+        manipulability: output.manipulability,
+        contact_lost_count: output.contact_lost_count,
+        ..ControlState::default()
+    }
+}
