@@ -97,3 +97,34 @@ fn up_lippiello_wipes_the_object_as_evaluate_does() {
         assert!(page.contains(title), "the page lacks: {title}");
     }
 }
+
+/// The Franka presses by what it feels through its joints, over its own interface, as it does in `evaluate`.
+#[test]
+fn up_karacan_wipes_the_wave_by_touch_as_evaluate_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let live = up_system("karacan", folder.path());
+    let evaluation = json(&run(&["evaluate", "karacan_dark", "--json"]));
+    for (path, small) in [
+        ("/force/mean_n", 0.5),
+        ("/force/rmse_n", 0.4),
+        ("/normal_error_deg/mean", 1.5),
+        ("/path/rmse_m", 1e-3),
+    ] {
+        let (here, there) = (number(&live, path), number(&evaluation, path));
+        assert!(
+            (here - there).abs() <= (0.3 * there.abs()).max(small),
+            "{path}: live {here}, evaluate {there}"
+        );
+    }
+    assert_eq!(live["phase"], "done");
+    assert_eq!(live["scenario"], "karacan_dark");
+    for (path, low, high) in [
+        ("/tanks/motion_min_j", 1.0, 32.0),
+        ("/tanks/motion_max_j", 1.0, 32.0),
+        ("/tanks/force_min_j", 1.0, 2.0 + 1e-9),
+        ("/tanks/force_max_j", 1.0, 2.0 + 1e-9),
+    ] {
+        let joules = number(&live, path);
+        assert!((low..=high).contains(&joules), "{path}: {joules} J");
+    }
+}
