@@ -80,7 +80,7 @@ pub enum Command {
 /// Options of `tangent up`.
 #[derive(Debug, Args)]
 pub struct Up {
-    /// Task file, or a system's name: tugal, lippiello. The scenario's own task if none is named.
+    /// Task file, or a system's name: tugal, lippiello, karacan. The scenario's own task if none is named.
     pub task: Option<PathBuf>,
     /// Scenario that the simulator plays: a name from `scenarios/` or a file; the system's own, or pipe_realistic.
     #[arg(long)]

@@ -52,6 +52,8 @@ fn cell_files() {
     assert_eq!(compose.recorder, shipped.recorder);
     assert_eq!(compose.simulator, shipped.simulator);
 
+    let franka = load("cell.karacan.toml");
+    assert!(franka.simulator.scenario.is_some_and(|file| file.is_file()));
     let object = load("cell.lippiello.toml");
     assert!(object.camera.is_some());
     assert!(object.simulator.scenario.is_some_and(|file| file.is_file()));

@@ -20,6 +20,8 @@ fn the_tasks_that_ship() {
     assert!((30.0..35.0).contains(&raster.path.duration_s()));
     let circle = program(include_str!("../../../deploy/tasks/circle.toml"));
     assert!(matches!(circle.task.path, PathSpec::Circle(_)));
+    let loops = program(include_str!("../../../deploy/tasks/loops.toml"));
+    assert!((loops.path.duration_s() - 20.0).abs() < 2.0);
     let object = program(include_str!("../../../deploy/tasks/object_circle.toml"));
     assert_eq!(object.task.force.reference_n, 20.0);
     let line = program(include_str!("../../../deploy/tasks/line.toml"));
