@@ -8,8 +8,11 @@ use anyhow::{Context, Result, anyhow};
 use tangent_mechanics::ModelData;
 use tangent_runtime::config::{Law, RobotDriver};
 use tangent_runtime::{Bus, CellConfig, Stop};
-use tangent_simulation::{ObjectScenario, Scenario, TactileScenario};
-use tangent_simulator::fci::{FciConfig, Plane, PlantConfig, TactileArm};
+use tangent_schemas::topics::SIMULATED_IMAGE;
+use tangent_simulation::{NormalSource, ObjectScenario, Scenario, TactileScenario};
+use tangent_simulator::fci::{
+    DepthEye, FciConfig, Plane, PlantConfig, TactileArm, TorquePlant,
+};
 use tangent_simulator::{Flavour, Ports};
 
 use crate::output::bad_usage;
@@ -280,7 +283,22 @@ fn simulated_franka(
         });
     };
     let seed = config.simulator.seed.unwrap_or(scenario.seed);
-    let plant = TactileArm::new(&scenario.plant, seed).map_err(bad_usage)?;
+    let mut plant = TactileArm::new(&scenario.plant, seed).map_err(bad_usage)?;
+    if scenario.plant.normals_from == NormalSource::Depth {
+        let camera = &scenario.plant.depth_camera;
+        let eye = DepthEye::new(
+            camera,
+            &plant.flange_from_tool(),
+            seed,
+            plant.surface().clone(),
+            bus.publisher(&SIMULATED_IMAGE)?,
+        );
+        let looks = eye
+            .map_err(bad_usage)?
+            .start(config.realtime.enabled)
+            .context("starting the thread of the simulated depth camera")?;
+        plant.watched_by(looks, camera.rate_hz);
+    }
     Running::start("simulator", everybody, move |stop| {
         Ok(tangent_simulator::fci::run_with(&simulated, Box::new(plant), &bus, &stop)?)
     })

@@ -99,6 +99,8 @@ pub static BASE_POSE: Topic<PoseWithCovarianceStamped> =
     Topic::new("base/pose", Delivery::RealTime);
 /// Images of the camera on the wrist, for viewers and recordings: as many as the camera service is set to pass on.
 pub static CAMERA_IMAGE: Topic<Image> = Topic::new("camera/image", Delivery::Bulk);
+/// Depth images, 16UC1 in mm or 32FC1 in m, as the camera's driver gives them.
+pub static CAMERA_DEPTH: Topic<Image> = Topic::new("camera/depth", Delivery::Bulk);
 /// The camera's calibration, as it is stated.
 pub static CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/info", Delivery::Background);
 /// What was found in each image.

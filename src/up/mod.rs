@@ -115,6 +115,9 @@ impl System {
             // This arm is on the bus itself.
             Played::Object(_) => &["controller", "estimator", "camera", "netft"],
             // This one feels by itself.
+            Played::Tactile(_) if config.camera.is_some() => {
+                &["controller", "estimator", "camera", "franka"]
+            }
             Played::Tactile(_) => &["controller", "estimator", "franka"],
         };
         for name in names {

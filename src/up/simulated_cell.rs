@@ -4,13 +4,15 @@ use anyhow::{Context, Result};
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_mechanics::{Arm, ModelData};
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::{CameraConfig, Law, PoseConfig, WrenchSource};
-use tangent_simulation::{ObjectScenario, Scenario, TactileScenario};
+use tangent_runtime::config::{CameraConfig, CameraKind, Law, PoseConfig, WrenchSource};
+use tangent_simulation::{NormalSource, ObjectScenario, Scenario, TactileScenario};
 use toml::Table;
 
 use crate::cli::Up;
 use crate::output::bad_usage;
 
+/// Left out around the tool in depth images, m: pixels at its edge float.
+const TOOL_MARGIN_M: f64 = 0.004;
 /// A simulated Franka as its cell file has it.
 const FRANKA: &str = include_str!("../../deploy/cell.franka.toml");
 /// Records per second of the force sensor beside a torque-controlled arm: two per period.
@@ -73,6 +75,7 @@ pub fn of_object(mut cell: CellConfig, scenario: &ObjectScenario, args: &Up) -> 
         pixel_m: camera.pixel_m,
         flange_from_camera: pose(&camera.flange_from_camera),
         pass_on_hz: 5.0,
+        kind: CameraKind::Target,
     });
     let limits = &scenario.limits;
     let model = ModelData::builtin(&plant.robot).map_err(bad_usage)?;
@@ -143,7 +146,41 @@ pub fn of_tactile(
         tangent_estimator::ALL.to_owned(),
         Table::try_from(scenario.estimation)?,
     );
+    if scenario.plant.normals_from == NormalSource::Depth {
+        see_depth(&mut cell, scenario)?;
+    }
     Ok(cell)
+}
+
+/// The depth camera and the estimator that reads it.
+fn see_depth(cell: &mut CellConfig, scenario: &TactileScenario) -> Result<()> {
+    let camera = &scenario.plant.depth_camera;
+    let intrinsics = camera.intrinsics();
+    cell.camera = Some(CameraConfig {
+        topic: tangent_schemas::topics::SIMULATED_IMAGE.key().to_owned(),
+        kind: CameraKind::Depth,
+        size_px: camera.sent_px().map(|n| n as u32),
+        focal_px: intrinsics.fx_px,
+        principal_px: [intrinsics.cx_px, intrinsics.cy_px],
+        pixel_m: 3e-6,
+        flange_from_camera: pose(&camera.flange_from_camera),
+        pass_on_hz: 2.0,
+    });
+    let mut settings = Table::new();
+    settings.insert(
+        "fit".to_owned(),
+        Table::try_from(scenario.plant.depth_normal)?.into(),
+    );
+    if let Some(tool) = &camera.tool {
+        let mut rod = Table::new();
+        rod.insert("radius_m".to_owned(), (tool.radius_m + TOOL_MARGIN_M).into());
+        rod.insert("length_m".to_owned(), tool.length_m.into());
+        settings.insert("tool".to_owned(), rod.into());
+    }
+    let name = tangent_estimator::DEPTH_NORMAL.to_owned();
+    cell.estimators.settings.insert(name.clone(), settings);
+    cell.estimators.run.push(name);
+    Ok(())
 }
 
 /// Threads of one laptop are less punctual than the closed loop; a scenario that says otherwise is heard.

@@ -305,6 +305,11 @@ impl TactilePlant {
         loaded_arm(&self.config.robot, &self.config.tool, false)
     }
 
+    /// The surface under the tool.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
     /// `flange_from_tool` as configured.
     pub fn flange_from_tool(&self) -> Pose<Flange, Tool> {
         self.flange_from_tool

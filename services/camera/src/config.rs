@@ -1,6 +1,7 @@
 //! What the service has to know, out of the cell file.
 
 use tangent_runtime::CellConfig;
+use tangent_runtime::config::CameraKind;
 
 use crate::CameraError;
 
@@ -9,6 +10,8 @@ use crate::CameraError;
 pub struct Config {
     /// Key of the driver's images.
     pub topic: String,
+    /// What the images show.
+    pub kind: CameraKind,
     /// Width and height of an image, pixels.
     pub size_px: [u32; 2],
     /// Focal length, pixels.
@@ -30,6 +33,7 @@ impl Config {
         let camera = cell.camera.as_ref().ok_or(CameraError::NoCamera)?;
         Ok(Self {
             topic: camera.topic.clone(),
+            kind: camera.kind,
             size_px: camera.size_px,
             focal_px: camera.focal_px,
             principal_px: camera.principal_px,

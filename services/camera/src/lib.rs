@@ -1,5 +1,5 @@
-//! The camera service: images come in from a driver's topic; the target's corners, the calibration and a few images for
-//! viewers go out.
+//! The camera service: images come in from a driver's topic; the target's corners or the depth images themselves, the calibration
+//! and a few images for viewers go out.
 //!
 //! Who drives the camera does not matter: the simulator, or a ROS 2 driver behind a bridge. It runs in a thread of its own, in
 //! any process; the newest image wins, and what was skipped, refused or found empty is counted.
@@ -11,6 +11,7 @@ mod picture;
 use std::time::{Duration, Instant};
 
 use tangent_runtime::clock::now_ns;
+use tangent_runtime::config::CameraKind;
 use tangent_runtime::{
     Age, Bus, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, RealtimeReport, Stop,
     Subscription, realtime,
@@ -60,6 +61,7 @@ struct Service {
     features: Publisher<FeatureArray>,
     info: Publisher<CameraInfo>,
     passed_on: Publisher<Image>,
+    depth: Publisher<Image>,
     detector: TargetDetector,
     /// Stamp of the newest image that was taken, ns.
     newest_ns: Option<i64>,
@@ -91,6 +93,7 @@ impl Service {
             features: bus.publisher(&topics::CAMERA_FEATURES)?,
             info: bus.publisher(&topics::CAMERA_INFO)?,
             passed_on: bus.publisher(&topics::CAMERA_IMAGE)?,
+            depth: bus.publisher(&topics::CAMERA_DEPTH)?,
             detector: TargetDetector::new()?,
             newest_ns: None,
             sequence: 0,
@@ -170,6 +173,16 @@ impl Service {
             return Err(PictureError::OutOfOrder {
                 behind_s: (newest_ns - stamp_ns) as f64 * 1e-9,
             });
+        }
+        if self.config.kind == CameraKind::Depth {
+            picture::check_depth(image, self.config.size_px)?;
+            self.newest_ns = Some(stamp_ns);
+            self.depth.publish(image);
+            self.meters
+                .exposure_age
+                .set((now_ns() - stamp_ns) as f64 * 1e-9);
+            self.pass_on(image, image.header.clone());
+            return Ok(());
         }
         let begin = Instant::now();
         let picture = grey(image, self.config.size_px)?;

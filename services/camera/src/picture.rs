@@ -12,6 +12,9 @@ pub enum PictureError {
     /// Colours or depths that this service does not read.
     #[error("encoding \"{0}\" is not read; allowed: mono8, 8UC1, rgb8, bgr8")]
     Encoding(String),
+    /// Not depth.
+    #[error("encoding \"{0}\" is no depth; allowed: 16UC1 (mm) and 32FC1 (m)")]
+    DepthEncoding(String),
     /// Another camera or another mode than the calibration is for.
     #[error("{found:?} pixels, but camera.size_px is {stated:?}")]
     Size {
@@ -41,6 +44,36 @@ pub enum PictureError {
     /// The detector refused it.
     #[error("{0}")]
     Detector(String),
+}
+
+/// Whether a depth image is what its header says.
+///
+/// # Errors
+/// [`PictureError`]: another size than `size_px`, an encoding that is not depth, or data that does not fit the header.
+pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
+    let found = [image.width, image.height];
+    if found != size_px {
+        return Err(PictureError::Size {
+            found,
+            stated: size_px,
+        });
+    }
+    let bytes = match image.encoding.as_str() {
+        "16UC1" => 2,
+        "32FC1" => 4,
+        other => return Err(PictureError::DepthEncoding(other.chars().take(32).collect())),
+    };
+    let row = u64::from(image.width) * bytes;
+    let needed = (image.step as usize).checked_mul(image.height as usize);
+    if u64::from(image.step) < row || needed != Some(image.data.len()) {
+        return Err(PictureError::Data {
+            bytes: image.data.len(),
+            step: image.step,
+            height: image.height,
+            row,
+        });
+    }
+    Ok(())
 }
 
 /// The image as 8-bit grey values.
@@ -137,6 +170,16 @@ mod tests {
             (image("mono8", u32::MAX, vec![0; 6]), "6 bytes"),
         ] {
             let error = grey(&bad, [3, 2]).unwrap_err().to_string();
+            assert!(error.contains(word), "{error}");
+        }
+        assert_eq!(check_depth(&image("16UC1", 6, vec![0; 12]), [3, 2]), Ok(()));
+        assert_eq!(check_depth(&image("32FC1", 12, vec![0; 24]), [3, 2]), Ok(()));
+        for (bad, word) in [
+            (image("mono8", 3, vec![0; 6]), "no depth"),
+            (image("16UC1", 5, vec![0; 10]), "at least 6"),
+            (image("32FC1", 12, vec![0; 23]), "23 bytes"),
+        ] {
+            let error = check_depth(&bad, [3, 2]).unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
         }
         let error = grey(&image("mono8", 3, vec![0; 6]), [640, 480]).unwrap_err();

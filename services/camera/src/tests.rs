@@ -5,6 +5,7 @@ use super::*;
 fn config() -> Config {
     Config {
         topic: "driver/image".to_owned(),
+        kind: CameraKind::Target,
         size_px: [200, 160],
         focal_px: 200.0,
         principal_px: [100.0, 80.0],

@@ -212,16 +212,21 @@ pub fn read_estimate(reader: &mut EstimateReader, state: &ArmState) -> Option<Es
     let message = &newest.message;
     let said = (newest.publisher, message.header.stamp.to_ns());
     let age_s = reader.age.of(said, message.cycle, newest.age(), state);
-    let shape = Matrix3::from_row_slice(&message.curvature);
     Some(EstimateInput {
-        estimate: NormalEstimate {
-            point: Vector3::from(&message.point),
-            normal: Vector3::from(&message.normal),
-            covariance: Matrix3::from_row_slice(&message.covariance),
-            validity: Validity::from(message.validity),
-            friction: (message.friction >= 0.0).then_some(message.friction),
-            curvature: (shape != Matrix3::zeros()).then_some(shape),
-        },
+        estimate: normal_estimate(message),
         age_s,
     })
+}
+
+/// What a message says.
+pub fn normal_estimate(message: &NormalMessage) -> NormalEstimate {
+    let shape = Matrix3::from_row_slice(&message.curvature);
+    NormalEstimate {
+        point: Vector3::from(&message.point),
+        normal: Vector3::from(&message.normal),
+        covariance: Matrix3::from_row_slice(&message.covariance),
+        validity: Validity::from(message.validity),
+        friction: (message.friction >= 0.0).then_some(message.friction),
+        curvature: (shape != Matrix3::zeros()).then_some(shape),
+    }
 }

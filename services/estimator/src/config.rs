@@ -1,15 +1,18 @@
 //! What the estimator service runs, and with what settings.
 
 use nalgebra::Vector2;
+use serde::Deserialize;
+use tangent_estimation::depth_normal::{DepthNormalConfig, Intrinsics};
 use tangent_estimation::object_pose::{CameraModel, OBJECT_ESTIMATORS};
 use tangent_estimation::{EstimatorConfig, ObjectPoseConfig, estimator_names};
-use tangent_mechanics::{Flange, ModelData, Pose, Tool};
+use tangent_mechanics::{Camera, Flange, ModelData, Pose, Tool};
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::WrenchSource;
+use tangent_runtime::config::{CameraKind, WrenchSource};
 use tangent_sensing::BaseConfig;
 use toml::{Table, Value};
 
 use crate::EstimatorError;
+use crate::depth::DEPTH_NORMAL;
 
 /// Key under `[estimators.settings]` for what all estimators share.
 pub const ALL: &str = "all";
@@ -32,6 +35,39 @@ pub struct ObjectChoice {
     pub settings: ObjectPoseConfig,
 }
 
+/// The tool in a depth camera's view, left out of every image: a rod along the tool's axis.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolInView {
+    /// With a margin for the pixels that float at its edge, m.
+    pub radius_m: f64,
+    /// From the tool's origin back, m.
+    pub length_m: f64,
+}
+
+/// Settings of `depth_normal` in a service.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DepthSettings {
+    /// What is left out.
+    pub tool: Option<ToolInView>,
+    /// The fits.
+    pub fit: DepthNormalConfig,
+}
+
+/// `depth_normal` with its camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthChoice {
+    /// Its settings.
+    pub settings: DepthSettings,
+    /// Of the camera.
+    pub intrinsics: Intrinsics,
+    /// Width and height of its images, pixels.
+    pub size_px: [u32; 2],
+    /// Where it is on the flange.
+    pub flange_from_camera: Pose<Flange, Camera>,
+}
+
 /// What the service runs.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -39,6 +75,8 @@ pub struct Config {
     pub estimators: Vec<EstimatorChoice>,
     /// Those of an object's pose.
     pub objects: Vec<ObjectChoice>,
+    /// Normals from depth images.
+    pub depth: Option<DepthChoice>,
     /// The camera as the cell file states it.
     pub camera: Option<CameraModel>,
     /// The arm, for the twist that commanded joint velocities stand for.
@@ -62,7 +100,7 @@ impl Config {
     /// Names the estimator, key and value that are wrong.
     pub fn from_cell(cell: &CellConfig, model: ModelData) -> Result<Self, EstimatorError> {
         let settings = &cell.estimators.settings;
-        let names = [&estimator_names()[..], &OBJECT_ESTIMATORS].concat();
+        let names = [&estimator_names()[..], &OBJECT_ESTIMATORS, &[DEPTH_NORMAL]].concat();
         if let Some(name) = settings
             .keys()
             .find(|k| k.as_str() != ALL && !names.contains(&k.as_str()))
@@ -75,7 +113,7 @@ impl Config {
                 ),
             });
         }
-        let (mut estimators, mut objects) = (Vec::new(), Vec::new());
+        let (mut estimators, mut objects, mut depth) = (Vec::new(), Vec::new(), None);
         for name in &cell.estimators.run {
             let own = settings.get(name);
             if OBJECT_ESTIMATORS.contains(&name.as_str()) {
@@ -83,6 +121,10 @@ impl Config {
                     name: name.clone(),
                     settings: parsed(name, own.cloned().unwrap_or_default())?,
                 });
+                continue;
+            }
+            if name == DEPTH_NORMAL {
+                depth = Some(depth_choice(cell, own.cloned().unwrap_or_default())?);
                 continue;
             }
             let mut table = Table::new();
@@ -97,6 +139,7 @@ impl Config {
         Ok(Self {
             estimators,
             objects,
+            depth,
             camera: cell.camera.as_ref().map(|camera| CameraModel {
                 flange_from_camera: camera.flange_from_camera(),
                 focal_px: camera.focal_px,
@@ -114,6 +157,25 @@ impl Config {
                 .then_some(cell.realtime.estimator_priority),
         })
     }
+}
+
+fn depth_choice(cell: &CellConfig, table: Table) -> Result<DepthChoice, EstimatorError> {
+    let camera = cell
+        .camera
+        .as_ref()
+        .filter(|camera| camera.kind == CameraKind::Depth)
+        .ok_or(EstimatorError::NoDepthCamera)?;
+    Ok(DepthChoice {
+        settings: parsed(DEPTH_NORMAL, table)?,
+        intrinsics: Intrinsics {
+            fx_px: camera.focal_px,
+            fy_px: camera.focal_px,
+            cx_px: camera.principal_px[0],
+            cy_px: camera.principal_px[1],
+        },
+        size_px: camera.size_px,
+        flange_from_camera: camera.flange_from_camera(),
+    })
 }
 
 fn parsed<T: serde::de::DeserializeOwned>(name: &str, table: Table) -> Result<T, EstimatorError> {

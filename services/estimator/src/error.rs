@@ -31,6 +31,12 @@ pub enum EstimatorError {
     /// The pose of an object is estimated from a camera.
     #[error("estimator: \"{0}\" needs a camera, and the cell file has no [camera] section")]
     NoCamera(String),
+    /// Normals are read from depth images.
+    #[error("estimator: \"depth_normal\" needs a depth camera: the cell file has no [camera] section of kind = \"depth\"")]
+    NoDepthCamera,
+    /// No thread to be had.
+    #[error("estimator: starting a thread: {0}")]
+    Thread(#[from] std::io::Error),
     /// The same estimator twice: both would publish on one topic.
     #[error("estimator: \"{0}\" is listed twice; each publishes on a topic of its own name")]
     Twice(String),

@@ -5,6 +5,7 @@
 //! a queue. The newest state wins; those that were skipped are counted.
 
 mod config;
+mod depth;
 mod error;
 mod host;
 mod message;
@@ -26,8 +27,12 @@ use tangent_schemas::tangent::{ArmState, ControlState, WrenchStatus};
 use tangent_schemas::topics;
 use tangent_sensing::{BaseTrouble, Validity};
 
-pub use config::{ALL, Config, EstimatorChoice, ObjectChoice};
+pub use config::{
+    ALL, Config, DepthChoice, DepthSettings, EstimatorChoice, ObjectChoice, ToolInView,
+};
+pub use depth::DEPTH_NORMAL;
 pub use error::EstimatorError;
+use depth::Depth;
 use host::Host;
 use objects::Objects;
 use sample::{CommandedTwist, NewestWrench, SampleBuilder, commanded_twist};
@@ -45,12 +50,21 @@ const ARM_PATIENCE_S: f64 = 0.5;
 /// Unknown estimator or setting, an arm model without code, or a topic that the bus refuses.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), EstimatorError> {
     let mut service = Service::new(&config, &bus)?;
+    let depth = match &config.depth {
+        Some(choice) => Some(Depth::new(choice, &config.flange_from_tool, &bus)?.start(&stop)?),
+        None => None,
+    };
     service.health.realtime(&match config.realtime_priority {
         Some(priority) => realtime::setup_thread(SERVICE, priority),
         None => RealtimeReport::not_asked(SERVICE),
     });
     while !stop.is_stopped() {
         service.turn(LOOK);
+    }
+    if let Some(depth) = depth
+        && depth.join().is_err()
+    {
+        tracing::error!("the thread of depth_normal failed");
     }
     Ok(())
 }
@@ -98,8 +112,8 @@ impl Service {
     fn new(config: &Config, bus: &Bus) -> Result<Self, EstimatorError> {
         let health = HealthReporter::start(bus, SERVICE)?;
         let parameters = Parameters::new(bus, SERVICE)?;
-        if config.estimators.is_empty() && config.objects.is_empty() {
-            let names = [&estimator_names()[..], &OBJECT_ESTIMATORS].concat();
+        if config.estimators.is_empty() && config.objects.is_empty() && config.depth.is_none() {
+            let names = [&estimator_names()[..], &OBJECT_ESTIMATORS, &[DEPTH_NORMAL]].concat();
             return Err(EstimatorError::NoEstimators(names.join(", ")));
         }
         let wrench_patience = parameters.number(

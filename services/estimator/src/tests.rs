@@ -21,6 +21,7 @@ fn config(names: &[&str]) -> Config {
     Config {
         estimators: names.iter().map(choice).collect(),
         objects: Vec::new(),
+        depth: None,
         camera: None,
         model: ModelData::builtin("ur5").unwrap(),
         flange_from_tool: Pose::identity(),

@@ -3,12 +3,12 @@
 use arrayvec::ArrayVec;
 use tangent_control::{
     ControlError, EstimatorName, MAX_ESTIMATORS, Phase, SwitchCause, SwitchRefusal, Task,
-    UnifiedForceImpedance, UnifiedInput, UnifiedOutput,
+    UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput,
 };
 use tangent_mechanics::Arm;
-use tangent_runtime::Bus;
+use tangent_runtime::{Bus, Latest};
 use tangent_schemas::convert::{cut_format, joint_array, joints};
-use tangent_schemas::tangent::ControlState;
+use tangent_schemas::tangent::{ControlState, NormalEstimate};
 use tangent_schemas::topics;
 use tangent_sensing::Validity;
 
@@ -16,10 +16,12 @@ use super::config::UnifiedConfig;
 use super::cycle::Boxed;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use crate::desk::{FRESH, Kind};
-use crate::inputs::{EstimateReader, read_estimate};
+use crate::inputs::{EstimateReader, normal_estimate, read_estimate};
 use crate::mailbox::Mailbox;
 use crate::normals::FIRST_ESTIMATE;
 
+/// The estimator whose normals come from a camera.
+const VISION: &str = "depth_normal";
 /// Periods between a packet of the arm and the torque that answers it: the arm waits for the answer.
 const DELAY_PERIODS: usize = 0;
 
@@ -49,7 +51,10 @@ impl Unified {
             let newest = self.bus.latest(&topics::estimate_normal(name));
             readers.push(EstimateReader::new(short, newest.map_err(|e| e.to_string())?));
         }
+        let seen = self.bus.latest(&topics::estimate_normal(VISION));
         Ok(UnifiedProgram {
+            frames: seen.map_err(|e| e.to_string())?,
+            seen: None,
             readers,
             active: 0,
             cause: SwitchCause::Task,
@@ -102,6 +107,9 @@ impl Kind for Unified {
 /// `unified_force_impedance` with what it reads.
 struct UnifiedProgram {
     law: UnifiedForceImpedance,
+    frames: Latest<NormalEstimate>,
+    /// The newest frame, on the loop's clock.
+    seen: Option<VisionInput>,
     readers: ArrayVec<EstimateReader, MAX_ESTIMATORS>,
     active: usize,
     cause: SwitchCause,
@@ -109,6 +117,28 @@ struct UnifiedProgram {
     patience_s: f64,
     /// The arm's model, where the arm adds what holds it against gravity itself.
     weighed: Option<Arm<7>>,
+}
+
+impl UnifiedProgram {
+    /// The newest frame. It is about a moment ago, which its arm state tells; the law places it there, and sees when it grows old.
+    fn look(&mut self, input: &TorqueInput<'_>) -> Option<VisionInput> {
+        if let Some(new) = self.frames.take_new() {
+            let seen = normal_estimate(&new.message);
+            // One of an earlier run of the bridge, whose count was higher, is of no use.
+            let behind = input.arm.cycle.checked_sub(new.message.cycle);
+            self.seen = behind.map(|cycles| VisionInput {
+                time_s: input.time_s - cycles as f64 * input.arm.period_s,
+                point: seen.point,
+                normal: seen.normal,
+                covariance: seen.covariance,
+                // Not on the bus: only the published monitor uses it.
+                surface_variation: 0.0,
+                curvature: seen.curvature,
+                validity: seen.validity,
+            });
+        }
+        self.seen
+    }
 }
 
 impl TorqueProgram for UnifiedProgram {
@@ -136,6 +166,7 @@ impl TorqueProgram for UnifiedProgram {
         }
         let touch = speaks(self.active);
         let wrench = &input.wrench;
+        let vision = self.look(input);
         let q = joints(&input.arm.q).ok()?;
         let output = self.law.step(&UnifiedInput {
             time_s: input.time_s,
@@ -146,7 +177,7 @@ impl TorqueProgram for UnifiedProgram {
             wrench: wrench.wrench,
             wrench_validity: wrench.validity,
             wrench_age_s: wrench.age_s,
-            vision: None,
+            vision,
             touch: touch.map(|t| t.estimate),
             touch_age_s: touch.map_or(f64::INFINITY, |t| t.age_s),
         });

@@ -13,7 +13,7 @@ use tangent_sensing::BaseConfig;
 pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
-    CameraConfig, CellSection, ControllerConfig, EstimatorsConfig, FrankaConfig, Law, LimitsConfig,
+    CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig, FrankaConfig, Law, LimitsConfig,
     PoseConfig, RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, SensorConfig, SensorMode,
     SimulatorConfig, TlsConfig, ToolConfig, WrenchSource, ZenohConfig,
 };

@@ -1,14 +1,28 @@
 //! The cell of `visuo_tactile` scenarios behind the simulated robot's interface: a Panda, its pad and the surface under it.
 
+use std::sync::mpsc::SyncSender;
+
 use nalgebra::Vector6;
 use tangent_mechanics::{Flange, Joints, Pose, Tool};
-use tangent_simulation::{PlantError, TactilePlant, TactilePlantConfig, Truth};
+use tangent_runtime::clock::now_ns;
+use tangent_simulation::{
+    NormalSource, PlantError, Surface, TactilePlant, TactilePlantConfig, Truth,
+};
 
+use super::depth_eye::Look;
 use super::plant::{ArmReading, TorquePlant};
 
 /// See the module. The robot's own interface makes the delay that the closed loop has in its plant.
 pub struct TactileArm {
     plant: TactilePlant,
+    eye: Option<Eye>,
+}
+
+/// Where the camera's shutter goes to, and how often.
+struct Eye {
+    looks: SyncSender<Look>,
+    rate_hz: f64,
+    taken: u64,
 }
 
 impl TactileArm {
@@ -20,15 +34,51 @@ impl TactileArm {
         let mut config = config.clone();
         config.arm.delay_periods = 0;
         config.camera.rate_hz = 0.0;
+        config.normals_from = NormalSource::Features;
         Ok(Self {
             plant: TactilePlant::new(&config, seed)?,
+            eye: None,
         })
+    }
+
+    /// The surface, for the camera that looks at it.
+    pub fn surface(&self) -> &Surface {
+        self.plant.surface()
+    }
+
+    /// From now on the camera's shutter opens `rate_hz` times a second.
+    pub fn watched_by(&mut self, looks: SyncSender<Look>, rate_hz: f64) {
+        self.eye = Some(Eye {
+            looks,
+            rate_hz,
+            taken: 0,
+        });
+    }
+
+    /// Opens the shutter where it is due.
+    fn look(&mut self) {
+        let Some(eye) = &mut self.eye else {
+            return;
+        };
+        let time_s = self.plant.time_s();
+        if eye.rate_hz <= 0.0 || time_s + 1e-9 < eye.taken as f64 / eye.rate_hz {
+            return;
+        }
+        eye.taken = (time_s * eye.rate_hz + 1e-6).floor() as u64 + 1;
+        let q = self.plant.measured().q;
+        // A painter that is behind leaves one out, as a camera does.
+        let _ = eye.looks.try_send(Look {
+            time_s,
+            stamp_ns: now_ns(),
+            base_from_flange: self.plant.arm().model().base_from_flange(&q),
+        });
     }
 }
 
 impl TorquePlant for TactileArm {
     fn step(&mut self, torque: &Joints<7>) {
         self.plant.step(torque);
+        self.look();
     }
 
     fn reading(&self) -> ArmReading {

@@ -7,6 +7,17 @@ use super::PoseConfig;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
+/// What a camera's images show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraKind {
+    /// Grey values or colours, in which the target's corners are looked for.
+    #[default]
+    Target,
+    /// Depth, passed on to `depth_normal`.
+    Depth,
+}
+
 /// `[camera]`. A cell without one has no camera.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -14,6 +25,9 @@ pub struct CameraConfig {
     /// Key of the images, `sensor_msgs/msg/Image`: the simulator's, or a ROS 2 camera's behind a bridge.
     #[serde(default = "simulated")]
     pub topic: String,
+    /// What its images show.
+    #[serde(default)]
+    pub kind: CameraKind,
     /// Width and height of an image, pixels. Images of another size are refused.
     pub size_px: [u32; 2],
     /// Focal length of the calibration, pixels.

@@ -13,7 +13,7 @@ mod services;
 mod tool;
 mod zenoh;
 
-pub use camera::CameraConfig;
+pub use camera::{CameraConfig, CameraKind};
 pub use cell::CellSection;
 pub use franka::FrankaConfig;
 pub use limits::LimitsConfig;

@@ -123,7 +123,7 @@ impl Default for RecorderConfig {
         Self {
             folder: "recordings".into(),
             include: vec!["**".into()],
-            exclude: vec!["simulator/image".into()],
+            exclude: vec!["simulator/image".into(), "camera/depth".into()],
             cells: Vec::new(),
             rotate_mb: 1024.0,
             rotate_s: 3600.0,
