@@ -192,6 +192,26 @@ message! {
 }
 
 message! {
+    /// Where the surface goes ahead of the tool, as a camera saw it. One entry per station in each list, from the tool on.
+    pub struct SurfaceAhead: "tangent_msgs/msg/SurfaceAhead" {
+        /// Time of the arm state at exposure; frame `base`.
+        pub header: Header,
+        /// `ArmState.cycle` at exposure.
+        pub cycle: u64,
+        pub estimator: Name,
+        /// Along the surface from the tool, m.
+        pub distance: Vec<f64>,
+        /// On the surface, m.
+        pub points: Vec<Point>,
+        /// Unit, out of the material.
+        pub normals: Vec<Vector3>,
+        /// Bend along the way, 1/m, positive where the surface falls away, and its standard deviation.
+        pub bend: Vec<f64>,
+        pub bend_sd: Vec<f64>,
+    }
+}
+
+message! {
     /// What the controller does and why.
     pub struct ControlState: "tangent_msgs/msg/ControlState" {
         pub header: Header,

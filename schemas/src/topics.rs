@@ -10,7 +10,7 @@ use crate::standard::{
 };
 use crate::tangent::{
     ArmCommand, ArmState, ContactTruth, ControlState, FeatureArray, Health, NormalEstimate,
-    ObjectEstimate, WrenchStatus,
+    ObjectEstimate, SurfaceAhead, WrenchStatus,
 };
 
 /// How a topic is sent to other processes. Within a process every message is delivered in the sender's thread.
@@ -131,6 +131,11 @@ pub fn estimate_normal(estimator: &str) -> Topic<NormalEstimate> {
 /// Poses of an object by one estimator: `estimate/NAME/object`.
 pub fn estimate_object(estimator: &str) -> Topic<ObjectEstimate> {
     Topic::named(format!("estimate/{estimator}/object"), Delivery::RealTime)
+}
+
+/// The surface ahead of the tool by one estimator: `estimate/NAME/ahead`.
+pub fn estimate_ahead(estimator: &str) -> Topic<SurfaceAhead> {
+    Topic::named(format!("estimate/{estimator}/ahead"), Delivery::Stream)
 }
 
 /// Health of one service: `health/SERVICE`.

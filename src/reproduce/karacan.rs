@@ -1,5 +1,6 @@
 //! Karacan et al.: section IV over seeds, the time of the law's step, and the paper's figures 2 and 3.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
@@ -85,6 +86,7 @@ fn step_us(system: System) -> Result<[f64; 2]> {
 /// When a file cannot be written.
 pub(super) fn draw(folder: &Path) -> Result<()> {
     fs::create_dir_all(folder).with_context(|| format!("folder {}", folder.display()))?;
+    let mut page = PAGE.to_owned();
     for (system, stem) in [
         (System::Paper, "karacan_paper"),
         (System::Ours, "karacan_default"),
@@ -94,6 +96,7 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
         let mut samples: Vec<TactileSample> = Vec::new();
         evaluate_tactile_with(&scenario, &mut Calm, |c| samples.push(*c.sample))
             .map_err(bad_usage)?;
+        let _ = writeln!(page, "<h2>{}</h2>", system.name());
         for plot in plots() {
             // Ten points in a second and a half are a curve; sixty thousand are a file too large to open.
             let points: Vec<Vec<(f64, f64)>> = plot
@@ -132,11 +135,21 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
                 &series,
             )?;
             let file = folder.join(format!("{stem}_{}.svg", plot.kind));
-            fs::write(&file, svg).with_context(|| format!("file {}", file.display()))?;
+            fs::write(&file, &svg).with_context(|| format!("file {}", file.display()))?;
+            let _ = writeln!(page, "<figure>{svg}</figure>");
         }
     }
-    Ok(())
+    page += "</body></html>\n";
+    let file = folder.join("index.html");
+    fs::write(&file, page).with_context(|| format!("file {}", file.display()))
 }
+
+/// Beginning of the page that shows all figures.
+const PAGE: &str = "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>tangent reproduce karacan</title>\
+<style>body { font: 15px/1.5 system-ui, sans-serif; max-width: 960px; margin: 2em auto; } figure { margin: 1em 0; } \
+svg { width: 100%; height: auto; }</style></head><body>\n<h1>Karacan et al., figures 2 and 3</h1>\n\
+<p>The surface touched, the shaping functions, desired and actual motion, force and tank energies: first with the published parameters, \
+then with ours.</p>\n";
 
 /// Where a sample stands in a plot.
 type Pick = fn(&TactileSample) -> (f64, f64);

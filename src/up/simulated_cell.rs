@@ -75,6 +75,8 @@ pub fn of_object(mut cell: CellConfig, scenario: &ObjectScenario, args: &Up) -> 
         pixel_m: camera.pixel_m,
         flange_from_camera: pose(&camera.flange_from_camera),
         pass_on_hz: 5.0,
+        recording: None,
+        recording_topic: None,
         kind: CameraKind::Target,
     });
     let limits = &scenario.limits;
@@ -158,6 +160,8 @@ fn see_depth(cell: &mut CellConfig, scenario: &TactileScenario) -> Result<()> {
     let intrinsics = camera.intrinsics();
     cell.camera = Some(CameraConfig {
         topic: tangent_schemas::topics::SIMULATED_IMAGE.key().to_owned(),
+        recording: None,
+        recording_topic: None,
         kind: CameraKind::Depth,
         size_px: camera.sent_px().map(|n| n as u32),
         focal_px: intrinsics.fx_px,

@@ -53,6 +53,13 @@ impl Cell {
         Self::shipped("cell.lippiello.toml", scenario, nearer, |_| {})
     }
 
+    /// A Franka over a wave, with a depth camera.
+    pub fn with_franka() -> Self {
+        let nearer = ("clearance_m = 0.04", "clearance_m = 0.02");
+        let scenario = "scenarios/karacan/karacan_depth.toml";
+        Self::shipped("cell.karacan.toml", scenario, nearer, |_| {})
+    }
+
     /// From a cell file of `deploy/` and a scenario with one text in place of another.
     fn shipped(
         file: &str,

@@ -8,5 +8,6 @@ mod commands;
 #[path = "../common/mod.rs"]
 mod common;
 mod failures;
+mod franka;
 mod object;
 mod recordings;

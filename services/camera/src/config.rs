@@ -1,5 +1,7 @@
 //! What the service has to know, out of the cell file.
 
+use std::path::PathBuf;
+
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::CameraKind;
 
@@ -10,6 +12,8 @@ use crate::CameraError;
 pub struct Config {
     /// Key of the driver's images.
     pub topic: String,
+    /// A recording whose images are played on `topic`, and the topic in it; none for a driver.
+    pub recording: Option<(PathBuf, Option<String>)>,
     /// What the images show.
     pub kind: CameraKind,
     /// Width and height of an image, pixels.
@@ -33,6 +37,10 @@ impl Config {
         let camera = cell.camera.as_ref().ok_or(CameraError::NoCamera)?;
         Ok(Self {
             topic: camera.topic.clone(),
+            recording: camera
+                .recording
+                .clone()
+                .map(|file| (file, camera.recording_topic.clone())),
             kind: camera.kind,
             size_px: camera.size_px,
             focal_px: camera.focal_px,

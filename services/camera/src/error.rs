@@ -1,5 +1,6 @@
 //! Why the service cannot start.
 
+use tangent_recorder::RecorderError;
 use tangent_runtime::BusError;
 use tangent_sensing::TargetDetectorError;
 
@@ -11,6 +12,20 @@ pub enum CameraError {
         "camera: the cell file has no [camera] section; docs/services/camera.md says what goes into it"
     )]
     NoCamera,
+    /// A recording that is none.
+    #[error("camera: camera.recording: {0}")]
+    Recorder(#[from] RecorderError),
+    /// A recording without images.
+    #[error("camera: camera.recording: {file}: {reason}")]
+    Recording {
+        /// As configured.
+        file: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// No thread to be had.
+    #[error("camera: starting a thread: {0}")]
+    Thread(#[from] std::io::Error),
     /// The bus refused a topic.
     #[error("camera: {0}")]
     Bus(#[from] BusError),

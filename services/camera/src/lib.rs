@@ -7,7 +7,9 @@
 mod config;
 mod error;
 mod picture;
+mod player;
 
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tangent_runtime::clock::now_ns;
@@ -25,7 +27,8 @@ use tangent_sensing::TargetDetector;
 
 pub use config::Config;
 pub use error::CameraError;
-pub use picture::{PictureError, grey};
+pub use picture::{PictureError, check_depth, grey};
+pub use player::Player;
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "camera";
@@ -42,6 +45,15 @@ const INFO_EVERY: Duration = Duration::from_secs(1);
 /// A topic that the bus refuses, or a detector that cannot be made.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), CameraError> {
     let priority = config.realtime_priority;
+    let player = match &config.recording {
+        Some((file, topic)) => Some(start_player(
+            Player::open(file, topic.as_deref())?,
+            &config.topic,
+            &bus,
+            &stop,
+        )?),
+        None => None,
+    };
     let mut service = Service::new(config, &bus)?;
     service.health.realtime(&match priority {
         Some(priority) => realtime::setup_thread(SERVICE, priority),
@@ -52,7 +64,26 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), CameraError> {
         service.announce();
         service.turn(LOOK);
     }
+    if let Some(player) = player
+        && player.join().is_err()
+    {
+        tracing::error!("the thread that plays the recording failed");
+    }
     Ok(())
+}
+
+/// In the place of a driver.
+fn start_player(
+    player: Player,
+    topic: &str,
+    bus: &Bus,
+    stop: &Stop,
+) -> Result<JoinHandle<()>, CameraError> {
+    let driver: Topic<Image> = Topic::named(topic.to_owned(), Delivery::Bulk);
+    let (publisher, stop) = (bus.publisher(&driver)?, stop.clone());
+    Ok(std::thread::Builder::new()
+        .name("camera-recording".into())
+        .spawn(move || player.play(&publisher, &stop))?)
 }
 
 struct Service {

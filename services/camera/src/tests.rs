@@ -5,6 +5,7 @@ use super::*;
 fn config() -> Config {
     Config {
         topic: "driver/image".to_owned(),
+        recording: None,
         kind: CameraKind::Target,
         size_px: [200, 160],
         focal_px: 200.0,

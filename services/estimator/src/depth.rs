@@ -10,13 +10,14 @@ use nalgebra::Vector3;
 use tangent_estimation::NormalEstimate;
 use tangent_estimation::depth_normal::{
     DepthEncoding, DepthEncodingError, DepthImage, DepthLayout, DepthNormal, DepthNormalState,
-    DepthSample, Intrinsics, ToolTarget, leave_out_rod,
+    DepthSample, Intrinsics, SurfaceAhead as Ahead, ToolTarget, leave_out_rod,
 };
 use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 use tangent_runtime::health::instance_name;
 use tangent_runtime::{AliveToken, Bus, Publisher, Stop, Subscription};
-use tangent_schemas::standard::Image;
-use tangent_schemas::tangent::{ArmState, NormalEstimate as Message};
+use tangent_schemas::convert::cut;
+use tangent_schemas::standard::{Header, Image};
+use tangent_schemas::tangent::{ArmState, NormalEstimate as Message, SurfaceAhead};
 use tangent_schemas::topics;
 
 use crate::message::message;
@@ -28,6 +29,8 @@ const POSES: usize = 256;
 const REACH_NS: i64 = 10_000_000;
 /// How often the thread looks for a stop while no image comes.
 const LOOK: Duration = Duration::from_millis(50);
+/// Slower than this the tool stands, m/s.
+const TRAVEL_MIN_M_PER_S: f64 = 0.005;
 /// Name as in `estimate/NAME/normal`.
 pub const DEPTH_NORMAL: &str = "depth_normal";
 
@@ -46,6 +49,7 @@ pub struct Depth {
     arm: Subscription<ArmState>,
     images: Subscription<Image>,
     normals: Publisher<Message>,
+    ahead: Publisher<SurfaceAhead>,
     _alive: AliveToken,
     said: Option<String>,
 }
@@ -87,6 +91,7 @@ impl Depth {
             arm: bus.subscribe(&topics::ARM_STATE, POSES)?,
             images: bus.subscribe(&topics::CAMERA_DEPTH, 2)?,
             normals: bus.publisher(&topics::estimate_normal(DEPTH_NORMAL))?,
+            ahead: bus.publisher(&topics::estimate_ahead(DEPTH_NORMAL))?,
             _alive: bus.declare_alive(
                 &topics::estimator_service(DEPTH_NORMAL),
                 &instance_name(),
@@ -169,6 +174,11 @@ impl Depth {
             encoding: DepthEncoding::from_name(&image.encoding)?,
         }
         .read(&image.data, &mut self.depth_m)?;
+        // Where the tool goes, the map goes; standing still there is no way ahead.
+        let velocity = Vector3::from(&arm.tool_twist.linear);
+        let travel = (velocity.norm() > TRAVEL_MIN_M_PER_S).then(|| {
+            (base_from_tool * self.tool_from_camera).unrotate(&velocity)
+        });
         let picture =
             DepthImage::new(width, height, &self.depth_m).ok_or(DepthError::Unplaced)?;
         let seen = self.estimator.update(
@@ -179,14 +189,33 @@ impl Depth {
                 intrinsics: self.intrinsics,
                 target: ToolTarget::Point(self.tool),
                 left_out: Some(&self.left_out),
-                travel: None,
+                travel,
             },
         );
-        let estimate: NormalEstimate = seen.in_base(&(base_from_tool * self.tool_from_camera));
+        let base_from_camera = base_from_tool * self.tool_from_camera;
+        let estimate: NormalEstimate = seen.in_base(&base_from_camera);
         let update_s = begin.elapsed().as_secs_f64();
         self.normals
             .publish(&message(DEPTH_NORMAL, &estimate, arm, update_s));
+        let map = seen.ahead.in_base(&base_from_camera);
+        if !map.stations.is_empty() {
+            self.ahead.publish(&ahead_message(&map, arm));
+        }
         Ok(())
+    }
+}
+
+fn ahead_message(map: &Ahead, arm: &ArmState) -> SurfaceAhead {
+    let stations = || map.stations.iter();
+    SurfaceAhead {
+        header: Header::new(arm.header.stamp.to_ns(), "base"),
+        cycle: arm.cycle,
+        estimator: cut(DEPTH_NORMAL),
+        distance: stations().map(|s| s.distance_m).collect(),
+        points: stations().map(|s| (&s.point).into()).collect(),
+        normals: stations().map(|s| (&s.normal).into()).collect(),
+        bend: stations().map(|s| s.bend_per_m).collect(),
+        bend_sd: stations().map(|s| s.bend_sd_per_m).collect(),
     }
 }
 

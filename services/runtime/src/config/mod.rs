@@ -118,6 +118,9 @@ impl CellConfig {
                 .for_each(resolve);
         }
         self.simulator.scenario.iter_mut().for_each(resolve);
+        if let Some(camera) = &mut self.camera {
+            camera.recording.iter_mut().for_each(resolve);
+        }
     }
 
     fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {

@@ -1,5 +1,7 @@
 //! `[camera]`: the camera on the wrist, where its images come from and what is found in them.
 
+use std::path::PathBuf;
+
 use serde::Deserialize;
 use tangent_mechanics::{Camera, Flange, Pose};
 
@@ -25,6 +27,12 @@ pub struct CameraConfig {
     /// Key of the images, `sensor_msgs/msg/Image`: the simulator's, or a ROS 2 camera's behind a bridge.
     #[serde(default = "simulated")]
     pub topic: String,
+    /// A recording (MCAP) whose images are played on `topic` in place of a driver's.
+    #[serde(default)]
+    pub recording: Option<PathBuf>,
+    /// Topic of the images in it; none: the first that has some.
+    #[serde(default)]
+    pub recording_topic: Option<String>,
     /// What its images show.
     #[serde(default)]
     pub kind: CameraKind,

@@ -1,0 +1,77 @@
+//! The Franka with its depth camera as processes: what fails while it wipes the wave, and what the arm does then.
+
+use tangent_runtime::clock::now_ns;
+
+use crate::cell::{Cell, Observer, PATIENCE, seconds};
+use crate::common::{root, wait_for};
+
+/// A loaded machine's share of any time measured here, s.
+const SLACK_S: f64 = 1.5;
+/// No fault presses harder than twice the reference of 15 N.
+const FORCE_MAX_N: f64 = 30.0;
+
+const SERVICES: [&str; 4] = [
+    "router",
+    "simulator franka controller",
+    "camera",
+    "estimator",
+];
+
+/// A cell whose tool slides on the wave, for twenty seconds.
+fn sliding() -> (Cell, Observer) {
+    let mut cell = Cell::with_franka();
+    cell.start_all(&SERVICES);
+    let observer = Observer::join(&cell);
+    cell.start_task(&root().join("deploy/tasks/loops.toml"));
+    observer.sliding(0);
+    (cell, observer)
+}
+
+fn safe(observer: &Observer, since_ns: i64) {
+    let peak = observer.peak_force_n(since_ns);
+    assert!(peak <= FORCE_MAX_N, "{peak} N");
+}
+
+/// Touch alone goes on where the camera is dead.
+#[test]
+fn the_depth_camera_dies_and_touch_goes_on() {
+    let (mut cell, observer) = sliding();
+    let killed = now_ns();
+    cell.process("camera").kill();
+    wait_for("it wipes on without a camera", PATIENCE, || {
+        let controls = observer.controls(killed);
+        let last = controls.last()?;
+        assert!(last.message.fault.is_empty(), "{}", last.message.fault);
+        (seconds(last.at_ns - killed) > 4.0 && last.message.phase_text.as_str() == "slide")
+            .then_some(())
+    });
+    safe(&observer, killed);
+    cell.start("camera");
+    observer.phase("done", killed);
+    safe(&observer, killed);
+}
+
+/// Without any normal the policy stands, the force is kept, and after a second the tool leaves.
+#[test]
+fn the_estimator_of_the_franka_dies() {
+    let (mut cell, observer) = sliding();
+    let killed = now_ns();
+    cell.process("estimator").kill();
+    let fault = observer.phase("fault", killed);
+    assert!(seconds(fault.at_ns - killed) < 4.0 + SLACK_S);
+    assert!(fault.message.fault.contains("estimate"), "{}", fault.message.fault);
+    observer.at_rest(killed);
+    safe(&observer, killed);
+}
+
+/// A reflex of the robot ends the task; nothing moves by itself after the recovery.
+#[test]
+fn the_robot_stops_by_itself() {
+    let (cell, observer) = sliding();
+    let stopped = now_ns();
+    cell.provoke("reflex", "");
+    observer.phase("fault", stopped);
+    observer.at_rest(stopped);
+    observer.stays_at_rest(1.0);
+    safe(&observer, stopped);
+}
