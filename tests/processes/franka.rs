@@ -64,14 +64,15 @@ fn the_estimator_of_the_franka_dies() {
     safe(&observer, killed);
 }
 
-/// A reflex of the robot ends the task; nothing moves by itself after the recovery.
+/// The robot's user stop ends the task; nothing moves by itself when it is released.
 #[test]
-fn the_robot_stops_by_itself() {
+fn the_user_stop_of_the_franka_is_pressed() {
     let (cell, observer) = sliding();
     let stopped = now_ns();
-    cell.provoke("reflex", "");
+    cell.provoke("user_stop", "on");
     observer.phase("fault", stopped);
     observer.at_rest(stopped);
+    cell.provoke("user_stop", "off");
     observer.stays_at_rest(1.0);
     safe(&observer, stopped);
 }
