@@ -10,9 +10,7 @@ use tangent_runtime::config::{Law, RobotDriver};
 use tangent_runtime::{Bus, CellConfig, Stop};
 use tangent_schemas::topics::SIMULATED_IMAGE;
 use tangent_simulation::{NormalSource, ObjectScenario, Scenario, TactileScenario};
-use tangent_simulator::fci::{
-    DepthEye, FciConfig, Plane, PlantConfig, TactileArm, TorquePlant,
-};
+use tangent_simulator::fci::{DepthEye, FciConfig, Plane, PlantConfig, TactileArm, TorquePlant};
 use tangent_simulator::{Flavour, Ports};
 
 use crate::output::bad_usage;
@@ -179,9 +177,7 @@ pub fn simulator(
     };
     match played.or(own.as_ref()) {
         Some(Played::Object(scenario)) => simulated_object(config, scenario, bus, everybody),
-        Some(Played::Tactile(scenario)) => {
-            simulated_franka(config, Some(scenario), bus, everybody)
-        }
+        Some(Played::Tactile(scenario)) => simulated_franka(config, Some(scenario), bus, everybody),
         Some(Played::Normals(scenario)) => simulated_normals(config, scenario, bus, everybody),
         None => Err(anyhow!("no scenario to play; this is a defect")),
     }
@@ -300,7 +296,12 @@ fn simulated_franka(
         plant.watched_by(looks, camera.rate_hz);
     }
     Running::start("simulator", everybody, move |stop| {
-        Ok(tangent_simulator::fci::run_with(&simulated, Box::new(plant), &bus, &stop)?)
+        Ok(tangent_simulator::fci::run_with(
+            &simulated,
+            Box::new(plant),
+            &bus,
+            &stop,
+        )?)
     })
 }
 

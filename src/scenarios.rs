@@ -71,7 +71,11 @@ builtin_tactile![
 ];
 
 /// A system's name and the scenario that `up` plays for it.
-const SYSTEMS: &[(&str, &str)] = &[("tugal", DEFAULT), ("lippiello", "lippiello_realistic"), ("karacan", "karacan_depth")];
+const SYSTEMS: &[(&str, &str)] = &[
+    ("tugal", DEFAULT),
+    ("lippiello", "lippiello_realistic"),
+    ("karacan", "karacan_depth"),
+];
 
 /// The scenario of a system by its paper's name.
 pub fn of_system(name: &str) -> Option<&'static str> {

@@ -177,7 +177,10 @@ fn see_depth(cell: &mut CellConfig, scenario: &TactileScenario) -> Result<()> {
     );
     if let Some(tool) = &camera.tool {
         let mut rod = Table::new();
-        rod.insert("radius_m".to_owned(), (tool.radius_m + TOOL_MARGIN_M).into());
+        rod.insert(
+            "radius_m".to_owned(),
+            (tool.radius_m + TOOL_MARGIN_M).into(),
+        );
         rod.insert("length_m".to_owned(), tool.length_m.into());
         settings.insert("tool".to_owned(), rod.into());
     }

@@ -59,7 +59,11 @@ fn the_estimator_of_the_franka_dies() {
     cell.process("estimator").kill();
     let fault = observer.phase("fault", killed);
     assert!(seconds(fault.at_ns - killed) < 4.0 + SLACK_S);
-    assert!(fault.message.fault.contains("estimate"), "{}", fault.message.fault);
+    assert!(
+        fault.message.fault.contains("estimate"),
+        "{}",
+        fault.message.fault
+    );
     observer.at_rest(killed);
     safe(&observer, killed);
 }

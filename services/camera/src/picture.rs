@@ -61,7 +61,11 @@ pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError>
     let bytes = match image.encoding.as_str() {
         "16UC1" => 2,
         "32FC1" => 4,
-        other => return Err(PictureError::DepthEncoding(other.chars().take(32).collect())),
+        other => {
+            return Err(PictureError::DepthEncoding(
+                other.chars().take(32).collect(),
+            ));
+        }
     };
     let row = u64::from(image.width) * bytes;
     let needed = (image.step as usize).checked_mul(image.height as usize);
@@ -173,7 +177,10 @@ mod tests {
             assert!(error.contains(word), "{error}");
         }
         assert_eq!(check_depth(&image("16UC1", 6, vec![0; 12]), [3, 2]), Ok(()));
-        assert_eq!(check_depth(&image("32FC1", 12, vec![0; 24]), [3, 2]), Ok(()));
+        assert_eq!(
+            check_depth(&image("32FC1", 12, vec![0; 24]), [3, 2]),
+            Ok(())
+        );
         for (bad, word) in [
             (image("mono8", 3, vec![0; 6]), "no depth"),
             (image("16UC1", 5, vec![0; 10]), "at least 6"),

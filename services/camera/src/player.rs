@@ -42,11 +42,10 @@ impl Player {
             if message.topic != *chosen {
                 continue;
             }
-            let image: Image =
-                cdr::decode(&message.bytes).map_err(|e| CameraError::Recording {
-                    file: file.display().to_string(),
-                    reason: format!("an image on {} does not decode: {e}", message.topic),
-                })?;
+            let image: Image = cdr::decode(&message.bytes).map_err(|e| CameraError::Recording {
+                file: file.display().to_string(),
+                reason: format!("an image on {} does not decode: {e}", message.topic),
+            })?;
             images.push((image.header.stamp.to_ns(), image));
         }
         if images.is_empty() {
@@ -155,7 +154,9 @@ mod tests {
 
         let error = Player::open(&file, Some("/nothing")).err().unwrap();
         assert!(error.to_string().contains("/nothing"), "{error}");
-        let error = Player::open(&folder.path().join("none.mcap"), None).err().unwrap();
+        let error = Player::open(&folder.path().join("none.mcap"), None)
+            .err()
+            .unwrap();
         assert!(error.to_string().contains("none.mcap"), "{error}");
     }
 }

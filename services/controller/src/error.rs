@@ -24,7 +24,9 @@ pub enum ControllerError {
     #[error("starting a thread: {0}")]
     Thread(#[from] std::io::Error),
     /// An arm that this law cannot drive.
-    #[error("controller: arm model \"{name}\" has {dof} joints; [controller] law is for arms with {wanted}")]
+    #[error(
+        "controller: arm model \"{name}\" has {dof} joints; [controller] law is for arms with {wanted}"
+    )]
     Joints {
         /// Name of the model.
         name: String,

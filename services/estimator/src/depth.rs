@@ -92,10 +92,8 @@ impl Depth {
             images: bus.subscribe(&topics::CAMERA_DEPTH, 2)?,
             normals: bus.publisher(&topics::estimate_normal(DEPTH_NORMAL))?,
             ahead: bus.publisher(&topics::estimate_ahead(DEPTH_NORMAL))?,
-            _alive: bus.declare_alive(
-                &topics::estimator_service(DEPTH_NORMAL),
-                &instance_name(),
-            )?,
+            _alive: bus
+                .declare_alive(&topics::estimator_service(DEPTH_NORMAL), &instance_name())?,
             said: None,
         })
     }
@@ -157,8 +155,9 @@ impl Depth {
             .filter(|(at, _)| (at - stamp_ns).abs() <= REACH_NS)
             .map(|(_, arm)| arm)
             .ok_or(DepthError::Unplaced)?;
-        let base_from_tool: Pose<Base, Tool> =
-            (&arm.tool_pose).try_into().map_err(|_| DepthError::Unplaced)?;
+        let base_from_tool: Pose<Base, Tool> = (&arm.tool_pose)
+            .try_into()
+            .map_err(|_| DepthError::Unplaced)?;
         let (width, height) = (image.width as usize, image.height as usize);
         if [width, height] != self.size_px {
             return Err(DepthError::Size {
@@ -176,11 +175,9 @@ impl Depth {
         .read(&image.data, &mut self.depth_m)?;
         // Where the tool goes, the map goes; standing still there is no way ahead.
         let velocity = Vector3::from(&arm.tool_twist.linear);
-        let travel = (velocity.norm() > TRAVEL_MIN_M_PER_S).then(|| {
-            (base_from_tool * self.tool_from_camera).unrotate(&velocity)
-        });
-        let picture =
-            DepthImage::new(width, height, &self.depth_m).ok_or(DepthError::Unplaced)?;
+        let travel = (velocity.norm() > TRAVEL_MIN_M_PER_S)
+            .then(|| (base_from_tool * self.tool_from_camera).unrotate(&velocity));
+        let picture = DepthImage::new(width, height, &self.depth_m).ok_or(DepthError::Unplaced)?;
         let seen = self.estimator.update(
             &mut self.state,
             &DepthSample {

@@ -32,7 +32,9 @@ pub enum EstimatorError {
     #[error("estimator: \"{0}\" needs a camera, and the cell file has no [camera] section")]
     NoCamera(String),
     /// Normals are read from depth images.
-    #[error("estimator: \"depth_normal\" needs a depth camera: the cell file has no [camera] section of kind = \"depth\"")]
+    #[error(
+        "estimator: \"depth_normal\" needs a depth camera: the cell file has no [camera] section of kind = \"depth\""
+    )]
     NoDepthCamera,
     /// No thread to be had.
     #[error("estimator: starting a thread: {0}")]

@@ -31,8 +31,8 @@ pub use config::{
     ALL, Config, DepthChoice, DepthSettings, EstimatorChoice, ObjectChoice, ToolInView,
 };
 pub use depth::DEPTH_NORMAL;
-pub use error::EstimatorError;
 use depth::Depth;
+pub use error::EstimatorError;
 use host::Host;
 use objects::Objects;
 use sample::{CommandedTwist, NewestWrench, SampleBuilder, commanded_twist};

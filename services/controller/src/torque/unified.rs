@@ -49,7 +49,10 @@ impl Unified {
             let short = EstimatorName::from(name)
                 .map_err(|_| format!("estimators: \"{name}\" is longer than 64 bytes"))?;
             let newest = self.bus.latest(&topics::estimate_normal(name));
-            readers.push(EstimateReader::new(short, newest.map_err(|e| e.to_string())?));
+            readers.push(EstimateReader::new(
+                short,
+                newest.map_err(|e| e.to_string())?,
+            ));
         }
         let seen = self.bus.latest(&topics::estimate_normal(VISION));
         Ok(UnifiedProgram {
@@ -234,7 +237,11 @@ impl TorqueProgram for UnifiedProgram {
     }
 }
 
-fn state(output: &UnifiedOutput, input: &TorqueInput<'_>, estimate_age_s: Option<f64>) -> ControlState {
+fn state(
+    output: &UnifiedOutput,
+    input: &TorqueInput<'_>,
+    estimate_age_s: Option<f64>,
+) -> ControlState {
     let age = |age_s: f64| if age_s.is_finite() { age_s } else { -1.0 };
     ControlState {
         normal: (&output.normal).into(),

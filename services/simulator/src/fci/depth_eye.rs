@@ -9,8 +9,10 @@ use tangent_runtime::Publisher;
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::realtime::setup_thread;
 use tangent_schemas::standard::{Header, Image};
-use tangent_simulation::depth_camera::{DepthCamera, DepthCameraConfig, DepthCameraError, DepthFrame};
 use tangent_simulation::Surface;
+use tangent_simulation::depth_camera::{
+    DepthCamera, DepthCameraConfig, DepthCameraError, DepthFrame,
+};
 
 /// Looks that may wait to be drawn: a camera that is behind leaves one out.
 const WAITING: usize = 2;

@@ -21,7 +21,9 @@ pub use pose::PoseConfig;
 pub use realtime::RealtimeConfig;
 pub use robot::{RobotConfig, RobotDriver};
 pub use sensor::{SensorConfig, SensorMode};
-pub use services::{ControllerConfig, EstimatorsConfig, Law, RecorderConfig, SimulatorConfig, WrenchSource};
+pub use services::{
+    ControllerConfig, EstimatorsConfig, Law, RecorderConfig, SimulatorConfig, WrenchSource,
+};
 pub use tool::ToolConfig;
 pub use zenoh::{TlsConfig, ZenohConfig};
 
