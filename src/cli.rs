@@ -113,7 +113,7 @@ pub struct Run {
 /// Options of `tangent health`.
 #[derive(Debug, Args)]
 pub struct Health {
-    /// Services: router, netft, rtde, estimator, controller, recorder, simulator, or one of your own.
+    /// Services: router, netft, rtde, franka, camera, estimator, controller, recorder, simulator, or one of your own.
     #[arg(required = true)]
     pub services: Vec<String>,
     /// Only those on this host (in a container: in this container).

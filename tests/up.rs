@@ -5,6 +5,7 @@
 mod common;
 
 use std::fs;
+use std::path::Path;
 
 use common::{json, number, run, up, up_system};
 
@@ -82,12 +83,7 @@ fn up_lippiello_wipes_the_object_as_evaluate_does() {
     }
     assert_eq!(live["phase"], "done");
     assert!(number(&live, "/loop/packet_to_command_us/p50") > 0.0);
-    let page = fs::read_dir(folder.path())
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .find(|path| path.extension().is_some_and(|e| e == "html"))
-        .unwrap();
-    let page = fs::read_to_string(page).unwrap();
+    let page = page(folder.path());
     for title in [
         "Position error in object axes",
         "Orientation error in object axes",
@@ -129,4 +125,15 @@ fn up_karacan_wipes_the_wave_as_evaluate_does() {
         let joules = number(&live, path);
         assert!((low..=high).contains(&joules), "{path}: {joules} J");
     }
+    assert!(page(folder.path()).contains("Energy tanks"));
+}
+
+/// The report's page.
+fn page(folder: &Path) -> String {
+    let page = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .find(|path| path.extension().is_some_and(|e| e == "html"))
+        .unwrap();
+    fs::read_to_string(page).unwrap()
 }

@@ -76,6 +76,18 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String> {
             Ok(())
         })?;
     }
+    let tank = |energy: fn(&Cycle<'_>) -> f64| {
+        let held = move |c: &Cycle<'_>| Some(energy(c)).filter(|j| *j > 0.0);
+        curve(task, held)
+    };
+    html += &figure(
+        &axes("Energy tanks", "J"),
+        &[
+            ("motion", tank(|c| c.control.motion_tank_j)),
+            ("force", tank(|c| c.control.force_tank_j)),
+        ],
+        "What the law may still put into motion and force; empty, it lets go.",
+    )?;
     html += &figure(
         &axes("Age of the controller's inputs", "ms"),
         &[
