@@ -187,6 +187,9 @@ fn nobody(config: &CellConfig) -> String {
     )
 }
 
+/// How long the controller's first word is waited for.
+const FIRST_WORD: Duration = Duration::from_secs(3);
+
 #[derive(Serialize)]
 struct Comparison {
     active: Option<String>,
@@ -234,7 +237,7 @@ fn compare(heard: &Heard, seconds: f64, json: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What the cell says about normals for so long, in the order in which it came.
+/// What the cell says about normals for so long from the controller's first word on, in the order in which it came.
 fn listen(bus: &Bus, time: Duration) -> Result<Heard> {
     let keys = [
         topics::ARM_STATE.key(),
@@ -247,13 +250,23 @@ fn listen(bus: &Bus, time: Duration) -> Result<Heard> {
         .map(|key| bus.subscribe_raw(key, 4096))
         .collect::<Result<_, _>>()?;
     let mut messages: Vec<RawMessage> = Vec::new();
-    let until = Instant::now() + time;
-    while let Some(left) = until.checked_duration_since(Instant::now()) {
+    // Those who publish hear of a new reader one by one, and not at once.
+    let give_up = Instant::now() + FIRST_WORD;
+    let mut until = None;
+    while let Some(left) = until
+        .unwrap_or(give_up)
+        .checked_duration_since(Instant::now())
+    {
         // The arm's state comes with every cycle; the others are taken along with it.
         let first = readers[0].recv_timeout(left.min(Duration::from_millis(50)));
         messages.extend(first);
         for reader in &readers {
             messages.extend(std::iter::from_fn(|| reader.try_recv()));
+        }
+        let spoken = |key: &str| messages.iter().any(|message| message.key == key);
+        if until.is_none() && spoken(topics::CONTROL_STATE.key()) && spoken(topics::ARM_STATE.key())
+        {
+            until = Some(Instant::now() + time);
         }
     }
     messages.sort_by_key(|message| message.received);
