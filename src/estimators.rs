@@ -263,7 +263,7 @@ fn listen(bus: &Bus, time: Duration) -> Result<Heard> {
         for reader in &readers {
             messages.extend(std::iter::from_fn(|| reader.try_recv()));
         }
-        let spoken = |key: &str| messages.iter().any(|message| message.key == key);
+        let spoken = |key: &str| messages.iter().any(|message| &*message.key == key);
         if until.is_none() && spoken(topics::CONTROL_STATE.key()) && spoken(topics::ARM_STATE.key())
         {
             until = Some(Instant::now() + time);
