@@ -270,6 +270,8 @@ fn simulated_franka(
             .realtime
             .enabled
             .then_some(config.realtime.simulator_priority),
+        // A machine that simulates the robot too may be late: simulated time waits, where a robot would stop by itself.
+        answer_wait_s: ANSWER_WAIT_S,
         ..FciConfig::default()
     };
     let bus = bus.clone();
@@ -304,6 +306,9 @@ fn simulated_franka(
         )?)
     })
 }
+
+/// How long the simulated Franka waits for an answer, s.
+const ANSWER_WAIT_S: f64 = 0.01;
 
 /// Horizontal, well below the tool at the arm's home.
 const TABLE: Plane = Plane {

@@ -6,14 +6,23 @@ mod common;
 
 use std::fs;
 use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::{json, number, run, up, up_system};
 
 const SCENARIO: &str = "pipe_realistic";
 
+/// One system at a time: what is measured is a system, not how three of them share a small machine.
+static MACHINE: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    MACHINE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// The whole system wipes the pipe, leaves a recording and a report, and its figures are those of `evaluate`.
 #[test]
 fn up_wipes_the_pipe_as_evaluate_does() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let live = up(SCENARIO, folder.path());
     let evaluation = json(&run(&["evaluate", SCENARIO, "--json"]));
@@ -63,6 +72,7 @@ fn up_wipes_the_pipe_as_evaluate_does() {
 /// The torque-controlled arm with its camera wipes the object, and the figures are those of `evaluate`.
 #[test]
 fn up_lippiello_wipes_the_object_as_evaluate_does() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let live = up_system("lippiello", folder.path());
     let evaluation = json(&run(&["evaluate", "lippiello_realistic", "--json"]));
@@ -97,6 +107,7 @@ fn up_lippiello_wipes_the_object_as_evaluate_does() {
 /// The Franka wipes the wave over its own interface, by a depth camera and by what it feels through its joints, as in `evaluate`.
 #[test]
 fn up_karacan_wipes_the_wave_as_evaluate_does() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let live = up_system("karacan", folder.path());
     let evaluation = json(&run(&["evaluate", "karacan_depth", "--json"]));

@@ -395,13 +395,18 @@ impl Observer {
 
     /// For `seconds` from now the tool does not move by itself.
     pub fn stays_at_rest(&self, seconds: f64) {
+        self.stays_slower_than(2e-3, seconds);
+    }
+
+    /// For `seconds` from now the tool keeps below this speed, m/s.
+    pub fn stays_slower_than(&self, speed_max_m_per_s: f64, seconds: f64) {
         let from = clock::now_ns();
         let until = from + (seconds * 1e9) as i64;
         wait_for("truths come in", PATIENCE, || {
             let truths = self.truths(from);
             for truth in &truths {
                 assert!(
-                    speed(&truth.message) < 2e-3,
+                    speed(&truth.message) < speed_max_m_per_s,
                     "the tool moves by itself: {} m/s",
                     speed(&truth.message)
                 );
