@@ -22,6 +22,11 @@ impl OverGround {
     }
 }
 
+/// No platform stands further from its world's origin, m: the earth's diameter.
+const FARTHEST_M: f64 = 1.3e7;
+/// Nor is one faster, m/s and rad/s.
+const FASTEST: f64 = 1e4;
+
 /// The sample as the floor sees it. A base of unknown motion makes the sample unusable, with the reason.
 fn to_floor(sample: &ContactSample, base: &BaseMotion) -> ContactSample {
     let moved = |twist: &Twist<Aligned<Tool, Base>>| {
@@ -61,6 +66,13 @@ fn to_base(estimate: &NormalEstimate, base: &BaseMotion) -> NormalEstimate {
     }
 }
 
+/// Finite, and so far from the limits of its numbers that what is computed from it is finite too.
+fn is_sane(base: &BaseMotion) -> bool {
+    base.is_finite()
+        && base.world_from_base.translation().amax() < FARTHEST_M
+        && base.twist.vector().amax() < FASTEST
+}
+
 impl NormalEstimator for OverGround {
     fn name(&self) -> &'static str {
         self.inner.name()
@@ -74,7 +86,7 @@ impl NormalEstimator for OverGround {
             trouble: Some(BaseTrouble::NotFinite),
             ..BaseMotion::still()
         };
-        let base = if base.is_finite() { base } else { &unusable };
+        let base = if is_sane(base) { base } else { &unusable };
         to_base(&self.inner.update(&to_floor(sample, base)), base)
     }
 
