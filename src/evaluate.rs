@@ -179,7 +179,7 @@ fn print_tactile(e: &Evaluation, t: &TactileFigures) {
             tanks.motion_max_j,
             tanks.force_min_j,
             tanks.force_max_j,
-            t.short_j
+            t.short_j.unwrap_or_default()
         );
     }
     println!(

@@ -2,6 +2,7 @@
 
 mod karacan;
 mod lippiello;
+mod page;
 
 use anyhow::Result;
 use indicatif::{ProgressBar, ProgressStyle};

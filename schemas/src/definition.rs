@@ -21,7 +21,8 @@ files! {
     "sensor_msgs": "CameraInfo" "CompressedImage" "Image" "JointState" "RegionOfInterest";
     "std_msgs": "ColorRGBA" "Header";
     "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "Feature" "FeatureArray" "Health"
-        "NormalEstimate" "ObjectEstimate" "Request" "SurfaceAhead" "WrenchStatus";
+        "NormalEstimate" "ObjectEstimate" "Request" "ShapingState" "SurfaceAhead" "SurfaceSegment"
+        "WrenchStatus";
     "tf2_msgs": "TFMessage";
     "visualization_msgs": "Marker" "MarkerArray" "MeshFile" "UVCoordinate";
 }

@@ -192,6 +192,23 @@ message! {
 }
 
 message! {
+    /// The piece of surface of one orientation that the tool is on, as a camera saw it: its principal components.
+    pub struct SurfaceSegment: "tangent_msgs/msg/SurfaceSegment" {
+        /// Time of the arm state at exposure; frame `base`.
+        pub header: Header,
+        /// `ArmState.cycle` at exposure.
+        pub cycle: u64,
+        pub estimator: Name,
+        /// Mean of its points, m.
+        pub middle: Point,
+        /// Direction of least spread, unit, out of the material.
+        pub normal: Vector3,
+        /// Share of the spread that lies along the normal: 0 where it is flat.
+        pub surface_variation: f64,
+    }
+}
+
+message! {
     /// Where the surface goes ahead of the tool, as a camera saw it. One entry per station in each list, from the tool on.
     pub struct SurfaceAhead: "tangent_msgs/msg/SurfaceAhead" {
         /// Time of the arm state at exposure; frame `base`.
@@ -255,6 +272,22 @@ message! {
         pub step_s: f64,
         /// Last fault, in words; empty when none.
         pub fault: Text,
+    }
+}
+
+message! {
+    /// How a law shapes what it does by how contact and alignment fare. Once per cycle, by laws that shape.
+    pub struct ShapingState: "tangent_msgs/msg/ShapingState" {
+        /// As in the `ControlState` of the same cycle.
+        pub header: Header,
+        pub cycle: u64,
+        /// Contact-alignment monitor, and the margin beyond which the arm gives way.
+        pub monitor: f64,
+        pub monitor_margin: f64,
+        /// Share of the stiffness in force, 0 (limp) to 1.
+        pub rho_align: f64,
+        /// Share of the force reference in force, 0 to 1.
+        pub rho_force: f64,
     }
 }
 

@@ -10,7 +10,7 @@ use crate::standard::{
 };
 use crate::tangent::{
     ArmCommand, ArmState, ContactTruth, ControlState, FeatureArray, Health, NormalEstimate,
-    ObjectEstimate, SurfaceAhead, WrenchStatus,
+    ObjectEstimate, ShapingState, SurfaceAhead, SurfaceSegment, WrenchStatus,
 };
 
 /// How a topic is sent to other processes. Within a process every message is delivered in the sender's thread.
@@ -109,6 +109,8 @@ pub static CAMERA_FEATURES: Topic<FeatureArray> = Topic::new("camera/features", 
 pub static SIMULATED_IMAGE: Topic<Image> = Topic::new("simulator/image", Delivery::Bulk);
 /// What the controller does and why; once per cycle.
 pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
+/// How the law shapes stiffness and force; once per cycle, by laws that do.
+pub static CONTROL_SHAPING: Topic<ShapingState> = Topic::new("control/shaping", Delivery::Stream);
 /// The simulator's truth; never read by the system under test.
 pub static TRUTH_CONTACT: Topic<ContactTruth> = Topic::new("truth/contact", Delivery::Stream);
 /// Where the simulated object really is.
@@ -131,6 +133,11 @@ pub fn estimate_normal(estimator: &str) -> Topic<NormalEstimate> {
 /// Poses of an object by one estimator: `estimate/NAME/object`.
 pub fn estimate_object(estimator: &str) -> Topic<ObjectEstimate> {
     Topic::named(format!("estimate/{estimator}/object"), Delivery::RealTime)
+}
+
+/// The segment that the tool is on by one estimator: `estimate/NAME/segment`, before the normal of the same image.
+pub fn estimate_segment(estimator: &str) -> Topic<SurfaceSegment> {
+    Topic::named(format!("estimate/{estimator}/segment"), Delivery::RealTime)
 }
 
 /// The surface ahead of the tool by one estimator: `estimate/NAME/ahead`.

@@ -8,6 +8,7 @@ use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tool};
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
 use tangent_simulation::metrics::object_pose::ObjectPoseFigures;
+use tangent_simulation::metrics::tactile::TactileFigures;
 use tangent_simulation::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 
 use super::comparison::{self, EstimatorFigures, Switch};
@@ -42,8 +43,8 @@ pub struct Report {
     pub figures: Figures,
     /// Of object estimators only.
     pub object_pose: Option<ObjectPoseFigures>,
-    /// Of `evaluate` only.
-    pub tactile: Option<()>,
+    /// Of laws that shape stiffness and force only; without what no topic tells.
+    pub tactile: Option<TactileFigures>,
     /// How the live loop fared.
     pub r#loop: LoopFigures,
     /// Phase at the end of the task.
@@ -327,7 +328,7 @@ impl Report {
             real_time_factor: None,
             figures,
             object_pose: super::object::figures(run, task),
-            tactile: None,
+            tactile: super::tactile::figures(run, task),
             r#loop: loop_figures(run),
             phase: last.map(|c| c.sample.phase.name()),
             fault: task

@@ -6,6 +6,7 @@ mod html;
 pub mod object;
 pub mod plot;
 pub mod run;
+pub mod tactile;
 #[cfg(test)]
 mod tests;
 
@@ -179,6 +180,7 @@ pub fn words(report: &Report) -> String {
     if let Some(object) = &report.object_pose {
         lines.extend(object::words(object));
     }
+    lines.extend(report.tactile.as_ref().and_then(tactile::words));
     let l = &report.r#loop;
     if let Some(q) = l.packet_to_command_us {
         lines.push(format!(

@@ -7,7 +7,8 @@ use anyhow::{Context, Result, bail};
 use tangent_recorder::{RecordedMessage, Recording};
 use tangent_schemas::standard::PoseStamped;
 use tangent_schemas::tangent::{
-    ArmState, ContactTruth, ControlState, Health, NormalEstimate, ObjectEstimate, WrenchStatus,
+    ArmState, ContactTruth, ControlState, Health, NormalEstimate, ObjectEstimate, ShapingState,
+    WrenchStatus,
 };
 use tangent_schemas::{Message, cdr};
 
@@ -28,6 +29,8 @@ pub struct Run {
     pub arm: Vec<ArmState>,
     /// `control/state`
     pub control: Vec<ControlState>,
+    /// `control/shaping`
+    pub shaping: Vec<ShapingState>,
     /// `estimate/NAME/normal` by estimator.
     pub estimates: BTreeMap<String, Vec<NormalEstimate>>,
     /// How old each estimator's newest was whenever a `control/state` came, in robot cycles: the age at use, by the
@@ -102,6 +105,7 @@ impl Run {
         let run = self;
         run.arm.sort_by_key(|m| m.header.stamp.to_ns());
         run.control.sort_by_key(|m| m.header.stamp.to_ns());
+        run.shaping.sort_by_key(|m| m.header.stamp.to_ns());
         run.truth.sort_by_key(|m| m.header.stamp.to_ns());
         run.object_truth.sort_by_key(|m| m.header.stamp.to_ns());
         for objects in run.objects.values_mut() {
@@ -186,6 +190,7 @@ impl Run {
                 }
                 self.control.push(state);
             }
+            ShapingState::NAME => self.shaping.push(cdr::decode(bytes)?),
             NormalEstimate::NAME => {
                 let estimate: NormalEstimate = cdr::decode(bytes)?;
                 let name = estimate.estimator.to_string();

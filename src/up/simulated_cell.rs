@@ -184,7 +184,7 @@ fn see_depth(cell: &mut CellConfig, scenario: &TactileScenario) -> Result<()> {
         rod.insert("length_m".to_owned(), tool.length_m.into());
         settings.insert("tool".to_owned(), rod.into());
     }
-    let name = tangent_estimator::DEPTH_NORMAL.to_owned();
+    let name = tangent_estimation::depth_normal::DEPTH_NORMAL.to_owned();
     cell.estimators.settings.insert(name.clone(), settings);
     cell.estimators.run.push(name);
     Ok(())

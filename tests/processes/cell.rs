@@ -393,6 +393,12 @@ impl Observer {
             .fold(0.0, f64::max)
     }
 
+    /// The tool never pressed harder since.
+    pub fn pressed_at_most(&self, force_max_n: f64, since_ns: i64) {
+        let peak = self.peak_force_n(since_ns);
+        assert!(peak <= force_max_n, "{peak} N");
+    }
+
     /// For `seconds` from now the tool does not move by itself.
     pub fn stays_at_rest(&self, seconds: f64) {
         self.stays_slower_than(2e-3, seconds);

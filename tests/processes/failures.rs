@@ -60,8 +60,7 @@ fn fault(observer: &Observer, since_ns: i64) -> Seen<ControlState> {
 }
 
 fn safe(observer: &Observer, since_ns: i64) {
-    let peak = observer.peak_force_n(since_ns);
-    assert!(peak <= FORCE_MAX_N, "{peak} N");
+    observer.pressed_at_most(FORCE_MAX_N, since_ns);
 }
 
 /// Sliding stops, the force is kept along the last normal, and after a second without an estimate the tool leaves.

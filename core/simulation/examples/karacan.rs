@@ -42,7 +42,7 @@ fn run() -> Result<(), Box<dyn Error>> {
         let e = evaluate_tactile_with(&scenario, &mut Calm, |c| {
             if trace && c.input.time_s >= next {
                 next += 0.25;
-                let (s, o) = (c.sample, c.output);
+                let (s, o, inside) = (c.sample, c.output, c.sample.inside);
                 println!(
                     "{:6.2} {:9} C {:.2}/{:.2} rho {:.2} {:.2} F {:6.2} of {:5.2} (felt {:6.2}) d {:6.2} {:6.2} {:6.2} mm err n {:.1} tool {:.1} deg S {:.2} {:.2} short {:.1e} mu {:.2} {}",
                     s.time_s,
@@ -65,9 +65,13 @@ fn run() -> Result<(), Box<dyn Error>> {
                         .to_degrees(),
                     s.tanks_j.0,
                     s.tanks_j.1,
-                    s.short_j,
-                    s.friction,
-                    if s.limited { "limited" } else { "" }
+                    inside.map_or(f64::NAN, |i| i.short_j),
+                    inside.map_or(f64::NAN, |i| i.friction),
+                    if inside.is_some_and(|i| i.limited) {
+                        "limited"
+                    } else {
+                        ""
+                    }
                 );
             }
         })?;
@@ -93,7 +97,7 @@ fn run() -> Result<(), Box<dyn Error>> {
             or(t.rho_force_min),
             or(t.monitor_share_max),
             e.figures.contact.lost_count,
-            t.limited_cycles,
+            t.limited_cycles.unwrap_or_default(),
             t.sliding_s,
             wall,
             e.fault.unwrap_or("")

@@ -183,7 +183,7 @@ const HELD: [(&str, &str, Option<f64>, Goal, Pick); 6] = [
         "J",
         None,
         Goal::AtMost(0.0),
-        |e| Some(e.tactile?.short_j),
+        |e| e.tactile?.short_j,
     ),
     (
         "vision rate, least",

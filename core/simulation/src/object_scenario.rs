@@ -6,10 +6,10 @@ use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_sensing::ConditioningConfig;
-use toml::{Table, Value};
+use toml::Table;
 
 use crate::object_plant_config::ObjectPlantConfig;
-use crate::scenario::{ScenarioError, read_with_overrides};
+use crate::scenario::{ScenarioError, check_duration, is_of_kind, read_with_overrides};
 use crate::surfaces::ShapeConfig;
 
 /// Marks the file: other scenarios have no `kind`.
@@ -58,8 +58,7 @@ pub struct ObjectScenario {
 impl ObjectScenario {
     /// Whether a text is a scenario of this kind.
     pub fn is_one(text: &str) -> bool {
-        toml::from_str::<Table>(text)
-            .is_ok_and(|t| t.get("kind").and_then(Value::as_str) == Some("object_pose"))
+        is_of_kind(text, "object_pose")
     }
 
     /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted keys.
@@ -68,14 +67,7 @@ impl ObjectScenario {
     /// Names the file or override, the key, the value and what is allowed.
     pub fn parse(file: &str, text: &str, overrides: &[String]) -> Result<Self, ScenarioError> {
         let scenario: Self = read_with_overrides(file, text, overrides)?;
-        if !(0.1..=86_400.0).contains(&scenario.duration_s) {
-            return Err(ScenarioError::Value {
-                file: file.to_owned(),
-                key: "duration_s",
-                value: scenario.duration_s,
-                allowed: "0.1 to 86400 s",
-            });
-        }
+        check_duration(file, scenario.duration_s)?;
         scenario.task.check()?;
         scenario.limits.check()?;
         scenario.law()?;

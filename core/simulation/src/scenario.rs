@@ -182,12 +182,7 @@ impl Scenario {
                 })
             }
         };
-        value(
-            "duration_s",
-            self.duration_s,
-            "0.1 to 86400 s",
-            (0.1..=86_400.0).contains(&self.duration_s),
-        )?;
+        check_duration(file, self.duration_s)?;
         for (key, cycles) in [
             ("pipeline.exchange_cycles", self.pipeline.exchange_cycles),
             ("pipeline.estimate_cycles", self.pipeline.estimate_cycles),
@@ -218,6 +213,24 @@ impl Scenario {
         config.check()?;
         Ok(config)
     }
+}
+
+/// Whether a text is a scenario with this `kind`.
+pub(crate) fn is_of_kind(text: &str, kind: &str) -> bool {
+    toml::from_str::<Table>(text).is_ok_and(|t| t.get("kind").and_then(Value::as_str) == Some(kind))
+}
+
+/// Whether a run may last so long.
+pub(crate) fn check_duration(file: &str, duration_s: f64) -> Result<(), ScenarioError> {
+    if (0.1..=86_400.0).contains(&duration_s) {
+        return Ok(());
+    }
+    Err(ScenarioError::Value {
+        file: file.to_owned(),
+        key: "duration_s",
+        value: duration_s,
+        allowed: "0.1 to 86400 s",
+    })
 }
 
 /// Reads a scenario of any kind and changes single values of it.

@@ -3,9 +3,9 @@
 use serde::{Deserialize, Serialize};
 use tangent_control::{Limits, Task, UnifiedForceImpedance, UnifiedForceImpedanceConfig};
 use tangent_estimation::{EstimatorConfig, NormalEstimator, build};
-use toml::{Table, Value};
+use toml::Table;
 
-use crate::scenario::{ScenarioError, merge, read_with_overrides};
+use crate::scenario::{ScenarioError, check_duration, is_of_kind, read_with_overrides};
 use crate::tactile_plant::TactilePlant;
 use crate::tactile_plant_config::TactilePlantConfig;
 
@@ -52,8 +52,7 @@ pub struct TactileScenario {
 impl TactileScenario {
     /// Whether a text is a scenario of this kind.
     pub fn is_one(text: &str) -> bool {
-        toml::from_str::<Table>(text)
-            .is_ok_and(|t| t.get("kind").and_then(Value::as_str) == Some("visuo_tactile"))
+        is_of_kind(text, "visuo_tactile")
     }
 
     /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted keys.
@@ -62,14 +61,7 @@ impl TactileScenario {
     /// Names the file or override, the key, the value and what is allowed.
     pub fn parse(file: &str, text: &str, overrides: &[String]) -> Result<Self, ScenarioError> {
         let scenario: Self = read_with_overrides(file, text, overrides)?;
-        if !(0.1..=86_400.0).contains(&scenario.duration_s) {
-            return Err(ScenarioError::Value {
-                file: file.to_owned(),
-                key: "duration_s",
-                value: scenario.duration_s,
-                allowed: "0.1 to 86400 s",
-            });
-        }
+        check_duration(file, scenario.duration_s)?;
         scenario.task.check()?;
         scenario.limits.check()?;
         scenario.law()?;
@@ -82,17 +74,10 @@ impl TactileScenario {
     /// # Errors
     /// An unknown preset or parameter, or a value out of range.
     pub fn law(&self) -> Result<UnifiedForceImpedanceConfig, ScenarioError> {
-        let text = |message: String| ScenarioError::Text {
-            file: self.name.clone(),
-            message,
-        };
-        let preset = UnifiedForceImpedanceConfig::preset(&self.controller)?;
-        let mut table = Table::try_from(preset).map_err(|e| text(e.to_string()))?;
-        merge(&mut table, &self.control);
-        let config = UnifiedForceImpedanceConfig::deserialize(Value::Table(table))
-            .map_err(|e| text(format!("control: {}", e.message())))?;
-        config.check()?;
-        Ok(config)
+        Ok(UnifiedForceImpedanceConfig::preset_with(
+            &self.controller,
+            &self.control,
+        )?)
     }
 
     /// The law for the plant's arm as the cell file states it.

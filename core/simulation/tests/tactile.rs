@@ -44,7 +44,7 @@ fn both_presets_wipe_the_wave_to_the_end() {
             [0.009, 0.008, 0.004]
         };
         assert!((0..3).all(|i| path[i] <= most[i]), "{preset}: {path:?}");
-        assert_eq!(e.tactile.unwrap().short_j, 0.0);
+        assert_eq!(e.tactile.unwrap().short_j, Some(0.0));
         assert!(e.tactile.unwrap().vision_rate_hz >= 30.0);
     }
 }

@@ -51,13 +51,7 @@ pub enum PictureError {
 /// # Errors
 /// [`PictureError`]: another size than `size_px`, an encoding that is not depth, or data that does not fit the header.
 pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
-    let found = [image.width, image.height];
-    if found != size_px {
-        return Err(PictureError::Size {
-            found,
-            stated: size_px,
-        });
-    }
+    check_size(image, size_px)?;
     let bytes = match image.encoding.as_str() {
         "16UC1" => 2,
         "32FC1" => 4,
@@ -67,7 +61,24 @@ pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError>
             ));
         }
     };
-    let row = u64::from(image.width) * bytes;
+    check_data(image, bytes)?;
+    Ok(())
+}
+
+fn check_size(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
+    let found = [image.width, image.height];
+    if found == size_px {
+        return Ok(());
+    }
+    Err(PictureError::Size {
+        found,
+        stated: size_px,
+    })
+}
+
+/// Bytes of a row that are pixels, where the data is as long as the header says.
+fn check_data(image: &Image, bytes_per_pixel: u64) -> Result<u64, PictureError> {
+    let row = u64::from(image.width) * bytes_per_pixel;
     let needed = (image.step as usize).checked_mul(image.height as usize);
     if u64::from(image.step) < row || needed != Some(image.data.len()) {
         return Err(PictureError::Data {
@@ -77,7 +88,7 @@ pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError>
             row,
         });
     }
-    Ok(())
+    Ok(row)
 }
 
 /// The image as 8-bit grey values.
@@ -85,13 +96,7 @@ pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError>
 /// # Errors
 /// [`PictureError`]: another size than `size_px`, an unknown encoding, or data that does not fit the header.
 pub fn grey(image: &Image, size_px: [u32; 2]) -> Result<GreyImage, PictureError> {
-    let found = [image.width, image.height];
-    if found != size_px {
-        return Err(PictureError::Size {
-            found,
-            stated: size_px,
-        });
-    }
+    check_size(image, size_px)?;
     let (channels, weights): (u64, [u32; 3]) = match image.encoding.as_str() {
         "mono8" | "8UC1" => (1, [1, 0, 0]),
         // ITU-R BT.601.
@@ -99,20 +104,10 @@ pub fn grey(image: &Image, size_px: [u32; 2]) -> Result<GreyImage, PictureError>
         "bgr8" => (3, [114, 587, 299]),
         other => return Err(PictureError::Encoding(other.chars().take(32).collect())),
     };
-    let row = u64::from(image.width) * channels;
-    let step = image.step as usize;
-    let needed = step.checked_mul(image.height as usize);
-    if u64::from(image.step) < row || needed != Some(image.data.len()) {
-        return Err(PictureError::Data {
-            bytes: image.data.len(),
-            step: image.step,
-            height: image.height,
-            row,
-        });
-    }
+    let row = check_data(image, channels)?;
     let rows = image
         .data
-        .chunks_exact(step)
+        .chunks_exact(image.step as usize)
         .map(|line| &line[..row as usize]);
     let pixels = if channels == 1 {
         rows.flatten().copied().collect()

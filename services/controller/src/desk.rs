@@ -7,8 +7,9 @@ use serde_json::json;
 use tangent_control::{EstimatorName, Phase};
 use tangent_runtime::bus::answer::{done_with, refused};
 use tangent_runtime::{Bus, BusError, Handle, Latest};
+use tangent_schemas::Message;
 use tangent_schemas::tangent::{Answer, ArmState, ControlState, Request, WrenchStatus};
-use tangent_schemas::topics::{self, queries};
+use tangent_schemas::topics::{self, Topic, queries};
 use tangent_sensing::Validity;
 
 use crate::inputs::driven_by_another;
@@ -16,6 +17,8 @@ use crate::mailbox::{Ask, Mailbox, Outcome};
 
 /// Older than this, an input does not count as there when a task is to start.
 pub const FRESH: Duration = Duration::from_millis(200);
+/// How long an estimator that nobody listened to yet is waited for.
+pub const FIRST_ESTIMATE: Duration = Duration::from_millis(400);
 
 /// What differs from law to law when a task is started or an estimator chosen.
 pub trait Kind: Send + Sync + 'static {
@@ -32,8 +35,29 @@ pub trait Kind: Send + Sync + 'static {
         mailbox: &Mailbox<Self::Program>,
     ) -> Result<(), String>;
 
-    /// Makes sure that this estimator is listened to.
-    fn hear(&self, name: &EstimatorName, mailbox: &Mailbox<Self::Program>) -> Result<(), String>;
+    /// Makes sure that this estimator is listened to. A program that listens to all that its task names, and to no others, leaves it
+    /// at that.
+    fn hear(&self, _: &EstimatorName, _: &Mailbox<Self::Program>) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+/// Whether something fresh comes on one of these topics.
+///
+/// # Errors
+/// The bus's reason, where a topic cannot be read.
+pub fn one_speaks<M: Message>(
+    bus: &Bus,
+    topics: impl Iterator<Item = Topic<M>>,
+) -> Result<bool, String> {
+    for topic in topics {
+        let heard = bus.subscribe(&topic, 1).map_err(|e| e.to_string())?;
+        let first = heard.recv_timeout(FIRST_ESTIMATE);
+        if first.is_some_and(|message| message.age() <= FRESH) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// Where requests are answered.

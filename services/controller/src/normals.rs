@@ -1,19 +1,15 @@
 //! Tasks of the hybrid admittance: made ready for the loop, with the normal estimators that they name.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
 use tangent_control::{ControllerConfig, EstimatorName, Program, Task};
 use tangent_runtime::{Bus, BusError, Latest};
 use tangent_schemas::tangent::NormalEstimate;
 use tangent_schemas::topics;
 
-use crate::desk::{FRESH, Kind, NO_LOOP};
+use crate::desk::{FIRST_ESTIMATE, FRESH, Kind, NO_LOOP};
 use crate::inputs::EstimateReader;
 use crate::mailbox::{Ask, Mailbox};
-
-/// How long an estimator that nobody listened to yet is waited for.
-pub const FIRST_ESTIMATE: Duration = Duration::from_millis(400);
 
 /// See the module.
 pub struct Normals {

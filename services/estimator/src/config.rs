@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 use serde::Deserialize;
-use tangent_estimation::depth_normal::{DepthNormalConfig, Intrinsics};
+use tangent_estimation::depth_normal::{DEPTH_NORMAL, DepthNormalConfig, Intrinsics};
 use tangent_estimation::object_pose::{CameraModel, OBJECT_ESTIMATORS};
 use tangent_estimation::{EstimatorConfig, ObjectPoseConfig, estimator_names};
 use tangent_mechanics::{Camera, Flange, ModelData, Pose, Tool};
@@ -12,7 +12,6 @@ use tangent_sensing::BaseConfig;
 use toml::{Table, Value};
 
 use crate::EstimatorError;
-use crate::depth::DEPTH_NORMAL;
 
 /// Key under `[estimators.settings]` for what all estimators share.
 pub const ALL: &str = "all";

@@ -9,15 +9,16 @@ use std::time::{Duration, Instant};
 use nalgebra::Vector3;
 use tangent_estimation::NormalEstimate;
 use tangent_estimation::depth_normal::{
-    DepthEncoding, DepthEncodingError, DepthImage, DepthLayout, DepthNormal, DepthNormalState,
-    DepthSample, Intrinsics, SurfaceAhead as Ahead, ToolTarget, leave_out_rod,
+    DEPTH_NORMAL, DepthEncoding, DepthEncodingError, DepthImage, DepthLayout, DepthNormal,
+    DepthNormalState, DepthSample, Intrinsics, SegmentShape, SurfaceAhead as Ahead, ToolTarget,
+    leave_out_rod,
 };
 use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 use tangent_runtime::health::instance_name;
 use tangent_runtime::{AliveToken, Bus, Publisher, Stop, Subscription};
 use tangent_schemas::convert::cut;
 use tangent_schemas::standard::{Header, Image};
-use tangent_schemas::tangent::{ArmState, NormalEstimate as Message, SurfaceAhead};
+use tangent_schemas::tangent::{ArmState, NormalEstimate as Message, SurfaceAhead, SurfaceSegment};
 use tangent_schemas::topics;
 
 use crate::message::message;
@@ -31,8 +32,6 @@ const REACH_NS: i64 = 10_000_000;
 const LOOK: Duration = Duration::from_millis(50);
 /// Slower than this the tool stands, m/s.
 const TRAVEL_MIN_M_PER_S: f64 = 0.005;
-/// Name as in `estimate/NAME/normal`.
-pub const DEPTH_NORMAL: &str = "depth_normal";
 
 /// What the thread owns.
 pub struct Depth {
@@ -49,6 +48,7 @@ pub struct Depth {
     arm: Subscription<ArmState>,
     images: Subscription<Image>,
     normals: Publisher<Message>,
+    segments: Publisher<SurfaceSegment>,
     ahead: Publisher<SurfaceAhead>,
     _alive: AliveToken,
     said: Option<String>,
@@ -91,6 +91,7 @@ impl Depth {
             arm: bus.subscribe(&topics::ARM_STATE, POSES)?,
             images: bus.subscribe(&topics::CAMERA_DEPTH, 2)?,
             normals: bus.publisher(&topics::estimate_normal(DEPTH_NORMAL))?,
+            segments: bus.publisher(&topics::estimate_segment(DEPTH_NORMAL))?,
             ahead: bus.publisher(&topics::estimate_ahead(DEPTH_NORMAL))?,
             _alive: bus
                 .declare_alive(&topics::estimator_service(DEPTH_NORMAL), &instance_name())?,
@@ -190,6 +191,10 @@ impl Depth {
             },
         );
         let base_from_camera = base_from_tool * self.tool_from_camera;
+        if let Some(segment) = &seen.segment {
+            self.segments
+                .publish(&segment_message(segment, &base_from_camera, arm));
+        }
         let estimate: NormalEstimate = seen.in_base(&base_from_camera);
         let update_s = begin.elapsed().as_secs_f64();
         self.normals
@@ -199,6 +204,21 @@ impl Depth {
             self.ahead.publish(&ahead_message(&map, arm));
         }
         Ok(())
+    }
+}
+
+fn segment_message(
+    segment: &SegmentShape,
+    base_from_camera: &Pose<Base, Camera>,
+    arm: &ArmState,
+) -> SurfaceSegment {
+    SurfaceSegment {
+        header: Header::new(arm.header.stamp.to_ns(), "base"),
+        cycle: arm.cycle,
+        estimator: cut(DEPTH_NORMAL),
+        middle: (&base_from_camera.transform_point(&segment.middle)).into(),
+        normal: (&base_from_camera.rotate(&segment.normal)).into(),
+        surface_variation: segment.variation,
     }
 }
 

@@ -15,6 +15,7 @@ mod sample;
 use std::time::{Duration, Instant};
 
 use tangent_control::Phase;
+use tangent_estimation::depth_normal::DEPTH_NORMAL;
 use tangent_estimation::estimator_names;
 use tangent_estimation::object_pose::OBJECT_ESTIMATORS;
 use tangent_runtime::config::WrenchSource;
@@ -30,7 +31,6 @@ use tangent_sensing::{BaseTrouble, Validity};
 pub use config::{
     ALL, Config, DepthChoice, DepthSettings, EstimatorChoice, ObjectChoice, ToolInView,
 };
-pub use depth::DEPTH_NORMAL;
 use depth::Depth;
 pub use error::EstimatorError;
 use host::Host;

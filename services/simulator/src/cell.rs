@@ -24,17 +24,13 @@ use crate::arm_plant::ArmPlant;
 use crate::config::{Config, ControllerConfig, Ports};
 use crate::controller::{Controller, Summary};
 use crate::fault::Fault;
-use crate::netb::{BoxSample, NetbBox, NetbConfig, NetbError, SampleFeed};
+use crate::netb::{BoxSample, NetbBox, NetbError, SampleFeed};
 use crate::primary::Geometry;
 
 use disturbance::Disturbance;
 pub use listeners::{Listeners, OdometryListener, TruthListener};
 pub use servers::Endpoints;
 use servers::{Servers, Wanted, geometry};
-
-/// The sensor box's ports: RDT, and its web server (80 on a real one, which takes privileges).
-pub(crate) const PORT_RDT: u16 = 49152;
-pub(crate) const PORT_HTTP: u16 = 8080;
 
 /// Why a cell cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -143,21 +139,12 @@ impl SimulatedCell {
                 controller_s,
             });
         }
-        let offset = match config.ports {
-            Ports::Offset(offset) => offset,
-            Ports::Ephemeral => 0,
-        };
-        let port = |port| config.ports.of(port).ok_or(StartError::Offset { offset });
-        let sensor = &config.plant.sensor;
-        let sensor_box = NetbBox::start(NetbConfig {
-            address: config.address,
-            rdt_port: port(PORT_RDT)?,
-            http_port: port(PORT_HTTP)?,
-            counts_per_force: sensor.counts_per_n,
-            counts_per_torque: sensor.counts_per_nm,
-            realtime_priority: config.realtime_priority,
-            ..NetbConfig::default()
-        })?;
+        let sensor_box = NetbBox::for_sensor(
+            config.address,
+            config.ports,
+            &config.plant.sensor,
+            config.realtime_priority,
+        )?;
         let robot = config.plant.robot.clone();
         Self::assemble(
             &Wanted::new(config.address, config.ports)?,
@@ -409,19 +396,9 @@ impl Cell {
         let before = self.plant.arm().time_s;
         self.plant.step(&command);
         let samples = self.plant.sensor_samples();
-        let (Some(feed), Some(first)) = (&self.feed, samples.first()) else {
-            return;
-        };
-        self.box_samples.clear();
-        self.box_samples.extend(samples.iter().map(|s| BoxSample {
-            counts: s.counts,
-            saturated: s.saturated,
-        }));
-        let last = samples.last().map_or(first.time_s, |s| s.time_s);
-        let intervals = (samples.len() - 1).max(1) as f64;
-        let interval = Duration::from_secs_f64(((last - first.time_s) / intervals).max(0.0));
-        let offset = Duration::from_secs_f64((first.time_s - before).max(0.0));
-        feed.push(start + offset, interval, &self.box_samples);
+        if let Some(feed) = &self.feed {
+            feed.play(start, before, samples, &mut self.box_samples);
+        }
     }
 
     fn finish_boot(&mut self, now: Instant) {

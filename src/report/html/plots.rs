@@ -13,6 +13,7 @@ use crate::report::figures::{Cycle, Report, TaskRun};
 use crate::report::object;
 use crate::report::plot::{self, Axes, Series};
 use crate::report::run::Run;
+use crate::report::tactile;
 
 /// Every plot of the task in use.
 pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String> {
@@ -72,6 +73,25 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String> {
                 &axes(title, unit),
                 curves,
                 "As the paper draws it: the estimate against the true object, or what the contact does to the wrist.",
+            )?;
+            Ok(())
+        })?;
+    }
+    let shaped = tactile::samples(run, task);
+    if !shaped.is_empty() {
+        tactile::draw_all(&shaped, |plot, curves| {
+            let time = if plot.x == "time, s" { &bands[..] } else { &[] };
+            html += &figure(
+                &Axes {
+                    title: plot.title,
+                    x: plot.x,
+                    y: plot.y,
+                    equal: plot.equal,
+                    reference: None,
+                    bands: time,
+                },
+                curves,
+                plot.caption,
             )?;
             Ok(())
         })?;

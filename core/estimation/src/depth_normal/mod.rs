@@ -33,3 +33,6 @@ pub use segments::SegmentShape;
 pub use step::{DepthNormal, DepthNormalState, DepthSample, ToolTarget};
 pub use visual_normal::{VisualNormal, VisualValidity};
 pub use windows::FrameNoise;
+
+/// Its name, as in `estimate/NAME/normal`.
+pub const DEPTH_NORMAL: &str = "depth_normal";

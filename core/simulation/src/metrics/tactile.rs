@@ -26,10 +26,17 @@ pub struct TactileSample {
     pub force_reference_n: f64,
     /// Motion and force tank, J.
     pub tanks_j: (f64, f64),
-    /// What a tank came short of until now, J.
-    pub short_j: f64,
     /// Normal in use, seen or felt.
     pub normal_valid: bool,
+    /// What only the law itself knows; none in a recording.
+    pub inside: Option<TactileInside>,
+}
+
+/// What the law does not publish.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TactileInside {
+    /// What a tank came short of until now, J.
+    pub short_j: f64,
     /// A limit of torque or rate cut the command.
     pub limited: bool,
     /// Friction coefficient in use.
@@ -54,10 +61,12 @@ impl TactileSample {
             force_n: (*force).into(),
             force_reference_n: output.force_reference_n,
             tanks_j: (output.tanks.motion_j, output.tanks.force_j),
-            short_j: output.tanks.short_j,
             normal_valid: output.normal_validity.is_valid(),
-            limited: output.limited,
-            friction: output.friction,
+            inside: Some(TactileInside {
+                short_j: output.tanks.short_j,
+                limited: output.limited,
+                friction: output.friction,
+            }),
         }
     }
 }
@@ -79,16 +88,17 @@ pub struct TactileFigures {
     pub monitor_share_max: Option<f64>,
     /// Largest force across the tool's axis, N.
     pub lateral_force_max_n: Option<f64>,
-    /// Energy that a tank was short of, J; 0 unless a valve closed too late.
-    pub short_j: f64,
+    /// Energy that a tank was short of, J; 0 unless a valve closed too late. Like the other figures of what only the law knows:
+    /// none of a recording.
+    pub short_j: Option<f64>,
     /// Time that the sliding took, s: the policy's clock waits for a limp arm.
     pub sliding_s: f64,
     /// Share of the sliding without a valid normal.
     pub blind_share: Option<f64>,
     /// Periods in which a limit of torque or rate cut the command.
-    pub limited_cycles: u64,
+    pub limited_cycles: Option<u64>,
     /// Friction coefficient found at the end.
-    pub friction_found: f64,
+    pub friction_found: Option<f64>,
 }
 
 impl TactileFigures {
@@ -105,6 +115,7 @@ impl TactileFigures {
             (n > 0.0).then(|| sliding.iter().map(|s| f(s)).sum::<f64>() / n)
         };
         let time = samples.last().map_or(0.0, |s| s.time_s);
+        let end = samples.last().and_then(|s| s.inside);
         Self {
             vision_rate_hz: if time > 0.0 {
                 frames as f64 / time
@@ -119,11 +130,14 @@ impl TactileFigures {
             lateral_force_max_n: most(&|s| {
                 (s.force_n[0] * s.force_n[0] + s.force_n[1] * s.force_n[1]).sqrt()
             }),
-            short_j: samples.last().map_or(0.0, |s| s.short_j),
+            short_j: end.map(|i| i.short_j),
             sliding_s: n * period_s,
             blind_share: mean(&|s| f64::from(u8::from(!s.normal_valid))),
-            limited_cycles: samples.iter().filter(|s| s.limited).count() as u64,
-            friction_found: samples.last().map_or(0.0, |s| s.friction),
+            limited_cycles: end.map(|_| {
+                let limited = |s: &&TactileSample| s.inside.is_some_and(|i| i.limited);
+                samples.iter().filter(limited).count() as u64
+            }),
+            friction_found: end.map(|i| i.friction),
         }
     }
 }

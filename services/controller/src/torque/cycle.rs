@@ -12,7 +12,7 @@ use tangent_runtime::{
 use tangent_schemas::Name;
 use tangent_schemas::convert::cut;
 use tangent_schemas::standard::Header;
-use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState};
+use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, ShapingState};
 
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use crate::inputs::{WrenchReader, driven_by_another};
@@ -54,6 +54,7 @@ pub struct TorqueCycle {
     pub wrench: WrenchReader,
     pub command: Publisher<ArmCommand>,
     pub state: Publisher<ControlState>,
+    pub shaping: Publisher<ShapingState>,
     pub source: Name,
     pub mailbox: Arc<Mailbox<Boxed>>,
     pub meters: TorqueMeters,
@@ -160,6 +161,13 @@ impl TorqueCycle {
             fault: fault_text,
             ..answer.state
         });
+        if let Some(shaping) = answer.shaping {
+            self.shaping.publish(&ShapingState {
+                header: Header::new(arm.message.header.stamp.to_ns(), "base"),
+                cycle: arm.message.cycle,
+                ..shaping
+            });
+        }
         self.watch.after(&Told {
             phase: answer.phase,
             fault: answer.fault,
@@ -247,6 +255,7 @@ fn idle(arm: &ArmState) -> TorqueAnswer {
             estimate_age_s: -1.0,
             ..ControlState::default()
         },
+        shaping: None,
         phase: Phase::Idle,
         fault: None,
         tare_requested: false,

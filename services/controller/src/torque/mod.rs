@@ -70,6 +70,7 @@ fn run_kind<K: Kind<Program = Boxed>>(
         ),
         command,
         state: bus.publisher(&topics::CONTROL_STATE)?,
+        shaping: bus.publisher(&topics::CONTROL_SHAPING)?,
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
         mailbox: Arc::clone(&mailbox),
         meters: TorqueMeters::new(&health),

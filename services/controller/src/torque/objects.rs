@@ -13,9 +13,8 @@ use super::config::ObjectsConfig;
 use super::cycle::Boxed;
 use super::object_readers::ObjectReaders;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
-use crate::desk::{FRESH, Kind};
+use crate::desk::{Kind, one_speaks};
 use crate::mailbox::Mailbox;
-use crate::normals::FIRST_ESTIMATE;
 
 /// Normals of two estimators that differ by more are not switched between without force, rad.
 const SWITCH_GATE_RAD: f64 = 0.2;
@@ -76,23 +75,14 @@ impl Kind for Objects {
 
     fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>) -> Result<(), String> {
         let names = &program.task().estimators;
-        for name in names {
-            let topic = topics::estimate_object(name);
-            let heard = self.bus.subscribe(&topic, 1).map_err(|e| e.to_string())?;
-            let first = heard.recv_timeout(FIRST_ESTIMATE);
-            if first.is_some_and(|estimate| estimate.age() <= FRESH) {
-                return Ok(());
-            }
+        let topics = names.iter().map(|name| topics::estimate_object(name));
+        if one_speaks(&self.bus, topics)? {
+            return Ok(());
         }
         Err(format!(
             "none of the task's estimators publishes an object's pose: {}; are estimator and camera running, with these in [estimators] run?",
             names.join(", ")
         ))
-    }
-
-    fn hear(&self, _: &EstimatorName, _: &Mailbox<Boxed>) -> Result<(), String> {
-        // A task's program listens to all that the task names, and to no others.
-        Ok(())
     }
 }
 
@@ -128,6 +118,7 @@ impl TorqueProgram for ObjectProgram {
         Some(TorqueAnswer {
             torque: joint_array(&output.torque),
             state: state(&output, input, estimate.map(|(_, age_s)| age_s)),
+            shaping: None,
             phase: output.phase,
             fault: output.fault,
             tare_requested: output.tare_requested,

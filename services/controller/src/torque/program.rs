@@ -1,7 +1,7 @@
 //! A task with its law, as the torque loop runs it.
 
 use tangent_control::{ControlError, EstimatorName, Fault, Phase, SwitchRefusal, Task};
-use tangent_schemas::tangent::{ArmState, ControlState};
+use tangent_schemas::tangent::{ArmState, ControlState, ShapingState};
 use tangent_schemas::{JointArray, Text};
 
 use crate::inputs::WrenchNow;
@@ -26,6 +26,8 @@ pub struct TorqueAnswer {
     pub torque: JointArray,
     /// For `control/state`, all but what is the same for every law.
     pub state: ControlState,
+    /// For `control/shaping`, all but the header; none for a law that does not shape.
+    pub shaping: Option<ShapingState>,
     /// Phase after this cycle.
     pub phase: Phase,
     /// The last fault since the task started.

@@ -5,23 +5,21 @@ use tangent_control::{
     ControlError, EstimatorName, MAX_ESTIMATORS, Phase, SwitchCause, SwitchRefusal, Task,
     UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput,
 };
+use tangent_estimation::depth_normal::DEPTH_NORMAL;
 use tangent_mechanics::Arm;
-use tangent_runtime::{Bus, Latest};
+use tangent_runtime::{Bus, BusError, Latest};
 use tangent_schemas::convert::{cut_format, joint_array, joints};
-use tangent_schemas::tangent::{ControlState, NormalEstimate};
+use tangent_schemas::tangent::{ControlState, NormalEstimate, ShapingState, SurfaceSegment};
 use tangent_schemas::topics;
 use tangent_sensing::Validity;
 
 use super::config::UnifiedConfig;
 use super::cycle::Boxed;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
-use crate::desk::{FRESH, Kind};
+use crate::desk::{Kind, one_speaks};
 use crate::inputs::{EstimateReader, normal_estimate, read_estimate};
 use crate::mailbox::Mailbox;
-use crate::normals::FIRST_ESTIMATE;
 
-/// The estimator whose normals come from a camera.
-const VISION: &str = "depth_normal";
 /// Periods between a packet of the arm and the torque that answers it: the arm waits for the answer.
 const DELAY_PERIODS: usize = 0;
 
@@ -54,9 +52,12 @@ impl Unified {
                 newest.map_err(|e| e.to_string())?,
             ));
         }
-        let seen = self.bus.latest(&topics::estimate_normal(VISION));
+        let bus = |e: BusError| e.to_string();
+        let frames = self.bus.latest(&topics::estimate_normal(DEPTH_NORMAL));
+        let segments = self.bus.latest(&topics::estimate_segment(DEPTH_NORMAL));
         Ok(UnifiedProgram {
-            frames: seen.map_err(|e| e.to_string())?,
+            frames: frames.map_err(bus)?,
+            segments: segments.map_err(bus)?,
             seen: None,
             readers,
             active: 0,
@@ -87,23 +88,14 @@ impl Kind for Unified {
 
     fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>) -> Result<(), String> {
         let names = &program.task().estimators;
-        for name in names {
-            let topic = topics::estimate_normal(name);
-            let heard = self.bus.subscribe(&topic, 1).map_err(|e| e.to_string())?;
-            let first = heard.recv_timeout(FIRST_ESTIMATE);
-            if first.is_some_and(|estimate| estimate.age() <= FRESH) {
-                return Ok(());
-            }
+        let topics = names.iter().map(|name| topics::estimate_normal(name));
+        if one_speaks(&self.bus, topics)? {
+            return Ok(());
         }
         Err(format!(
             "none of the task's estimators publishes: {}; is the estimator running, with these in [estimators] run?",
             names.join(", ")
         ))
-    }
-
-    fn hear(&self, _: &EstimatorName, _: &Mailbox<Boxed>) -> Result<(), String> {
-        // A task's program listens to all that the task names, and to no others.
-        Ok(())
     }
 }
 
@@ -111,6 +103,7 @@ impl Kind for Unified {
 struct UnifiedProgram {
     law: UnifiedForceImpedance,
     frames: Latest<NormalEstimate>,
+    segments: Latest<SurfaceSegment>,
     /// The newest frame, on the loop's clock.
     seen: Option<VisionInput>,
     readers: ArrayVec<EstimateReader, MAX_ESTIMATORS>,
@@ -127,6 +120,12 @@ impl UnifiedProgram {
     fn look(&mut self, input: &TorqueInput<'_>) -> Option<VisionInput> {
         if let Some(new) = self.frames.take_new() {
             let seen = normal_estimate(&new.message);
+            // Said just before the normal of the same image. One that was lost on the way leaves the monitor without this term.
+            self.segments.refresh();
+            let segment = self.segments.get().map(|segment| &segment.message);
+            let surface_variation = segment
+                .filter(|segment| segment.cycle == new.message.cycle)
+                .map_or(0.0, |segment| segment.surface_variation);
             // One of an earlier run of the bridge, whose count was higher, is of no use.
             let behind = input.arm.cycle.checked_sub(new.message.cycle);
             self.seen = behind.map(|cycles| VisionInput {
@@ -134,8 +133,7 @@ impl UnifiedProgram {
                 point: seen.point,
                 normal: seen.normal,
                 covariance: seen.covariance,
-                // Not on the bus: only the published monitor uses it.
-                surface_variation: 0.0,
+                surface_variation,
                 curvature: seen.curvature,
                 validity: seen.validity,
             });
@@ -193,6 +191,13 @@ impl TorqueProgram for UnifiedProgram {
         Some(TorqueAnswer {
             torque: joint_array(&torque),
             state: state(&output, input, touch.map(|t| t.age_s)),
+            shaping: Some(ShapingState {
+                monitor: output.monitor,
+                monitor_margin: output.monitor_margin,
+                rho_align: output.rho_align,
+                rho_force: output.rho_force,
+                ..ShapingState::default()
+            }),
             phase: output.phase,
             fault: output.fault,
             // The law takes the zero itself, at rest before it moves.

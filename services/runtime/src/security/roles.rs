@@ -46,7 +46,13 @@ const FRANKA: Service = Service {
 /// The only one that publishes `arm/command`.
 const CONTROLLER: Service = Service {
     name: "controller",
-    publishes: &["arm/command", "control/state", "tf", "markers"],
+    publishes: &[
+        "arm/command",
+        "control/state",
+        "control/shaping",
+        "tf",
+        "markers",
+    ],
     answers: &["control/*"],
     asks: &["netft/tare"],
     tokens: &[],

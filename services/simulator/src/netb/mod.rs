@@ -19,6 +19,14 @@ pub use fault::NetbFault;
 pub use rdt::BoxSample;
 
 use rdt::SampleQueue;
+use tangent_simulation::{SensorConfig, SensorSample};
+
+use crate::cell::StartError;
+use crate::config::Ports;
+
+/// The box's own ports: RDT, and its web server (80 on a real one, which takes privileges).
+const PORT_RDT: u16 = 49152;
+const PORT_HTTP: u16 = 8080;
 
 /// What a box is and where it listens.
 #[derive(Clone, Debug, PartialEq)]
@@ -167,6 +175,32 @@ impl NetbBox {
         })
     }
 
+    /// A box for a cell's sensor, on the real ports or those that `ports` puts in their place.
+    ///
+    /// # Errors
+    /// A port that cannot be had.
+    pub(crate) fn for_sensor(
+        address: IpAddr,
+        ports: Ports,
+        sensor: &SensorConfig,
+        realtime_priority: Option<u8>,
+    ) -> Result<Self, StartError> {
+        let offset = match ports {
+            Ports::Offset(offset) => offset,
+            Ports::Ephemeral => 0,
+        };
+        let port = |port| ports.of(port).ok_or(StartError::Offset { offset });
+        Ok(Self::start(NetbConfig {
+            address,
+            rdt_port: port(PORT_RDT)?,
+            http_port: port(PORT_HTTP)?,
+            counts_per_force: sensor.counts_per_n,
+            counts_per_torque: sensor.counts_per_nm,
+            realtime_priority,
+            ..NetbConfig::default()
+        })?)
+    }
+
     /// Where RDT listens.
     pub fn rdt_address(&self) -> SocketAddr {
         self.rdt_address
@@ -227,6 +261,33 @@ impl SampleFeed {
     /// 10 ms; after that the last stays.
     pub fn push(&self, first: Instant, interval: Duration, samples: &[BoxSample]) {
         lock(&self.shared.samples).push(first, interval, samples);
+    }
+
+    /// A plant's records of the period that began at `start`, then `before_s` on the plant's clock, read when they belong. Works in
+    /// `scratch`.
+    pub(crate) fn play(
+        &self,
+        start: Instant,
+        before_s: f64,
+        records: &[SensorSample],
+        scratch: &mut Vec<BoxSample>,
+    ) {
+        let (Some(first), Some(last)) = (records.first(), records.last()) else {
+            return;
+        };
+        scratch.clear();
+        scratch.extend(records.iter().map(|s| BoxSample {
+            counts: s.counts,
+            saturated: s.saturated,
+        }));
+        let intervals = (records.len() - 1).max(1) as f64;
+        let interval = ((last.time_s - first.time_s) / intervals).max(0.0);
+        let offset = (first.time_s - before_s).max(0.0);
+        self.push(
+            start + Duration::from_secs_f64(offset),
+            Duration::from_secs_f64(interval),
+            scratch,
+        );
     }
 
     /// A steady reading from now on.

@@ -29,7 +29,7 @@ use tangent_simulation::{ObjectPlant, ObjectPlantConfig, PlantError, loaded_arm}
 
 use crate::cell::StartError;
 use crate::config::Ports;
-use crate::netb::{BoxSample, NetbBox, NetbConfig, SampleFeed};
+use crate::netb::{BoxSample, NetbBox, SampleFeed};
 use crate::service::{FAULT_KEY, truth_message};
 
 pub use gate::{TorqueGate, TorqueRefusal};
@@ -99,7 +99,12 @@ pub fn run_torque_cell(
     let health = HealthReporter::start_only(bus, "simulator")?;
     let mut plant = ObjectPlant::new(&config.plant, config.corners_m, config.seed)?;
     let imager = plant.hand_over_camera();
-    let sensor_box = start_box(config)?;
+    let sensor_box = NetbBox::for_sensor(
+        config.address,
+        config.ports,
+        &config.plant.sensor,
+        config.realtime_priority,
+    )?;
     let faults = Arc::new(Faults::default());
     let (shots, to_draw) = sync_channel::<Shot>(SHOTS);
     let images = bus.publisher(&topics::SIMULATED_IMAGE)?;
@@ -154,24 +159,6 @@ pub fn run_torque_cell(
         tracing::error!(target: "simulator", "the image thread failed");
     }
     Ok(())
-}
-
-fn start_box(config: &TorqueCellConfig) -> Result<NetbBox, StartError> {
-    let offset = match config.ports {
-        Ports::Offset(offset) => offset,
-        Ports::Ephemeral => 0,
-    };
-    let port = |port| config.ports.of(port).ok_or(StartError::Offset { offset });
-    let sensor = &config.plant.sensor;
-    Ok(NetbBox::start(NetbConfig {
-        address: config.address,
-        rdt_port: port(crate::cell::PORT_RDT)?,
-        http_port: port(crate::cell::PORT_HTTP)?,
-        counts_per_force: sensor.counts_per_n,
-        counts_per_torque: sensor.counts_per_nm,
-        realtime_priority: config.realtime_priority,
-        ..NetbConfig::default()
-    })?)
 }
 
 fn provoke(faults: &Faults, request: &Request) -> Answer {
@@ -302,7 +289,8 @@ impl TorqueCell {
         }
         let before = self.plant.time_s();
         self.plant.step(&torque);
-        self.feed_box(start, before);
+        let records = self.plant.sensor_samples();
+        self.feed.play(start, before, records, &mut self.samples);
         if let Some(exposure) = self.plant.take_exposure()
             && !self.faults.camera_off.load(Ordering::Acquire)
             && let Some(shots) = &self.shots
@@ -316,23 +304,5 @@ impl TorqueCell {
             header: Header::new(stamp_ns, "base"),
             pose: (&self.plant.base_from_object()).into(),
         });
-    }
-
-    /// The sensor's records of the period that began at `start`, played out when they belong.
-    fn feed_box(&mut self, start: Instant, before_s: f64) {
-        let records = self.plant.sensor_samples();
-        let Some(first) = records.first() else {
-            return;
-        };
-        self.samples.clear();
-        self.samples.extend(records.iter().map(|s| BoxSample {
-            counts: s.counts,
-            saturated: s.saturated,
-        }));
-        let last_s = records.last().map_or(first.time_s, |s| s.time_s);
-        let intervals = (records.len() - 1).max(1) as f64;
-        let interval = Duration::from_secs_f64(((last_s - first.time_s) / intervals).max(0.0));
-        let offset = Duration::from_secs_f64((first.time_s - before_s).max(0.0));
-        self.feed.push(start + offset, interval, &self.samples);
     }
 }
