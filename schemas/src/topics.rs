@@ -140,9 +140,9 @@ pub fn estimate_segment(estimator: &str) -> Topic<SurfaceSegment> {
     Topic::named(format!("estimate/{estimator}/segment"), Delivery::RealTime)
 }
 
-/// The surface ahead of the tool by one estimator: `estimate/NAME/ahead`.
+/// The surface ahead of the tool by one estimator: `estimate/NAME/ahead`, before the normal of the same image.
 pub fn estimate_ahead(estimator: &str) -> Topic<SurfaceAhead> {
-    Topic::named(format!("estimate/{estimator}/ahead"), Delivery::Stream)
+    Topic::named(format!("estimate/{estimator}/ahead"), Delivery::RealTime)
 }
 
 /// Health of one service: `health/SERVICE`.

@@ -54,6 +54,6 @@ pub use task::{
     ToolAxis,
 };
 pub use unified_force_impedance::{
-    TankBooks, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput, UnifiedOutput,
-    VisionInput,
+    BendChange, TankBooks, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput,
+    UnifiedOutput, VisionInput,
 };

@@ -105,6 +105,8 @@ pub enum Fault {
     ArmNotReady,
     /// The arm's state is not finite.
     ArmState,
+    /// The motion tank is empty: the path takes more energy than the task was given.
+    TankEmpty,
     /// The task took longer than it may.
     TaskTimeout,
 }
@@ -144,6 +146,9 @@ impl Fault {
             Self::NoTare => "no tare within timeouts.tare_s: is netft running?",
             Self::ArmNotReady => "arm does not take commands: see arm/state",
             Self::ArmState => "arm state is not a finite number",
+            Self::TankEmpty => {
+                "motion tank empty: give the task more energy in control.tanks.motion, or less force or path"
+            }
             Self::TaskTimeout => "task took longer than timeouts.task_s",
         }
     }

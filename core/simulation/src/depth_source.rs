@@ -3,10 +3,10 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector3;
-use tangent_control::VisionInput;
+use tangent_control::{BendChange, VisionInput};
 use tangent_estimation::depth_normal::{
-    DepthImage, DepthNormal, DepthNormalConfig, DepthNormalState, DepthSample, ToolTarget,
-    leave_out_rod, metres_from_millimetres,
+    DepthImage, DepthNormal, DepthNormalConfig, DepthNormalState, DepthSample, SurfaceAhead,
+    ToolTarget, leave_out_rod, metres_from_millimetres,
 };
 use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 
@@ -18,6 +18,8 @@ use crate::surfaces::Surface;
 const POSES_MAX: usize = 64;
 /// What is masked around the tool beyond its own radius, m: pixels at its edge float.
 const MASK_MARGIN_M: f64 = 0.004;
+/// Slower than this the tool stands, and there is no way ahead, m/s.
+const TRAVEL_MIN_M_PER_S: f64 = 0.005;
 
 /// Camera, estimator, and where the arm was when each frame was exposed.
 pub struct DepthSource {
@@ -29,7 +31,8 @@ pub struct DepthSource {
     tool: Vector3<f64>,
     left_out: Vec<u8>,
     depth_m: Vec<f32>,
-    poses: VecDeque<(f64, Pose<Base, Flange>)>,
+    /// Time, s, flange, and the tool's velocity, base axes, m/s.
+    poses: VecDeque<(f64, Pose<Base, Flange>, Vector3<f64>)>,
     frames: u64,
 }
 
@@ -72,11 +75,13 @@ impl DepthSource {
         })
     }
 
-    /// Exposes a frame where one is due at `time_s`, with the flange where the arm measures it.
+    /// Exposes a frame where one is due at `time_s`, with the flange where the arm measures it and the tool's origin moving at
+    /// `velocity` (base axes, m/s).
     pub fn expose(
         &mut self,
         time_s: f64,
         base_from_flange: &Pose<Base, Flange>,
+        velocity: &Vector3<f64>,
         surface: &Surface,
     ) {
         if self.camera.expose(time_s, base_from_flange, surface) {
@@ -84,7 +89,7 @@ impl DepthSource {
             if self.poses.len() == POSES_MAX {
                 self.poses.pop_front();
             }
-            self.poses.push_back((time_s, *base_from_flange));
+            self.poses.push_back((time_s, *base_from_flange, *velocity));
         }
     }
 
@@ -95,10 +100,12 @@ impl DepthSource {
             newest = Some(frame);
         }
         let frame = newest?;
-        let (_, base_from_flange) = *self
+        let (_, base_from_flange, velocity) = *self
             .poses
             .iter()
-            .find(|(at, _)| (at - frame.time_s).abs() < 1e-9)?;
+            .find(|(at, ..)| (at - frame.time_s).abs() < 1e-9)?;
+        let base_from_camera = base_from_flange * self.flange_from_camera;
+        let travels = velocity.norm() > TRAVEL_MIN_M_PER_S;
         metres_from_millimetres(&frame.depth_mm, &mut self.depth_m);
         let image = DepthImage::new(frame.width, frame.height, &self.depth_m)?;
         let seen = self.estimator.update(
@@ -109,10 +116,10 @@ impl DepthSource {
                 intrinsics: frame.intrinsics,
                 target: ToolTarget::Point(self.tool),
                 left_out: Some(&self.left_out),
-                travel: None,
+                travel: travels.then(|| base_from_camera.unrotate(&velocity)),
             },
         );
-        let in_base = seen.in_base(&(base_from_flange * self.flange_from_camera));
+        let in_base = seen.in_base(&base_from_camera);
         Some(VisionInput {
             time_s: seen.time_s,
             point: in_base.point,
@@ -120,6 +127,7 @@ impl DepthSource {
             covariance: in_base.covariance,
             surface_variation: seen.segment.map_or(0.0, |s| s.variation),
             curvature: in_base.curvature,
+            change: bend_change(&seen.ahead.in_base(&base_from_camera)),
             validity: in_base.validity,
         })
     }
@@ -128,4 +136,16 @@ impl DepthSource {
     pub fn frames(&self) -> u64 {
         self.frames
     }
+}
+
+/// How the surface bends on, from the map ahead in base axes.
+fn bend_change(map: &SurfaceAhead) -> Option<BendChange> {
+    let [first, second, ..] = map.stations.as_slice() else {
+        return None;
+    };
+    let stations = map.stations.iter();
+    BendChange::of(
+        &(second.point - first.point),
+        stations.map(|s| (s.distance_m, s.bend_per_m, s.bend_sd_per_m)),
+    )
 }

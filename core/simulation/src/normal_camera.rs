@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
-use tangent_control::VisionInput;
+use tangent_control::{BendChange, VisionInput};
 use tangent_sensing::Validity;
 
 use crate::plant::PlantError;
@@ -15,6 +15,11 @@ use crate::surfaces::Surface;
 
 /// Samples that can be under way at once.
 const UNDER_WAY_MAX: usize = 32;
+/// Slower than this the tool stands, and there is no way ahead, m/s.
+const TRAVEL_MIN_M_PER_S: f64 = 0.005;
+/// Stations of the map ahead, and how far apart, m.
+const STATIONS: usize = 5;
+const STATION_M: f64 = 0.01;
 
 /// The `[plant.camera]` table of a visuo-tactile scenario.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -101,6 +106,8 @@ pub struct NormalCamera {
     rng: Pcg64Mcg,
     taken: u64,
     under_way: ArrayVec<(f64, VisionInput), UNDER_WAY_MAX>,
+    /// Where the tool was at the frame before, m.
+    last_at: Option<Vector3<f64>>,
 }
 
 impl NormalCamera {
@@ -114,6 +121,7 @@ impl NormalCamera {
             rng,
             taken: 0,
             under_way: ArrayVec::new(),
+            last_at: None,
         }
     }
 
@@ -131,6 +139,11 @@ impl NormalCamera {
         let normal = (n + turn.cross(&n)).normalize();
         let noise = Matrix3::from_fn(|_, _| StandardNormal.sample(&mut self.rng));
         let noise = project * (noise + noise.transpose()) * project * (0.5 * c.curvature_sd_per_m);
+        let way = at - self.last_at.replace(*at).unwrap_or(*at);
+        let travels = way.norm() * c.rate_hz > TRAVEL_MIN_M_PER_S;
+        let change = (travels && c.curvature_sd_per_m > 0.0)
+            .then(|| self.ahead(surface, &(project * way).normalize(), &under.point))
+            .flatten();
         let sd = (c.normal_sd_rad.powi(2) + c.mounting_sd_rad.powi(2)).max(1e-8);
         let sample = VisionInput {
             time_s,
@@ -143,12 +156,31 @@ impl NormalCamera {
                 c.range_noise_m,
             ),
             curvature: Some(under.curvature + noise),
+            change,
             validity: Validity::Valid,
         };
         if self.under_way.is_full() {
             self.under_way.remove(0);
         }
         self.under_way.push((time_s + c.delay_s, sample));
+    }
+
+    /// How the bend goes on along `way`, from stations as a map ahead has them.
+    fn ahead(
+        &mut self,
+        surface: &Surface,
+        way: &Vector3<f64>,
+        from: &Vector3<f64>,
+    ) -> Option<BendChange> {
+        let sd = self.config.curvature_sd_per_m;
+        let stations: [(f64, f64, f64); STATIONS] = std::array::from_fn(|i| {
+            let distance = STATION_M * i as f64;
+            let there = surface.query(&(from + way * distance));
+            let noise: f64 = StandardNormal.sample(&mut self.rng);
+            let bend = way.dot(&(there.curvature * way)) + noise * sd;
+            (distance, bend, sd)
+        });
+        BendChange::of(way, stations.into_iter())
     }
 
     /// The newest sample that has arrived since it was asked last.

@@ -169,7 +169,7 @@ impl TactilePlant {
             Eye::Features(camera) => camera.expose(time, &self.surface, &self.motion.origin),
             Eye::Depth(source) => {
                 let flange = self.arm.model().base_from_flange(&self.measured.q);
-                source.expose(time, &flange, &self.surface);
+                source.expose(time, &flange, &self.motion.linear, &self.surface);
             }
         }
     }

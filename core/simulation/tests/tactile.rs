@@ -3,22 +3,16 @@
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
+mod tactile_cells;
+
+use std::cell::Cell;
+
 use nalgebra::{Vector3, Vector6};
-use proptest::prelude::*;
+use tactile_cells::scenario;
 use tangent_control::{Phase, UnifiedInput, VisionInput};
 use tangent_mechanics::Joints;
 use tangent_sensing::Validity;
-use tangent_simulation::{
-    Calm, Evaluation, TactileCycle, TactileDisturbance, TactileScenario, evaluate_tactile,
-    evaluate_tactile_with,
-};
-
-const WAVE: &str = include_str!("../../../scenarios/karacan/karacan_wave.toml");
-
-fn scenario(set: &[&str]) -> TactileScenario {
-    let set: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();
-    TactileScenario::parse("karacan_wave", WAVE, &set).unwrap()
-}
+use tangent_simulation::{Evaluation, TactileDisturbance, evaluate_tactile, evaluate_tactile_with};
 
 fn short() -> Vec<&'static str> {
     vec!["task.path.duration_s=6.0", "duration_s=30.0"]
@@ -30,7 +24,7 @@ fn run(set: &[&str]) -> Evaluation {
 
 #[test]
 fn both_presets_wipe_the_wave_to_the_end() {
-    for (preset, mad, rmse) in [("default", 0.5, 0.75), ("paper", 2.0, 3.0)] {
+    for (preset, mad, rmse) in [("default", 0.4, 0.5), ("paper", 2.0, 3.0)] {
         let preset_set = format!("controller=\"{preset}\"");
         let e = run(&[&preset_set, "seed=21"]);
         assert_eq!((e.phase, e.fault), ("done", None), "{preset}");
@@ -39,7 +33,7 @@ fn both_presets_wipe_the_wave_to_the_end() {
         assert!(force.rmse_n.unwrap() <= rmse, "{preset}: {force:?}");
         let path = e.figures.path.mad_xyz_m.unwrap();
         let most = if preset == "default" {
-            [0.002, 0.002, 0.001]
+            [0.0007, 0.0005, 0.0004]
         } else {
             [0.009, 0.008, 0.004]
         };
@@ -58,156 +52,6 @@ fn equal_input_gives_equal_bits() {
     assert_ne!(run(&set).state_digest, run(&other).state_digest);
 }
 
-/// Books of a run: what the plant says went through its ports against what the law says.
-#[derive(Default)]
-struct Audit {
-    start_j: Option<f64>,
-    worst_books_j: f64,
-    worst_tanks_j: f64,
-    tank_low: f64,
-    gravity_j: f64,
-    last: Option<Joints<7>>,
-    gravity_under_way: [Joints<7>; 2],
-}
-
-impl Audit {
-    fn new() -> Self {
-        Self {
-            tank_low: f64::INFINITY,
-            ..Self::default()
-        }
-    }
-
-    fn see(&mut self, c: &TactileCycle<'_>) {
-        let plant = c.plant;
-        let arm = plant.arm();
-        // Gravity compensation is no part of the law's books: its work by the same rule, a period later as the torque acts.
-        if let Some(q) = self.last {
-            self.gravity_j += self.gravity_under_way[1].dot(&(arm.q - q));
-        } else {
-            // Before the law's first torque acts, the motors hold the arm.
-            self.gravity_under_way = [plant.torque_applied(); 2];
-        }
-        self.last = Some(arm.q);
-        self.gravity_under_way = [c.output.held_torque, self.gravity_under_way[0]];
-        let (energy, books) = (plant.energy(), c.output.tanks);
-        let tanks = books.motion_j + books.force_j;
-        let tanks_0 = *self.start_j.get_or_insert(tanks);
-        // The law's account of its work against the plant's.
-        let by_motors = energy.motors_j - self.gravity_j;
-        self.worst_books_j = self.worst_books_j.max((by_motors - books.work_j).abs());
-        // The tanks hold what was not worked or dissipated.
-        let held = tanks_0 - books.work_j - books.dissipated_j + books.short_j;
-        self.worst_tanks_j = self.worst_tanks_j.max((tanks - held).abs());
-        self.tank_low = self.tank_low.min(books.motion_j).min(books.force_j);
-    }
-}
-
-/// No noise on the positions, so that plant and law see the same ones, and no error of the payload, so that gravity is cancelled.
-const EXACT: [&str; 3] = [
-    "plant.arm.encoder_resolution_rad=0.0",
-    "plant.tool.payload_error.mass_kg=0.0",
-    "plant.tool.payload_error.com_in_sensor_m=[0.0,0.0,0.0]",
-];
-
-#[test]
-fn the_energy_books_close_against_the_plants_to_a_microjoule() {
-    for preset in ["controller=\"default\"", "controller=\"paper\""] {
-        let mut set = EXACT.to_vec();
-        set.push(preset);
-        let mut audit = Audit::new();
-        let e = evaluate_tactile_with(&scenario(&set), &mut Calm, |c| audit.see(c)).unwrap();
-        assert_eq!(e.phase, "done");
-        assert!(
-            audit.worst_books_j < 1e-6,
-            "{preset}: {}",
-            audit.worst_books_j
-        );
-        assert!(
-            audit.worst_tanks_j < 1e-6,
-            "{preset}: {}",
-            audit.worst_tanks_j
-        );
-        assert!(audit.tank_low >= 1.0, "{preset}: {}", audit.tank_low);
-    }
-}
-
-/// Somebody pushes, and the camera sees what it likes.
-struct Rough {
-    push: [f64; 6],
-    turn_rate: f64,
-    view: [f64; 2],
-}
-
-impl TactileDisturbance for Rough {
-    fn vision(&mut self, time_s: f64, mut normal: VisionInput) -> Option<VisionInput> {
-        let axis = Vector3::new(self.view[0], self.view[1], 0.0) * (3.0 * time_s).sin();
-        normal.normal = (normal.normal + axis.cross(&normal.normal)).normalize();
-        Some(normal)
-    }
-
-    fn push(&mut self, time_s: f64) -> Vector6<f64> {
-        Vector6::from(self.push) * (self.turn_rate * time_s).sin()
-    }
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 8, ..ProptestConfig::default() })]
-    #[test]
-    fn the_port_is_passive_whatever_the_world_and_the_policy(
-        stiffness in 5e3f64..1e5, friction in 0.0f64..0.7, force in 3.0f64..30.0, radius in 0.01f64..0.06, rate in -3.0f64..3.0,
-        push in prop::array::uniform3(-15.0f64..15.0), twist in prop::array::uniform3(-2.0f64..2.0), turn_rate in 0.5f64..20.0,
-        view in prop::array::uniform2(-0.3f64..0.3), energy in 1.5f64..32.0, paper: bool, seed in 0u64..1000) {
-        let preset = if paper { "paper" } else { "default" };
-        let set = [
-            format!("controller=\"{preset}\""),
-            format!("seed={seed}"),
-            format!("plant.contact.stiffness_n_per_m={stiffness}"),
-            format!("plant.contact.friction.coulomb_coefficient={friction}"),
-            format!("plant.contact.friction.static_coefficient={}", friction * 1.1),
-            format!("task.force.reference_n={force}"),
-            format!("task.path.radius_m={radius}"),
-            format!("task.path.turn_rate_rad_per_s={}", if rate.abs() < 0.3 { 0.3 } else { rate }),
-            format!("control.tanks.motion.initial_j={energy}"),
-            "limits.force_max_n=500.0".to_owned(),
-            "limits.torque_max_nm=100.0".to_owned(),
-            "task.path.duration_s=4.0".to_owned(),
-            "duration_s=14.0".to_owned(),
-        ];
-        let mut set: Vec<&str> = set.iter().map(String::as_str).collect();
-        set.extend(EXACT);
-        let mut rough = Rough { push: [push[0], push[1], push[2], twist[0], twist[1], twist[2]], turn_rate, view };
-        let (mut start, mut worst) = (None, f64::NEG_INFINITY);
-        let (mut low, mut high, mut force_low, mut force_high) = (f64::INFINITY, 0.0_f64, f64::INFINITY, 0.0_f64);
-        let mut short = 0.0_f64;
-        // The plant's end stops take a joint's speed without asking the others: what happens there is not mechanics.
-        let mut at_a_stop = false;
-        evaluate_tactile_with(&scenario(&set), &mut rough, |c| {
-            let (arm, books) = (c.plant.arm(), c.output.tanks);
-            let limits = arm.model().limits();
-            at_a_stop |= (0..7).any(|i| {
-                arm.q[i] - limits.position_lower[i] < 0.01 || limits.position_upper[i] - arm.q[i] < 0.01
-            });
-            let stored = arm.model().kinetic_energy(&arm.q, &arm.qd) + arm.model().potential_energy(&arm.q)
-                + books.motion_j + books.force_j;
-            // Gravity's compensation lifts the arm: what it did is in the motors' work and not in the law's.
-            let lifted = c.plant.energy().motors_j - books.work_j;
-            let inside = stored - lifted - c.plant.energy().environment_j;
-            let first = *start.get_or_insert(inside);
-            if !at_a_stop {
-                worst = worst.max(inside - first);
-            }
-            (low, high) = (low.min(books.motion_j), high.max(books.motion_j));
-            (force_low, force_high) = (force_low.min(books.force_j), force_high.max(books.force_j));
-            short = short.max(books.short_j);
-        }).unwrap();
-        prop_assert!(low >= 1.0 && high <= 32.0 && force_low >= 1.0 && force_high <= 2.0, "{low} {high} {force_low} {force_high}");
-        prop_assert!(short == 0.0, "short of {short} J");
-        // The integration of the plant itself is good to a few hundredths of a joule over thousands of contacts.
-        prop_assert!(worst < 0.05, "{worst} J from nowhere");
-    }
-}
-
 /// What the torque does in one period while something happens to the camera.
 struct Eye<F: FnMut(f64, VisionInput) -> Option<VisionInput>>(F);
 
@@ -217,44 +61,109 @@ impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> TactileDisturbance for E
     }
 }
 
-fn steepest(preset: &str, disturbance: &mut dyn TactileDisturbance) -> (f64, Evaluation) {
-    let set = [preset, "task.path.duration_s=10.0"];
-    let (mut last, mut worst): (Option<Joints<7>>, f64) = (None, 0.0);
-    let mut sliding = 0;
-    let e = evaluate_tactile_with(&scenario(&set), disturbance, |c| {
-        sliding = if c.output.phase == Phase::Slide {
-            sliding + 1
-        } else {
-            0
-        };
-        if let Some(before) = last.filter(|_| sliding > 1) {
+/// An eye that knows when the policy began: what happens to it happens while the tool slides.
+struct SlidingEye<F: FnMut(f64, VisionInput) -> Option<VisionInput>> {
+    since_s: Option<f64>,
+    event: F,
+}
+
+impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> TactileDisturbance for SlidingEye<F> {
+    fn vision(&mut self, time_s: f64, normal: VisionInput) -> Option<VisionInput> {
+        match self.since_s {
+            Some(since_s) => (self.event)(time_s - since_s, normal),
+            None => (self.event)(-1.0, normal),
+        }
+    }
+}
+
+/// Largest change of a torque in one period while sliding, Nm. `event` gets the time since the policy began, s; negative before.
+fn steepest(
+    preset: &str,
+    touch: bool,
+    event: impl FnMut(f64, VisionInput) -> Option<VisionInput>,
+) -> (f64, Evaluation) {
+    let touch = format!("control.fusion.touch={touch}");
+    let set = [preset, &touch, "task.path.duration_s=8.0"];
+    let (mut last, mut worst, mut slid): (Option<Joints<7>>, f64, f64) = (None, 0.0, 0.0);
+    let since = Cell::new(None);
+    let mut eye = SlidingEye {
+        since_s: None,
+        event,
+    };
+    // The loop asks the eye before it tells of the period: the start is known one period late.
+    let mut watch = Watched {
+        eye: &mut eye,
+        since: &since,
+    };
+    let e = evaluate_tactile_with(&scenario(&set), &mut watch, |c| {
+        if c.output.phase != Phase::Slide {
+            last = None;
+            return;
+        }
+        let began = since.get().unwrap_or(c.input.time_s);
+        since.set(Some(began));
+        slid = slid.max(c.input.time_s - began);
+        if let Some(before) = last.replace(c.output.torque) {
             worst = worst.max((c.output.torque - before).amax());
         }
-        last = Some(c.output.torque);
     })
     .unwrap();
+    assert!(slid > 6.0, "the events were not slid through: {slid} s");
     (worst, e)
+}
+
+/// Tells an eye when the policy began.
+struct Watched<'a, F: FnMut(f64, VisionInput) -> Option<VisionInput>> {
+    eye: &'a mut SlidingEye<F>,
+    since: &'a Cell<Option<f64>>,
+}
+
+impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> TactileDisturbance for Watched<'_, F> {
+    fn vision(&mut self, time_s: f64, normal: VisionInput) -> Option<VisionInput> {
+        self.eye.since_s = self.since.get();
+        self.eye.vision(time_s, normal)
+    }
 }
 
 #[test]
 fn no_step_in_torque_when_vision_comes_goes_or_jumps() {
+    let askew = |mut n: VisionInput| {
+        n.normal = (n.normal + Vector3::new(0.25, 0.2, 0.0)).normalize();
+        n
+    };
     for preset in ["controller=\"default\"", "controller=\"paper\""] {
-        let mut jump = Eye(|t: f64, mut n: VisionInput| {
-            if (16.0..16.6).contains(&t) {
-                n.normal = (n.normal + Vector3::new(0.25, 0.2, 0.0)).normalize();
+        type Event = Box<dyn FnMut(f64, VisionInput) -> Option<VisionInput>>;
+        let events: [(&str, bool, Event); 6] = [
+            ("nothing", true, Box::new(|_, n| Some(n))),
+            (
+                "jumps",
+                true,
+                Box::new(move |t, n| Some(if (2.0..3.0).contains(&t) { askew(n) } else { n })),
+            ),
+            (
+                "jumps, and nobody denies it",
+                false,
+                Box::new(move |t, n| Some(if (2.0..3.0).contains(&t) { askew(n) } else { n })),
+            ),
+            (
+                "goes and comes",
+                true,
+                Box::new(|t, n| (!(2.0..3.5).contains(&t)).then_some(n)),
+            ),
+            (
+                "goes for good",
+                true,
+                Box::new(|t, n| (t < 2.0).then_some(n)),
+            ),
+            ("comes", true, Box::new(|t, n| (t > 2.0).then_some(n))),
+        ];
+        for (name, touch, event) in events {
+            // The published law has no touch to go on with.
+            if preset.contains("paper") && (name == "goes for good" || name == "comes") {
+                continue;
             }
-            Some(n)
-        });
-        let mut gone = Eye(|t: f64, n| (!(16.0..16.25).contains(&t)).then_some(n));
-        let mut late = Eye(|t: f64, n| (t > 1.0).then_some(n));
-        for (name, eye) in [
-            ("nothing", &mut Calm as &mut dyn TactileDisturbance),
-            ("jumps", &mut jump),
-            ("goes and comes", &mut gone),
-            ("comes late", &mut late),
-        ] {
-            let (worst, e) = steepest(preset, eye);
-            assert_eq!((e.phase, e.fault), ("done", None), "{name}");
+            let (worst, e) = steepest(preset, touch, event);
+            assert_eq!((e.phase, e.fault), ("done", None), "{preset}, {name}");
             // A step of the reference would ask for all that the motors can change in a period, 1 Nm.
             assert!(worst < 0.35, "{preset}, {name}: {worst} Nm");
         }
@@ -267,7 +176,7 @@ fn without_a_camera_touch_alone_goes_on() {
     let e = evaluate_tactile_with(&scenario(&["seed=4"]), &mut dark, |_| ()).unwrap();
     assert_eq!((e.phase, e.fault), ("done", None));
     let force = e.figures.force;
-    assert!(force.rmse_n.unwrap() < 2.5, "{force:?}");
+    assert!(force.rmse_n.unwrap() < 1.2, "{force:?}");
     assert!(e.figures.tool_error_deg.unwrap().mean < 4.0);
 }
 
@@ -310,6 +219,111 @@ fn a_wrench_that_falls_silent_or_is_no_number_stops_and_retracts() {
 }
 
 #[test]
+fn one_bad_sample_of_the_wrench_is_waited_out() {
+    for preset in ["controller=\"default\"", "controller=\"paper\""] {
+        for broken in [0.0, f64::NAN] {
+            let since = Cell::new(None::<f64>);
+            let mut bad = Wrench(|input: &mut UnifiedInput| {
+                let slid = since.get().map_or(0.0, |s| input.time_s - s);
+                // Once every 50 ms.
+                if slid > 1.0 && (input.time_s * 1e3).round() % 50.0 == 0.0 {
+                    input.wrench.force.y += broken;
+                }
+            });
+            let (mut last, mut worst): (Option<Joints<7>>, f64) = (None, 0.0);
+            let set = [preset, "task.path.duration_s=6.0"];
+            let e = evaluate_tactile_with(&scenario(&set), &mut bad, |c| {
+                if c.output.phase != Phase::Slide {
+                    last = None;
+                    return;
+                }
+                since.set(since.get().or(Some(c.input.time_s)));
+                if let Some(before) = last.replace(c.output.torque) {
+                    worst = worst.max((c.output.torque - before).amax());
+                }
+            })
+            .unwrap();
+            assert_eq!((e.phase, e.fault), ("done", None), "{preset}");
+            assert!(worst < 0.35, "{preset} {broken}: {worst} Nm");
+        }
+    }
+}
+
+#[test]
+fn a_tool_that_does_not_feel_waits_on_its_way_down() {
+    let silent = Cell::new(None::<f64>);
+    let mut bad = Wrench(|input: &mut UnifiedInput| {
+        if let Some(since) = silent.get() {
+            input.wrench_age_s = input.time_s - since;
+        }
+    });
+    let mut speeds = Vec::new();
+    let e = evaluate_tactile_with(&scenario(&[]), &mut bad, |c| {
+        let down = c.truth.twist.linear.z;
+        if c.output.phase == Phase::Approach && down < -0.015 && silent.get().is_none() {
+            silent.set(Some(c.input.time_s));
+        }
+        if let Some(since) = silent.get()
+            && (0.09..0.1).contains(&(c.input.time_s - since))
+        {
+            speeds.push(down.abs());
+        }
+    })
+    .unwrap();
+    assert_eq!(e.phase, "fault");
+    assert!(
+        !speeds.is_empty() && speeds.iter().all(|v| *v < 0.006),
+        "{speeds:?}"
+    );
+}
+
+/// Somebody holds the tool off its path, against the springs, and lets go.
+struct Hand<'a> {
+    since: &'a Cell<Option<f64>>,
+}
+
+impl TactileDisturbance for Hand<'_> {
+    fn push(&mut self, time_s: f64) -> Vector6<f64> {
+        let slid = self.since.get().map_or(0.0, |s| time_s - s);
+        let force = if (2.0..2.7).contains(&slid) {
+            45.0
+        } else {
+            0.0
+        };
+        Vector6::new(force, 0.0, 0.0, 0.0, 0.0, 0.0)
+    }
+}
+
+#[test]
+fn an_arm_that_is_held_back_goes_limp_and_takes_its_policy_from_there() {
+    let since = Cell::new(None::<f64>);
+    let (mut limp, mut late) = (1.0_f64, 0.0_f64);
+    let set = [
+        "control.monitor.margin_sd=0.0",
+        "limits.force_max_n=100.0",
+        "limits.torque_max_nm=100.0",
+    ];
+    let e = evaluate_tactile_with(&scenario(&set), &mut Hand { since: &since }, |c| {
+        if c.output.phase == Phase::Slide {
+            since.set(since.get().or(Some(c.input.time_s)));
+        }
+        let slid = since.get().map_or(0.0, |s| c.input.time_s - s);
+        if (2.0..2.7).contains(&slid) {
+            limp = limp.min(c.output.rho_align);
+        }
+        if slid > 6.0 && c.output.phase == Phase::Slide {
+            late = late.max(c.output.path_error_m);
+        }
+    })
+    .unwrap();
+    assert_eq!((e.phase, e.fault), ("done", None));
+    assert!(limp < 0.1, "{limp}");
+    assert!(late > 0.0);
+    // Back on its path.
+    assert!(late < 0.003, "{late}");
+}
+
+#[test]
 fn an_arm_state_that_is_no_number_keeps_the_last_torque() {
     let mut torques = Vec::new();
     let mut bad = Wrench(|input: &mut UnifiedInput| {
@@ -324,7 +338,13 @@ fn an_arm_state_that_is_no_number_keeps_the_last_torque() {
     assert_eq!(e.phase, "fault");
     let n = torques.len();
     assert!(torques[n - 1].iter().all(|x| x.is_finite()));
-    assert_eq!(torques[n - 1], torques[n - 20]);
+    // What pushed and moved it has faded, without a step: what is left holds it.
+    assert!((torques[n - 1] - torques[n - 20]).amax() < 0.05);
+    let steepest = torques
+        .windows(2)
+        .map(|w| (w[1] - w[0]).amax())
+        .fold(0.0, f64::max);
+    assert!(steepest < 1.0, "{steepest}");
 }
 
 /// The surface under the tool is gone for a moment: somebody lifts the arm off it.
@@ -355,41 +375,70 @@ fn contact_lost_is_sought_and_found_again() {
 
 #[test]
 fn other_worlds_are_wiped_too() {
-    for (name, set) in [
+    let friction = |mu: f64| {
+        [
+            format!("plant.contact.friction.coulomb_coefficient={mu}"),
+            format!("plant.contact.friction.static_coefficient={}", 1.1 * mu),
+        ]
+        .to_vec()
+    };
+    let stiffness = |k: f64| vec![format!("plant.contact.stiffness_n_per_m={k}")];
+    let sheet = |height: f64, length: f64| {
+        vec![
+            format!("plant.surface.amplitude_m={height}"),
+            format!("plant.surface.wavelength_m={length}"),
+        ]
+    };
+    let force = |n: f64| vec![format!("task.force.reference_n={n}")];
+    let both = |a: Vec<String>, b: Vec<String>| [a, b].concat();
+    for (name, set, paper) in [
+        ("slippery", friction(0.1), true),
+        ("rough", friction(0.6), true),
+        ("soft", stiffness(2e4), true),
+        ("stiff", stiffness(1e5), true),
+        ("stiff and rough", both(stiffness(1e5), friction(0.6)), true),
+        ("as a rock", stiffness(5e5), false),
+        ("steeper", sheet(0.025, 0.36), false),
+        ("a sheet with waves", sheet(0.003, 0.15), false),
+        ("with higher waves", sheet(0.004, 0.15), false),
         (
-            "slippery",
-            vec![
-                "plant.contact.friction.coulomb_coefficient=0.1",
-                "plant.contact.friction.static_coefficient=0.12",
-            ],
+            "other phase",
+            vec!["plant.surface.phase_rad=2.2".to_owned()],
+            true,
         ),
-        (
-            "rough",
-            vec![
-                "plant.contact.friction.coulomb_coefficient=0.6",
-                "plant.contact.friction.static_coefficient=0.65",
-            ],
-        ),
-        ("soft", vec!["plant.contact.stiffness_n_per_m=20000.0"]),
-        ("stiff", vec!["plant.contact.stiffness_n_per_m=100000.0"]),
-        (
-            "steeper",
-            vec![
-                "plant.surface.amplitude_m=0.025",
-                "plant.surface.wavelength_m=0.36",
-            ],
-        ),
-        ("other phase", vec!["plant.surface.phase_rad=2.2"]),
-        ("light", vec!["task.force.reference_n=8.0"]),
-        ("firm", vec!["task.force.reference_n=25.0"]),
+        ("light", force(8.0), false),
+        ("firm", force(25.0), false),
     ] {
-        let mut set = set;
-        set.push("seed=33");
-        let e = run(&set);
-        assert_eq!((e.phase, e.fault), ("done", None), "{name}");
-        let force = e.figures.force;
-        assert!(force.rmse_n.unwrap() < 1.2, "{name}: {force:?}");
-        let path = e.figures.path.mad_xyz_m.unwrap();
-        assert!(path.iter().all(|x| *x < 0.002), "{name}: {path:?}");
+        for (preset, mad, rmse) in [("default", 0.5, 0.75), ("paper", 2.0, 3.0)] {
+            if preset == "paper" && !paper {
+                continue;
+            }
+            let mut set: Vec<&str> = set.iter().map(String::as_str).collect();
+            let preset_set = format!("controller=\"{preset}\"");
+            set.extend([preset_set.as_str(), "seed=33"]);
+            let e = run(&set);
+            assert_eq!((e.phase, e.fault), ("done", None), "{preset}, {name}");
+            let force = e.figures.force;
+            // Friction shakes a firm tool in proportion.
+            let share = if name == "firm" { 25.0 / 15.0 } else { 1.0 };
+            assert!(
+                force.mad_n.unwrap() < mad * share,
+                "{preset}, {name}: {force:?}"
+            );
+            assert!(
+                force.rmse_n.unwrap() < rmse * share,
+                "{preset}, {name}: {force:?}"
+            );
+            let path = e.figures.path.mad_xyz_m.unwrap();
+            let most = if preset == "default" {
+                [0.002, 0.002, 0.001]
+            } else {
+                [0.009, 0.008, 0.004]
+            };
+            assert!(
+                (0..3).all(|i| path[i] <= most[i]),
+                "{preset}, {name}: {path:?}"
+            );
+        }
     }
 }

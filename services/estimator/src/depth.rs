@@ -197,12 +197,13 @@ impl Depth {
         }
         let estimate: NormalEstimate = seen.in_base(&base_from_camera);
         let update_s = begin.elapsed().as_secs_f64();
-        self.normals
-            .publish(&message(DEPTH_NORMAL, &estimate, arm, update_s));
+        // Before the normal: who reads it finds the rest of the same image there.
         let map = seen.ahead.in_base(&base_from_camera);
         if !map.stations.is_empty() {
             self.ahead.publish(&ahead_message(&map, arm));
         }
+        self.normals
+            .publish(&message(DEPTH_NORMAL, &estimate, arm, update_s));
         Ok(())
     }
 }

@@ -140,8 +140,9 @@ pub struct TankConfig {
     pub force: EnergyTank,
     /// Share of what the dampers take that is offered to the force tank; the motion tank is offered the rest.
     pub damping_share_to_force: f64,
-    /// Power over which λ of eq. (38) goes from one side to the other, W.
-    pub switch_w: f64,
+    /// λ of eq. (38) goes from one side to the other over a speed at which a damper of this size takes the whole push, Ns/m: with the
+    /// force tank's valve shut it is one.
+    pub switch_n_s_per_m: f64,
     /// Most power that the motion tank's torques may be heading for, W.
     pub power_max_w: f64,
 }
@@ -186,8 +187,10 @@ pub struct TactileTouchConfig {
     pub on_n: f64,
     /// Force below which it does not, N...
     pub off_n: f64,
-    /// ...for this many periods.
+    /// ...for this many periods: then it is lost, and counted.
     pub lost_cycles: u32,
+    /// For this many the policy stops.
+    pub pause_cycles: u32,
     /// Losses after which the task ends.
     pub lost_count_max: u32,
     /// A lost surface is sought with the policy's clock stopped; otherwise the force controller alone brings the tool back, as published.
@@ -317,7 +320,7 @@ impl Default for TankConfig {
                 reserve_j: 0.1,
             },
             damping_share_to_force: 0.2,
-            switch_w: 0.02,
+            switch_n_s_per_m: 150.0,
             power_max_w: 30.0,
         }
     }
@@ -353,6 +356,7 @@ impl Default for TactileTouchConfig {
             on_n: 3.0,
             off_n: 0.8,
             lost_cycles: 30,
+            pause_cycles: 3,
             lost_count_max: 30,
             seek: true,
             seek_speed_m_per_s: 0.01,
@@ -397,9 +401,9 @@ impl UnifiedForceImpedanceConfig {
             impedance: ImpedanceConfig {
                 stiffness_n_per_m: [1000.0, 1000.0, 10.0],
                 damping_ratio: [0.7, 0.7, 0.7, 1.0, 1.0, 1.0],
-                // K_z = 10 N/m and a ratio of 0.7 alone leave 8 Ns/m, on which a stiff contact bounces; with these the tool is damped
-                // along its axis as it is across it.
-                normal_damping_n_s_per_m: 100.0,
+                // K_z = 10 N/m and a ratio of 0.7 alone leave 8 Ns/m, on which a stiff contact bounces. 100 Ns/m, as it has across its axis,
+                // hold 50 kN/m; these hold four times that.
+                normal_damping_n_s_per_m: 250.0,
                 feed_forward: false,
                 integral_per_s: 0.0,
                 free_stiffness_n_per_m: 1000.0,

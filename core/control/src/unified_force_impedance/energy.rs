@@ -105,10 +105,12 @@ impl Tanks {
         config.motion.valve(&self.motion)
     }
 
-    /// λ + σ(S_t,f) (1 - λ) of eq. (51) for a force that puts in `power_w` now. λ is 1 where it takes power out; the published
-    /// switch is a step, this one is a ramp on the side where nothing is at stake.
-    pub fn force_share(&self, config: &TankConfig, power_w: f64) -> f64 {
-        let lambda = smooth(-power_w / config.switch_w);
+    /// λ + σ(S_t,f) (1 - λ) of eq. (51) for a push (N) at a speed (m/s) along it. λ is 1 where it takes power out; the published
+    /// switch is a step, this one is a ramp on the side where nothing is at stake. With the valve shut a ramp is a damper: it is as
+    /// wide as makes that one of `switch_n_s_per_m` on average.
+    pub fn force_share(&self, config: &TankConfig, push_n: f64, speed_m_per_s: f64) -> f64 {
+        let width_w = (push_n * push_n / config.switch_n_s_per_m).max(1e-9);
+        let lambda = smooth(-push_n * speed_m_per_s / width_w);
         lambda + config.force.valve(&self.force) * (1.0 - lambda)
     }
 

@@ -25,8 +25,69 @@ pub struct VisionInput {
     pub surface_variation: f64,
     /// Shape operator there: moving by `dp` turns the normal by `curvature * dp`. Base axes, 1/m; none where it is not known.
     pub curvature: Option<Matrix3<f64>>,
+    /// How the surface bends on where the tool goes, from the map ahead; none where it stands or nothing is seen there.
+    pub change: Option<BendChange>,
     /// Whether to use it.
     pub validity: Validity,
+}
+
+/// Change of the bend along a way: what comes, as far as it is a straight line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BendChange {
+    /// Where it goes on, unit, base axes.
+    pub way: Vector3<f64>,
+    /// The bend along the way changes by this per metre, 1/m².
+    pub per_m2: f64,
+}
+
+/// Way ahead over which the bend's change is taken, m.
+const CHANGE_REACH_M: f64 = 0.04;
+/// No surface that a tool of this size can wipe bends on faster, 1/m².
+const CHANGE_MAX_PER_M2: f64 = 1000.0;
+
+impl BendChange {
+    /// The line through the bends (1/m) of a map's stations, each with its distance (m) and standard deviation (1/m), by least squares;
+    /// `way` from the first to the second. None of fewer than three stations.
+    pub fn of(way: &Vector3<f64>, stations: impl Iterator<Item = (f64, f64, f64)>) -> Option<Self> {
+        let way = way.try_normalize(1e-9)?;
+        let mut n = 0;
+        let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (x, y, sd) in stations.take_while(|(x, ..)| *x <= CHANGE_REACH_M) {
+            let weight = 1.0 / (sd * sd).max(1e-6);
+            n += 1;
+            w += weight;
+            wx += weight * x;
+            wy += weight * y;
+            wxx += weight * x * x;
+            wxy += weight * x * y;
+        }
+        let spread = w * wxx - wx * wx;
+        let per_m2 = (w * wxy - wx * wy) / spread;
+        let found = Self { way, per_m2 };
+        (n >= 3 && spread > 0.0 && found.is_sound()).then_some(found)
+    }
+
+    /// Shape operator `moved` further on.
+    pub fn after(&self, curvature: &Matrix3<f64>, moved: &Vector3<f64>) -> Matrix3<f64> {
+        let on = moved.dot(&self.way);
+        curvature + self.way * self.way.transpose() * (self.per_m2 * on)
+    }
+
+    /// A share of the way to `new`.
+    pub(super) fn towards(&self, new: &Self, share: f64) -> Self {
+        // A tool that goes elsewhere looks at another surface.
+        if self.way.dot(&new.way) < 0.9 {
+            return *new;
+        }
+        Self {
+            way: new.way,
+            per_m2: self.per_m2 + (new.per_m2 - self.per_m2) * share,
+        }
+    }
+
+    pub(super) fn is_sound(&self) -> bool {
+        self.per_m2.abs() <= CHANGE_MAX_PER_M2 && (self.way.norm() - 1.0).abs() < 1e-6
+    }
 }
 
 /// One period as the law sees it. The wrench is what the environment does to the tool.

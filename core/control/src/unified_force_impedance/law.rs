@@ -99,6 +99,11 @@ impl ArmNow {
         torque - self.jacobian.tr_mul(&self.wrench_for(&seen))
     }
 
+    /// What of q̇ does not move the tool: (I - J⁺ J) q̇, rad/s.
+    pub fn spare_velocity(&self) -> Joints<JOINTS> {
+        self.qd - self.joint_velocity(&stacked(&self.linear, &self.angular))
+    }
+
     /// Joint velocities of least size for a twist of the tool, rad/s.
     pub fn joint_velocity(&self, twist: &Vector6<f64>) -> Joints<JOINTS> {
         let square = self.jacobian * self.jacobian.transpose()
@@ -228,8 +233,10 @@ pub(super) fn posture(
         // Ten times as steep at the ends as in the middle.
         -config.stiffness_nm_per_rad * half * u * (1.0 + 9.0 * u * u * u * u)
     });
-    let damper = -now.qd * config.damping_nm_s_per_rad;
-    (now.unseen(&spring), now.unseen(&damper))
+    // (I - J⁺ J) is symmetric, so this takes power in every posture; the dynamically consistent one, which the tool would not feel at all,
+    // would not. The tool feels what of it lasts: nothing, once the spare joint stands.
+    let damper = -now.spare_velocity() * config.damping_nm_s_per_rad;
+    (now.unseen(&spring), damper)
 }
 
 pub(super) fn stacked(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
@@ -274,6 +281,9 @@ mod tests {
             let twist = now.in_tool(&stacked(&now.linear, &now.angular));
             let torque = now.jacobian.tr_mul(&now.in_base(&-d.component_mul(&twist)));
             prop_assert!(torque.dot(&now.qd) <= 1e-12);
+            let spare = PostureConfig { stiffness_nm_per_rad: 0.0, damping_nm_s_per_rad: 5.0 };
+            let (_, damper) = posture(&spare, &arm, &now);
+            prop_assert!(damper.dot(&now.qd) <= 1e-12, "{}", damper.dot(&now.qd));
         }
 
         #[test]

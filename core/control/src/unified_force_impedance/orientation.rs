@@ -5,6 +5,7 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::config::OrientationConfig;
+use super::fused_normal::NormalInUse;
 use crate::clamp_norm;
 
 /// Time constant with which the arm's reference follows R_input, s: eq. (29) alone has a step in its rate with every frame.
@@ -59,21 +60,26 @@ impl OrientationReference {
         }
     }
 
-    /// One period towards `normal`, with the tool at `present` and moving at `velocity` (m/s) over a surface of `curvature` (1/m).
+    /// One period towards the normal in use, with the tool at `present` and moving at `velocity` (m/s).
     pub fn step(
         &mut self,
         config: &OrientationConfig,
-        normal: &Vector3<f64>,
+        surface: &NormalInUse,
         present: &UnitQuaternion<f64>,
         velocity: &Vector3<f64>,
-        curvature: &Matrix3<f64>,
         dt_s: f64,
     ) {
         let most = config.turn_rate_max_rad_per_s;
+        let normal = &surface.normal;
         // The rate itself has no step either: a frame that jumps turns the tool, it does not jerk it.
         let (turning, wanted, lag_s) = if config.feed_forward {
             let n = self.normal();
             let across = velocity - n * n.dot(velocity);
+            // What comes is where the tool is when the filter below has passed it on.
+            let coming = across * TURNING_S;
+            let curvature = surface
+                .change
+                .map_or(surface.curvature, |c| c.after(&surface.curvature, &coming));
             let turning = clamp_norm(n.cross(&(curvature * across)), most);
             // A curvature that comes, goes or jumps with its frame is no jump of the rate.
             let share = dt_s / (TURNING_S + dt_s);
@@ -144,11 +150,73 @@ impl OrientationReference {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::unified_force_impedance::UnifiedForceImpedanceConfig;
+    use crate::unified_force_impedance::{BendChange, UnifiedForceImpedanceConfig};
     use proptest::prelude::*;
+    use tangent_sensing::Validity;
 
     fn down() -> UnitQuaternion<f64> {
         UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
+    }
+
+    fn flat(normal: Vector3<f64>) -> NormalInUse {
+        NormalInUse {
+            normal,
+            covariance: Matrix3::zeros(),
+            validity: Validity::Valid,
+            curvature: Matrix3::zeros(),
+            change: None,
+            variation: 0.0,
+        }
+    }
+
+    #[test]
+    fn the_filter_is_equations_28_and_29() {
+        let config = UnifiedForceImpedanceConfig::preset("paper")
+            .unwrap()
+            .orientation;
+        let mut reference = OrientationReference::new(down());
+        let n = Vector3::new(0.1, 0.2, 1.0).normalize();
+        let target = square_to(&n, &down()).unwrap();
+        let whole = down().angle_to(&target);
+        let periods = (config.follow_s / 1e-3).round() as i32;
+        for i in 1..=periods + 50 {
+            let input = reference.filtered(&config, &n, &down(), 1e-3);
+            let share = (f64::from(i) / f64::from(periods)).min(1.0);
+            assert!(
+                (down().angle_to(&input) - share * whole).abs() < 1e-9,
+                "{i}"
+            );
+        }
+        let end = reference.filtered(&config, &n, &down(), 1e-3);
+        assert!(end.angle_to(&target) < 1e-9);
+    }
+
+    #[test]
+    fn a_bend_that_comes_is_turned_into_without_lag() {
+        let config = OrientationConfig::default();
+        let mut worst = [0.0_f64; 2];
+        for (known, worst) in [false, true].into_iter().zip(&mut worst) {
+            let mut reference = OrientationReference::new(down());
+            // The bend grows by 200 1/m² along the way: 5 1/m more every 25 mm.
+            let (growth, speed) = (200.0, 0.08);
+            for i in 0..600 {
+                let way = speed * f64::from(i) * 1e-3;
+                let angle = 0.5 * growth * way * way;
+                let n = Vector3::new(0.0, angle.sin(), angle.cos());
+                let along = Vector3::new(0.0, angle.cos(), -angle.sin());
+                let surface = NormalInUse {
+                    curvature: along * along.transpose() * (growth * way),
+                    change: known.then_some(BendChange {
+                        way: along,
+                        per_m2: growth,
+                    }),
+                    ..flat(n)
+                };
+                reference.step(&config, &surface, &down(), &(along * speed), 1e-3);
+                *worst = worst.max((reference.rotation * Vector3::z()).angle(&-n));
+            }
+        }
+        assert!(worst[1] < 0.3 * worst[0], "{worst:?}");
     }
 
     proptest! {
@@ -174,7 +242,7 @@ mod tests {
         let zero = Vector3::zeros();
         let mut last = reference.angular;
         for i in 0..700 {
-            reference.step(&config, &n, &down(), &zero, &Matrix3::zeros(), 1e-3);
+            reference.step(&config, &flat(n), &down(), &zero, 1e-3);
             let step = (reference.angular - last).norm();
             assert!(
                 step <= config.turn_acceleration_max_rad_per_s2 * 1e-3 + 1e-12,
@@ -201,10 +269,12 @@ mod tests {
             let axis = along * along.transpose() * bend.m22;
             reference.step(
                 &config,
-                &n,
+                &NormalInUse {
+                    curvature: axis,
+                    ..flat(n)
+                },
                 &down(),
                 &(along * velocity.norm()),
-                &axis,
                 1e-3,
             );
             if i > 1500 {
@@ -221,14 +291,7 @@ mod tests {
         let n = Vector3::new(0.6, 0.0, 0.8);
         for _ in 0..100 {
             let before = reference.rotation;
-            reference.step(
-                &config,
-                &n,
-                &down(),
-                &Vector3::zeros(),
-                &Matrix3::zeros(),
-                1e-3,
-            );
+            reference.step(&config, &flat(n), &down(), &Vector3::zeros(), 1e-3);
             assert!(before.angle_to(&reference.rotation) <= 0.8e-3 + 1e-9);
         }
     }

@@ -1,15 +1,18 @@
 //! Tasks of `unified_force_impedance`: made ready for the loop, with the estimators of normals that they name.
 
 use arrayvec::ArrayVec;
+use nalgebra::Vector3;
 use tangent_control::{
-    ControlError, EstimatorName, MAX_ESTIMATORS, Phase, SwitchCause, SwitchRefusal, Task,
-    UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput,
+    BendChange, ControlError, EstimatorName, MAX_ESTIMATORS, Phase, SwitchCause, SwitchRefusal,
+    Task, UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput,
 };
 use tangent_estimation::depth_normal::DEPTH_NORMAL;
 use tangent_mechanics::Arm;
 use tangent_runtime::{Bus, BusError, Latest};
 use tangent_schemas::convert::{cut_format, joint_array, joints};
-use tangent_schemas::tangent::{ControlState, NormalEstimate, ShapingState, SurfaceSegment};
+use tangent_schemas::tangent::{
+    ControlState, NormalEstimate, ShapingState, SurfaceAhead, SurfaceSegment,
+};
 use tangent_schemas::topics;
 use tangent_sensing::Validity;
 
@@ -55,9 +58,11 @@ impl Unified {
         let bus = |e: BusError| e.to_string();
         let frames = self.bus.latest(&topics::estimate_normal(DEPTH_NORMAL));
         let segments = self.bus.latest(&topics::estimate_segment(DEPTH_NORMAL));
+        let maps = self.bus.latest(&topics::estimate_ahead(DEPTH_NORMAL));
         Ok(UnifiedProgram {
             frames: frames.map_err(bus)?,
             segments: segments.map_err(bus)?,
+            maps: maps.map_err(bus)?,
             seen: None,
             readers,
             active: 0,
@@ -104,6 +109,7 @@ struct UnifiedProgram {
     law: UnifiedForceImpedance,
     frames: Latest<NormalEstimate>,
     segments: Latest<SurfaceSegment>,
+    maps: Latest<SurfaceAhead>,
     /// The newest frame, on the loop's clock.
     seen: Option<VisionInput>,
     readers: ArrayVec<EstimateReader, MAX_ESTIMATORS>,
@@ -120,12 +126,16 @@ impl UnifiedProgram {
     fn look(&mut self, input: &TorqueInput<'_>) -> Option<VisionInput> {
         if let Some(new) = self.frames.take_new() {
             let seen = normal_estimate(&new.message);
-            // Said just before the normal of the same image. One that was lost on the way leaves the monitor without this term.
+            // Said just before the normal of the same image; what was lost on the way is done without.
+            let cycle = new.message.cycle;
             self.segments.refresh();
             let segment = self.segments.get().map(|segment| &segment.message);
             let surface_variation = segment
-                .filter(|segment| segment.cycle == new.message.cycle)
+                .filter(|segment| segment.cycle == cycle)
                 .map_or(0.0, |segment| segment.surface_variation);
+            self.maps.refresh();
+            let map = self.maps.get().map(|map| &map.message);
+            let change = map.filter(|map| map.cycle == cycle).and_then(bend_change);
             // One of an earlier run of the bridge, whose count was higher, is of no use.
             let behind = input.arm.cycle.checked_sub(new.message.cycle);
             self.seen = behind.map(|cycles| VisionInput {
@@ -135,6 +145,7 @@ impl UnifiedProgram {
                 covariance: seen.covariance,
                 surface_variation,
                 curvature: seen.curvature,
+                change,
                 validity: seen.validity,
             });
         }
@@ -240,6 +251,16 @@ impl TorqueProgram for UnifiedProgram {
     fn phase(&self) -> Phase {
         self.law.phase()
     }
+}
+
+/// How the surface bends on, as far as the map says.
+fn bend_change(map: &SurfaceAhead) -> Option<BendChange> {
+    let [first, second, ..] = map.points.as_slice() else {
+        return None;
+    };
+    let way = Vector3::from(second) - Vector3::from(first);
+    let stations = map.distance.iter().zip(&map.bend).zip(&map.bend_sd);
+    BendChange::of(&way, stations.map(|((d, bend), sd)| (*d, *bend, *sd)))
 }
 
 fn state(

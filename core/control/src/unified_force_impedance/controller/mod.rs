@@ -19,6 +19,16 @@ use crate::error::check_range;
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
 use crate::{ControlError, Fault, Limits, Path, Phase, Profile, Task};
 
+/// A period outside these is a mistake, s.
+const DT_LEAST_S: f64 = 1e-5;
+const DT_MOST_S: f64 = 0.1;
+/// A valve that lets less through counts as shut: the policy hardly moves.
+const SHUT: f64 = 0.25;
+/// So long the policy waits for energy, s.
+const EMPTY_S: f64 = 5.0;
+/// Time in which the last torques fade into what holds the arm, where its state is no number, s.
+const FADE_S: f64 = 0.025;
+
 /// The controller. One [`UnifiedForceImpedance::step`] per control period; nothing in it allocates.
 pub struct UnifiedForceImpedance {
     model: Arm<JOINTS>,
@@ -54,6 +64,8 @@ struct Run {
     guard: WrenchGuard,
     /// Sum of what the wrench read standing still, and over how many periods.
     zero: (Vector6<f64>, f64),
+    /// What was felt when the wrench was good last.
+    felt: Option<Felt>,
     /// The joints' friction as it stands in the robot's estimate, base axes.
     rubbing: Vector6<f64>,
     fused: FusedNormal,
@@ -74,6 +86,8 @@ struct Run {
     /// Where the tool touched last, m.
     last_contact: Vector3<f64>,
     last_velocity: Vector3<f64>,
+    /// Of the policy, m/s².
+    acceleration: Vector3<f64>,
     reference_n: f64,
     /// What the force controller pushed with last, N.
     push_n: f64,
@@ -91,6 +105,8 @@ struct Run {
     retract: Option<(Vector3<f64>, Profile)>,
     after_retract: Phase,
     blind_s: f64,
+    /// With the motion tank's valve shut, s.
+    empty_s: f64,
     torque: Option<Joints<JOINTS>>,
     held_torque: Joints<JOINTS>,
     limited: bool,
@@ -203,9 +219,11 @@ impl UnifiedForceImpedance {
     /// One control period.
     pub fn step(&mut self, input: &UnifiedInput) -> UnifiedOutput {
         let dt = input.dt_s;
-        let sound = input.q.iter().chain(input.qd.iter()).all(|x| x.is_finite());
+        let sound = input.q.iter().chain(input.qd.iter()).all(|x| x.is_finite())
+            && input.time_s.is_finite()
+            && (DT_LEAST_S..=DT_MOST_S).contains(&dt);
         if !sound {
-            return self.blind_output();
+            return self.blind_output(dt);
         }
         let now = ArmNow::new(&self.model, &self.flange_from_tool, &input.q, &input.qd);
         self.run.since_s += dt;
@@ -259,14 +277,23 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// The arm's state is no number: the last torque that held it is the best guess.
-    fn blind_output(&mut self) -> UnifiedOutput {
+    /// The arm's state is no number: what held it against gravity last is the best guess, and what moved it or pushed fades.
+    fn blind_output(&mut self, dt: f64) -> UnifiedOutput {
         self.run.fault = Some(Fault::ArmState);
         self.enter(Phase::Fault);
         self.run.held = None;
+        let held = self.run.held_torque;
+        let share = if dt.is_finite() {
+            (dt / FADE_S).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        let last = self.run.torque.unwrap_or(held);
+        let torque = last + (held - last) * share;
+        self.run.torque = Some(torque);
         UnifiedOutput {
-            torque: self.run.torque.unwrap_or_else(Joints::zeros),
-            held_torque: Joints::zeros(),
+            torque,
+            held_torque: held,
             phase: Phase::Fault,
             fault: self.run.fault,
             in_contact: false,
@@ -307,10 +334,13 @@ impl UnifiedForceImpedance {
         let share = dt / (self.config.touch.wrench_lag_s + dt);
         self.run.rubbing += (rubbing - self.run.rubbing) * share;
         if verdict != WrenchVerdict::Good {
+            // A bad sample is waited out with the last good one.
+            let doubtful = verdict == WrenchVerdict::Doubtful;
+            let last = self.run.felt.filter(|_| doubtful);
             return Felt {
                 verdict,
-                wrench: Vector6::zeros(),
-                pressing_n: 0.0,
+                wrench: last.map_or_else(Vector6::zeros, |f| f.wrench),
+                pressing_n: last.map_or(0.0, |f| f.pressing_n),
             };
         }
         let raw = input.wrench.vector() + now.in_tool(&self.run.rubbing);
@@ -321,11 +351,13 @@ impl UnifiedForceImpedance {
         let zero = self.run.zero.0 / self.run.zero.1.max(1.0);
         let wrench = if self.task.tare { raw - zero } else { raw };
         let force = wrench.fixed_rows::<3>(0).into_owned();
-        Felt {
+        let felt = Felt {
             verdict,
             wrench,
             pressing_n: -self.push_direction(now).dot(&now.tool.rotate(&force)),
-        }
+        };
+        self.run.felt = Some(felt);
+        felt
     }
 
     /// Where a push goes, base axes: the tool's z axis as published, or against the normal.
@@ -405,6 +437,13 @@ impl UnifiedForceImpedance {
             (true, false) => self.run.blind_s + input.dt_s,
             _ => 0.0,
         };
+        let shut = self.run.phase == Phase::Slide
+            && self.run.tanks.motion_valve(&self.config.tanks) < SHUT;
+        self.run.empty_s = if shut {
+            self.run.empty_s + input.dt_s
+        } else {
+            0.0
+        };
         let force = felt.wrench.fixed_rows::<3>(0).norm();
         let moment = felt.wrench.fixed_rows::<3>(3).norm();
         let at = now.tool.translation();
@@ -422,6 +461,7 @@ impl UnifiedForceImpedance {
             _ if self.run.blind_s > self.config.patience.estimate_retract_s => {
                 Some(Fault::Estimate(normal.validity))
             }
+            _ if self.run.empty_s > EMPTY_S => Some(Fault::TankEmpty),
             _ if touching && self.run.lost_count > self.config.touch.lost_count_max => {
                 Some(Fault::ContactUnstable)
             }
@@ -463,6 +503,7 @@ impl Run {
             phase_s: 0.0,
             guard: WrenchGuard::default(),
             zero: (Vector6::zeros(), 0.0),
+            felt: None,
             rubbing: Vector6::zeros(),
             fused: FusedNormal::default(),
             orientation: None,
@@ -477,6 +518,7 @@ impl Run {
             offset: Vector3::zeros(),
             last_contact: Vector3::zeros(),
             last_velocity: Vector3::zeros(),
+            acceleration: Vector3::zeros(),
             reference_n: 0.0,
             push_n: 0.0,
             last_wrench: Vector6::zeros(),
@@ -491,6 +533,7 @@ impl Run {
             retract: None,
             after_retract: Phase::Idle,
             blind_s: 0.0,
+            empty_s: 0.0,
             torque: None,
             held_torque: Joints::zeros(),
             limited: false,

@@ -15,8 +15,24 @@ use crate::{Fault, Phase, Profile};
 const FULL_RHO: f64 = 0.99;
 /// Periods above the threshold that make a touch.
 const TOUCH_CYCLES: u32 = 3;
+/// Below this ρ_align the arm is limp, the more the lower.
+const LIMP_RHO: f64 = 0.1;
+/// Time in which a limp arm's position becomes the desired one, s.
+const YIELD_S: f64 = 0.05;
+/// Time in which a tool that does not feel comes to rest where it is, s.
+const STAY_S: f64 = 0.02;
+/// Time in which a change of the policy's acceleration is passed on, s.
+const JERK_S: f64 = 0.02;
 /// Time in which a policy that was moved comes back to where it was drawn, s.
 const RETURN_S: f64 = 1.0;
+
+/// The wrench is silent or broken.
+fn is_deaf(felt: &Felt) -> bool {
+    matches!(
+        felt.verdict,
+        WrenchVerdict::Stop(_) | WrenchVerdict::Retract(_)
+    )
+}
 
 impl UnifiedForceImpedance {
     /// Moves the phases on and says where the tool is wanted.
@@ -29,7 +45,7 @@ impl UnifiedForceImpedance {
     ) -> Wanted {
         let dt = input.dt_s;
         let good = felt.verdict == WrenchVerdict::Good;
-        if matches!(felt.verdict, WrenchVerdict::Stop(_)) && self.run.phase.is_pressing() {
+        if is_deaf(felt) && self.run.phase.is_pressing() {
             // Without a wrench there is nothing to control the force with: stand.
             self.enter(Phase::Hold);
             self.run.rate = 0.0;
@@ -77,10 +93,9 @@ impl UnifiedForceImpedance {
         } else {
             orientation.step(
                 &self.config.orientation,
-                &normal.normal,
+                normal,
                 &now.tool.rotation(),
                 velocity,
-                &normal.curvature,
                 dt,
             );
         }
@@ -111,13 +126,17 @@ impl UnifiedForceImpedance {
         let ready = !normal.validity.is_valid()
             || (tilt < touch.aligned_rad && self.run.monitor.rho >= FULL_RHO);
         let (mut way, mut speed) = self.run.approach;
-        if way > 0.0 || ready || self.run.phase_s > touch.align_s {
-            let most = self.task.approach.speed_m_per_s;
-            speed = (speed + self.config.path.acceleration_m_per_s2 * dt).min(most);
-            way += speed * dt;
+        let change = self.config.path.acceleration_m_per_s2 * dt;
+        if is_deaf(felt) {
+            // A tool that would not feel what it meets waits.
+            speed = (speed - self.limits.acceleration_max_m_per_s2 * dt).max(0.0);
+        } else if way > 0.0 || ready || self.run.phase_s > touch.align_s {
+            speed = (speed + change).min(self.task.approach.speed_m_per_s);
         }
+        way += speed * dt;
         self.run.approach = (way, speed);
         let direction = self.task.approach.direction.in_base(&now.tool);
+        let start = self.stay(now, felt, start, &(direction * way), dt);
         let strong = felt.verdict == WrenchVerdict::Good && felt.pressing_n > touch.on_n;
         self.run.strong_cycles = if strong {
             self.run.strong_cycles + 1
@@ -138,6 +157,24 @@ impl UnifiedForceImpedance {
             policy: position,
             pressing: false,
         }
+    }
+
+    /// Where a way begins: a tool that does not feel stays where it is, and goes on from there.
+    fn stay(
+        &mut self,
+        now: &ArmNow,
+        felt: &Felt,
+        start: Vector3<f64>,
+        way: &Vector3<f64>,
+        dt: f64,
+    ) -> Vector3<f64> {
+        if !is_deaf(felt) {
+            return start;
+        }
+        let behind = now.tool.translation() - (start + way);
+        let start = start + behind * (dt / STAY_S).min(1.0);
+        self.run.held = Some(start);
+        start
     }
 
     /// Lays the policy where the tool touched; the force controller takes over what the approach's spring was pushing with.
@@ -185,17 +222,18 @@ impl UnifiedForceImpedance {
         let (policy, velocity) = self.on_surface(now, &lay, drawn, velocity, dt);
         self.turn(now, normal, &velocity, dt);
         let orientation = self.orientation(now);
-        let acceleration = (velocity - self.run.last_velocity) / dt;
+        // A clock that stops or a normal that turns is no command to jerk.
+        let acceleration = crate::clamp_norm(
+            (velocity - self.run.last_velocity) / dt,
+            self.limits.acceleration_max_m_per_s2,
+        );
         self.run.last_velocity = velocity;
+        self.run.acceleration += (acceleration - self.run.acceleration) * (dt / (JERK_S + dt));
         Wanted {
             reference: MotionReference {
                 position: policy,
                 velocity,
-                // A clock that stops or a normal that turns is no command to jerk.
-                acceleration: crate::clamp_norm(
-                    acceleration,
-                    self.limits.acceleration_max_m_per_s2,
-                ),
+                acceleration: self.run.acceleration,
                 rotation: orientation.rotation,
                 angular: orientation.angular,
             },
@@ -245,14 +283,15 @@ impl UnifiedForceImpedance {
             Phase::Hold if !ended && normal.validity.is_valid() => self.enter(Phase::Slide),
             _ => {}
         }
-        let going = self.run.phase == Phase::Slide
-            && sees
-            && felt.verdict == WrenchVerdict::Good
-            && !self.run.paused;
+        let touches = self.run.weak_cycles < self.config.touch.pause_cycles;
+        let going =
+            self.run.phase == Phase::Slide && sees && touches && !is_deaf(felt) && !self.run.paused;
         let step = dt / self.config.path.clock_ramp_s.max(dt);
         let change = if going { step } else { -step };
         self.run.rate = (self.run.rate + change).clamp(0.0, 1.0);
-        let rate = self.run.rate * self.run.monitor.rho;
+        // A policy whose springs get no energy would go on without the tool.
+        let valve = self.run.tanks.motion_valve(&self.config.tanks);
+        let rate = self.run.rate * self.run.monitor.rho * valve;
         self.run.path_s += rate * dt;
         rate
     }
@@ -267,14 +306,14 @@ impl UnifiedForceImpedance {
         dt: f64,
     ) -> (Vector3<f64>, Vector3<f64>) {
         let at = now.tool.translation();
-        if self.run.monitor.rho <= 0.0 {
-            // The paper: a limp arm's pose becomes the desired one, and the policy goes on from there.
-            self.run.offset = at - drawn;
-        } else {
-            let up = lay.up * lay.up.dot(&self.run.offset);
-            let across = self.run.offset - up;
-            self.run.offset = up + across * (1.0 - self.run.monitor.rho * dt / RETURN_S);
-        }
+        // The paper: a limp arm's pose becomes the desired one, and the policy goes on from there. ρ_align never falls to 0 itself: while C
+        // is beyond its margin it settles where its own decay and ρ_min are even.
+        let rho = self.run.monitor.rho;
+        let limp = (1.0 - rho / LIMP_RHO).max(0.0) * (dt / YIELD_S).min(1.0);
+        self.run.offset += (at - drawn - self.run.offset) * limp;
+        let up = lay.up * lay.up.dot(&self.run.offset);
+        let across = self.run.offset - up;
+        self.run.offset = up + across * (1.0 - rho * dt / RETURN_S);
         let mut point = drawn + self.run.offset;
         let n = self.smooth_normal(now);
         let slope = n.dot(&lay.up);
@@ -298,7 +337,13 @@ impl UnifiedForceImpedance {
         } else {
             0
         };
-        self.run.sought_m += touch.seek_speed_m_per_s * dt;
+        let speed = if is_deaf(felt) {
+            0.0
+        } else {
+            touch.seek_speed_m_per_s
+        };
+        self.run.sought_m += speed * dt;
+        let start = self.stay(now, felt, start, &(direction * self.run.sought_m), dt);
         let position = start + direction * self.run.sought_m;
         let orientation = self.orientation(now);
         if self.run.strong_cycles >= TOUCH_CYCLES {
@@ -314,7 +359,7 @@ impl UnifiedForceImpedance {
             self.fail(Fault::SurfaceLost);
         }
         let mut reference = at_rest(position, &orientation);
-        reference.velocity = direction * touch.seek_speed_m_per_s;
+        reference.velocity = direction * speed;
         Wanted {
             reference,
             policy: position,

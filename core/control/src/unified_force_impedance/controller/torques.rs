@@ -63,16 +63,20 @@ impl UnifiedForceImpedance {
             .torque(&now.joint_velocity(&twist_of(reference)));
         let damping = now.jacobian.tr_mul(&now.in_base(&damper)) + spare_damper;
 
-        let (push_n, reference_n) = if wanted.pressing && felt.verdict == WrenchVerdict::Good {
-            let shaped = self.run.reference_n * rho_force;
-            let push = self
-                .run
-                .force
-                .step(&config.force, shaped, felt.pressing_n, rho_force, dt);
-            // Eq. (31): ρ_frc over the controller's whole answer.
-            (shaped + (push - shaped) * rho_force, shaped)
-        } else {
-            (0.0, 0.0)
+        let shaped = self.run.reference_n * rho_force;
+        let (push_n, reference_n) = match felt.verdict {
+            _ if !wanted.pressing => (0.0, 0.0),
+            WrenchVerdict::Good => {
+                let push =
+                    self.run
+                        .force
+                        .step(&config.force, shaped, felt.pressing_n, rho_force, dt);
+                // Eq. (31): ρ_frc over the controller's whole answer.
+                (shaped + (push - shaped) * rho_force, shaped)
+            }
+            // One bad sample is waited out with the push as it was.
+            WrenchVerdict::Doubtful => (self.run.push_n, shaped),
+            WrenchVerdict::Stop(_) | WrenchVerdict::Retract(_) => (0.0, 0.0),
         };
         self.run.push_n = push_n;
         let push = self.push_direction(now) * push_n;
@@ -84,7 +88,8 @@ impl UnifiedForceImpedance {
         let tanks = &self.config.tanks;
         let heading_w = motion.dot(&now.qd);
         let slowed = (tanks.power_max_w / heading_w.max(tanks.power_max_w)).min(1.0);
-        let share = self.run.tanks.force_share(tanks, push.dot(&now.linear));
+        let along = self.push_direction(now).dot(&now.linear);
+        let share = self.run.tanks.force_share(tanks, push_n, along);
         let parts = TorqueParts {
             motion: motion * (self.run.tanks.motion_valve(tanks) * slowed),
             force: force * share,
@@ -116,7 +121,11 @@ impl UnifiedForceImpedance {
     ) -> Vector3<f64> {
         let n = self.smooth_normal(now);
         let across = |v: &Vector3<f64>| v - n * n.dot(v);
-        if !wanted.pressing || felt.verdict != WrenchVerdict::Good {
+        let stopped = matches!(
+            felt.verdict,
+            WrenchVerdict::Stop(_) | WrenchVerdict::Retract(_)
+        );
+        if !wanted.pressing || stopped {
             self.run.drawn = Vector3::zeros();
             return Vector3::zeros();
         }
@@ -157,6 +166,13 @@ impl UnifiedForceImpedance {
             None => possible,
         };
         if !torque.iter().all(|x| x.is_finite()) {
+            // The torques before stay in force, and on the motion tank's account.
+            self.run.limited = true;
+            self.run.tanks.commit(TorqueParts {
+                motion: before - held,
+                ..TorqueParts::zero()
+            });
+            self.run.held_torque = held;
             return before;
         }
         self.run.limited = weak || torque != possible;
