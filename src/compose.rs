@@ -281,7 +281,8 @@ fn simulated_franka(
         });
     };
     let seed = config.simulator.seed.unwrap_or(scenario.seed);
-    let mut plant = TactileArm::new(&scenario.plant, seed).map_err(bad_usage)?;
+    let delay_periods = config.robot.franka().delay_periods;
+    let mut plant = TactileArm::new(&scenario.plant, delay_periods, seed).map_err(bad_usage)?;
     if scenario.plant.normals_from == NormalSource::Depth {
         let camera = &scenario.plant.depth_camera;
         let eye = DepthEye::new(

@@ -54,6 +54,6 @@ pub use task::{
     ToolAxis,
 };
 pub use unified_force_impedance::{
-    BendChange, TankBooks, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput,
-    UnifiedOutput, VisionInput,
+    BendChange, TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
+    UnifiedInput, UnifiedOutput, VisionInput,
 };

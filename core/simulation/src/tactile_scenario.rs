@@ -1,7 +1,9 @@
 //! A scenario of the `karacan` system: a torque-controlled arm that feels through its joints, and a camera. Files of kind `visuo_tactile`.
 
 use serde::{Deserialize, Serialize};
-use tangent_control::{Limits, Task, UnifiedForceImpedance, UnifiedForceImpedanceConfig};
+use tangent_control::{
+    Limits, Task, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
+};
 use tangent_estimation::{EstimatorConfig, NormalEstimator, build};
 use toml::Table;
 
@@ -91,7 +93,10 @@ impl TactileScenario {
             self.limits,
             &self.law()?,
             &self.task,
-            self.plant.arm.delay_periods,
+            TorqueInterface {
+                delay_periods: self.plant.arm.delay_periods,
+                ..TorqueInterface::default()
+            },
         )?)
     }
 

@@ -406,6 +406,11 @@ fn other_worlds_are_wiped_too() {
             vec!["plant.surface.phase_rad=2.2".to_owned()],
             true,
         ),
+        (
+            "with 4 ms between measurement and torque",
+            vec!["plant.arm.delay_periods=3".to_owned()],
+            true,
+        ),
         ("light", force(8.0), false),
         ("firm", force(25.0), false),
     ] {

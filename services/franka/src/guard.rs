@@ -10,13 +10,12 @@
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_mechanics::Joints;
+use tangent_runtime::config::FRANKA_TORQUE_RATE_SHARE;
 
 pub use crate::refusal::Refusal;
 
 /// A torque this much beyond its limit is rounding, and is cut; beyond it, it is refused.
 const TORQUE_TOLERANCE: f64 = 1.01;
-/// Share of the robot's own bound on the torque's rate that is used.
-const RATE_SHARE: f64 = 0.9;
 /// The last torque fades out over this time, s.
 const FADE_S: f64 = 0.05;
 /// The spring of the hold grows to its stiffness over this time after that, s.
@@ -394,7 +393,7 @@ impl Guard {
         let limits = &self.limits;
         let period_s = self.period_s;
         let torque = Joints::from_fn(|i, _| {
-            let reach = RATE_SHARE * limits.torque_rate_nm_per_s[i] * period_s;
+            let reach = FRANKA_TORQUE_RATE_SHARE * limits.torque_rate_nm_per_s[i] * period_s;
             let most = limits.torque_nm[i];
             aim[i]
                 .clamp(-most, most)

@@ -10,6 +10,32 @@ use crate::{Fault, Phase};
 /// Joints of the arm.
 pub const JOINTS: usize = 7;
 
+/// What stands between the law's torques and the joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TorqueInterface {
+    /// Periods between a measurement and the torque that answers it. The tanks account for the torques in force, and no damper is
+    /// stronger than this delay bears.
+    pub delay_periods: usize,
+    /// The arm adds what holds it against gravity itself: commands are without it.
+    pub gravity_by_arm: bool,
+    /// Share of the joints' efforts that a command may ask for.
+    pub effort_share: f64,
+    /// Share of the rate that the motors bear.
+    pub rate_share: f64,
+}
+
+impl Default for TorqueInterface {
+    /// An arm that takes torques as they are, at once.
+    fn default() -> Self {
+        Self {
+            delay_periods: 0,
+            gravity_by_arm: false,
+            effort_share: 1.0,
+            rate_share: 1.0,
+        }
+    }
+}
+
 /// What a camera says about the surface at the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisionInput {
@@ -135,7 +161,7 @@ pub struct TankBooks {
 /// One period's command and what it was made of.
 #[derive(Clone, Copy, Debug)]
 pub struct UnifiedOutput {
-    /// Motor torques, Nm, within the arm's limits and gravity included.
+    /// Torques to command, Nm, within what the interface takes; gravity is in them unless the arm adds it.
     pub torque: Joints<JOINTS>,
     /// The part of them that depends on the joints' positions alone, Nm: against gravity, and the springs before the joints' ends.
     pub held_torque: Joints<JOINTS>,

@@ -14,6 +14,9 @@ pub(super) type Jacobian = SMatrix<f64, 6, JOINTS>;
 
 /// Keeps the tool's inertia finite at a singularity, 1/kg.
 const SINGULAR: f64 = 1e-6;
+/// Most that a damper may take of a motion in the time that it is late: at π/2 a lone mass would swing for ever, and an arm is more
+/// than one.
+const DELAYED_DAMPING: f64 = 0.8;
 /// Damping of the joint velocities that a reference stands for.
 const VELOCITY_DAMPING: f64 = 1e-5;
 
@@ -156,8 +159,9 @@ pub(super) struct Impedance {
 
 impl Impedance {
     /// `pressing`: the published K_max; otherwise translations are held alike in all directions. Damping follows the whole stiffness, not
-    /// the shaped one: a limp arm must not be a loose one.
-    pub fn new(config: &ImpedanceConfig, now: &ArmNow, pressing: bool) -> Self {
+    /// the shaped one: a limp arm must not be a loose one. A damper that answers `delay_s` late shakes what it is to calm when it is too
+    /// strong for it: none is.
+    pub fn new(config: &ImpedanceConfig, now: &ArmNow, pressing: bool, delay_s: f64) -> Self {
         let inertia = now.inertia();
         let stiffness = Vector6::from_fn(|i, _| match (i, pressing) {
             (0..=2, true) => config.stiffness_n_per_m[i],
@@ -169,6 +173,9 @@ impl Impedance {
         });
         if pressing {
             damping[2] += config.normal_damping_n_s_per_m;
+        }
+        for i in 0..6 {
+            damping[i] = damping[i].min(DELAYED_DAMPING * inertia[i] / delay_s);
         }
         Self { stiffness, damping }
     }
@@ -277,7 +284,7 @@ mod tests {
         fn the_dampers_never_give_power(dq in prop::array::uniform7(-0.3f64..0.3), qd in prop::array::uniform7(-1.0f64..1.0)) {
             let arm = panda();
             let now = now(&arm, dq, qd);
-            let d = Impedance::new(&ImpedanceConfig::default(), &now, true).damping;
+            let d = Impedance::new(&ImpedanceConfig::default(), &now, true, 2.5e-3).damping;
             let twist = now.in_tool(&stacked(&now.linear, &now.angular));
             let torque = now.jacobian.tr_mul(&now.in_base(&-d.component_mul(&twist)));
             prop_assert!(torque.dot(&now.qd) <= 1e-12);

@@ -17,4 +17,6 @@ pub use config::{
     PostureConfig, ShapingConfig, TactileTouchConfig, TankConfig, UnifiedForceImpedanceConfig,
 };
 pub use controller::UnifiedForceImpedance;
-pub use interface::{BendChange, JOINTS, TankBooks, UnifiedInput, UnifiedOutput, VisionInput};
+pub use interface::{
+    BendChange, JOINTS, TankBooks, TorqueInterface, UnifiedInput, UnifiedOutput, VisionInput,
+};

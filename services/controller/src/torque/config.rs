@@ -2,12 +2,14 @@
 
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
-use tangent_control::{ControlError, HybridDynamicsConfig, Limits, UnifiedForceImpedanceConfig};
+use tangent_control::{
+    ControlError, HybridDynamicsConfig, Limits, TorqueInterface, UnifiedForceImpedanceConfig,
+};
 use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_mechanics::{Arm, Flange, ModelData, Payload, Pose, Sensor, Tool};
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::{Law, RobotDriver};
+use tangent_runtime::config::{FRANKA_TORQUE_RATE_SHARE, Law, RobotDriver};
 
 use crate::ControllerError;
 use crate::config::limits;
@@ -91,8 +93,8 @@ pub struct UnifiedConfig {
     pub preset: String,
     /// Parameters that differ from the preset.
     pub settings: toml::Table,
-    /// The arm adds the torques against gravity itself, as a Franka does.
-    pub gravity_by_arm: bool,
+    /// What takes the torques.
+    pub interface: TorqueInterface,
 }
 
 impl UnifiedConfig {
@@ -108,7 +110,7 @@ impl UnifiedConfig {
             limits,
             preset: own.preset.clone(),
             settings: own.settings.clone(),
-            gravity_by_arm: cell.robot.driver == RobotDriver::Franka,
+            interface: interface(cell),
         })
     }
 
@@ -118,6 +120,20 @@ impl UnifiedConfig {
     /// An unknown preset or parameter.
     pub fn law(&self, preset: Option<&str>) -> Result<UnifiedForceImpedanceConfig, ControlError> {
         UnifiedForceImpedanceConfig::preset_with(preset.unwrap_or(&self.preset), &self.settings)
+    }
+}
+
+/// What the arm's bridge lets through of the law's torques, and when it acts.
+fn interface(cell: &CellConfig) -> TorqueInterface {
+    if cell.robot.driver != RobotDriver::Franka {
+        return TorqueInterface::default();
+    }
+    let franka = cell.robot.franka();
+    TorqueInterface {
+        delay_periods: franka.delay_periods,
+        gravity_by_arm: true,
+        effort_share: franka.torque_share,
+        rate_share: FRANKA_TORQUE_RATE_SHARE,
     }
 }
 

@@ -3,6 +3,7 @@
 //! It is what [`crate::run`] is for arms that take velocities, with the same topics and queries; the law and what it reads
 //! besides the wrench come with each task as a [`TorqueProgram`].
 
+mod choice;
 mod config;
 mod cycle;
 mod object_readers;

@@ -10,10 +10,10 @@ use tangent_runtime::Latest;
 use tangent_schemas::tangent::{ArmState, ObjectEstimate as Message};
 use tangent_sensing::Validity;
 
+use super::choice::{Choice, Judged, judge};
 use crate::age::CycleAge;
 
 struct Reader {
-    name: EstimatorName,
     newest: Latest<Message>,
     age: CycleAge,
     /// As read this cycle, with its age, s.
@@ -25,10 +25,7 @@ pub struct ObjectReaders {
     readers: ArrayVec<Reader, MAX_ESTIMATORS>,
     shape: ObjectShape,
     patience_s: f64,
-    gate_rad: f64,
-    active: usize,
-    cause: SwitchCause,
-    switches: u32,
+    choice: Choice,
     /// Where the normals of two estimates are compared, base axes, m.
     tip: Vector3<f64>,
 }
@@ -42,23 +39,23 @@ impl ObjectReaders {
         patience_s: f64,
         gate_rad: f64,
     ) -> Self {
-        Self {
-            readers: readers
-                .into_iter()
-                .take(MAX_ESTIMATORS)
-                .map(|(name, newest)| Reader {
-                    name,
+        let (names, readers): (Vec<_>, Vec<_>) = readers
+            .into_iter()
+            .take(MAX_ESTIMATORS)
+            .map(|(name, newest)| {
+                let reader = Reader {
                     newest,
                     age: CycleAge::default(),
                     now: None,
-                })
-                .collect(),
+                };
+                (name, reader)
+            })
+            .unzip();
+        Self {
+            readers: readers.into_iter().collect(),
             shape,
             patience_s,
-            gate_rad,
-            active: 0,
-            cause: SwitchCause::Task,
-            switches: 0,
+            choice: Choice::new(names, gate_rad),
             tip: Vector3::zeros(),
         }
     }
@@ -74,13 +71,9 @@ impl ObjectReaders {
                 (estimate(message), age_s)
             });
         }
-        if let Err(reason) = self.judge(self.active)
-            && let Some(other) =
-                (0..self.readers.len()).find(|i| *i != self.active && self.judge(*i).is_ok())
-        {
-            self.switch(other, SwitchCause::FellBack(reason));
-        }
-        self.readers.get(self.active).and_then(|reader| reader.now)
+        let judged = self.judged();
+        let active = self.choice.fall_back(&judged);
+        self.readers.get(active).and_then(|reader| reader.now)
     }
 
     /// Takes another of the list.
@@ -88,62 +81,35 @@ impl ObjectReaders {
     /// # Errors
     /// Unknown, silent, invalid, or too far from the one in use.
     pub fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
-        let index = self
-            .readers
-            .iter()
-            .position(|reader| reader.name == *name)
-            .ok_or(SwitchRefusal::Unknown)?;
-        match self.judge(index) {
-            Err(Validity::Missing | Validity::Stale) => return Err(SwitchRefusal::Silent),
-            Err(validity) if !force => return Err(SwitchRefusal::Invalid(validity)),
-            _ => {}
-        }
-        if !force
-            && let (Some(a), Some(b)) = (self.normal(self.active), self.normal(index))
-            && a.angle(&b) > self.gate_rad
-        {
-            return Err(SwitchRefusal::Disagrees {
-                angle_rad: a.angle(&b),
-                allowed_rad: self.gate_rad,
-            });
-        }
-        if index != self.active {
-            self.switch(
-                index,
-                if force {
-                    SwitchCause::Forced
-                } else {
-                    SwitchCause::Asked
-                },
-            );
-        }
-        Ok(())
+        let judged = self.judged();
+        let used = self.normal(self.choice.active());
+        let normals: ArrayVec<_, MAX_ESTIMATORS> =
+            (0..self.readers.len()).map(|i| self.normal(i)).collect();
+        self.choice.select(name, force, &judged, |index| {
+            Some(used?.angle(normals.get(index)?.as_ref()?))
+        })
     }
 
     /// Name of the one in use, changes since the task started, and why this one.
     pub fn in_use(&self) -> (EstimatorName, u32, SwitchCause) {
-        let name = self.readers.get(self.active).map(|reader| reader.name);
-        (name.unwrap_or_default(), self.switches, self.cause)
+        self.choice.in_use()
     }
 
-    fn switch(&mut self, index: usize, cause: SwitchCause) {
-        self.active = index;
-        self.cause = cause;
-        self.switches += 1;
-    }
-
-    fn judge(&self, index: usize) -> Result<(), Validity> {
-        match self.readers.get(index).and_then(|reader| reader.now) {
-            None => Err(Validity::Missing),
-            Some((_, age_s)) if age_s > self.patience_s => Err(Validity::Stale),
-            Some((estimate, _)) if !estimate.validity.is_valid() => Err(estimate.validity),
-            Some(_) => Ok(()),
-        }
+    fn judged(&self) -> Judged {
+        let said = |reader: &Reader| {
+            reader
+                .now
+                .map(|(estimate, age_s)| (estimate.validity, age_s))
+        };
+        self.readers
+            .iter()
+            .map(|reader| judge(said(reader), self.patience_s))
+            .collect()
     }
 
     fn normal(&self, index: usize) -> Option<Vector3<f64>> {
-        self.judge(index).ok()?;
-        let (estimate, _) = self.readers.get(index)?.now?;
+        let (estimate, age_s) = self.readers.get(index)?.now?;
+        judge(Some((estimate.validity, age_s)), self.patience_s).ok()?;
         let pose = &estimate.base_from_object;
         let tip = pose.inverse().transform_point(&self.tip);
         Some(pose.rotate(&self.shape.normal(&tip)))
@@ -282,7 +248,7 @@ mod tests {
         bench.next();
         bench.arm.cycle += 20_000;
         bench.next();
-        assert_eq!(bench.readers.judge(0), Err(Validity::Stale));
+        assert_eq!(bench.readers.judged()[0], Err(Validity::Stale));
         let mut nonsense = Message::default();
         nonsense.pose.position.x = f64::NAN;
         assert_eq!(estimate(&nonsense).validity, Validity::NotFinite);

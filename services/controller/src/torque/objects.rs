@@ -9,15 +9,13 @@ use tangent_schemas::convert::{cut_format, joint_array, joints};
 use tangent_schemas::tangent::ControlState;
 use tangent_schemas::topics;
 
+use super::choice::SWITCH_GATE_RAD;
 use super::config::ObjectsConfig;
 use super::cycle::Boxed;
 use super::object_readers::ObjectReaders;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use crate::desk::{Kind, one_speaks};
 use crate::mailbox::Mailbox;
-
-/// Normals of two estimators that differ by more are not switched between without force, rad.
-const SWITCH_GATE_RAD: f64 = 0.2;
 
 /// Makes tasks ready. In the desk.
 pub struct Objects {

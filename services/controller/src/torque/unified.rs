@@ -3,11 +3,10 @@
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
 use tangent_control::{
-    BendChange, ControlError, EstimatorName, MAX_ESTIMATORS, Phase, SwitchCause, SwitchRefusal,
+    BendChange, ControlError, EstimateInput, EstimatorName, MAX_ESTIMATORS, Phase, SwitchRefusal,
     Task, UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput,
 };
 use tangent_estimation::depth_normal::DEPTH_NORMAL;
-use tangent_mechanics::Arm;
 use tangent_runtime::{Bus, BusError, Latest};
 use tangent_schemas::convert::{cut_format, joint_array, joints};
 use tangent_schemas::tangent::{
@@ -16,15 +15,13 @@ use tangent_schemas::tangent::{
 use tangent_schemas::topics;
 use tangent_sensing::Validity;
 
+use super::choice::{Choice, Judged, SWITCH_GATE_RAD, judge};
 use super::config::UnifiedConfig;
 use super::cycle::Boxed;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use crate::desk::{Kind, one_speaks};
 use crate::inputs::{EstimateReader, normal_estimate, read_estimate};
 use crate::mailbox::Mailbox;
-
-/// Periods between a packet of the arm and the torque that answers it: the arm waits for the answer.
-const DELAY_PERIODS: usize = 0;
 
 /// Makes tasks ready. In the desk.
 pub struct Unified {
@@ -45,16 +42,21 @@ impl Unified {
         let words = |e: ControlError| e.to_string();
         let task: Task = text.parse().map_err(words)?;
         let law = self.config.law(task.controller.as_deref()).map_err(words)?;
-        let mut readers = ArrayVec::new();
+        let (mut names, mut readers) = (Vec::new(), ArrayVec::new());
         for name in task.estimators.iter().take(MAX_ESTIMATORS) {
             let short = EstimatorName::from(name)
                 .map_err(|_| format!("estimators: \"{name}\" is longer than 64 bytes"))?;
             let newest = self.bus.latest(&topics::estimate_normal(name));
+            names.push(short);
             readers.push(EstimateReader::new(
                 short,
                 newest.map_err(|e| e.to_string())?,
             ));
         }
+        let gate_rad = task
+            .switching
+            .disagreement_max_rad
+            .unwrap_or(SWITCH_GATE_RAD);
         let bus = |e: BusError| e.to_string();
         let frames = self.bus.latest(&topics::estimate_normal(DEPTH_NORMAL));
         let segments = self.bus.latest(&topics::estimate_segment(DEPTH_NORMAL));
@@ -65,18 +67,17 @@ impl Unified {
             maps: maps.map_err(bus)?,
             seen: None,
             readers,
-            active: 0,
-            cause: SwitchCause::Task,
-            switches: 0,
+            newest: ArrayVec::new(),
+            choice: Choice::new(names, gate_rad),
+            normal: None,
             patience_s: law.patience.estimate_s,
-            weighed: self.config.gravity_by_arm.then_some(self.config.arm),
             law: UnifiedForceImpedance::new(
                 self.config.arm,
                 self.config.flange_from_tool,
                 self.config.limits,
                 &law,
                 &task,
-                DELAY_PERIODS,
+                self.config.interface,
             )
             .map_err(words)?,
         })
@@ -113,15 +114,23 @@ struct UnifiedProgram {
     /// The newest frame, on the loop's clock.
     seen: Option<VisionInput>,
     readers: ArrayVec<EstimateReader, MAX_ESTIMATORS>,
-    active: usize,
-    cause: SwitchCause,
-    switches: u32,
+    /// As read in this cycle.
+    newest: ArrayVec<Option<EstimateInput>, MAX_ESTIMATORS>,
+    choice: Choice,
+    /// In use in the cycle before, base axes.
+    normal: Option<Vector3<f64>>,
     patience_s: f64,
-    /// The arm's model, where the arm adds what holds it against gravity itself.
-    weighed: Option<Arm<7>>,
 }
 
 impl UnifiedProgram {
+    fn judged(&self) -> Judged {
+        let said = |e: &Option<EstimateInput>| e.map(|e| (e.estimate.validity, e.age_s));
+        self.newest
+            .iter()
+            .map(|e| judge(said(e), self.patience_s))
+            .collect()
+    }
+
     /// The newest frame. It is about a moment ago, which its arm state tells; the law places it there, and sees when it grows old.
     fn look(&mut self, input: &TorqueInput<'_>) -> Option<VisionInput> {
         if let Some(new) = self.frames.take_new() {
@@ -159,31 +168,30 @@ impl TorqueProgram for UnifiedProgram {
     }
 
     fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer> {
-        // Silence of the one in use takes the next that speaks; what each says of itself, the law judges.
-        let newest: ArrayVec<_, MAX_ESTIMATORS> = self
+        self.newest = self
             .readers
             .iter_mut()
             .map(|reader| read_estimate(reader, input.arm))
             .collect();
-        let speaks = |i: usize| {
-            let estimate = newest.get(i).copied().flatten();
-            estimate.filter(|e| e.age_s <= self.patience_s)
-        };
-        if speaks(self.active).is_none()
-            && let Some(other) = (0..newest.len()).find(|i| speaks(*i).is_some())
-        {
-            self.active = other;
-            self.cause = SwitchCause::FellBack(Validity::Stale);
-            self.switches += 1;
+        let mut judged = self.judged();
+        if self.law.phase() != Phase::Slide {
+            // Nobody feels a surface that is not slid on: only silence counts.
+            for said in &mut judged {
+                *said = said.or_else(|why| match why {
+                    Validity::Missing | Validity::Stale => Err(why),
+                    _ => Ok(()),
+                });
+            }
         }
-        let touch = speaks(self.active);
+        let active = self.choice.fall_back(&judged);
+        let touch = self.newest.get(active).copied().flatten();
+        let touch = touch.filter(|e| e.age_s <= self.patience_s);
         let wrench = &input.wrench;
         let vision = self.look(input);
-        let q = joints(&input.arm.q).ok()?;
         let output = self.law.step(&UnifiedInput {
             time_s: input.time_s,
             dt_s: input.arm.period_s,
-            q,
+            q: joints(&input.arm.q).ok()?,
             qd: joints(&input.arm.qd).ok()?,
             arm_ready: input.arm_ready,
             wrench: wrench.wrench,
@@ -193,14 +201,11 @@ impl TorqueProgram for UnifiedProgram {
             touch: touch.map(|t| t.estimate),
             touch_age_s: touch.map_or(f64::INFINITY, |t| t.age_s),
         });
-        let torque = match &self.weighed {
-            Some(arm) => output.torque - arm.gravity(&q),
-            None => output.torque,
-        };
-        let (what, why) = self.cause.text();
-        let name = self.readers.get(self.active).map(|reader| reader.name);
+        self.normal = Some(output.normal);
+        let (name, switches, cause) = self.choice.in_use();
+        let (what, why) = cause.text();
         Some(TorqueAnswer {
-            torque: joint_array(&torque),
+            torque: joint_array(&output.torque),
             state: state(&output, input, touch.map(|t| t.age_s)),
             shaping: Some(ShapingState {
                 monitor: output.monitor,
@@ -213,11 +218,7 @@ impl TorqueProgram for UnifiedProgram {
             fault: output.fault,
             // The law takes the zero itself, at rest before it moves.
             tare_requested: false,
-            estimator: (
-                name.unwrap_or_default(),
-                self.switches,
-                cut_format(format_args!("{what}{why}")),
-            ),
+            estimator: (name, switches, cut_format(format_args!("{what}{why}"))),
         })
     }
 
@@ -229,19 +230,13 @@ impl TorqueProgram for UnifiedProgram {
         self.law.stop();
     }
 
-    fn select(&mut self, name: &EstimatorName, _force: bool) -> Result<(), SwitchRefusal> {
-        let index = self
-            .readers
-            .iter()
-            .position(|reader| reader.name == *name)
-            .ok_or(SwitchRefusal::Unknown)?;
-        if index != self.active {
-            // The law fuses what it is given by covariance and turns at a bounded rate: a newcomer that is wrong is gated there.
-            self.active = index;
-            self.cause = SwitchCause::Asked;
-            self.switches += 1;
-        }
-        Ok(())
+    fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
+        let judged = self.judged();
+        let (used, newest) = (self.normal, &self.newest);
+        self.choice.select(name, force, &judged, |index| {
+            let told = newest.get(index)?.as_ref()?;
+            Some(used?.angle(&told.estimate.normal))
+        })
     }
 
     fn set_force_reference(&mut self, force_n: f64) {

@@ -13,9 +13,10 @@ use tangent_sensing::BaseConfig;
 pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
-    CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig, FrankaConfig, Law,
-    LimitsConfig, PoseConfig, RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver,
-    SensorConfig, SensorMode, SimulatorConfig, TlsConfig, ToolConfig, WrenchSource, ZenohConfig,
+    CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
+    FRANKA_TORQUE_RATE_SHARE, FrankaConfig, Law, LimitsConfig, PoseConfig, RealtimeConfig,
+    RecorderConfig, RobotConfig, RobotDriver, SensorConfig, SensorMode, SimulatorConfig, TlsConfig,
+    ToolConfig, WrenchSource, ZenohConfig,
 };
 
 /// The cell file that ships: a simulated UR5 with a Gamma sensor on loopback.

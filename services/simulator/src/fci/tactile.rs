@@ -12,7 +12,7 @@ use tangent_simulation::{
 use super::depth_eye::Look;
 use super::plant::{ArmReading, TorquePlant};
 
-/// See the module. The robot's own interface makes the delay that the closed loop has in its plant.
+/// See the module.
 pub struct TactileArm {
     plant: TactilePlant,
     eye: Option<Eye>,
@@ -26,13 +26,17 @@ struct Eye {
 }
 
 impl TactileArm {
-    /// At rest where the scenario starts. The camera is not part of the arm: no frame is taken here.
+    /// At rest where the scenario starts; `delay_periods` pass before an answer acts, beyond the one that the interface itself takes. The camera is not part of the arm: no frame is taken here.
     ///
     /// # Errors
     /// A key out of its range, or a start that the arm cannot reach.
-    pub fn new(config: &TactilePlantConfig, seed: u64) -> Result<Self, PlantError> {
+    pub fn new(
+        config: &TactilePlantConfig,
+        delay_periods: usize,
+        seed: u64,
+    ) -> Result<Self, PlantError> {
         let mut config = config.clone();
-        config.arm.delay_periods = 0;
+        config.arm.delay_periods = delay_periods;
         config.camera.rate_hz = 0.0;
         config.normals_from = NormalSource::Features;
         Ok(Self {

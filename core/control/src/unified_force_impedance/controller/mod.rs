@@ -11,7 +11,7 @@ use tangent_sensing::{Validity, wrench_of_torques};
 use super::config::UnifiedForceImpedanceConfig;
 use super::energy::{DELAY_MAX, Tanks};
 use super::fused_normal::{FusedNormal, NormalInUse};
-use super::interface::{JOINTS, UnifiedInput, UnifiedOutput};
+use super::interface::{JOINTS, TorqueInterface, UnifiedInput, UnifiedOutput};
 use super::law::{ArmNow, ForceLoop, MotionReference, pose_error, stacked};
 use super::monitor::Monitor;
 use super::orientation::OrientationReference;
@@ -38,7 +38,7 @@ pub struct UnifiedForceImpedance {
     friction: JointFriction<JOINTS>,
     task: Task,
     path: Path,
-    delay_periods: usize,
+    interface: TorqueInterface,
     run: Run,
 }
 
@@ -132,8 +132,7 @@ struct Wanted {
 }
 
 impl UnifiedForceImpedance {
-    /// For an arm with what it carries, and a task. `delay_periods` lie between a measurement and the torque that answers it: the tanks
-    /// account for the torques in force.
+    /// For an arm with what it carries, what takes its torques, and a task.
     ///
     /// # Errors
     /// A parameter, limit or task out of its range.
@@ -143,12 +142,15 @@ impl UnifiedForceImpedance {
         limits: Limits,
         config: &UnifiedForceImpedanceConfig,
         task: &Task,
-        delay_periods: usize,
+        interface: TorqueInterface,
     ) -> Result<Self, ControlError> {
         limits.check()?;
         config.check()?;
         task.check()?;
-        check_range("delay_periods", delay_periods as f64, 0.0, DELAY_MAX as f64)?;
+        let delay = interface.delay_periods as f64;
+        check_range("delay_periods", delay, 0.0, DELAY_MAX as f64)?;
+        check_range("effort_share", interface.effort_share, 0.01, 1.0)?;
+        check_range("rate_share", interface.rate_share, 0.01, 1.0)?;
         let path = Path::new(
             &task.path,
             config.path.acceleration_m_per_s2,
@@ -167,7 +169,7 @@ impl UnifiedForceImpedance {
             config: config.clone(),
             task: task.clone(),
             path,
-            delay_periods,
+            interface,
         })
     }
 
@@ -230,7 +232,7 @@ impl UnifiedForceImpedance {
         self.run.phase_s += dt;
         self.run
             .tanks
-            .settle(&self.config.tanks, &input.q, self.delay_periods);
+            .settle(&self.config.tanks, &input.q, self.interface.delay_periods);
         let normal = self.run.fused.step(
             &self.config.fusion,
             input.time_s,

@@ -35,7 +35,9 @@ impl UnifiedForceImpedance {
         dt: f64,
     ) -> (Joints<JOINTS>, f64) {
         let config = &self.config;
-        let impedance = Impedance::new(&config.impedance, now, wanted.pressing);
+        // What is measured is as old as the loop is long, and half a period more on average.
+        let delay_s = (self.interface.delay_periods as f64 + 1.5) * dt;
+        let impedance = Impedance::new(&config.impedance, now, wanted.pressing, delay_s);
         let limp = wanted.pressing || self.run.phase == Phase::Tare;
         let rho = if limp { self.run.monitor.rho } else { 1.0 };
         let mut spring = -impedance.stiffness.component_mul(error);
@@ -154,13 +156,20 @@ impl UnifiedForceImpedance {
     /// Gravity and `parts` as the motors can give them. What they cannot is taken from all parts alike; what their rate cannot goes to
     /// the motion tank's account, so that the books hold the torques in force.
     fn within_limits(&mut self, mut parts: TorqueParts, now: &ArmNow, dt: f64) -> Joints<JOINTS> {
-        let limits = self.model.limits();
-        let held = now.gravity + before_the_ends(&self.model, self.limits.joint_margin_rad, &now.q);
-        let (possible, weak) = bounded_torque(limits, &held, &parts.sum());
+        let interface = &self.interface;
+        let mut limits = *self.model.limits();
+        limits.effort = limits.effort.map(|effort| effort * interface.effort_share);
+        let ends = before_the_ends(&self.model, self.limits.joint_margin_rad, &now.q);
+        let held = if interface.gravity_by_arm {
+            ends
+        } else {
+            now.gravity + ends
+        };
+        let (possible, weak) = bounded_torque(&limits, &held, &parts.sum());
         let before = self.run.torque.unwrap_or(held);
         let torque = match limits.effort_rate {
             Some(rate) => Joints::from_fn(|i, _| {
-                let step = rate[i] * dt * RATE_SHARE;
+                let step = rate[i] * dt * interface.rate_share * RATE_SHARE;
                 before[i] + (possible[i] - before[i]).max(-step).min(step)
             }),
             None => possible,

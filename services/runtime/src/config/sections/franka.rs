@@ -7,6 +7,11 @@ use super::check_port;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
+/// Share of the robot's own bound on a torque's rate that the bridge lets through.
+pub const FRANKA_TORQUE_RATE_SHARE: f64 = 0.9;
+/// Longest delay of an answer that the law accounts for, periods.
+const DELAY_PERIODS_MAX: usize = 8;
+
 /// `[robot.franka]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -27,6 +32,8 @@ pub struct FrankaConfig {
     pub tool_inertia_kg_m2: [f64; 3],
     /// Share of a joint's greatest torque that a command may ask for.
     pub torque_share: f64,
+    /// Periods of 1 ms that pass before the answer to a state acts, beyond the one it is given in. The law's tanks and dampers go by it.
+    pub delay_periods: usize,
     /// Stiffness with which the bridge holds the arm in a torque motion while no command moves it, Nm/rad.
     pub hold_stiffness_nm_per_rad: [f64; 7],
     /// Damping of the same, Nm s/rad.
@@ -44,6 +51,7 @@ impl Default for FrankaConfig {
             joint_impedance_nm_per_rad: [3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0],
             tool_inertia_kg_m2: [0.001, 0.001, 0.001],
             torque_share: 0.8,
+            delay_periods: 0,
             hold_stiffness_nm_per_rad: [200.0, 200.0, 200.0, 200.0, 50.0, 30.0, 10.0],
             hold_damping_nm_s_per_rad: [20.0, 20.0, 20.0, 20.0, 4.0, 3.0, 1.0],
         }
@@ -132,6 +140,12 @@ impl FrankaConfig {
             self.torque_share,
             0.05..=1.0,
             "",
+        )?;
+        checker.require(
+            self.delay_periods <= DELAY_PERIODS_MAX,
+            "robot.franka.delay_periods",
+            self.delay_periods.to_string(),
+            "0 to 8",
         )
     }
 }

@@ -15,7 +15,7 @@ mod zenoh;
 
 pub use camera::{CameraConfig, CameraKind};
 pub use cell::CellSection;
-pub use franka::FrankaConfig;
+pub use franka::{FRANKA_TORQUE_RATE_SHARE, FrankaConfig};
 pub use limits::LimitsConfig;
 pub use pose::PoseConfig;
 pub use realtime::RealtimeConfig;
