@@ -141,7 +141,7 @@ fn the_wave_figures_hold() {
     ]);
     let value = json(&output);
     let rows = value["rows"].as_array().unwrap();
-    assert!(rows.len() >= 55, "{} rows", rows.len());
+    assert!(rows.len() >= 75, "{} rows", rows.len());
     for row in rows {
         let timed = row["metric"].as_str().unwrap().starts_with("law's step");
         assert!(timed || row["met"] != false, "{row}");

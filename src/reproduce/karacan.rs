@@ -1,12 +1,18 @@
 //! Karacan et al.: section IV over seeds, the time of the law's step, and the paper's figures 2 and 3.
 
+use std::collections::BTreeMap;
+use std::num::NonZero;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
 use std::time::Instant;
 
 use anyhow::{Result, anyhow};
+use indicatif::ProgressBar;
 use tangent_simulation::karacan::{Runs, System, figures, replay, step_inputs};
 use tangent_simulation::metrics::tactile::TactileSample;
-use tangent_simulation::{Calm, evaluate_tactile_with};
+use tangent_simulation::{Calm, Evaluation, evaluate_tactile_with};
 
 use super::page::FigurePage;
 use super::{Row, progress};
@@ -21,19 +27,12 @@ use crate::scenarios;
 /// # Errors
 /// When a scenario cannot be run.
 pub(super) fn rows(seeds: u64) -> Result<Vec<Row>> {
-    let total: u64 = System::ALL.iter().map(|s| s.seeds(seeds)).sum();
-    let bar = progress(total);
+    let bar = progress(System::ALL.len() as u64 * seeds);
     let mut all = Vec::new();
     for system in System::ALL {
         bar.set_message(system.name());
-        let mut runs = Vec::new();
-        for seed in 1..=system.seeds(seeds) {
-            let mut set = system.overrides();
-            set.push(format!("seed={seed}"));
-            runs.push(once(system.scenario(), &set)?);
-            bar.inc(1);
-        }
-        let step_us = if system == System::OursDepth {
+        let runs = over_seeds(system, seeds, &bar)?;
+        let step_us = if system.draws() {
             // The same law as without the images.
             None
         } else {
@@ -60,6 +59,35 @@ pub(super) fn rows(seeds: u64) -> Result<Vec<Row>> {
             met: figure.met,
         })
         .collect())
+}
+
+/// One run per seed, as many at a time as there are cores, in the order of the seeds.
+fn over_seeds(system: System, seeds: u64, bar: &ProgressBar) -> Result<Vec<Evaluation>> {
+    let next = AtomicU64::new(1);
+    let done = Mutex::new(BTreeMap::new());
+    let work = || {
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed > seeds {
+                return;
+            }
+            let mut set = system.overrides();
+            set.push(format!("seed={seed}"));
+            let run = once(system.scenario(), &set);
+            done.lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .insert(seed, run);
+            bar.inc(1);
+        }
+    };
+    let cores = thread::available_parallelism().map_or(1, NonZero::get);
+    thread::scope(|scope| {
+        for _ in 0..cores {
+            scope.spawn(work);
+        }
+    });
+    let done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.into_values().collect()
 }
 
 /// Median and 99th percentile of a step of the law over a whole run, µs.

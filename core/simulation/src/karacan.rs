@@ -18,34 +18,38 @@ pub enum System {
     Paper,
     /// Ours.
     Ours,
+    /// The published law, with the camera's images drawn and read.
+    PaperDepth,
     /// Ours, with the camera's images drawn and read.
     OursDepth,
 }
 
 impl System {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Paper, Self::Ours, Self::OursDepth];
+    pub const ALL: [Self; 4] = [Self::Paper, Self::Ours, Self::PaperDepth, Self::OursDepth];
 
     /// In words.
     pub fn name(self) -> &'static str {
         match self {
             Self::Paper => "preset paper",
             Self::Ours => "preset default",
+            Self::PaperDepth => "preset paper, depth images drawn and read",
             Self::OursDepth => "preset default, depth images drawn and read",
         }
     }
 
     /// Which scenario.
     pub fn scenario(self) -> &'static str {
-        match self {
-            Self::OursDepth => DEPTH_SCENARIO,
-            _ => SCENARIO,
+        if self.draws() {
+            DEPTH_SCENARIO
+        } else {
+            SCENARIO
         }
     }
 
     /// Overrides of it.
     pub fn overrides(self) -> Vec<String> {
-        let preset = if self == Self::Paper {
+        let preset = if self.is_published() {
             "paper"
         } else {
             "default"
@@ -53,12 +57,14 @@ impl System {
         vec![format!("controller=\"{preset}\"")]
     }
 
-    /// Seeds of `seeds` that are run: drawing images takes as long as the run lasts.
-    pub fn seeds(self, seeds: u64) -> u64 {
-        match self {
-            Self::OursDepth => seeds.min(2),
-            _ => seeds,
-        }
+    /// The camera's images are drawn and read: that takes about as long as the run lasts.
+    pub fn draws(self) -> bool {
+        matches!(self, Self::PaperDepth | Self::OursDepth)
+    }
+
+    /// Table I.
+    pub fn is_published(self) -> bool {
+        matches!(self, Self::Paper | Self::PaperDepth)
     }
 }
 
@@ -229,11 +235,7 @@ pub fn figures(runs: &[Runs]) -> Vec<KaracanFigure> {
             figure(row, metric, unit, published, goal, values.as_deref(), every)
         };
         for (metric, unit, published, paper, ours, pick) in LINES {
-            let goal = if *system == System::Paper {
-                paper
-            } else {
-                ours
-            };
+            let goal = if system.is_published() { paper } else { ours };
             let values = picked(runs, pick);
             table.push(add(
                 metric,
