@@ -175,8 +175,8 @@ fn print_tactile(e: &Evaluation, t: &TactileFigures) {
         println!(
             "  {:<26} motion {:.2} to {:.2} J, force {:.2} to {:.2} J, short of {:.1e} J",
             "tanks",
-            tanks.motion_min_j,
-            tanks.motion_max_j,
+            tanks.motion_min_j.unwrap_or_default(),
+            tanks.motion_max_j.unwrap_or_default(),
             tanks.force_min_j,
             tanks.force_max_j,
             t.short_j.unwrap_or_default()

@@ -295,15 +295,14 @@ fn sample(
         } else {
             f64::INFINITY
         },
-        motion_tank_j: tank(control).map(|(motion, _)| motion),
-        force_tank_j: tank(control).map(|(_, force)| force),
+        motion_tank_j: tank(control.motion_tank_j),
+        force_tank_j: tank(control.force_tank_j),
     }
 }
 
-/// Laws without tanks publish zeros.
-fn tank(control: &ControlState) -> Option<(f64, f64)> {
-    let tanks = (control.motion_tank_j, control.force_tank_j);
-    (tanks != (0.0, 0.0)).then_some(tanks)
+/// A law without this tank publishes zero.
+fn tank(energy_j: f64) -> Option<f64> {
+    (energy_j != 0.0).then_some(energy_j)
 }
 
 impl Report {

@@ -1,7 +1,8 @@
 //! An energy tank: a store that active control draws from and dissipation fills, so that what it feeds stays passive. Karacan et al.,
 //! eqs. (38)-(45) and (57)-(63).
 //!
-//! Held by `unified_force_impedance`, one for motion and one for force, and by the power guard of the velocity-controlled arm.
+//! Held by `unified_force_impedance`, one for motion and one for force, and by the force law of the velocity-controlled arm, where
+//! `force.tank` is set.
 
 use serde::{Deserialize, Serialize};
 

@@ -51,8 +51,10 @@ pub struct ForceLaw {
     /// Depth along the normal, summed up from steps: the normal may turn meanwhile, and the origin is far away.
     depth_m: f64,
     position: Option<Vector3<f64>>,
-    /// What may still be put into the surface, where the configuration bounds it, and where the tool was when it was settled last.
-    tank: Option<(EnergyTankState, Vector3<f64>)>,
+    /// What may still be put into the surface, where the configuration bounds it.
+    tank: Option<EnergyTankState>,
+    /// Where the tool was when that was settled last: none after a time in which the law did not press.
+    settled_at: Option<Vector3<f64>>,
 }
 
 impl ForceLaw {
@@ -69,22 +71,24 @@ impl ForceLaw {
             depth_m: 0.0,
             position: None,
             tank: None,
+            settled_at: None,
         }
     }
 
     /// Energy that may still be put into the surface, J; none where nothing bounds it.
     pub fn tank_j(&self) -> Option<f64> {
-        self.tank.map(|(tank, _)| tank.energy_j())
+        self.tank.map(|tank| tank.energy_j())
     }
 
     /// Settles the work that the tool did on the surface since the last cycle, by its measured way, and returns the share of an inward
     /// speed that the tank allows now.
     fn allowed(&mut self, tank: &EnergyTank, sample: &ForceSample, force_n: f64) -> f64 {
         let at = sample.base_from_tool.translation();
-        let (mut state, before) = self.tank.unwrap_or((tank.start(), at));
+        let mut state = self.tank.unwrap_or_else(|| tank.start());
+        let before = self.settled_at.replace(at).unwrap_or(at);
         let inward_m = (before - at).dot(&sample.normal);
         tank.draw(&mut state, force_n.max(0.0) * inward_m);
-        self.tank = Some((state, at));
+        self.tank = Some(state);
         tank.valve(&state)
     }
 
@@ -96,6 +100,7 @@ impl ForceLaw {
         self.integral.reset();
         self.stiffness.restart();
         self.position = None;
+        self.settled_at = None;
         self.reference_n = force_n;
         // What is already on its way arrives first; the law then starts from what is there.
         let delay_s = if config.force.adaptive {
@@ -125,6 +130,7 @@ impl ForceLaw {
     /// Gathered velocity is given up: the tool stands still for another reason.
     pub fn rest(&mut self) {
         self.state = AdmittanceState::default();
+        self.settled_at = None;
     }
 
     /// One cycle towards `reference_n`. Returns the velocity along the normal (out of the material, m/s) and the turn
@@ -385,6 +391,12 @@ mod tests {
         sample.base_from_tool = Pose::new(Vector3::zeros(), sample.base_from_tool.rotation());
         law.step(&config, &Limits::default(), 10.0, &sample);
         assert!((law.tank_j().unwrap() - tank.initial_j).abs() < 1e-9);
+        // A way that somebody else moved it is not the surface's doing.
+        law.touch(&config, 2.0, 0.0);
+        sample.base_from_tool = Pose::new(Vector3::z() * 0.05, sample.base_from_tool.rotation());
+        let before = law.tank_j().unwrap();
+        law.step(&config, &Limits::default(), 10.0, &sample);
+        assert_eq!(law.tank_j().unwrap(), before);
     }
 
     proptest! {

@@ -89,7 +89,12 @@ fn run() -> Result<(), Box<dyn Error>> {
             or(f.peak_n),
             mm(p.mad_xyz_m),
             mm(p.rmse_xyz_m),
-            tanks.map(|t| [t.motion_min_j, t.motion_max_j, t.force_min_j, t.force_max_j]),
+            tanks.map(|t| [
+                or(t.motion_min_j),
+                or(t.motion_max_j),
+                t.force_min_j,
+                t.force_max_j,
+            ]),
             e.figures.tool_error_deg.map_or(f64::NAN, |s| s.mean),
             e.figures.normal_error_deg.map_or(f64::NAN, |s| s.mean),
             or(t.rho_align_min),

@@ -381,7 +381,7 @@ impl ClosedLoop {
             joint_speed_rad_per_s: arm.qd.amax(),
             manipulability: manipulability(&jacobian),
             motion_tank_j: None,
-            force_tank_j: None,
+            force_tank_j: self.output.force_tank_j,
         }
     }
 

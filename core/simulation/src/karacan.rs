@@ -165,14 +165,14 @@ const HELD: [(&str, &str, Option<f64>, Goal, Pick); 6] = [
         "J",
         Some(32.0),
         Goal::AtMost(32.0),
-        |e| Some(e.figures.tanks?.motion_max_j),
+        |e| e.figures.tanks?.motion_max_j,
     ),
     (
         "motion tank, least",
         "J",
         Some(1.0),
         Goal::AtLeast(1.0),
-        |e| Some(e.figures.tanks?.motion_min_j),
+        |e| e.figures.tanks?.motion_min_j,
     ),
     ("force tank, most", "J", Some(2.0), Goal::AtMost(2.0), |e| {
         Some(e.figures.tanks?.force_max_j)

@@ -223,3 +223,40 @@ fn a_bad_file_is_refused_with_its_line() {
     assert!(missing.contains("duration_s"), "{missing}");
     assert!(error("[[[").contains("x.toml"));
 }
+
+/// A velocity-controlled arm has a tank for what it puts into the surface, where it is given one.
+#[test]
+fn a_force_tank_that_lasts_changes_nothing_and_one_that_does_not_stops_the_pushing() {
+    let tank = |initial_j: f64| {
+        [
+            format!("control.force.tank.initial_j={initial_j}"),
+            "control.force.tank.lower_j=0.001".to_owned(),
+            "control.force.tank.upper_j=2.0".to_owned(),
+            "control.force.tank.band_j=0.002".to_owned(),
+            "control.force.tank.reserve_j=0.0001".to_owned(),
+        ]
+    };
+    let with = |initial_j: f64| {
+        let set = tank(initial_j);
+        let set: Vec<&str> = set.iter().map(String::as_str).collect();
+        run("pipe_realistic", &set)
+    };
+    let (plain, full) = (run("pipe_realistic", &[]), with(1.0));
+    assert!(plain.figures.tanks.is_none());
+    assert_eq!((full.phase, full.fault), ("done", None));
+    assert_eq!(full.state_digest, plain.state_digest);
+    let tanks = full.figures.tanks.unwrap();
+    assert!(
+        tanks.force_min_j < 1.0 && tanks.force_min_j > 0.99,
+        "{tanks:?}"
+    );
+    // The soft pad alone takes more than this.
+    let empty = with(0.002);
+    let tanks = empty.figures.tanks.unwrap();
+    assert!(tanks.force_min_j >= 0.001, "{tanks:?}");
+    let (less, asked) = (empty.figures.force.mean_n, plain.figures.force.mean_n);
+    assert!(
+        less.is_none_or(|n| n < 0.8 * asked.unwrap()),
+        "{less:?} of {asked:?}"
+    );
+}

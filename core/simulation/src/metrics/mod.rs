@@ -191,12 +191,12 @@ pub struct JointFigures {
     pub manipulability_min: Option<f64>,
 }
 
-/// Energy in the tanks.
+/// Energy in the tanks, J. A velocity-controlled arm has one for force alone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)]
 pub struct TankFigures {
-    pub motion_min_j: f64,
-    pub motion_max_j: f64,
+    pub motion_min_j: Option<f64>,
+    pub motion_max_j: Option<f64>,
     pub force_min_j: f64,
     pub force_max_j: f64,
 }
@@ -445,11 +445,11 @@ fn tanks(samples: &[CycleSample]) -> Option<TankFigures> {
             values.iter().copied().reduce(f64::max)?,
         ))
     };
-    let (motion_min_j, motion_max_j) = bounds(&|s| s.motion_tank_j)?;
+    let motion = bounds(&|s| s.motion_tank_j);
     let (force_min_j, force_max_j) = bounds(&|s| s.force_tank_j)?;
     Some(TankFigures {
-        motion_min_j,
-        motion_max_j,
+        motion_min_j: motion.map(|(least, _)| least),
+        motion_max_j: motion.map(|(_, most)| most),
         force_min_j,
         force_max_j,
     })
