@@ -1,4 +1,4 @@
-//! The way out of the process: each publisher's queue, and the one thread that empties them all.
+//! The way out of the process: each publisher's queue, and the two threads that empty them: one for images, one for everything else.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -58,7 +58,7 @@ impl<M: Message> Outlet<M> {
             queue: ArrayQueue::new(capacity::<M>(delivery)),
             remote,
             registry,
-            dropped: Arc::clone(&pump.shared.dropped),
+            dropped: Arc::clone(&pump.dropped),
             closed: AtomicBool::new(false),
         }
     }
@@ -145,26 +145,75 @@ struct Shared {
     outlets: Mutex<Vec<Arc<dyn AnyOutlet>>>,
     generation: AtomicU64,
     stopping: AtomicBool,
-    dropped: Arc<AtomicU64>,
 }
 
-/// The publishing thread.
+/// The publishing threads. Images have their own: Zenoh lets the pieces of one wait for the wire, and nothing else may wait for them.
 pub(crate) struct Pump {
+    dropped: Arc<AtomicU64>,
+    messages: Lane,
+    images: Lane,
+}
+
+impl Pump {
+    /// `priority`: of SCHED_FIFO for the publishing threads, that of images one lower; `None` for normal scheduling.
+    pub(crate) fn start(priority: Option<u8>) -> Self {
+        let behind = priority.map(|priority| priority.saturating_sub(1).max(1));
+        Self {
+            dropped: Arc::default(),
+            messages: Lane::start("bus-publish", "bus publishing", priority),
+            images: Lane::start("bus-images", "bus publishing images", behind),
+        }
+    }
+
+    fn lane(&self, delivery: Delivery) -> &Lane {
+        match delivery {
+            Delivery::Bulk => &self.images,
+            Delivery::RealTime | Delivery::Stream | Delivery::Background => &self.messages,
+        }
+    }
+
+    pub(crate) fn add(&self, outlet: Arc<dyn AnyOutlet>) {
+        let shared = &self.lane(outlet.delivery()).shared;
+        let mut outlets = lock(&shared.outlets);
+        outlets.push(outlet);
+        outlets.sort_by_key(|outlet| outlet.delivery());
+        shared.generation.fetch_add(1, Ordering::Release);
+    }
+
+    /// The thread that sends what goes out so.
+    pub(crate) fn thread(&self, delivery: Delivery) -> Option<Thread> {
+        self.lane(delivery).thread.clone()
+    }
+
+    pub(crate) fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+
+    /// Sends what waits and ends the threads.
+    pub(crate) fn stop(&self) {
+        for lane in [&self.messages, &self.images] {
+            lane.stop();
+        }
+    }
+}
+
+/// One publishing thread.
+struct Lane {
     shared: Arc<Shared>,
     thread: Option<Thread>,
     join: Mutex<Option<JoinHandle<()>>>,
 }
 
-impl Pump {
-    /// `priority`: of SCHED_FIFO for the publishing thread; `None` for normal scheduling.
-    pub(crate) fn start(priority: Option<u8>) -> Self {
+impl Lane {
+    /// `role` names the thread in what is said of its scheduling.
+    fn start(name: &str, role: &'static str, priority: Option<u8>) -> Self {
         let shared = Arc::new(Shared::default());
         let pumped = Arc::clone(&shared);
         let spawned = std::thread::Builder::new()
-            .name("bus-publish".into())
+            .name(name.into())
             .spawn(move || {
                 if let Some(priority) = priority {
-                    setup_thread("bus publishing", priority);
+                    setup_thread(role, priority);
                 }
                 pump(&pumped);
             });
@@ -175,7 +224,7 @@ impl Pump {
                 join: Mutex::new(Some(join)),
             },
             Err(error) => {
-                tracing::error!("no publishing thread ({error}): nothing leaves this process");
+                tracing::error!("no thread {name} ({error}): nothing of its leaves this process");
                 Self {
                     shared,
                     thread: None,
@@ -185,23 +234,7 @@ impl Pump {
         }
     }
 
-    pub(crate) fn add(&self, outlet: Arc<dyn AnyOutlet>) {
-        let mut outlets = lock(&self.shared.outlets);
-        outlets.push(outlet);
-        outlets.sort_by_key(|outlet| outlet.delivery());
-        self.shared.generation.fetch_add(1, Ordering::Release);
-    }
-
-    pub(crate) fn thread(&self) -> Option<Thread> {
-        self.thread.clone()
-    }
-
-    pub(crate) fn dropped(&self) -> u64 {
-        self.shared.dropped.load(Ordering::Relaxed)
-    }
-
-    /// Sends what waits and ends the thread.
-    pub(crate) fn stop(&self) {
+    fn stop(&self) {
         self.shared.stopping.store(true, Ordering::Release);
         if let Some(thread) = &self.thread {
             thread.unpark();
@@ -211,7 +244,7 @@ impl Pump {
             && join.thread().id() != std::thread::current().id()
             && join.join().is_err()
         {
-            tracing::error!("the publishing thread panicked");
+            tracing::error!("a publishing thread panicked");
         }
     }
 }

@@ -57,7 +57,7 @@ impl<M: Message> Publisher<M> {
             sequence: Cell::new(0),
             id: new_publisher_id(),
             outlet,
-            pump: bus.pump.thread(),
+            pump: bus.pump.thread(topic.delivery()),
             _bus: Arc::clone(bus),
         })
     }

@@ -12,6 +12,16 @@ use crate::clock;
 use crate::config::{TlsConfig, ZenohConfig};
 use crate::security;
 
+/// What the router does with everything that takes more than half a packet, whoever sent it: a ROS 2 bridge sends images as it
+/// sends measurements, whose queue holds two packets, and a reliable one would have a slow reader's link closed.
+const IMAGES_BEHIND: &str = r#"[{
+    id: "images behind the measurements",
+    messages: ["put"],
+    flows: ["ingress"],
+    payload_size: "32768..1073741824",
+    overwrite: { priority: "data_low", congestion_control: "drop" },
+}]"#;
+
 /// The session's configuration: what was measured to matter for a control loop's neighbours, and nothing else.
 pub(crate) fn session_config(
     config: &ZenohConfig,
@@ -30,6 +40,10 @@ pub(crate) fn session_config(
     if let Some(tls) = &config.tls {
         secure(&mut zenoh_config, config, tls, role)?;
     }
+    // Rules of a file of one's own stand.
+    let has_rules = zenoh_config
+        .get_json("qos/network")
+        .is_ok_and(|rules| rules != "[]");
     let mut set = |key: &str, value: String| insert(&mut zenoh_config, key, value);
     if let Some(namespace) = namespace {
         set("namespace", to_json(namespace))?;
@@ -47,6 +61,9 @@ pub(crate) fn session_config(
             set("listen/endpoints", to_json(&config.listen))?;
             set("listen/exit_on_failure", "true".into())?;
             set("connect/endpoints", "[]".into())?;
+            if !has_rules {
+                set("qos/network", IMAGES_BEHIND.into())?;
+            }
         }
     }
     let fixed = [
@@ -61,12 +78,17 @@ pub(crate) fn session_config(
         ("timestamping/enabled", "false"),
         // With the default of 2, express messages were lost under CPU load.
         ("transport/link/tx/queue/size/real_time", "16"),
-        // Images go out in pieces of 64 KiB: with 2 of them, none would ever be whole. 16 hold one of 1 MB.
+        // Images go out in pieces of 64 KiB: with 2 of them, none would ever be whole. 16, the most there can be, hold 1 MB.
         ("transport/link/tx/queue/size/data_low", "16"),
-        // Dropping must not wait: the next message is newer.
+        // A message hardly waits before it is dropped, the next one is newer. The time doubles with each piece sent: the
+        // 17th of an image may wait until the deadline below, and a depth image of 1.6 MB has 25.
         (
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
-            "0",
+            "100",
+        ),
+        (
+            "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments",
+            "50000",
         ),
         // A stalled neighbour is cut off after half a second, not five.
         (
@@ -173,8 +195,10 @@ mod tests {
             assert_eq!(get("transport/link/tx/queue/size/real_time"), "16");
             assert_eq!(
                 get("transport/link/tx/queue/congestion_control/drop/wait_before_drop"),
-                "0"
+                "100"
             );
+            let rules = get("qos/network");
+            assert_eq!(rules.contains("data_low"), role == Role::Router, "{rules}");
         }
         let client = session_config(&config, Some("cell1"), Role::Client, None).unwrap();
         assert_eq!(client.get_json("connect/timeout_ms").unwrap(), "-1");
