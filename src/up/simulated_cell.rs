@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_mechanics::{Arm, ModelData};
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::{CameraConfig, CameraKind, Law, PoseConfig, WrenchSource};
+use tangent_runtime::config::{CameraConfig, CameraKind, Focal, Law, PoseConfig, WrenchSource};
 use tangent_simulation::{NormalSource, ObjectScenario, Scenario, TactileScenario};
 use toml::Table;
 
@@ -69,9 +69,10 @@ pub fn of_object(mut cell: CellConfig, scenario: &ObjectScenario, args: &Up) -> 
     let camera = &plant.camera;
     cell.camera = Some(CameraConfig {
         topic: tangent_schemas::topics::SIMULATED_IMAGE.key().to_owned(),
-        size_px: camera.image_px.map(|x| x as u32),
-        focal_px: camera.focal_px,
-        principal_px: camera.principal_px,
+        info_topic: None,
+        size_px: Some(camera.image_px.map(|x| x as u32)),
+        focal_px: Some(Focal::Square(camera.focal_px)),
+        principal_px: Some(camera.principal_px),
         pixel_m: camera.pixel_m,
         flange_from_camera: pose(&camera.flange_from_camera),
         pass_on_hz: 5.0,
@@ -163,9 +164,10 @@ fn see_depth(cell: &mut CellConfig, scenario: &TactileScenario) -> Result<()> {
         recording: None,
         recording_topic: None,
         kind: CameraKind::Depth,
-        size_px: camera.sent_px().map(|n| n as u32),
-        focal_px: intrinsics.fx_px,
-        principal_px: [intrinsics.cx_px, intrinsics.cy_px],
+        info_topic: None,
+        size_px: Some(camera.sent_px().map(|n| n as u32)),
+        focal_px: Some(Focal::Each([intrinsics.fx_px, intrinsics.fy_px])),
+        principal_px: Some([intrinsics.cx_px, intrinsics.cy_px]),
         pixel_m: 3e-6,
         flange_from_camera: pose(&camera.flange_from_camera),
         pass_on_hz: 2.0,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::CameraKind;
+use tangent_runtime::config::{Calibration, CameraKind};
 
 use crate::CameraError;
 
@@ -16,12 +16,10 @@ pub struct Config {
     pub recording: Option<(PathBuf, Option<String>)>,
     /// What the images show.
     pub kind: CameraKind,
-    /// Width and height of an image, pixels.
-    pub size_px: [u32; 2],
-    /// Focal length, pixels.
-    pub focal_px: f64,
-    /// Principal point, pixels.
-    pub principal_px: [f64; 2],
+    /// Key of the driver's calibration.
+    pub info_topic: Option<String>,
+    /// As the cell file has it; none: as the driver says.
+    pub calibration: Option<Calibration>,
     /// Images passed on for viewers, per second; 0: none.
     pub pass_on_hz: f64,
     /// SCHED_FIFO priority of the service's thread; `None` for normal scheduling.
@@ -42,9 +40,8 @@ impl Config {
                 .clone()
                 .map(|file| (file, camera.recording_topic.clone())),
             kind: camera.kind,
-            size_px: camera.size_px,
-            focal_px: camera.focal_px,
-            principal_px: camera.principal_px,
+            info_topic: camera.info_topic.clone(),
+            calibration: camera.calibration(),
             pass_on_hz: camera.pass_on_hz,
             realtime_priority: cell
                 .realtime

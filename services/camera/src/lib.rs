@@ -4,6 +4,7 @@
 //! Who drives the camera does not matter: the simulator, or a ROS 2 driver behind a bridge. It runs in a thread of its own, in
 //! any process; the newest image wins, and what was skipped, refused or found empty is counted.
 
+mod calibration;
 mod config;
 mod error;
 mod picture;
@@ -15,8 +16,8 @@ use std::time::{Duration, Instant};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::config::CameraKind;
 use tangent_runtime::{
-    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, RealtimeReport, Stop,
-    Subscription, realtime,
+    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Publisher, Rate, RealtimeReport,
+    Stop, Subscription, realtime,
 };
 use tangent_schemas::Text;
 use tangent_schemas::convert::cut_format;
@@ -25,6 +26,7 @@ use tangent_schemas::tangent::{Feature, FeatureArray};
 use tangent_schemas::topics::{self, Delivery, Topic};
 use tangent_sensing::TargetDetector;
 
+use calibration::Known;
 pub use config::Config;
 pub use error::CameraError;
 pub use picture::{PictureError, check_depth, grey};
@@ -89,6 +91,8 @@ fn start_player(
 struct Service {
     config: Config,
     images: Subscription<Image>,
+    driver_info: Option<Latest<CameraInfo>>,
+    known: Known,
     features: Publisher<FeatureArray>,
     info: Publisher<CameraInfo>,
     passed_on: Publisher<Image>,
@@ -121,6 +125,11 @@ impl Service {
         let driver: Topic<Image> = Topic::named(config.topic.clone(), Delivery::Bulk);
         Ok(Self {
             images: bus.subscribe(&driver, 4)?,
+            driver_info: match &config.info_topic {
+                Some(key) => Some(bus.latest(&Topic::named(key.clone(), Delivery::Background))?),
+                None => None,
+            },
+            known: Known::new(config.calibration),
             features: bus.publisher(&topics::CAMERA_FEATURES)?,
             info: bus.publisher(&topics::CAMERA_INFO)?,
             passed_on: bus.publisher(&topics::CAMERA_IMAGE)?,
@@ -148,23 +157,18 @@ impl Service {
 
     /// Says the calibration, so that whoever comes late has it too.
     fn announce(&mut self) {
+        if let Some(driver) = &mut self.driver_info
+            && let Some(info) = driver.take_new()
+        {
+            self.known.hear(&info.message);
+        }
         if self.announced.is_some_and(|at| at.elapsed() < INFO_EVERY) {
             return;
         }
         self.announced = Some(Instant::now());
-        let [width, height] = self.config.size_px;
-        let (f, [cx, cy]) = (self.config.focal_px, self.config.principal_px);
-        self.info.publish(&CameraInfo {
-            header: Header::new(now_ns(), "camera"),
-            height,
-            width,
-            distortion_model: "plumb_bob".to_owned(),
-            d: vec![0.0; 5],
-            k: [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0],
-            r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-            p: [f, 0.0, cx, 0.0, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
-            ..CameraInfo::default()
-        });
+        if let Some(info) = self.known.info(now_ns()) {
+            self.info.publish(&info);
+        }
     }
 
     /// One image: the newest that waits, or the next to come.
@@ -187,7 +191,11 @@ impl Service {
         self.meters.age.mark_at(newest.received);
         self.meters.lost.set(self.images.lost());
         match self.take(&newest.message) {
-            Ok(()) => self.say(None),
+            Ok(()) => {
+                let topic = self.config.info_topic.as_deref().unwrap_or_default();
+                let trouble = self.known.trouble(topic);
+                self.say(trouble.map(|words| cut_format(format_args!("{words}"))));
+            }
             Err(error) => {
                 self.meters.refused.set(self.meters.refused.get() + 1.0);
                 self.say(Some(cut_format(format_args!("image refused: {error}"))));
@@ -205,8 +213,13 @@ impl Service {
                 behind_s: (newest_ns - stamp_ns) as f64 * 1e-9,
             });
         }
+        let size_px = self
+            .known
+            .calibration()
+            .ok_or(PictureError::Uncalibrated)?
+            .size_px;
         if self.config.kind == CameraKind::Depth {
-            picture::check_depth(image, self.config.size_px)?;
+            picture::check_depth(image, size_px)?;
             self.newest_ns = Some(stamp_ns);
             self.depth.publish(image);
             self.meters
@@ -216,7 +229,7 @@ impl Service {
             return Ok(());
         }
         let begin = Instant::now();
-        let picture = grey(image, self.config.size_px)?;
+        let picture = grey(image, size_px)?;
         self.newest_ns = Some(stamp_ns);
         let found = self
             .detector

@@ -1,5 +1,6 @@
 //! From a `sensor_msgs/msg/Image` to grey values, or why not. Pure.
 
+use tangent_estimation::depth_normal::{DepthEncoding, DepthEncodingError, DepthLayout};
 use tangent_schemas::standard::Image;
 use tangent_sensing::GreyImage;
 
@@ -12,18 +13,18 @@ pub enum PictureError {
     /// Colours or depths that this service does not read.
     #[error("encoding \"{0}\" is not read; allowed: mono8, 8UC1, rgb8, bgr8")]
     Encoding(String),
-    /// Not depth.
-    #[error("encoding \"{0}\" is no depth; allowed: 16UC1 (mm) and 32FC1 (m)")]
-    DepthEncoding(String),
+    /// Not depth, or not as much of it as the header says.
+    #[error(transparent)]
+    Depth(#[from] DepthEncodingError),
     /// Another camera or another mode than the calibration is for.
-    #[error("{found:?} pixels, but camera.size_px is {stated:?}")]
+    #[error("{found:?} pixels, but camera.size_px (or the driver's calibration) is {stated:?}")]
     Size {
         /// Of the image.
         found: [u32; 2],
         /// As configured.
         stated: [u32; 2],
     },
-    /// Fewer or more bytes than the header says.
+    /// Fewer bytes than the header says.
     #[error("{bytes} bytes with rows of {step}: {height} rows of at least {row} bytes are needed")]
     Data {
         /// Bytes that came.
@@ -41,27 +42,28 @@ pub enum PictureError {
         /// How much older.
         behind_s: f64,
     },
+    /// Neither the cell file nor the driver has said what the camera is.
+    #[error("no calibration: the cell file gives none, and none has come on camera.info_topic")]
+    Uncalibrated,
     /// The detector refused it.
     #[error("{0}")]
     Detector(String),
 }
 
-/// Whether a depth image is what its header says.
+/// Whether a depth image is what its header says, as `depth_normal` reads it.
 ///
 /// # Errors
 /// [`PictureError`]: another size than `size_px`, an encoding that is not depth, or data that does not fit the header.
 pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
     check_size(image, size_px)?;
-    let bytes = match image.encoding.as_str() {
-        "16UC1" => 2,
-        "32FC1" => 4,
-        other => {
-            return Err(PictureError::DepthEncoding(
-                other.chars().take(32).collect(),
-            ));
-        }
-    };
-    check_data(image, bytes)?;
+    DepthLayout {
+        width: image.width as usize,
+        height: image.height as usize,
+        step: image.step as usize,
+        big_endian: image.is_bigendian != 0,
+        encoding: DepthEncoding::from_name(&image.encoding)?,
+    }
+    .check(image.data.len())?;
     Ok(())
 }
 
@@ -76,11 +78,15 @@ fn check_size(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
     })
 }
 
-/// Bytes of a row that are pixels, where the data is as long as the header says.
+/// Bytes of a row that are pixels, where the data is as long as the header says; the last row may come without its padding.
 fn check_data(image: &Image, bytes_per_pixel: u64) -> Result<u64, PictureError> {
     let row = u64::from(image.width) * bytes_per_pixel;
-    let needed = (image.step as usize).checked_mul(image.height as usize);
-    if u64::from(image.step) < row || needed != Some(image.data.len()) {
+    let before_last = u64::from(image.height.saturating_sub(1)) * u64::from(image.step);
+    if u64::from(image.step) < row
+        || row == 0
+        || image.height == 0
+        || (image.data.len() as u64) < before_last.saturating_add(row)
+    {
         return Err(PictureError::Data {
             bytes: image.data.len(),
             step: image.step,
@@ -107,7 +113,8 @@ pub fn grey(image: &Image, size_px: [u32; 2]) -> Result<GreyImage, PictureError>
     let row = check_data(image, channels)?;
     let rows = image
         .data
-        .chunks_exact(image.step as usize)
+        .chunks(image.step as usize)
+        .take(image.height as usize)
         .map(|line| &line[..row as usize]);
     let pixels = if channels == 1 {
         rows.flatten().copied().collect()
@@ -146,6 +153,37 @@ mod tests {
     fn rows_may_be_padded() {
         let found = grey(&image("mono8", 4, vec![1, 2, 3, 99, 4, 5, 6, 99]), [3, 2]).unwrap();
         assert_eq!(found.pixels, [1, 2, 3, 4, 5, 6]);
+        let short = grey(&image("mono8", 4, vec![1, 2, 3, 99, 4, 5, 6]), [3, 2]).unwrap();
+        assert_eq!(short.pixels, found.pixels);
+    }
+
+    #[test]
+    fn depth_is_taken_and_refused_as_the_estimator_does() {
+        for (encoding, step, bytes) in [
+            ("16UC1", 6, 12),
+            ("mono16", 6, 12),
+            ("32FC1", 12, 24),
+            // Padded, and the last row without its padding.
+            ("16UC1", 8, 16),
+            ("16UC1", 8, 14),
+        ] {
+            for is_bigendian in [0, 1] {
+                let sent = Image {
+                    is_bigendian,
+                    ..image(encoding, step, vec![0; bytes])
+                };
+                assert_eq!(check_depth(&sent, [3, 2]), Ok(()), "{encoding} {bytes}");
+            }
+        }
+        for (bad, word) in [
+            (image("mono8", 3, vec![0; 6]), "not \"mono8\""),
+            (image("16UC1", 5, vec![0; 10]), "step = 5"),
+            (image("16UC1", 8, vec![0; 13]), "at least 14"),
+            (image("32FC1", 12, vec![0; 23]), "23 bytes"),
+        ] {
+            let error = check_depth(&bad, [3, 2]).unwrap_err().to_string();
+            assert!(error.contains(word), "{error}");
+        }
     }
 
     #[test]
@@ -169,19 +207,6 @@ mod tests {
             (image("mono8", u32::MAX, vec![0; 6]), "6 bytes"),
         ] {
             let error = grey(&bad, [3, 2]).unwrap_err().to_string();
-            assert!(error.contains(word), "{error}");
-        }
-        assert_eq!(check_depth(&image("16UC1", 6, vec![0; 12]), [3, 2]), Ok(()));
-        assert_eq!(
-            check_depth(&image("32FC1", 12, vec![0; 24]), [3, 2]),
-            Ok(())
-        );
-        for (bad, word) in [
-            (image("mono8", 3, vec![0; 6]), "no depth"),
-            (image("16UC1", 5, vec![0; 10]), "at least 6"),
-            (image("32FC1", 12, vec![0; 23]), "23 bytes"),
-        ] {
-            let error = check_depth(&bad, [3, 2]).unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
         }
         let error = grey(&image("mono8", 3, vec![0; 6]), [640, 480]).unwrap_err();

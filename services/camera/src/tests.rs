@@ -1,15 +1,19 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
+use tangent_runtime::config::Calibration;
 
 fn config() -> Config {
     Config {
         topic: "driver/image".to_owned(),
         recording: None,
         kind: CameraKind::Target,
-        size_px: [200, 160],
-        focal_px: 200.0,
-        principal_px: [100.0, 80.0],
+        info_topic: None,
+        calibration: Some(Calibration {
+            size_px: [200, 160],
+            focal_px: [200.0, 200.0],
+            principal_px: [100.0, 80.0],
+        }),
         pass_on_hz: 1e3,
         realtime_priority: None,
     }
@@ -147,4 +151,55 @@ fn silence_of_the_driver_is_said() {
     let mut bench = Bench::new();
     bench.service.turn(Duration::from_millis(1));
     assert!(bench.service.said.unwrap().contains("driver/image"));
+}
+
+#[test]
+fn images_wait_for_the_drivers_calibration_where_the_file_has_none() {
+    let bus = Bus::in_process("camera-driver");
+    let key = "driver/camera_info";
+    let driver: Topic<Image> = Topic::new("driver/image", Delivery::Bulk);
+    let infos = bus
+        .publisher(&Topic::<CameraInfo>::new(key, Delivery::Background))
+        .unwrap();
+    let images = bus.publisher(&driver).unwrap();
+    let depth = bus.subscribe(&topics::CAMERA_DEPTH, 8).unwrap();
+    let announced = bus.subscribe(&topics::CAMERA_INFO, 8).unwrap();
+    let mut service = Service::new(
+        Config {
+            kind: CameraKind::Depth,
+            info_topic: Some(key.to_owned()),
+            calibration: None,
+            ..config()
+        },
+        &bus,
+    )
+    .unwrap();
+    let image = |stamp_ns| Image {
+        header: Header::new(stamp_ns, "camera_depth_optical_frame"),
+        height: 480,
+        width: 848,
+        encoding: "mono16".to_owned(),
+        step: 2 * 848,
+        data: vec![1; 2 * 848 * 480],
+        ..Image::default()
+    };
+    service.announce();
+    images.publish(&image(1_000_000_000));
+    service.turn(Duration::from_secs(5));
+    assert!(service.said.as_ref().unwrap().contains("camera.info_topic"));
+    assert!(depth.try_recv().is_none() && announced.try_recv().is_none());
+
+    infos.publish(&CameraInfo {
+        height: 480,
+        width: 848,
+        k: [423.5, 0.0, 421.5, 0.0, 424.5, 239.5, 0.0, 0.0, 1.0],
+        ..CameraInfo::default()
+    });
+    service.announced = None;
+    service.announce();
+    images.publish(&image(2_000_000_000));
+    service.turn(Duration::from_secs(5));
+    assert_eq!(service.said, None);
+    assert_eq!(depth.try_recv().unwrap().message.width, 848);
+    assert_eq!(announced.try_recv().unwrap().message.k[4], 424.5);
 }

@@ -7,7 +7,7 @@ use tangent_estimation::object_pose::{CameraModel, OBJECT_ESTIMATORS};
 use tangent_estimation::{EstimatorConfig, ObjectPoseConfig, estimator_names};
 use tangent_mechanics::{Camera, Flange, ModelData, Pose, Tool};
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::{CameraKind, WrenchSource};
+use tangent_runtime::config::{Calibration, CameraKind, WrenchSource};
 use tangent_sensing::BaseConfig;
 use toml::{Table, Value};
 
@@ -54,6 +54,35 @@ pub struct DepthSettings {
     pub fit: DepthNormalConfig,
 }
 
+/// `depth_normal` as it is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthPlan {
+    /// Its settings.
+    pub settings: DepthSettings,
+    /// Of the camera; none: as `camera/info` says.
+    pub calibration: Option<Calibration>,
+    /// Where the camera is on the flange.
+    pub flange_from_camera: Pose<Flange, Camera>,
+}
+
+impl DepthPlan {
+    /// With a calibration.
+    pub fn with(&self, calibration: &Calibration) -> DepthChoice {
+        let ([fx_px, fy_px], [cx_px, cy_px]) = (calibration.focal_px, calibration.principal_px);
+        DepthChoice {
+            settings: self.settings.clone(),
+            intrinsics: Intrinsics {
+                fx_px,
+                fy_px,
+                cx_px,
+                cy_px,
+            },
+            size_px: calibration.size_px,
+            flange_from_camera: self.flange_from_camera,
+        }
+    }
+}
+
 /// `depth_normal` with its camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthChoice {
@@ -75,7 +104,7 @@ pub struct Config {
     /// Those of an object's pose.
     pub objects: Vec<ObjectChoice>,
     /// Normals from depth images.
-    pub depth: Option<DepthChoice>,
+    pub depth: Option<DepthPlan>,
     /// The camera as the cell file states it.
     pub camera: Option<CameraModel>,
     /// The arm, for the twist that commanded joint velocities stand for.
@@ -123,7 +152,7 @@ impl Config {
                 continue;
             }
             if name == DEPTH_NORMAL {
-                depth = Some(depth_choice(cell, own.cloned().unwrap_or_default())?);
+                depth = Some(depth_plan(cell, own.cloned().unwrap_or_default())?);
                 continue;
             }
             let mut table = Table::new();
@@ -139,11 +168,16 @@ impl Config {
             estimators,
             objects,
             depth,
-            camera: cell.camera.as_ref().map(|camera| CameraModel {
-                flange_from_camera: camera.flange_from_camera(),
-                focal_px: camera.focal_px,
-                principal_px: Vector2::from(camera.principal_px),
-                pixel_m: camera.pixel_m,
+            camera: cell.camera.as_ref().and_then(|camera| {
+                let calibration = camera.calibration()?;
+                let [fx, fy] = calibration.focal_px;
+                Some(CameraModel {
+                    flange_from_camera: camera.flange_from_camera(),
+                    // The filter has one focal length and estimates what is wrong with it.
+                    focal_px: 0.5 * (fx + fy),
+                    principal_px: Vector2::from(calibration.principal_px),
+                    pixel_m: camera.pixel_m,
+                })
             }),
             model,
             flange_from_tool: cell.tool.flange_from_tool(),
@@ -158,21 +192,15 @@ impl Config {
     }
 }
 
-fn depth_choice(cell: &CellConfig, table: Table) -> Result<DepthChoice, EstimatorError> {
+fn depth_plan(cell: &CellConfig, table: Table) -> Result<DepthPlan, EstimatorError> {
     let camera = cell
         .camera
         .as_ref()
         .filter(|camera| camera.kind == CameraKind::Depth)
         .ok_or(EstimatorError::NoDepthCamera)?;
-    Ok(DepthChoice {
+    Ok(DepthPlan {
         settings: parsed(DEPTH_NORMAL, table)?,
-        intrinsics: Intrinsics {
-            fx_px: camera.focal_px,
-            fy_px: camera.focal_px,
-            cx_px: camera.principal_px[0],
-            cy_px: camera.principal_px[1],
-        },
-        size_px: camera.size_px,
+        calibration: camera.calibration(),
         flange_from_camera: camera.flange_from_camera(),
     })
 }
@@ -208,6 +236,35 @@ mod tests {
 
     fn config(estimators: &str) -> Result<Config, EstimatorError> {
         Config::from_cell(&cell(estimators), ModelData::builtin("ur5").unwrap())
+    }
+
+    #[test]
+    fn a_depth_cameras_size_and_pixels_are_those_of_the_file_or_left_to_the_driver() {
+        let mut cell = cell("run = [\"depth_normal\"]");
+        let plan = |cell: &CellConfig| {
+            Config::from_cell(cell, ModelData::builtin("ur5").unwrap())
+                .unwrap()
+                .depth
+                .unwrap()
+        };
+        let camera = |given: &str| {
+            let pose = "flange_from_camera = { translation_m = [0.07, 0.0, -0.03] }";
+            toml::from_str(&format!("kind = \"depth\"\n{given}\n{pose}")).ok()
+        };
+        // A D435i at its native 848 x 480.
+        cell.camera = camera(
+            "size_px = [848, 480]\nfocal_px = [423.6, 424.1]\nprincipal_px = [421.7, 239.2]",
+        );
+        let found = plan(&cell);
+        let choice = found.with(&found.calibration.unwrap());
+        assert_eq!(choice.size_px, [848, 480]);
+        let seen = choice.intrinsics;
+        assert_eq!(
+            [seen.fx_px, seen.fy_px, seen.cx_px, seen.cy_px],
+            [423.6, 424.1, 421.7, 239.2]
+        );
+        cell.camera = camera("info_topic = \"camera/depth/camera_info\"");
+        assert_eq!(plan(&cell).calibration, None);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 
 mod config;
 mod depth;
+mod depth_start;
 mod error;
 mod host;
 mod message;
@@ -29,9 +30,8 @@ use tangent_schemas::topics;
 use tangent_sensing::{BaseTrouble, Validity};
 
 pub use config::{
-    ALL, Config, DepthChoice, DepthSettings, EstimatorChoice, ObjectChoice, ToolInView,
+    ALL, Config, DepthChoice, DepthPlan, DepthSettings, EstimatorChoice, ObjectChoice, ToolInView,
 };
-use depth::Depth;
 pub use error::EstimatorError;
 use host::Host;
 use objects::Objects;
@@ -51,7 +51,12 @@ const ARM_PATIENCE_S: f64 = 0.5;
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), EstimatorError> {
     let mut service = Service::new(&config, &bus)?;
     let depth = match &config.depth {
-        Some(choice) => Some(Depth::new(choice, &config.flange_from_tool, &bus)?.start(&stop)?),
+        Some(plan) => Some(depth_start::start(
+            plan,
+            config.flange_from_tool,
+            &bus,
+            &stop,
+        )?),
         None => None,
     };
     service.health.realtime(&match config.realtime_priority {

@@ -12,6 +12,7 @@ mod pattern;
 mod recording;
 pub mod repair;
 mod service;
+mod stream;
 mod writer;
 
 pub use config::RecorderConfig;
@@ -19,4 +20,5 @@ pub use disk::Disk;
 pub use error::RecorderError;
 pub use recording::{RecordedMessage, Recording};
 pub use service::{SERVICE, Summary, run, run_for};
+pub use stream::RecordingStream;
 pub use writer::{Record, RecordingWriter};

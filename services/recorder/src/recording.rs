@@ -35,19 +35,23 @@ impl WholeFile {
 
     /// Every message up to the first damage, and the damage as the last item.
     pub(crate) fn messages(&self) -> Messages<'_> {
-        let options = LinearReaderOptions::default()
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(RECORD_BYTES_MAX);
         Messages {
             left: &self.bytes[..self.whole],
-            reader: MessageReader::new_with_options(options),
+            reader: message_reader(),
         }
     }
 }
 
 /// A longer record is damage: without a limit a single flipped bit can ask for all memory there is.
 const RECORD_BYTES_MAX: usize = 256 << 20;
+
+pub(crate) fn message_reader() -> MessageReader {
+    let options = LinearReaderOptions::default()
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(RECORD_BYTES_MAX);
+    MessageReader::new_with_options(options)
+}
 
 /// The messages of a file's bytes.
 pub(crate) struct Messages<'a> {
@@ -121,6 +125,23 @@ pub struct RecordedMessage {
     pub sequence: u32,
     /// CDR.
     pub bytes: Vec<u8>,
+}
+
+impl From<Message<'_>> for RecordedMessage {
+    fn from(m: Message<'_>) -> Self {
+        Self {
+            topic: m.channel.topic.clone(),
+            type_name: m
+                .channel
+                .schema
+                .as_ref()
+                .map_or_else(String::new, |s| s.name.clone()),
+            log_time_ns: m.log_time,
+            publish_time_ns: m.publish_time,
+            sequence: m.sequence,
+            bytes: m.data.into_owned(),
+        }
+    }
 }
 
 /// Everything a recording holds.
@@ -199,19 +220,9 @@ impl Recording {
         &self,
     ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + '_ {
         self.whole.messages().map(|message| {
-            let m = message.map_err(|source| RecorderError::mcap(&self.path, source))?;
-            Ok(RecordedMessage {
-                topic: m.channel.topic.clone(),
-                type_name: m
-                    .channel
-                    .schema
-                    .as_ref()
-                    .map_or_else(String::new, |s| s.name.clone()),
-                log_time_ns: m.log_time,
-                publish_time_ns: m.publish_time,
-                sequence: m.sequence,
-                bytes: m.data.into_owned(),
-            })
+            message
+                .map(RecordedMessage::from)
+                .map_err(|source| RecorderError::mcap(&self.path, source))
         })
     }
 }

@@ -65,7 +65,7 @@ pub struct DepthLayout {
 }
 
 impl DepthEncoding {
-    /// By its name in ROS; OpenCV's bare names are in use too.
+    /// By its name in `sensor_msgs/Image`: `16UC1`, `mono16` as some drivers call the same, `32FC1`.
     ///
     /// # Errors
     /// [`DepthEncodingError::Encoding`] for anything that is not depth.
@@ -87,38 +87,55 @@ impl DepthEncoding {
 }
 
 impl DepthLayout {
+    /// Whether `bytes` of data are an image of this layout; the last row may come without its padding. Returns the bytes of a
+    /// row that are pixels.
+    ///
+    /// # Errors
+    /// Says what does not fit.
+    pub fn check(&self, bytes: usize) -> Result<usize, DepthEncodingError> {
+        let Self {
+            width,
+            height,
+            step,
+            ..
+        } = *self;
+        let pixel = self.encoding.bytes();
+        let size = DepthEncodingError::Size { width, height };
+        let row = width.checked_mul(pixel).ok_or_else(|| size.clone())?;
+        if width.checked_mul(height).is_none_or(|pixels| pixels == 0) {
+            return Err(size);
+        }
+        if step < row {
+            return Err(DepthEncodingError::Step {
+                step,
+                width,
+                bytes: pixel,
+            });
+        }
+        let needed = (height - 1)
+            .checked_mul(step)
+            .and_then(|n| n.checked_add(row))
+            .ok_or(size)?;
+        if bytes < needed {
+            return Err(DepthEncodingError::Short {
+                got: bytes,
+                height,
+                step,
+                needed,
+            });
+        }
+        Ok(row)
+    }
+
     /// Fills `depth_m` (m; 0 for no reading) with `width * height` pixels; allocates only where it has to grow.
     ///
     /// # Errors
     /// Says what does not fit; `depth_m` is empty then.
     pub fn read(&self, data: &[u8], depth_m: &mut Vec<f32>) -> Result<(), DepthEncodingError> {
         depth_m.clear();
-        let (width, height, step) = (self.width, self.height, self.step);
-        let bytes = self.encoding.bytes();
-        let size = DepthEncodingError::Size { width, height };
-        let row = width.checked_mul(bytes).ok_or_else(|| size.clone())?;
-        let pixels = width
-            .checked_mul(height)
-            .filter(|n| *n > 0)
-            .ok_or_else(|| size.clone())?;
-        if step < row {
-            return Err(DepthEncodingError::Step { step, width, bytes });
-        }
-        // The last row may come without its padding.
-        let needed = (height - 1)
-            .checked_mul(step)
-            .and_then(|n| n.checked_add(row))
-            .ok_or(size)?;
-        if data.len() < needed {
-            let got = data.len();
-            return Err(DepthEncodingError::Short {
-                got,
-                height,
-                step,
-                needed,
-            });
-        }
-        depth_m.reserve(pixels);
+        let row = self.check(data.len())?;
+        let (height, step) = (self.height, self.step);
+        depth_m.reserve(self.width * height);
         for v in 0..height {
             let line = &data[v * step..v * step + row];
             match (self.encoding, self.big_endian) {

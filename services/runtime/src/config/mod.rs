@@ -13,8 +13,8 @@ use tangent_sensing::BaseConfig;
 pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
-    CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
-    FRANKA_TORQUE_RATE_SHARE, FrankaConfig, Law, LimitsConfig, PoseConfig, RealtimeConfig,
+    Calibration, CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
+    FRANKA_TORQUE_RATE_SHARE, Focal, FrankaConfig, Law, LimitsConfig, PoseConfig, RealtimeConfig,
     RecorderConfig, RobotConfig, RobotDriver, SensorConfig, SensorMode, SimulatorConfig, TlsConfig,
     ToolConfig, WrenchSource, ZenohConfig,
 };

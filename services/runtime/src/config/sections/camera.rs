@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 use tangent_mechanics::{Camera, Flange, Pose};
+use tangent_schemas::standard::CameraInfo;
 
 use super::PoseConfig;
 use crate::config::check::Checker;
@@ -18,6 +19,65 @@ pub enum CameraKind {
     Target,
     /// Depth, passed on to `depth_normal`.
     Depth,
+}
+
+/// Focal length, pixels: one for square pixels, or along the rows and along the columns.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Focal {
+    /// Both ways the same.
+    Square(f64),
+    /// fx and fy.
+    Each([f64; 2]),
+}
+
+impl Focal {
+    /// fx and fy, pixels.
+    pub fn each(self) -> [f64; 2] {
+        match self {
+            Self::Square(f) => [f, f],
+            Self::Each(f) => f,
+        }
+    }
+}
+
+/// What is known of a camera without distortion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// Width and height of an image, pixels.
+    pub size_px: [u32; 2],
+    /// fx and fy, pixels.
+    pub focal_px: [f64; 2],
+    /// Principal point, pixels.
+    pub principal_px: [f64; 2],
+}
+
+impl Calibration {
+    /// As a driver says it; `None` where it says that it has none, or nothing that could be one.
+    pub fn of(info: &CameraInfo) -> Option<Self> {
+        let [fx, _, cx, _, fy, cy, ..] = info.k;
+        let known = fx > 0.0 && fy > 0.0 && info.k.iter().all(|x| x.is_finite());
+        (known && info.width > 0 && info.height > 0).then_some(Self {
+            size_px: [info.width, info.height],
+            focal_px: [fx, fy],
+            principal_px: [cx, cy],
+        })
+    }
+
+    /// What differs from another by more than `share` of the focal length, in words.
+    pub fn differs(&self, other: &Self, share: f64) -> Option<String> {
+        if self.size_px != other.size_px {
+            let (own, its) = (self.size_px, other.size_px);
+            return Some(format!("size_px {own:?} against {its:?}"));
+        }
+        [
+            ("focal_px", self.focal_px, other.focal_px),
+            ("principal_px", self.principal_px, other.principal_px),
+        ]
+        .into_iter()
+        .find(|(_, own, its)| (0..2).any(|i| (own[i] - its[i]).abs() > share * self.focal_px[i]))
+        .map(|(name, own, its)| format!("{name} {own:.1?} against {its:.1?}"))
+    }
 }
 
 /// `[camera]`. A cell without one has no camera.
@@ -36,12 +96,19 @@ pub struct CameraConfig {
     /// What its images show.
     #[serde(default)]
     pub kind: CameraKind,
-    /// Width and height of an image, pixels. Images of another size are refused.
-    pub size_px: [u32; 2],
+    /// Key of the driver's calibration, `sensor_msgs/msg/CameraInfo`; none: only what stands here.
+    #[serde(default)]
+    pub info_topic: Option<String>,
+    /// Width and height of an image, pixels. Images of another size are refused. This and the two below: all or none, and none of
+    /// them only for depth with an `info_topic`.
+    #[serde(default)]
+    pub size_px: Option<[u32; 2]>,
     /// Focal length of the calibration, pixels.
-    pub focal_px: f64,
+    #[serde(default)]
+    pub focal_px: Option<Focal>,
     /// Principal point of the calibration, pixels.
-    pub principal_px: [f64; 2],
+    #[serde(default)]
+    pub principal_px: Option<[f64; 2]>,
     /// Edge of a pixel on the sensor, m; the published filter works in metres on the image plane.
     #[serde(default = "pixel")]
     pub pixel_m: f64,
@@ -70,27 +137,128 @@ impl CameraConfig {
         self.flange_from_camera.pose()
     }
 
+    /// What the file says of it; `None` where the driver's word is taken.
+    pub fn calibration(&self) -> Option<Calibration> {
+        Some(Calibration {
+            size_px: self.size_px?,
+            focal_px: self.focal_px?.each(),
+            principal_px: self.principal_px?,
+        })
+    }
+
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
-        let topic = &self.topic;
-        checker.require(
-            !topic.is_empty() && !topic.starts_with('/') && !topic.contains(['*', '$', '?', '#']),
-            "camera.topic",
-            topic,
-            "a key without wildcards and without a leading slash, as in \"simulator/image\"",
-        )?;
-        for size in self.size_px {
-            checker.range("camera.size_px", f64::from(size), 16.0..=8192.0, "pixels")?;
+        let topics = [
+            ("camera.topic", Some(&self.topic)),
+            ("camera.info_topic", self.info_topic.as_ref()),
+        ];
+        for (key, topic) in topics {
+            let topic = topic.map_or("simulator/image", String::as_str);
+            checker.require(
+                !topic.is_empty()
+                    && !topic.starts_with('/')
+                    && !topic.contains(['*', '$', '?', '#']),
+                key,
+                topic,
+                "a key without wildcards and without a leading slash, as in \"simulator/image\"",
+            )?;
         }
-        checker.range("camera.focal_px", self.focal_px, 10.0..=1e5, "pixels")?;
-        checker.ranges(
-            "camera.principal_px",
-            &self.principal_px,
-            -8192.0..=16384.0,
-            "pixels",
-        )?;
+        match self.calibration() {
+            Some(calibration) => {
+                for size in calibration.size_px {
+                    checker.range("camera.size_px", f64::from(size), 16.0..=8192.0, "pixels")?;
+                }
+                checker.ranges(
+                    "camera.focal_px",
+                    &calibration.focal_px,
+                    10.0..=1e5,
+                    "pixels",
+                )?;
+                checker.ranges(
+                    "camera.principal_px",
+                    &calibration.principal_px,
+                    -8192.0..=16384.0,
+                    "pixels",
+                )?;
+            }
+            None => self.check_drivers_word(checker)?,
+        }
         checker.range("camera.pixel_m", self.pixel_m, 1e-7..=1e-3, "m")?;
         checker.range("camera.pass_on_hz", self.pass_on_hz, 0.0..=1000.0, "Hz")?;
         self.flange_from_camera
             .check(checker, "camera.flange_from_camera")
+    }
+
+    /// Where the file gives no calibration.
+    fn check_drivers_word(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
+        let given = [
+            ("camera.size_px", self.size_px.is_some()),
+            ("camera.focal_px", self.focal_px.is_some()),
+            ("camera.principal_px", self.principal_px.is_some()),
+        ];
+        let from_driver = self.kind == CameraKind::Depth && self.info_topic.is_some();
+        for (key, is_given) in given {
+            checker.require(
+                is_given || (from_driver && given.iter().all(|(_, is_given)| !is_given)),
+                key,
+                "nothing",
+                "size_px, focal_px and principal_px; with kind = \"depth\" and an info_topic also none of the three",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::CellConfig;
+
+    fn cell(camera: &str) -> Result<CellConfig, String> {
+        let text = format!(
+            "[cell]\nname = \"cell1\"\n[robot]\nmodel = \"ur5\"\naddress = \"127.0.0.1\"\n[sensor]\naddress = \"127.0.0.1\"\n\
+             [tool]\nmass_kg = 0.3\ncom_in_sensor_m = [0.0, 0.0, 0.05]\nflange_from_tool = {{ translation_m = [0.0, 0.0, 0.15] }}\n\
+             [camera]\nflange_from_camera = {{ translation_m = [0.07, 0.0, -0.03] }}\n{camera}"
+        );
+        CellConfig::parse("cell.toml", &text).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn pixels_are_square_or_not() {
+        for (focal, each) in [
+            ("400.0", [400.0, 400.0]),
+            ("[423.6, 424.1]", [423.6, 424.1]),
+        ] {
+            let given =
+                format!("size_px = [848, 480]\nfocal_px = {focal}\nprincipal_px = [424.0, 240.0]");
+            let camera = cell(&given).unwrap().camera.unwrap();
+            assert_eq!(camera.calibration().unwrap().focal_px, each);
+        }
+    }
+
+    #[test]
+    fn what_a_calibration_lacks_is_named() {
+        let driver = "kind = \"depth\"\ninfo_topic = \"camera/depth/camera_info\"\n";
+        let camera = cell(driver).unwrap().camera.unwrap();
+        assert_eq!(camera.calibration(), None);
+        for (given, key) in [
+            ("", "camera.size_px"),
+            ("kind = \"depth\"", "camera.size_px"),
+            ("info_topic = \"camera/info_raw\"", "camera.size_px"),
+            (
+                "size_px = [848, 480]\nfocal_px = 424.0",
+                "camera.principal_px",
+            ),
+            (
+                "size_px = [848, 480]\nfocal_px = [424.0, 1.0]\nprincipal_px = [0.0, 0.0]",
+                "camera.focal_px",
+            ),
+            (&format!("{driver}size_px = [848, 480]"), "camera.focal_px"),
+            (
+                "kind = \"depth\"\ninfo_topic = \"/camera/info\"",
+                "camera.info_topic",
+            ),
+        ] {
+            let error = cell(given).unwrap_err();
+            assert!(error.contains(key), "{given}: {error}");
+        }
     }
 }

@@ -13,7 +13,7 @@ mod services;
 mod tool;
 mod zenoh;
 
-pub use camera::{CameraConfig, CameraKind};
+pub use camera::{Calibration, CameraConfig, CameraKind, Focal};
 pub use cell::CellSection;
 pub use franka::{FRANKA_TORQUE_RATE_SHARE, FrankaConfig};
 pub use limits::LimitsConfig;

@@ -1,0 +1,64 @@
+//! A recording's messages one after another, for files larger than what one wants in memory.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use mcap::McapError;
+use mcap::sans_io::{MessageReadEvent, MessageReader};
+
+use crate::RecorderError;
+use crate::recording::{RecordedMessage, message_reader};
+
+/// The messages of a file, read as they are asked for; never more than one chunk is in memory. Ends with the file, also a torn one,
+/// or with the first damage as its last item.
+pub struct RecordingStream {
+    path: PathBuf,
+    file: File,
+    reader: MessageReader,
+    ended: bool,
+}
+
+impl RecordingStream {
+    /// Opens it; whether it is a recording shows with the first message.
+    ///
+    /// # Errors
+    /// When it cannot be opened.
+    pub fn open(path: &Path) -> Result<Self, RecorderError> {
+        Ok(Self {
+            path: path.to_owned(),
+            file: File::open(path).map_err(|source| RecorderError::io(path, source))?,
+            reader: message_reader(),
+            ended: false,
+        })
+    }
+
+    fn step(&mut self) -> Option<Result<RecordedMessage, RecorderError>> {
+        loop {
+            match self.reader.next_event()? {
+                Ok(MessageReadEvent::ReadRequest(wanted)) => {
+                    match self.file.read(self.reader.insert(wanted)) {
+                        Ok(got) => self.reader.notify_read(got),
+                        Err(source) => return Some(Err(RecorderError::io(&self.path, source))),
+                    }
+                }
+                Ok(MessageReadEvent::Message(message)) => return Some(Ok(message.into())),
+                Err(McapError::UnexpectedEof) => return None,
+                Err(source) => return Some(Err(RecorderError::mcap(&self.path, source))),
+            }
+        }
+    }
+}
+
+impl Iterator for RecordingStream {
+    type Item = Result<RecordedMessage, RecorderError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
+        let item = self.step();
+        self.ended = !matches!(item, Some(Ok(_)));
+        item
+    }
+}
