@@ -14,12 +14,17 @@ use common::{Process, json, port_offset, root, run, wait_for};
 
 /// The shipped cell at an offset, with some of its lines replaced.
 fn cell(folder: &Path, offset: u16, changes: &[(&str, &str)]) -> PathBuf {
-    let mut text = fs::read_to_string(root().join("deploy/cell.toml"))
+    cell_of("cell.toml", folder, offset, changes)
+}
+
+/// The same of another cell of `deploy/`.
+fn cell_of(shipped: &str, folder: &Path, offset: u16, changes: &[(&str, &str)]) -> PathBuf {
+    let mut text = fs::read_to_string(root().join("deploy").join(shipped))
         .unwrap()
         .replace("127.0.0.1:7447", &format!("127.0.0.1:{}", 7447 + offset))
         .replace("port_offset = 0", &format!("port_offset = {offset}"));
     for (from, to) in changes {
-        assert!(text.contains(from), "{from} is not in deploy/cell.toml");
+        assert!(text.contains(from), "{from} is not in deploy/{shipped}");
         text = text.replacen(from, to, 1);
     }
     let path = folder.join(format!("cell{}.toml", changes.len()));
@@ -110,5 +115,65 @@ fn devices_that_are_not_there_are_problems_and_may_be_left_out() {
     assert!(!about_devices, "{machine:#}");
     for check in ["scheduling", "kernel preemption", "clock", "disk space"] {
         finding(&machine, check);
+    }
+}
+
+const NETWORK: &str =
+    "[zenoh]\nconnect = [\"tcp/127.0.0.1:7447\"]\nlisten = [\"tcp/127.0.0.1:7447\"]\n\n[tool]";
+
+#[test]
+fn a_franka_is_asked_in_its_own_language() {
+    let folder = tempfile::tempdir().unwrap();
+    let offset = port_offset();
+    let network = NETWORK.replace("7447", &(7447 + offset).to_string());
+    let path = cell_of(
+        "cell.franka.toml",
+        folder.path(),
+        offset,
+        &[("[tool]", &network)],
+    );
+    let path = path.to_str().unwrap();
+    let found = findings(&["--cell", path]);
+    let robot = finding(&found, "robot");
+    assert_eq!(robot["level"], "problem");
+    let said = robot["meaning"].as_str().unwrap();
+    assert!(said.contains("FCI does not answer"), "{robot:#}");
+
+    let _simulated = Process::start("simulator", &["run", "router", "simulator", "--cell", path]);
+    wait_for("the simulated cell", Duration::from_secs(30), || {
+        let output = run(&["health", "router", "simulator", "--cell", path]);
+        output.status.success().then_some(())
+    });
+    let found = findings(&["--cell", path]);
+    for (check, words) in [
+        ("robot's software", "FCI version 5"),
+        ("robot's mode", "idle"),
+        ("robot's states", "longest pause"),
+        ("sensor", "the robot says what it feels"),
+    ] {
+        let one = finding(&found, check);
+        assert!(one["found"].as_str().unwrap().contains(words), "{one:#}");
+    }
+    let text = found.to_string();
+    assert!(
+        !text.contains("Universal Robots") && !text.contains("Net F/T"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_cell_with_an_arm_on_the_bus_and_a_camera_is_told_what_does_not_run() {
+    let folder = tempfile::tempdir().unwrap();
+    for shipped in ["cell.lippiello.toml", "cell.karacan.toml"] {
+        let scenario = format!("scenario = \"{}/scenarios/", root().display());
+        let changes = [("scenario = \"../scenarios/", scenario.as_str())];
+        let path = cell_of(shipped, folder.path(), port_offset(), &changes);
+        let found = findings(&["--cell", path.to_str().unwrap()]);
+        assert_eq!(finding(&found, "robot")["level"], "problem");
+        let camera = finding(&found, "camera");
+        assert_eq!(camera["level"], "warning", "{camera:#}");
+        let said = camera["found"].as_str().unwrap();
+        assert!(said.contains("router does not run"), "{camera:#}");
+        assert!(!found.to_string().contains("Universal Robots"));
     }
 }

@@ -4,20 +4,42 @@ use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use tangent_runtime::realtime::try_schedule;
 use tangent_runtime::{CellConfig, config::RealtimeConfig};
 
-use super::Finding;
 use super::system::System;
+use super::{Arm, Finding};
 
 /// A process with this bit may lock memory beyond its limit.
 const CAP_IPC_LOCK: u32 = 14;
 
+/// What the cell's robot asks of the machine's timing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pace {
+    /// A Universal Robots arm, 125 or 500 Hz: its program bears a few late answers.
+    Velocity,
+    /// Joint torque at 1 kHz of a simulated arm, whose time waits for a late answer.
+    SimulatedTorque,
+    /// Joint torque at 1 kHz of a robot that stops by itself when answers are late.
+    Torque,
+}
+
+impl Pace {
+    fn of(config: &CellConfig) -> Self {
+        match Arm::of(config) {
+            Arm::UniversalRobots => Self::Velocity,
+            Arm::Franka if !super::network::is_this_machine(&config.robot.address) => Self::Torque,
+            Arm::Franka | Arm::OnTheBus => Self::SimulatedTorque,
+        }
+    }
+}
+
 /// Everything about this machine that the control loop's timing rests on.
 pub fn check(system: &System, config: &CellConfig) -> Vec<Finding> {
     let wish = &config.realtime;
+    let pace = Pace::of(config);
     let mut findings = vec![
-        scheduling(system, wish),
+        scheduling(system, wish, pace),
         throttling(system),
         locked_memory(system, wish),
-        kernel(system),
+        kernel(system, pace),
         governor(system),
         hypervisor(system),
     ];
@@ -26,8 +48,16 @@ pub fn check(system: &System, config: &CellConfig) -> Vec<Finding> {
     findings
 }
 
-fn scheduling(system: &System, wish: &RealtimeConfig) -> Finding {
+fn scheduling(system: &System, wish: &RealtimeConfig, pace: Pace) -> Finding {
     const CHECK: &str = "scheduling";
+    if !wish.enabled && pace == Pace::Torque {
+        return Finding::problem(
+            CHECK,
+            "not asked for: [realtime] enabled = false",
+            "at 1 kHz any other process makes answers late, and the robot stops after 20 in a row",
+            "[realtime] enabled = true",
+        );
+    }
     if !wish.enabled {
         return Finding::ok(CHECK, "not asked for: [realtime] enabled = false");
     }
@@ -125,7 +155,7 @@ fn may_lock(system: &System) -> bool {
         .is_some_and(|bits| bits >> CAP_IPC_LOCK & 1 == 1)
 }
 
-fn kernel(system: &System) -> Finding {
+fn kernel(system: &System, pace: Pace) -> Finding {
     const CHECK: &str = "kernel preemption";
     let release = system
         .text("/proc/sys/kernel/osrelease")
@@ -149,20 +179,38 @@ fn kernel(system: &System) -> Finding {
     let advice = "a PREEMPT_RT kernel (Debian: linux-image-rt-amd64; Ubuntu: pro enable realtime-kernel; Linux 6.12 and later: \
                   CONFIG_PREEMPT_RT), or `preempt=full` on the kernel's command line";
     let full = model.as_deref().is_none_or(|m| m == "full") && version.contains("PREEMPT");
-    if full {
-        Finding::warning(
+    let found = format!("{words} ({release})");
+    match (full, pace) {
+        (true, Pace::Velocity) => Finding::warning(
             CHECK,
-            format!("{words} ({release})"),
+            found,
             "delays of a millisecond and more happen: enough for 125 Hz, little for 500 Hz and up",
             advice,
-        )
-    } else {
-        Finding::warning(
+        ),
+        (true, Pace::Torque) => Finding::warning(
             CHECK,
-            format!("{words} ({release})"),
+            found,
+            "delays of a millisecond and more happen: at 1 kHz each is a late answer, and the robot stops after 20 in a row",
+            advice,
+        ),
+        (true, Pace::SimulatedTorque) => Finding::warning(
+            CHECK,
+            found,
+            "delays of a millisecond and more happen: at 1 kHz each is a late answer. The simulated arm waits; a real one would not",
+            advice,
+        ),
+        (false, Pace::Torque) => Finding::problem(
+            CHECK,
+            found,
+            "a long system call of any process holds the loop up, by milliseconds: at 1 kHz the robot stops by itself",
+            advice,
+        ),
+        (false, _) => Finding::warning(
+            CHECK,
+            found,
             "a long system call of any process holds the loop up, by milliseconds",
             advice,
-        )
+        ),
     }
 }
 
@@ -326,7 +374,7 @@ mod tests {
 
     #[test]
     fn kernels_are_told_apart() {
-        let with = |files: &[(&str, &str)]| kernel(&machine(files).1);
+        let with = |files: &[(&str, &str)]| kernel(&machine(files).1, Pace::Velocity);
         let rt = with(&[("/proc/sys/kernel/version", "#1 SMP PREEMPT_RT Debian")]);
         assert_eq!(rt.level, Level::Ok);
         let dynamic = with(&[
@@ -340,6 +388,40 @@ mod tests {
             ("/sys/kernel/debug/sched/preempt", "none voluntary (full)"),
         ]);
         assert!(full.meaning.contains("125 Hz"));
+    }
+
+    #[test]
+    fn a_robot_at_1_khz_asks_more_than_one_at_125_hz() {
+        let config = |text: &str| CellConfig::parse("cell.toml", text).unwrap();
+        let ur = CellConfig::default_cell();
+        let mut franka = config(include_str!("../../deploy/cell.franka.toml"));
+        let lippiello = config(include_str!("../../deploy/cell.lippiello.toml"));
+        assert_eq!(Pace::of(&ur), Pace::Velocity);
+        assert_eq!(Pace::of(&franka), Pace::SimulatedTorque);
+        assert_eq!(Pace::of(&lippiello), Pace::SimulatedTorque);
+        franka.robot.address = "192.0.2.7".into();
+        assert_eq!(Pace::of(&franka), Pace::Torque);
+        let dynamic = |model: &str| {
+            machine(&[
+                ("/proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC"),
+                ("/sys/kernel/debug/sched/preempt", model),
+            ])
+        };
+        let (voluntary, full) = (dynamic("none (voluntary) full"), dynamic("none (full)"));
+        for (pace, of_voluntary) in [
+            (Pace::Velocity, Level::Warning),
+            (Pace::SimulatedTorque, Level::Warning),
+            (Pace::Torque, Level::Problem),
+        ] {
+            assert_eq!(kernel(&voluntary.1, pace).level, of_voluntary);
+            assert_eq!(kernel(&full.1, pace).level, Level::Warning);
+        }
+        assert!(kernel(&full.1, Pace::Torque).meaning.contains("1 kHz"));
+        let mut wish = franka.realtime.clone();
+        wish.enabled = false;
+        let level = |pace| scheduling(&full.1, &wish, pace).level;
+        assert_eq!(level(Pace::Torque), Level::Problem);
+        assert_eq!(level(Pace::SimulatedTorque), Level::Ok);
     }
 
     #[test]

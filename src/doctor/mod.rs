@@ -3,12 +3,15 @@
 //! Each check reads files of the system or asks a device, and comes to findings: what was found, what it means, what to do.
 //! Nothing is changed: no register claimed, no stream taken, no setting written.
 
+mod camera;
 mod clock;
 mod devices;
 mod disk;
 mod ethtool;
+mod franka;
 mod machine;
 mod network;
+mod on_the_bus;
 mod ports;
 mod processes;
 mod system;
@@ -17,9 +20,11 @@ mod units;
 use anyhow::Result;
 use serde::Serialize;
 use tangent_runtime::CellConfig;
+use tangent_runtime::config::{Law, RobotDriver};
 
 use crate::cli::Doctor;
 use crate::output::{Outcome, print_json};
+use on_the_bus::RunningCell;
 use system::System;
 
 /// How bad it is.
@@ -91,6 +96,31 @@ impl Finding {
     }
 }
 
+/// How the cell's arm is reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Arm {
+    /// RTDE, with a force/torque sensor's box beside it.
+    UniversalRobots,
+    /// FCI; it says itself what it feels.
+    Franka,
+    /// An arm that takes torques and speaks on the bus: there is only the simulated one. The box beside it is simulated too.
+    OnTheBus,
+}
+
+impl Arm {
+    fn of(config: &CellConfig) -> Self {
+        match (config.robot.driver, config.controller.law) {
+            (RobotDriver::Franka, _) => Self::Franka,
+            (RobotDriver::Rtde, Law::HybridAdmittance) => Self::UniversalRobots,
+            (RobotDriver::Rtde, _) => Self::OnTheBus,
+        }
+    }
+
+    fn has_sensor_box(self) -> bool {
+        self != Self::Franka
+    }
+}
+
 #[derive(Serialize)]
 struct Diagnosis {
     cell: String,
@@ -112,8 +142,7 @@ pub fn run(args: &Doctor, config: &CellConfig, json: bool) -> Result<Outcome> {
     findings.extend(disk::check(config));
     if !args.machine {
         findings.extend(network::check(&system, config));
-        findings.extend(devices::robot(config));
-        findings.extend(devices::sensor(config));
+        findings.extend(devices(config));
     }
     let diagnosis = Diagnosis {
         cell: config.cell.name.clone(),
@@ -129,6 +158,27 @@ pub fn run(args: &Doctor, config: &CellConfig, json: bool) -> Result<Outcome> {
         Level::Problem => Outcome::Failed,
         Level::Ok | Level::Warning => Outcome::Done,
     })
+}
+
+fn devices(config: &CellConfig) -> Vec<Finding> {
+    let arm = Arm::of(config);
+    // Whoever is asked by its own protocol needs no bus, and no waiting for one.
+    let bus_matters = arm != Arm::UniversalRobots || config.camera.is_some();
+    let cell = bus_matters.then(|| RunningCell::join(config));
+    let mut findings = match (arm, &cell) {
+        (Arm::Franka, Some(cell)) => franka::check(config, cell),
+        (Arm::OnTheBus, Some(cell)) => on_the_bus::arm(config, cell),
+        _ => devices::robot(config),
+    };
+    if arm.has_sensor_box() {
+        findings.extend(devices::sensor(config));
+    } else {
+        findings.push(Finding::ok("sensor", "none: the robot says what it feels"));
+    }
+    if let (Some(camera), Some(cell)) = (&config.camera, &cell) {
+        findings.extend(camera::check(camera, cell));
+    }
+    findings
 }
 
 fn print(diagnosis: &Diagnosis) {

@@ -6,9 +6,9 @@ use std::time::Duration;
 use tangent_netft::{RdtSocket, SOCKET_BUFFER_BYTES};
 use tangent_runtime::CellConfig;
 
-use super::Finding;
 use super::ethtool;
 use super::system::System;
+use super::{Arm, Finding};
 
 /// A card that waits longer than this before it tells of a packet is worth a word, us.
 const COALESCING_US: u32 = 50;
@@ -19,10 +19,14 @@ const ERRORS: f64 = 1e-4;
 pub fn check(system: &System, config: &CellConfig) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut seen = Vec::new();
+    let box_there = Arm::of(config).has_sensor_box();
     for (device, host) in [
-        ("robot", &config.robot.address),
-        ("sensor", &config.sensor.address),
+        ("robot", Some(&config.robot.address)),
+        ("sensor", box_there.then_some(&config.sensor.address)),
     ] {
+        let Some(host) = host else {
+            continue;
+        };
         // A name without an address is told where the device is asked.
         let Some(IpAddr::V4(address)) = resolve(host) else {
             continue;
@@ -41,8 +45,15 @@ pub fn check(system: &System, config: &CellConfig) -> Vec<Finding> {
             )),
         }
     }
-    findings.extend(sensor_socket(config));
+    if box_there {
+        findings.extend(sensor_socket(config));
+    }
     findings
+}
+
+/// Whether a host is this machine, by its loopback address.
+pub fn is_this_machine(host: &str) -> bool {
+    resolve(host).is_some_and(|address| address.is_loopback())
 }
 
 fn resolve(host: &str) -> Option<IpAddr> {

@@ -81,7 +81,9 @@ pub fn port_offset() -> u16 {
     for _ in 0..100 {
         let turn = TAKEN.fetch_add(1, Ordering::Relaxed);
         let offset = 100 + (start * 151 + turn * 37) % 15_900;
-        let ports = [7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152];
+        let ports = [
+            1337, 7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152,
+        ];
         let taken = ports_in_use();
         if ports.iter().all(|p| !taken.contains(&(p + offset))) {
             return offset;

@@ -15,6 +15,7 @@ mod fci_tests;
 pub mod guard;
 #[cfg(test)]
 mod guard_tests;
+pub mod inquiry;
 mod link;
 mod meters;
 mod refusal;

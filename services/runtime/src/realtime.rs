@@ -90,11 +90,25 @@ pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> Realtime
 /// # Errors
 /// In words, with what to do.
 pub fn try_schedule(priority: u8) -> Result<(), String> {
-    match std::thread::spawn(move || schedule(priority)).join() {
-        Ok((true, _)) => Ok(()),
-        Ok((false, words)) => Err(words),
-        Err(_) => Err("the thread that tried it panicked; this is a defect".to_owned()),
+    match in_scheduled_thread(priority, |granted| granted.map(drop)) {
+        Some(result) => result,
+        None => Err("the thread that tried it panicked; this is a defect".to_owned()),
     }
+}
+
+/// Runs `work` in a thread of its own with SCHED_FIFO and `priority` (1 to 99) where that is granted, and waits for it; what
+/// came of the scheduling, in words, is handed to `work`. Memory is not locked. None when `work` panicked.
+pub fn in_scheduled_thread<T: Send>(
+    priority: u8,
+    work: impl FnOnce(Result<String, String>) -> T + Send,
+) -> Option<T> {
+    std::thread::scope(|scope| {
+        let thread = scope.spawn(move || {
+            let (granted, words) = schedule(priority);
+            work(if granted { Ok(words) } else { Err(words) })
+        });
+        thread.join().ok()
+    })
 }
 
 /// SCHED_FIFO for the calling thread, and what came of it in words.
