@@ -51,8 +51,9 @@ fn judge(camera: &CameraConfig, image: &Image, rate_hz: Option<f64>) -> Vec<Find
     let found = format!("{} x {} {}{rate}", size[0], size[1], image.encoding);
     let refused = "every image is refused";
     let is_depth = DepthEncoding::from_name(&image.encoding).is_ok();
-    let mut findings = vec![if size != camera.size_px {
-        let [width, height] = camera.size_px;
+    // Where the cell file states none, the driver's own calibration counts.
+    let stated = camera.size_px.filter(|stated| *stated != size);
+    let mut findings = vec![if let Some([width, height]) = stated {
         Finding::problem(
             "camera",
             format!("{found}, but [camera] size_px = [{width}, {height}]"),

@@ -1,9 +1,10 @@
 //! `depth_normal` in a thread of its own: depth images in, the surface's normal at the tool out, on `estimate/depth_normal/normal`.
 //!
-//! Each image is placed where the arm was when it was exposed, however late it comes.
+//! Each image is placed where the arm was when it was exposed, however late it comes. What is wrong with the images goes to the
+//! service, which tells it with its own health; an image that is refused is an estimate that is not valid, with the reason.
 
 use std::collections::VecDeque;
-use std::thread::JoinHandle;
+use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
@@ -15,11 +16,15 @@ use tangent_estimation::depth_normal::{
 };
 use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 use tangent_runtime::health::instance_name;
-use tangent_runtime::{AliveToken, Bus, Publisher, Stop, Subscription};
-use tangent_schemas::convert::cut;
+use tangent_runtime::{
+    Age, AliveToken, Bus, Gauge, HealthReporter, Histogram, Publisher, Rate, Subscription,
+};
+use tangent_schemas::Text;
+use tangent_schemas::convert::{cut, cut_format};
 use tangent_schemas::standard::{Header, Image};
 use tangent_schemas::tangent::{ArmState, NormalEstimate as Message, SurfaceAhead, SurfaceSegment};
 use tangent_schemas::topics;
+use tangent_sensing::Validity;
 
 use crate::message::message;
 use crate::{DepthChoice, EstimatorError};
@@ -28,8 +33,6 @@ use crate::{DepthChoice, EstimatorError};
 const POSES: usize = 256;
 /// A pose further than this from an image's stamp does not place it, ns.
 const REACH_NS: i64 = 10_000_000;
-/// How often the thread looks for a stop while no image comes.
-const LOOK: Duration = Duration::from_millis(50);
 /// Slower than this the tool stands, m/s.
 const TRAVEL_MIN_M_PER_S: f64 = 0.005;
 
@@ -50,12 +53,46 @@ pub struct Depth {
     normals: Publisher<Message>,
     segments: Publisher<SurfaceSegment>,
     ahead: Publisher<SurfaceAhead>,
+    /// The last estimate of a frame that was used.
+    last: Message,
+    /// Images that waited behind a newer one.
+    overtaken: u64,
+    meters: DepthMeters,
+    /// What is wrong, whenever that changes. It ends when the thread does.
+    news: Sender<Option<Text>>,
+    said: Option<Text>,
     _alive: AliveToken,
-    said: Option<String>,
+}
+
+/// What the service's health says of the images.
+pub struct DepthMeters {
+    used: Rate,
+    age: Age,
+    refused: Gauge,
+    skipped: Gauge,
+    update: Histogram,
+}
+
+impl DepthMeters {
+    /// In the service's health.
+    pub fn new(health: &HealthReporter) -> Self {
+        Self {
+            used: health.rate("camera_depth"),
+            age: health.age("camera_depth"),
+            refused: health.gauge("depth_images_refused"),
+            skipped: health.gauge("depth_images_skipped"),
+            update: health.histogram("depth_update"),
+        }
+    }
+
+    /// Since the newest image.
+    pub fn age(&self) -> &Age {
+        &self.age
+    }
 }
 
 impl Depth {
-    /// Opens its topics.
+    /// Opens its topics. What is wrong with the images goes to `news`, whenever that changes.
     ///
     /// # Errors
     /// A setting out of its range, or a topic that the bus refuses.
@@ -63,6 +100,8 @@ impl Depth {
         choice: &DepthChoice,
         flange_from_tool: &Pose<Flange, Tool>,
         bus: &Bus,
+        meters: DepthMeters,
+        news: Sender<Option<Text>>,
     ) -> Result<Self, EstimatorError> {
         let camera_from_tool = choice.flange_from_camera.inverse() * *flange_from_tool;
         let tool = camera_from_tool.translation();
@@ -93,25 +132,17 @@ impl Depth {
             normals: bus.publisher(&topics::estimate_normal(DEPTH_NORMAL))?,
             segments: bus.publisher(&topics::estimate_segment(DEPTH_NORMAL))?,
             ahead: bus.publisher(&topics::estimate_ahead(DEPTH_NORMAL))?,
+            last: Message {
+                estimator: cut(DEPTH_NORMAL),
+                ..Message::default()
+            },
+            overtaken: 0,
+            meters,
+            news,
+            said: None,
             _alive: bus
                 .declare_alive(&topics::estimator_service(DEPTH_NORMAL), &instance_name())?,
-            said: None,
         })
-    }
-
-    /// Runs in a thread of its own until `stop`.
-    ///
-    /// # Errors
-    /// No thread to be had.
-    pub fn start(mut self, stop: &Stop) -> std::io::Result<JoinHandle<()>> {
-        let stop = stop.clone();
-        std::thread::Builder::new()
-            .name("depth-normal".into())
-            .spawn(move || {
-                while !stop.is_stopped() {
-                    self.turn(LOOK);
-                }
-            })
     }
 
     /// One image: the newest that waits, or the next to come.
@@ -122,18 +153,48 @@ impl Depth {
             return;
         };
         while let Some(newer) = self.images.try_recv() {
+            self.overtaken += 1;
             newest = newer;
         }
-        match self.read(&newest.message) {
-            Ok(()) => self.said = None,
+        let skipped = self.overtaken + self.images.lost();
+        self.meters.skipped.set(skipped as f64);
+        self.meters.age.mark_at(newest.received);
+        let begin = Instant::now();
+        match self.read(&newest.message, begin) {
+            Ok(()) => {
+                self.meters.used.tick();
+                self.meters.update.record(begin.elapsed());
+                self.say(None);
+            }
             Err(why) => {
-                let words = why.to_string();
-                if self.said.as_ref() != Some(&words) {
-                    tracing::warn!("depth image refused: {words}");
-                    self.said = Some(words);
-                }
+                self.meters.refused.set(self.meters.refused.get() + 1.0);
+                let words = cut_format(format_args!("{why}"));
+                self.refuse(words);
+                self.say(Some(words));
             }
         }
+    }
+
+    fn say(&mut self, trouble: Option<Text>) {
+        if self.said == trouble {
+            return;
+        }
+        self.said = trouble;
+        if let Some(words) = &trouble {
+            tracing::warn!("depth image refused: {words}");
+        }
+        // Nobody listens any more only where the service ends.
+        let _ = self.news.send(trouble);
+    }
+
+    /// An estimate that cannot be used, with the reason. It keeps the stamp and cycle of the last that could: to whoever judges by
+    /// age, a camera whose images are refused is as silent as one that sends none, and is left as soon.
+    fn refuse(&self, reason: Text) {
+        self.normals.publish(&Message {
+            validity: Validity::SensorError as u8,
+            reason: cut(&reason),
+            ..self.last.clone()
+        });
     }
 
     fn remember(&mut self) {
@@ -146,8 +207,7 @@ impl Depth {
         }
     }
 
-    fn read(&mut self, image: &Image) -> Result<(), DepthError> {
-        let begin = Instant::now();
+    fn read(&mut self, image: &Image, begin: Instant) -> Result<(), DepthError> {
         let stamp_ns = image.header.stamp.to_ns();
         let arm = self
             .poses
@@ -197,13 +257,13 @@ impl Depth {
         }
         let estimate: NormalEstimate = seen.in_base(&base_from_camera);
         let update_s = begin.elapsed().as_secs_f64();
-        // Before the normal: who reads it finds the rest of the same image there.
+        let estimate = message(DEPTH_NORMAL, &estimate, arm, update_s);
+        self.normals.publish(&estimate);
         let map = seen.ahead.in_base(&base_from_camera);
         if !map.stations.is_empty() {
             self.ahead.publish(&ahead_message(&map, arm));
         }
-        self.normals
-            .publish(&message(DEPTH_NORMAL, &estimate, arm, update_s));
+        self.last = estimate;
         Ok(())
     }
 }

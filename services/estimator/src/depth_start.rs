@@ -1,16 +1,19 @@
 //! Starts `depth_normal`, once its camera's calibration is known: at once where the cell file gives it, else when the camera
 //! service says what the driver does.
 
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Sender, channel};
 use std::time::Duration;
 
 use tangent_estimation::depth_normal::DepthNormal;
 use tangent_mechanics::{Flange, Pose, Tool};
 use tangent_runtime::config::Calibration;
-use tangent_runtime::{Bus, Stop};
+use tangent_runtime::{Bus, HealthReporter, Stop};
+use tangent_schemas::Text;
+use tangent_schemas::convert::cut;
 use tangent_schemas::topics;
 
-use crate::depth::Depth;
+use crate::depth::{Depth, DepthMeters};
+use crate::depth_watch::DepthWatch;
 use crate::{DepthPlan, EstimatorError};
 
 /// How often the thread looks for a stop.
@@ -25,32 +28,52 @@ pub(crate) fn start(
     flange_from_tool: Pose<Flange, Tool>,
     bus: &Bus,
     stop: &Stop,
-) -> Result<JoinHandle<()>, EstimatorError> {
-    if let Some(calibration) = &plan.calibration {
-        let depth = Depth::new(&plan.with(calibration), &flange_from_tool, bus)?;
-        return Ok(depth.start(stop)?);
-    }
-    // A setting out of its range is refused now, not when the camera comes.
-    DepthNormal::new(&plan.settings.fit)?;
-    let infos = bus.subscribe(&topics::CAMERA_INFO, 1)?;
-    let (plan, bus, stop) = (plan.clone(), bus.clone(), stop.clone());
+    health: &HealthReporter,
+) -> Result<DepthWatch, EstimatorError> {
+    let (news, heard) = channel();
+    let meters = DepthMeters::new(health);
+    let age = meters.age().clone();
     let thread = std::thread::Builder::new().name("depth-normal".into());
-    Ok(thread.spawn(move || {
-        let mut known = None;
-        while !stop.is_stopped() && known.is_none() {
-            known = infos
-                .recv_timeout(LOOK)
-                .and_then(|info| Calibration::of(&info.message));
-        }
-        let Some(calibration) = known else { return };
-        tracing::info!("depth_normal: the camera's driver says {calibration:?}");
-        match Depth::new(&plan.with(&calibration), &flange_from_tool, &bus) {
-            Ok(mut depth) => {
-                while !stop.is_stopped() {
-                    depth.turn(LOOK);
-                }
+    let own = stop.clone();
+    let thread = if let Some(calibration) = &plan.calibration {
+        let choice = plan.with(calibration);
+        let mut depth = Depth::new(&choice, &flange_from_tool, bus, meters, news)?;
+        thread.spawn(move || read_images(&mut depth, &own))?
+    } else {
+        // A setting out of its range is refused now, not when the camera comes.
+        DepthNormal::new(&plan.settings.fit)?;
+        let (plan, bus) = (plan.clone(), bus.clone());
+        let infos = bus.subscribe(&topics::CAMERA_INFO, 1)?;
+        thread.spawn(move || {
+            let mut known = None;
+            tell(
+                &news,
+                "no camera/info that says how the camera sees: is the camera's driver running?",
+            );
+            while !own.is_stopped() && known.is_none() {
+                known = infos
+                    .recv_timeout(LOOK)
+                    .and_then(|info| Calibration::of(&info.message));
             }
-            Err(error) => tracing::error!("depth_normal: {error}"),
-        }
-    })?)
+            let Some(calibration) = known else { return };
+            tracing::info!("depth_normal: the camera's driver says {calibration:?}");
+            let choice = plan.with(&calibration);
+            match Depth::new(&choice, &flange_from_tool, &bus, meters, news) {
+                Ok(mut depth) => read_images(&mut depth, &own),
+                Err(error) => tracing::error!("depth_normal: {error}"),
+            }
+        })?
+    };
+    Ok(DepthWatch::new(heard, age, thread))
+}
+
+fn read_images(depth: &mut Depth, stop: &Stop) {
+    while !stop.is_stopped() {
+        depth.turn(LOOK);
+    }
+}
+
+fn tell(news: &Sender<Option<Text>>, words: &str) {
+    // A service that has ended wants no news.
+    let _ = news.send(Some(cut(words)));
 }

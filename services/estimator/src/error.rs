@@ -39,6 +39,9 @@ pub enum EstimatorError {
     /// No thread to be had.
     #[error("estimator: starting a thread: {0}")]
     Thread(#[from] std::io::Error),
+    /// A defect.
+    #[error("estimator: the thread of depth_normal panicked; this is a defect")]
+    DepthFailed,
     /// The same estimator twice: both would publish on one topic.
     #[error("estimator: \"{0}\" is listed twice; each publishes on a topic of its own name")]
     Twice(String),

@@ -7,6 +7,7 @@
 mod config;
 mod depth;
 mod depth_start;
+mod depth_watch;
 mod error;
 mod host;
 mod message;
@@ -24,6 +25,8 @@ use tangent_runtime::{
     Age, BaseReader, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters,
     Rate, RealtimeReport, Stop, Subscription, realtime,
 };
+use tangent_schemas::Text;
+use tangent_schemas::convert::{cut, cut_format};
 use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::{ArmState, ControlState, WrenchStatus};
 use tangent_schemas::topics;
@@ -32,6 +35,7 @@ use tangent_sensing::{BaseTrouble, Validity};
 pub use config::{
     ALL, Config, DepthChoice, DepthPlan, DepthSettings, EstimatorChoice, ObjectChoice, ToolInView,
 };
+use depth_watch::{DepthTrouble, DepthWatch};
 pub use error::EstimatorError;
 use host::Host;
 use objects::Objects;
@@ -50,15 +54,11 @@ const ARM_PATIENCE_S: f64 = 0.5;
 /// Unknown estimator or setting, an arm model without code, or a topic that the bus refuses.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), EstimatorError> {
     let mut service = Service::new(&config, &bus)?;
-    let depth = match &config.depth {
-        Some(plan) => Some(depth_start::start(
-            plan,
-            config.flange_from_tool,
-            &bus,
-            &stop,
-        )?),
-        None => None,
-    };
+    if let Some(plan) = &config.depth {
+        let place = config.flange_from_tool;
+        let depth = depth_start::start(plan, place, &bus, &stop, &service.health)?;
+        service.depth = Some(depth);
+    }
     service.health.realtime(&match config.realtime_priority {
         Some(priority) => realtime::setup_thread(SERVICE, priority),
         None => RealtimeReport::not_asked(SERVICE),
@@ -66,12 +66,10 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), EstimatorError> {
     while !stop.is_stopped() {
         service.turn(LOOK);
     }
-    if let Some(depth) = depth
-        && depth.join().is_err()
-    {
-        tracing::error!("the thread of depth_normal failed");
+    match service.depth.take() {
+        Some(depth) => depth.join(),
+        None => Ok(()),
     }
-    Ok(())
 }
 
 struct Service {
@@ -86,9 +84,11 @@ struct Service {
     builder: SampleBuilder,
     host: Host,
     objects: Option<Objects>,
+    depth: Option<DepthWatch>,
     wrench_patience: Parameter,
     meters: Meters,
-    said: Option<Trouble>,
+    trouble: Trouble,
+    said: Option<(Trouble, Option<DepthTrouble>)>,
     health: HealthReporter,
     _parameters: Parameters,
 }
@@ -137,6 +137,7 @@ impl Service {
                 bus,
                 &health,
             )?,
+            depth: None,
             commanded: commanded_twist(&config.model, config.flange_from_tool)?,
             // A few, so that a pre-empted thread finds the newest and sees how many it missed.
             arm: bus.subscribe(&topics::ARM_STATE, 8)?,
@@ -156,6 +157,7 @@ impl Service {
                 update: health.histogram("update"),
                 lost: health.lost(),
             },
+            trouble: Trouble::None,
             said: None,
             health,
             _parameters: parameters,
@@ -164,12 +166,17 @@ impl Service {
 
     /// One arm state: the newest that waits, or the next to come.
     fn turn(&mut self, patience: Duration) {
+        if let Some(trouble) = self.step(patience) {
+            self.trouble = trouble;
+        }
+        self.say();
+    }
+
+    /// What is wrong now; none where nothing came that would tell.
+    fn step(&mut self, patience: Duration) -> Option<Trouble> {
         let Some(mut newest) = self.arm.recv_timeout(patience) else {
             let age = self.meters.arm_age.seconds();
-            if !(0.0..=ARM_PATIENCE_S).contains(&age) {
-                self.say(Trouble::NoArm);
-            }
-            return;
+            return (!(0.0..=ARM_PATIENCE_S).contains(&age)).then_some(Trouble::NoArm);
         };
         while let Some(newer) = self.arm.try_recv() {
             self.meters.skipped.set(self.meters.skipped.get() + 1.0);
@@ -210,8 +217,7 @@ impl Service {
             }
         };
         let Some(mut built) = built else {
-            self.say(Trouble::BadArm);
-            return;
+            return Some(Trouble::BadArm);
         };
         if built.restarted {
             tracing::info!(
@@ -227,14 +233,14 @@ impl Service {
         }
         self.meters.update.record(begin.elapsed());
         let adrift = built.sample.base.and_then(|base| base.trouble);
-        self.say(match (built.sample.wrench_validity, adrift) {
+        Some(match (built.sample.wrench_validity, adrift) {
             (Validity::Valid, None) if self.objects.as_ref().is_some_and(Objects::is_blind) => {
                 Trouble::NoCamera
             }
             (Validity::Valid, None) => Trouble::None,
             (Validity::Valid, Some(why)) => Trouble::Base(why),
             (why, _) => Trouble::Wrench(why),
-        });
+        })
     }
 
     /// A new task may be on another surface.
@@ -255,26 +261,43 @@ impl Service {
         }
     }
 
-    fn say(&mut self, trouble: Trouble) {
-        if self.said == Some(trouble) {
+    /// Tells what is wrong, when that has changed. The depth camera's trouble comes first: touch has none only while it presses.
+    fn say(&mut self) {
+        let eye = self.depth.as_mut().and_then(DepthWatch::trouble);
+        let now = (self.trouble, eye);
+        if self.said == Some(now) {
             return;
         }
-        self.said = Some(trouble);
-        match trouble {
-            Trouble::None => self.health.running(),
-            Trouble::NoArm => self.health.degraded(format_args!(
+        self.said = Some(now);
+        let words = self.trouble.words();
+        match (eye, self.trouble) {
+            (Some(DepthTrouble::Failed), _) => self.health.fault(format_args!(
+                "depth_normal has failed, which is a defect: its thread has ended; the other estimators go on"
+            )),
+            (None, Trouble::None) => self.health.running(),
+            // Without the arm there is nothing to say of the rest.
+            (None, _) | (Some(_), Trouble::NoArm) => self.health.degraded(format_args!("{words}")),
+            (Some(eye), Trouble::None) => self.health.degraded(format_args!("{}", eye.words())),
+            (Some(eye), _) => {
+                self.health.degraded(format_args!("{}; {words}", eye.words()));
+            }
+        }
+    }
+}
+
+impl Trouble {
+    fn words(self) -> Text {
+        match self {
+            Self::None => Text::new(),
+            Self::NoArm => cut_format(format_args!(
                 "no arm/state for more than {ARM_PATIENCE_S} s: is the robot bridge running?"
             )),
-            Trouble::BadArm => self.health.degraded(format_args!(
-                "arm/state has no usable tool pose or robot time"
-            )),
-            Trouble::Wrench(why) => self
-                .health
-                .degraded(format_args!("wrench not usable: {}", why.reason())),
-            Trouble::NoCamera => self.health.degraded(format_args!(
-                "no camera/features for more than 0.5 s: is the camera service running, and its driver?"
-            )),
-            Trouble::Base(why) => self.health.degraded(format_args!("{}", why.reason())),
+            Self::BadArm => cut("arm/state has no usable tool pose or robot time"),
+            Self::Wrench(why) => cut_format(format_args!("wrench not usable: {}", why.reason())),
+            Self::NoCamera => cut(
+                "no camera/features for more than 0.5 s: is the camera service running, and its driver?",
+            ),
+            Self::Base(why) => cut(why.reason()),
         }
     }
 }

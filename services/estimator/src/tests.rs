@@ -11,6 +11,8 @@ use tangent_schemas::tangent::NormalEstimate;
 
 use super::*;
 
+mod depth;
+
 const PATIENCE: Duration = Duration::from_secs(10);
 
 fn config(names: &[&str]) -> Config {

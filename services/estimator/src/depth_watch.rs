@@ -1,0 +1,88 @@
+//! What the service knows of `depth_normal`'s thread: what is wrong with its images, and that it lives.
+
+use std::sync::mpsc::{Receiver, TryRecvError};
+use std::thread::JoinHandle;
+
+use tangent_runtime::Age;
+use tangent_schemas::Text;
+use tangent_schemas::convert::{cut, cut_format};
+
+use crate::EstimatorError;
+
+/// Silence of the camera beyond this is reported, s.
+const CAMERA_PATIENCE_S: f64 = 0.5;
+
+/// Why `depth_normal` says nothing, or nothing of use.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DepthTrouble {
+    /// Its thread has ended by itself.
+    Failed,
+    /// No image comes.
+    Blind,
+    /// The images that come are refused.
+    Refused(Text),
+}
+
+impl DepthTrouble {
+    /// For a person.
+    pub fn words(self) -> Text {
+        match self {
+            Self::Failed => cut("depth_normal: its thread has failed"),
+            Self::Blind => cut_format(format_args!(
+                "depth_normal: no camera/depth for more than {CAMERA_PATIENCE_S} s: does the camera run?"
+            )),
+            Self::Refused(why) => cut_format(format_args!("depth_normal: {why}")),
+        }
+    }
+}
+
+/// The service's view of the thread.
+pub struct DepthWatch {
+    news: Receiver<Option<Text>>,
+    refused: Option<Text>,
+    failed: bool,
+    age: Age,
+    thread: JoinHandle<()>,
+}
+
+impl DepthWatch {
+    /// Watches a thread that holds the other end of `news` for as long as it lives; `age` is that of the newest image.
+    pub fn new(news: Receiver<Option<Text>>, age: Age, thread: JoinHandle<()>) -> Self {
+        Self {
+            news,
+            refused: None,
+            failed: false,
+            age,
+            thread,
+        }
+    }
+
+    /// What is wrong now. Does not wait.
+    pub fn trouble(&mut self) -> Option<DepthTrouble> {
+        loop {
+            match self.news.try_recv() {
+                Ok(refused) => self.refused = refused,
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => {
+                    if !self.failed {
+                        self.failed = true;
+                        tracing::error!("the thread of depth_normal failed; this is a defect");
+                    }
+                    return Some(DepthTrouble::Failed);
+                }
+            }
+        }
+        if !(0.0..=CAMERA_PATIENCE_S).contains(&self.age.seconds()) {
+            return Some(DepthTrouble::Blind);
+        }
+        self.refused.map(DepthTrouble::Refused)
+    }
+
+    /// Waits for the thread's end.
+    ///
+    /// # Errors
+    /// It panicked.
+    pub fn join(self) -> Result<(), EstimatorError> {
+        self.thread.join().map_err(|_| EstimatorError::DepthFailed)
+    }
+}
