@@ -33,8 +33,11 @@ fn every_step_is_timed() {
     for step in [
         "wrench conditioning, one record",
         "control law",
+        "control law unified_force_impedance",
         "estimator blend",
         "estimator gaussian_process_paper",
+        "depth_normal, whole frame 640 x 480: both",
+        "depth_normal, whole frame 848 x 480: both",
     ] {
         assert!(names.iter().any(|n| n == step), "{step}: {names:?}");
     }

@@ -15,6 +15,7 @@ use tangent_sensing::{
     Payload, Reading, SensorCondition, WrenchConditioner, WrenchConditionerState,
 };
 use tangent_simulation::depth_camera::{DepthCamera, DepthCameraConfig};
+use tangent_simulation::karacan::{System, replay, step_inputs};
 use tangent_simulation::{ClosedLoop, PoseConfig, Scenario, ShapeConfig, Surface};
 
 use super::Row;
@@ -39,6 +40,7 @@ pub fn run() -> Result<Vec<Row>> {
         kinematics(&scenario, &inputs)?,
         control(&scenario, &inputs)?,
     ];
+    rows.push(unified_force_impedance()?);
     for name in estimator_names() {
         let mut estimator = build(name, &scenario.estimation)?;
         rows.push(timed(
@@ -49,7 +51,8 @@ pub fn run() -> Result<Vec<Row>> {
             },
         ));
     }
-    rows.extend(depth_normal()?);
+    rows.extend(depth_normal([640, 480])?);
+    rows.extend(depth_normal([848, 480])?);
     let mut closed_loop = ClosedLoop::new(&scenario)?;
     rows.push(timed(
         "closed loop: plant, sensing, estimators, control",
@@ -155,14 +158,34 @@ fn control(scenario: &Scenario, inputs: &Inputs) -> Result<Option<Row>> {
     }))
 }
 
-/// One frame of 640 x 480 from half a metre over a waved sheet: the surface at the tool with its map ahead, then every pixel.
-fn depth_normal() -> Result<[Option<Row>; 2]> {
+/// The law with its monitor and energy tanks, over one simulated wipe by eye and touch.
+fn unified_force_impedance() -> Result<Option<Row>> {
+    let system = System::Ours;
+    let scenario = scenarios::load_tactile(system.scenario(), &system.overrides())?
+        .context("a scenario of another kind")?;
+    let inputs = step_inputs(&scenario)?;
+    let mut us = Vec::with_capacity(inputs.len());
+    replay(&scenario, &inputs, |step| {
+        let begin = Instant::now();
+        step();
+        us.push(begin.elapsed().as_secs_f64() * 1e6);
+    })?;
+    Ok(Row::of("control law unified_force_impedance", us))
+}
+
+/// Frames from half a metre over a waved sheet: the surface at the tool with its map ahead, a normal for every pixel, and both.
+fn depth_normal(size_px: [usize; 2]) -> Result<[Option<Row>; 3]> {
+    let [width, height] = size_px;
     let shape = ShapeConfig::Sheet {
         amplitude_m: [0.0, 0.02],
         wavelength_m: [1.0, 0.38],
     };
     let surface = Surface::new(&shape, &PoseConfig::default())?;
-    let mut camera = DepthCamera::new(&DepthCameraConfig::default(), &Pose::identity(), 1)?;
+    let config = DepthCameraConfig {
+        image_px: size_px,
+        ..DepthCameraConfig::default()
+    };
+    let mut camera = DepthCamera::new(&config, &Pose::identity(), 1)?;
     let down = nalgebra::UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.1, 0.0);
     let over = Pose::new(nalgebra::Vector3::new(0.0, 0.0, 0.5), down);
     let frame = camera.picture(0.0, 0, &over, &surface);
@@ -175,16 +198,29 @@ fn depth_normal() -> Result<[Option<Row>; 2]> {
         time_s: 0.0,
         image,
         intrinsics: frame.intrinsics,
-        target: ToolTarget::Pixel([320.0, 240.0]),
+        target: ToolTarget::Pixel(size_px.map(|n| 0.5 * n as f64)),
         left_out: None,
         travel: Some(nalgebra::Vector3::x()),
     };
-    let at_tool = timed("depth_normal, one frame 640 x 480", 0..200, |_| {
+    let size = format!("{width} x {height}");
+    let at_tool = timed(&format!("depth_normal, one frame {size}"), 0..200, |_| {
         black_box(step.update(&mut state, &sample));
     });
     let mut normals = vec![[0.0; 3]; depth_m.len()];
-    let every_pixel = timed("depth_normal, a normal for every pixel", 0..200, |_| {
-        black_box(step.normals(&state, &image, &mut normals));
-    });
-    Ok([at_tool, every_pixel])
+    let every_pixel = timed(
+        &format!("depth_normal, a normal for every pixel {size}"),
+        0..200,
+        |_| {
+            black_box(step.normals(&state, &image, &mut normals));
+        },
+    );
+    let whole = timed(
+        &format!("depth_normal, whole frame {size}: both"),
+        0..200,
+        |_| {
+            black_box(step.update(&mut state, &sample));
+            black_box(step.normals(&state, &image, &mut normals));
+        },
+    );
+    Ok([at_tool, every_pixel, whole])
 }

@@ -12,44 +12,41 @@ use super::windows::Node;
 /// Reach of the rectangles that are tried, cells.
 const REACHES: [usize; 7] = [2, 3, 4, 6, 8, 10, 12];
 
-/// Sums over cells along one axis, from the least cell to the last.
-#[derive(Clone, Debug)]
+/// How moments of the cells' means along one axis, `Σ kⁿ m` with `k` from `-reach` to `reach`, become what a cubic needs.
+#[derive(Clone, Copy, Debug)]
 struct Axis {
-    /// Slope of a straight line.
-    line: Vec<f64>,
-    /// What a cubic adds to it.
-    third: Vec<f64>,
-    /// Value of the second polynomial in the middle, over its norm.
-    second: Vec<f64>,
-    /// Squares of the above, summed.
+    reach: usize,
+    /// One over the number of cells.
+    share: f64,
+    /// Slope of a straight line, of the first moment.
+    line: f64,
+    /// What a cubic adds to it, of the third and the first.
+    third: [f64; 2],
+    /// Value of the second polynomial in the middle, over its norm, of the second moment and that of order zero.
+    second: [f64; 2],
+    /// Squares of these sums' kernels.
     squares: [f64; 3],
 }
 
 impl Axis {
     fn new(reach: usize) -> Self {
-        let x: Vec<f64> = (0..=2 * reach).map(|i| i as f64 - reach as f64).collect();
-        let n = x.len() as f64;
-        let moment = |power: i32| x.iter().map(|x| x.powi(power)).sum::<f64>();
+        let x = || (0..=2 * reach).map(|i| i as f64 - reach as f64);
+        let moment = |power: i32| x().map(|x| x.powi(power)).sum::<f64>();
         let (m2, m4) = (moment(2), moment(4));
-        let line: Vec<f64> = x.iter().map(|x| x / m2).collect();
+        let n = moment(0);
         // x² - m2/n, and x³ - x m4/m2: orthogonal to all below.
-        let shift = m2 / n;
-        let p2: Vec<f64> = x.iter().map(|x| x * x - shift).collect();
-        let norm2: f64 = p2.iter().map(|p| p * p).sum();
-        let slope3 = m4 / m2;
-        let p3: Vec<f64> = x.iter().map(|x| x * x * x - slope3 * x).collect();
-        let norm3: f64 = p3.iter().map(|p| p * p).sum();
-        let third: Vec<f64> = p3
-            .iter()
-            .map(|p| if reach > 1 { -slope3 * p / norm3 } else { 0.0 })
-            .collect();
-        let second: Vec<f64> = p2.iter().map(|p| -shift * p / norm2).collect();
-        let squares = [&line, &third, &second].map(|k| k.iter().map(|k| k * k).sum());
+        let (shift, slope3) = (m2 / n, m4 / m2);
+        let norm2: f64 = x().map(|x| (x * x - shift).powi(2)).sum();
+        let norm3: f64 = x().map(|x| (x * x * x - slope3 * x).powi(2)).sum();
+        let third = if reach > 1 { -slope3 / norm3 } else { 0.0 };
+        let second = -shift / norm2;
         Self {
-            line,
-            third,
-            second,
-            squares,
+            reach,
+            share: 1.0 / n,
+            line: 1.0 / m2,
+            third: [third, -third * slope3],
+            second: [second, -second * shift],
+            squares: [1.0 / m2, third * third * norm3, second * second * norm2],
         }
     }
 }
@@ -65,6 +62,8 @@ pub(super) struct Cubics {
     deviations: [[[f64; 2]; REACHES.len()]; REACHES.len()],
     /// For each of them, cell by cell: sums along the row around the cell, as [`Axis`] has them, and without weights.
     along_rows: Vec<Vec<[f64; 4]>>,
+    /// Of one row: the moments of each cell's surroundings, from order zero to three.
+    moments: [Vec<f64>; 4],
     /// Inverse depth at the cells' middles, 1/m.
     means: Vec<f64>,
     /// `(columns + 1) (rows + 1)`: cells above and to the left that have no mean, and that have one only from their neighbours.
@@ -80,7 +79,20 @@ struct Slope {
     covariance: [f64; 3],
 }
 
-/// One rectangle's slopes along both axes: the plane's, its corrections, and their variances for unit noise of a cell.
+/// Moments of a rectangle across its rows, of their sums in `Cubics::along_rows`; rows are added in pairs around the middle.
+#[derive(Clone, Copy)]
+struct Moments {
+    /// Of order zero: of `line` and `third`.
+    zeroth: [f64; 2],
+    /// Of order one: of `second` and of the sums without weights.
+    first: [f64; 2],
+    /// Of order two, of `line`.
+    second: f64,
+    /// Of order three, of the sums without weights.
+    third: f64,
+}
+
+/// One rectangle's slopes along both axes: the plane's, and its corrections.
 struct Fit {
     plane: [f64; 2],
     corrections: [[f64; 2]; 2],
@@ -113,6 +125,10 @@ impl Cubics {
             }
         }
         self.along_rows = vec![vec![[0.0; 4]; columns * rows]; REACHES.len()];
+        for line in &mut self.moments {
+            line.clear();
+            line.resize(columns, 0.0);
+        }
         self.means.clear();
         self.means.resize(columns * rows, 0.0);
         self.missing.clear();
@@ -190,77 +206,123 @@ impl Cubics {
         }
     }
 
-    /// Whether a rectangle has hardly any cell without a mean of its own.
-    fn is_whole(&self, column: usize, row: usize, reach: [usize; 2]) -> bool {
-        let [x, y] = reach.map(|i| REACHES[i]);
+    /// Cells of a rectangle that have no mean, and that have one only from their neighbours; none where it is not on the grid.
+    fn missing(&self, column: usize, row: usize, [x, y]: [usize; 2]) -> Option<[u32; 2]> {
         if column < x || row < y || column + x >= self.columns || row + y >= self.rows {
-            return false;
+            return None;
         }
         let stride = self.columns + 1;
         let corner = |c: usize, r: usize| self.missing[r * stride + c];
         let (left, right, top, bottom) = (column - x, column + x + 1, row - y, row + y + 1);
-        let count = |k: usize| {
-            corner(right, bottom)[k] + corner(left, top)[k]
-                - corner(left, bottom)[k]
-                - corner(right, top)[k]
-        };
-        count(0) == 0 && (count(1) as usize) * 10 <= (2 * x + 1) * (2 * y + 1)
+        let (a, b) = (corner(left, top), corner(right, top));
+        let (c, d) = (corner(left, bottom), corner(right, bottom));
+        Some([0, 1].map(|k| d[k] + a[k] - c[k] - b[k]))
     }
 
-    /// The part along the rows of every rectangle's sums, for the first `tried` reaches.
+    /// Whether a rectangle has hardly any cell without a mean of its own.
+    fn is_whole(&self, column: usize, row: usize, reach: [usize; 2]) -> bool {
+        let [x, y] = reach.map(|i| REACHES[i]);
+        self.missing(column, row, [x, y])
+            .is_some_and(|[none, lent]| {
+                none == 0 && (lent as usize) * 10 <= (2 * x + 1) * (2 * y + 1)
+            })
+    }
+
+    /// The part along the rows of every rectangle's sums, for the first `tried` reaches. The moments of a reach are those of the one
+    /// before and a few cells more.
     fn sum_rows(&mut self, tried: usize) {
-        for ((axis, sums), reach) in self
-            .axes
-            .iter()
-            .zip(&mut self.along_rows)
-            .zip(REACHES)
-            .take(tried)
-        {
-            if 2 * reach + 1 > self.columns {
-                continue;
+        let columns = self.columns;
+        for row in 0..self.rows {
+            let cells = row * columns..(row + 1) * columns;
+            let means = &self.means[cells.clone()];
+            let [m0, m1, m2, m3] = &mut self.moments;
+            m0.copy_from_slice(means);
+            for line in [&mut *m1, m2, m3] {
+                line.fill(0.0);
             }
-            for row in 0..self.rows {
-                let line = row * self.columns..(row + 1) * self.columns;
-                let means = &self.means[line.clone()];
-                let sums = &mut sums[line][reach..self.columns - reach];
-                sums.fill([0.0; 4]);
-                for i in 0..=2 * reach {
-                    let [line, third, second] = [axis.line[i], axis.third[i], axis.second[i]];
-                    for (s, m) in sums.iter_mut().zip(&means[i..]) {
-                        s[0] += line * m;
-                        s[1] += third * m;
-                        s[2] += second * m;
-                        s[3] += m;
+            let mut reached = 0;
+            for (axis, sums) in self.axes.iter().zip(&mut self.along_rows).take(tried) {
+                let reach = axis.reach;
+                if 2 * reach + 1 > columns {
+                    break;
+                }
+                for k in reached + 1..=reach {
+                    let x = k as f64;
+                    let (square, cube) = (x * x, x * x * x);
+                    let n = columns - 2 * k;
+                    let (before, after) = (&means[..n], &means[2 * k..]);
+                    let [m0, m1] = [&mut *m0, m1].map(|line| &mut line[k..k + n]);
+                    let [m2, m3] = [&mut *m2, m3].map(|line| &mut line[k..k + n]);
+                    for i in 0..n {
+                        let (sum, difference) = (after[i] + before[i], after[i] - before[i]);
+                        m0[i] += sum;
+                        m1[i] += x * difference;
+                        m2[i] += square * sum;
+                        m3[i] += cube * difference;
                     }
+                }
+                reached = reach;
+                let n = columns - 2 * reach;
+                let [m0, m1] = [&*m0, m1].map(|line| &line[reach..reach + n]);
+                let [m2, m3] = [&*m2, m3].map(|line| &line[reach..reach + n]);
+                let sums = &mut sums[cells.clone()][reach..reach + n];
+                for i in 0..n {
+                    sums[i] = [
+                        axis.line * m1[i],
+                        axis.third[0] * m3[i] + axis.third[1] * m1[i],
+                        axis.second[0] * m2[i] + axis.second[1] * m0[i],
+                        m0[i],
+                    ];
                 }
             }
         }
     }
 
-    /// Of a rectangle with reaches by their number in [`REACHES`].
-    fn fit(&self, column: usize, row: usize, [x, y]: [usize; 2]) -> Fit {
-        let along = &self.axes[y];
-        let (nx, ny) = ((2 * REACHES[x] + 1) as f64, (2 * REACHES[y] + 1) as f64);
-        let mut plane = [0.0; 2];
-        let mut corrections = [[0.0; 2]; 2];
-        let first = (row - REACHES[y]) * self.columns + column;
-        let sums = self.along_rows[x][first..].iter().step_by(self.columns);
-        let kernels = along.line.iter().zip(&along.third).zip(&along.second);
-        for ([line, third, second, sum], ((along_line, along_third), along_second)) in
-            sums.zip(kernels)
-        {
-            plane[0] += line;
-            corrections[0][0] += third;
-            corrections[0][1] += line * along_second;
-            plane[1] += along_line * sum;
-            corrections[1][0] += along_third * sum;
-            corrections[1][1] += along_line * second;
+    /// Moments of the middle row alone, with a reach along it by its number in [`REACHES`].
+    fn middle(&self, cell: usize, x: usize) -> Moments {
+        let [line, third, _, _] = self.along_rows[x][cell];
+        Moments {
+            zeroth: [line, third],
+            first: [0.0; 2],
+            second: 0.0,
+            third: 0.0,
         }
+    }
+
+    /// The same with the rows from `from` to `to` cells away on either side.
+    fn with_rows(&self, mut m: Moments, cell: usize, x: usize, from: usize, to: usize) -> Moments {
+        let sums = &self.along_rows[x];
+        for k in from..=to {
+            let step = k * self.columns;
+            let (above, below) = (&sums[cell - step], &sums[cell + step]);
+            let y = k as f64;
+            let even = [below[0] + above[0], below[1] + above[1]];
+            let odd = [y * (below[2] - above[2]), y * (below[3] - above[3])];
+            m.zeroth = [m.zeroth[0] + even[0], m.zeroth[1] + even[1]];
+            m.first = [m.first[0] + odd[0], m.first[1] + odd[1]];
+            m.second += y * y * even[0];
+            m.third += y * y * odd[1];
+        }
+        m
+    }
+
+    /// Of a rectangle with reaches by their number in [`REACHES`].
+    fn fit(&self, m: &Moments, [x, y]: [usize; 2]) -> Fit {
+        let (across, along) = (&self.axes[x], &self.axes[y]);
         Fit {
-            plane: [plane[0] / ny, plane[1] / nx],
+            plane: [
+                m.zeroth[0] * along.share,
+                along.line * m.first[1] * across.share,
+            ],
             corrections: [
-                [corrections[0][0] / ny, corrections[0][1]],
-                [corrections[1][0] / nx, corrections[1][1]],
+                [
+                    m.zeroth[1] * along.share,
+                    along.second[0] * m.second + along.second[1] * m.zeroth[0],
+                ],
+                [
+                    (along.third[0] * m.third + along.third[1] * m.first[1]) * across.share,
+                    along.line * m.first[0],
+                ],
             ],
         }
     }
@@ -277,6 +339,9 @@ impl Cubics {
         if !self.is_whole(column, row, reach) {
             return None;
         }
+        // Where nothing is missing in the widest, no other needs a look.
+        let widest = REACHES[tried - 1];
+        let all_there = self.missing(column, row, [widest, widest]) == Some([0, 0]);
         let deviation = config.consistency_sd * per_cell.sqrt();
         let narrowed = |interval: &[[f64; 2]; 2], fit: &Fit, reach: [usize; 2]| {
             let mut next = *interval;
@@ -287,7 +352,9 @@ impl Cubics {
             }
             next
         };
-        let mut best = self.fit(column, row, reach);
+        let cell = row * self.columns + column;
+        let mut moments = self.with_rows(self.middle(cell, 0), cell, 0, 1, REACHES[0]);
+        let mut best = self.fit(&moments, reach);
         let mut interval = narrowed(&[[f64::NEG_INFINITY, f64::INFINITY]; 2], &best, reach);
         let mut open = [true, true];
         for wider in 1..tried {
@@ -297,15 +364,21 @@ impl Cubics {
                 }
                 let mut next = reach;
                 next[axis] = wider;
-                open[axis] = self.is_whole(column, row, next);
+                open[axis] = all_there || self.is_whole(column, row, next);
                 if !open[axis] {
                     continue;
                 }
-                let fit = self.fit(column, row, next);
+                let [x, y] = next;
+                let wider = if axis == 0 {
+                    self.with_rows(self.middle(cell, x), cell, x, 1, REACHES[y])
+                } else {
+                    self.with_rows(moments, cell, x, REACHES[reach[1]] + 1, REACHES[y])
+                };
+                let fit = self.fit(&wider, next);
                 let inside = narrowed(&interval, &fit, next);
                 open[axis] = inside.iter().all(|[low, high]| low <= high);
                 if open[axis] {
-                    (interval, reach, best) = (inside, next, fit);
+                    (interval, reach, best, moments) = (inside, next, fit, wider);
                 }
             }
         }

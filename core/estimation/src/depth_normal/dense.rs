@@ -38,22 +38,41 @@ struct Line {
 
 /// Pixels that are worked on together.
 const LANES: usize = 8;
+/// Squares that are worked on together.
+const SQUARES: usize = 32;
+
+/// The pixels between four nodes.
+#[derive(Clone, Default)]
+struct Square {
+    /// Column and row of the first node.
+    at: [usize; 2],
+    /// Along the rows.
+    pixels: Range<usize>,
+    /// See [`Field::corners`].
+    corners: Option<[[f32; 3]; 4]>,
+    /// Place of the first pixel from the first node, cells, and its `x/z`.
+    first: f32,
+    sight: f32,
+}
 
 impl Line {
     fn fill(&self, depths: &[f32], normals: &mut [PixelNormal]) {
+        let (whole, rest) = depths.as_chunks::<LANES>();
+        let (to, last) = normals.as_chunks_mut::<LANES>();
         let mut from = 0;
-        for (normals, depths) in normals.chunks_mut(LANES).zip(depths.chunks(LANES)) {
-            let mut z = [0.0; LANES];
-            z[..depths.len()].copy_from_slice(depths);
-            let [x, y, z] = self.lanes(from as f32, &z);
-            for (normal, ((x, y), z)) in normals.iter_mut().zip(x.iter().zip(&y).zip(&z)) {
-                *normal = [*x, *y, *z];
-            }
+        for (normals, z) in to.iter_mut().zip(whole) {
+            self.lanes(from as f32, z, normals);
             from += LANES;
+        }
+        if !rest.is_empty() {
+            let (mut z, mut normals) = ([0.0; LANES], [[0.0; 3]; LANES]);
+            z[..rest.len()].copy_from_slice(rest);
+            self.lanes(from as f32, &z, &mut normals);
+            last.copy_from_slice(&normals[..last.len()]);
         }
     }
 
-    fn lanes(&self, from: f32, z: &[f32; LANES]) -> [[f32; LANES]; 3] {
+    fn lanes(&self, from: f32, z: &[f32; LANES], normals: &mut [PixelNormal; LANES]) {
         let mut out = [[0.0; LANES]; 3];
         for k in 0..LANES {
             let i = from + k as f32;
@@ -70,19 +89,33 @@ impl Line {
             out[1][k] = wb * scale;
             out[2][k] = wc * scale;
         }
-        out
+        for (k, normal) in normals.iter_mut().enumerate() {
+            *normal = [out[0][k], out[1][k], out[2][k]];
+        }
     }
 }
 
 impl Field<'_> {
     /// Fills `normals`, one per pixel of the image.
     pub fn fill(&self, image: &DepthImage<'_>, normals: &mut [PixelNormal]) {
-        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost, their own square goes on.
-        for row in 0..self.rows.max(2) - 1 {
-            let lines = self.between(row, self.rows, image.height());
-            for column in 0..self.columns.max(2) - 1 {
-                let pixels = self.between(column, self.columns, image.width());
-                self.square([column, row], pixels, lines.clone(), image, normals);
+        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost, their own square goes on. Several squares
+        // together row by row: memory is written in the order in which it lies.
+        let (rows, columns) = (self.rows.max(2) - 1, self.columns.max(2) - 1);
+        let mut squares: [Square; SQUARES] = Default::default();
+        for row in 0..rows {
+            for first in (0..columns).step_by(SQUARES) {
+                let squares = &mut squares[..SQUARES.min(columns - first)];
+                for (column, square) in (first..).zip(&mut *squares) {
+                    *square = self.square(column, row, image.width());
+                }
+                for v in self.between(row, self.rows, image.height()) {
+                    for square in &*squares {
+                        let line = v * image.width();
+                        let normals =
+                            &mut normals[line + square.pixels.start..line + square.pixels.end];
+                        self.line(square, v, &image.row(v)[square.pixels.clone()], normals);
+                    }
+                }
             }
         }
     }
@@ -104,52 +137,51 @@ impl Field<'_> {
         from.min(size)..to.min(size)
     }
 
-    fn square(
-        &self,
-        [column, row]: [usize; 2],
-        pixels: Range<usize>,
-        lines: Range<usize>,
-        image: &DepthImage<'_>,
-        normals: &mut [PixelNormal],
-    ) {
-        let cell = self.cell_px as f64;
-        let place = |pixel: usize| (pixel as f64 - 0.5 * (cell - 1.0)) / cell;
-        let corners = self.corners(column, row);
-        let first = place(pixels.start) - column as f64;
-        let sight = [
-            self.mesh.sight(place(pixels.start), 0.0)[0] as f32,
-            (self.mesh.step[0] / cell) as f32,
-        ];
-        let range = self.range_m.map(|m| m as f32);
-        for v in lines {
-            let depths = &image.row(v)[pixels.clone()];
-            let line = v * image.width();
-            let normals = &mut normals[line + pixels.start..line + pixels.end];
-            let at = place(v);
-            let Some(corners) = &corners else {
-                for (i, (normal, z)) in normals.iter_mut().zip(depths).enumerate() {
-                    *normal = self.nearest([column, row], [place(pixels.start + i), at], *z);
-                }
-                continue;
-            };
-            let fraction = (at - row as f64) as f32;
-            let mix = |i: usize| {
-                let side =
-                    |k: usize| corners[k][i] + (corners[k + 2][i] - corners[k][i]) * fraction;
-                [side(0), side(1) - side(0)]
-            };
-            let line = Line {
-                first: first as f32,
-                step: 1.0 / cell as f32,
-                w: mix(0),
-                a: mix(1),
-                b: mix(2),
-                sight,
-                row_sight: self.mesh.sight(0.0, at)[1] as f32,
-                range,
-            };
-            line.fill(depths, normals);
+    fn square(&self, column: usize, row: usize, width: usize) -> Square {
+        let pixels = self.between(column, self.columns, width);
+        let first = self.place(pixels.start);
+        Square {
+            at: [column, row],
+            corners: self.corners(column, row),
+            first: (first - column as f64) as f32,
+            sight: self.mesh.sight(first, 0.0)[0] as f32,
+            pixels,
         }
+    }
+
+    /// Place in the grid of a pixel, cells.
+    fn place(&self, pixel: usize) -> f64 {
+        let cell = self.cell_px as f64;
+        (pixel as f64 - 0.5 * (cell - 1.0)) / cell
+    }
+
+    /// One row of a square's pixels.
+    fn line(&self, square: &Square, v: usize, depths: &[f32], normals: &mut [PixelNormal]) {
+        let at = self.place(v);
+        let Some(corners) = &square.corners else {
+            for (i, (normal, z)) in normals.iter_mut().zip(depths).enumerate() {
+                let place = [self.place(square.pixels.start + i), at];
+                *normal = self.nearest(square.at, place, *z);
+            }
+            return;
+        };
+        let fraction = (at - square.at[1] as f64) as f32;
+        let mix = |i: usize| {
+            let side = |k: usize| corners[k][i] + (corners[k + 2][i] - corners[k][i]) * fraction;
+            [side(0), side(1) - side(0)]
+        };
+        let cell = self.cell_px as f64;
+        let line = Line {
+            first: square.first,
+            step: 1.0 / cell as f32,
+            w: mix(0),
+            a: mix(1),
+            b: mix(2),
+            sight: [square.sight, (self.mesh.step[0] / cell) as f32],
+            row_sight: self.mesh.sight(0.0, at)[1] as f32,
+            range: self.range_m.map(|m| m as f32),
+        };
+        line.fill(depths, normals);
     }
 
     /// Inverse depth and its slopes at the four nodes around, where all are of one surface.

@@ -20,6 +20,8 @@ pub(super) struct Segments {
     /// By connection, from 1.
     pub body: Vec<u16>,
     queue: Vec<u32>,
+    /// Over which of its sides, in the order of [`Neighbours::of`], a cell's surface goes on: a bit each.
+    sides: Vec<u8>,
     /// How much of each body is around the tool.
     votes: Vec<f64>,
     pub segments: u16,
@@ -50,13 +52,15 @@ impl Segments {
             labels.clear();
             labels.resize(n, NONE);
         }
+        self.sides.clear();
+        self.sides.resize(n, 0);
         self.queue.clear();
         self.queue.reserve(n);
         self.votes.clear();
         self.votes.reserve(n + 1);
     }
 
-    /// Labels the bodies: to be done first.
+    /// Finds where the surface goes on from cell to cell, and labels the bodies: to be done first.
     pub fn grow_bodies(
         &mut self,
         config: &DepthNormalConfig,
@@ -66,11 +70,16 @@ impl Segments {
     ) {
         self.body.fill(NONE);
         let mut bodies = NONE;
-        let neighbours = Neighbours {
+        let seams = Seams {
             nodes,
             facets,
             jump,
             config,
+            columns: self.columns,
+        };
+        seams.find(&mut self.sides);
+        let neighbours = Neighbours {
+            sides: &self.sides,
             columns: self.columns,
         };
         for (seed, facet) in facets.iter().enumerate() {
@@ -90,23 +99,18 @@ impl Segments {
         self.votes.resize(usize::from(bodies) + 1, 0.0);
     }
 
-    /// Labels the segments; the tool's own first, so that it is centred there.
+    /// Labels the segments; the tool's own first, so that it is centred there. After [`Segments::grow_bodies`].
     pub fn grow_segments(
         &mut self,
         config: &DepthNormalConfig,
-        nodes: &[Node],
         facets: &[Facet],
-        jump: [f64; 2],
         tool: Option<usize>,
     ) {
         self.segment.fill(NONE);
         self.segments = NONE;
         let spread = config.segment_spread_rad.min(std::f64::consts::PI).cos();
         let neighbours = Neighbours {
-            nodes,
-            facets,
-            jump,
-            config,
+            sides: &self.sides,
             columns: self.columns,
         };
         for seed in tool.into_iter().chain(0..facets.len()) {
@@ -206,7 +210,31 @@ pub(super) fn shape_of(
     })
 }
 
+/// Where a cell's surface goes on.
 struct Neighbours<'a> {
+    sides: &'a [u8],
+    columns: usize,
+}
+
+impl Neighbours<'_> {
+    /// Neighbouring cells that the surface goes on to: to the left, right, above, below.
+    fn of(&self, from: usize) -> impl Iterator<Item = usize> {
+        let sides = self.sides[from];
+        let cells = [
+            from.wrapping_sub(1),
+            from + 1,
+            from.wrapping_sub(self.columns),
+            from + self.columns,
+        ];
+        cells
+            .into_iter()
+            .enumerate()
+            .filter_map(move |(side, to)| (sides >> side & 1 == 1).then_some(to))
+    }
+}
+
+/// What is looked at between neighbouring cells.
+struct Seams<'a> {
     nodes: &'a [Node],
     facets: &'a [Facet],
     jump: [f64; 2],
@@ -214,43 +242,44 @@ struct Neighbours<'a> {
     columns: usize,
 }
 
-impl Neighbours<'_> {
-    /// Neighbouring cells, and whether the surface goes on from the one to the other without a jump or a crease.
-    fn of(&self, from: usize) -> impl Iterator<Item = usize> {
-        let (column, n) = (from % self.columns, self.nodes.len());
-        let sides = [
-            (column > 0, from.wrapping_sub(1), 0, -1.0),
-            (column + 1 < self.columns, from + 1, 0, 1.0),
-            (
-                from >= self.columns,
-                from.wrapping_sub(self.columns),
-                1,
-                -1.0,
-            ),
-            (from + self.columns < n, from + self.columns, 1, 1.0),
-        ];
-        sides.into_iter().filter_map(move |(there, to, axis, way)| {
-            (there && self.joins(from, to, axis, way)).then_some(to)
-        })
+impl Seams<'_> {
+    /// Every seam once, for both its sides.
+    fn find(&self, sides: &mut [u8]) {
+        sides.fill(0);
+        let n = self.facets.len();
+        for i in 0..n {
+            if !self.facets[i].valid {
+                continue;
+            }
+            let right = (i + 1 < n && (i + 1) % self.columns != 0).then_some((i + 1, 0));
+            let below = (i + self.columns < n).then_some((i + self.columns, 1));
+            for (next, axis) in [right, below].into_iter().flatten() {
+                let [on, back] = self.joins(i, next, axis);
+                sides[i] |= u8::from(on) << (2 * axis + 1);
+                sides[next] |= u8::from(back) << (2 * axis);
+            }
+        }
     }
 
-    fn joins(&self, from: usize, to: usize, axis: usize, way: f64) -> bool {
+    /// Whether the surface goes on to the next cell along an axis without a jump or a crease, and from there back.
+    fn joins(&self, from: usize, to: usize, axis: usize) -> [bool; 2] {
         let (a, b) = (&self.facets[from], &self.facets[to]);
-        if !(a.valid && b.valid) {
-            return false;
+        if !b.valid {
+            return [false; 2];
         }
         // Where normals are in doubt, or cells far apart, they may differ by more.
         let doubt = 2.0 * (a.sd_rad * a.sd_rad + b.sd_rad * b.sd_rad).sqrt();
         let bend = self.config.bend_max_per_m * (a.point - b.point).norm();
         let allowed = self.config.crease_rad + doubt + bend;
         if (a.normal - b.normal).norm_squared() > allowed * allowed {
-            return false;
+            return [false; 2];
         }
         // Both planes half way.
         let (m, n) = (&self.nodes[from], &self.nodes[to]);
-        let there = m.w + 0.5 * way * m.slope[axis];
-        let back = n.w - 0.5 * way * n.slope[axis];
-        (there - back).abs() <= self.jump[0] + self.jump[1] * m.w
+        let there = m.w + 0.5 * m.slope[axis];
+        let back = n.w - 0.5 * n.slope[axis];
+        let apart = (there - back).abs();
+        [m, n].map(|node| apart <= self.jump[0] + self.jump[1] * node.w)
     }
 }
 

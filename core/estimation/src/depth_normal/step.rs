@@ -99,13 +99,9 @@ impl DepthNormal {
                 .segments
                 .at(place, &state.facets, |facet| far / (step * facet.point.z))
         });
-        state.segments.grow_segments(
-            &self.config,
-            &state.windows.nodes,
-            &state.facets,
-            state.jump,
-            tool,
-        );
+        state
+            .segments
+            .grow_segments(&self.config, &state.facets, tool);
         let Some([u, v]) = target else {
             return invalid(VisualValidity::BadInput);
         };
