@@ -77,3 +77,44 @@ fn tell(news: &Sender<Option<Text>>, words: &str) {
     // A service that has ended wants no news.
     let _ = news.send(Some(cut(words)));
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use tangent_schemas::standard::CameraInfo;
+
+    use super::*;
+    use crate::DepthSettings;
+
+    #[test]
+    fn it_waits_for_the_drivers_calibration_where_the_file_has_none() {
+        let bus = Bus::in_process("depth-start");
+        let (images, infos) = (
+            bus.publisher(&topics::CAMERA_DEPTH).unwrap(),
+            bus.publisher(&topics::CAMERA_INFO).unwrap(),
+        );
+        let plan = DepthPlan {
+            settings: DepthSettings::default(),
+            calibration: None,
+            flange_from_camera: Pose::identity(),
+        };
+        let stop = Stop::new();
+        let thread = start(&plan, Pose::identity(), &bus, &stop).unwrap();
+        infos.publish(&CameraInfo::default());
+        assert!(!images.is_read());
+        let started = Instant::now();
+        while !images.is_read() {
+            infos.publish(&CameraInfo {
+                height: 480,
+                width: 848,
+                k: [423.5, 0.0, 421.5, 0.0, 424.5, 239.5, 0.0, 0.0, 1.0],
+                ..CameraInfo::default()
+            });
+            assert!(started.elapsed() < Duration::from_secs(20));
+            std::thread::park_timeout(Duration::from_millis(5));
+        }
+        stop.trigger();
+        thread.join().unwrap();
+    }
+}
