@@ -46,10 +46,8 @@ pub(crate) fn start(
         let infos = bus.subscribe(&topics::CAMERA_INFO, 1)?;
         thread.spawn(move || {
             let mut known = None;
-            tell(
-                &news,
-                "no camera/info that says how the camera sees: is the camera's driver running?",
-            );
+            let missing = "no camera/info that says how the camera sees: does its driver run?";
+            tell(&news, Some(missing));
             while !own.is_stopped() && known.is_none() {
                 known = infos
                     .recv_timeout(LOOK)
@@ -57,6 +55,7 @@ pub(crate) fn start(
             }
             let Some(calibration) = known else { return };
             tracing::info!("depth_normal: the camera's driver says {calibration:?}");
+            tell(&news, None);
             let choice = plan.with(&calibration);
             match Depth::new(&choice, &flange_from_tool, &bus, meters, news) {
                 Ok(mut depth) => read_images(&mut depth, &own),
@@ -73,9 +72,9 @@ fn read_images(depth: &mut Depth, stop: &Stop) {
     }
 }
 
-fn tell(news: &Sender<Option<Text>>, words: &str) {
+fn tell(news: &Sender<Option<Text>>, words: Option<&str>) {
     // A service that has ended wants no news.
-    let _ = news.send(Some(cut(words)));
+    let _ = news.send(words.map(cut));
 }
 
 #[cfg(test)]
@@ -86,6 +85,7 @@ mod tests {
 
     use super::*;
     use crate::DepthSettings;
+    use crate::depth_watch::DepthTrouble;
 
     #[test]
     fn it_waits_for_the_drivers_calibration_where_the_file_has_none() {
@@ -100,7 +100,15 @@ mod tests {
             flange_from_camera: Pose::identity(),
         };
         let stop = Stop::new();
-        let thread = start(&plan, Pose::identity(), &bus, &stop).unwrap();
+        let health = HealthReporter::start_only(&bus, "estimator").unwrap();
+        let mut watch = start(&plan, Pose::identity(), &bus, &stop, &health).unwrap();
+        let told = loop {
+            if let Some(trouble @ DepthTrouble::Refused(_)) = watch.trouble() {
+                break trouble;
+            }
+            std::thread::park_timeout(Duration::from_millis(5));
+        };
+        assert!(told.words().contains("camera/info"), "{}", told.words());
         infos.publish(&CameraInfo::default());
         assert!(!images.is_read());
         let started = Instant::now();
@@ -114,7 +122,9 @@ mod tests {
             assert!(started.elapsed() < Duration::from_secs(20));
             std::thread::park_timeout(Duration::from_millis(5));
         }
+        // What was missing is there; images are not.
+        assert_eq!(watch.trouble(), Some(DepthTrouble::Blind));
         stop.trigger();
-        thread.join().unwrap();
+        watch.join().unwrap();
     }
 }

@@ -72,10 +72,13 @@ impl DepthWatch {
                 }
             }
         }
-        if !(0.0..=CAMERA_PATIENCE_S).contains(&self.age.seconds()) {
-            return Some(DepthTrouble::Blind);
+        let age_s = self.age.seconds();
+        match self.refused {
+            // Nothing was looked for yet: something is missing for that.
+            Some(why) if !(0.0..f64::INFINITY).contains(&age_s) => Some(DepthTrouble::Refused(why)),
+            _ if !(0.0..=CAMERA_PATIENCE_S).contains(&age_s) => Some(DepthTrouble::Blind),
+            refused => refused.map(DepthTrouble::Refused),
         }
-        self.refused.map(DepthTrouble::Refused)
     }
 
     /// Waits for the thread's end.
