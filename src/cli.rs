@@ -88,6 +88,9 @@ pub struct Up {
     /// Seed of the simulator's noise.
     #[arg(long)]
     pub seed: Option<u64>,
+    /// Override one key of the scenario, `KEY.PATH=VALUE`; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
     /// Folder for the recording and the report.
     #[arg(long, default_value = "recordings")]
     pub folder: PathBuf,

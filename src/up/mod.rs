@@ -26,7 +26,7 @@ const READY_PATIENCE: Duration = Duration::from_secs(30);
 /// # Errors
 /// A bad file, a busy port, or a service that cannot run.
 pub fn run(args: &Up, base: CellConfig, json: bool) -> Result<Outcome> {
-    let mut overrides = Vec::new();
+    let mut overrides = args.set.clone();
     if let Some(seed) = args.seed {
         overrides.push(format!("seed={seed}"));
     }

@@ -133,6 +133,8 @@ pub fn of_tactile(
     cell.tool.inertia_kg_m2 = tool.payload.inertia_kg_m2;
     if let Some(franka) = &mut cell.robot.franka {
         franka.tool_inertia_kg_m2 = tool.payload.inertia_kg_m2;
+        // Of `evaluate`'s delay one period is the interface's own.
+        franka.delay_periods = scenario.plant.arm.delay_periods.saturating_sub(1);
     }
     let limits = &scenario.limits;
     cell.limits = shipped.limits;
