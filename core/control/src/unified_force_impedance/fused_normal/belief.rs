@@ -1,0 +1,104 @@
+//! A normal and how well it is known: two of them together, in the plane between them.
+
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, Vector3};
+
+/// No normal is surer than this, rad².
+pub const VARIANCE_LEAST: f64 = 1e-8;
+
+/// A normal and how well it is known.
+#[derive(Clone, Copy, Debug)]
+pub struct Belief {
+    /// Unit, base axes.
+    pub normal: Vector3<f64>,
+    /// rad², base axes; nothing along the normal.
+    pub covariance: Matrix3<f64>,
+}
+
+impl Belief {
+    /// As sure in every direction.
+    pub fn round(normal: Vector3<f64>, variance: f64) -> Self {
+        Self {
+            normal,
+            covariance: across(&normal) * variance,
+        }
+    }
+
+    /// Of one direction, on average, rad².
+    pub fn variance(&self) -> f64 {
+        0.5 * self.covariance.trace().max(0.0)
+    }
+
+    /// Less sure by `variance` (rad²) in every direction.
+    pub fn doubted(&self, variance: f64) -> Self {
+        Self {
+            normal: self.normal,
+            covariance: self.covariance + across(&self.normal) * variance,
+        }
+    }
+
+    /// The normal turned; what was known of it goes along.
+    pub fn turned(&self, by: &Vector3<f64>) -> Self {
+        let n = &self.normal;
+        let normal = (n + by - n * n.dot(by)).normalize();
+        let plane = across(&normal);
+        Self {
+            normal,
+            covariance: plane * self.covariance * plane,
+        }
+    }
+
+    /// Both together, by their covariances in the plane between them.
+    pub fn with(&self, other: &Self) -> Self {
+        let surer = if self.variance() <= other.variance() {
+            self
+        } else {
+            other
+        };
+        let sum = self.normal + other.normal;
+        // Opposite normals are no surface.
+        if sum.norm() < 0.2 {
+            return *surer;
+        }
+        let plane = tangents(&sum.normalize());
+        let (a, b) = (
+            planar(&self.covariance, &plane),
+            planar(&other.covariance, &plane),
+        );
+        let Some(inverse) = (a + b).try_inverse() else {
+            return *surer;
+        };
+        let gain = a * inverse;
+        let away = plane.tr_mul(&(other.normal - self.normal));
+        let normal = (self.normal + plane * (gain * away)).normalize();
+        let left = (Matrix2::identity() - gain) * a;
+        let left = plane * ((left + left.transpose()) * 0.5) * plane.transpose();
+        let flat = across(&normal);
+        Self {
+            normal,
+            covariance: flat * left * flat,
+        }
+    }
+}
+
+/// The plane that a vector is normal to.
+fn across(normal: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::identity() - normal * normal.transpose()
+}
+
+/// Two directions in that plane.
+pub fn tangents(normal: &Vector3<f64>) -> Matrix3x2<f64> {
+    let least = normal.iamin();
+    let u = normal.cross(&Vector3::ith(least, 1.0)).normalize();
+    Matrix3x2::from_columns(&[u, normal.cross(&u)])
+}
+
+/// A covariance in a plane. One that is none there is taken for one that is the same in every direction.
+fn planar(covariance: &Matrix3<f64>, plane: &Matrix3x2<f64>) -> Matrix2<f64> {
+    let m = plane.transpose() * covariance * plane;
+    let m = (m + m.transpose()) * 0.5 + Matrix2::identity() * VARIANCE_LEAST;
+    if m.m11 > 0.0 && m.determinant() > 0.0 {
+        m
+    } else {
+        Matrix2::identity() * (0.5 * covariance.trace()).max(VARIANCE_LEAST)
+    }
+}

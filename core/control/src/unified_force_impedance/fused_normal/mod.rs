@@ -1,0 +1,258 @@
+//! The normal in use: the camera's, early and slow, carried along the surface by the curvature it saw, and touch's, late and fast, each
+//! weighted by how sure it is in each direction.
+
+mod belief;
+
+use nalgebra::{Matrix3, Vector3};
+use tangent_estimation::NormalEstimate;
+use tangent_sensing::Validity;
+
+use super::config::FusionConfig;
+use super::interface::{BendChange, VisionInput};
+use belief::{Belief, VARIANCE_LEAST};
+
+/// Way over which an error of the curvature stays the same, m.
+const CURVATURE_LENGTH_M: f64 = 0.01;
+/// How fast a curvature seen becomes doubtful as the tool moves on: variance per way, 1/m² per m. A wave of 0.38 m changes by 90 1/m²,
+/// one of 0.15 m by 220 1/m².
+const CURVATURE_DOUBT_PER_M: f64 = 100.0;
+/// Share of a frame's change of the bend that is taken over.
+const CHANGE_SHARE: f64 = 0.2;
+/// No frame surprises by less than this, rad.
+const GATE_LEAST_RAD: f64 = 0.1;
+/// How fast a normal that nobody measures becomes doubtful, rad²/s.
+const DOUBT_PER_S: f64 = 1e-4;
+/// Touch's age beyond which it says nothing, s.
+const TOUCH_PATIENCE_S: f64 = 0.1;
+
+/// The normal in use and how it moves under the tool.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct NormalInUse {
+    /// Unit, out of the material, base axes.
+    pub normal: Vector3<f64>,
+    /// rad², base axes.
+    pub covariance: Matrix3<f64>,
+    /// Valid while somebody measures it.
+    pub validity: Validity,
+    /// Shape operator where the tool is, 1/m, base axes.
+    pub curvature: Matrix3<f64>,
+    /// How that goes on changing, where the camera saw what comes.
+    pub change: Option<BendChange>,
+    /// l_s of the newest frame; 0 without one.
+    pub variation: f64,
+}
+
+/// Memory of both senses.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct FusedNormal {
+    seen: Option<Seen>,
+    fused: Option<Belief>,
+    last_at: Option<Vector3<f64>>,
+}
+
+/// What the camera showed, carried to where the tool is.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    belief: Belief,
+    curvature: Matrix3<f64>,
+    curvature_variance: f64,
+    change: Option<BendChange>,
+    variation: f64,
+    /// Of the newest frame, and of the newest that was believed.
+    frame_s: f64,
+    believed_s: f64,
+    /// Frames in a row that surprised alike, and what the last of them said.
+    surprises: u32,
+    surprise: Vector3<f64>,
+}
+
+impl FusedNormal {
+    /// One period with the tool's origin at `at` (base axes, m) and its axis `tool_z`.
+    #[allow(clippy::too_many_arguments)]
+    pub fn step(
+        &mut self,
+        config: &FusionConfig,
+        time_s: f64,
+        at: &Vector3<f64>,
+        tool_z: &Vector3<f64>,
+        vision: Option<&VisionInput>,
+        touch: Option<(&NormalEstimate, f64)>,
+        dt_s: f64,
+    ) -> NormalInUse {
+        let moved = at - self.last_at.replace(*at).unwrap_or(*at);
+        if config.carry {
+            self.carry(config, time_s, &moved, dt_s);
+        }
+        let touch = touch
+            .filter(|(t, age)| config.touch && t.validity.is_valid() && *age <= TOUCH_PATIENCE_S)
+            .filter(|(t, _)| is_unit(&t.normal) && t.covariance.iter().all(|x| x.is_finite()))
+            .map(|(t, _)| {
+                Belief {
+                    normal: t.normal,
+                    covariance: t.covariance,
+                }
+                .doubted(config.touch_floor_rad.powi(2))
+            });
+        if let Some(frame) = vision.filter(|v| usable(v)) {
+            self.look(config, frame, at, touch.as_ref());
+        }
+        let sees = self.seen.filter(|s| s.is_fresh(config, time_s));
+        let eye = sees.map(|s| s.belief.doubted(config.vision_floor_rad.powi(2)));
+        let found = match (eye, touch) {
+            (Some(a), Some(b)) => Some(a.with(&b)),
+            (one, other) => one.or(other),
+        };
+        let validity = match (found, self.fused, self.seen) {
+            (Some(_), ..) => Validity::Valid,
+            (None, None, None) => Validity::Missing,
+            _ => Validity::Stale,
+        };
+        let known = found.or(self.fused);
+        self.fused = known;
+        let fused = known.unwrap_or_else(|| Belief::round(-tool_z, 1.0));
+        NormalInUse {
+            normal: fused.normal,
+            covariance: fused.covariance,
+            validity,
+            curvature: sees.map_or_else(Matrix3::zeros, |s| s.curvature),
+            change: sees.and_then(|s| s.change),
+            variation: sees.map_or(0.0, |s| s.variation),
+        }
+    }
+
+    /// The tool moved: the normal turns with the curvature, the curvature changes as it was seen to, and both are known less well.
+    fn carry(&mut self, config: &FusionConfig, time_s: f64, moved: &Vector3<f64>, dt_s: f64) {
+        let way = moved.norm();
+        let grown =
+            config.curvature_sd_per_m.powi(2) * way * CURVATURE_LENGTH_M + DOUBT_PER_S * dt_s;
+        let mut turn = Vector3::zeros();
+        if let Some(seen) = self.seen.as_mut().filter(|s| s.is_fresh(config, time_s)) {
+            let half = bent(&seen.curvature, seen.change.as_ref(), &(moved * 0.5));
+            turn = half * moved;
+            seen.belief = seen.belief.turned(&turn).doubted(grown);
+            seen.curvature = bent(&seen.curvature, seen.change.as_ref(), moved);
+            seen.curvature_variance += CURVATURE_DOUBT_PER_M * way;
+        }
+        if let Some(fused) = &mut self.fused {
+            *fused = fused.turned(&turn).doubted(grown);
+        }
+    }
+
+    /// A frame that is not known yet.
+    fn look(
+        &mut self,
+        config: &FusionConfig,
+        frame: &VisionInput,
+        at: &Vector3<f64>,
+        touch: Option<&Belief>,
+    ) {
+        let told = Belief {
+            normal: frame.normal,
+            covariance: frame.covariance,
+        }
+        .doubted(VARIANCE_LEAST);
+        let curvature_variance = config.curvature_sd_per_m.powi(2);
+        let fresh = Seen {
+            belief: told,
+            curvature: frame.curvature.unwrap_or_else(Matrix3::zeros),
+            curvature_variance,
+            change: frame.change,
+            variation: frame.surface_variation.max(0.0),
+            frame_s: frame.time_s,
+            believed_s: frame.time_s,
+            surprises: 0,
+            surprise: frame.normal,
+        };
+        let Some(seen) = &mut self.seen else {
+            self.seen = Some(fresh);
+            return;
+        };
+        if frame.time_s <= seen.frame_s {
+            return;
+        }
+        if !config.carry {
+            *seen = fresh;
+            return;
+        }
+        seen.frame_s = frame.time_s;
+        // What the frame says about here: it was taken where the tool is no longer.
+        let since = at - frame.point;
+        let since = since - frame.normal * frame.normal.dot(&since);
+        let change = match (frame.change, seen.change) {
+            (Some(new), Some(old)) => Some(old.towards(&new, CHANGE_SHARE)),
+            (new, _) => new,
+        };
+        let said = bent(&fresh.curvature, change.as_ref(), &since);
+        let trust = seen.curvature_variance / (seen.curvature_variance + curvature_variance);
+        let bend = seen.curvature + (said - seen.curvature) * trust;
+        let halfway = bent(&bend, change.as_ref(), &(since * -0.5));
+        let here = told
+            .turned(&(halfway * since))
+            .doubted((config.curvature_sd_per_m * since.norm()).powi(2));
+        let expected = config.gate_sd * (seen.belief.variance() + here.variance()).sqrt();
+        if angle(&here.normal, &seen.belief.normal) > expected.max(GATE_LEAST_RAD) {
+            let alike = seen.surprises > 0
+                && angle(&here.normal, &seen.surprise) <= expected.max(GATE_LEAST_RAD);
+            seen.surprises = if alike { seen.surprises + 1 } else { 1 };
+            seen.surprise = here.normal;
+            // Touch has a veto: a hand before the lens is a smooth surface too.
+            let denied = touch.is_some_and(|t| {
+                let most = config.gate_sd * (t.variance() + here.variance()).sqrt();
+                t.normal.angle(&here.normal) > most.max(GATE_LEAST_RAD)
+            });
+            if seen.surprises >= config.gate_frames && !denied {
+                *seen = Seen {
+                    belief: here,
+                    curvature: said,
+                    ..fresh
+                };
+            }
+            return;
+        }
+        seen.belief = seen.belief.with(&here);
+        seen.curvature = bend;
+        seen.curvature_variance *= 1.0 - trust;
+        seen.change = change;
+        seen.variation = fresh.variation;
+        seen.believed_s = frame.time_s;
+        seen.surprises = 0;
+    }
+}
+
+impl Seen {
+    /// Something that was believed is new enough to be in use.
+    fn is_fresh(&self, config: &FusionConfig, time_s: f64) -> bool {
+        time_s - self.believed_s <= config.vision_patience_s
+    }
+}
+
+/// The shape operator further on.
+fn bent(
+    curvature: &Matrix3<f64>,
+    change: Option<&BendChange>,
+    moved: &Vector3<f64>,
+) -> Matrix3<f64> {
+    change.map_or(*curvature, |c| c.after(curvature, moved))
+}
+
+fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    a.cross(b).norm().atan2(a.dot(b))
+}
+
+fn is_unit(v: &Vector3<f64>) -> bool {
+    (v.norm() - 1.0).abs() < 1e-6
+}
+
+fn usable(v: &VisionInput) -> bool {
+    v.validity.is_valid()
+        && is_unit(&v.normal)
+        && v.time_s.is_finite()
+        && v.surface_variation.is_finite()
+        && v.point.iter().all(|x| x.is_finite())
+        && v.covariance.iter().all(|x| x.is_finite())
+        && v.curvature.is_none_or(|c| c.iter().all(|x| x.is_finite()))
+        && v.change.is_none_or(|c| c.is_sound())
+}
+
+#[cfg(test)]
+mod tests;
