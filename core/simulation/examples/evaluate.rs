@@ -10,7 +10,8 @@ use std::time::Instant;
 
 use tangent_simulation::metrics::object_pose::pose_error;
 use tangent_simulation::{
-    ObjectCycle, ObjectScenario, Scenario, Undisturbed, evaluate_object_with, evaluate_with,
+    Calm, ObjectCycle, ObjectScenario, Scenario, TactileCycle, TactileScenario, Undisturbed,
+    evaluate_object_with, evaluate_tactile_with, evaluate_with,
 };
 
 fn main() -> ExitCode {
@@ -54,6 +55,25 @@ fn object_line(c: &ObjectCycle<'_>) -> String {
     )
 }
 
+fn tactile_line(c: &TactileCycle<'_>) -> String {
+    let s = c.sample;
+    let away = |i: usize| (s.tool_m[i] - s.wanted_m[i]) * 1e3;
+    format!(
+        "{:7.3} s {:8} force {:7.3} wanted {:6.2} N | path {:6.3} {:6.3} {:6.3} mm | rho {:.2} {:.2} | tanks {:6.2} {:5.2} J",
+        s.time_s,
+        s.phase.name(),
+        c.output.force_n,
+        s.force_reference_n,
+        away(0),
+        away(1),
+        away(2),
+        s.rho_align,
+        s.rho_force,
+        s.tanks_j.0,
+        s.tanks_j.1
+    )
+}
+
 fn run() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let file = arguments
@@ -79,6 +99,13 @@ fn run() -> Result<(), Box<dyn Error>> {
         evaluate_object_with(&scenario, &mut Undisturbed, |c| {
             if is_shown() {
                 lines.push(object_line(c));
+            }
+        })?
+    } else if TactileScenario::is_one(&text) {
+        let scenario = TactileScenario::parse(&file, &text, &overrides)?;
+        evaluate_tactile_with(&scenario, &mut Calm, |c| {
+            if is_shown() {
+                lines.push(tactile_line(c));
             }
         })?
     } else {
