@@ -1,6 +1,8 @@
 # One image for every service: the `tangent` program, the cell and task files, the scenarios. No shell, no compiler, no root is
 # needed at run time. `docker compose build` makes it; docs/deploy.md says how to use it.
 
+# Tags move. What is to be built again in years is built from digests: `docker buildx imagetools inspect rust:1.95-bookworm` says them, and
+# `--build-arg BUILD_IMAGE=rust@sha256:… --build-arg RUN_IMAGE=debian@sha256:…` takes them.
 ARG BUILD_IMAGE=rust:1.95-bookworm
 ARG RUN_IMAGE=debian:12-slim
 

@@ -144,10 +144,11 @@ fn tool_pose(state: &ArmState) -> Result<Pose<Base, Tool>> {
 /// A reading may be taken: the sensor itself is well, whatever its payload and zero.
 fn usable(status: &WrenchStatus) -> Result<()> {
     let validity = Validity::from(status.validity);
-    if matches!(
+    let sick = matches!(
         validity,
         Validity::Saturated | Validity::NotFinite | Validity::SensorError
-    ) {
+    );
+    if sick || validity.is_judged_over_time() {
         bail!("the sensor: {} ({})", validity.reason(), status.status_text);
     }
     Ok(())

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-pub use bench::{Bench, BenchBus, BenchPeer, BenchRole};
+pub use bench::{Bench, BenchBus, BenchPeer, BenchRequests, BenchRole};
 
 /// Keep a robot's tool pressed on a surface nobody has modelled.
 #[derive(Debug, Parser)]
@@ -43,7 +43,11 @@ pub enum Command {
     #[command(subcommand)]
     Estimator(EstimatorCommand),
     /// Set the force sensor's zero: the tool must hang free.
-    Tare,
+    Tare {
+        /// You have looked: the tool hangs free. Overrides what speaks against it, but not a controller that moves or presses.
+        #[arg(long)]
+        clear: bool,
+    },
     /// Measure what the cell file has to say about the sensor.
     #[command(subcommand)]
     Calibrate(CalibrateCommand),
@@ -69,6 +73,11 @@ pub enum Command {
     Faults(Faults),
     /// Can this machine do it? Scheduling, memory, kernel, network, ports, disk, clock, robot and sensor, and what to do.
     Doctor(Doctor),
+    /// Check files offline, with everything that would be refused later: cells, tasks, scenarios and robot models. Exit code 0 or 2.
+    Check(Check),
+    /// The robot's own modes: leave a protective stop, power, the bridge's program.
+    #[command(subcommand)]
+    Robot(RobotCommand),
     /// Robot models: list them, show one, or check them against reference values.
     #[command(subcommand)]
     Model(ModelCommand),
@@ -148,6 +157,9 @@ pub enum TaskCommand {
         /// Stay until the task ends, and show it; Ctrl-C or SIGTERM retracts. Exit code 0 when the task is done.
         #[arg(long)]
         follow: bool,
+        /// You have looked: the tool hangs free, whatever the last task left.
+        #[arg(long)]
+        clear: bool,
     },
     /// Stop sliding, keep the force.
     Pause,
@@ -235,6 +247,14 @@ pub struct Status {
 pub enum KeysCommand {
     /// Make an authority, a certificate for each identity, and the router's access rules; what is there is kept.
     New(NewKeys),
+    /// Lock identities out for good: the router takes them from its access rules, and their names are not given again.
+    Revoke {
+        /// Folder, as given to `new`.
+        folder: PathBuf,
+        /// Identities, as in `tangent keys list`.
+        #[arg(required = true)]
+        identities: Vec<String>,
+    },
     /// Whose certificates are in a folder, and how long they hold.
     List {
         /// Folder, as given to `new`.
@@ -247,13 +267,20 @@ pub enum KeysCommand {
 pub struct NewKeys {
     /// Folder for all files; made when it does not exist.
     pub folder: PathBuf,
-    /// Name of a cell; repeat for each cell of the fleet: the access rules are written for these.
-    #[arg(long = "for", value_name = "CELL", required_unless_present = "renew")]
+    /// Name of a cell; may be repeated. Cells that the folder has already stay.
+    #[arg(long = "for", value_name = "CELL")]
     pub cells: Vec<String>,
-    /// Name or address under which the router is dialled, besides localhost; may be repeated.
+    /// Name or address under which the router is dialled, besides localhost; may be repeated. Those it has already stay.
     #[arg(long = "host", value_name = "HOST")]
     pub hosts: Vec<String>,
-    /// Make this identity's certificate anew, or one of an own name; may be repeated.
+    /// A host that runs estimators: an identity of its own in each cell, `estimator-NAME.CELL`, that can be revoked alone; may
+    /// be repeated.
+    #[arg(long = "estimator-host", value_name = "NAME")]
+    pub estimator_hosts: Vec<String>,
+    /// A further holder of a role, `ROLE-NAME.CELL` or `ROLE-NAME`, for instance operator-anna; may be repeated.
+    #[arg(long, value_name = "IDENTITY")]
+    pub also: Vec<String>,
+    /// Make this identity's certificate anew, with the names that it has; may be repeated.
     #[arg(long, value_name = "NAME")]
     pub renew: Vec<String>,
     /// How long certificates hold.
@@ -343,6 +370,66 @@ pub struct Doctor {
     /// Look at this machine only, not at the cell's robot and sensor and the way to them.
     #[arg(long)]
     pub machine: bool,
+}
+
+/// Options of `tangent check`.
+#[derive(Debug, Args)]
+pub struct Check {
+    /// Cells, tasks, scenarios, robot models, in any order. A task is checked on the cell that --cell names.
+    #[arg(required = true)]
+    pub files: Vec<PathBuf>,
+    /// What the files are; by default that is seen from their keys.
+    #[arg(long, value_enum)]
+    pub kind: Option<FileKind>,
+    /// Joint positions from which tasks start, rad, base to flange, commas between them; by default those of the scenario that the cell
+    /// simulates. Reach and workspace are only checked from a start.
+    #[arg(
+        long,
+        value_name = "Q1,Q2,...",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
+    pub start: Vec<f64>,
+}
+
+/// Kinds of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum FileKind {
+    /// A cell: robot, sensor, tool, limits, network.
+    Cell,
+    /// A task: force, path, estimators.
+    Task,
+    /// A scenario of the simulator.
+    Scenario,
+    /// A robot model.
+    Model,
+}
+
+/// What to do with the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Subcommand)]
+pub enum RobotCommand {
+    /// Leave a protective stop (UR) or a reflex (Franka). Look for the cause first.
+    Unlock {
+        /// Wait so many seconds for the arm to be ready after it.
+        #[arg(long, value_name = "SECONDS", default_value_t = 20.0, value_parser = seconds)]
+        wait_s: f64,
+    },
+    /// Send the bridge's program to the robot again, and leave a latched stop.
+    Reset {
+        /// Wait so many seconds for the arm to be ready after it.
+        #[arg(long, value_name = "SECONDS", default_value_t = 20.0, value_parser = seconds)]
+        wait_s: f64,
+    },
+    /// Switch the arm's power on and release the brakes.
+    PowerOn {
+        /// Wait so many seconds for the arm to be ready after it.
+        #[arg(long, value_name = "SECONDS", default_value_t = 40.0, value_parser = seconds)]
+        wait_s: f64,
+    },
+    /// Switch the arm's power off; the brakes close. Refused while a task runs.
+    PowerOff,
+    /// What the robot says of itself: mode, safety, program, and why it is not ready.
+    Status,
 }
 
 /// What to do with robot models.

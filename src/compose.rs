@@ -7,7 +7,8 @@ use std::time::Duration;
 use anyhow::{Context, Result, anyhow};
 use tangent_mechanics::ModelData;
 use tangent_runtime::config::{Law, RobotDriver};
-use tangent_runtime::{Bus, CellConfig, Stop};
+use tangent_runtime::security::roles;
+use tangent_runtime::{Bus, CellConfig, HealthReporter, Stop};
 use tangent_schemas::topics::SIMULATED_IMAGE;
 use tangent_simulation::{NormalSource, ObjectScenario, Scenario, TactileScenario};
 use tangent_simulator::fci::{DepthEye, FciConfig, Plane, PlantConfig, TactileArm, TorquePlant};
@@ -15,6 +16,7 @@ use tangent_simulator::{Flavour, Ports};
 
 use crate::output::bad_usage;
 use crate::scenarios::{self, Played};
+use crate::simulated_plant;
 
 /// The router answered a moment ago.
 const NETWORK_PATIENCE: Duration = Duration::from_secs(10);
@@ -39,8 +41,8 @@ pub struct Running {
 }
 
 impl Running {
-    /// Starts `body` in a thread. It ends when its own [`Stop`] is triggered; when it ends by itself with an error,
-    /// `everybody` is triggered, so that nobody goes on without it.
+    /// Starts `body` in a thread. It ends when its own [`Stop`] is triggered; when it ends by itself, `everybody` is triggered, so that
+    /// nobody goes on without it. A panic in it ends the process, see [`tangent_runtime::ending`].
     ///
     /// # Errors
     /// When the system has no thread to give.
@@ -54,9 +56,12 @@ impl Running {
         let thread = std::thread::Builder::new()
             .name(name.to_owned())
             .spawn(move || {
-                let ended = body(own.clone());
+                let mut ended = body(own.clone());
+                if ended.is_ok() && !own.is_stopped() && !everybody.is_stopped() {
+                    ended = Err(anyhow!("ended by itself; this is a defect"));
+                }
                 if let Err(error) = &ended {
-                    tracing::error!("{name}: {error:#}");
+                    tracing::error!("{name}: {error:#}; all services of this process end");
                     everybody.trigger();
                 }
                 ended
@@ -76,6 +81,16 @@ impl Running {
             .unwrap_or_else(|_| Err(anyhow!("panicked; this is a defect")))
             .with_context(|| self.name.to_owned())
     }
+}
+
+/// Says how this process fares as the cell's router, until it is dropped.
+///
+/// # Errors
+/// When the bus refuses it.
+pub fn router(bus: &Bus) -> Result<HealthReporter> {
+    let health = HealthReporter::start(bus, roles::ROUTER)?;
+    health.running();
+    Ok(health)
 }
 
 /// Starts one service by its name.
@@ -172,8 +187,8 @@ pub fn simulator(
     }
     let own = match (played, &config.simulator.scenario) {
         (Some(_), _) => None,
-        (None, Some(path)) => Some(Played::load(&path.display().to_string(), &[])?),
-        (None, None) => Some(Played::load(scenarios::DEFAULT, &[])?),
+        (None, Some(path)) => Some(own_scenario(config, &path.display().to_string())?),
+        (None, None) => Some(own_scenario(config, scenarios::DEFAULT)?),
     };
     match played.or(own.as_ref()) {
         Some(Played::Object(scenario)) => simulated_object(config, scenario, bus, everybody),
@@ -181,6 +196,13 @@ pub fn simulator(
         Some(Played::Normals(scenario)) => simulated_normals(config, scenario, bus, everybody),
         None => Err(anyhow!("no scenario to play; this is a defect")),
     }
+}
+
+/// A scenario by name or file, with the cell's arm.
+fn own_scenario(config: &CellConfig, name: &str) -> Result<Played> {
+    let mut played = Played::load(name, &[])?;
+    simulated_plant::take_arm(&mut played, config);
+    Ok(played)
 }
 
 /// An arm with a torque interface on the bus, a sensor's box, a camera.

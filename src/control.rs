@@ -42,13 +42,15 @@ pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Ou
             file,
             wait_s,
             follow,
+            clear,
         } => {
             let text = task_text(file)?;
+            let start = if *clear { "start_clear" } else { "start" };
             if *follow || wait_s.is_some() {
                 let wait_s = wait_s.unwrap_or(FOLLOW_WAIT_S);
-                return start_when_ready(&text, wait_s, *follow, config, json);
+                return start_when_ready(start, &text, wait_s, *follow, config, json);
             }
-            (queries::CONTROL_TASK, "start", text)
+            (queries::CONTROL_TASK, start, text)
         }
         TaskCommand::Pause => (queries::CONTROL_TASK, "pause", String::new()),
         TaskCommand::Resume => (queries::CONTROL_TASK, "resume", String::new()),
@@ -60,6 +62,7 @@ pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Ou
 
 /// Starts a task as soon as the cell is ready, and with `to_its_end` waits for that.
 fn start_when_ready(
+    start: &str,
     task: &str,
     wait_s: f64,
     to_its_end: bool,
@@ -72,7 +75,7 @@ fn start_when_ready(
     let bus = cell::join_within(config, patience.max(cell::ROUTER_PATIENCE), &stop)?;
     let left = patience.saturating_sub(began.elapsed());
     if !to_its_end {
-        let message = follow::start_when_ready(&bus, task, &stop, left)?;
+        let message = follow::start_when_ready(&bus, start, task, &stop, left)?;
         let answer = Answer {
             done: true,
             message,
@@ -81,7 +84,7 @@ fn start_when_ready(
         cell::print_answer(&answer, json)?;
         return Ok(Outcome::Done);
     }
-    let (phase, fault) = follow::follow(&bus, task, &stop, left, false)?;
+    let (phase, fault) = follow::follow(&bus, start, task, &stop, left, false)?;
     if json {
         print_json(&json!({ "phase": phase.name(), "fault": fault }))?;
     }
@@ -91,12 +94,14 @@ fn start_when_ready(
     })
 }
 
-/// Sets the force sensor's zero.
+/// Sets the force sensor's zero; with `clear`, on the word of a person who has looked that the tool hangs free.
 ///
 /// # Errors
 /// A cell that does not answer.
-pub fn tare(config: &CellConfig, json: bool) -> Result<Outcome> {
-    ask_and_print(&cell::join(config)?, queries::NETFT_TARE, "tare", "", json)
+pub fn tare(clear: bool, config: &CellConfig, json: bool) -> Result<Outcome> {
+    let argument = if clear { "clear" } else { "" };
+    let bus = cell::join(config)?;
+    ask_and_print(&bus, queries::NETFT_TARE, "tare", argument, json)
 }
 
 /// Reads or sets live parameters.

@@ -63,7 +63,7 @@ struct Row {
     valid: bool,
     reason: String,
     rate_hz: Option<f64>,
-    /// Mean age when the controller answered a packet, by the robot's cycles.
+    /// Mean age at use, as the controller says in each of its cycles.
     age_ms: Option<f64>,
     from_active_deg: Option<f64>,
     std_deg: f64,

@@ -3,13 +3,15 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
-use tangent_control::Phase;
+use tangent_control::preflight::REFUSED;
+use tangent_control::{Phase, Task};
 use tangent_runtime::{Bus, Latest, Stop};
 use tangent_schemas::tangent::{ArmState, WrenchStatus};
 use tangent_schemas::topics::{self, queries};
 
-use crate::cell::ask;
+use crate::cell::{ask, data};
 use crate::live_view::LiveView;
+use crate::output::bad_usage;
 
 /// Longest wait for the retract after Ctrl-C.
 const RETRACT_PATIENCE: Duration = Duration::from_secs(20);
@@ -20,20 +22,21 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Between two attempts to start a task that is refused because something is not there yet.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// Starts `task` (TOML) when everything is ready, shows it, and waits for its end: the phase it ended in, and the fault,
+/// Starts `task` (TOML) with `action` (`start`, or `start_clear`) when everything is ready, shows it, and waits for its end: the phase it ended in, and the fault,
 /// empty when there is none. With `stay`, that is when `stop` is triggered. A `stop` before the end retracts.
 ///
 /// # Errors
 /// The cell is not ready, or refuses the task, for longer than `patience`; the arm does not retract; the controller is gone.
 pub fn follow(
     bus: &Bus,
+    action: &str,
     task: &str,
     stop: &Stop,
     patience: Duration,
     stay: bool,
 ) -> Result<(Phase, String)> {
     let mut view = LiveView::new(bus)?;
-    view.say(&start_when_ready(bus, task, stop, patience)?);
+    view.say(&start_when_ready(bus, action, task, stop, patience)?);
     let mut asked_to_stop: Option<Instant> = None;
     let mut seen_active = false;
     let started = Instant::now();
@@ -83,20 +86,37 @@ pub fn follow(
 ///
 /// # Errors
 /// The cell is not ready, or refuses the task, for longer than `patience`.
-pub fn start_when_ready(bus: &Bus, task: &str, stop: &Stop, patience: Duration) -> Result<String> {
+pub fn start_when_ready(
+    bus: &Bus,
+    action: &str,
+    task: &str,
+    stop: &Stop,
+    patience: Duration,
+) -> Result<String> {
     let until = Instant::now() + patience;
     wait_until_ready(bus, stop, until)?;
-    start(bus, task, stop, until)
+    start(bus, action, task, stop, until)
 }
 
 /// Asks for the start until it is granted: a controller or an estimator may still be on its way.
-fn start(bus: &Bus, task: &str, stop: &Stop, until: Instant) -> Result<String> {
+fn start(bus: &Bus, action: &str, task: &str, stop: &Stop, until: Instant) -> Result<String> {
     let mut said = String::new();
+    let mut unknown = false;
     loop {
-        let reason = match ask(bus, queries::CONTROL_TASK, "start", task) {
+        let reason = match ask(bus, queries::CONTROL_TASK, action, task) {
             Ok(answer) if answer.done => return Ok(answer.message),
+            // An answer before this one may have been lost on its way.
+            Ok(_) if unknown && runs(bus, task) => {
+                return Ok("the task runs; the answer to its start was lost".to_owned());
+            }
+            Ok(answer) if answer.message.starts_with(REFUSED) => {
+                return Err(bad_usage(format!("task: {}", answer.message)));
+            }
             Ok(answer) => answer.message,
-            Err(error) => format!("{error:#}"),
+            Err(error) => {
+                unknown = true;
+                format!("{error:#}")
+            }
         };
         if Instant::now() >= until {
             bail!("the controller does not start the task: {reason}");
@@ -109,6 +129,20 @@ fn start(bus: &Bus, task: &str, stop: &Stop, until: Instant) -> Result<String> {
             bail!("stopped before the task began");
         }
     }
+}
+
+/// The controller says that a task of this name is under way.
+fn runs(bus: &Bus, task: &str) -> bool {
+    let (Ok(task), Ok(answer)) = (
+        task.parse::<Task>(),
+        ask(bus, queries::CONTROL_TASK, "status", ""),
+    ) else {
+        return false;
+    };
+    let status = data(&answer);
+    let phase = |phase: Phase| status["phase"] == phase.name();
+    status["task"] == task.name.as_str()
+        && Phase::ALL.into_iter().any(|p| p.is_active() && phase(p))
 }
 
 fn wait_until_ready(bus: &Bus, stop: &Stop, until: Instant) -> Result<()> {

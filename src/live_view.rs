@@ -17,6 +17,8 @@ pub struct LiveView {
     printed: Option<Instant>,
 }
 
+/// Older than this, `control/state` says nothing of now.
+const OLD: Duration = Duration::from_millis(500);
 /// Plain lines come this often.
 const PLAIN_EVERY: Duration = Duration::from_secs(1);
 
@@ -53,11 +55,15 @@ impl LiveView {
 
     /// Draws or prints what is new.
     pub fn refresh(&mut self) {
-        let Some(control) = self.control.get().map(|r| r.message.clone()) else {
+        let Some((control, age)) = self.control.get().map(|r| (r.message.clone(), r.age())) else {
             return;
         };
         let truth = self.truth.get().map(|r| r.message.clone());
-        let text = describe(&control, truth.as_ref());
+        let text = if age > OLD {
+            format!("no control/state for {:.1} s", age.as_secs_f64())
+        } else {
+            describe(&control, truth.as_ref())
+        };
         let changed = self.phase != control.phase_text.as_str();
         if changed {
             self.phase = control.phase_text.to_string();
@@ -98,10 +104,19 @@ impl LiveView {
     }
 }
 
+/// What presses, in words: no number where no wrench can be used.
+fn shown_force(control: &ControlState) -> String {
+    if control.force_n.is_finite() {
+        format!("{:5.2}", control.force_n)
+    } else {
+        "  ?  ".to_owned()
+    }
+}
+
 fn describe(control: &ControlState, truth: Option<&ContactTruth>) -> String {
     let mut text = format!(
-        "force {:5.2} of {:.2} N  tool {:4.1} deg off square  path {:4.1} mm off",
-        control.force_n,
+        "force {} of {:.2} N  tool {:4.1} deg off square  path {:4.1} mm off",
+        shown_force(control),
         control.force_reference_n,
         control.alignment_error_rad.to_degrees(),
         control.path_error_m * 1e3,

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use serde_json::json;
+use tangent_mechanics::names::did_you_mean;
 use tangent_mechanics::{ModelData, golden};
 
 use crate::cli::ModelCommand;
@@ -48,8 +49,9 @@ pub fn load(name: &str) -> Result<ModelData> {
     if !Path::new(name).exists() {
         let names: Vec<_> = ModelData::builtin_names().collect();
         return Err(bad_usage(format!(
-            "robot model \"{name}\": neither built in ({}) nor a file",
-            names.join(", ")
+            "robot model \"{name}\": neither built in ({}) nor a file{}",
+            names.join(", "),
+            did_you_mean(name, names.iter().copied())
         )));
     }
     load_file(Path::new(name))

@@ -13,6 +13,8 @@ pub enum Outcome {
     Done = 0,
     /// It was tried and did not work out.
     Failed = 1,
+    /// What was given is not right: said file by file.
+    Refused = 2,
     /// Done, but something was lost on the way.
     Lossy = 3,
 }

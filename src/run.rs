@@ -1,12 +1,16 @@
 //! `tangent run`: services in this process until SIGINT or SIGTERM.
 
+mod rules;
+
 use anyhow::{Context, Result};
 use tangent_runtime::security::roles;
-use tangent_runtime::{Bus, CellConfig, Role, Stop};
+use tangent_runtime::systemd::Notify;
+use tangent_runtime::{CellConfig, Role, Stop, ending, watchdog};
 
 use crate::cli::{Record, Run};
 use crate::compose::{self, RecorderExtra};
 use crate::output::{Outcome, bad_usage};
+use rules::Rules;
 
 /// Runs the named services; the router, if it is among them, in the same session.
 ///
@@ -57,24 +61,83 @@ fn services(
     extra: &RecorderExtra,
 ) -> Result<Outcome> {
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
-    let bus = Bus::open_until(config, role, None, &stop)?;
+    ending::in_order(&stop);
+    let mut notify = Some(Notify::from_environment());
+    // A router alone begins anew with other rules; whatever else runs beside it would be torn down with the session.
+    let mut rules = Rules::of(config, role);
+    while serve(names, config, role, extra, &stop, &mut rules, &mut notify)? == Ended::NewRules {
+        tracing::warn!("the access rules have changed: the router begins anew with them");
+    }
+    Ok(Outcome::Done)
+}
+
+#[derive(PartialEq, Eq)]
+enum Ended {
+    Asked,
+    NewRules,
+}
+
+/// From the opening of the session to its end.
+fn serve(
+    names: &[String],
+    config: &CellConfig,
+    role: Role,
+    extra: &RecorderExtra,
+    stop: &Stop,
+    rules: &mut Rules,
+    notify: &mut Option<Option<Notify>>,
+) -> Result<Ended> {
+    let bus = rules.open(config, role, stop)?;
+    // The router says how it fares like any other.
+    let router = match role {
+        Role::Router => Some(compose::router(&bus)?),
+        Role::Client => None,
+    };
     let mut running = Vec::new();
     for name in names {
         match name.as_str() {
             "router" => {}
-            "simulator" => running.push(compose::simulator(config, None, &bus, &stop)?),
+            "simulator" => running.push(compose::simulator(config, None, &bus, stop)?),
             // Registered before the bridge, a controller answers each packet within the bridge's own publish.
-            name => running.push(compose::service(name, config, &bus, &stop, extra)?),
+            name => running.push(compose::service(name, config, &bus, stop, extra)?),
         }
     }
     tracing::info!("cell {}: {} running", config.cell.name, names.join(", "));
-    while !stop.wait(std::time::Duration::from_secs(3600)) {}
-    let mut ended = Ok(());
-    for service in running {
-        let one = service.end();
-        if ended.is_ok() {
-            ended = one;
+    // Once for the process: the loops are watched from now on, and systemd is told that they run.
+    if let Some(notify) = notify.take() {
+        watchdog::watch(stop, notify).context("starting the watchdog")?;
+    }
+    let alone = running.is_empty();
+    let mut ended = Ended::Asked;
+    while !stop.wait(rules.period()) {
+        match rules.changed(config) {
+            Some(Ok(())) if alone => {
+                ended = Ended::NewRules;
+                break;
+            }
+            Some(Ok(())) => {
+                let words =
+                    "the access rules have changed: they hold from this process's next start on";
+                tracing::warn!("{words}");
+                if let Some(router) = &router {
+                    router.degraded(format_args!("{words}"));
+                }
+            }
+            Some(Err(error)) => {
+                tracing::error!("the access rules have changed and are not taken: {error}")
+            }
+            None => {}
         }
     }
-    ended.map(|()| Outcome::Done)
+    let mut failed = Ok(());
+    for service in running {
+        let one = service.end();
+        if failed.is_ok() {
+            failed = one;
+        }
+    }
+    failed?;
+    drop(router);
+    bus.close();
+    Ok(ended)
 }

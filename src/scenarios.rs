@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use tangent_control::Task;
+use tangent_mechanics::names::did_you_mean;
 use tangent_simulation::{ObjectScenario, Scenario, TactileScenario};
 
 use crate::output::bad_usage;
@@ -231,7 +232,8 @@ pub fn load(name: &str, overrides: &[String]) -> Result<Scenario> {
             .map(|(n, _)| *n)
             .collect();
         bad_usage(format!(
-            "scenario \"{name}\": not built in ({}), and as a file: {e}",
+            "scenario \"{name}\": not built in{} ({}), and as a file: {e}",
+            did_you_mean(name, names.iter().copied()),
             names.join(", ")
         ))
     })?;

@@ -16,6 +16,9 @@ use crate::{cell, cli};
 /// Health comes once a second; this is long enough to hear everybody.
 const LISTEN: Duration = Duration::from_millis(1500);
 
+/// More instances than a network of cells has.
+const INSTANCES_MAX: usize = 4096;
+
 /// How long one service's clock is asked for; one that does not answer costs no more than this.
 const PING_PATIENCE: Duration = Duration::from_millis(600);
 
@@ -37,6 +40,8 @@ struct Service {
     missed_cycles: u64,
     lost: u64,
     fault: Option<String>,
+    /// What to know though nothing has failed.
+    remarks: Vec<String>,
     realtime: String,
     figures: BTreeMap<String, f64>,
     /// Its clock less this host's, ms; null when it does not answer.
@@ -125,14 +130,15 @@ fn gather(bus: &Bus) -> Result<BTreeMap<String, Vec<Service>>> {
                 "" => message.key.split('/').next().unwrap_or_default(),
                 name => name,
             };
-            newest.insert(
-                (
-                    cell.to_owned(),
-                    h.service.to_string(),
-                    h.instance.to_string(),
-                ),
-                h,
+            let who = (
+                cell.to_owned(),
+                h.service.to_string(),
+                h.instance.to_string(),
             );
+            // Whoever invents instances does not fill this program's memory with them.
+            if newest.len() < INSTANCES_MAX || newest.contains_key(&who) {
+                newest.insert(who, h);
+            }
         }
     }
     let mut cells: BTreeMap<String, Vec<Service>> = BTreeMap::new();
@@ -165,6 +171,7 @@ impl From<Health> for Service {
             missed_cycles: h.missed_cycles,
             lost: h.lost,
             fault: (!h.fault.is_empty()).then_some(h.fault),
+            remarks: h.remarks,
             realtime: h.realtime,
             figures: table(&h.figure_names, &h.figures, 1.0),
             clock_offset_ms: None,
@@ -223,6 +230,9 @@ fn print(status: &Status) {
         }
         if !s.realtime.is_empty() {
             println!("    {}", s.realtime);
+        }
+        for remark in &s.remarks {
+            println!("    NOTE: {remark}");
         }
         if let Some(fault) = &s.fault {
             println!("    FAULT: {fault}");

@@ -25,6 +25,8 @@ fn cell_files() {
     assert_eq!(compose.sensor.address, "simulator");
     assert_eq!(compose.zenoh.connect, ["tcp/router:7447"]);
     assert!(compose.simulator.address.is_unspecified());
+    // Open on purpose: to the containers of its own network, and to loopback by a published port.
+    assert!(compose.zenoh.insecure && compose.zenoh.open_to_anybody().is_some());
     compose.robot.address.clone_from(&shipped.robot.address);
     compose.sensor.address.clone_from(&shipped.sensor.address);
     compose.simulator.address = shipped.simulator.address;
@@ -69,6 +71,8 @@ fn cell_files() {
     let real = load("cell.real.toml");
     assert!(!real.robot.power_on, "a real arm is powered by hand");
     assert!(real.realtime.enabled);
+    assert_eq!(real.zenoh.open_to_anybody(), None);
+    assert!(!real.zenoh.insecure);
     tangent_rtde::Config::from_cell(&real).unwrap();
 }
 
@@ -177,6 +181,33 @@ fn the_compose_file_is_taken() {
             String::from_utf8_lossy(&secured.stderr)
         );
         let secured = String::from_utf8_lossy(&secured.stdout).into_owned();
+        // Each container of a real cell gets its own identity's files, and no other's key.
+        let real = here(&[
+            "-f",
+            "docker-compose.yml",
+            "-f",
+            "docker-compose.tls.yml",
+            "--profile",
+            "real",
+            "config",
+        ]);
+        let real = String::from_utf8_lossy(&real.unwrap().stdout).into_owned();
+        for (service, own) in [
+            ("real-router", "router"),
+            ("real-netft", "netft.cell1"),
+            ("real-robot", "robot.cell1"),
+            ("real-estimator", "estimator.cell1"),
+            ("real-recorder", "recorder"),
+        ] {
+            let (_, block) = real.split_once(&format!("\n  {service}:\n")).unwrap();
+            let lines = block.lines().take_while(|line| line.starts_with("   "));
+            let keys: BTreeSet<&str> = lines
+                .filter_map(|line| line.split("/cell/").nth(1)?.split(".key").next())
+                .filter(|name| !name.contains(".pem") && !name.contains(".toml"))
+                .filter(|name| !name.contains(".json5"))
+                .collect();
+            assert_eq!(keys, BTreeSet::from([own, "viewer"]), "{service}");
+        }
         assert!(secured.contains("cell.compose.tls.toml") && !secured.contains("compose.toml"));
         let services: BTreeSet<&str> = text
             .lines()

@@ -1,5 +1,5 @@
 //! Two cells through one router with certificates and access rules, every service a process of its own identity: a task
-//! on one never moves the other, who may not command cannot, and one recorder hears both.
+//! on one never moves the other, who may not command cannot, and one recorder hears both. A host that is locked out is so at once.
 
 #![allow(clippy::unwrap_used)]
 
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use common::{Process, json, port_offset, root, run, stderr, wait_for};
 use serde_json::Value;
 use tangent_runtime::{Bus, CellConfig, Latest, Role};
-use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState};
+use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, NormalEstimate};
 use tangent_schemas::topics;
 
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -324,4 +324,78 @@ fn two_cells_share_a_router_and_nothing_else() {
     let (left, right) = (of("left"), of("right"));
     assert!(left["force"]["mean_n"].as_f64().unwrap() > 1.0, "{left}");
     assert!(right["force"]["mean_n"].is_null(), "{right}");
+}
+
+/// The router runs on; the one host whose key was lost is silenced within seconds, and nobody else.
+#[test]
+fn a_revoked_host_is_locked_out_while_the_router_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let keys = folder.path().join("keys");
+    let keys = keys.to_str().unwrap();
+    let file = cell_file(folder.path(), "left", 0, 7447 + port_offset());
+    let made = run(&[
+        "keys",
+        "new",
+        keys,
+        "--for",
+        "left",
+        "--estimator-host",
+        "lab",
+        "--estimator-host",
+        "desk",
+    ]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    let mut router = Process::start(
+        "router",
+        &["run", "router", "--cell", file.to_str().unwrap()],
+    );
+    let join = |identity: &str| {
+        let mut config = CellConfig::load(&file).unwrap();
+        config.zenoh.identify(identity);
+        Bus::open_within(&config, Role::Client, PATIENCE).unwrap()
+    };
+    let controller = join("controller.left");
+    let heard = controller
+        .subscribe(&topics::ESTIMATE_NORMALS, 1000)
+        .unwrap();
+    let hosts = ["estimator-lab.left", "estimator-desk.left"].map(|identity| {
+        let bus = join(identity);
+        let publisher = bus.publisher(&topics::estimate_normal("any")).unwrap();
+        (bus, publisher)
+    });
+    let hear = |wanted: u64| {
+        for (i, (_, publisher)) in hosts.iter().enumerate() {
+            publisher.publish(&NormalEstimate {
+                cycle: i as u64,
+                ..NormalEstimate::default()
+            });
+        }
+        std::thread::park_timeout(Duration::from_millis(1));
+        let all: Vec<u64> = std::iter::from_fn(|| heard.try_recv())
+            .map(|received| received.message.cycle)
+            .collect();
+        (all.contains(&wanted), all.contains(&0))
+    };
+    for host in [0, 1] {
+        wait_for("both are heard", PATIENCE, || hear(host).0.then_some(()));
+    }
+    let revoked = run(&["keys", "revoke", keys, "estimator-lab.left"]);
+    assert!(revoked.status.success(), "{}", stderr(&revoked));
+    // From some moment on, only the other one.
+    wait_for("only the other one is heard", PATIENCE, || {
+        let until = Instant::now() + Duration::from_secs(1);
+        let (mut other, mut lost) = (false, false);
+        while Instant::now() < until {
+            let (desk, lab) = hear(1);
+            other |= desk;
+            lost |= lab;
+        }
+        (other && !lost).then_some(())
+    });
+    assert_eq!(router.code(), None, "the router has ended");
+    let listed = run(&["keys", "list", keys]);
+    let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+    let line = listed.lines().find(|l| l.starts_with("estimator-lab.left"));
+    assert!(line.unwrap().contains("REVOKED"), "{listed}");
+    assert_eq!(router.terminate(PATIENCE), Some(0));
 }

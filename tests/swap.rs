@@ -71,25 +71,25 @@ impl Up {
         let row = wait_for(name, PATIENCE, || {
             let list = self.ask(&["estimator", "list"])?;
             let rows = list["estimators"].as_array()?.clone();
-            rows.into_iter()
-                .find(|row| row["name"] == name && row["valid"] == true)
+            rows.into_iter().find(|row| {
+                let rate_hz = row["rate_hz"].as_f64().unwrap_or(0.0);
+                row["name"] == name && row["valid"] == true && rate_hz > 20.0
+            })
         });
-        assert!(number(&row, "/rate_hz") > 20.0, "{row}");
         assert_eq!(row["instances"].as_array().unwrap().len(), 1, "{row}");
         // On a busy machine it may be too old just then; that is refused, and asked again.
         wait_for("the switch", PATIENCE, || {
             let answer = self.ask(&["estimator", "use", name])?;
             (answer["done"] == true).then_some(())
         });
-        let compared = self
-            .ask(&["estimator", "compare", "--seconds", "1"])
-            .unwrap();
-        assert!(
-            number(
-                &compared,
-                &format!("/estimators/{name}/normal_error_deg/mean")
-            ) < 10.0
-        );
+        // On a busy machine a second may pass in which the controller is not heard; then there is nothing to compare, and it is asked again.
+        let error_deg = wait_for("a comparison", PATIENCE, || {
+            let compared = self.ask(&["estimator", "compare", "--seconds", "1"])?;
+            compared
+                .pointer(&format!("/estimators/{name}/normal_error_deg/mean"))?
+                .as_f64()
+        });
+        assert!(error_deg < 10.0, "{error_deg}");
     }
 
     fn report(mut self) -> Value {
@@ -184,11 +184,15 @@ fn an_estimator_in_python_is_swapped_in_and_the_wipe_ends_done() {
             .args(args)
             .output()
             .unwrap();
-        assert!(output.status.success(), "{args:?}: {output:?}");
         String::from_utf8(output.stdout).unwrap()
     };
-    assert!(client(&["status"]).contains("controller"));
-    assert!(client(&["plot", "--seconds", "1"]).contains(" N |"));
+    // Both listen for a fixed time: on a busy machine they are asked until somebody was heard in it.
+    for (args, word) in [
+        (&["status"][..], "controller"),
+        (&["plot", "--seconds", "1"][..], " N |"),
+    ] {
+        wait_for(word, PATIENCE, || client(args).contains(word).then_some(()));
+    }
     let report = up.report();
     // A busy machine may have kept it from answering in time later on; then the next took over, and it came back.
     assert_eq!(

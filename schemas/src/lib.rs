@@ -23,6 +23,8 @@ pub type Name = ArrayString<64>;
 pub type Text = ArrayString<128>;
 /// One number per joint; arms have at most seven.
 pub type JointArray = ArrayVec<f64, 7>;
+/// Names and ages of the estimators that a controller reads: at most 16.
+pub type EstimatorArray<T> = ArrayVec<T, 16>;
 
 /// A message type: its ROS 2 name, and CDR through serde.
 pub trait Message:

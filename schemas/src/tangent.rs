@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::standard::{Header, Point, Pose, Twist, Vector3, Wrench};
-use crate::{Covariance, JointArray, Name, Text, message};
+use crate::{Covariance, EstimatorArray, JointArray, Name, Text, message};
 
 message! {
     /// What the arm does now. Published once per robot packet.
@@ -87,7 +87,8 @@ message! {
     /// How far a wrench can be trusted; same stamp as the wrench it belongs to, and published just before it.
     pub struct WrenchStatus: "tangent_msgs/msg/WrenchStatus" {
         pub header: Header,
-        /// Validity code (0 valid, 1 missing, 2 stale, 3 saturated, 4 not finite, 5 sensor error).
+        /// Validity code (0 valid, 1 missing, 2 stale, 3 saturated, 4 not finite, 5 sensor error, 11 frozen, 12 axis stuck,
+        /// 13 does not answer to motion, 14 implausible).
         pub validity: u8,
         /// The sensor's status word, and its bits in words.
         pub status: u32,
@@ -110,6 +111,22 @@ message! {
         pub filter_delay_s: f64,
         /// Residual of the clock recovery, s rms.
         pub clock_residual_s: f64,
+        /// Records left out since the service started, because no load can cause their jump.
+        pub records_implausible: u64,
+        /// Axes that stand still: bit 0 Fx to bit 5 Tz; all of them when the sensor is frozen.
+        pub stuck_axes: u8,
+        /// Filtered reading before the zero is taken off, without the payload: frame of `bias`.
+        pub untared: Wrench,
+        /// Last good zero, kept over restarts of the service: frame of `bias`; meaningless while `reference_age_s` is negative.
+        pub reference: Wrench,
+        /// Age of `reference`, s; negative when there is none.
+        pub reference_age_s: f64,
+        /// Largest share of the sensor's range that `untared` takes in any axis; negative where the range is not known.
+        pub rated_share: f64,
+        /// Error of the zero that its age and the sensor's stated drift imply, N; negative when none was made.
+        pub bias_bound_n: f64,
+        /// The zero was taken on a person's word that the tool hangs free (`tangent tare --clear`), and not judged.
+        pub bias_said_clear: bool,
     }
 }
 
@@ -233,7 +250,7 @@ message! {
     pub struct ControlState: "tangent_msgs/msg/ControlState" {
         pub header: Header,
         pub cycle: u64,
-        /// 0 idle, 1 approach, 2 contact, 3 slide, 4 retract, 5 done, 6 fault, 7 hold, 8 seek, 9 tare.
+        /// 0 idle, 1 approach, 2 contact, 3 slide, 4 retract, 5 done, 6 fault, 7 hold, 8 seek, 9 tare, 10 clear.
         pub phase: u8,
         pub phase_text: Name,
         pub task: Name,
@@ -244,10 +261,11 @@ message! {
         pub estimator_switches: u32,
         /// Normal in use, base axes.
         pub normal: Vector3,
-        /// Pressing force asked for and measured along the normal, N (positive: pressing).
+        /// Pressing force asked for and measured along the normal, N (positive: pressing). What is measured is NaN while
+        /// no wrench can be used.
         pub force_reference_n: f64,
         pub force_n: f64,
-        /// Wrench in use at the tool, tool axes.
+        /// Wrench in use at the tool, tool axes; NaN while no wrench can be used.
         pub wrench: Wrench,
         /// Path reference and its error in the tangent plane, m.
         pub path_reference: Point,
@@ -272,6 +290,20 @@ message! {
         pub step_s: f64,
         /// Last fault, in words; empty when none.
         pub fault: Text,
+        /// The task is paused: nothing moves but what keeps the force.
+        pub paused: bool,
+        /// Estimators that the controller reads, and the age of the newest of each at actuation, s; -1 before its first. An age counts
+        /// from the arrival of the robot's packet that the estimate rests on, by the controller's monotonic clock.
+        pub estimators: EstimatorArray<Name>,
+        pub estimate_ages_s: EstimatorArray<f64>,
+        /// Whether the wrench can be used: the codes of `WrenchStatus.validity`.
+        pub wrench_validity: u8,
+        /// The tool may touch something: from the approach on, until a retraction has ended in free space. Kept over restarts.
+        pub contact_possible: bool,
+        /// Age of the sensor's zero, s; negative when there is none.
+        pub zero_age_s: f64,
+        /// Error of the zero that its age and the sensor's stated drift imply, N; negative when that is not known.
+        pub zero_bound_n: f64,
     }
 }
 
@@ -312,6 +344,8 @@ message! {
         /// Further figures by name.
         pub figure_names: Vec<String>,
         pub figures: Vec<f64>,
+        /// What a person should know though nothing has failed, for instance an open router.
+        pub remarks: Vec<String>,
     }
 }
 

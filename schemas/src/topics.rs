@@ -26,6 +26,17 @@ pub enum Delivery {
     Background,
 }
 
+/// How many publishers a topic has, as its readers see it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sources {
+    /// As many as there are.
+    Any,
+    /// One at a time: a safety input. Its readers refuse a second one.
+    One,
+    /// One at a time, told apart by the lease of whoever reads it.
+    Leased,
+}
+
 /// A key, the message type that travels on it, and how it is sent. A key with `*` can be read, not published.
 #[derive(Debug)]
 pub struct Topic<M> {
@@ -61,6 +72,16 @@ impl<M: Message> Topic<M> {
     /// How it is sent.
     pub fn delivery(&self) -> Delivery {
         self.delivery
+    }
+
+    /// How many publishers it has.
+    pub fn sources(&self) -> Sources {
+        match self.key() {
+            "arm/command" => Sources::Leased,
+            "arm/state" | "base/pose" => Sources::One,
+            key if key.starts_with("wrench/") => Sources::One,
+            _ => Sources::Any,
+        }
     }
 
     /// ROS 2 name of the message, `PACKAGE/msg/NAME`.
@@ -152,7 +173,18 @@ pub fn health(service: &str) -> Topic<Health> {
 
 /// Keys of queries: a [`crate::tangent::Request`] goes in, a [`crate::tangent::Answer`] comes out.
 pub mod queries {
-    /// `start` (argument: a task as TOML), `pause`, `resume`, `status`.
+    use super::Delivery;
+
+    /// How a request is sent: what brings the arm to rest goes before all measurements, everything else with them.
+    pub fn delivery(key: &str, action: &str) -> Delivery {
+        if key.ends_with("/stop") || matches!(action, "stop" | "pause") {
+            Delivery::RealTime
+        } else {
+            Delivery::Stream
+        }
+    }
+
+    /// `start` (argument: a task as TOML), `pause`, `resume`, `stop`, `status`.
     pub const CONTROL_TASK: &str = "control/task";
     /// The text of the task started last. A key of its own: who may read is not who may start.
     pub const CONTROL_SHOW: &str = "control/show";
@@ -203,6 +235,12 @@ mod tests {
         assert_eq!(ARM_STATE.key(), "arm/state");
         assert_eq!(estimate_normal("blend").key(), "estimate/blend/normal");
         assert_eq!(health("netft").of_cell("cell1").key(), "cell1/health/netft");
+        for topic in [&WRENCH_TOOL, &WRENCH_RAW] {
+            assert_eq!(topic.sources(), Sources::One);
+        }
+        assert_eq!(ARM_STATE.sources(), Sources::One);
+        assert_eq!(ARM_COMMAND.sources(), Sources::Leased);
+        assert_eq!(ESTIMATE_NORMALS.sources(), Sources::Any);
         assert_eq!(
             WRENCH_TOOL.message_name(),
             "geometry_msgs/msg/WrenchStamped"

@@ -4,6 +4,7 @@ mod bus;
 mod load;
 mod peer;
 mod python;
+mod requests;
 mod steps;
 
 use anyhow::Result;
@@ -91,6 +92,7 @@ pub fn run(bench: &Bench, json: bool) -> Result<Outcome> {
     let rows = match bench {
         Bench::Steps => steps::run()?,
         Bench::Bus(options) => bus::run(options, &mut skipped)?,
+        Bench::Requests(options) => requests::run(options)?,
         Bench::Peer(options) => {
             peer::run(options)?;
             return Ok(Outcome::Done);

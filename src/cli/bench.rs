@@ -11,6 +11,8 @@ pub enum Bench {
     Steps,
     /// How long a message takes there and back, within one process and between processes, idle and loaded.
     Bus(BenchBus),
+    /// How soon a stop is answered, and the tool slower, in a cell of its own that is flooded with every other request.
+    Requests(BenchRequests),
     /// The other end of a measurement; started by `bus`.
     #[command(hide = true)]
     Peer(BenchPeer),
@@ -25,6 +27,17 @@ pub struct BenchBus {
     /// Python that has eclipse-zenoh.
     #[arg(long, default_value = "python3")]
     pub python: String,
+}
+
+/// Options of `tangent bench requests`.
+#[derive(Debug, Args)]
+pub struct BenchRequests {
+    /// Stops that are measured, with and without the flood each.
+    #[arg(long, default_value_t = 30)]
+    pub stops: u32,
+    /// Added to all ports of the cell.
+    #[arg(long, default_value_t = 9000)]
+    pub port_offset: u16,
 }
 
 /// Options of `tangent bench peer`.

@@ -83,7 +83,7 @@ fn space(folder: &str, free_bytes: io::Result<u64>) -> Finding {
         "{folder}: {:.1} GB free, about {hours:.1} h of recording",
         free_bytes as f64 / 1e9
     );
-    let advice = "delete old recordings (and their .torn originals), or name a larger disk in [recorder] folder";
+    let advice = "set [recorder] keep_bytes or keep_days, delete old recordings (and their .torn originals), or name a larger disk in [recorder] folder";
     if hours >= 8.0 {
         Finding::ok(CHECK, found)
     } else if hours >= 0.5 {

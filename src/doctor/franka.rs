@@ -121,7 +121,7 @@ fn mode(found: &Found) -> Finding {
         ),
         RobotMode::Reflex => (
             "the arm does not move until it has recovered",
-            "look for the cause; then `franka/recover`, or the first task recovers it (docs/services/franka.md)",
+            "look for the cause; then `tangent robot unlock`, or the first task recovers it (docs/services/franka.md)",
         ),
         RobotMode::UserStopped => (
             "the arm does not move",

@@ -12,12 +12,37 @@ use super::system::System;
 /// In `/proc/net/tcp`: a socket that listens.
 const LISTENING: &str = "0A";
 
-/// One finding per endpoint that the cell's router listens on.
+/// One finding per endpoint that the cell's router listens on, and one on who may join there.
 pub fn check(system: &System, config: &CellConfig) -> Vec<Finding> {
     let listen = config.zenoh.listen.iter();
     listen
         .filter_map(|endpoint| one(system, endpoint))
+        .chain([who_may_join(config)])
         .collect()
+}
+
+fn who_may_join(config: &CellConfig) -> Finding {
+    const CHECK: &str = "who may join";
+    const REMEDY: &str = "[zenoh] listen = [\"tcp/127.0.0.1:7447\"], or certificates: `tangent keys new`, docs/security.md";
+    let zenoh = &config.zenoh;
+    match zenoh.open_to_anybody() {
+        None if zenoh.tls.is_some() => {
+            Finding::ok(CHECK, "who has a certificate of the cell's authority")
+        }
+        None => Finding::ok(CHECK, "processes of the router's host"),
+        Some(endpoint) if zenoh.insecure => Finding::warning(
+            CHECK,
+            format!("anybody who reaches {endpoint}: insecure = true, no certificates"),
+            "whoever is on that network may start tasks and speak as the sensor",
+            REMEDY,
+        ),
+        Some(endpoint) => Finding::problem(
+            CHECK,
+            format!("{endpoint} is beyond this host, and there are no certificates"),
+            "the router refuses to start like this",
+            REMEDY,
+        ),
+    }
 }
 
 fn one(system: &System, endpoint: &str) -> Option<Finding> {
@@ -136,6 +161,24 @@ mod tests {
         let unknown = held("tcp/127.0.0.1:7447", None);
         assert_eq!(unknown.level, Level::Problem);
         assert!(unknown.advice.contains(":7447"), "{}", unknown.advice);
+    }
+
+    #[test]
+    fn who_may_join_is_told() {
+        let mut config = CellConfig::default_cell();
+        assert_eq!(who_may_join(&config).level, Level::Ok);
+        config.zenoh.listen = vec!["tcp/0.0.0.0:7447".into()];
+        let refused = who_may_join(&config);
+        assert_eq!(refused.level, Level::Problem);
+        assert!(
+            refused.advice.contains("tangent keys new"),
+            "{}",
+            refused.advice
+        );
+        config.zenoh.insecure = true;
+        let open = who_may_join(&config);
+        assert_eq!(open.level, Level::Warning);
+        assert!(open.found.contains("tcp/0.0.0.0:7447"), "{}", open.found);
     }
 
     #[test]

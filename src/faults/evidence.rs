@@ -70,6 +70,8 @@ pub struct Sensor {
     pub lost: u64,
     /// Records out of their order since its start.
     pub out_of_order: u64,
+    /// Records left out since its start, because no load can cause their jump.
+    pub implausible: u64,
 }
 
 /// What a service said of itself.
@@ -116,11 +118,6 @@ impl Evidence {
             services,
             _handles: handles,
         })
-    }
-
-    /// The truth now.
-    pub fn truth(&self) -> Option<Truth> {
-        lock(&self.truths).last().map(|(_, truth)| *truth)
     }
 
     /// The controller's last word, no older than `since_ns`.
@@ -333,6 +330,7 @@ fn sensor(m: &WrenchStatus) -> Sensor {
         validity: m.validity,
         lost: m.records_lost,
         out_of_order: m.records_out_of_order,
+        implausible: m.records_implausible,
     }
 }
 

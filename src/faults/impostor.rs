@@ -12,6 +12,8 @@ use tangent_schemas::{Message, Name, cdr, topics};
 pub enum Lie {
     /// A valid status, and a wrench of NaN.
     WrenchNotFinite,
+    /// A valid status, and a wrench of zero, beside the true ones.
+    WrenchOfAnother,
     /// A valid estimate of the active estimator, of NaN.
     NormalNotFinite,
     /// In the controller's name, a command of NaN, timely and of the running task.
@@ -43,7 +45,7 @@ impl Lie {
     /// How often it is told, ms.
     pub fn period_ms(self) -> u64 {
         match self {
-            Self::WrenchNotFinite => 1,
+            Self::WrenchNotFinite | Self::WrenchOfAnother => 1,
             Self::NormalNotFinite => 4,
             _ => 10,
         }
@@ -99,7 +101,7 @@ impl Impostor {
     /// Somebody in another process reads what this lie is told on.
     pub fn is_heard(&self, lie: Lie) -> bool {
         match lie {
-            Lie::WrenchNotFinite => {
+            Lie::WrenchNotFinite | Lie::WrenchOfAnother => {
                 self.status.is_read_remotely() && self.wrench.is_read_remotely()
             }
             Lie::NormalNotFinite => self.normal.is_read_remotely(),
@@ -128,7 +130,7 @@ impl Impostor {
             command
         };
         match lie {
-            Lie::WrenchNotFinite => {
+            Lie::WrenchNotFinite | Lie::WrenchOfAnother => {
                 self.status.publish(&WrenchStatus {
                     header: Header::in_frame::<Tool>(now_ns),
                     ..WrenchStatus::default()
@@ -137,7 +139,9 @@ impl Impostor {
                     header: Header::in_frame::<Tool>(now_ns),
                     ..WrenchStamped::default()
                 };
-                wrench.wrench.force.z = f64::NAN;
+                if lie == Lie::WrenchNotFinite {
+                    wrench.wrench.force.z = f64::NAN;
+                }
                 self.wrench.publish(&wrench);
             }
             Lie::NormalNotFinite => {

@@ -8,7 +8,7 @@ mod disk;
 mod evidence;
 mod impostor;
 mod losses;
-mod private_cell;
+pub mod private_cell;
 mod sensor_clock;
 mod stage;
 mod wire;

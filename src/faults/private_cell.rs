@@ -301,10 +301,8 @@ impl PrivateCell {
         } else {
             -0.1
         };
-        // A tool that was left on the surface must not be tared there.
-        let tare = !self.evidence.truth().is_some_and(|truth| truth.in_contact);
         let task = format!(
-            "name = \"faults\"\ntare = {tare}\nestimators = [\"blend\", \"reactive\"]\n\
+            "name = \"faults\"\nestimators = [\"blend\", \"reactive\"]\n\
              force.reference_n = {REFERENCE_N:?}\nend.retract_distance_m = 0.01\n\
              [path]\nkind = \"line\"\nto_m = [{way}, 0.0]\nspeed_m_per_s = {SPEED_M_PER_S}\nstrokes = 200\n"
         );

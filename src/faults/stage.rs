@@ -162,6 +162,8 @@ impl Stage {
     pub fn unlock(&mut self) -> Result<()> {
         let request = tangent_schemas::tangent::Request::default();
         let until = Instant::now() + Duration::from_secs(15);
+        // Once it is released, there is no stop left to leave, and the next request is refused.
+        let mut released = false;
         loop {
             std::thread::sleep(Duration::from_millis(500));
             let answer = self.cell.bus.ask(
@@ -169,7 +171,8 @@ impl Stage {
                 &request,
                 Duration::from_secs(3),
             );
-            if answer.as_ref().is_ok_and(|a| a.done)
+            released |= answer.as_ref().is_ok_and(|a| a.done);
+            if released
                 && self
                     .cell
                     .evidence

@@ -42,7 +42,24 @@ pub enum Damage {
         /// The word.
         word: u32,
     },
+    /// Every record says what the first of them says; sequences go on.
+    Frozen,
+    /// One axis of every record says what the first of them says.
+    AxisStuck {
+        /// 0 Fx to 5 Tz.
+        axis: usize,
+    },
+    /// One record of so many is well-formed and wrong: any loads of up to 100 N and Nm in place of its own.
+    Implausible {
+        /// One of so many.
+        one_of: u32,
+    },
 }
+
+/// Counts of a record: six numbers of four bytes, big-endian, behind two sequences and the status.
+const COUNTS: std::ops::Range<usize> = 12..36;
+/// Counts per N and Nm of the simulated box.
+const COUNTS_PER_UNIT: u64 = 1_000_000;
 
 /// Relays the sensor's UDP stream between its box and whoever asked for it last.
 pub struct SensorWire {
@@ -76,6 +93,7 @@ impl SensorWire {
             client,
             damage: Arc::clone(&damage),
             before: VecDeque::with_capacity(KEPT),
+            held: None,
             count: 0,
             random: 0x2545_f491_4f6c_dd1d,
         };
@@ -147,6 +165,8 @@ struct Records {
     client: Arc<Mutex<Option<SocketAddr>>>,
     damage: Arc<Mutex<Damage>>,
     before: VecDeque<Vec<u8>>,
+    /// Counts that frozen records go on saying.
+    held: Option<[u8; 24]>,
     count: u32,
     random: u64,
 }
@@ -190,7 +210,27 @@ impl Records {
                     record[8..12].copy_from_slice(&word.to_be_bytes());
                 }
             }
+            Damage::Frozen => {
+                for record in datagram.chunks_exact_mut(36) {
+                    self.hold(record, 0..24);
+                }
+            }
+            Damage::AxisStuck { axis } => {
+                for record in datagram.chunks_exact_mut(36) {
+                    self.hold(record, 4 * axis..4 * axis + 4);
+                }
+            }
+            Damage::Implausible { one_of } if due(one_of) => {
+                for bytes in datagram[COUNTS].chunks_exact_mut(4) {
+                    let load = self.draw() % (200 * COUNTS_PER_UNIT);
+                    let count = load as i32 - (100 * COUNTS_PER_UNIT) as i32;
+                    bytes.copy_from_slice(&count.to_be_bytes());
+                }
+            }
             _ => {}
+        }
+        if !matches!(damage, Damage::Frozen | Damage::AxisStuck { .. }) {
+            self.held = None;
         }
         let _ = self.near.send_to(datagram, to);
         if let Damage::Replayed { one_of } = damage
@@ -203,6 +243,17 @@ impl Records {
             self.before.pop_front();
         }
         self.before.push_back(datagram.to_vec());
+    }
+
+    /// Puts the held counts of these bytes into a record; the first record is what is held.
+    fn hold(&mut self, record: &mut [u8], bytes: std::ops::Range<usize>) {
+        let counts = &mut record[COUNTS];
+        let held = self.held.get_or_insert_with(|| {
+            let mut held = [0; 24];
+            held.copy_from_slice(counts);
+            held
+        });
+        counts[bytes.clone()].copy_from_slice(&held[bytes]);
     }
 
     /// xorshift64: which datagrams are lost does not matter, only that they are not regular.

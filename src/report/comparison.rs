@@ -14,7 +14,7 @@ use super::run::Run;
 pub struct EstimatorFigures {
     /// Estimates per second, by their stamps.
     pub rate_hz: Option<f64>,
-    /// Age of the newest one whenever the controller answered a packet, by the robot's cycles, ms.
+    /// Age of the newest one at use, as the controller says in each of its cycles, ms; none where it does not read it.
     pub age_ms: Option<Spread>,
     /// Share of the pressing cycles in which it could be used.
     pub valid_fraction: Option<f64>,
@@ -82,9 +82,8 @@ fn rate_hz(run: &Run, name: &str) -> Option<f64> {
 }
 
 fn ages_ms(run: &Run, name: &str) -> Vec<f64> {
-    let period_ms = 1e3 * run.arm.last().map_or(0.008, |arm| arm.period_s);
-    let ages = run.ages_cycles.get(name).map_or(&[][..], Vec::as_slice);
-    ages.iter().map(|n| *n as f64 * period_ms).collect()
+    let ages = run.ages_s.get(name).map_or(&[][..], Vec::as_slice);
+    ages.iter().map(|age_s| 1e3 * age_s).collect()
 }
 
 /// Every change within the task.

@@ -282,7 +282,7 @@ fn sample(
         }),
         tool_position: (&arm.tool_pose.position).into(),
         tool_z: z_axis(&arm.tool_pose),
-        force_n: control.force_n,
+        force_n: Some(control.force_n).filter(|n| n.is_finite()),
         force_reference_n: control.force_reference_n,
         // Without a truth: contact as the controller holds it is what its pressing phases say.
         in_contact: phase.is_pressing(),

@@ -33,9 +33,8 @@ pub struct Run {
     pub shaping: Vec<ShapingState>,
     /// `estimate/NAME/normal` by estimator.
     pub estimates: BTreeMap<String, Vec<NormalEstimate>>,
-    /// How old each estimator's newest was whenever a `control/state` came, in robot cycles: the age at use, by the
-    /// order in which the messages came here, whatever the clocks say.
-    pub ages_cycles: BTreeMap<String, Vec<u64>>,
+    /// How old each estimator's newest was at use, s, as the controller said in each of its cycles.
+    pub ages_s: BTreeMap<String, Vec<f64>>,
     /// `estimate/NAME/object` by estimator.
     pub objects: BTreeMap<String, Vec<ObjectEstimate>>,
     /// `truth/contact`
@@ -180,12 +179,10 @@ impl Run {
             ControlState::NAME => {
                 let state: ControlState = cdr::decode(bytes)?;
                 fault = Some(("controller", state.fault.to_string()));
-                for (name, estimates) in &self.estimates {
-                    let age = estimates
-                        .last()
-                        .and_then(|e| state.cycle.checked_sub(e.cycle));
-                    if let Some(age) = age {
-                        self.ages_cycles.entry(name.clone()).or_default().push(age);
+                for (name, age_s) in state.estimators.iter().zip(&state.estimate_ages_s) {
+                    if *age_s >= 0.0 {
+                        let ages = self.ages_s.entry(name.to_string()).or_default();
+                        ages.push(*age_s);
                     }
                 }
                 self.control.push(state);

@@ -112,7 +112,7 @@ impl Tape {
                 estimator: cut("blend"),
                 normal: (&output.normal).into(),
                 force_reference_n: output.force_reference_n,
-                force_n: output.force_n,
+                force_n: output.force_n.unwrap_or(f64::NAN),
                 path_reference: (&output.path_reference).into(),
                 path_error_m: output.path_error_m,
                 wrench_age_s: output.wrench_age_s,

@@ -123,9 +123,19 @@ impl Process {
 
     /// The same, with its log elsewhere.
     pub fn start_with_log(name: &str, args: &[&str], log: impl Into<Stdio>) -> Self {
+        Self::start_with_output(name, args, Stdio::null(), log)
+    }
+
+    /// The same, with its standard output elsewhere too.
+    pub fn start_with_output(
+        name: &str,
+        args: &[&str],
+        output: impl Into<Stdio>,
+        log: impl Into<Stdio>,
+    ) -> Self {
         let child = tangent()
             .args(args)
-            .stdout(Stdio::null())
+            .stdout(output)
             .stderr(log)
             .spawn()
             .unwrap_or_else(|e| panic!("{name}: {e}"));

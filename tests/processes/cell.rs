@@ -132,15 +132,24 @@ impl Cell {
 
     /// Starts a process of the services in `name`, separated by spaces; in place of the one before of that name.
     pub fn start(&mut self, name: &str) {
+        let log = fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(self.log_file(name))
+            .unwrap();
+        self.start_into(name, log);
+    }
+
+    fn log_file(&self, name: &str) -> PathBuf {
+        self.folder.path().join(format!("{name}.log"))
+    }
+
+    /// The same, with its log to `log`.
+    pub fn start_into(&mut self, name: &str, log: impl Into<std::process::Stdio>) {
         let file = self.file();
         let mut args = vec!["run"];
         args.extend(name.split(' '));
         args.extend(["--cell", file.to_str().unwrap()]);
-        let log = fs::OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(self.folder.path().join(format!("{name}.log")))
-            .unwrap();
         let process = Process::start_with_log(name, &args, log);
         self.processes.insert(name.to_owned(), process);
     }
@@ -154,7 +163,8 @@ impl Cell {
 
     /// What the processes of that name have logged.
     pub fn log(&self, name: &str) -> String {
-        fs::read_to_string(self.folder.path().join(format!("{name}.log"))).unwrap()
+        // Empty where it went elsewhere.
+        fs::read_to_string(self.log_file(name)).unwrap_or_default()
     }
 
     /// The process of that name.

@@ -186,13 +186,19 @@ fn parameters(cell: &Cell, observer: &Observer) {
 }
 
 fn estimators(cell: &Cell) {
-    let list = cell.cli_json(&["estimator", "list"], 0);
+    let list = wait_for("every estimator at work", PATIENCE, || {
+        let list = cell.cli_json(&["estimator", "list"], 0);
+        let rows = list["estimators"].as_array()?;
+        let working = |name: &&str| {
+            rows.iter()
+                .any(|r| r["name"] == *name && r["rate_hz"].as_f64() > Some(20.0))
+        };
+        ["reactive", "quadratic", "gaussian_process", "blend"]
+            .iter()
+            .all(working)
+            .then_some(list)
+    });
     assert_eq!(list["active"], "blend", "{list}");
-    for name in ["reactive", "quadratic", "gaussian_process", "blend"] {
-        let rows = list["estimators"].as_array().unwrap();
-        let row = rows.iter().find(|r| r["name"] == name).unwrap();
-        assert!(row["rate_hz"].as_f64() > Some(20.0), "{row}");
-    }
     let used = wait_for("the switch is accepted", PATIENCE, || {
         let answer = json(&cell.cli(&["estimator", "use", "quadratic", "--json"]));
         // It is refused, with the reason, while the newcomer has no normal to show.

@@ -11,9 +11,9 @@ use tangent_schemas::tangent::ControlState;
 /// A loaded machine's share of any time measured here, s.
 const SLACK_S: f64 = 1.5;
 /// No fault presses harder: the larger of twice the reference and 10 N.
-const FORCE_MAX_N: f64 = 10.0;
+pub const FORCE_MAX_N: f64 = 10.0;
 
-const APART: [&str; 6] = [
+pub const APART: [&str; 6] = [
     "router",
     "simulator",
     "netft",
@@ -30,7 +30,7 @@ const COMPOSED: [&str; 5] = [
 ];
 
 /// A cell whose tool slides.
-fn sliding(names: &[&str]) -> (Cell, Observer) {
+pub fn sliding(names: &[&str]) -> (Cell, Observer) {
     let mut cell = Cell::new(|_| {});
     cell.start_all(names);
     let observer = Observer::join(&cell);
@@ -41,9 +41,9 @@ fn sliding(names: &[&str]) -> (Cell, Observer) {
 
 /// Slides again with a new task, and nobody but `replaced` is another process than before.
 fn wipes_again(cell: &mut Cell, observer: &Observer, names: &[&str]) {
-    // The tool may stand on the surface: its zero is kept.
+    // Where the tool stands on the surface, it moves off before the tare.
     let task = cell.task(
-        false,
+        true,
         "kind = \"line\"\nto_m = [0.02, 0.0]\nspeed_m_per_s = 0.02",
     );
     let from = now_ns();
@@ -57,6 +57,70 @@ fn fault(observer: &Observer, since_ns: i64) -> Seen<ControlState> {
     let seen = observer.phase("fault", since_ns);
     assert!(!seen.message.fault.is_empty());
     seen
+}
+
+/// The force that the controller shows while it slides is the simulator's, in the mean over what was heard since.
+fn shown_is_true(observer: &Observer, since_ns: i64) {
+    let slides: Vec<f64> = observer
+        .controls(since_ns)
+        .iter()
+        .filter(|seen| seen.message.phase_text.as_str() == "slide")
+        .map(|seen| seen.message.force_n)
+        .collect();
+    let pressed: Vec<f64> = observer
+        .truths(since_ns)
+        .iter()
+        .filter(|seen| seen.message.in_contact)
+        .map(|seen| {
+            let (f, n) = (&seen.message.wrench.force, &seen.message.normal);
+            f.x * n.x + f.y * n.y + f.z * n.z
+        })
+        .collect();
+    let mean = |list: &[f64]| list.iter().sum::<f64>() / list.len() as f64;
+    let (shown, truth) = (mean(&slides), mean(&pressed));
+    assert!(
+        (shown - truth).abs() <= 0.5,
+        "shown {shown} N, true {truth} N"
+    );
+}
+
+/// Each death leaves the tool pressed. A tare there hides the force: 3 N shown were 6 N after the first start, and 9 N after the second.
+#[test]
+fn a_hard_loop_killed_while_pressing_moves_off_before_it_tares() {
+    let (mut cell, observer) = sliding(&COMPOSED);
+    for _ in 0..2 {
+        let killed = now_ns();
+        cell.process("rtde controller").kill();
+        observer.at_rest(killed);
+        assert!(observer.truths(killed).last().unwrap().message.in_contact);
+        // Nobody moves, and the sensor's service remembers who pressed.
+        let silent = wait_for("the controller's silence", PATIENCE, || {
+            let answer = cell.cli_json(&["tare"], 1);
+            let said = answer["message"].as_str().unwrap().to_owned();
+            said.contains("silent").then_some(said)
+        });
+        assert!(silent.contains("may touch"), "{silent}");
+        cell.start("rtde controller");
+        let from = now_ns();
+        cell.start_task(&cell.long_task());
+        let clear = observer.phase("clear", from).at_ns;
+        let tare = observer.phase("tare", clear).at_ns;
+        let slide = observer.phase("slide", tare).at_ns;
+        observer.sliding(slide);
+        let settled = now_ns();
+        wait_for("two seconds of sliding", PATIENCE, || {
+            let last = observer.truths(settled).last()?.at_ns;
+            (last - settled > 2_000_000_000).then_some(())
+        });
+        // In the middle of a slide it is refused too, whatever a person says.
+        for args in [vec!["tare"], vec!["tare", "--clear"]] {
+            let answer = cell.cli_json(&args, 1);
+            let said = answer["message"].as_str().unwrap().to_owned();
+            assert!(said.contains("phase"), "{said}");
+        }
+        shown_is_true(&observer, settled);
+    }
+    safe(&observer, 0);
 }
 
 fn safe(observer: &Observer, since_ns: i64) {

@@ -7,7 +7,12 @@ mod cell;
 mod commands;
 #[path = "../common/mod.rs"]
 mod common;
+mod endings;
 mod failures;
 mod franka;
 mod object;
+mod priorities;
 mod recordings;
+mod requests;
+mod robot;
+mod stranger;

@@ -4,8 +4,8 @@ mod ranges;
 
 use serde::{Deserialize, Serialize};
 
-use crate::ControlError;
 use crate::energy_tank::EnergyTank;
+use crate::{ControlError, LeaveConfig};
 
 /// Parameters of the law. `ControllerConfig::preset` gives a complete one; a file may change single keys of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Default)]
@@ -25,6 +25,8 @@ pub struct ControllerConfig {
     pub contact: ContactConfig,
     /// How long to bear with silence.
     pub patience: PatienceConfig,
+    /// How the tool leaves a surface, and what shows that it did.
+    pub leave: LeaveConfig,
 }
 
 /// Translational part of the admittance.
@@ -281,7 +283,7 @@ impl ControllerConfig {
         match name {
             "default" => Ok(Self::default()),
             "paper" => Ok(Self::paper()),
-            other => Err(ControlError::UnknownPreset(other.into())),
+            other => Err(ControlError::UnknownPreset { name: other.into() }),
         }
     }
 

@@ -1,21 +1,21 @@
 //! The controller: phases, laws and guards composed into one step per robot cycle.
 
 use nalgebra::Vector3;
-use tangent_mechanics::{Aligned, Arm, Base, Flange, Joints, Pose, Tool, Twist, Wrench};
+use tangent_mechanics::{Aligned, Arm, Base, Flange, Pose, Tool, Twist};
 
 use crate::alignment::{alignment_error, alignment_rate};
 use crate::force_law::ForceSample;
 use crate::ground::Ground;
+use crate::interface::{is_arm_state, is_place, is_time, is_velocity};
 use crate::joint_velocity::JointVelocity;
 use crate::limits::clamp_norm;
 use crate::run::{Percept, Requests, Run};
 use crate::switching::ChoiceRules;
 use crate::touchdown::{approach_speed, seek_speed};
-use crate::wrench_guard::WrenchVerdict;
 use crate::{
-    CommandKind, ControlError, ControlInput, ControlOutput, ControllerConfig, EstimateInput,
-    EstimatorName, EstimatorNames, Fault, Limits, MAX_ESTIMATORS, Parameter, Phase, Program,
-    SwitchRefusal, Task, TwistLimiter,
+    Clearance, CommandKind, ControlError, ControlInput, ControlOutput, ControllerConfig,
+    EstimateInput, EstimatorName, EstimatorNames, Fault, Limits, MAX_ESTIMATORS, Parameter, Phase,
+    Program, SwitchRefusal, Task, TwistLimiter,
 };
 
 /// One arm's controller. `start` a program, then `step` once per robot packet.
@@ -86,9 +86,12 @@ impl Controller {
         if self.run.phase.is_active() {
             return Err(self.wrong_phase("start a task", "stop the running task first"));
         }
-        self.activation = self.activation.max(latched) + 1;
+        if self.run.clearance == Clearance::Unknown {
+            return Err(ControlError::MayTouch { moved_m: None });
+        }
+        self.activation = self.activation.max(latched).saturating_add(1);
         self.requests = Requests::default();
-        self.run = Run::start(&program);
+        self.run = Run::start(&program, self.run.clearance);
         self.ground = Ground::default();
         self.names = program.estimators.clone();
         self.config = program.config;
@@ -102,7 +105,36 @@ impl Controller {
         Ok(self.program.replace(program))
     }
 
-    /// Stops the path where it is, keeps the force.
+    /// Whether a task may start with the tool at `position` (base axes, m).
+    ///
+    /// # Errors
+    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not known.
+    pub fn check_start(&self, position: &Vector3<f64>) -> Result<(), ControlError> {
+        let leave = &self.config.leave;
+        self.run.clearance.way_out(leave, position).map(drop)
+    }
+
+    /// Whether the tool may touch something: what the next start goes by.
+    pub fn clearance(&self) -> Clearance {
+        self.run.clearance
+    }
+
+    /// What a controller before this one knew, or what a person says who has looked.
+    ///
+    /// # Errors
+    /// While a task runs.
+    pub fn set_clearance(&mut self, clearance: Clearance) -> Result<(), ControlError> {
+        if self.run.phase.is_active() {
+            return Err(self.wrong_phase("say that the tool hangs free", "stop the task first"));
+        }
+        self.run.clearance = clearance;
+        Ok(())
+    }
+
+    /// Stands still in every phase: the path stops where it is, what presses keeps its force, and no time limit runs.
+    ///
+    /// # Errors
+    /// When no task runs, or it is leaving the surface.
     pub fn pause(&mut self) -> Result<(), ControlError> {
         if !self.run.phase.is_active() || self.run.phase == Phase::Retract {
             return Err(self.wrong_phase("pause", "there is no path to stop"));
@@ -120,9 +152,29 @@ impl Controller {
         Ok(())
     }
 
+    /// A task is paused.
+    pub fn is_paused(&self) -> bool {
+        self.requests.paused && self.run.phase.is_active() && self.run.phase != Phase::Retract
+    }
+
     /// Ends the task: retracts, then done. Nothing to do when none runs.
     pub fn stop(&mut self) {
         self.requests.stopping = true;
+    }
+
+    /// The task has ended, and the tool may still be where it touched: after a fault that let nothing move.
+    pub fn is_left_on_surface(&self) -> bool {
+        self.run.is_left_on_surface()
+    }
+
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface) along the last good normal, over the way of the task's
+    /// end. `latched` as in [`Controller::start`]: this is a motion of its own, with an activation of its own.
+    pub fn leave_surface(&mut self, latched: u64) {
+        if self.run.is_left_on_surface() {
+            self.activation = self.activation.max(latched) + 1;
+            self.requests = Requests::default();
+            self.run.leave_again();
+        }
     }
 
     fn wrong_phase(&self, request: &'static str, remedy: &'static str) -> ControlError {
@@ -213,14 +265,16 @@ impl Controller {
 
     /// One robot cycle. Allocates nothing.
     pub fn step(&mut self, input: &ControlInput) -> ControlOutput {
+        if !is_sane(input) {
+            if self.run.phase.is_active() {
+                self.run.abort(Fault::ArmState);
+            }
+            return self.stand(input);
+        }
         let placed = self.ground.place(input);
         self.estimates = placed.estimates;
-        if self.run.phase.is_active() {
-            if !is_sane(input) {
-                self.run.abort(Fault::ArmState);
-            } else if !input.arm_ready {
-                self.run.abort(Fault::ArmNotReady);
-            }
+        if self.run.phase.is_active() && !input.arm_ready {
+            self.run.abort(Fault::ArmNotReady);
         }
         let (Some(program), true) = (&self.program, self.run.phase.is_active()) else {
             return self.stand(input);
@@ -284,11 +338,7 @@ impl Controller {
             alignment_error_rad: alignment_error(&percept.z_tool, &run.surface.normal),
             path_error_m: run.tracking.error_m(&percept.position, &run.surface.normal),
             force_n: percept.force_n,
-            wrench: if percept.verdict == WrenchVerdict::Good && input.wrench.is_finite() {
-                input.wrench
-            } else {
-                Wrench::zero()
-            },
+            wrench: percept.wrench.map(|_| input.wrench),
             ..self.report(input)
         }
     }
@@ -319,7 +369,10 @@ impl Controller {
         let run = &self.run;
         let active = run.phase.is_active();
         let estimate_age = input.estimates[run.choice.index].map(|e| e.age_s);
-        let hold = ControlOutput::hold(input);
+        let hold = ControlOutput {
+            clearance: run.clearance,
+            ..ControlOutput::hold(input)
+        };
         let Some(program) = &self.program else {
             return hold;
         };
@@ -353,6 +406,7 @@ impl Controller {
             damping_n_s_per_m: run.force.damping_n_s_per_m(),
             force_tank_j: run.force.tank_j(),
             fault: run.fault,
+            zero_withdrawn: run.zero_withdrawn,
             ..hold
         }
     }
@@ -374,8 +428,8 @@ fn wanted_twist(
     let normal = run.surface.normal;
     let still = Vector3::zeros();
     match run.phase {
-        // Nowhere to go as long as nobody knows where the base does.
-        Phase::Approach | Phase::Seek if percept.base.is_some() => {
+        // Nowhere to go while the task is paused, or the motion of the base is not known.
+        Phase::Approach | Phase::Seek if percept.base.is_some() || run.paused => {
             run.tracking.freeze();
             Twist::zero()
         }
@@ -385,7 +439,13 @@ fn wanted_twist(
             let speed = seek_speed(config, reference_n, run.force.stiffness_n_per_m());
             Twist::new(normal * -speed, still)
         }
-        Phase::Retract => Twist::new(run.retract * program.task.end.retract_speed_m_per_s, still),
+        Phase::Retract => {
+            let speed = run.retract_speed(program, config, percept);
+            Twist::new(run.retract * speed, still)
+        }
+        // A tool that does not feel what it meets stands.
+        Phase::Clear if percept.wrench.is_none() || run.paused => Twist::zero(),
+        Phase::Clear => Twist::new(run.retract * config.leave.speed_m_per_s, still),
         Phase::Hold if run.stands_without_wrench() => {
             run.tracking.freeze();
             run.force.rest();
@@ -405,13 +465,13 @@ fn wanted_twist(
                 &normal,
                 input.dt_s,
             );
-            let (speed, turn) = if percept.verdict == WrenchVerdict::Good {
+            let (speed, turn) = if let Some(wrench) = percept.wrench {
                 run.force.step(
                     config,
                     limits,
                     reference_n,
                     &ForceSample {
-                        wrench: percept.wrench,
+                        wrench,
                         base_from_tool: input.base_from_tool,
                         normal,
                         along,
@@ -450,15 +510,12 @@ fn ramp_gains(config: &mut ControllerConfig, targets: &[f64; 4], dt_s: f64) {
 }
 
 fn is_sane(input: &ControlInput) -> bool {
-    let finite = |q: &Joints<6>| q.iter().all(|x| x.is_finite());
-    let pose = &input.base_from_tool;
-    input.dt_s > 0.0
-        && input.dt_s <= 0.1
+    is_time(input.time_s, input.dt_s)
         && input.speed_scaling.is_finite()
-        && finite(&input.q)
-        && finite(&input.qd)
-        && pose.translation().iter().all(|x| x.is_finite())
-        && pose.rotation().coords.iter().all(|x| x.is_finite())
-        && input.twist.is_finite()
-        && input.base.is_none_or(|base| base.is_finite())
+        && is_arm_state(&input.q, &input.qd)
+        && is_place(&input.base_from_tool)
+        && is_velocity(&input.twist)
+        && input
+            .base
+            .is_none_or(|base| is_place(&base.world_from_base) && is_velocity(&base.twist))
 }

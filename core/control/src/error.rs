@@ -1,5 +1,6 @@
 //! What can be wrong with a task, a configuration or a request.
 
+use tangent_mechanics::names::did_you_mean;
 use thiserror::Error;
 
 /// Errors of this crate. Each says what was wrong, the value, what is allowed, and what to do.
@@ -19,8 +20,11 @@ pub enum ControlError {
         allowed: String,
     },
     /// No preset of this name.
-    #[error("no controller preset `{0}`: there are `default` and `paper`")]
-    UnknownPreset(String),
+    #[error("no controller preset `{name}`{}: there are `default` and `paper`", did_you_mean(name, ["default", "paper"]))]
+    UnknownPreset {
+        /// What was asked.
+        name: String,
+    },
     /// A request does not fit the phase the controller is in.
     #[error("cannot {request} while {phase}: {remedy}")]
     WrongPhase {
@@ -31,6 +35,15 @@ pub enum ControlError {
         /// What to do instead.
         remedy: &'static str,
     },
+    /// The tool may touch something, and which way is away is not known.
+    #[error(
+        "cannot start a task: the tool may touch something since a task that did not end in free space, and which way is away is not known{}; move it clear by hand or with the pendant, look that it hangs free, then `tangent task start FILE --clear`",
+        moved(.moved_m)
+    )]
+    MayTouch {
+        /// How far the tool is from where it was then, m; none where that is not known.
+        moved_m: Option<f64>,
+    },
     /// An estimator switch was refused.
     #[error("estimator `{name}` refused: {reason}")]
     SwitchRefused {
@@ -40,13 +53,19 @@ pub enum ControlError {
         reason: String,
     },
     /// No live parameter of this name.
-    #[error("no parameter `{name}`: there are {known}")]
+    #[error("no parameter `{name}`{}: there are {known}", did_you_mean(name, known.split(", ")))]
     UnknownParameter {
         /// What was asked.
         name: String,
         /// What there is.
         known: String,
     },
+}
+
+fn moved(moved_m: &Option<f64>) -> String {
+    moved_m.map_or_else(String::new, |m| {
+        format!(": the tool was moved by {m:.3} m since")
+    })
 }
 
 impl ControlError {

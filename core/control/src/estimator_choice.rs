@@ -65,11 +65,8 @@ impl EstimatorChoice {
             // Their age has used the patience up already.
             Validity::Missing | Validity::Stale => true,
             // One outlier is no reason to leave; only words that stay nonsense are.
-            Validity::NotFinite | Validity::Disagrees => {
-                self.nonsense_s += dt_s;
-                self.nonsense_s > rules.patience_s
-            }
-            _ => false,
+            Validity::NotFinite | Validity::Disagrees => self.bear(rules, dt_s),
+            _ => !rules.felt_by_sliding && self.bear(rules, dt_s),
         };
         if !gone && self.blind_m < rules.blind_distance_m {
             return EstimateStatus::Waiting;
@@ -104,6 +101,12 @@ impl EstimatorChoice {
             }
         }
         EstimateStatus::None(reason)
+    }
+
+    /// Another cycle of nonsense: true when it has been borne for long enough.
+    fn bear(&mut self, rules: &ChoiceRules, dt_s: f64) -> bool {
+        self.nonsense_s += dt_s;
+        self.nonsense_s > rules.patience_s
     }
 
     /// The task's rule for the way back.
@@ -380,6 +383,27 @@ mod tests {
             way += 0.001;
         }
         assert!((way - NormalConfig::default().blind_distance_m).abs() < 0.002);
+    }
+
+    #[test]
+    fn one_that_is_not_felt_by_sliding_is_given_up_after_the_patience() {
+        let rules = ChoiceRules {
+            felt_by_sliding: false,
+            ..rules(None)
+        };
+        let mut choice = EstimatorChoice::default();
+        let entries = list(&[
+            input(Validity::Degenerate, 0.0, 0.0),
+            input(Validity::Valid, 0.0, 1.0),
+        ]);
+        let mut borne_s = 0.0;
+        while choice.index == 0 {
+            choice.step(&rules, &entries, &Vector3::z(), 0.0, DT_S);
+            borne_s += DT_S;
+            assert!(borne_s < 1.0);
+        }
+        assert!((borne_s - rules.patience_s).abs() < 1.5 * DT_S, "{borne_s}");
+        assert_eq!(choice.cause, SwitchCause::FellBack(Validity::Degenerate));
     }
 
     #[test]

@@ -117,6 +117,13 @@ impl ForceLaw {
         self.stiffness.value_n_per_m()
     }
 
+    /// Stiffness of the contact, N/m; none before it was measured.
+    pub fn stiffness_measured_n_per_m(&self) -> Option<f64> {
+        self.stiffness
+            .is_known()
+            .then(|| self.stiffness.value_n_per_m())
+    }
+
     /// Damping in use, Ns/m.
     pub fn damping_n_s_per_m(&self) -> f64 {
         self.damping

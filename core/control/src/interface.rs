@@ -1,11 +1,84 @@
 //! What the controller takes and gives, once per robot cycle.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist, Wrench};
 use tangent_sensing::{BaseMotion, Validity};
 
-use crate::{Fault, Phase, SwitchCause};
+use crate::{Clearance, Fault, Phase, SwitchCause};
+
+/// A period outside these is a mistake, s.
+const PERIOD_S: std::ops::RangeInclusive<f64> = 1e-5..=0.1;
+/// No joint turns further, rad.
+const POSITION_MAX_RAD: f64 = 100.0;
+/// Nothing that an arm touches is further from its base, m.
+const PLACE_MAX_M: f64 = 1000.0;
+/// No direction is known less well, rad².
+const VARIANCE_MAX: f64 = 100.0;
+/// No surface that a tool can wipe bends more sharply, 1/m.
+const CURVATURE_MAX_PER_M: f64 = 1e4;
+/// No sensor feels more, N and Nm.
+const WRENCH_MAX: f64 = 1e6;
+/// No joint turns faster, rad/s, and no tool moves faster, m/s.
+const SPEED_MAX_RAD_PER_S: f64 = 100.0;
+
+/// Whether a law can compute with this cycle's clock, s, and its period, s: neither is a matter of the arm, and no time-out runs on one that
+/// is no number.
+pub(crate) fn is_time(time_s: f64, dt_s: f64) -> bool {
+    time_s.is_finite() && PERIOD_S.contains(&dt_s)
+}
+
+/// Whether these can be an arm's joints, rad and rad/s: finite, and not so large that what follows from them is not.
+pub(crate) fn is_arm_state<const N: usize>(q: &Joints<N>, qd: &Joints<N>) -> bool {
+    within(q.as_slice(), POSITION_MAX_RAD) && within(qd.as_slice(), SPEED_MAX_RAD_PER_S)
+}
+
+/// Whether this can be a pose near an arm, `translation` m: what is finite but beyond all reach overflows further on.
+pub(crate) fn is_place<A, B>(pose: &Pose<A, B>) -> bool {
+    within(pose.translation().as_slice(), PLACE_MAX_M)
+        && (pose.rotation().coords.norm() - 1.0).abs() < 1e-6
+}
+
+/// Whether this can be a tool's velocity, m/s and rad/s.
+pub(crate) fn is_velocity<F>(twist: &Twist<F>) -> bool {
+    within(twist.linear.as_slice(), SPEED_MAX_RAD_PER_S)
+        && within(twist.angular.as_slice(), SPEED_MAX_RAD_PER_S)
+}
+
+/// Whether this can be a point near an arm, m.
+pub(crate) fn is_point(point: &Vector3<f64>) -> bool {
+    within(point.as_slice(), PLACE_MAX_M)
+}
+
+/// Whether this can be the covariance of a direction, rad²: symmetric, not negative in any direction, and not beyond all doubt.
+pub(crate) fn is_covariance(c: &Matrix3<f64>) -> bool {
+    if !within(c.as_slice(), VARIANCE_MAX) {
+        return false;
+    }
+    let rounding = 1e-9 * (1.0 + c.trace().abs());
+    (0..3).all(|i| {
+        let j = (i + 1) % 3;
+        let minor = c[(i, i)] * c[(j, j)] - c[(i, j)] * c[(j, i)];
+        c[(i, i)] >= -rounding
+            && (c[(i, j)] - c[(j, i)]).abs() <= rounding
+            && minor >= -rounding * (1.0 + c.trace().abs())
+    })
+}
+
+/// Whether this can be how a surface bends, 1/m.
+pub(crate) fn is_curvature(c: &Matrix3<f64>) -> bool {
+    within(c.as_slice(), CURVATURE_MAX_PER_M)
+}
+
+/// Whether this can be a wrench that a sensor feels, N and Nm: what is finite but beyond every sensor overflows further on.
+pub(crate) fn is_wrench<F>(wrench: &Wrench<F>) -> bool {
+    within(wrench.force.as_slice(), WRENCH_MAX) && within(wrench.torque.as_slice(), WRENCH_MAX)
+}
+
+/// Also false for what is no number.
+fn within(values: &[f64], most: f64) -> bool {
+    values.iter().all(|x| x.abs() <= most)
+}
 
 /// Estimators that a task can name.
 pub const MAX_ESTIMATORS: usize = 8;
@@ -17,6 +90,15 @@ pub struct EstimateInput {
     pub estimate: NormalEstimate,
     /// How old it is now, s.
     pub age_s: f64,
+}
+
+/// How far the reading, before any zero is taken off and without the payload, is from an unloaded sensor: no zero hides a load in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct UntaredLoad {
+    /// Force beyond the last good zero, N; none without one.
+    pub beyond_reference_n: Option<f64>,
+    /// Largest share of the sensor's rating in any axis; none where that is not known.
+    pub rated_share: Option<f64>,
 }
 
 /// One cycle as the controller sees it. Frames and signs as in DESIGN: the wrench is what the environment does to
@@ -49,6 +131,10 @@ pub struct ControlInput {
     pub wrench_delay_s: f64,
     /// Age of the tare in force, s; none if there was never one.
     pub bias_age_s: Option<f64>,
+    /// Error of the zero that its age implies, N; none where that is not known.
+    pub zero_bound_n: Option<f64>,
+    /// The reading before any zero was taken off; none where the sensor's service does not tell.
+    pub untared: Option<UntaredLoad>,
     /// Newest estimates, in the order of [`crate::Controller::estimators`].
     pub estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
     /// How the base moves now; none where it stands for good.
@@ -93,10 +179,14 @@ pub struct ControlOutput {
     pub normal: Vector3<f64>,
     /// Pressing force asked for along the normal, N.
     pub force_reference_n: f64,
-    /// Pressing force measured along the normal, N.
-    pub force_n: f64,
-    /// Wrench used, tool axes; zero when there is none to use.
-    pub wrench: Wrench<Tool>,
+    /// Pressing force measured along the normal, N; none where no wrench can be used.
+    pub force_n: Option<f64>,
+    /// Wrench used, tool axes; none when there is none to use.
+    pub wrench: Option<Wrench<Tool>>,
+    /// Whether the tool may touch something. The next start goes by it, whichever controller makes it.
+    pub clearance: Clearance,
+    /// The zero in force turned out to be taken in contact: the caller has the sensor's service take it back.
+    pub zero_withdrawn: bool,
     /// Where the path wants the tool's origin, base axes, m.
     pub path_reference: Vector3<f64>,
     /// Distance from it in the tangent plane, m.
@@ -132,6 +222,13 @@ pub struct ControlOutput {
 impl ControlOutput {
     /// Nothing to do: the arm stands still, the tool's own axis for a normal.
     pub fn hold(input: &ControlInput) -> Self {
+        // What is said is a number even where the arm's pose is none.
+        let (normal, path_reference) = if is_place(&input.base_from_tool) {
+            let tool = &input.base_from_tool;
+            (-tool.z_axis(), tool.translation())
+        } else {
+            (Vector3::z(), Vector3::zeros())
+        };
         Self {
             kind: CommandKind::Hold,
             qd: Joints::<6>::zeros(),
@@ -142,11 +239,13 @@ impl ControlOutput {
             estimator: 0,
             estimator_cause: SwitchCause::Task,
             estimator_switches: 0,
-            normal: -input.base_from_tool.z_axis(),
+            normal,
             force_reference_n: 0.0,
-            force_n: 0.0,
-            wrench: Wrench::zero(),
-            path_reference: input.base_from_tool.translation(),
+            force_n: None,
+            wrench: None,
+            clearance: Clearance::Free,
+            zero_withdrawn: false,
+            path_reference,
             path_error_m: 0.0,
             path_progress: 0.0,
             alignment_error_rad: 0.0,

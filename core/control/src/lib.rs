@@ -4,6 +4,7 @@
 
 pub mod admittance;
 pub mod alignment;
+mod clearance;
 mod config;
 mod controller;
 pub mod energy_tank;
@@ -15,16 +16,21 @@ mod ground;
 pub mod hybrid_dynamics;
 mod interface;
 pub mod joint_velocity;
+mod leaving;
 mod limits;
 mod parameter;
 mod path;
 mod phases;
+pub mod preflight;
 mod profile;
 mod program;
+mod ranges;
+mod response_guard;
 mod run;
 pub mod stiffness;
 pub mod surface;
 mod switching;
+mod tare_permission;
 mod task;
 pub mod touchdown;
 mod tracking;
@@ -32,6 +38,7 @@ pub mod unified_force_impedance;
 mod urgent;
 pub mod wrench_guard;
 
+pub use clearance::{Clearance, LeaveConfig};
 pub use config::{
     AlignmentConfig, ContactConfig, ControllerConfig, ForceConfig, NormalConfig, PathConfig,
     PatienceConfig, TorqueConfig,
@@ -39,19 +46,23 @@ pub use config::{
 pub use controller::Controller;
 pub use energy_tank::{EnergyTank, EnergyTankState};
 pub use error::ControlError;
+pub use estimator_choice::{EstimateStatus, EstimatorChoice};
 pub use hybrid_dynamics::FrictionConfig;
 pub use hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
-pub use interface::{CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS};
+pub use interface::{
+    CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS, UntaredLoad,
+};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameter::Parameter;
-pub use path::{Circle, Line, Path, PathPoint, PathSpec, Raster, Stay, Waypoints};
+pub use path::{Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, Waypoints};
 pub use phases::{Fault, Phase};
 pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
-pub use switching::{SwitchCause, SwitchRefusal};
+pub use switching::{ChoiceRules, SwitchCause, SwitchRefusal};
+pub use tare_permission::{ContactSign, ControllerWord};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
-    ToolAxis,
+    ToolAxis, ZeroAtLimit, ZeroSpec,
 };
 pub use unified_force_impedance::{
     BendChange, TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,

@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::{Aligned, Base, DampedLeastSquares, Tool, Twist};
 
-use crate::ControlError;
 use crate::error::check_range;
+use crate::{ControlError, UntaredLoad};
 
 /// Limits of the cell. The bridge has its own, wider ones behind these.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +29,11 @@ pub struct Limits {
     pub force_max_n: f64,
     /// Torque at the tool beyond which the arm retracts, Nm.
     pub torque_max_nm: f64,
+    /// Force beyond which the arm retracts whatever the zero, N: the untared reading against the last good zero. None:
+    /// `force_max_n` and 5 N for a zero that drifts.
+    pub untared_force_max_n: Option<f64>,
+    /// Where no good zero is known: largest share of the sensor's rating that the untared reading may take in any axis.
+    pub untared_share_max: f64,
     /// The tool's origin stays in this box while it works: lower corner, base axes, m.
     pub workspace_min_m: [f64; 3],
     /// Upper corner.
@@ -53,6 +58,8 @@ impl Default for Limits {
             joint_margin_rad: 0.05,
             force_max_n: 40.0,
             torque_max_nm: 5.0,
+            untared_force_max_n: None,
+            untared_share_max: 0.7,
             workspace_min_m: [-2.0; 3],
             workspace_max_m: [2.0; 3],
             power_max_w: 0.5,
@@ -88,6 +95,8 @@ impl Limits {
         check_range("limits.joint_margin_rad", self.joint_margin_rad, 0.0, 1.0)?;
         positive("force_max_n", self.force_max_n, 1000.0)?;
         positive("torque_max_nm", self.torque_max_nm, 1000.0)?;
+        positive("untared_force_max_n", self.untared_max_n(), 1005.0)?;
+        positive("untared_share_max", self.untared_share_max, 1.0)?;
         for i in 0..3 {
             let (lower, upper) = (self.workspace_min_m[i], self.workspace_max_m[i]);
             check_range("limits.workspace_min_m", lower, -10.0, 10.0)?;
@@ -101,6 +110,27 @@ impl Limits {
             10.0,
         )?;
         positive("singularity.threshold", self.singularity.threshold, 10.0)
+    }
+}
+
+/// What a zero may drift by before the limit on the untared reading is one on the force, N.
+const DRIFT_N: f64 = 5.0;
+
+impl Limits {
+    /// Force of the untared reading against the last good zero beyond which the arm retracts, N.
+    pub fn untared_max_n(&self) -> f64 {
+        self.untared_force_max_n
+            .unwrap_or(self.force_max_n + DRIFT_N)
+    }
+
+    /// The untared reading is beyond its limit.
+    pub fn is_untared_beyond(&self, untared: &UntaredLoad) -> bool {
+        match (untared.beyond_reference_n, untared.rated_share) {
+            // Written so that a NaN is beyond.
+            (Some(force_n), _) => force_n.is_nan() || force_n > self.untared_max_n(),
+            (None, Some(share)) => share.is_nan() || share > self.untared_share_max,
+            (None, None) => false,
+        }
     }
 }
 

@@ -3,11 +3,15 @@
 //! A path starts at the origin (where the tool touched down) and is drawn in the plane's x and y. The controller lays
 //! the plane on the surface: see `tracking`.
 
+mod places;
+
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::check_range;
 use crate::{ControlError, Profile};
+
+pub use places::PathPlace;
 
 /// A path as it stands in a task file, chosen by `kind`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -394,12 +398,19 @@ impl Path {
             };
         };
         let (distance, speed) = stretch.profile.at(time_s - stretch.start_s);
-        match stretch.shape {
-            Shape::Straight { from, direction } => PathPoint {
+        stretch.shape.at(distance, speed)
+    }
+}
+
+impl Shape {
+    /// `distance` and `speed` are those of the stretch's profile.
+    fn at(&self, distance: f64, speed: f64) -> PathPoint {
+        match *self {
+            Self::Straight { from, direction } => PathPoint {
                 position: from + direction * distance,
                 velocity: direction * speed,
             },
-            Shape::Arc {
+            Self::Arc {
                 centre,
                 radius,
                 start_rad,
@@ -411,7 +422,7 @@ impl Path {
                     velocity: Vector2::new(-sin, cos) * (sign * speed),
                 }
             }
-            Shape::Loops {
+            Self::Loops {
                 radius,
                 turn_rate,
                 advance,

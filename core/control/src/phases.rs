@@ -25,11 +25,13 @@ pub enum Phase {
     Seek = 8,
     /// Standing still while the sensor's bias is taken.
     Tare = 9,
+    /// Moving off what the tool may touch, before the sensor's bias is taken.
+    Clear = 10,
 }
 
 impl Phase {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Idle,
         Self::Approach,
         Self::Contact,
@@ -40,6 +42,7 @@ impl Phase {
         Self::Hold,
         Self::Seek,
         Self::Tare,
+        Self::Clear,
     ];
 
     /// From `ControlState.phase`.
@@ -60,6 +63,7 @@ impl Phase {
             Self::Hold => "hold",
             Self::Seek => "seek",
             Self::Tare => "tare",
+            Self::Clear => "clear",
         }
     }
 
@@ -109,6 +113,20 @@ pub enum Fault {
     TankEmpty,
     /// The task took longer than it may.
     TaskTimeout,
+    /// Moving off before the tare met something, or never came free.
+    NotClear,
+    /// The retraction met something.
+    RetractOpposed,
+    /// A touch right where the sensor was tared: the zero hides a contact.
+    ZeroInContact,
+    /// The zero that the law took is larger than the robot's estimate can be off.
+    ZeroTooLarge,
+    /// The sensor has no zero any more.
+    ZeroLost,
+    /// The zero is so old that its drift may exceed what the task allows.
+    ZeroOld,
+    /// The reading before any zero is taken off exceeds the cell's limit.
+    UntaredLimit,
 }
 
 impl Fault {
@@ -122,6 +140,18 @@ impl Fault {
             }
             Self::Wrench(Validity::Saturated) => "sensor saturated: too much force or torque",
             Self::Wrench(Validity::NotFinite) => "wrench is not a finite number",
+            Self::Wrench(Validity::Frozen) => {
+                "sensor frozen: its records repeat; restart the sensor, check its cable and transducer"
+            }
+            Self::Wrench(Validity::AxisStuck) => {
+                "one axis of the sensor is stuck: restart the sensor, check its cable and transducer"
+            }
+            Self::Wrench(Validity::Unresponsive) => {
+                "the wrench does not answer to the tool's motion: check the sensor, its mounting, its delay, and that the surface stays in its place"
+            }
+            Self::Wrench(Validity::Implausible) => {
+                "the wrench jumps as no load can: check the network and the sensor for damaged records"
+            }
             Self::Wrench(_) => "sensor reports an error: see wrench/status",
             Self::Estimate(Validity::Missing) => "no normal estimate: is the estimator running?",
             Self::Estimate(Validity::Stale) => {
@@ -150,6 +180,25 @@ impl Fault {
                 "motion tank empty: give the task more energy in control.tanks.motion, or less force or path"
             }
             Self::TaskTimeout => "task took longer than timeouts.task_s",
+            Self::NotClear => {
+                "moving off before the tare met something or never came free: move the tool clear, then start with --clear"
+            }
+            Self::RetractOpposed => {
+                "retraction met something and stopped: move the tool clear, then start with --clear"
+            }
+            Self::ZeroInContact => {
+                "touched right where it was tared: the zero was taken in contact and is withdrawn; start again"
+            }
+            Self::ZeroTooLarge => {
+                "wrench beyond touch.zero_max_n at rest: the tool touches something, or the robot's load is set wrong"
+            }
+            Self::ZeroLost => "sensor lost its zero: did netft restart? start again",
+            Self::ZeroOld => {
+                "zero too old for zero.error_max_n: start again, or zero.at_limit = \"retare\""
+            }
+            Self::UntaredLimit => {
+                "untared reading beyond limits.untared_force_max_n or untared_share_max"
+            }
         }
     }
 }

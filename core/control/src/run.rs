@@ -6,16 +6,23 @@ use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Tool, Wrench};
 use tangent_sensing::{BaseTrouble, Validity};
 
+use crate::clearance::{LeaveWatch, Leaving};
 use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
 use crate::ground::Ground;
+use crate::interface::is_wrench;
+use crate::leaving::first_phase;
+use crate::response_guard::{Doing, ResponseGuard, Touch};
 use crate::surface::Surface;
 use crate::switching::ChoiceRules;
 use crate::touchdown::{approach_speed, seek_speed, stiffness_expected};
 use crate::tracking::Tracking;
 use crate::urgent::urgent_fault;
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
-use crate::{ControlInput, ControllerConfig, Fault, Limits, Phase, Program};
+use crate::{
+    Clearance, ControlInput, ControllerConfig, Fault, Limits, Phase, Program, UntaredLoad,
+    ZeroAtLimit,
+};
 
 /// Why the tool stands on the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,11 +54,13 @@ pub(crate) struct Percept {
     /// The arm cannot make up for the base's motion.
     pub out_of_reach: bool,
     pub z_tool: Vector3<f64>,
-    /// At the tool's origin, base axes; zero when there is none to use.
-    pub wrench: Wrench<Aligned<Tool, Base>>,
+    /// At the tool's origin, base axes; none when there is none to use.
+    pub wrench: Option<Wrench<Aligned<Tool, Base>>>,
     pub verdict: WrenchVerdict,
-    /// Pressing force along the normal (before contact: against the approach), N.
-    pub force_n: f64,
+    /// The reading before any zero is taken off; none when there is none to use.
+    pub untared: Option<UntaredLoad>,
+    /// Pressing force along the normal (before contact: against the approach), N; none without a wrench.
+    pub force_n: Option<f64>,
     pub estimate: EstimateStatus,
 }
 
@@ -70,6 +79,7 @@ pub(crate) struct Run {
     pub approach: Vector3<f64>,
     pub retract: Vector3<f64>,
     guard: WrenchGuard,
+    response: ResponseGuard,
     begun: bool,
     touched: bool,
     estimated: bool,
@@ -81,9 +91,25 @@ pub(crate) struct Run {
     blind_s: f64,
     /// How long the motion of the base has not been known.
     adrift_s: f64,
-    /// Reason and time of the phase that a silent wrench interrupted.
-    interrupted: (HoldReason, f64),
-    phase_start: Vector3<f64>,
+    /// Reason, time and place of start of the phase that a silent wrench interrupted.
+    interrupted: (HoldReason, f64, Vector3<f64>),
+    pub phase_start: Vector3<f64>,
+    /// A person paused the task: nothing moves but what keeps the force.
+    pub paused: bool,
+    /// Part of `in_phase_s` that was spent paused.
+    paused_s: f64,
+    /// A retraction has gone its way since the last touch.
+    pub off: bool,
+    /// The phase begins where the next cycle finds the tool.
+    starts_here: bool,
+    /// Whether the tool may touch something, base axes: outlasts the run.
+    pub clearance: Clearance,
+    pub leave: LeaveWatch,
+    pub left: Leaving,
+    /// Where the tool stood when the zero in force was taken; none once the surface was felt after it.
+    tared_at: Option<Vector3<f64>>,
+    /// The zero turned out to be taken in contact.
+    pub zero_withdrawn: bool,
 }
 
 impl Run {
@@ -102,6 +128,7 @@ impl Run {
             approach: -Vector3::z(),
             retract: Vector3::z(),
             guard: WrenchGuard::default(),
+            response: ResponseGuard::default(),
             begun: false,
             touched: false,
             estimated: false,
@@ -111,19 +138,29 @@ impl Run {
             low_cycles: 0,
             blind_s: 0.0,
             adrift_s: 0.0,
-            interrupted: (HoldReason::Paused, 0.0),
+            interrupted: (HoldReason::Paused, 0.0, Vector3::zeros()),
             phase_start: Vector3::zeros(),
+            paused: false,
+            paused_s: 0.0,
+            off: false,
+            starts_here: false,
+            clearance: Clearance::Free,
+            leave: LeaveWatch::default(),
+            left: Leaving::Going,
+            tared_at: None,
+            zero_withdrawn: false,
         }
     }
 
-    /// Ready for the first cycle of `program`.
-    pub fn start(program: &Program) -> Self {
+    /// Ready for the first cycle of `program`. In doubt whether the tool hangs free, it moves off first.
+    pub fn start(program: &Program, clearance: Clearance) -> Self {
         Self {
-            phase: if program.task.tare {
-                Phase::Tare
+            phase: if !clearance.is_free() {
+                Phase::Clear
             } else {
-                Phase::Approach
+                first_phase(program)
             },
+            clearance,
             ..Self::idle()
         }
     }
@@ -143,22 +180,23 @@ impl Run {
         if !self.begun {
             self.begin(program, config, input);
         }
+        if std::mem::take(&mut self.starts_here) {
+            self.phase_start = position;
+        }
+        let validity = self.answering(input, reference_n);
         let verdict = if self.phase == Phase::Tare {
             WrenchVerdict::Good
         } else {
             self.guard.step(
                 &config.patience,
-                input.wrench_validity,
-                input.wrench.is_finite(),
+                validity,
+                is_wrench(&input.wrench),
                 input.wrench_age_s,
                 input.dt_s,
             )
         };
-        let wrench = if verdict == WrenchVerdict::Good && input.wrench.is_finite() {
-            pose.align_wrench(&input.wrench)
-        } else {
-            Wrench::zero()
-        };
+        let good = verdict == WrenchVerdict::Good && is_wrench(&input.wrench);
+        let wrench = good.then(|| pose.align_wrench(&input.wrench));
         let on_surface = self.phase.is_pressing() || self.phase == Phase::Seek;
         let mut estimate = EstimateStatus::Waiting;
         if on_surface {
@@ -195,11 +233,11 @@ impl Run {
         } else {
             -self.approach
         };
-        let force_n = wrench.force.dot(&against);
-        if self.phase == Phase::Tare {
+        let force_n = wrench.map(|wrench| wrench.force.dot(&against));
+        if matches!(self.phase, Phase::Tare | Phase::Clear) {
             // An unloaded sensor may read anything before its bias is taken.
             self.in_contact = false;
-        } else if verdict == WrenchVerdict::Good {
+        } else if let Some(force_n) = force_n {
             self.feel(config, force_n, reference_n);
         }
         Percept {
@@ -210,9 +248,34 @@ impl Run {
             z_tool,
             wrench,
             verdict,
+            untared: input.untared.filter(|_| good),
             force_n,
             estimate,
         }
+    }
+
+    /// What the wrench says of itself, or what its answer to the tool's motion says of it.
+    fn answering(&mut self, input: &ControlInput, reference_n: f64) -> Validity {
+        if !input.wrench_validity.is_valid() {
+            return input.wrench_validity;
+        }
+        let pose = &input.base_from_tool;
+        let normal = if self.touched {
+            self.surface.normal
+        } else {
+            -self.approach
+        };
+        self.response.step(&Touch {
+            doing: Doing::of(self.phase),
+            position: pose.translation(),
+            normal,
+            wrench: input.wrench.vector(),
+            force_n: pose.rotate(&input.wrench.force).dot(&normal),
+            reference_n,
+            stiffness_n_per_m: self.force.stiffness_measured_n_per_m(),
+            rests: input.base.is_none(),
+            fresh: input.wrench_age_s <= input.dt_s,
+        })
     }
 
     fn begin(&mut self, program: &Program, config: &ControllerConfig, input: &ControlInput) {
@@ -220,7 +283,10 @@ impl Run {
         let task = &program.task;
         self.begun = true;
         self.approach = task.approach.direction.in_base(pose);
-        self.retract = -self.approach;
+        self.retract = match self.clearance {
+            Clearance::Possible { normal, .. } => normal,
+            Clearance::Free | Clearance::Unknown => -self.approach,
+        };
         self.tracking = Tracking::new(
             -self.approach,
             task.plane.x_axis.in_base(pose),
@@ -268,7 +334,14 @@ impl Run {
     ) {
         let dt = input.dt_s;
         self.in_phase_s += dt;
-        self.elapsed_s += dt;
+        self.paused = requests.paused;
+        if self.paused {
+            self.paused_s += dt;
+        } else {
+            self.elapsed_s += dt;
+        }
+        // No time limit runs while the task is paused.
+        let waited_s = self.in_phase_s - self.paused_s;
         let blind = matches!(percept.estimate, EstimateStatus::None(_));
         self.blind_s = if blind && self.phase.is_pressing() {
             self.blind_s + dt
@@ -277,14 +350,25 @@ impl Run {
         };
         self.adrift_s = percept.base.map_or(0.0, |_| self.adrift_s + dt);
         let task = &program.task;
+        self.remember(input, percept);
+        if self.phase == Phase::Clear {
+            return self.decide_clear(program, config, limits, requests, percept);
+        }
         if self.phase != Phase::Retract {
             if requests.stopping {
                 return self.leave(percept, None);
             }
             if self.phase != Phase::Tare
-                && let Some(fault) = urgent_fault(limits, percept)
+                && let Some(fault) =
+                    urgent_fault(limits, percept).or_else(|| self.zero_fault(program, input))
             {
                 return self.leave(percept, Some(fault));
+            }
+            if self.is_zero_old(program, input) {
+                if task.zero.at_limit == ZeroAtLimit::Stop || input.base.is_some() {
+                    return self.leave(percept, Some(Fault::ZeroOld));
+                }
+                return self.lift_off(percept);
             }
             if let Some(trouble) = percept.base
                 && self.phase != Phase::Tare
@@ -298,7 +382,7 @@ impl Run {
             if matches!(percept.verdict, WrenchVerdict::Stop(_)) {
                 if !self.stands_without_wrench() {
                     let from = self.phase;
-                    self.interrupted = (self.hold, self.in_phase_s);
+                    self.interrupted = (self.hold, self.in_phase_s, self.phase_start);
                     self.enter(Phase::Hold, percept);
                     self.hold = HoldReason::NoWrench(from);
                 }
@@ -322,8 +406,17 @@ impl Run {
                     // An untared sensor's zero can look like a touch; only what is felt from here on is one.
                     self.in_contact = false;
                     self.low_cycles = 0;
-                    self.enter(Phase::Approach, percept);
-                } else if self.in_phase_s > task.timeouts.tare_s {
+                    self.tared_at = Some(percept.position);
+                    // A task that lifted off for its zero goes back to where it was.
+                    let back = if self.touched {
+                        Phase::Seek
+                    } else {
+                        Phase::Approach
+                    };
+                    if !self.paused {
+                        self.enter(back, percept);
+                    }
+                } else if waited_s > task.timeouts.tare_s {
                     self.leave(percept, Some(Fault::NoTare));
                 }
             }
@@ -333,21 +426,24 @@ impl Run {
                     5.0 + 3.0 * task.approach.distance_max_m / approach_speed(program, config);
                 if self.in_contact {
                     self.touch(config, percept, approach_speed(program, config));
-                } else if way > task.approach.distance_max_m || self.in_phase_s > patience {
+                } else if way > task.approach.distance_max_m || waited_s > patience {
                     self.leave(percept, Some(Fault::NoSurface));
                 }
             }
             Phase::Contact => {
                 let near = config.contact.settled_share * reference_n;
                 let arrived = (self.force.reference_n() - reference_n).abs() < 1e-9;
-                if arrived && (percept.force_n - reference_n).abs() < near {
+                let is_near = |force_n: f64| (force_n - reference_n).abs() < near;
+                if arrived && percept.force_n.is_some_and(is_near) {
                     self.settled_s += dt;
                 } else {
                     self.settled_s = 0.0;
                 }
                 if self.settled_s > config.contact.settled_s {
-                    self.enter(Phase::Slide, percept);
-                } else if self.in_phase_s > task.timeouts.contact_s {
+                    if !self.paused {
+                        self.enter(Phase::Slide, percept);
+                    }
+                } else if waited_s > task.timeouts.contact_s {
                     self.leave(percept, Some(Fault::ForceNotReached));
                 }
             }
@@ -376,24 +472,12 @@ impl Run {
                 let patience = 1.0 + 3.0 * limits.blind_distance_max_m / speed;
                 if self.in_contact {
                     self.touch(config, percept, speed);
-                } else if way > limits.blind_distance_max_m || self.in_phase_s > patience {
+                } else if way > limits.blind_distance_max_m || waited_s > patience {
                     self.leave(percept, Some(Fault::SurfaceLost));
                 }
             }
-            Phase::Retract => {
-                let way = (percept.position - self.phase_start).dot(&self.retract);
-                let end = &task.end;
-                let patience = 1.0 + 3.0 * end.retract_distance_m / end.retract_speed_m_per_s;
-                if way >= end.retract_distance_m || self.in_phase_s > patience {
-                    let phase = if self.fault.is_some() {
-                        Phase::Fault
-                    } else {
-                        Phase::Done
-                    };
-                    self.enter(phase, percept);
-                }
-            }
-            Phase::Idle | Phase::Done | Phase::Fault => {}
+            Phase::Retract => self.decide_retract(program, config, percept),
+            Phase::Clear | Phase::Idle | Phase::Done | Phase::Fault => {}
         }
     }
 
@@ -408,9 +492,9 @@ impl Run {
             HoldReason::NoWrench(from) => {
                 if percept.verdict == WrenchVerdict::Good {
                     // Pressing again starts from rest, wherever it stopped; its time runs on.
-                    let start = self.phase_start;
+                    let start;
                     self.enter(from, percept);
-                    (self.hold, self.in_phase_s) = self.interrupted;
+                    (self.hold, self.in_phase_s, start) = self.interrupted;
                     if matches!(from, Phase::Approach | Phase::Seek) {
                         // The way already gone counts on.
                         self.phase_start = start;
@@ -428,7 +512,7 @@ impl Run {
                 }
             }
             HoldReason::PathEnd => {
-                if self.in_phase_s >= program.task.end.hold_s {
+                if !self.paused && self.in_phase_s - self.paused_s >= program.task.end.hold_s {
                     self.leave(percept, None);
                 }
             }
@@ -449,7 +533,17 @@ impl Run {
     }
 
     fn touch(&mut self, config: &ControllerConfig, percept: &Percept, speed_m_per_s: f64) {
-        self.force.touch(config, percept.force_n, speed_m_per_s);
+        let Some(force_n) = percept.force_n else {
+            return;
+        };
+        let tared_at = self.tared_at.take();
+        let near = |at: Vector3<f64>| (percept.position - at).norm() < config.leave.touch_at_once_m;
+        if tared_at.is_some_and(near) {
+            self.zero_withdrawn = true;
+            return self.leave(percept, Some(Fault::ZeroInContact));
+        }
+        self.force.touch(config, force_n, speed_m_per_s);
+        self.off = false;
         if !self.touched {
             self.touched = true;
             self.tracking.begin_at(percept.position);
@@ -460,9 +554,9 @@ impl Run {
     }
 
     /// Off the surface along the last good normal; straight to the end where nothing has moved yet.
-    fn leave(&mut self, percept: &Percept, fault: Option<Fault>) {
+    pub(crate) fn leave(&mut self, percept: &Percept, fault: Option<Fault>) {
         self.fault = fault.or(self.fault);
-        if self.phase == Phase::Tare {
+        if matches!(self.phase, Phase::Tare | Phase::Clear) && !self.touched {
             let phase = if self.fault.is_some() {
                 Phase::Fault
             } else {
@@ -470,21 +564,55 @@ impl Run {
             };
             return self.enter(phase, percept);
         }
-        self.retract = if self.touched {
-            self.surface.normal
-        } else {
-            -self.approach
-        };
+        self.retract = self.way_off();
         self.enter(Phase::Retract, percept);
     }
 
-    fn enter(&mut self, phase: Phase, percept: &Percept) {
+    /// Away from the surface: along the last good normal, or back where the approach came from.
+    pub(crate) fn way_off(&self) -> Vector3<f64> {
+        if self.touched {
+            self.surface.normal
+        } else {
+            -self.approach
+        }
+    }
+
+    /// The surface was felt in this run.
+    pub(crate) fn has_touched(&self) -> bool {
+        self.touched
+    }
+
+    /// Time in the phase, s, without what was spent paused.
+    pub(crate) fn time_in_phase_s(&self) -> f64 {
+        self.in_phase_s - self.paused_s
+    }
+
+    pub(crate) fn enter(&mut self, phase: Phase, percept: &Percept) {
         self.phase = phase;
         self.in_phase_s = 0.0;
+        self.paused_s = 0.0;
         self.phase_start = percept.position;
+        self.leave = LeaveWatch::default();
+        self.left = Leaving::Going;
         if phase == Phase::Seek {
             self.low_cycles = 0;
         }
+    }
+
+    /// The task has ended, and the tool may still be where it touched.
+    pub fn is_left_on_surface(&self) -> bool {
+        !self.phase.is_active() && self.touched && !self.off && !self.clearance.is_free()
+    }
+
+    /// Off a surface that the end of the task left the tool on, along the last good normal, as at the end of any task.
+    pub fn leave_again(&mut self) {
+        self.retract = self.surface.normal;
+        self.phase = Phase::Retract;
+        self.in_phase_s = 0.0;
+        self.paused_s = 0.0;
+        self.starts_here = true;
+        self.leave = LeaveWatch::default();
+        self.left = Leaving::Going;
     }
 
     /// Ends at once, without a motion: the arm cannot be moved.

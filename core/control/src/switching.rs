@@ -48,6 +48,8 @@ pub struct ChoiceRules {
     pub patience_s: f64,
     /// Time that the preferred one must have been good before it is taken again, s; none: only when asked for.
     pub return_after_good_s: Option<f64>,
+    /// An estimate is felt by sliding: one that says it has none now may only stand still. Otherwise it is given up after `patience_s`.
+    pub felt_by_sliding: bool,
 }
 
 impl ChoiceRules {
@@ -65,6 +67,7 @@ impl ChoiceRules {
             blind_distance_m: normal.blind_distance_m,
             patience_s: patience.estimate_s,
             return_after_good_s: switching.return_after_good_s,
+            felt_by_sliding: true,
         }
     }
 }

@@ -28,6 +28,9 @@ pub struct Task {
     /// Average the sensor's bias standing still, before contact.
     #[serde(default = "yes")]
     pub tare: bool,
+    /// How old the sensor's zero may grow.
+    #[serde(default)]
+    pub zero: ZeroSpec,
     /// How hard to press.
     pub force: ForceSpec,
     /// How to find the surface.
@@ -188,6 +191,28 @@ impl Default for TimeoutSpec {
     }
 }
 
+/// How old the sensor's zero may grow while the task goes on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ZeroSpec {
+    /// Largest error that the zero's age and the sensor's stated drift may imply, N; none: no limit.
+    pub error_max_n: Option<f64>,
+    /// What happens beyond.
+    pub at_limit: ZeroAtLimit,
+}
+
+/// What happens when the zero is too old.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ZeroAtLimit {
+    /// The task ends with a retraction.
+    #[default]
+    Stop,
+    /// The tool lifts off, the sensor is tared, and the task goes on where it was. For velocity-controlled arms on a base that
+    /// stands; others stop.
+    Retare,
+}
+
 /// When an estimator may take another's place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -256,6 +281,9 @@ impl Task {
         }
         if let Some(time) = switching.return_after_good_s {
             check_range("switching.return_after_good_s", time, 0.05, 3600.0)?;
+        }
+        if let Some(error_n) = self.zero.error_max_n {
+            check_range("zero.error_max_n", error_n, 0.005, 100.0)?;
         }
         check_range("force.reference_n", self.force.reference_n, 0.5, 100.0)?;
         let approach = &self.approach;

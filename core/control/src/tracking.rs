@@ -11,6 +11,20 @@ use crate::alignment::{any_perpendicular, tangential};
 use crate::limits::clamp_norm;
 use crate::{Path, PathConfig};
 
+/// The x and y axes of the path's plane, unit vectors: x along `x_axis` as far as the plane allows, y = normal × x.
+pub(crate) fn plane_axes(
+    plane_normal: &Vector3<f64>,
+    x_axis: &Vector3<f64>,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let x = tangential(x_axis, plane_normal);
+    let x = if x.norm() > 1e-3 {
+        x.normalize()
+    } else {
+        any_perpendicular(plane_normal)
+    };
+    (x, plane_normal.cross(&x))
+}
+
 /// Runs a path on a surface. Its state is the clock and the reference point.
 #[derive(Clone, Copy, Debug)]
 pub struct Tracking {
@@ -27,15 +41,10 @@ impl Tracking {
     /// A plane with `plane_normal` (unit, out of the material), x along `x_axis` as far as the plane allows, starting
     /// at `start`; base axes.
     pub fn new(plane_normal: Vector3<f64>, x_axis: Vector3<f64>, start: Vector3<f64>) -> Self {
-        let x = tangential(&x_axis, &plane_normal);
-        let x = if x.norm() > 1e-3 {
-            x.normalize()
-        } else {
-            any_perpendicular(&plane_normal)
-        };
+        let (x_axis, y_axis) = plane_axes(&plane_normal, &x_axis);
         Self {
-            x_axis: x,
-            y_axis: plane_normal.cross(&x),
+            x_axis,
+            y_axis,
             plane_normal,
             clock_s: 0.0,
             clock_rate: 0.0,

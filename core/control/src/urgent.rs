@@ -9,15 +9,26 @@ pub(crate) fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> 
     if let WrenchVerdict::Retract(reason) = percept.verdict {
         return Some(Fault::Wrench(reason));
     }
-    if percept.wrench.force.norm() > limits.force_max_n {
-        return Some(Fault::ForceLimit);
+    if let Some(wrench) = &percept.wrench {
+        if wrench.force.norm() > limits.force_max_n {
+            return Some(Fault::ForceLimit);
+        }
+        if wrench.torque.norm() > limits.torque_max_nm {
+            return Some(Fault::TorqueLimit);
+        }
     }
-    if percept.wrench.torque.norm() > limits.torque_max_nm {
-        return Some(Fault::TorqueLimit);
+    let hidden = |load| limits.is_untared_beyond(load);
+    if percept.untared.as_ref().is_some_and(hidden) {
+        return Some(Fault::UntaredLimit);
     }
     if percept.out_of_reach {
         return Some(Fault::OutOfReach);
     }
+    outside(limits, percept)
+}
+
+/// The tool has left the workspace.
+pub(crate) fn outside(limits: &Limits, percept: &Percept) -> Option<Fault> {
     let inside = (0..3).all(|i| {
         (limits.workspace_min_m[i]..=limits.workspace_max_m[i])
             .contains(&percept.position_in_base[i])

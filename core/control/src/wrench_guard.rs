@@ -47,8 +47,9 @@ impl WrenchGuard {
         }
         self.bad_cycles = self.bad_cycles.saturating_add(1);
         let silent = matches!(reason, Validity::Stale | Validity::Missing);
-        // An old wrench has been waited for already; a bad one may be a single sample.
-        if !silent && self.bad_cycles < patience.wrench_bad_cycles {
+        // An old or frozen wrench has been waited for already; another bad one may be a single sample.
+        let waited = silent || reason.is_judged_over_time();
+        if !waited && self.bad_cycles < patience.wrench_bad_cycles {
             return WrenchVerdict::Doubtful;
         }
         self.stopped_s += dt_s;
@@ -92,6 +93,22 @@ mod tests {
                 step(&mut guard, validity, finite, 0.0),
                 WrenchVerdict::Retract(_)
             ));
+        }
+    }
+
+    #[test]
+    fn what_was_judged_over_time_is_not_waited_for_again() {
+        for validity in [
+            Validity::Frozen,
+            Validity::AxisStuck,
+            Validity::Unresponsive,
+            Validity::Implausible,
+        ] {
+            let mut guard = WrenchGuard::default();
+            assert_eq!(
+                step(&mut guard, validity, true, 0.0),
+                WrenchVerdict::Retract(validity)
+            );
         }
     }
 

@@ -8,8 +8,8 @@ mod bench;
 use bench::{Bench, TASK};
 use nalgebra::Vector3;
 use tangent_control::{
-    CommandKind, ControlInput, ControllerConfig, Fault, Limits, Parameter, Phase, Program,
-    SwitchCause, SwitchRefusal, Task,
+    Clearance, CommandKind, ControlInput, ControllerConfig, Fault, Limits, Parameter, Phase,
+    Program, SwitchCause, SwitchRefusal, Task, UntaredLoad,
 };
 use tangent_mechanics::Joints;
 use tangent_sensing::Validity;
@@ -133,7 +133,11 @@ fn a_silent_estimate_stops_sliding_keeps_the_force_then_retracts() {
     let output = *bench.last.as_ref().unwrap();
     assert_eq!(output.phase, Phase::Hold);
     assert!(bench.speed() < 2e-3);
-    assert!((output.force_n - 3.0).abs() < 0.3, "{}", output.force_n);
+    assert!(
+        (output.force_n.unwrap() - 3.0).abs() < 0.3,
+        "{}",
+        output.force_n.unwrap()
+    );
     while bench.last.as_ref().unwrap().phase == Phase::Hold {
         bench.step(silent);
     }
@@ -233,7 +237,7 @@ fn pause_resume_stop() {
     bench.steps(100);
     let paused = *bench.last.as_ref().unwrap();
     assert_eq!(paused.phase, Phase::Hold);
-    assert!((paused.force_n - 3.0).abs() < 0.2);
+    assert!((paused.force_n.unwrap() - 3.0).abs() < 0.2);
     let at = bench.tool();
     bench.steps(200);
     assert!((bench.tool() - at).norm() < 1e-4);
@@ -325,7 +329,11 @@ fn nonsense_is_left_within_the_patience_with_the_force_held() {
         assert_eq!(output.estimator_switches, 1);
         assert!(matches!(output.estimator_cause, SwitchCause::FellBack(_)));
         while output.phase == Phase::Slide {
-            assert!((output.force_n - 3.0).abs() < 0.3, "{}", output.force_n);
+            assert!(
+                (output.force_n.unwrap() - 3.0).abs() < 0.3,
+                "{}",
+                output.force_n.unwrap()
+            );
             output = bench.step(spoil);
         }
         // Good again, it is not taken back unasked.
@@ -351,17 +359,225 @@ fn a_live_parameter_comes_into_force_over_a_ramp() {
     bench.controller.set(Parameter::ForceReference, 6.0);
     bench.controller.set(Parameter::Speed, 0.01);
     bench.controller.set(Parameter::AlignmentGain, f64::NAN);
-    let mut force = bench.last.as_ref().unwrap().force_n;
+    let mut force = bench.last.as_ref().unwrap().force_n.unwrap();
     for _ in 0..200 {
         let output = bench.step(|_| {});
         assert!(
-            (output.force_n - force).abs() < 0.3,
+            (output.force_n.unwrap() - force).abs() < 0.3,
             "{force} -> {}",
-            output.force_n
+            output.force_n.unwrap()
         );
-        force = output.force_n;
+        force = output.force_n.unwrap();
     }
     assert!((force - 6.0).abs() < 0.2, "{force}");
     assert!((bench.speed() - 0.01).abs() < 1e-3, "{}", bench.speed());
     assert!(bench.controller.config().alignment.gain_per_s.is_finite());
+}
+
+/// A bench whose tool presses with a start in doubt: killed while it slid.
+fn in_doubt(change: impl FnOnce(&mut Bench)) -> Bench {
+    let mut bench = Bench::sliding(TASK);
+    bench.steps(50);
+    bench.step(|input| input.arm_ready = false);
+    bench.steps(20);
+    change(&mut bench);
+    let task: Task = TASK.parse().unwrap();
+    bench.controller.start_task(&task).unwrap();
+    bench
+}
+
+#[test]
+fn a_start_in_doubt_moves_off_along_the_last_normal() {
+    let mut bench = in_doubt(|_| {});
+    let at = bench.tool();
+    assert_eq!(bench.step(|_| {}).phase, Phase::Clear);
+    bench.run_until(Phase::Approach);
+    let away = bench.tool() - at;
+    assert!((0.005..0.01).contains(&away.z), "{away}");
+    assert!(away.xy().norm() < 1e-3, "{away}");
+    assert_eq!(bench.run_until(Phase::Done).fault, None);
+    assert_eq!(bench.controller.clearance(), Clearance::Free);
+}
+
+#[test]
+fn moving_off_stops_where_it_presses_harder_feels_nothing_or_is_elsewhere() {
+    // The surface comes after the tool.
+    let mut bench = in_doubt(|_| {});
+    let mut output = bench.step(|_| {});
+    while output.phase == Phase::Clear {
+        bench.plane_m += 0.0002;
+        output = bench.step(|_| {});
+    }
+    assert_eq!(output.fault, Some(Fault::NotClear));
+    assert_eq!(output.phase, Phase::Fault);
+    // No wrench: not a step.
+    let mut bench = in_doubt(|_| {});
+    let at = bench.tool();
+    let mut output = bench.step(|input| input.wrench_validity = Validity::Missing);
+    while output.phase == Phase::Clear {
+        output = bench.step(|input| input.wrench_validity = Validity::Missing);
+    }
+    assert_eq!(output.fault, Some(Fault::Wrench(Validity::Missing)));
+    assert!((bench.tool() - at).norm() < 1e-4);
+    // Elsewhere: refused before, and a fault without a motion where nobody asked.
+    let mut bench = in_doubt(|bench| bench.q[0] += 0.1);
+    let tool = bench.tool();
+    assert!(bench.controller.check_start(&tool).is_err());
+    let output = bench.step(|_| {});
+    assert_eq!(output.fault, Some(Fault::NotClear));
+    // Which way is away is not known: no start, until a person says that it hangs free.
+    let mut bench = Bench::new(TASK);
+    bench.controller.stop();
+    bench.run_until(Phase::Done);
+    bench.controller.set_clearance(Clearance::Unknown).unwrap();
+    let task: Task = TASK.parse().unwrap();
+    let refused = bench.controller.start_task(&task).unwrap_err();
+    assert!(refused.to_string().contains("--clear"), "{refused}");
+    bench.controller.set_clearance(Clearance::Free).unwrap();
+    bench.controller.start_task(&task).unwrap();
+}
+
+#[test]
+fn a_retraction_that_meets_something_stops_there() {
+    let mut bench = Bench::sliding(TASK);
+    bench.steps(50);
+    bench.controller.stop();
+    let mut output = bench.step(|_| {});
+    let wall = bench.tool().z + 0.01;
+    let mut peak = 0.0_f64;
+    while output.phase.is_active() {
+        let push = (5000.0 * (bench.tool().z - wall)).max(0.0);
+        peak = peak.max(push);
+        // The tool looks down: a wall above pushes along its z axis.
+        output = bench.step(|input| input.wrench.force.z += push);
+    }
+    assert_eq!(output.phase, Phase::Fault);
+    assert_eq!(output.fault, Some(Fault::RetractOpposed));
+    assert!(peak < 10.0, "{peak} N");
+    assert_eq!(bench.controller.clearance(), Clearance::Unknown);
+}
+
+#[test]
+fn a_retraction_that_feels_nothing_is_slow_and_leaves_a_doubt() {
+    let mut bench = Bench::sliding(TASK);
+    bench.controller.stop();
+    let deaf = |input: &mut ControlInput| input.wrench_age_s = 1.0;
+    let mut output = bench.step(deaf);
+    let mut fastest = 0.0_f64;
+    while output.phase.is_active() {
+        output = bench.step(deaf);
+        if output.phase == Phase::Retract {
+            assert_eq!((output.force_n, output.wrench), (None, None));
+            fastest = fastest.max(output.twist_commanded.linear.norm());
+        }
+    }
+    assert!(fastest > 0.005 && fastest < 0.0101, "{fastest} m/s");
+    assert!(!bench.controller.clearance().is_free());
+}
+
+#[test]
+fn no_zero_hides_a_load_and_a_zero_that_is_lost_ends_the_task() {
+    let mut bench = Bench::sliding(TASK);
+    let output = bench.step(|input| {
+        input.untared = Some(UntaredLoad {
+            beyond_reference_n: Some(46.0),
+            rated_share: None,
+        });
+    });
+    assert_eq!(output.fault, Some(Fault::UntaredLimit));
+    let mut bench = Bench::sliding(TASK);
+    let output = bench.step(|input| {
+        input.untared = Some(UntaredLoad {
+            beyond_reference_n: None,
+            rated_share: Some(0.8),
+        });
+    });
+    assert_eq!(output.fault, Some(Fault::UntaredLimit));
+    let mut bench = Bench::new(&TASK.replace("tare = false", "tare = true"));
+    let mut output = bench.step(|input| input.bias_age_s = Some(0.0));
+    while output.phase != Phase::Slide {
+        output = bench.step(|input| input.bias_age_s = Some(0.0));
+    }
+    let output = bench.step(|_| {});
+    assert_eq!(output.fault, Some(Fault::ZeroLost));
+}
+
+/// Off, a new zero, back to the same place, and on: or the end, as the task says.
+#[test]
+fn a_zero_too_old_is_taken_anew_or_ends_the_task() {
+    for at_limit in ["stop", "retare"] {
+        let task = TASK.replace("tare = false", "tare = true").replace(
+            "force.reference_n",
+            &format!("zero.error_max_n = 0.04\nzero.at_limit = \"{at_limit}\"\nforce.reference_n"),
+        );
+        let mut bench = Bench::new(&task);
+        let (mut tared_s, mut tares) = (None, 0);
+        let (mut phases, mut places) = (Vec::new(), Vec::new());
+        let mut last = Phase::Idle;
+        while bench.time_s < 60.0 {
+            let (now, tool) = (bench.time_s, bench.tool());
+            let output = bench.step(|input| {
+                input.bias_age_s = tared_s.map(|at| now - at);
+                // 0.6 N a minute.
+                input.zero_bound_n = tared_s.map(|at| 0.01 * (now - at));
+            });
+            if output.phase == Phase::Tare && last != Phase::Tare {
+                tares += 1;
+            }
+            if output.phase == Phase::Tare {
+                tared_s = Some(now);
+            }
+            if output.phase == Phase::Clear && last != Phase::Clear {
+                places.push((tool, output.path_progress));
+            }
+            if output.phase == Phase::Slide && last == Phase::Contact && tares > 1 {
+                let (place, progress) = places.pop().unwrap();
+                let back = tool - place;
+                assert!(back.norm() < 1e-3, "{back}");
+                assert!((output.path_progress - progress).abs() < 0.02);
+            }
+            if last != output.phase {
+                phases.push(output.phase);
+            }
+            last = output.phase;
+            if !output.phase.is_active() {
+                break;
+            }
+        }
+        let output = bench.last.as_ref().unwrap();
+        if at_limit == "stop" {
+            assert_eq!(output.fault, Some(Fault::ZeroOld), "{phases:?}");
+            assert_eq!(tares, 1);
+        } else {
+            assert_eq!(
+                (output.phase, output.fault),
+                (Phase::Done, None),
+                "{phases:?}"
+            );
+            assert!(tares > 1, "{phases:?}");
+        }
+    }
+}
+
+/// A wrench that is late again and again, as on a busy host, interrupts the approach and does not begin it anew.
+#[test]
+fn an_approach_that_is_interrupted_counts_its_way_from_where_it_began() {
+    let task = TASK.replace("tare = false", "tare = true");
+    let mut bench = Bench::new(&task);
+    let tared = |input: &mut ControlInput| input.bias_age_s = Some(0.0);
+    let late = |input: &mut ControlInput| {
+        input.bias_age_s = Some(0.0);
+        input.wrench_age_s = 0.06;
+    };
+    let (mut output, mut holds) = (bench.step(tared), 0);
+    for cycle in 0.. {
+        if !output.phase.is_active() {
+            break;
+        }
+        let interrupted = output.phase == Phase::Approach && cycle % 10 < 4;
+        output = bench.step(if interrupted { late } else { tared });
+        holds += u32::from(interrupted && output.phase == Phase::Hold);
+    }
+    assert!(holds > 3, "interrupted only {holds} times");
+    assert_eq!((output.phase, output.fault), (Phase::Done, None));
 }

@@ -84,7 +84,11 @@ fn an_unknown_base_stops_the_path_keeps_the_force_and_retracts_after_a_second() 
         let at = bench.tool();
         let mut output = bench.step(spoil);
         while output.phase == Phase::Hold {
-            assert!((output.force_n - 3.0).abs() < 0.3, "{}", output.force_n);
+            assert!(
+                (output.force_n.unwrap() - 3.0).abs() < 0.3,
+                "{}",
+                output.force_n.unwrap()
+            );
             output = bench.step(spoil);
         }
         assert_eq!(output.phase, Phase::Retract);

@@ -1,12 +1,16 @@
 //! What can go wrong when an estimator is built.
 
+use tangent_mechanics::names::did_you_mean;
 use thiserror::Error;
 
 /// Why an estimator could not be built.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum EstimationError {
     /// The registry has no such estimator.
-    #[error("no estimator is called \"{name}\"; there are: {allowed}")]
+    #[error(
+        "no estimator is called \"{name}\"{}; there are: {allowed}",
+        did_you_mean(name, allowed.split(", "))
+    )]
     Unknown {
         /// The name asked for.
         name: String,

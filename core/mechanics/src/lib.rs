@@ -11,6 +11,7 @@ mod joint_friction;
 pub mod linear_solve;
 pub mod manipulability;
 pub mod model;
+pub mod names;
 pub mod spatial;
 
 pub use arm::{Arm, Limits, Payload};

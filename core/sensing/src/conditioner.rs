@@ -48,6 +48,12 @@ pub enum SensorCondition {
     Saturated,
     /// Any other error of the sensor's own.
     Error,
+    /// Records repeat ([`crate::RecordWatch`]).
+    Frozen,
+    /// One axis repeats ([`crate::RecordWatch`]).
+    AxisStuck,
+    /// Too many readings leap as no load can ([`crate::JumpWatch`]).
+    Implausible,
 }
 
 /// One reading of the sensor and how the arm holds it.
@@ -94,6 +100,12 @@ pub struct ConditionedWrench {
     pub bias: Wrench<Sensor>,
     /// Age of the zero, s; none while none was taken.
     pub bias_age_s: Option<f64>,
+    /// The filtered reading without the payload, before the zero is taken off: no zero hides a load in it.
+    pub untared: Wrench<Sensor>,
+    /// The zero was taken on a person's word that the tool hangs free.
+    pub said_clear: bool,
+    /// The last good zero, and its age, s; none while there is none.
+    pub reference: Option<(Wrench<Sensor>, f64)>,
 }
 
 /// Tare, payload, filter and eq. (2), computed once from plain numbers; all memory is in [`WrenchConditionerState`].
@@ -126,7 +138,12 @@ pub struct WrenchConditionerState {
     /// Filter output after the last good reading.
     output: Vector6<f64>,
     tare: Option<Tare>,
+    /// Last good zero, against which a new one is judged, and the one before it.
+    reference: Option<Tare>,
+    reference_before: Option<Tare>,
     averaging: Option<Averaging>,
+    /// A person has looked: the tool hangs free while this average is taken.
+    said_clear: bool,
     outcome: Option<Result<Tare, TareRefusal>>,
     /// The last fault of a reading, and when.
     fault: Option<(Validity, f64)>,
@@ -190,9 +207,25 @@ impl WrenchConditioner {
 
     /// Begins to average the zero over `tare.duration_s`; [`WrenchConditionerState::take_tare_outcome`] tells how it went.
     pub fn start_tare(&self, state: &mut WrenchConditionerState) {
+        self.begin_tare(state, false);
+    }
+
+    /// As [`WrenchConditioner::start_tare`], for a person who has looked and says that the tool hangs free: the zero is not
+    /// judged against the last one or the rating.
+    pub fn start_tare_said_clear(&self, state: &mut WrenchConditionerState) {
+        self.begin_tare(state, true);
+    }
+
+    fn begin_tare(&self, state: &mut WrenchConditionerState, said_clear: bool) {
         let samples = (self.tare.duration_s * self.filter.sample_rate_hz()).round();
         state.outcome = None;
+        state.said_clear = said_clear;
         state.averaging = Some(Averaging::new(samples as u32));
+    }
+
+    /// When a tare is refused, and how the zero drifts.
+    pub fn tare_config(&self) -> &TareConfig {
+        &self.tare
     }
 
     /// One reading through tare, payload, filter and eq. (2).
@@ -223,12 +256,22 @@ impl WrenchConditioner {
             };
             let outcome = match refusal {
                 Some(refusal) => Some(Err(refusal)),
-                None => averaging.take(
-                    &self.tare,
-                    &(reading.wrench - self.payload_wrench(reading)),
-                    reading.base_from_tool.as_ref().map(|(pose, _)| pose),
-                    reading.time_s,
-                ),
+                None => {
+                    let said_clear = state.said_clear;
+                    let reference = state.reference.as_ref().filter(|_| !said_clear);
+                    let taken = averaging.take(
+                        &self.tare,
+                        &(reading.wrench - self.payload_wrench(reading)),
+                        reading.base_from_tool.as_ref().map(|(pose, _)| pose),
+                        reading.time_s,
+                    );
+                    taken.map(|outcome| {
+                        outcome.and_then(|tare| match said_clear {
+                            true => Ok(Tare { said_clear, ..tare }),
+                            false => self.tare.judge(&tare, reference).map(|()| tare),
+                        })
+                    })
+                }
             };
             if let Some(outcome) = outcome {
                 self.end_tare(state, outcome);
@@ -250,6 +293,11 @@ impl WrenchConditioner {
             delay_s: self.filter.delay_s(),
             bias: state.bias(),
             bias_age_s: state.bias_age_s(reading.time_s),
+            said_clear: state.tare.is_some_and(|tare| tare.said_clear),
+            untared: Wrench::from_vector(&state.output) + state.bias(),
+            reference: state
+                .reference
+                .map(|last| (last.bias, (reading.time_s - last.time_s).max(0.0))),
         }
     }
 
@@ -258,6 +306,9 @@ impl WrenchConditioner {
         match reading.condition {
             SensorCondition::Saturated => Some(Validity::Saturated),
             SensorCondition::Error => Some(Validity::SensorError),
+            SensorCondition::Frozen => Some(Validity::Frozen),
+            SensorCondition::AxisStuck => Some(Validity::AxisStuck),
+            SensorCondition::Implausible => Some(Validity::Implausible),
             SensorCondition::Good if !reading.wrench.is_finite() => Some(Validity::NotFinite),
             SensorCondition::Good => None,
         }
@@ -330,6 +381,8 @@ impl WrenchConditioner {
             state.filter.shift(&shift);
             state.output += shift;
             state.tare = Some(*tare);
+            state.reference_before = state.reference;
+            state.reference = Some(*tare);
         }
         state.outcome = Some(outcome);
     }
@@ -341,15 +394,41 @@ impl WrenchConditionerState {
         self.tare.as_ref()
     }
 
-    /// Takes over a zero made elsewhere, or forgets the one in force.
+    /// Takes over a zero made elsewhere, or forgets the one in force. It becomes the last good zero too.
     pub fn set_tare(&mut self, tare: Option<Tare>) {
         self.tare = tare;
+        self.reference = tare.or(self.reference);
         self.filter = LowPassState::default();
+    }
+
+    /// The last good zero.
+    pub fn reference(&self) -> Option<&Tare> {
+        self.reference.as_ref()
+    }
+
+    /// Takes the zero in force back: it was taken in contact. The sensor is untared then, and the zero before is the last good one.
+    pub fn withdraw_tare(&mut self) {
+        if let Some(withdrawn) = self.tare.take() {
+            self.output += withdrawn.bias.vector();
+            self.filter.shift(&withdrawn.bias.vector());
+            self.reference = self.reference_before.take();
+        }
+    }
+
+    /// Forgets the last good zero too: another sensor.
+    pub fn forget_reference(&mut self) {
+        self.reference = None;
+        self.reference_before = None;
     }
 
     /// True while an average is being taken.
     pub fn is_taring(&self) -> bool {
         self.averaging.is_some()
+    }
+
+    /// The average being taken comes to nothing; the zero before stays in force.
+    pub fn cancel_tare(&mut self) {
+        self.averaging = None;
     }
 
     /// How the last tare ended, once.

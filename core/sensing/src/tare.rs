@@ -24,6 +24,21 @@ pub struct TareConfig {
     pub travel_max_m: f64,
     /// Turn of the tool within that time, rad.
     pub turn_max_rad: f64,
+    /// Farthest that a new zero may be from the last good one, N in any axis, besides what drifts in between: a zero taken
+    /// under a load is refused.
+    pub jump_max_n: f64,
+    /// The same, Nm.
+    pub jump_max_nm: f64,
+    /// Stated drift of the sensor's zero, N per minute: bounds the error of a zero of some age.
+    pub drift_n_per_min: f64,
+    /// The same, Nm per minute.
+    pub drift_nm_per_min: f64,
+    /// A last good zero that is older says nothing about a new one, s.
+    pub reference_age_max_s: f64,
+    /// What the sensor is rated for: N, then Nm; x, y, z. None: not known.
+    pub rated: Option<[f64; 6]>,
+    /// Largest share of that which a zero may take in any axis.
+    pub rated_share_max: f64,
 }
 
 impl Default for TareConfig {
@@ -36,6 +51,13 @@ impl Default for TareConfig {
             torque_change_max_nm: 0.015,
             travel_max_m: 0.0005,
             turn_max_rad: 0.002,
+            jump_max_n: 0.3,
+            jump_max_nm: 0.05,
+            drift_n_per_min: 0.05,
+            drift_nm_per_min: 0.005,
+            reference_age_max_s: 12.0 * 3600.0,
+            rated: None,
+            rated_share_max: 0.5,
         }
     }
 }
@@ -52,11 +74,72 @@ impl TareConfig {
             ("tare.torque_change_max_nm", self.torque_change_max_nm),
             ("tare.travel_max_m", self.travel_max_m),
             ("tare.turn_max_rad", self.turn_max_rad),
+            ("tare.jump_max_n", self.jump_max_n),
+            ("tare.jump_max_nm", self.jump_max_nm),
+            ("tare.drift_n_per_min", self.drift_n_per_min),
+            ("tare.drift_nm_per_min", self.drift_nm_per_min),
+            ("tare.reference_age_max_s", self.reference_age_max_s),
+            ("tare.rated_share_max", self.rated_share_max),
         ] {
             SensingError::unless(value.is_finite() && value > 0.0, key, value, "positive")?;
         }
+        for value in self.rated.into_iter().flatten() {
+            let good = value.is_finite() && value > 0.0;
+            SensingError::unless(good, "tare.rated", value, "positive")?;
+        }
         Ok(())
     }
+
+    /// Error of a zero of this age that the sensor's stated drift implies, N.
+    pub fn drift_bound_n(&self, age_s: f64) -> f64 {
+        self.drift_n_per_min * age_s.max(0.0) / 60.0
+    }
+
+    /// Largest share of the sensor's rating that a wrench takes in any axis; none where the rating is not known.
+    pub fn rated_share(&self, wrench: &Wrench<Sensor>) -> Option<f64> {
+        let rated = Vector6::from(self.rated?);
+        Some(wrench.vector().component_div(&rated).amax())
+    }
+
+    /// Whether a new zero can be one: against the last good zero as far as that still says something, and against the rating.
+    ///
+    /// # Errors
+    /// [`TareRefusal::Jump`] or [`TareRefusal::Loaded`].
+    pub fn judge(&self, tare: &Tare, reference: Option<&Tare>) -> Result<(), TareRefusal> {
+        if let Some(last) = reference {
+            let age_s = (tare.time_s - last.time_s).max(0.0);
+            let jump = (tare.bias - last.bias).vector();
+            let (force_n, torque_nm) = worst(&jump);
+            let minutes = age_s / 60.0;
+            let force_max_n = self.jump_max_n + self.drift_n_per_min * minutes;
+            let torque_max_nm = self.jump_max_nm + self.drift_nm_per_min * minutes;
+            // Written so that a NaN refuses.
+            let near = force_n <= force_max_n && torque_nm <= torque_max_nm;
+            if age_s <= self.reference_age_max_s && !near {
+                return Err(TareRefusal::Jump {
+                    force_n,
+                    force_max_n,
+                    torque_nm,
+                    torque_max_nm,
+                    age_s,
+                });
+            }
+        }
+        match self.rated_share(&tare.bias) {
+            Some(share) if share.is_nan() || share > self.rated_share_max => {
+                Err(TareRefusal::Loaded {
+                    share,
+                    share_max: self.rated_share_max,
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Largest force and torque in any axis.
+fn worst(v: &Vector6<f64>) -> (f64, f64) {
+    (v.fixed_rows::<3>(0).amax(), v.fixed_rows::<3>(3).amax())
 }
 
 /// The sensor's zero as measured once: everything it reads beyond payload and contact.
@@ -70,6 +153,8 @@ pub struct Tare {
     pub samples: u32,
     /// When it was finished, on the clock of [`crate::Reading::time_s`].
     pub time_s: f64,
+    /// It was taken on a person's word that the tool hangs free, and not judged.
+    pub said_clear: bool,
 }
 
 /// Why no tare was made. The tare before it stays in force.
@@ -113,6 +198,33 @@ pub enum TareRefusal {
         force_n: f64,
         /// Worst axis, Nm.
         torque_nm: f64,
+    },
+    /// The new zero is far from the last good one.
+    #[error(
+        "the zero would jump by {force_n:.2} N and {torque_nm:.3} Nm against the last good one, {age_s:.0} s ago; drift explains {force_max_n:.2} N and {torque_max_nm:.3} Nm: the tool touches something, or the tool was changed. Look: if it hangs free, `tangent tare --clear`"
+    )]
+    Jump {
+        /// Worst axis, N.
+        force_n: f64,
+        /// Allowed at that age, N.
+        force_max_n: f64,
+        /// Worst axis, Nm.
+        torque_nm: f64,
+        /// Allowed at that age, Nm.
+        torque_max_nm: f64,
+        /// Of the last good zero, s.
+        age_s: f64,
+    },
+    /// What the sensor reads takes too much of its rating for a zero.
+    #[error(
+        "the sensor reads {:.0} % of its rating beyond the payload, at most {:.0} % can be its zero: the tool touches something, or the payload is wrong. Look: if it hangs free, `tangent tare --clear`",
+        100.0 * .share, 100.0 * .share_max
+    )]
+    Loaded {
+        /// Worst axis, 0 to 1 and beyond.
+        share: f64,
+        /// Allowed.
+        share_max: f64,
     },
 }
 
@@ -178,7 +290,6 @@ impl Averaging {
         let mean = self.sum / n;
         let variance = (self.squares - self.sum.component_mul(&mean)) / (n - 1.0);
         let std = variance.map(|v| v.max(0.0).sqrt());
-        let worst = |v: &Vector6<f64>| (v.fixed_rows::<3>(0).amax(), v.fixed_rows::<3>(3).amax());
         let (force_n, torque_nm) = worst(&std);
         if !(force_n <= config.force_std_max_n && torque_nm <= config.torque_std_max_nm) {
             return Err(TareRefusal::Scattered { force_n, torque_nm });
@@ -193,6 +304,7 @@ impl Averaging {
             std: Wrench::from_vector(&std),
             samples: self.taken,
             time_s,
+            said_clear: false,
         })
     }
 }

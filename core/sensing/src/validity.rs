@@ -27,12 +27,28 @@ pub enum Validity {
     Disagrees = 9,
     /// The base moves, and how is not known.
     BaseUnknown = 10,
+    /// Records go on coming and all say exactly the same, which this sensor's noise rules out.
+    Frozen = 11,
+    /// One axis stands still while the others live.
+    AxisStuck = 12,
+    /// The reading does not follow what the tool does to the surface.
+    Unresponsive = 13,
+    /// Too many readings that no load can cause: damaged records.
+    Implausible = 14,
 }
 
 impl Validity {
     /// True only for [`Validity::Valid`].
     pub fn is_valid(self) -> bool {
         self == Self::Valid
+    }
+
+    /// The verdict took a run of readings: there is nothing to wait for, as there is after a single bad one.
+    pub fn is_judged_over_time(self) -> bool {
+        matches!(
+            self,
+            Self::Frozen | Self::AxisStuck | Self::Unresponsive | Self::Implausible
+        )
     }
 
     /// The reason in words an operator understands.
@@ -49,6 +65,18 @@ impl Validity {
             Self::Degenerate => "too few or badly spread samples",
             Self::Disagrees => "too far from the estimate in use",
             Self::BaseUnknown => "the motion of the base is not known",
+            Self::Frozen => {
+                "sensor frozen: its records repeat; restart the sensor, check its cable and transducer"
+            }
+            Self::AxisStuck => {
+                "one axis of the sensor is stuck: restart the sensor, check its cable and transducer"
+            }
+            Self::Unresponsive => {
+                "the reading does not answer to the tool's motion: check the sensor, its mounting and its delay"
+            }
+            Self::Implausible => {
+                "readings jump as no load can: check the network and the sensor for damaged records"
+            }
         }
     }
 }
@@ -67,7 +95,37 @@ impl From<u8> for Validity {
             8 => Self::Degenerate,
             9 => Self::Disagrees,
             10 => Self::BaseUnknown,
+            11 => Self::Frozen,
+            12 => Self::AxisStuck,
+            13 => Self::Unresponsive,
+            14 => Self::Implausible,
             _ => Self::SensorError,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_code_comes_back_and_an_unknown_one_is_never_usable() {
+        for code in 0..=14 {
+            assert_eq!(Validity::from(code) as u8, code);
+        }
+        for code in 15..=u8::MAX {
+            assert_eq!(Validity::from(code), Validity::SensorError);
+        }
+    }
+
+    #[test]
+    fn reasons_fit_a_message_and_differ() {
+        for a in 0..=14u8 {
+            let reason = Validity::from(a).reason();
+            assert!(reason.len() <= 120, "{reason}");
+            for b in 0..a {
+                assert_ne!(reason, Validity::from(b).reason());
+            }
         }
     }
 }

@@ -62,7 +62,7 @@ fn tactile_line(c: &TactileCycle<'_>) -> String {
         "{:7.3} s {:8} force {:7.3} wanted {:6.2} N | path {:6.3} {:6.3} {:6.3} mm | rho {:.2} {:.2} | tanks {:6.2} {:5.2} J",
         s.time_s,
         s.phase.name(),
-        c.output.force_n,
+        c.output.force_n.unwrap_or(f64::NAN),
         s.force_reference_n,
         away(0),
         away(1),

@@ -53,7 +53,7 @@ fn run() -> Result<(), Box<dyn Error>> {
                     s.rho_force,
                     c.truth.wrench.force.dot(&c.truth.normal),
                     s.force_reference_n,
-                    o.force_n,
+                    o.force_n.unwrap_or(f64::NAN),
                     (s.tool_m[0] - s.wanted_m[0]) * 1e3,
                     (s.tool_m[1] - s.wanted_m[1]) * 1e3,
                     (s.tool_m[2] - s.wanted_m[2]) * 1e3,

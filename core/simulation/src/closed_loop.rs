@@ -5,14 +5,15 @@
 
 use serde::Serialize;
 use tangent_control::{
-    CommandKind, ControlInput, ControlOutput, Controller, EstimateInput, MAX_ESTIMATORS, Phase,
-    Program,
+    CommandKind, ContactSign, ControlError, ControlInput, ControlOutput, Controller,
+    ControllerConfig, ControllerWord, EstimateInput, Limits, MAX_ESTIMATORS, Phase, Program, Task,
+    UntaredLoad,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench, manipulability};
 use tangent_sensing::{
-    BasePose, BaseTracker, ConditionedWrench, Payload, Reading, SensorCondition, Validity,
-    WrenchConditioner, WrenchConditionerState,
+    BasePose, BaseTracker, ConditionedWrench, Payload, TareConfig, Validity, WrenchConditioner,
+    WrenchConditionerState,
 };
 
 use crate::digest::TrajectoryDigest;
@@ -24,6 +25,7 @@ use crate::plant::Plant;
 use crate::platform::OdometrySample;
 use crate::scenario::{PIPELINE_CYCLES_MAX, Scenario, ScenarioError};
 use crate::truth::Truth;
+use crate::watched_sensor::WatchedSensor;
 
 /// Time that a run goes on after its task has ended, s.
 const AFTER_END_S: f64 = 0.2;
@@ -164,7 +166,7 @@ pub struct ClosedLoop {
     flange_from_tool: Pose<tangent_mechanics::Flange, Tool>,
     /// Measured tool pose of the period before, and its time.
     pose_before: (Pose<Base, Tool>, f64),
-    sensor_scale: [f64; 6],
+    sensor: WatchedSensor,
     exchange_cycles: usize,
     estimate_cycles: usize,
     /// Commands under way to the arm, oldest first.
@@ -175,6 +177,10 @@ pub struct ClosedLoop {
     wrench_time: f64,
     output: ControlOutput,
     digest: TrajectoryDigest,
+    config: ControllerConfig,
+    limits: Limits,
+    /// The robot takes commands.
+    arm_ready: bool,
 }
 
 impl ClosedLoop {
@@ -209,7 +215,6 @@ impl ClosedLoop {
             .iter()
             .map(|name| build(name, &scenario.estimation))
             .collect::<Result<Vec<_>, _>>()?;
-        let sensor = &scenario.plant.sensor;
         let input = blank_input(&plant);
         Ok(Self {
             conditioner,
@@ -219,15 +224,7 @@ impl ClosedLoop {
             base: BaseTracker::new(&scenario.base),
             flange_from_tool,
             pose_before: (input.base_from_tool, 0.0),
-            sensor_scale: [
-                sensor.counts_per_n,
-                sensor.counts_per_n,
-                sensor.counts_per_n,
-                sensor.counts_per_nm,
-                sensor.counts_per_nm,
-                sensor.counts_per_nm,
-            ]
-            .map(|counts| 1.0 / counts),
+            sensor: WatchedSensor::new(&scenario.plant.sensor),
             exchange_cycles: scenario.pipeline.exchange_cycles,
             estimate_cycles: scenario.pipeline.estimate_cycles,
             commands: [VelocityCommand::hold(); PIPELINE_CYCLES_MAX + 1],
@@ -236,8 +233,88 @@ impl ClosedLoop {
             wrench_time: 0.0,
             output: ControlOutput::hold(&input),
             digest: TrajectoryDigest::default(),
+            config,
+            limits: scenario.limits,
+            arm_ready: true,
             plant,
         })
+    }
+
+    /// Starts a task as the service does: refused where the tool may touch and which way is away is not known.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn start(&mut self, task: &Task) -> Result<(), ControlError> {
+        let program = Program::new(task, &self.config)?;
+        self.controller
+            .check_start(&self.pose_before.0.translation())?;
+        self.controller.start(program, 0).map(drop)
+    }
+
+    /// The robot takes commands, or is in a protective stop.
+    pub fn set_arm_ready(&mut self, ready: bool) {
+        self.arm_ready = ready;
+    }
+
+    /// The controller dies and another takes its place. It knows of the one before what the service keeps: where the tool may touch.
+    ///
+    /// # Errors
+    /// Never with the parameters of the one before.
+    pub fn restart_controller(&mut self) -> Result<(), ControlError> {
+        let mut fresh = Controller::new(
+            *self.plant.model(),
+            self.flange_from_tool,
+            self.limits,
+            self.config,
+        )?;
+        for name in self.controller.estimators() {
+            fresh.listen_to(*name);
+        }
+        fresh.set_clearance(self.controller.clearance())?;
+        self.controller = fresh;
+        self.commands = [VelocityCommand::hold(); PIPELINE_CYCLES_MAX + 1];
+        Ok(())
+    }
+
+    /// The sensor's service dies and another takes its place. It keeps the last good zero.
+    pub fn restart_sensor(&mut self) {
+        let zero = self.conditioning.reference().copied();
+        self.conditioning = WrenchConditionerState::default();
+        self.conditioning.set_tare(zero);
+    }
+
+    /// The sensor's service loses what it kept.
+    pub fn forget_zeros(&mut self) {
+        self.conditioning.forget_reference();
+        self.conditioning.set_tare(None);
+    }
+
+    /// A person asks for a tare; `said_clear`: who has looked and says that the tool hangs free.
+    ///
+    /// # Errors
+    /// What the controller's word says against it.
+    pub fn ask_for_tare(&mut self, said_clear: bool) -> Result<(), ContactSign> {
+        let word = ControllerWord {
+            phase: self.controller.phase(),
+            contact_possible: !self.controller.clearance().is_free(),
+        };
+        if let Some(sign) = ContactSign::of(Some(word), None)
+            && !(said_clear && sign.can_be_waived())
+        {
+            return Err(sign);
+        }
+        if said_clear {
+            self.conditioner
+                .start_tare_said_clear(&mut self.conditioning);
+        } else {
+            self.conditioner.start_tare(&mut self.conditioning);
+        }
+        Ok(())
+    }
+
+    /// The wrench as it is shown now; none before the first sample.
+    pub fn shown(&self) -> Option<&ConditionedWrench> {
+        self.conditioned.as_ref()
     }
 
     /// The cell.
@@ -261,26 +338,14 @@ impl ClosedLoop {
         let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * arm.qd));
 
         for sample in self.plant.sensor_samples() {
-            let raw = nalgebra::Vector6::from_fn(|i, _| {
-                f64::from(sample.counts[i]) * self.sensor_scale[i]
-            });
             // The arm's packet of this period comes after these samples: they know the pose of the one before.
             let (pose, at) = self.pose_before;
-            self.conditioned = Some(self.conditioner.update(
-                &mut self.conditioning,
-                &Reading {
-                    time_s: sample.time_s,
-                    wrench: Wrench::from_vector(&raw),
-                    condition: if sample.saturated {
-                        SensorCondition::Saturated
-                    } else {
-                        SensorCondition::Good
-                    },
-                    missed: 0,
-                    base_from_tool: Some((pose, sample.time_s - at)),
-                    motion: None,
-                },
-            ));
+            let felt = self.conditioned.as_ref().filter(|c| c.bias_age_s.is_some());
+            let Some(mut reading) = self.sensor.take(sample, &pose.translation(), felt) else {
+                continue;
+            };
+            reading.base_from_tool = Some((pose, sample.time_s - at));
+            self.conditioned = Some(self.conditioner.update(&mut self.conditioning, &reading));
             self.wrench_time = sample.time_s;
         }
         self.pose_before = (base_from_tool, arm.time_s);
@@ -288,11 +353,17 @@ impl ClosedLoop {
         let mut input = blank_input(&self.plant);
         input.base_from_tool = base_from_tool;
         input.twist = twist;
+        input.arm_ready = self.arm_ready;
         if let Some(conditioned) = &self.conditioned {
             input.wrench = conditioned.wrench;
             input.wrench_validity = conditioned.validity;
             input.wrench_delay_s = conditioned.delay_s;
             input.bias_age_s = conditioned.bias_age_s;
+            let tare = self.conditioner.tare_config();
+            input.zero_bound_n = conditioned
+                .bias_age_s
+                .map(|age_s| tare.drift_bound_n(age_s));
+            input.untared = Some(untared_load(tare, conditioned));
             input.wrench_age_s = arm.time_s - self.wrench_time;
         }
 
@@ -331,9 +402,13 @@ impl ClosedLoop {
         if self.output.tare_requested && !self.conditioning.is_taring() {
             self.conditioner.start_tare(&mut self.conditioning);
         }
+        if self.output.zero_withdrawn {
+            self.conditioning.withdraw_tare();
+        }
         let command = match self.output.kind {
             // A velocity-controlled arm takes no torques.
             CommandKind::Hold | CommandKind::JointTorque => VelocityCommand::hold(),
+            CommandKind::JointVelocity if !self.arm_ready => VelocityCommand::hold(),
             CommandKind::JointVelocity => VelocityCommand {
                 qd: self.output.qd,
                 acceleration: self.output.acceleration,
@@ -404,6 +479,16 @@ impl ClosedLoop {
     }
 }
 
+/// What the reading says before any zero is taken off, as the sensor's service tells it.
+pub(crate) fn untared_load(tare: &TareConfig, conditioned: &ConditionedWrench) -> UntaredLoad {
+    UntaredLoad {
+        beyond_reference_n: conditioned
+            .reference
+            .map(|(zero, _)| (conditioned.untared - zero).force.norm()),
+        rated_share: tare.rated_share(&conditioned.untared),
+    }
+}
+
 /// The arm's part of an input; nothing felt, nothing estimated.
 fn blank_input(plant: &Plant) -> ControlInput {
     let arm = plant.arm();
@@ -421,6 +506,8 @@ fn blank_input(plant: &Plant) -> ControlInput {
         wrench_age_s: f64::INFINITY,
         wrench_delay_s: 0.0,
         bias_age_s: None,
+        zero_bound_n: None,
+        untared: None,
         estimates: [None; MAX_ESTIMATORS],
         base: None,
     }

@@ -23,7 +23,7 @@ impl fmt::Display for LoopCycle<'_> {
             self.arm.time_s,
             self.output.phase.name(),
             truth.wrench.force.dot(&truth.normal),
-            self.output.force_n,
+            self.output.force_n.unwrap_or(f64::NAN),
             self.output.force_reference_n,
             normal_error,
             angle_deg(&truth.normal, &-truth.base_from_tool.z_axis()),

@@ -125,7 +125,7 @@ impl DepthSource {
             point: in_base.point,
             normal: in_base.normal,
             covariance: in_base.covariance,
-            surface_variation: seen.segment.map_or(0.0, |s| s.variation),
+            surface_variation: seen.segment.map(|s| s.variation),
             curvature: in_base.curvature,
             change: bend_change(&seen.ahead.in_base(&base_from_camera)),
             validity: in_base.validity,

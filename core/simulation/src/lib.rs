@@ -27,6 +27,7 @@ mod plant_config;
 mod platform;
 mod scenario;
 mod sensor;
+mod sensor_fault;
 mod sensor_load;
 mod sensor_records;
 mod servo;
@@ -39,6 +40,7 @@ mod tactile_scenario;
 mod target_image;
 mod torque_arm;
 mod truth;
+mod watched_sensor;
 mod wrench_estimate;
 
 pub use camera::{Camera, CameraConfig, Exposure, FeatureSource, Imager};
@@ -59,11 +61,12 @@ pub use plant::{Plant, PlantError};
 pub use plant_config::{
     ComplianceConfig, ContactConfig, FrictionConfig, FrictionModel, Lag, PadConfig, PayloadConfig,
     PayloadErrorConfig, PlantConfig, PoseConfig, SensorConfig, ServoConfig, StartConfig,
-    SurfaceConfig,
+    SurfaceConfig, ToolConfig,
 };
 pub use platform::{OdometryConfig, OdometrySample, Platform, PlatformConfig};
 pub use scenario::{PipelineConfig, Scenario, ScenarioError};
 pub use sensor::Sensor;
+pub use sensor_fault::SensorFault;
 pub use servo::Servo;
 pub use start::StartError;
 pub use surfaces::{ShapeConfig, Surface, SurfacePoint};

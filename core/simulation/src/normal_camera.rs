@@ -150,11 +150,11 @@ impl NormalCamera {
             point: under.point,
             normal,
             covariance: (Matrix3::identity() - normal * normal.transpose()) * sd,
-            surface_variation: surface_variation(
+            surface_variation: Some(surface_variation(
                 &under.curvature,
                 c.patch_radius_m,
                 c.range_noise_m,
-            ),
+            )),
             curvature: Some(under.curvature + noise),
             change,
             validity: Validity::Valid,

@@ -1,7 +1,7 @@
 //! Plant, camera, conditioning, pose estimator and `hybrid_dynamics` in one thread: what `tangent evaluate` runs for scenarios of
 //! kind `object_pose`.
 
-use nalgebra::{Vector3, Vector6};
+use nalgebra::Vector3;
 use tangent_control::Phase;
 use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
 use tangent_estimation::object_pose::{
@@ -10,11 +10,10 @@ use tangent_estimation::object_pose::{
 };
 use tangent_mechanics::{Arm, Flange, Joints, Pose, Tool, Wrench};
 use tangent_sensing::{
-    ConditionedWrench, Payload, Reading, SensorCondition, Validity, WrenchConditioner,
-    WrenchConditionerState,
+    ConditionedWrench, Payload, Validity, WrenchConditioner, WrenchConditionerState,
 };
 
-use crate::closed_loop::Evaluation;
+use crate::closed_loop::{Evaluation, untared_load};
 use crate::digest::TrajectoryDigest;
 use crate::loaded_arm::loaded_arm;
 use crate::measurement::ArmMeasurement;
@@ -26,6 +25,7 @@ use crate::object_plant::ObjectPlant;
 use crate::object_scenario::ObjectScenario;
 use crate::scenario::ScenarioError;
 use crate::truth::Truth;
+use crate::watched_sensor::WatchedSensor;
 
 /// Time that a run goes on after its task has ended, s.
 const AFTER_END_S: f64 = 0.2;
@@ -146,7 +146,7 @@ pub struct ObjectLoop {
     shape: ObjectShape,
     controller: HybridDynamics,
     flange_from_tool: Pose<Flange, Tool>,
-    sensor_scale: Vector6<f64>,
+    sensor: WatchedSensor,
     conditioned: Option<ConditionedWrench>,
     wrench_time: f64,
     torque: Joints<6>,
@@ -180,7 +180,6 @@ impl ObjectLoop {
         )?;
         let shape = scenario.object_surface()?;
         let stated = scenario.plant.camera.model();
-        let sensor = &scenario.plant.sensor;
         Ok(Self {
             estimator: build_object_estimator(scenario.estimator(), &scenario.estimation, &stated)?,
             controller: HybridDynamics::new(
@@ -193,13 +192,7 @@ impl ObjectLoop {
             )?,
             torque: model.gravity(&plant.arm().q),
             conditioning: WrenchConditionerState::default(),
-            sensor_scale: Vector6::from_fn(|i, _| {
-                1.0 / if i < 3 {
-                    sensor.counts_per_n
-                } else {
-                    sensor.counts_per_nm
-                }
-            }),
+            sensor: WatchedSensor::new(&scenario.plant.sensor),
             plant,
             model,
             stated,
@@ -239,6 +232,11 @@ impl ObjectLoop {
         Some((of(&self.stated), estimated))
     }
 
+    /// The law, for those who ask something of it between two periods.
+    pub fn controller(&mut self) -> &mut HybridDynamics {
+        &mut self.controller
+    }
+
     /// One period: the plant moves, then everybody answers to what it reports.
     pub fn step(
         &mut self,
@@ -250,22 +248,15 @@ impl ObjectLoop {
         let base_from_flange = self.model.base_from_flange(&arm.q);
         let base_from_tool = base_from_flange * self.flange_from_tool;
         for sample in self.plant.sensor_samples() {
-            let counts = Vector6::from_fn(|i, _| f64::from(sample.counts[i]));
-            self.conditioned = Some(self.conditioner.update(
-                &mut self.conditioning,
-                &Reading {
-                    time_s: sample.time_s,
-                    wrench: Wrench::from_vector(&counts.component_mul(&self.sensor_scale)),
-                    condition: if sample.saturated {
-                        SensorCondition::Saturated
-                    } else {
-                        SensorCondition::Good
-                    },
-                    missed: 0,
-                    base_from_tool: Some((base_from_tool, 0.0)),
-                    motion: None,
-                },
-            ));
+            let felt = self.conditioned.as_ref().filter(|c| c.bias_age_s.is_some());
+            let Some(mut reading) = self
+                .sensor
+                .take(sample, &base_from_tool.translation(), felt)
+            else {
+                continue;
+            };
+            reading.base_from_tool = Some((base_from_tool, 0.0));
+            self.conditioned = Some(self.conditioner.update(&mut self.conditioning, &reading));
             self.wrench_time = sample.time_s;
         }
         let mut input = HybridInput {
@@ -278,6 +269,8 @@ impl ObjectLoop {
             wrench_validity: Validity::Missing,
             wrench_age_s: f64::INFINITY,
             bias_age_s: None,
+            zero_bound_n: None,
+            untared: None,
             estimate: None,
             estimate_age_s: 0.0,
         };
@@ -289,6 +282,11 @@ impl ObjectLoop {
             input.wrench_validity = conditioned.validity;
             input.wrench_age_s = age_s;
             input.bias_age_s = conditioned.bias_age_s;
+            let tare = self.conditioner.tare_config();
+            input.zero_bound_n = conditioned
+                .bias_age_s
+                .map(|age_s| tare.drift_bound_n(age_s));
+            input.untared = Some(untared_load(tare, &conditioned));
             delay_s = conditioned.delay_s;
         }
         let taken = self.plant.take_frame();
@@ -304,8 +302,11 @@ impl ObjectLoop {
         });
         input.estimate = Some(estimate);
         let output = self.controller.step(&input);
-        if output.tare_requested && input.bias_age_s.is_none() && !self.conditioning.is_taring() {
+        if output.tare_requested && !self.conditioning.is_taring() {
             self.conditioner.start_tare(&mut self.conditioning);
+        }
+        if output.zero_withdrawn {
+            self.conditioning.withdraw_tare();
         }
         self.torque = output.torque;
         self.output = Some(output);

@@ -82,6 +82,9 @@ pub(crate) fn check(config: &ObjectPlantConfig) -> Result<(), PlantError> {
         "100 to 1000000 N/m",
         (100.0..=1e6).contains(&config.contact.stiffness_n_per_m),
     )?;
+    if let Some((key, x, allowed)) = config.sensor.fault.and_then(|fault| fault.mistake()) {
+        value(key, x, allowed, false)?;
+    }
     value(
         "sensor.rate_hz",
         config.sensor.rate_hz,

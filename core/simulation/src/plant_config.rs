@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::platform::PlatformConfig;
+use crate::sensor_fault::SensorFault;
 use crate::surfaces::ShapeConfig;
 
 /// A pose as written in a file.
@@ -375,6 +376,8 @@ pub struct SensorConfig {
     pub drift_time_constant_s: f64,
     /// Random walk of the force zero, N/√s.
     pub walk_n_per_sqrt_s: f64,
+    /// What it does wrong, and since when.
+    pub fault: Option<SensorFault>,
 }
 
 impl Default for SensorConfig {
@@ -402,6 +405,7 @@ impl SensorConfig {
             drift_nm: 0.0,
             drift_time_constant_s: 10.0,
             walk_n_per_sqrt_s: 0.0,
+            fault: None,
         }
     }
 
@@ -423,6 +427,7 @@ impl SensorConfig {
             drift_nm: 0.01,
             drift_time_constant_s: 10.0,
             walk_n_per_sqrt_s: 0.005,
+            fault: None,
         }
     }
 }

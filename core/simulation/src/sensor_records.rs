@@ -5,11 +5,13 @@ use nalgebra::Vector6;
 use crate::measurement::SensorSample;
 use crate::plant_config::SensorConfig;
 use crate::sensor::Sensor;
+use crate::sensor_fault::FaultySensor;
 
 /// Sensor with its clock and the records of the present period.
 #[derive(Clone, Debug)]
 pub(crate) struct SensorRecords {
     sensor: Sensor,
+    fault: Option<FaultySensor>,
     rate_hz: f64,
     records: Vec<SensorSample>,
     taken: u64,
@@ -22,6 +24,9 @@ impl SensorRecords {
     pub fn new(config: &SensorConfig, period_s: f64, seed: u64, wrench: Vector6<f64>) -> Self {
         Self {
             sensor: Sensor::new(config, seed),
+            fault: config
+                .fault
+                .map(|fault| FaultySensor::new(fault, config.rate_hz)),
             rate_hz: config.rate_hz,
             records: Vec::with_capacity((period_s * config.rate_hz).ceil() as usize + 1),
             taken: 0,
@@ -45,7 +50,11 @@ impl SensorRecords {
             let share = ((time - time_before) / dt).clamp(0.0, 1.0);
             let between = self.wrench + (wrench - self.wrench) * share;
             if self.records.len() < self.records.capacity() {
-                self.records.push(self.sensor.read(time, &between));
+                let sample = self.sensor.read(time, &between);
+                self.records.push(match &mut self.fault {
+                    Some(faulty) => faulty.distort(sample),
+                    None => sample,
+                });
             }
             self.taken += 1;
         }

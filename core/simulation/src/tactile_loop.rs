@@ -5,7 +5,7 @@ use nalgebra::{Vector3, Vector6};
 use tangent_control::{Phase, UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput};
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
 use tangent_mechanics::{Joints, Pose, Twist, Wrench};
-use tangent_sensing::Validity;
+use tangent_sensing::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState, Validity};
 
 use crate::closed_loop::Evaluation;
 use crate::digest::TrajectoryDigest;
@@ -117,6 +117,7 @@ pub struct TactileLoop {
     touch: Box<dyn NormalEstimator>,
     controller: UnifiedForceImpedance,
     wrench_lag_s: f64,
+    watch: (RecordWatch, RecordWatchState),
     up: Vector3<f64>,
     vision: Option<VisionInput>,
     felt: Option<NormalEstimate>,
@@ -136,6 +137,10 @@ impl TactileLoop {
         Ok(Self {
             touch: scenario.touch()?,
             controller: scenario.controller(&plant)?,
+            watch: (
+                RecordWatch::new(&RecordWatchConfig::default(), 1.0 / plant.period_s()),
+                RecordWatchState::default(),
+            ),
             wrench_lag_s: scenario.law()?.touch.wrench_lag_s,
             up: -scenario.task.approach.direction.in_base(&start),
             torque: plant.stated_model()?.gravity(&plant.measured().q),
@@ -150,6 +155,11 @@ impl TactileLoop {
     /// The cell.
     pub fn plant(&self) -> &TactilePlant {
         &self.plant
+    }
+
+    /// The law, for those who ask something of it between two periods.
+    pub fn controller(&mut self) -> &mut UnifiedForceImpedance {
+        &mut self.controller
     }
 
     /// One period: the plant moves, then everybody answers to what it reports.
@@ -179,6 +189,7 @@ impl TactileLoop {
             touch_age_s: self.plant.period_s(),
         };
         disturbance.input(&mut input);
+        self.judge(&mut input);
         let output = self.controller.step(&input);
         self.torque = output.torque;
         self.output = Some(output);
@@ -197,6 +208,21 @@ impl TactileLoop {
         (cycle, sample)
     }
 
+    /// As the robot's bridge judges its estimate: by whether it lives.
+    fn judge(&mut self, input: &mut UnifiedInput) {
+        let wrench = input.wrench.vector();
+        let counts = std::array::from_fn(|i| (wrench[i] * 1e6).round() as i32);
+        let (watch, state) = &mut self.watch;
+        let found = match watch.take(state, &counts, None) {
+            RecordVerdict::Plausible => return,
+            RecordVerdict::Frozen => Validity::Frozen,
+            RecordVerdict::AxisStuck(_) => Validity::AxisStuck,
+        };
+        if input.wrench_validity.is_valid() {
+            input.wrench_validity = found;
+        }
+    }
+
     /// Touch's own normal for the next period, from the wrench that the law has cleaned.
     fn feel(&mut self, input: &UnifiedInput, output: &UnifiedOutput) {
         let jacobian = self
@@ -204,7 +230,10 @@ impl TactileLoop {
             .arm()
             .model()
             .jacobian_at(&input.q, &self.plant.flange_from_tool());
-        let sound = input.wrench_validity.is_valid() && output.phase != Phase::Tare;
+        let zeroed = !matches!(output.phase, Phase::Tare | Phase::Clear);
+        let felt = output
+            .wrench
+            .filter(|_| zeroed && input.wrench_validity.is_valid());
         let twist = Twist::from_vector(&(jacobian * input.qd));
         self.felt = Some(self.touch.update(&ContactSample {
             time_s: input.time_s,
@@ -212,14 +241,15 @@ impl TactileLoop {
             base_from_tool: output.base_from_tool,
             twist,
             twist_commanded: twist,
-            wrench: if sound { output.wrench } else { Wrench::zero() },
+            // Not used where it is not valid.
+            wrench: felt.unwrap_or(Wrench::zero()),
             wrench_delay_s: self.wrench_lag_s,
-            wrench_validity: if sound {
+            wrench_validity: if felt.is_some() {
                 Validity::Valid
             } else {
                 Validity::Missing
             },
-            wrench_bias_age_s: sound.then_some(input.time_s),
+            wrench_bias_age_s: felt.map(|_| input.time_s),
             base: None,
         }));
     }

@@ -3,19 +3,14 @@
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
+mod energy_balance;
 mod tactile_cells;
 
-use std::cell::Cell;
-
-use nalgebra::{Vector3, Vector6};
-use proptest::prelude::*;
-use proptest::test_runner::TestRunner;
+use energy_balance::{Balance, EXACT};
 use tactile_cells::scenario;
-use tangent_control::{Phase, VisionInput};
+use tangent_control::Phase;
 use tangent_mechanics::Joints;
-use tangent_simulation::{
-    Calm, TactileCycle, TactileDisturbance, evaluate_tactile, evaluate_tactile_with,
-};
+use tangent_simulation::{Calm, TactileCycle, evaluate_tactile, evaluate_tactile_with};
 
 /// Books of a run: what the plant says went through its ports against what the law says.
 #[derive(Default)]
@@ -62,13 +57,6 @@ impl Audit {
     }
 }
 
-/// No noise on the positions, so that plant and law see the same ones, and no error of the payload, so that gravity is cancelled.
-const EXACT: [&str; 3] = [
-    "plant.arm.encoder_resolution_rad=0.0",
-    "plant.tool.payload_error.mass_kg=0.0",
-    "plant.tool.payload_error.com_in_sensor_m=[0.0,0.0,0.0]",
-];
-
 #[test]
 fn the_energy_books_close_against_the_plants_to_a_microjoule() {
     for preset in ["controller=\"default\"", "controller=\"paper\""] {
@@ -91,63 +79,6 @@ fn the_energy_books_close_against_the_plants_to_a_microjoule() {
     }
 }
 
-/// Somebody pushes, and the camera sees what it likes.
-struct Rough {
-    push: [f64; 6],
-    turn_rate: f64,
-    view: [f64; 2],
-}
-
-impl TactileDisturbance for Rough {
-    fn vision(&mut self, time_s: f64, mut normal: VisionInput) -> Option<VisionInput> {
-        let axis = Vector3::new(self.view[0], self.view[1], 0.0) * (3.0 * time_s).sin();
-        normal.normal = (normal.normal + axis.cross(&normal.normal)).normalize();
-        Some(normal)
-    }
-
-    fn push(&mut self, time_s: f64) -> Vector6<f64> {
-        Vector6::from(self.push) * (self.turn_rate * time_s).sin()
-    }
-}
-
-/// Joules inside arm and tanks that did not come in through a port, and what was taken out, since the start: all of it is zero where
-/// nothing is made from nothing.
-#[derive(Default)]
-struct Balance {
-    start_j: Option<f64>,
-    worst_j: f64,
-    at_a_stop: bool,
-    /// Through the world's port until the period before, and all that went through it either way.
-    environment_j: f64,
-    turnover_j: f64,
-}
-
-impl Balance {
-    fn see(&mut self, c: &TactileCycle<'_>) {
-        let (arm, books, ports) = (c.plant.arm(), c.output.tanks, c.plant.energy());
-        let model = arm.model();
-        let limits = model.limits();
-        // The plant's end stops take a joint's speed without asking the others: what happens there is not mechanics.
-        self.at_a_stop |= (0..7).any(|i| {
-            arm.q[i] - limits.position_lower[i] < 0.01 || limits.position_upper[i] - arm.q[i] < 0.01
-        });
-        let inside = model.kinetic_energy(&arm.q, &arm.qd)
-            + model.potential_energy(&arm.q)
-            + books.motion_j
-            + books.force_j;
-        // Gravity's compensation lifts the arm: what it did is in the motors' work and not in the law's.
-        let came = (ports.motors_j - books.work_j) + ports.environment_j + books.short_j;
-        let went = ports.friction_j + books.dissipated_j;
-        let sum = inside - came + went;
-        self.turnover_j += (ports.environment_j - self.environment_j).abs();
-        self.environment_j = ports.environment_j;
-        let start = *self.start_j.get_or_insert(sum);
-        if !self.at_a_stop {
-            self.worst_j = self.worst_j.max((sum - start).abs());
-        }
-    }
-}
-
 #[test]
 fn no_joule_comes_from_nowhere_or_goes_there() {
     for preset in ["default", "paper"] {
@@ -166,127 +97,6 @@ fn no_joule_comes_from_nowhere_or_goes_there() {
             worst[1] < 0.35 * worst[0] && worst[0] < 0.05,
             "{preset}: {worst:?}"
         );
-    }
-}
-
-/// Any world, any policy, any lie of the camera, any energy at the start.
-#[allow(clippy::type_complexity)]
-fn anything() -> impl Strategy<
-    Value = (
-        (f64, f64, f64, f64, f64),
-        ([f64; 3], [f64; 3], f64, [f64; 2]),
-        (f64, f64, bool, u64),
-    ),
-> {
-    (
-        (
-            5e3f64..2e5,
-            0.0f64..0.7,
-            3.0f64..30.0,
-            0.01f64..0.06,
-            -3.0f64..3.0,
-        ),
-        (
-            prop::array::uniform3(-15.0f64..15.0),
-            prop::array::uniform3(-2.0f64..2.0),
-            0.5f64..20.0,
-            prop::array::uniform2(-0.3f64..0.3),
-        ),
-        (1.5f64..32.0, 1.2f64..2.0, any::<bool>(), 0u64..1000),
-    )
-}
-
-const CASES: u32 = 24;
-
-#[test]
-fn the_port_is_passive_whatever_the_world_and_the_policy() {
-    let slid = Cell::new(0);
-    let mut runner = TestRunner::new(ProptestConfig {
-        cases: CASES,
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    });
-    runner
-        .run(&anything(), |(world, rough, start)| {
-            let (stiffness, friction, force, radius, rate) = world;
-            let (push, twist, turn_rate, view) = rough;
-            let (motion_j, force_j, paper, seed) = start;
-            let rate = if rate.abs() < 0.3 { 0.3 } else { rate };
-            let set = [
-                format!("controller=\"{}\"", if paper { "paper" } else { "default" }),
-                format!("seed={seed}"),
-                format!("plant.contact.stiffness_n_per_m={stiffness}"),
-                format!("plant.contact.friction.coulomb_coefficient={friction}"),
-                format!(
-                    "plant.contact.friction.static_coefficient={}",
-                    friction * 1.1
-                ),
-                format!("task.force.reference_n={force}"),
-                format!("task.path.radius_m={radius}"),
-                format!("task.path.turn_rate_rad_per_s={rate}"),
-                format!("control.tanks.motion.initial_j={motion_j}"),
-                format!("control.tanks.force.initial_j={force_j}"),
-                "plant.arm.sub_steps=8".to_owned(),
-                "control.touch.align_s=2.0".to_owned(),
-                "control.monitor.rate_per_s=8.0".to_owned(),
-                "limits.force_max_n=500.0".to_owned(),
-                "limits.torque_max_nm=100.0".to_owned(),
-                "task.path.duration_s=4.0".to_owned(),
-                "duration_s=16.0".to_owned(),
-            ];
-            let mut set: Vec<&str> = set.iter().map(String::as_str).collect();
-            set.extend(EXACT);
-            let mut rough = Rough {
-                push: [push[0], push[1], push[2], twist[0], twist[1], twist[2]],
-                turn_rate,
-                view,
-            };
-            let mut balance = Balance::default();
-            let (mut motion, mut pressing) = (Span::default(), Span::default());
-            let (mut short, mut slides) = (0.0_f64, false);
-            evaluate_tactile_with(&scenario(&set), &mut rough, |c| {
-                balance.see(c);
-                motion.see(c.output.tanks.motion_j);
-                pressing.see(c.output.tanks.force_j);
-                short = short.max(c.output.tanks.short_j);
-                slides |= c.output.phase == Phase::Slide;
-            })
-            .unwrap();
-            slid.set(slid.get() + u32::from(slides));
-            prop_assert!(motion.within(1.0, 32.0), "{motion:?}");
-            prop_assert!(pressing.within(1.0, 2.0), "{pressing:?}");
-            prop_assert!(short == 0.0, "short of {short} J");
-            // What the integration of the plant itself is good to, as the test above shows.
-            let most = 0.02 + 0.01 * balance.turnover_j;
-            prop_assert!(
-                balance.worst_j < most,
-                "{} J of {}",
-                balance.worst_j,
-                balance.turnover_j
-            );
-            Ok(())
-        })
-        .unwrap();
-    assert!(slid.get() * 2 > CASES, "only {} slid", slid.get());
-}
-
-/// Least and greatest of something.
-#[derive(Debug)]
-struct Span(f64, f64);
-
-impl Default for Span {
-    fn default() -> Self {
-        Self(f64::INFINITY, f64::NEG_INFINITY)
-    }
-}
-
-impl Span {
-    fn see(&mut self, value: f64) {
-        *self = Self(self.0.min(value), self.1.max(value));
-    }
-
-    fn within(&self, least: f64, most: f64) -> bool {
-        self.0 >= least && self.1 <= most
     }
 }
 

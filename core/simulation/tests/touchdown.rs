@@ -25,7 +25,7 @@ fn on_a_stiff_surface() {
                 cycle.arm.time_s,
                 cycle.output.phase.name(),
                 truth.wrench.force.dot(&normal),
-                cycle.output.force_n,
+                cycle.output.force_n.unwrap_or(f64::NAN),
                 cycle.output.force_reference_n,
                 cycle.output.twist_commanded.linear.dot(&normal) * 1e3,
                 truth.twist.linear.dot(&normal) * 1e3,

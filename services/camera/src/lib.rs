@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::config::CameraKind;
 use tangent_runtime::{
-    Age, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Publisher, Rate, RealtimeReport,
-    Stop, Subscription, realtime,
+    Age, Beat, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Publisher, Rate,
+    RealtimeReport, Stop, Subscription, realtime,
 };
 use tangent_schemas::Text;
 use tangent_schemas::convert::cut_format;
@@ -62,10 +62,13 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), CameraError> {
         None => RealtimeReport::not_asked(SERVICE),
     });
     service.health.running();
+    let beat = Beat::new(SERVICE);
     while !stop.is_stopped() {
+        beat.beat();
         service.announce();
         service.turn(LOOK);
     }
+    drop(beat);
     if let Some(player) = player
         && player.join().is_err()
     {

@@ -68,8 +68,10 @@ impl ContentAge {
     }
 }
 
-/// Age of what rests on the arm's state: it counts the robot's packets since the one it rests on, so no clock is asked, and a
-/// burst of old ones is old. One that goes on talking while its stamp stands still is as old as the stamp.
+/// Age of what rests on the arm's state, from the measurement to its use: the robot's packets since the one it rests on, and the time
+/// since the newest of them came, by this host's monotonic clock. So no two clocks need agree, and a burst of old ones is old. One that
+/// goes on talking while its stamp stands still is as old as the stamp. It is the one age of an estimate there is: the law judges by
+/// it, `ControlState` publishes it, and every display shows what is published.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CycleAge {
     /// Publisher and stamp of the newest message, and the robot's cycle in which they were new.
@@ -77,8 +79,16 @@ pub struct CycleAge {
 }
 
 impl CycleAge {
-    /// Of a message `said` by a publisher with a stamp (ns), resting on `cycle`, received `ago`; s.
-    pub fn of(&mut self, said: ([u8; 16], i64), cycle: u64, ago: Duration, arm: &ArmState) -> f64 {
+    /// Of a message `said` by a publisher with a stamp (ns), resting on `cycle`, received `ago`; `arm` is the robot's newest packet,
+    /// which came `since_packet` ago; s.
+    pub fn of(
+        &mut self,
+        said: ([u8; 16], i64),
+        cycle: u64,
+        ago: Duration,
+        arm: &ArmState,
+        since_packet: Duration,
+    ) -> f64 {
         if cycle > arm.cycle {
             // Of an earlier run of the bridge, whose count was higher.
             return f64::INFINITY;
@@ -90,7 +100,8 @@ impl CycleAge {
         self.advanced = Some((said.0, said.1, since));
         let behind = arm.cycle - cycle;
         let standing = arm.cycle.saturating_sub(since);
-        (behind.max(standing) as f64 * arm.period_s).max(ago.as_secs_f64())
+        let age_s = behind.max(standing) as f64 * arm.period_s + since_packet.as_secs_f64();
+        age_s.max(ago.as_secs_f64())
     }
 }
 
@@ -103,6 +114,30 @@ mod tests {
 
     fn ms(n: u64) -> Duration {
         Duration::from_millis(n)
+    }
+
+    #[test]
+    fn an_estimate_is_as_old_as_the_packet_that_it_rests_on() {
+        let mut age = CycleAge::default();
+        let arm = ArmState {
+            cycle: 100,
+            period_s: 0.008,
+            ..ArmState::default()
+        };
+        let us = Duration::from_micros;
+        // Of the packet before, said 5 ms ago, used 0.3 ms after the newest packet came.
+        let one = age.of(([1; 16], STAMP), 99, us(5000), &arm, us(300));
+        assert!((one - 0.0083).abs() < 1e-12, "{one}");
+        // Of this very packet, by an estimator in the loop's own process.
+        let own = age.of(([1; 16], STAMP + 1), 100, us(100), &arm, us(300));
+        assert!((own - 0.0003).abs() < 1e-12, "{own}");
+        // The robot falls silent: it grows old all the same.
+        let late = age.of(([1; 16], STAMP + 1), 100, us(60_000), &arm, us(60_200));
+        assert!((late - 0.0602).abs() < 1e-12, "{late}");
+        assert_eq!(
+            age.of(([1; 16], STAMP + 2), 101, us(0), &arm, us(0)),
+            f64::INFINITY
+        );
     }
 
     #[test]

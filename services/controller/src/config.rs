@@ -2,7 +2,7 @@
 
 use tangent_control::{ControllerConfig, Limits};
 use tangent_mechanics::{Arm, Flange, ModelData, Pose, Tool};
-use tangent_runtime::CellConfig;
+use tangent_runtime::{CellConfig, StateFolder};
 use tangent_sensing::BaseConfig;
 
 use crate::ControllerError;
@@ -25,6 +25,8 @@ pub struct Config {
     pub estimators: Vec<String>,
     /// How the pose of a moving base is judged.
     pub base: BaseConfig,
+    /// Where it keeps over restarts that the tool may touch; none: nowhere.
+    pub state: Option<StateFolder>,
 }
 
 impl Config {
@@ -58,6 +60,7 @@ impl Config {
             control,
             estimators,
             base: cell.base,
+            state: StateFolder::of_cell(cell),
         })
     }
 }
@@ -85,6 +88,8 @@ pub(crate) fn limits<const N: usize>(cell: &CellConfig, arm: &Arm<N>) -> Limits 
         joint_acceleration_max_rad_per_s2: SHARE * acceleration,
         force_max_n: own.force_max_n,
         torque_max_nm: own.torque_max_nm,
+        untared_force_max_n: own.untared_force_max_n,
+        untared_share_max: own.untared_share_max,
         workspace_min_m: own.workspace_min_m,
         workspace_max_m: own.workspace_max_m,
         ..default

@@ -4,17 +4,19 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use tangent_control::{ControlError, ControlOutput, Controller, Parameter, Program};
+use nalgebra::Vector3;
+use tangent_control::{Clearance, ControlError, ControlOutput, Controller, Parameter, Program};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{
     Age, Gauge, HealthReporter, Histogram, Parameter as LiveParameter, Publisher, Rate, Received,
 };
-use tangent_schemas::Name;
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState};
+use tangent_schemas::{Name, Text};
 
 use crate::inputs::{Inputs, driven_by_another};
-use crate::mailbox::{Ask, Letter, Mailbox, Outcome};
+use crate::mailbox::{Ask, Letter, Mailbox, Outcome, cannot_leave};
 use crate::messages;
+use crate::pinned::PinnedArm;
 use crate::watch::{Told, Watch};
 
 /// Live parameters in the order of [`Parameter::ALL`], with the value last seen of each.
@@ -66,6 +68,11 @@ pub struct Cycle {
     pub watch: Watch<Program>,
     /// Activation that the bridge has latched out.
     pub latched: u64,
+    pub arm: PinnedArm,
+    /// A command would move the arm now.
+    pub ready: bool,
+    /// Where the tool is, base axes, m.
+    pub position: Vector3<f64>,
 }
 
 impl Cycle {
@@ -77,20 +84,27 @@ impl Cycle {
         self.meters.arm_age.mark_at(arm.received);
         self.watch.count_missed(arm.message.cycle);
         self.latched = arm.message.activation_latched;
-        while let Some(letter) = self.mailbox.take() {
-            self.deal_with(letter);
+        self.position = (&arm.message.tool_pose.position).into();
+        let other = driven_by_another(&arm.message, self.command.mark());
+        self.ready = arm.message.ready && other.is_none();
+        for slot in self.mailbox.waiting() {
+            if let Some(letter) = self.mailbox.take(slot, begin) {
+                self.deal_with(letter);
+            }
         }
         self.take_parameters();
+        let active = self.controller.phase().is_active();
+        // A task keeps to the publishers that it was started on.
+        self.inputs.hold(active);
+        let another_arm = self.arm.is_another(arm.publisher, active);
         let names = self.controller.estimators().clone();
-        let Some(mut input) = self.inputs.gather(arm, &names, self.command.id()) else {
+        let Some(mut input) = self.inputs.gather(arm, &names, self.command.mark()) else {
             // No answer: the bridge ramps the arm down by itself.
             self.watch.unusable();
             return;
         };
         // The bridge has ended this task: to it, all that is commanded for it is void.
-        if self.controller.phase().is_active()
-            && arm.message.activation_latched >= self.controller.activation()
-        {
+        if another_arm || active && arm.message.activation_latched >= self.controller.activation() {
             input.arm_ready = false;
         }
         let output = self.controller.step(&input);
@@ -101,17 +115,22 @@ impl Cycle {
             now_ns(),
         ));
         let took = begin.elapsed();
-        self.state.publish(&messages::state(
+        let mut state = messages::state(
             &arm.message,
+            &input,
             &output,
             &self.controller,
             arm_age.as_secs_f64(),
             took.as_secs_f64(),
-        ));
+        );
+        state.fault = self.watch.fault_text(output.fault, state.fault);
+        let fault_text = state.fault;
+        messages::tell_ages(&mut state, self.inputs.ages());
+        self.state.publish(&state);
         self.meters.step.record(took);
         self.meters.wrench_age.set(output.wrench_age_s);
         self.meters.estimate_age.set(output.estimate_age_s);
-        self.after(&output, driven_by_another(&arm.message, self.command.id()));
+        self.after(&output, fault_text, other);
     }
 
     fn deal_with(&mut self, mut letter: Letter<Program>) {
@@ -124,6 +143,8 @@ impl Cycle {
                         phase: controller.phase().name(),
                         remedy: "stop the running task first",
                     }))
+                } else if let Err(error) = controller.check_start(&self.position) {
+                    Err(Outcome::Refused(error))
                 } else if let Some(new) = program.take() {
                     match controller.start(new, self.latched) {
                         Ok(old) => {
@@ -139,10 +160,21 @@ impl Cycle {
             }
             Ask::Pause => controller.pause().map_err(Outcome::Refused),
             Ask::Resume => controller.resume().map_err(Outcome::Refused),
+            Ask::Stop if controller.is_left_on_surface() => {
+                if self.ready {
+                    controller.leave_surface(self.latched);
+                    Ok(())
+                } else {
+                    Err(Outcome::Refused(cannot_leave(controller.phase())))
+                }
+            }
             Ask::Stop => {
                 controller.stop();
                 Ok(())
             }
+            Ask::Clear => controller
+                .set_clearance(Clearance::Free)
+                .map_err(Outcome::Refused),
             Ask::Select { name, force } => {
                 controller.listen_to(*name);
                 controller
@@ -156,9 +188,9 @@ impl Cycle {
                 Ok(())
             }
         };
-        let activation = self.controller.activation();
+        let (activation, phase) = (self.controller.activation(), self.controller.phase());
         letter.answer(match result {
-            Ok(()) => Outcome::Done { activation },
+            Ok(()) => Outcome::Done { activation, phase },
             Err(refused) => refused,
         });
     }
@@ -183,7 +215,7 @@ impl Cycle {
         }
     }
 
-    fn after(&mut self, output: &ControlOutput, other: Option<Name>) {
+    fn after(&mut self, output: &ControlOutput, fault_text: Text, other: Option<Name>) {
         if let Some(name) = self.controller.estimators().get(output.estimator) {
             self.watch
                 .estimator(*name, output.estimator_switches, messages::cause(output));
@@ -191,8 +223,10 @@ impl Cycle {
         self.watch.after(&Told {
             phase: output.phase,
             fault: output.fault,
-            fault_text: messages::fault(output),
+            fault_text,
             tare_requested: output.tare_requested,
+            clearance: output.clearance,
+            zero_withdrawn: output.zero_withdrawn,
             other,
         });
     }

@@ -1,22 +1,28 @@
 //! Answers people and programs: `control/task`, `control/stop`, `control/select`. Runs in the askers' threads.
 
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use serde_json::json;
-use tangent_control::{EstimatorName, Phase};
+use tangent_control::{Clearance, EstimatorName, Phase};
+use tangent_mechanics::{Base, Pose, Tool};
 use tangent_runtime::bus::answer::{done_with, refused};
-use tangent_runtime::{Bus, BusError, Handle, Latest};
+use tangent_runtime::{Asked, Bus, BusError, Handle, Lane, Latest, Received};
 use tangent_schemas::Message;
-use tangent_schemas::tangent::{Answer, ArmState, ControlState, Request, WrenchStatus};
+use tangent_schemas::tangent::{Answer, ArmState, ControlState, WrenchStatus};
 use tangent_schemas::topics::{self, Topic, queries};
 use tangent_sensing::Validity;
 
 use crate::inputs::driven_by_another;
-use crate::mailbox::{Ask, Mailbox, Outcome};
+use crate::mailbox::{Ask, Mailbox, Outcome, Silence, Time};
+use crate::memory::Memory;
 
 /// Older than this, an input does not count as there when a task is to start.
 pub const FRESH: Duration = Duration::from_millis(200);
+/// Older than this, `control/state` says nothing of now.
+const OLD: Duration = Duration::from_millis(500);
 /// How long an estimator that nobody listened to yet is waited for.
 pub const FIRST_ESTIMATE: Duration = Duration::from_millis(400);
 
@@ -33,16 +39,17 @@ pub trait Kind: Send + Sync + 'static {
         &self,
         program: &Self::Program,
         mailbox: &Mailbox<Self::Program>,
+        time: Time,
     ) -> Result<(), String>;
 
     /// Makes sure that this estimator is listened to. A program that listens to all that its task names, and to no others, leaves it
     /// at that.
-    fn hear(&self, _: &EstimatorName, _: &Mailbox<Self::Program>) -> Result<(), String> {
+    fn hear(&self, _: &EstimatorName, _: &Mailbox<Self::Program>, _: Time) -> Result<(), String> {
         Ok(())
     }
 }
 
-/// Whether something fresh comes on one of these topics.
+/// Whether something fresh comes on one of these topics. All are waited for together, for [`FIRST_ESTIMATE`].
 ///
 /// # Errors
 /// The bus's reason, where a topic cannot be read.
@@ -50,14 +57,19 @@ pub fn one_speaks<M: Message>(
     bus: &Bus,
     topics: impl Iterator<Item = Topic<M>>,
 ) -> Result<bool, String> {
+    let (heard, first) = sync_channel(1);
+    let mut readers = Vec::new();
     for topic in topics {
-        let heard = bus.subscribe(&topic, 1).map_err(|e| e.to_string())?;
-        let first = heard.recv_timeout(FIRST_ESTIMATE);
-        if first.is_some_and(|message| message.age() <= FRESH) {
-            return Ok(true);
-        }
+        let heard = heard.clone();
+        let reader = bus.on(&topic, move |message: &Received<M>| {
+            if message.age() <= FRESH {
+                // One is enough.
+                let _ = heard.try_send(());
+            }
+        });
+        readers.push(reader.map_err(|e| e.to_string())?);
     }
-    Ok(false)
+    Ok(first.recv_timeout(FIRST_ESTIMATE).is_ok())
 }
 
 /// Where requests are answered.
@@ -67,6 +79,8 @@ pub struct Desk<K: Kind> {
     kind: K,
     /// Under which this controller's commands travel.
     own_id: [u8; 16],
+    /// What outlasts the controller.
+    memory: Arc<Memory>,
     seen: Mutex<Seen>,
 }
 
@@ -86,6 +100,7 @@ impl<K: Kind> Desk<K> {
         mailbox: &Arc<Mailbox<K::Program>>,
         kind: K,
         own_id: [u8; 16],
+        memory: &Arc<Memory>,
     ) -> Result<Arc<Self>, BusError> {
         Ok(Arc::new(Self {
             seen: Mutex::new(Seen {
@@ -98,24 +113,35 @@ impl<K: Kind> Desk<K> {
             mailbox: Arc::clone(mailbox),
             kind,
             own_id,
+            memory: Arc::clone(memory),
         }))
     }
 
-    /// Begins to answer.
+    /// Begins to answer. What brings the arm to rest never waits for what is slow.
     pub fn open(self: &Arc<Self>) -> Result<Vec<Handle>, BusError> {
         let [task, show, stop, select] = [(); 4].map(|()| Arc::clone(self));
         Ok(vec![
-            self.bus
-                .answer(queries::CONTROL_TASK, move |_, request| task.task(&request))?,
+            self.bus.answer_in(
+                queries::CONTROL_TASK,
+                |request| match request.action.as_str() {
+                    "pause" | "stop" => Lane::Urgent,
+                    "start" | "resume" => Lane::Slow,
+                    _ => Lane::Prompt,
+                },
+                move |asked| task.task(&asked).into(),
+            )?,
             self.bus
                 .answer(queries::CONTROL_SHOW, move |_, _| show.show())?,
-            self.bus.answer(queries::CONTROL_STOP, move |_, _| {
-                stop.ask(Ask::Stop, "retracting")
-            })?,
-            self.bus
-                .answer(queries::CONTROL_SELECT, move |_, request| {
-                    select.select(&request)
-                })?,
+            self.bus.answer_in(
+                queries::CONTROL_STOP,
+                |_| Lane::Urgent,
+                move |asked| stop.stop(time(&asked)).into(),
+            )?,
+            self.bus.answer_in(
+                queries::CONTROL_SELECT,
+                |_| Lane::Slow,
+                move |asked| select.select(&asked).into(),
+            )?,
         ])
     }
 
@@ -123,40 +149,99 @@ impl<K: Kind> Desk<K> {
         self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn task(&self, request: &Request) -> Answer {
-        match request.action.as_str() {
-            "start" => self.start(&request.argument),
-            "pause" => self.ask(Ask::Pause, "paused: pressing, not sliding"),
-            "resume" => self.ask(Ask::Resume, "going on"),
-            "stop" => self.ask(Ask::Stop, "retracting"),
+    fn task(&self, asked: &Asked) -> Answer {
+        let time = time(asked);
+        match asked.request.action.as_str() {
+            "start" => self.start(&asked.request.argument, time),
+            "start_clear" => self.start_clear(&asked.request.argument, time),
+            "pause" => self.ask(Ask::Pause, time, |phase| paused(phase).to_owned()),
+            "resume" => self.ask(Ask::Resume, time, |_| "going on".to_owned()),
+            "stop" => self.stop(time),
             "status" => self.status(),
             other => refused(format!(
-                "unknown action `{other}`: start (with a task as TOML), pause, resume, stop or status"
+                "unknown action `{other}`: start or start_clear (with a task as TOML), pause, resume, stop or status"
             )),
         }
     }
 
-    fn start(&self, text: &str) -> Answer {
+    fn stop(&self, time: Time) -> Answer {
+        // A start that is still being prepared does not come after it.
+        self.mailbox.stop_asked(time.received);
+        let answer = self.ask(Ask::Stop, time, |phase| stopped(phase).to_owned());
+        let arm = self.seen().arm.fresh(FRESH).map(|arm| arm.message.clone());
+        match arm {
+            Some(arm) if !answer.done && !arm.ready => refused(format!(
+                "{}; the arm says: {}",
+                answer.message, arm.not_ready_reason
+            )),
+            _ => answer,
+        }
+    }
+
+    fn start(&self, text: &str, time: Time) -> Answer {
         let (name, program) = match self.kind.prepare(text) {
             Ok(prepared) => prepared,
             Err(reason) => return refused(reason),
         };
         if let Err(reason) = self
             .check_inputs()
-            .and_then(|()| self.kind.check_estimates(&program, &self.mailbox))
+            .and_then(|()| self.kind.check_estimates(&program, &self.mailbox, time))
         {
             return refused(reason);
         }
+        // Before anything can touch: who starts after a crash has to know.
+        let known = self.memory.known();
+        let kept = self.expect_contact();
         // Before the start: the recorder asks as soon as it sees one.
         let before = std::mem::replace(&mut self.seen().task_toml, text.to_owned());
-        let answer = self.ask(
-            Ask::Start(Box::new(Some(program))),
-            &format!("task \"{name}\" started"),
-        );
+        let mut answer = self.ask(Ask::Start(Box::new(Some(program))), time, |_| {
+            format!("task \"{name}\" started")
+        });
         if !answer.done {
             self.seen().task_toml = before;
+            if !self.mailbox.phase().is_active() {
+                let _ = self.memory.set(known);
+            }
+        } else if let Err(reason) = kept {
+            answer.message +=
+                &format!("; after a crash nobody would know that it touched: {reason}");
         }
         answer
+    }
+
+    /// A start by a person who has looked and says that the tool hangs free.
+    fn start_clear(&self, text: &str, time: Time) -> Answer {
+        tracing::warn!("a person says that the tool hangs free, and starts a task");
+        let said = self.ask(Ask::Clear, time, |_| String::new());
+        if !said.done {
+            return said;
+        }
+        // It is written down as possible again before this start.
+        let _ = self.memory.set(Clearance::Free);
+        self.mailbox.said_clear.store(true, Ordering::Release);
+        let answer = self.start(text, time);
+        if !answer.done {
+            self.mailbox.said_clear.store(false, Ordering::Release);
+        }
+        answer
+    }
+
+    /// Writes down that the tool may touch something from now on, in front of it as it stands.
+    fn expect_contact(&self) -> Result<(), String> {
+        let Some(arm) = self
+            .seen()
+            .arm
+            .get()
+            .map(|arm| arm.message.tool_pose.clone())
+        else {
+            return Ok(());
+        };
+        let Ok(pose) = Pose::<Base, Tool>::try_from(&arm) else {
+            return Ok(());
+        };
+        self.memory
+            .expect_contact(-pose.z_axis(), pose.translation())
+            .map_err(|error| error.to_string())
     }
 
     /// The text of the task that was started last, for the recorder.
@@ -169,6 +254,11 @@ impl<K: Kind> Desk<K> {
 
     /// Arm and wrench are there and can be used, now.
     fn check_inputs(&self) -> Result<(), String> {
+        if let Some(second) = self.bus.refused().iter().find(|r| r.who.is_some()) {
+            return Err(format!(
+                "{second}: end the one that does not belong to this cell, and start the task again"
+            ));
+        }
         let mut seen = self.seen();
         match seen.arm.fresh(FRESH) {
             None => return Err("no arm/state: is rtde running, and the robot reached?".into()),
@@ -202,7 +292,8 @@ impl<K: Kind> Desk<K> {
         }
     }
 
-    fn select(&self, request: &Request) -> Answer {
+    fn select(&self, asked: &Asked) -> Answer {
+        let (request, time) = (&asked.request, time(asked));
         let force = match request.action.as_str() {
             "" | "select" => false,
             "force" => true,
@@ -217,11 +308,11 @@ impl<K: Kind> Desk<K> {
         if name.is_empty() {
             return refused("name an estimator, as in `tangent estimator list`");
         }
-        if let Err(reason) = self.kind.hear(&name, &self.mailbox) {
+        if let Err(reason) = self.kind.hear(&name, &self.mailbox, time) {
             return refused(reason);
         }
-        let words = format!("{name} in use; what is steered by turns to it at a bounded rate");
-        let first = self.ask(Ask::Select { name, force }, &words);
+        let words = |_| format!("{name} in use; what is steered by turns to it at a bounded rate");
+        let first = self.ask(Ask::Select { name, force }, time, words);
         if first.done {
             return first;
         }
@@ -229,25 +320,28 @@ impl<K: Kind> Desk<K> {
         let cycles = self.mailbox.cycles();
         for _ in 0..50 {
             if self.mailbox.cycles() >= cycles + 3 {
-                return self.ask(Ask::Select { name, force }, &words);
+                return self.ask(Ask::Select { name, force }, time, words);
             }
             std::thread::park_timeout(Duration::from_millis(2));
         }
         first
     }
 
-    fn ask(&self, ask: Ask<K::Program>, done: &str) -> Answer {
+    /// Asks the loop; `done` says in words what was done, by the phase that the request found.
+    fn ask(&self, ask: Ask<K::Program>, time: Time, done: impl Fn(Phase) -> String) -> Answer {
         let name = match &ask {
             Ask::Select { name, .. } => *name,
             _ => EstimatorName::new(),
         };
-        match self.mailbox.ask(ask) {
-            None => refused(NO_LOOP),
-            Some(Outcome::Refused(error)) => refused(error.to_string()),
-            Some(Outcome::SwitchRefused(why)) => refused(why.error(&name).to_string()),
-            Some(Outcome::Done { activation }) => done_with(
-                done,
-                &json!({"activation": activation, "phase": self.mailbox.phase().name()}),
+        match self.mailbox.ask(ask, time) {
+            Err(silence) => refused(silence_text(silence)),
+            Ok(Outcome::Refused(error)) => refused(error.to_string()),
+            Ok(Outcome::SwitchRefused(why)) => refused(why.error(&name).to_string()),
+            Ok(Outcome::TooLate) => refused(TOO_LATE),
+            Ok(Outcome::Stopped) => refused(STOPPED),
+            Ok(Outcome::Done { activation, phase }) => done_with(
+                done(phase),
+                &json!({"activation": activation, "phase": phase.name()}),
             ),
         }
     }
@@ -255,32 +349,59 @@ impl<K: Kind> Desk<K> {
     fn status(&self) -> Answer {
         let mut seen = self.seen();
         let Some(newest) = seen.control.get() else {
-            return done_with(NO_LOOP, &json!({"phase": Phase::Idle.name()}));
+            return done_with(NO_STATE, &json!({"phase": Phase::Idle.name()}));
         };
-        let s = &newest.message;
-        let words = if s.task.is_empty() {
-            s.phase_text.to_string()
-        } else {
-            format!(
-                "{}: {}, {:.0} % of the path, {:.2} of {:.2} N{}{}",
+        let (s, age) = (&newest.message, newest.age());
+        if age > OLD {
+            // What was true then is shown as what it is: old.
+            return done_with(
+                format!(
+                    "no control/state for {:.1} s: {NO_STATE}; before that: {} {}",
+                    age.as_secs_f64(),
+                    s.task,
+                    s.phase_text
+                ),
+                &json!({
+                    "phase": null, "phase_before": s.phase_text.as_str(), "task": s.task.as_str(),
+                    "activation": s.activation, "force_n": null, "age_s": age.as_secs_f64(),
+                }),
+            );
+        }
+        let force_n = s.force_n.is_finite().then_some(s.force_n);
+        let mut words = s.phase_text.to_string();
+        if !s.task.is_empty() {
+            let force = force_n.map_or("no usable wrench".to_owned(), |f| {
+                format!("{f:.2} of {:.2} N", s.force_reference_n)
+            });
+            words = format!(
+                "{}: {words}, {:.0} % of the path, {force}",
                 s.task,
-                s.phase_text,
-                100.0 * s.path_progress,
-                s.force_n,
-                s.force_reference_n,
-                if s.fault.is_empty() { "" } else { "; " },
-                s.fault
-            )
-        };
+                100.0 * s.path_progress
+            );
+        }
+        if s.paused {
+            words.push_str("; paused");
+        }
+        let waits_for_tare = s.phase == Phase::Tare as u8;
+        let refused = Some(self.mailbox.tare_reason()).filter(|r| waits_for_tare && !r.is_empty());
+        if let Some(reason) = &refused {
+            words.push_str(&format!(
+                "; the tare is refused and asked for again: {reason}"
+            ));
+        }
+        if !s.fault.is_empty() {
+            words.push_str(&format!("; {}", s.fault));
+        }
+        words.push_str(&format!(" ({:.0} ms ago)", age.as_secs_f64() * 1e3));
         done_with(
             words,
             &json!({
                 "phase": s.phase_text.as_str(), "task": s.task.as_str(), "activation": s.activation,
                 "estimator": s.estimator.as_str(), "estimator_cause": s.estimator_cause.as_str(),
                 "estimator_switches": s.estimator_switches, "path_progress": s.path_progress,
-                "force_n": s.force_n, "force_reference_n": s.force_reference_n,
+                "force_n": force_n, "force_reference_n": s.force_reference_n, "paused": s.paused,
                 "contact_lost_count": s.contact_lost_count, "fault": s.fault.as_str(),
-                "age_s": newest.age().as_secs_f64(),
+                "tare_refused": refused, "age_s": age.as_secs_f64(),
             }),
         )
     }
@@ -295,6 +416,52 @@ fn with_host(source: &str) -> String {
     }
 }
 
-/// Nobody turns the loop.
-pub const NO_LOOP: &str =
+fn time(asked: &Asked) -> Time {
+    Time {
+        received: asked.received,
+        deadline: asked.deadline,
+    }
+}
+
+/// What a stop comes to, by the phase after the request was taken.
+fn stopped(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Idle | Phase::Done | Phase::Fault => {
+            "no task runs, and the tool has left the surface or never touched it: nothing to do"
+        }
+        Phase::Tare => "ended before the approach: nothing has moved",
+        _ => "retracting",
+    }
+}
+
+/// What a pause means in each phase.
+fn paused(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Tare => "paused before the approach: the arm stands still",
+        Phase::Approach => "paused in the approach: the arm stands still, not pressing",
+        Phase::Seek => "paused without contact: the arm stands still, not seeking the surface",
+        Phase::Contact => "paused after the touch: pressing, not sliding",
+        _ => "paused: pressing, not sliding",
+    }
+}
+
+/// Why the loop did not answer, in words.
+pub fn silence_text(silence: Silence) -> &'static str {
+    match silence {
+        Silence::Withdrawn => NO_LOOP,
+        Silence::Full => "too many requests at once: nothing was done, ask again",
+        Silence::Lost => {
+            "the loop ended with the request in its hands: the controller has to be started again"
+        }
+    }
+}
+
+const TOO_LATE: &str = "the loop came to the request too late: nothing was done, ask again";
+const STOPPED: &str =
+    "a stop came after this start, or the controller is ending: nothing was started, start again";
+
+/// No cycle of the loop: nothing is known of now.
+const NO_STATE: &str =
     "the loop does not run: no arm/state comes in; is rtde running, and the robot reached?";
+/// Nobody turns the loop.
+pub const NO_LOOP: &str = "the loop does not run: no arm/state comes in; nothing was done; is rtde running, and the robot reached?";

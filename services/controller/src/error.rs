@@ -11,6 +11,9 @@ pub enum ControllerError {
     /// A gain, limit or preset.
     #[error("[controller] or [limits] of the cell file: {0}")]
     Control(#[from] ControlError),
+    /// A task that does not fit the cell's law.
+    #[error("{0}")]
+    Task(ControlError),
     /// What the estimators are told of the object.
     #[error("estimators.settings of an object's pose: {0}")]
     Object(String),

@@ -1,10 +1,10 @@
 //! From what travels on the bus to what the law takes: one input per robot packet, every age judged here.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
-use tangent_control::{ControlInput, EstimateInput, EstimatorName, MAX_ESTIMATORS};
+use tangent_control::{ControlInput, EstimateInput, EstimatorName, MAX_ESTIMATORS, UntaredLoad};
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Pose, Tool, Twist, Wrench};
 use tangent_runtime::{BaseReader, Latest, Received};
@@ -22,6 +22,13 @@ pub struct EstimateReader {
     pub name: EstimatorName,
     newest: Latest<NormalMessage>,
     age: CycleAge,
+    /// As read in this cycle.
+    now: Option<EstimateInput>,
+}
+
+/// Age of an estimate as it is published: -1 where there is none, or where it is too old for a number.
+pub fn age_told(age_s: Option<f64>) -> f64 {
+    age_s.filter(|age_s| age_s.is_finite()).unwrap_or(-1.0)
 }
 
 impl EstimateReader {
@@ -31,6 +38,7 @@ impl EstimateReader {
             name,
             newest,
             age: CycleAge::default(),
+            now: None,
         }
     }
 }
@@ -66,6 +74,10 @@ pub struct WrenchNow {
     pub delay_s: f64,
     /// Age of the tare, s; none without one.
     pub bias_age_s: Option<f64>,
+    /// Error of the zero that its age implies, N; none where that is not known.
+    pub zero_bound_n: Option<f64>,
+    /// The reading before the zero is taken off; none where the service does not tell.
+    pub untared: Option<UntaredLoad>,
 }
 
 impl WrenchReader {
@@ -78,6 +90,12 @@ impl WrenchReader {
             late_s: 0.0,
             paired: None,
         }
+    }
+
+    /// While held, no other publisher of the wrench takes the place of the present one.
+    pub fn hold(&self, held: bool) {
+        self.wrench.hold(held);
+        self.status.hold(held);
     }
 
     /// A wrench counts only with the status of the same stamp, published just before it: where that was lost on the way, the one
@@ -95,6 +113,8 @@ impl WrenchReader {
                 age_s: f64::INFINITY,
                 delay_s: 0.0,
                 bias_age_s: None,
+                zero_bound_n: None,
+                untared: None,
             };
         };
         let validity = Validity::from(status.message.validity);
@@ -122,7 +142,20 @@ impl WrenchReader {
                 Validity::Stale
             },
             bias_age_s,
+            zero_bound_n: (status.message.bias_bound_n >= 0.0)
+                .then_some(status.message.bias_bound_n),
+            untared: Some(untared_load(&status.message)),
         }
+    }
+}
+
+/// What the reading says before any zero is taken off.
+fn untared_load(status: &WrenchStatus) -> UntaredLoad {
+    let force = |w: &tangent_schemas::standard::Wrench| Vector3::from(&w.force);
+    let beyond = (force(&status.untared) - force(&status.reference)).norm();
+    UntaredLoad {
+        beyond_reference_n: (status.reference_age_s >= 0.0).then_some(beyond),
+        rated_share: (status.rated_share >= 0.0).then_some(status.rated_share),
     }
 }
 
@@ -148,6 +181,12 @@ impl Inputs {
         }
     }
 
+    /// While held, no other publisher takes the place of the present one of the wrench, nor of the base's pose.
+    pub fn hold(&self, held: bool) {
+        self.wrench.hold(held);
+        self.base.hold(held);
+    }
+
     /// Also listens to this one; gives it back when there is no room or the name is listened to already.
     pub fn listen(&mut self, reader: EstimateReader) -> Option<EstimateReader> {
         if self.estimates.iter().any(|own| own.name == reader.name) {
@@ -168,6 +207,9 @@ impl Inputs {
     ) -> Option<ControlInput> {
         let state = &arm.message;
         let base_from_tool: Pose<_, _> = (&state.tool_pose).try_into().ok()?;
+        for reader in &mut self.estimates {
+            reader.now = read_estimate(reader, state, arm.received.elapsed());
+        }
         let wrench = self.wrench.read();
         let mut input = ControlInput {
             time_s: arm
@@ -187,17 +229,23 @@ impl Inputs {
             wrench_age_s: wrench.age_s,
             wrench_delay_s: wrench.delay_s,
             bias_age_s: wrench.bias_age_s,
+            zero_bound_n: wrench.zero_bound_n,
+            untared: wrench.untared,
             estimates: [None; MAX_ESTIMATORS],
             base: self.base.at(arm.received),
         };
         for (slot, name) in input.estimates.iter_mut().zip(names) {
-            let reader = self
-                .estimates
-                .iter_mut()
-                .find(|reader| reader.name == *name);
-            *slot = reader.and_then(|reader| read_estimate(reader, state));
+            let reader = self.estimates.iter().find(|reader| reader.name == *name);
+            *slot = reader.and_then(|reader| reader.now);
         }
         Some(input)
+    }
+
+    /// Every estimator that is read, with its newest estimate's age in this cycle, s; -1 without one.
+    pub fn ages(&self) -> impl Iterator<Item = (EstimatorName, f64)> {
+        self.estimates
+            .iter()
+            .map(|reader| (reader.name, age_told(reader.now.map(|now| now.age_s))))
     }
 }
 
@@ -206,12 +254,18 @@ pub fn driven_by_another(state: &ArmState, own_id: [u8; 16]) -> Option<Name> {
     (!state.commanded_by.is_empty() && state.commander_id != own_id).then_some(state.commanded_by)
 }
 
-/// The newest of one estimator with its age; none before its first word.
-pub fn read_estimate(reader: &mut EstimateReader, state: &ArmState) -> Option<EstimateInput> {
+/// The newest of one estimator with its age, `since_packet` after the robot's newest packet `arm` came; none before its first word.
+pub fn read_estimate(
+    reader: &mut EstimateReader,
+    arm: &ArmState,
+    since_packet: Duration,
+) -> Option<EstimateInput> {
     let newest = reader.newest.get()?;
     let message = &newest.message;
     let said = (newest.publisher, message.header.stamp.to_ns());
-    let age_s = reader.age.of(said, message.cycle, newest.age(), state);
+    let age_s = reader
+        .age
+        .of(said, message.cycle, newest.age(), arm, since_packet);
     Some(EstimateInput {
         estimate: normal_estimate(message),
         age_s,

@@ -12,8 +12,12 @@ mod desk;
 mod error;
 mod inputs;
 mod mailbox;
+mod memory;
 mod messages;
 mod normals;
+mod offline;
+mod pinned;
+mod start_check;
 mod torque;
 mod viewer;
 mod watch;
@@ -22,22 +26,27 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use nalgebra::Vector3;
 use tangent_control::{Controller, EstimatorName, Parameter, Phase};
-use tangent_runtime::{BaseReader, Bus, HealthReporter, Parameters, Stop};
+use tangent_runtime::{BaseReader, Beat, Bus, HealthReporter, Parameters, Stop};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::tangent::Request;
 use tangent_schemas::topics::{self, queries};
 
 pub use config::Config;
 pub use error::ControllerError;
+pub use offline::refusals;
+pub use start_check::{known_estimators, unknown_estimators};
 
 pub use torque::{TorqueConfig, run_torque};
 
 use cycle::{Cycle, Live, Meters};
 use desk::Desk;
 use inputs::{EstimateReader, Inputs, WrenchReader};
-use mailbox::{Ask, Mailbox, Note};
+use mailbox::{Ask, Mailbox, Note, Time};
+use memory::Memory;
 use normals::Normals;
+use pinned::PinnedArm;
 use viewer::Viewer;
 use watch::Watch;
 
@@ -49,6 +58,8 @@ const SIDE: Duration = Duration::from_millis(50);
 const RETRACT_PATIENCE: Duration = Duration::from_secs(12);
 /// Silence of the arm's state after which nothing is waited for.
 const SILENCE: Duration = Duration::from_millis(500);
+/// Between two attempts to tare.
+const TARE_AGAIN: Duration = Duration::from_millis(200);
 /// How long a tare may take.
 const TARE_PATIENCE: Duration = Duration::from_secs(5);
 
@@ -74,16 +85,19 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
         }
     }
     let command = bus.publisher(&topics::ARM_COMMAND)?;
-    let own_id = command.id();
-    let normals = Normals::new(&bus, config.control, &config.estimators)?;
-    let desk = Desk::new(&bus, &mailbox, normals, own_id)?;
+    let own_id = command.mark();
+    let normals = Normals::new(&bus, &config)?;
+    let memory = Arc::new(Memory::open(config.state.clone()));
+    let desk = Desk::new(&bus, &mailbox, normals, own_id, &memory)?;
+    let mut controller = Controller::new(
+        config.arm,
+        config.flange_from_tool,
+        config.limits,
+        config.control,
+    )?;
+    controller.set_clearance(memory.known())?;
     let mut cycle = Cycle {
-        controller: Controller::new(
-            config.arm,
-            config.flange_from_tool,
-            config.limits,
-            config.control,
-        )?,
+        controller,
         inputs,
         command,
         state: bus.publisher(&topics::CONTROL_STATE)?,
@@ -93,25 +107,48 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
         live: Live::new(live_parameters(&parameters, &config)),
         watch: Watch::new(&mailbox, &health),
         latched: 0,
+        arm: PinnedArm::default(),
+        ready: false,
+        position: Vector3::zeros(),
     };
     health.running();
-    let _loop = bus.on(&topics::ARM_STATE, move |arm| cycle.step(arm))?;
+    // Nobody calls it while the arm is silent; a cycle that has begun has to end.
+    let beat = Beat::new(SERVICE);
+    beat.rest();
+    let _loop = bus.on(&topics::ARM_STATE, move |arm| {
+        beat.beat();
+        cycle.step(arm);
+        beat.rest();
+    })?;
     let _answers = desk.open()?;
-    beside(&bus, &mailbox, &stop)
+    beside(&bus, &mailbox, &memory, &stop)
 }
 
 /// What goes on beside the loop until `stop`, and then until the arm has left the surface.
-fn beside<P: Send>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) -> Result<(), ControllerError> {
+fn beside<P: Send>(
+    bus: &Bus,
+    mailbox: &Mailbox<P>,
+    memory: &Memory,
+    stop: &Stop,
+) -> Result<(), ControllerError> {
     let mut viewer = Viewer::new(bus)?;
     std::thread::scope(|scope| -> Result<(), ControllerError> {
         let taring = std::thread::Builder::new()
             .name("controller-tare".into())
             .spawn_scoped(scope, || tare_when_due(bus, mailbox, stop))?;
+        // Its own thread: a write waits for the disk.
+        let keeping = std::thread::Builder::new()
+            .name("controller-memory".into())
+            .spawn_scoped(scope, || memory.follow(mailbox, stop))?;
         while !stop.wait(SIDE) {
             write_notes(mailbox);
             viewer.draw();
         }
         retract_first(mailbox, &mut viewer);
+        let kept = keeping.join();
+        // How that retraction ended.
+        memory.take(mailbox);
+        kept.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         taring
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
@@ -142,19 +179,53 @@ fn live_parameters(parameters: &Parameters, config: &Config) -> [tangent_runtime
 
 /// The tare is asked for outside the loop; the loop sees its effect in the wrench's status.
 fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
-    let request = Request {
-        action: "tare".into(),
-        argument: String::new(),
-    };
     while !stop.wait(SIDE / 2) {
+        if mailbox.withdraw_due.swap(false, Ordering::AcqRel) {
+            withdraw_zero(bus);
+        }
         if !mailbox.tare_due.swap(false, Ordering::AcqRel) {
             continue;
         }
-        match bus.ask(queries::NETFT_TARE, &request, TARE_PATIENCE) {
-            Ok(answer) if answer.done => tracing::info!("{}", answer.message),
-            Ok(answer) => tracing::warn!("tare before contact refused: {}", answer.message),
-            Err(error) => tracing::warn!("tare before contact: {error}"),
+        let said_clear = mailbox.said_clear.swap(false, Ordering::AcqRel);
+        let request = Request {
+            action: "tare".into(),
+            argument: if said_clear { "clear" } else { "" }.into(),
+        };
+        mailbox.tare_refusal("");
+        // Asked again until it is done, or the phase that waits for it is over.
+        let mut said = String::new();
+        loop {
+            let reason = match bus.ask(queries::NETFT_TARE, &request, TARE_PATIENCE) {
+                Ok(answer) if answer.done => {
+                    tracing::info!("{}", answer.message);
+                    mailbox.tare_refusal("");
+                    break;
+                }
+                Ok(answer) => answer.message,
+                Err(error) => error.to_string(),
+            };
+            let reason = reason.trim_start_matches("not tared: ");
+            if reason != said {
+                tracing::warn!("no tare before contact: {reason}");
+                said = reason.to_owned();
+            }
+            mailbox.tare_refusal(reason);
+            if stop.wait(TARE_AGAIN) || mailbox.phase() != Phase::Tare {
+                break;
+            }
         }
+    }
+}
+
+/// The zero in force turned out to be taken in contact: nobody is to go by it.
+fn withdraw_zero(bus: &Bus) {
+    let request = Request {
+        action: "withdraw".into(),
+        argument: String::new(),
+    };
+    match bus.ask(queries::NETFT_TARE, &request, TARE_PATIENCE) {
+        Ok(answer) => tracing::warn!("{}", answer.message),
+        Err(error) => tracing::warn!("the zero that was taken in contact stands: {error}"),
     }
 }
 
@@ -170,10 +241,14 @@ fn write_notes<P>(mailbox: &Mailbox<P>) {
 
 /// Leaves the surface before the service goes; gives up when the robot is silent.
 fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
+    mailbox.close();
     if !mailbox.phase().is_active() {
         return;
     }
-    mailbox.ask(Ask::Stop);
+    if mailbox.ask(Ask::Stop, Time::now()).is_err() {
+        tracing::warn!("the robot is silent: ending without a retraction");
+        return;
+    }
     let deadline = Instant::now() + RETRACT_PATIENCE;
     let mut last = (mailbox.cycles(), Instant::now());
     let pause = Stop::new();

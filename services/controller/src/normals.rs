@@ -7,31 +7,38 @@ use tangent_runtime::{Bus, BusError, Latest};
 use tangent_schemas::tangent::NormalEstimate;
 use tangent_schemas::topics;
 
-use crate::desk::{FIRST_ESTIMATE, FRESH, Kind, NO_LOOP};
+use crate::config::Config;
+use crate::desk::{FRESH, Kind, one_speaks, silence_text};
 use crate::inputs::EstimateReader;
-use crate::mailbox::{Ask, Mailbox};
+use crate::mailbox::{Ask, Mailbox, Time};
+use crate::start_check::StartCheck;
 
 /// See the module.
 pub struct Normals {
     bus: Bus,
     config: ControllerConfig,
+    check: StartCheck<6>,
     estimates: Mutex<Vec<(String, Latest<NormalEstimate>)>>,
 }
 
 impl Normals {
-    /// Listens to `estimators`; `config` is for tasks that name no preset.
-    pub fn new(
-        bus: &Bus,
-        config: ControllerConfig,
-        estimators: &[String],
-    ) -> Result<Self, BusError> {
-        let estimates = estimators
+    /// Listens to the cell's estimators.
+    pub fn new(bus: &Bus, config: &Config) -> Result<Self, BusError> {
+        let estimates = config
+            .estimators
             .iter()
             .map(|name| Ok((name.clone(), bus.latest(&topics::estimate_normal(name))?)))
             .collect::<Result<_, BusError>>()?;
         Ok(Self {
             bus: bus.clone(),
-            config,
+            config: config.control,
+            check: StartCheck::new(
+                bus,
+                config.arm,
+                config.flange_from_tool,
+                config.limits,
+                config.estimators.clone(),
+            )?,
             estimates: Mutex::new(estimates),
         })
     }
@@ -41,53 +48,85 @@ impl Normals {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// Has the desk and the loop read this estimator's topic; false where they do already.
+    fn listen(
+        &self,
+        name: &EstimatorName,
+        mailbox: &Mailbox<Program>,
+        time: Time,
+    ) -> Result<bool, String> {
+        let known = |estimates: &[(String, _)]| estimates.iter().any(|(n, _)| n == name.as_str());
+        if known(&self.estimates()) {
+            return Ok(false);
+        }
+        let topic = topics::estimate_normal(name);
+        let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
+        let reader = EstimateReader::new(*name, newest);
+        mailbox
+            .ask(Ask::Listen(Box::new(Some(reader))), time)
+            .map_err(|silence| silence_text(silence).to_owned())?;
+        // Only once the loop reads it: a request that was withdrawn is made again.
+        let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
+        let mut estimates = self.estimates();
+        if !known(&estimates) {
+            estimates.push((name.to_string(), newest));
+        }
+        Ok(true)
+    }
 }
 
 impl Kind for Normals {
     type Program = Program;
 
     fn prepare(&self, text: &str) -> Result<(String, Program), String> {
-        text.parse::<Task>()
+        let program = text
+            .parse::<Task>()
             .and_then(|task| Program::new(&task, &self.config))
-            .map(|program| (program.task.name.clone(), program))
-            .map_err(|error| error.to_string())
+            .map_err(|error| error.to_string())?;
+        let task = &program.task;
+        self.check.task(task, &program.path)?;
+        self.check
+            .estimators(&self.bus, &task.estimators, topics::estimate_normal)?;
+        Ok((task.name.clone(), program))
     }
 
-    fn check_estimates(&self, program: &Program, mailbox: &Mailbox<Program>) -> Result<(), String> {
-        for name in &program.estimators {
-            self.hear(name, mailbox)?;
-        }
+    fn check_estimates(
+        &self,
+        program: &Program,
+        mailbox: &Mailbox<Program>,
+        time: Time,
+    ) -> Result<(), String> {
         let fresh = |(name, newest): &mut (String, Latest<NormalEstimate>)| {
             program.estimators.iter().any(|n| n.as_str() == name) && newest.fresh(FRESH).is_some()
         };
-        if self.estimates().iter_mut().any(fresh) {
-            return Ok(());
+        let speaks = self.estimates().iter_mut().any(fresh) || {
+            let topics = program.estimators.iter();
+            one_speaks(&self.bus, topics.map(|name| topics::estimate_normal(name)))?
+        };
+        if !speaks {
+            return Err(format!(
+                "none of the task's estimators publishes: {}; is the estimator running, with these in [estimators] run?",
+                program.task.estimators.join(", ")
+            ));
         }
-        Err(format!(
-            "none of the task's estimators publishes: {}; is the estimator running, with these in [estimators] run?",
-            program.task.estimators.join(", ")
-        ))
+        for name in &program.estimators {
+            self.listen(name, mailbox, time)?;
+        }
+        Ok(())
     }
 
     /// Has the desk and the loop read this estimator's topic, and waits for its first word.
-    fn hear(&self, name: &EstimatorName, mailbox: &Mailbox<Program>) -> Result<(), String> {
-        let topic = topics::estimate_normal(name);
-        {
-            let mut estimates = self.estimates();
-            if estimates.iter().any(|(known, _)| known == name.as_str()) {
-                return Ok(());
-            }
-            let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
-            estimates.push((name.to_string(), newest));
+    fn hear(
+        &self,
+        name: &EstimatorName,
+        mailbox: &Mailbox<Program>,
+        time: Time,
+    ) -> Result<(), String> {
+        if self.listen(name, mailbox, time)? {
+            // Nobody there is no error here: the loop says so.
+            one_speaks(&self.bus, std::iter::once(topics::estimate_normal(name)))?;
         }
-        let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
-        let reader = EstimateReader::new(*name, newest);
-        mailbox
-            .ask(Ask::Listen(Box::new(Some(reader))))
-            .ok_or_else(|| NO_LOOP.to_owned())?;
-        let first = self.bus.subscribe(&topic, 1).map_err(|e| e.to_string())?;
-        // Nobody there is no error here: another of the list may be.
-        let _ = first.recv_timeout(FIRST_ESTIMATE);
         Ok(())
     }
 }

@@ -3,11 +3,17 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use tangent_control::{EstimatorName, Fault, Phase};
+use tangent_control::{Clearance, EstimatorName, Fault, Phase};
 use tangent_runtime::{Counter, Gauge, HealthReporter, State};
+use tangent_schemas::convert::cut_format;
 use tangent_schemas::{Name, Text};
 
 use crate::mailbox::{Mailbox, Note};
+
+/// A place within this of the one kept is not kept anew, m: a small part of the distance within which a start believes it.
+const KEPT_WITHIN_M: f64 = 0.002;
+/// The same of its normal: 2 degrees.
+const KEPT_WITHIN_COS: f64 = 0.9994;
 
 /// How the controller stands towards the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +37,10 @@ pub struct Told {
     pub fault_text: Text,
     /// A tare is due.
     pub tare_requested: bool,
+    /// Whether the tool may touch something.
+    pub clearance: Clearance,
+    /// The zero in force was taken in contact.
+    pub zero_withdrawn: bool,
     /// Who else drives the arm.
     pub other: Option<Name>,
 }
@@ -45,6 +55,11 @@ pub struct Watch<P> {
     phase: Phase,
     fault: Option<Fault>,
     tare: bool,
+    /// Why the tare that is waited for was refused; empty when it was not.
+    tare_refused: Text,
+    withdrawn: bool,
+    /// What was told last of whether the tool may touch something.
+    clearance: Option<Clearance>,
     /// Estimator, and how often it changed.
     used: Option<(EstimatorName, u32)>,
     said: Option<Standing>,
@@ -62,6 +77,9 @@ impl<P> Watch<P> {
             phase: Phase::default(),
             fault: None,
             tare: false,
+            tare_refused: Text::new(),
+            withdrawn: false,
+            clearance: None,
             used: None,
             said: None,
         }
@@ -91,12 +109,28 @@ impl<P> Watch<P> {
         }
     }
 
+    /// A fault in words: a task that got no tare says why it was refused.
+    pub fn fault_text(&mut self, fault: Option<Fault>, text: Text) -> Text {
+        if let Some(reason) = self.mailbox.tare_refused.pop() {
+            self.tare_refused = reason;
+        }
+        if fault == Some(Fault::NoTare) && !text.is_empty() && !self.tare_refused.is_empty() {
+            return cut_format(format_args!("no tare in time: {}", self.tare_refused));
+        }
+        text
+    }
+
     /// At the cycle's end.
     pub fn after(&mut self, told: &Told) {
         if told.tare_requested && !self.tare {
             self.mailbox.tare_due.store(true, Ordering::Release);
         }
         self.tare = told.tare_requested;
+        if told.zero_withdrawn && !self.withdrawn {
+            self.mailbox.withdraw_due.store(true, Ordering::Release);
+        }
+        self.withdrawn = told.zero_withdrawn;
+        self.keep_in_mind(told);
         if told.phase != self.phase || told.fault != self.fault {
             self.mailbox
                 .notes
@@ -112,6 +146,34 @@ impl<P> Watch<P> {
             self.say(told.other.map_or(Standing::Well, Standing::Second));
         }
         self.mailbox.tick(told.phase);
+    }
+
+    /// What outlasts this process. While the tool is on its way off and tared, what was kept at the start stands: that it may touch.
+    fn keep_in_mind(&mut self, told: &Told) {
+        if matches!(told.phase, Phase::Tare | Phase::Clear) {
+            self.clearance = None;
+            return;
+        }
+        let near = |a: &Clearance, b: &Clearance| match (a, b) {
+            (
+                Clearance::Possible {
+                    normal: n,
+                    position: p,
+                },
+                Clearance::Possible {
+                    normal: m,
+                    position: q,
+                },
+            ) => (p - q).norm() < KEPT_WITHIN_M && n.dot(m) > KEPT_WITHIN_COS,
+            _ => a == b,
+        };
+        if !self
+            .clearance
+            .is_some_and(|last| near(&last, &told.clearance))
+        {
+            self.clearance = Some(told.clearance);
+            self.mailbox.clearance.force_push(told.clearance);
+        }
     }
 
     fn say(&mut self, standing: Standing) {

@@ -95,6 +95,55 @@ fn what_is_missing_is_named_and_nothing_moves() {
 }
 
 #[test]
+fn a_task_that_cannot_run_is_refused_with_numbers_and_place_before_anything_moves() {
+    let mut cell = Cell::new();
+    let start = cell.q;
+    let cases: [(String, &[&str]); 4] = [
+        (
+            TASK.replace("3.0", "40.0"),
+            &["before anything moves", "40 N", "limits.force_max_n"],
+        ),
+        (
+            TASK.replace("speed_m_per_s = 0.02", "speed_m_per_s = 0.24"),
+            &["path.speed_m_per_s", "0.24 m/s", "0.2250 m/s"],
+        ),
+        (
+            TASK.replace("[0.02, 0.0]", "[1.0, 0.0]"),
+            &["m along the path", "m of its plane", "m in base axes"],
+        ),
+        (
+            // One that speaks does not hide those that nobody knows: all of them are named.
+            TASK.replace(
+                "[\"blend\"]",
+                "[\"blend\", \"reactiv\", \"quadratik\", \"magic\"]",
+            ),
+            &[
+                "\"reactive\"",
+                "reactiv",
+                "\"quadratic\"",
+                "quadratik",
+                "magic",
+            ],
+        ),
+    ];
+    for (task, words) in cases {
+        let answer = cell.ask(queries::CONTROL_TASK, "start", &task).unwrap();
+        assert!(!answer.done, "{task}");
+        for word in words {
+            assert!(answer.message.contains(word), "{word}: {}", answer.message);
+        }
+        assert_eq!(cell.phase(), "idle");
+    }
+    assert_eq!(cell.q, start);
+    // One of the user's own is known by its publishing.
+    cell.add("magic");
+    let own = TASK.replace("[\"blend\"]", "[\"magic\", \"blend\"]");
+    let answer = cell.ask(queries::CONTROL_TASK, "start", &own).unwrap();
+    assert!(answer.done, "{}", answer.message);
+    cell.end();
+}
+
+#[test]
 fn the_end_of_the_service_retracts_first() {
     let mut cell = Cell::new();
     let answer = cell.ask(queries::CONTROL_TASK, "start", &long_task());

@@ -22,8 +22,8 @@ use tangent_estimation::estimator_names;
 use tangent_estimation::object_pose::OBJECT_ESTIMATORS;
 use tangent_runtime::config::WrenchSource;
 use tangent_runtime::{
-    Age, BaseReader, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter, Parameters,
-    Rate, RealtimeReport, Stop, Subscription, realtime,
+    Age, BaseReader, Beat, Bus, Counter, Gauge, HealthReporter, Histogram, Latest, Parameter,
+    Parameters, Rate, RealtimeReport, Stop, Subscription, realtime,
 };
 use tangent_schemas::Text;
 use tangent_schemas::convert::{cut, cut_format};
@@ -63,9 +63,12 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), EstimatorError> {
         Some(priority) => realtime::setup_thread(SERVICE, priority),
         None => RealtimeReport::not_asked(SERVICE),
     });
+    let beat = Beat::new(SERVICE);
     while !stop.is_stopped() {
+        beat.beat();
         service.turn(LOOK);
     }
+    drop(beat);
     match service.depth.take() {
         Some(depth) => depth.join(),
         None => Ok(()),
@@ -305,7 +308,9 @@ impl Trouble {
 /// What the law made of the wrench, with its own zero; none while it takes that zero, or no task runs.
 fn wrench_of_law(control: &ControlState) -> (WrenchStamped, WrenchStatus) {
     let phase = Phase::from_code(control.phase).unwrap_or_default();
-    let usable = phase.is_active() && phase != Phase::Tare;
+    let usable = phase.is_active()
+        && !matches!(phase, Phase::Tare | Phase::Clear)
+        && control.force_n.is_finite();
     let wrench = WrenchStamped {
         header: control.header.clone(),
         wrench: control.wrench.clone(),

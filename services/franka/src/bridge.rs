@@ -40,7 +40,7 @@ pub enum BridgeError {
     #[error(transparent)]
     Session(#[from] SessionError),
     /// A state with a value that is not a number.
-    #[error("the robot sends a value that is no finite number")]
+    #[error("the robot sends a value that is no finite number, or that no arm has")]
     NotFinite,
     /// Its clock went back.
     #[error("the robot counts anew (from {before} to {now}): it was restarted")]
@@ -141,18 +141,19 @@ impl Bridge {
         now_s: f64,
         tcp: &mut Vec<u8>,
     ) -> Result<bool, BridgeError> {
-        if !state.is_finite() {
+        if !state.is_usable() {
             return Err(BridgeError::NotFinite);
         }
         if self.has_state {
             let (before, now) = (self.state.message_id, state.message_id);
-            if now + 1000 < before {
+            if now.saturating_add(1000) < before {
                 return Err(BridgeError::Restarted { before, now });
             }
             if now <= before {
                 return Ok(false);
             }
-            self.packets_lost += (now - before - 1).saturating_sub(skipped);
+            let lost = (now - before - 1).saturating_sub(skipped);
+            self.packets_lost = self.packets_lost.saturating_add(lost);
         }
         self.measure_latency(state, now_s);
         self.cycle += 1;

@@ -11,8 +11,10 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Joints, Tool, Twist, Wrench};
-use tangent_runtime::lease::Source;
-use tangent_runtime::{Publisher, State, Stop, Subscription, clock};
+use tangent_runtime::lease::{self, Source};
+use tangent_runtime::ticket::Order;
+use tangent_runtime::watchdog::TURN;
+use tangent_runtime::{Beat, Publisher, State, Stop, Subscription, clock};
 use tangent_schemas::convert::{cut_format, joint_array};
 use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmCommand, ArmState, WrenchStatus};
@@ -24,12 +26,15 @@ use crate::link::{Link, LinkError, is_nothing_yet};
 use crate::meters::Meters;
 use crate::session::Reason;
 use crate::settings::Config;
-use crate::shared::{LoopRequest, Note, Shared};
+use crate::shared::{Note, Shared};
 use crate::tare::Tare;
 use crate::wrench::tool_wrench;
+use crate::wrench_watch::WrenchWatch;
 
 /// First and longest pause between attempts to connect.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
+/// The system's resolver may take so long for a name.
+const RESOLVE: Duration = Duration::from_secs(60);
 /// A robot that sends nothing for so long is gone, s.
 const SILENCE_S: f64 = 1.0;
 /// Commands that may wait for a cycle, from all sources together.
@@ -77,6 +82,7 @@ pub(crate) struct Cycle {
     state: ArmState,
     wrench_status: WrenchStatus,
     tare: Tare,
+    watch: WrenchWatch,
     tcp_out: Vec<u8>,
     udp_out: Vec<u8>,
     /// Commands refused by the guard and by the lease, as in the state.
@@ -114,6 +120,7 @@ impl Cycle {
             state: ArmState::default(),
             wrench_status: WrenchStatus::default(),
             tare: Tare::default(),
+            watch: WrenchWatch::default(),
             tcp_out: Vec::with_capacity(1024),
             udp_out: Vec::with_capacity(COMMAND_BYTES),
             refused: (0, 0),
@@ -126,14 +133,16 @@ impl Cycle {
 
     /// Connects, serves, and connects again, until stopped.
     pub fn run(mut self) {
+        let beat = Beat::new("franka");
         let mut pause = BACKOFF.0;
         let mut last = String::new();
         while !self.stop.is_stopped() {
             let cycles = self.bridge.cycle();
+            beat.within(self.config.connect_timeout + RESOLVE);
             let ended = self.connect().and_then(|link| {
                 self.connections += 1;
                 self.meters.reconnects.set(f64::from(self.connections - 1));
-                self.serve(link)
+                self.serve(link, &beat)
             });
             self.bridge.close();
             self.told = None;
@@ -152,6 +161,7 @@ impl Cycle {
                 pause = BACKOFF.0;
                 last.clear();
             }
+            beat.within(pause + TURN);
             if self.stop.wait(pause) {
                 break;
             }
@@ -169,17 +179,24 @@ impl Cycle {
         )?)
     }
 
+    /// Something to tell; another thread writes it. No lock, no memory, no waiting.
+    fn note(&self, note: Note) {
+        self.shared.notes.force_push(note);
+    }
+
     fn now_s(&self, instant: Instant) -> f64 {
         instant.saturating_duration_since(self.start).as_secs_f64()
     }
 
     /// One connection, until it breaks (an error) or the orderly end is done.
-    fn serve(&mut self, mut link: Link) -> Result<(), Lost> {
+    fn serve(&mut self, mut link: Link, beat: &Beat) -> Result<(), Lost> {
         let port = link.udp.local_addr()?.port();
         let mut heard = Instant::now();
         self.tcp_out.clear();
         self.bridge.open(port, self.now_s(heard), &mut self.tcp_out);
         loop {
+            // A turn waits for the robot's state no longer than the socket's patience: advancing, or waiting for the robot.
+            beat.beat();
             let received = link.receive()?;
             let arrival = Instant::now();
             let mut due = false;
@@ -233,7 +250,10 @@ impl Cycle {
             let connected = self.bridge.session().is_connected();
             self.bridge.reply(&reply, now_s)?;
             if !connected && self.bridge.session().is_connected() {
-                tracing::info!("connected to {}: FCI version 5", self.config.host);
+                self.note(Note::Info(cut_format(format_args!(
+                    "connected to {}: FCI version 5",
+                    self.config.host
+                ))));
             }
         }
         Ok(())
@@ -241,12 +261,17 @@ impl Cycle {
 
     /// State and wrench out, command in, guarded, into `udp_out`.
     fn cycle(&mut self, arrival: Instant) {
-        while let Some(request) = self.shared.requests.pop() {
-            match request {
-                LoopRequest::Recover => self.bridge.recover(),
-                LoopRequest::Stop => self.bridge.stop(),
-                LoopRequest::Tare => self.tare.start(),
-            }
+        if self.shared.recover_asked.swap(false, Ordering::AcqRel) {
+            self.bridge.recover();
+        }
+        // Of both in one cycle, the stop has the last word.
+        if self.shared.stop_asked.swap(false, Ordering::AcqRel) {
+            self.bridge.stop();
+        }
+        match self.shared.tare.order() {
+            Order::Begin => self.tare.start(),
+            Order::Forget => self.tare.cancel(),
+            Order::None => {}
         }
         self.fill_state(arrival);
         // The wrench first: a controller is called when the state is published, and wants the wrench of this cycle.
@@ -287,8 +312,10 @@ impl Cycle {
     fn publish_wrench(&mut self, arrival: Instant) {
         let now_s = self.now_s(arrival);
         let raw = tool_wrench(self.bridge.robot(), &self.config.flange_from_tool);
-        if self.tare.take(&raw.vector(), now_s) {
-            self.shared.tares.fetch_add(1, Ordering::AcqRel);
+        let validity = self.watch.take(&raw.vector());
+        if let Some(ended) = self.tare.take(&raw.vector(), now_s) {
+            self.shared.tared.force_push(ended);
+            self.shared.tare.done();
         }
         let wrench: Wrench<Tool> = Wrench::from_vector(&(raw.vector() - self.tare.bias()));
         let bias: Wrench<Tool> = Wrench::from_vector(self.tare.bias());
@@ -296,7 +323,8 @@ impl Cycle {
         let status = &mut self.wrench_status;
         status.header = header.clone();
         // A state with what is no number never comes so far.
-        status.validity = 0;
+        status.validity = validity as u8;
+        status.stuck_axes = self.watch.stuck_axes();
         status.records = self.bridge.cycle();
         status.records_lost = self.bridge.packets_lost();
         status.reconnects = u64::from(self.connections.saturating_sub(1));
@@ -304,6 +332,11 @@ impl Cycle {
         status.rate_hz = 1.0 / PERIOD_S;
         status.bias_age_s = self.tare.age_s(now_s);
         status.bias = (&bias).into();
+        status.untared = (&raw).into();
+        // Neither a zero that outlasts the service nor a rating or drift is known of the robot's own estimate.
+        status.reference_age_s = -1.0;
+        status.rated_share = -1.0;
+        status.bias_bound_n = -1.0;
         self.outlets.wrench_status.publish(status);
         self.outlets.wrench.publish(&WrenchStamped {
             header,
@@ -357,7 +390,7 @@ impl Cycle {
         let lease = self.bridge.lease();
         let holder = lease.holder().copied().unwrap_or_default();
         state.commanded_by = holder.name;
-        state.commander_id = holder.publisher;
+        state.commander_id = lease::mark(&holder.publisher);
         if self.refused != (guard.refused(), lease.refused()) {
             if self.refused.0 != guard.refused()
                 && let Some(refusal) = guard.refusal()
@@ -410,14 +443,14 @@ impl Cycle {
                 self.health.running();
                 if !ready_before {
                     let text = cut_format(format_args!("ready"));
-                    self.shared.notes.force_push(Note::Info(text));
+                    self.note(Note::Info(text));
                 }
             }
             (None, Some(rival)) => {
                 let holder = lease.holder().copied().unwrap_or_default();
                 let text = cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
                 self.health.set(State::Degraded, text);
-                self.shared.notes.force_push(Note::Refused(text));
+                self.note(Note::Refused(text));
             }
             (Some(reason), _) => {
                 let state = match reason {
@@ -427,7 +460,7 @@ impl Cycle {
                 };
                 let text = cut_format(format_args!("{reason}"));
                 self.health.set(state, text);
-                self.shared.notes.force_push(Note::Warning(text));
+                self.note(Note::Warning(text));
             }
         }
     }

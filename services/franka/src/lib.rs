@@ -18,25 +18,28 @@ mod guard_tests;
 pub mod inquiry;
 mod link;
 mod meters;
+mod modes;
 mod refusal;
 pub mod session;
 pub mod settings;
 mod shared;
 pub mod tare;
 pub mod wrench;
+mod wrench_watch;
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use tangent_control::{ContactSign, ControllerWord, Phase};
 use tangent_runtime::bus::answer::{done, refused};
 use tangent_runtime::realtime::{RealtimeReport, setup_thread_on};
-use tangent_runtime::{Bus, BusError, Handle, HealthReporter, Stop};
-use tangent_schemas::tangent::Answer;
+use tangent_runtime::{Bus, BusError, Handle, HealthReporter, Lane, Latest, Received, Stop};
+use tangent_schemas::tangent::{Answer, ControlState, Request};
 use tangent_schemas::topics;
 
 use cycle::{COMMANDS_MAX, Cycle, Outlets};
-use shared::{LoopRequest, Note, Shared};
+use shared::{Note, Shared};
 
 pub use settings::{Config, SettingsError};
 
@@ -46,10 +49,23 @@ pub const SERVICE: &str = "franka";
 /// A tare takes a quarter of a second of states; longer, and there are none.
 const TARE_PATIENCE: Duration = Duration::from_secs(1);
 
+/// A controller that says nothing for so long is silent.
+const CONTROLLER_FRESH: Duration = Duration::from_millis(500);
+
 /// Keys of what can be asked of this service; none takes an argument. It answers `netft/tare` too, for its own wrench.
 pub mod queries {
     /// Leave a reflex.
     pub const RECOVER: &str = "franka/recover";
+    /// What the robot says of itself.
+    pub const STATUS: &str = "franka/status";
+    /// Leave a reflex, as `franka/recover` does; refused where there is none.
+    pub const UNLOCK: &str = "franka/unlock";
+    /// Leave a reflex or a latched stop.
+    pub const RESET: &str = "franka/reset";
+    /// Refused with what to do instead: brakes are opened in the robot's own web page.
+    pub const POWER_ON: &str = "franka/power_on";
+    /// Refused with what to do instead: brakes are closed in the robot's own web page.
+    pub const POWER_OFF: &str = "franka/power_off";
     /// End the motion now; moving needs a task started anew.
     pub const STOP: &str = "franka/stop";
 }
@@ -83,6 +99,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     };
     let commands = bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?;
     let _answers = answers(&bus, &shared)?;
+    let _modes = modes::answers(&bus)?;
     let cycle = Cycle::new(
         Arc::clone(&config),
         outlets,
@@ -127,38 +144,80 @@ fn write_notes(shared: &Shared) {
 }
 
 fn answers(bus: &Bus, shared: &Arc<Shared>) -> Result<Vec<Handle>, BusError> {
-    let ask_loop = |request: LoopRequest, words: &'static str| {
-        let shared = Arc::clone(shared);
-        move || {
-            shared.requests.force_push(request);
-            done(words)
-        }
-    };
-    let recover = ask_loop(
-        LoopRequest::Recover,
-        "the robot leaves its reflex, if it is in one; arm/state says when the arm is ready",
-    );
-    let stop = ask_loop(
-        LoopRequest::Stop,
-        "the motion is ended; start a task to move again",
-    );
-    let taring = Arc::clone(shared);
+    let [recovering, stopping, taring] = [(); 3].map(|()| Arc::clone(shared));
+    let control = Mutex::new(bus.latest(&topics::CONTROL_STATE)?);
     Ok(vec![
-        bus.answer(queries::RECOVER, move |_, _| recover())?,
-        bus.answer(queries::STOP, move |_, _| stop())?,
-        bus.answer(topics::queries::NETFT_TARE, move |_, _| tare(&taring))?,
+        bus.answer(queries::RECOVER, move |_, _| {
+            recovering.recover_asked.store(true, Ordering::Release);
+            done(
+                "the robot leaves its reflex, if it is in one; arm/state says when the arm is ready",
+            )
+        })?,
+        bus.answer_in(
+            queries::STOP,
+            |_| Lane::Urgent,
+            move |_| {
+                stopping.stop_asked.store(true, Ordering::Release);
+                done("the motion is ended; start a task to move again").into()
+            },
+        )?,
+        bus.answer_in(
+            topics::queries::NETFT_TARE,
+            |_| Lane::Slow,
+            move |asked| tare(&taring, &control, &asked.request, asked.deadline).into(),
+        )?,
     ])
 }
 
-fn tare(shared: &Shared) -> Answer {
-    let before = shared.tares.load(Ordering::Acquire);
-    shared.requests.force_push(LoopRequest::Tare);
-    let deadline = Instant::now() + TARE_PATIENCE;
-    while Instant::now() < deadline {
-        if shared.tares.load(Ordering::Acquire) != before {
-            return done("the robot's present estimate of the wrench is its zero");
+/// Bus keys are asked by one thread each; another asker of this process waits for its turn.
+fn tare(
+    shared: &Shared,
+    control: &Mutex<Latest<ControlState>>,
+    request: &Request,
+    deadline: Instant,
+) -> Answer {
+    let said_clear = match (request.action.as_str(), request.argument.as_str()) {
+        ("" | "tare", "") => false,
+        ("" | "tare", "clear") => true,
+        (action, argument) => {
+            return refused(format!(
+                "unknown action `{action}` with `{argument}`: tare, or tare with `clear` (a person has looked: the tool hangs free)"
+            ));
         }
-        std::thread::sleep(Duration::from_millis(5));
+    };
+    let _turn = shared
+        .tare_turn
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
+    let mut control = control.lock().unwrap_or_else(PoisonError::into_inner);
+    let word = |heard: &Received<ControlState>| {
+        Some(ControllerWord {
+            phase: Phase::from_code(heard.message.phase)?,
+            contact_possible: heard.message.contact_possible,
+        })
+    };
+    let now = control.fresh(CONTROLLER_FRESH).and_then(word);
+    let last = control.get().and_then(word);
+    if let Some(sign) = ContactSign::of(now, last) {
+        if !(said_clear && sign.can_be_waived()) {
+            return refused(format!("not tared: {sign}; the zero before stays in force"));
+        }
+        tracing::warn!("tared on a person's word that the tool hangs free, against this: {sign}");
     }
-    refused("the robot sends no states to take the zero from")
+    while shared.tared.pop().is_some() {}
+    let deadline = deadline.min(Instant::now() + TARE_PATIENCE);
+    let ended = shared
+        .tare
+        .ask_and_wait(deadline)
+        .then(|| shared.tared.pop())
+        .flatten();
+    match ended {
+        Some(Ok(())) => done("the robot's present estimate of the wrench is its zero"),
+        Some(Err(refusal)) => refused(format!(
+            "not tared: {refusal}; the zero before stays in force"
+        )),
+        None => refused(
+            "not tared: the robot sends no states to take the zero from; the zero before stays in force",
+        ),
+    }
 }

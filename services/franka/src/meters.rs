@@ -52,8 +52,7 @@ impl Meters {
         self.packet.mark_at(arrival);
         self.packet_to_command.record(took);
         if let Some(latency_s) = bridge.latency_s() {
-            self.command_latency
-                .record(Duration::from_secs_f64(latency_s.max(0.0)));
+            self.command_latency.record_s(latency_s);
         }
         self.missed.set(guard.missed());
         self.lost.set(bridge.packets_lost());

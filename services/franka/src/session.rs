@@ -71,12 +71,15 @@ impl fmt::Display for Reason {
             Self::SettingUp => write!(f, "the robot is being set up"),
             Self::Mode(mode) => write!(f, "the robot is {mode}"),
             Self::Reflex(errors) if errors.is_empty() => {
-                write!(f, "the robot stopped by a reflex; ask franka/recover")
+                write!(
+                    f,
+                    "the robot stopped by a reflex; see `tangent robot unlock`"
+                )
             }
             Self::Reflex(errors) => {
                 write!(
                     f,
-                    "the robot stopped by itself ({errors}); ask franka/recover"
+                    "the robot stopped by itself ({errors}); see `tangent robot unlock`"
                 )
             }
             Self::ManualRecovery(errors) => write!(

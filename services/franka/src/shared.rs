@@ -1,20 +1,13 @@
-//! What the service's threads tell each other: only atomics and bounded lock-free queues, so the loop never waits.
+//! What the service's threads tell each other: only atomics and bounded lock-free queues between them and the loop, which never waits.
 
-use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
 
 use crossbeam_queue::ArrayQueue;
+use tangent_runtime::ticket::Ticket;
 use tangent_schemas::Text;
 
-/// What a person asks of the loop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum LoopRequest {
-    /// See [`crate::bridge::Bridge::recover`].
-    Recover,
-    /// See [`crate::bridge::Bridge::stop`].
-    Stop,
-    /// Take the mean of the wrench from now on for its zero.
-    Tare,
-}
+use crate::tare::ZeroTooLarge;
 
 /// A line for the log, written by another thread than the one it comes from.
 #[derive(Clone, Copy, Debug)]
@@ -27,10 +20,17 @@ pub(crate) enum Note {
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct Shared {
-    pub requests: ArrayQueue<LoopRequest>,
+    /// A person asks for [`crate::bridge::Bridge::recover`].
+    pub recover_asked: AtomicBool,
+    /// A person asks for [`crate::bridge::Bridge::stop`].
+    pub stop_asked: AtomicBool,
+    /// The mean of the wrench becomes its zero.
+    pub tare: Ticket,
+    /// Held by the one that asks for a tare.
+    pub tare_turn: Mutex<()>,
     pub notes: ArrayQueue<Note>,
-    /// Tares done since the start.
-    pub tares: AtomicU64,
+    /// How the last tare ended.
+    pub tared: ArrayQueue<Result<(), ZeroTooLarge>>,
     /// The loop's thread has ended.
     pub ended: AtomicBool,
 }
@@ -38,9 +38,12 @@ pub(crate) struct Shared {
 impl Shared {
     pub fn new() -> Self {
         Self {
-            requests: ArrayQueue::new(8),
+            recover_asked: AtomicBool::new(false),
+            stop_asked: AtomicBool::new(false),
+            tare: Ticket::default(),
+            tare_turn: Mutex::new(()),
             notes: ArrayQueue::new(64),
-            tares: AtomicU64::new(0),
+            tared: ArrayQueue::new(1),
             ended: AtomicBool::new(false),
         }
     }

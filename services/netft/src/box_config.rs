@@ -4,6 +4,7 @@ use std::io::Read as _;
 use std::time::Duration;
 
 use crate::NetftError;
+use crate::codec::FT_RATE_HZ;
 
 /// Longest answer that is read: a real one has about 6 kB.
 const ANSWER_MAX: u64 = 256 * 1024;
@@ -61,6 +62,11 @@ pub struct BoxConfig {
     /// Number of the box's own low-pass filter, 0 for off; none when the box does not say.
     pub filter: Option<u32>,
 }
+
+/// What one count may be worth, N and Nm. Sensors in use are near 1e-6; their makers' largest units and coarsest counts lie within.
+const PER_COUNT: (f64, f64) = (1e-12, 10.0);
+/// Records per second that a box can send.
+const RATE_HZ: (f64, f64) = (1.0, FT_RATE_HZ);
 
 impl BoxConfig {
     /// Reads `/netftapi2.xml`. At most `timeout` in all.
@@ -126,6 +132,27 @@ impl BoxConfig {
             )),
             None => Err(format!("<{tag}> is missing")),
         };
+        // Positive and finite is not enough: what is worth nothing, or a ship's weight, per count is no sensor's.
+        let per_count = |tag: &str, unit: f64| -> Result<f64, String> {
+            let counts = scale(tag)?;
+            let value = unit / counts;
+            let (least, most) = PER_COUNT;
+            if (least..=most).contains(&value) {
+                return Ok(value);
+            }
+            Err(format!(
+                "<{tag}> is {counts}: one count would be {value:e} N or Nm; from {least:e} to {most} is what sensors have"
+            ))
+        };
+        let rate_hz = number("comrdtrate")?;
+        if let Some(rate_hz) = rate_hz
+            && !(RATE_HZ.0..=RATE_HZ.1).contains(&rate_hz)
+        {
+            return Err(format!(
+                "<comrdtrate> is {rate_hz:?}: a box sends from {} to {} records per second",
+                RATE_HZ.0, RATE_HZ.1
+            ));
+        }
         let unit = |tag: &str, units: &[(&str, f64)]| {
             let text = find(tag).ok_or(format!("<{tag}> is missing"))?;
             convert(text, units).ok_or_else(|| {
@@ -157,9 +184,9 @@ impl BoxConfig {
                 .or(find("calsn"))
                 .unwrap_or_default()
                 .to_owned(),
-            newton_per_count: unit("scfgfu", &FORCE_UNITS)? / scale("cfgcpf")?,
-            newton_metre_per_count: unit("scfgtu", &TORQUE_UNITS)? / scale("cfgcpt")?,
-            rate_hz: number("comrdtrate")?.filter(|rate| *rate > 0.0),
+            newton_per_count: per_count("cfgcpf", unit("scfgfu", &FORCE_UNITS)?)?,
+            newton_metre_per_count: per_count("cfgcpt", unit("scfgtu", &TORQUE_UNITS)?)?,
+            rate_hz,
             buffer_records: number("comrdtbsiz")?.map(|n| n.clamp(0.0, 1e6) as u32),
             transformed,
             filter: number("setuserfilter")?.map(|n| n.clamp(0.0, 1e6) as u32),
@@ -225,6 +252,8 @@ fn get(address: &str, port: u16, path: &str, timeout: Duration) -> Result<String
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::codec::{Command, Record, Status};
+    use crate::stream::Stream;
     use proptest::prelude::*;
 
     fn xml(force: &str, torque: &str) -> String {
@@ -300,6 +329,12 @@ mod tests {
             ("1000000", "0", "<cfgcpf> is 0"),
             ("1000000", "many", "<cfgcpf> is `many`"),
             ("1000000", "inf", "<cfgcpf> is `inf`"),
+            ("1000000", "1e300", "<cfgcpf> is 1"),
+            ("1000000", "1e-300", "N or Nm"),
+            (">7000<", ">1e-30<", "<comrdtrate> is 1e-30"),
+            (">7000<", ">0<", "<comrdtrate> is 0"),
+            (">7000<", ">1e9<", "from 1 to 7000"),
+            (">7000<", ">-7000<", "<comrdtrate> is -7000"),
             ("<scfgtu>N-m</scfgtu>", "", "<scfgtu> is missing"),
             ("</netft>", "", "no XML"),
         ] {
@@ -308,6 +343,51 @@ mod tests {
         }
         let turned = good.replace("0;0;0;0;0;0", "0;0;0;0;0;45");
         assert!(BoxConfig::parse(&turned).unwrap().transformed);
+    }
+
+    /// What is done with an answer that was accepted, up to a wrench.
+    fn use_it(found: &BoxConfig) {
+        let rate_hz = found.rate_hz.unwrap_or(7000.0);
+        assert!(Duration::try_from_secs_f64(3.0 / rate_hz).is_ok());
+        let mut stream = Stream::new(Command::RealTime, rate_hz, Duration::from_millis(50));
+        let record = Record {
+            rdt_sequence: 1,
+            ft_sequence: u32::MAX,
+            status: Status(0),
+            counts: [i32::MIN, i32::MAX, 0, -1, 1, i32::MIN],
+        };
+        stream.take(&record, Duration::ZERO);
+        stream.take(&record, Duration::from_secs(1 << 40));
+        assert!((1..=7000).contains(&stream.step()));
+        for (counts, scale) in record.counts.iter().zip(found.scales()) {
+            assert!((f64::from(*counts) * scale).abs() < 1e12);
+        }
+    }
+
+    /// Numbers as a box could write them, any double among them.
+    fn number() -> impl Strategy<Value = String> {
+        prop_oneof![
+            any::<u64>().prop_map(|bits| f64::from_bits(bits).to_string()),
+            any::<u64>().prop_map(|bits| format!("{:e}", f64::from_bits(bits))),
+            (-3i32..12).prop_map(|digits| 10f64.powi(digits).to_string()),
+            prop::sample::select(vec!["1e-30", "-0", "0", "1e308", "NaN", "inf", "7000", ""])
+                .prop_map(str::to_owned),
+        ]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        #[test]
+        fn whatever_numbers_are_accepted_can_be_used(force in number(), torque in number(), rate in number(), buffer in number(), filter in number()) {
+            let text = format!(
+                "<netft><cfgcpf>{force}</cfgcpf><cfgcpt>{torque}</cfgcpt><scfgfu>klbf</scfgfu><scfgtu>N-mm</scfgtu>\
+                 <comrdtrate>{rate}</comrdtrate><comrdtbsiz>{buffer}</comrdtbsiz><setuserfilter>{filter}</setuserfilter></netft>"
+            );
+            if let Ok(found) = BoxConfig::parse(&text) {
+                use_it(&found);
+            }
+        }
     }
 
     proptest! {

@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use tangent_mechanics::{Pose, Sensor, Tool};
-use tangent_runtime::CellConfig;
 use tangent_runtime::config::SensorMode;
-use tangent_sensing::{ConditioningConfig, Payload};
+use tangent_runtime::{CellConfig, StateFolder};
+use tangent_sensing::{ConditioningConfig, Payload, TareConfig};
 
 /// `wrench/tool` per second where the cell file leaves it open: fresher than 1 ms for any reader, at 7 kHz in.
 pub const TOOL_RATE_DEFAULT_HZ: f64 = 1000.0;
@@ -43,6 +43,8 @@ pub struct Config {
     pub realtime_priority: Option<u8>,
     /// Socket buffer asked for, bytes.
     pub socket_buffer_bytes: usize,
+    /// Where the last good zero and the controller's last word are kept over restarts; none: nowhere.
+    pub state: Option<StateFolder>,
 }
 
 impl Config {
@@ -76,6 +78,15 @@ impl Config {
             conditioning: ConditioningConfig {
                 filter_cutoff_hz: sensor.filter_cutoff_hz,
                 gravity_in_base_m_per_s2: cell.robot.gravity_in_base_m_per_s2,
+                tare: TareConfig {
+                    jump_max_n: sensor.zero_jump_max_n,
+                    jump_max_nm: sensor.zero_jump_max_nm,
+                    drift_n_per_min: sensor.zero_drift_n_per_min,
+                    drift_nm_per_min: sensor.zero_drift_nm_per_min,
+                    rated: Some([fx, fy, fz, tx, ty, tz]),
+                    rated_share_max: sensor.zero_share_max,
+                    ..TareConfig::default()
+                },
                 ..ConditioningConfig::default()
             },
             realtime_priority: cell
@@ -83,6 +94,7 @@ impl Config {
                 .enabled
                 .then_some(cell.realtime.sensor_priority),
             socket_buffer_bytes: SOCKET_BUFFER_BYTES,
+            state: StateFolder::of_cell(cell),
         }
     }
 }

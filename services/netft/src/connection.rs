@@ -6,7 +6,7 @@ use tangent_mechanics::Tool;
 use tangent_schemas::Text;
 use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::WrenchStatus;
-use tangent_sensing::{ConditionedWrench, Validity};
+use tangent_sensing::{ConditionedWrench, TareConfig, Validity};
 
 use crate::clock::ClockRecovery;
 use crate::codec::{Record, Status};
@@ -28,6 +28,8 @@ pub(crate) struct Connection {
     pub(crate) rate_hz: f64,
     /// What the health message says of the wrench.
     pub(crate) told: Option<Validity>,
+    /// How the zero drifts, and what the sensor is rated for.
+    pub(crate) tare: TareConfig,
 }
 
 impl Connection {
@@ -75,6 +77,24 @@ impl Connection {
             bias: (&newest.wrench.bias).into(),
             filter_delay_s: newest.wrench.delay_s,
             clock_residual_s: self.clock.residual_s(),
+            records_implausible: newest.implausible,
+            stuck_axes: newest.stuck_axes,
+            untared: (&newest.wrench.untared).into(),
+            reference: newest
+                .wrench
+                .reference
+                .map(|(bias, _)| (&bias).into())
+                .unwrap_or_default(),
+            reference_age_s: newest.wrench.reference.map_or(-1.0, |(_, age_s)| age_s),
+            rated_share: self
+                .tare
+                .rated_share(&newest.wrench.untared)
+                .unwrap_or(-1.0),
+            bias_bound_n: newest
+                .wrench
+                .bias_age_s
+                .map_or(-1.0, |age_s| self.tare.drift_bound_n(age_s)),
+            bias_said_clear: newest.wrench.said_clear,
         }
     }
 }
@@ -87,6 +107,9 @@ pub(crate) struct Newest {
     pub(crate) stamp_ns: i64,
     pub(crate) wrench: ConditionedWrench,
     pub(crate) arrival: Duration,
+    /// Records left out so far, and axes that stand still, as the watch says.
+    pub(crate) implausible: u64,
+    pub(crate) stuck_axes: u8,
 }
 
 /// The names of the bits that are set, as many as fit.

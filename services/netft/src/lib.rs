@@ -12,15 +12,18 @@ pub mod codec;
 mod config;
 mod connection;
 mod error;
+mod memory;
 mod meters;
 mod receiver;
 mod socket;
 pub mod stream;
 mod tare;
 
+use std::sync::Arc;
 use std::time::Duration;
 
-use tangent_runtime::{Bus, HealthReporter, Parameters, Stop};
+use tangent_runtime::watchdog::TURN;
+use tangent_runtime::{Beat, Bus, HealthReporter, Lane, Parameters, Stop};
 use tangent_schemas::topics::queries;
 
 pub use box_config::BoxConfig;
@@ -28,13 +31,17 @@ pub use config::{Config, SOCKET_BUFFER_BYTES, TOOL_RATE_DEFAULT_HZ};
 pub use error::NetftError;
 pub use socket::RdtSocket;
 
-use receiver::{Ended, Receiver};
+use memory::Memory;
+use receiver::{Ended, Kept, Receiver};
 
 /// Name of the service in topics, health and parameters.
 pub const SERVICE: &str = "netft";
 
-/// Longest pause between two attempts to reach the box's web server.
+/// Shortest and longest pause between two attempts to reach the box's web server.
+const PAUSE_MIN: Duration = Duration::from_millis(100);
 const PAUSE_MAX: Duration = Duration::from_secs(2);
+/// Looking for the box may take so long: names to resolve, and three requests.
+const FIND_MAX: Duration = Duration::from_secs(60);
 /// Patience with the box's web server.
 const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -45,52 +52,72 @@ const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
     let health = HealthReporter::start_only(&bus, SERVICE)?;
     let parameters = Parameters::new(&bus, SERVICE)?;
-    let (desk, work) = tare::tare_desk(config.conditioning.tare.duration_s);
-    let _answering = bus.answer(queries::NETFT_TARE, move |_, request| {
-        desk.respond(&request)
-    })?;
-    let mut receiver = Receiver::new(config, &bus, &parameters, health, work)?;
+    let (memory, zeros) = Memory::open(&bus, config.state.clone())?;
+    let memory = Arc::new(memory);
+    let (desk, work) = tare::tare_desk(config.conditioning.tare.duration_s, &memory);
+    let _answering = bus.answer_in(
+        queries::NETFT_TARE,
+        |_| Lane::Slow,
+        move |asked| desk.respond(&asked.request, asked.deadline).into(),
+    )?;
+    let kept = Kept {
+        zero: memory.zero(),
+        notes: zeros,
+    };
+    let mut receiver = Receiver::new(config, &bus, &parameters, health, work, kept)?;
+    // A write waits for the disk: a thread of its own.
+    let ending = Stop::new();
+    let (keeper, until) = (Arc::clone(&memory), ending.clone());
+    let system = |action| move |source| NetftError::System { action, source };
+    let keeping = std::thread::Builder::new()
+        .name("netft-memory".into())
+        .spawn(move || keeper.follow(&until))
+        .map_err(system("starting the thread that writes state"))?;
     // A thread of its own: real-time scheduling must not spread to whoever called.
-    std::thread::Builder::new()
+    let ended = std::thread::Builder::new()
         .name(SERVICE.into())
         .spawn(move || {
             receiver.setup_thread();
             serve(&mut receiver, &stop)
         })
-        .map_err(|source| NetftError::System {
-            action: "starting the receiving thread",
-            source,
-        })?
+        .map_err(system("starting the receiving thread"))?
+        .join();
+    ending.trigger();
+    keeping
         .join()
-        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    Ok(())
 }
 
 /// Find the box, receive, and again.
-fn serve(receiver: &mut Receiver, stop: &Stop) -> Result<(), NetftError> {
-    let mut pause = Duration::from_millis(100);
+fn serve(receiver: &mut Receiver, stop: &Stop) {
+    let beat = Beat::new(SERVICE);
+    let mut pause = PAUSE_MIN;
     while !stop.is_stopped() {
-        match find(receiver.config()) {
-            Ok(found) => {
-                pause = Duration::from_millis(100);
-                match receiver.receive(&found, stop)? {
-                    Ended::Stopped => break,
-                    Ended::Silent => {
-                        tracing::warn!("the box is silent; looking for it");
-                        receiver.report_silence();
-                    }
-                    Ended::Restarted => {
-                        tracing::warn!("the box counts anew; reading its units and scales again");
-                    }
-                }
+        beat.within(FIND_MAX);
+        let ended = find(receiver.config()).and_then(|found| {
+            pause = PAUSE_MIN;
+            receiver.receive(&found, stop, &beat)
+        });
+        match ended {
+            Ok(Ended::Stopped) => break,
+            Ok(Ended::Silent) => {
+                tracing::warn!("the box is silent; looking for it");
+                receiver.report_silence();
             }
+            Ok(Ended::Restarted) => {
+                tracing::warn!("the box counts anew; reading its units and scales again");
+            }
+            // Also a box whose rate does not go with the cell's filter: it may be set right on its web page.
             Err(error) => {
                 receiver.report_fault(&error);
+                beat.within(pause + TURN);
                 stop.wait(pause);
                 pause = (pause * 2).min(PAUSE_MAX);
             }
         }
     }
-    Ok(())
 }
 
 /// The box's units and scales, after setting the rate if it is another than asked for.

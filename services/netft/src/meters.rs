@@ -18,6 +18,7 @@ pub(crate) struct Meters {
     rate_hz: Gauge,
     clock_residual_us: Gauge,
     bias_age_s: Gauge,
+    implausible: Gauge,
     pub(crate) socket_buffer_records: Gauge,
 }
 
@@ -36,6 +37,7 @@ impl Meters {
             rate_hz: health.gauge("sensor_rate_hz"),
             clock_residual_us: health.gauge("clock_residual_us"),
             bias_age_s: health.gauge("bias_age_s"),
+            implausible: health.gauge("records_implausible"),
             socket_buffer_records: health.gauge("socket_buffer_records"),
         }
     }
@@ -47,6 +49,7 @@ impl Meters {
         rate_hz: f64,
         clock_residual_s: f64,
         bias_age_s: Option<f64>,
+        implausible: u64,
     ) {
         self.lost.set(counts.lost);
         self.out_of_order.set(counts.out_of_order as f64);
@@ -56,5 +59,6 @@ impl Meters {
         self.rate_hz.set(rate_hz);
         self.clock_residual_us.set(clock_residual_s * 1e6);
         self.bias_age_s.set(bias_age_s.unwrap_or(-1.0));
+        self.implausible.set(implausible as f64);
     }
 }

@@ -3,26 +3,29 @@
 use std::time::{Duration, Instant};
 
 use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
+use tangent_runtime::ticket::Order;
 use tangent_runtime::{
-    Bus, HealthReporter, Latest, Parameter, Parameters, Publisher, Ramp, RealtimeReport, Stop,
-    clock as host_clock, realtime,
+    Beat, Bus, HealthReporter, Latest, Parameter, Parameters, Publisher, Ramp, RealtimeReport,
+    Stop, clock as host_clock, realtime,
 };
 use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmState, WrenchStatus};
 use tangent_schemas::topics;
 use tangent_sensing::{
-    Reading, SensorCondition, Validity, WrenchConditioner, WrenchConditionerState,
+    Reading, RecordWatchConfig, SensorCondition, SensorRecord, SensorWatch, SensorWatchState,
+    Validity, Watched, WrenchConditioner, WrenchConditionerState, pressing_at,
 };
 
 use crate::box_config::BoxConfig;
 use crate::clock::ClockRecovery;
-use crate::codec::{self, Command, DATAGRAM_MAX, FT_RATE_HZ, Record, Status};
+use crate::codec::{self, Command, DATAGRAM_MAX, FT_RATE_HZ, Record};
 use crate::config::Config;
 use crate::connection::{Connection, Newest};
+use crate::memory::{KeptZero, ZeroNotes};
 use crate::meters::Meters;
 use crate::socket::RdtSocket;
 use crate::stream::{Kind, Stream, StreamCounts};
-use crate::tare::TareWork;
+use crate::tare::{Outcome, TareWork, Wanted};
 use crate::{NetftError, SERVICE};
 
 /// Datagrams taken at once before the newest is published: after a stall the backlog must not hide the present for long.
@@ -33,6 +36,12 @@ const GONE: Duration = Duration::from_secs(2);
 const SILENCE_PERIOD: Duration = Duration::from_millis(50);
 /// How fast a new cut-off is approached, Hz per second.
 const CUTOFF_RATE_HZ_PER_S: f64 = 100.0;
+
+/// The zero that the service before left, and where the next one is written down.
+pub(crate) struct Kept {
+    pub(crate) zero: Option<KeptZero>,
+    pub(crate) notes: ZeroNotes,
+}
 
 /// Why receiving ended.
 pub(crate) enum Ended {
@@ -49,11 +58,16 @@ pub(crate) struct Receiver {
     status: Publisher<WrenchStatus>,
     arm: Latest<ArmState>,
     pose: Option<(Pose<Base, Tool>, Instant)>,
+    watch: SensorWatch,
+    watched: SensorWatchState,
     conditioner: WrenchConditioner,
     state: WrenchConditionerState,
     cutoff: Parameter,
     cutoff_ramp: Ramp,
     tare: TareWork,
+    kept: Kept,
+    /// Of the box that the last good zero belongs to.
+    serial: String,
     epoch: Instant,
     counts: StreamCounts,
     health: HealthReporter,
@@ -67,6 +81,7 @@ impl Receiver {
         parameters: &Parameters,
         health: HealthReporter,
         tare: TareWork,
+        kept: Kept,
     ) -> Result<Self, NetftError> {
         let conditioner = WrenchConditioner::new(
             &config.conditioning,
@@ -81,6 +96,8 @@ impl Receiver {
             status: bus.publisher(&topics::WRENCH_STATUS)?,
             arm: bus.latest(&topics::ARM_STATE)?,
             pose: None,
+            watch: watch_of(&config, config.rate_hz),
+            watched: SensorWatchState::default(),
             conditioner,
             state: WrenchConditionerState::default(),
             cutoff: parameters.number(
@@ -92,6 +109,8 @@ impl Receiver {
             ),
             cutoff_ramp: Ramp::new(cutoff_hz, CUTOFF_RATE_HZ_PER_S),
             tare,
+            kept,
+            serial: String::new(),
             epoch: Instant::now(),
             counts: StreamCounts::default(),
             meters: Meters::new(&health),
@@ -127,13 +146,14 @@ impl Receiver {
     }
 
     /// Receives until stopped, or until the box is gone or another one.
-    pub(crate) fn receive(&mut self, found: &BoxConfig, stop: &Stop) -> Result<Ended, NetftError> {
+    pub(crate) fn receive(
+        &mut self,
+        found: &BoxConfig,
+        stop: &Stop,
+        beat: &Beat,
+    ) -> Result<Ended, NetftError> {
         let rate_hz = found.rate_hz.unwrap_or(self.config.rate_hz);
-        // A stream slower than the patience is not silent.
-        let patience = self
-            .config
-            .patience
-            .max(Duration::from_secs_f64(3.0 / rate_hz));
+        let patience = patience(self.config.patience, rate_hz);
         let socket = RdtSocket::connect(
             &self.config.address,
             self.config.rdt_port,
@@ -152,6 +172,7 @@ impl Receiver {
             .socket_buffer_records
             .set(socket.buffer_records() as f64);
         self.adopt_rate(rate_hz)?;
+        self.adopt_zero(&found.serial);
         let command = match self.config.buffer_records {
             None => Command::RealTime,
             Some(_) => Command::Buffered,
@@ -171,8 +192,9 @@ impl Receiver {
             restarted: false,
             rate_hz,
             told: None,
+            tare: self.config.conditioning.tare.clone(),
         };
-        let ended = self.stream(&socket, &mut connection, stop);
+        let ended = self.stream(&socket, &mut connection, stop, beat);
         self.counts = *connection.stream.counts();
         Ok(ended)
     }
@@ -189,17 +211,76 @@ impl Receiver {
             self.cutoff_ramp =
                 Ramp::new(self.conditioner.filter().cutoff_hz(), CUTOFF_RATE_HZ_PER_S);
         }
+        self.watch = watch_of(&self.config, rate_hz);
+        self.watched.restart();
         self.state.restart();
         Ok(())
     }
 
-    fn stream(&mut self, socket: &RdtSocket, connection: &mut Connection, stop: &Stop) -> Ended {
+    /// The last good zero of this sensor, as the service before left it; another sensor has none.
+    fn adopt_zero(&mut self, serial: &str) {
+        if self.serial == serial {
+            return;
+        }
+        if !self.serial.is_empty() {
+            tracing::warn!("another sensor: the zero of {} does not hold", self.serial);
+            self.state.set_tare(None);
+            self.state.forget_reference();
+            self.kept.notes.forget();
+        }
+        self.serial = serial.to_owned();
+        let now_s = self.epoch.elapsed().as_secs_f64();
+        let age_max_s = self.config.conditioning.tare.reference_age_max_s;
+        let zero = self.kept.zero.take();
+        if let Some(tare) = zero.and_then(|zero| zero.tare(serial, now_s, age_max_s)) {
+            tracing::info!(
+                "the last good zero, {:.0} s old, is in force",
+                now_s - tare.time_s
+            );
+            self.state.set_tare(Some(tare));
+        }
+    }
+
+    /// What was asked of the zero.
+    fn serve_tare(&mut self) {
+        match self.tare.order() {
+            Order::None => return,
+            Order::Forget => return self.state.cancel_tare(),
+            Order::Begin => {}
+        }
+        match self.tare.wanted() {
+            Wanted::Tare => self.conditioner.start_tare(&mut self.state),
+            Wanted::TareSaidClear => self.conditioner.start_tare_said_clear(&mut self.state),
+            Wanted::Withdraw => {
+                let had = self.state.tare().is_some();
+                self.state.withdraw_tare();
+                let now_s = self.epoch.elapsed().as_secs_f64();
+                match self.state.reference() {
+                    Some(zero) => self
+                        .kept
+                        .notes
+                        .keep(&self.serial, zero, now_s - zero.time_s),
+                    None => self.kept.notes.forget(),
+                }
+                self.tare.answer(Outcome::Withdrawn(had));
+            }
+        }
+    }
+
+    fn stream(
+        &mut self,
+        socket: &RdtSocket,
+        connection: &mut Connection,
+        stop: &Stop,
+        beat: &Beat,
+    ) -> Ended {
         // One byte more than a datagram may have, so that a longer one is not cut to size unseen.
         let mut buffer = [0; DATAGRAM_MAX + 1];
         let begun = self.epoch.elapsed();
         let mut silence_told = begun;
         let mut was_silent = None;
         loop {
+            beat.beat();
             if stop.is_stopped() {
                 socket.send(codec::Request {
                     command: Command::Stop,
@@ -293,6 +374,7 @@ impl Receiver {
                 // The first record of all is no restart.
                 connection.restarted |= connection.newest.is_some();
                 connection.clock.restart();
+                self.watched.restart();
                 self.state.restart();
                 0
             }
@@ -321,13 +403,29 @@ impl Receiver {
         if kind == Kind::Late {
             return;
         }
-        if self.tare.is_requested() {
-            self.conditioner.start_tare(&mut self.state);
-        }
+        self.serve_tare();
+        // An untared sensor may read anything in the air.
+        let felt = connection
+            .newest
+            .filter(|newest| newest.wrench.bias_age_s.is_some())
+            .map(|newest| newest.wrench.wrench.force);
+        let at = self.pose.map(|(pose, _)| pose.translation());
+        let judged = SensorRecord {
+            counts: record.counts,
+            wrench: wrench.vector().into(),
+            condition: record.status.condition(),
+            missed,
+            pressing_at: felt.and_then(|force| pressing_at(at, &force)),
+        };
+        let Watched::Take { condition, missed } = self.watch.take(&mut self.watched, &judged)
+        else {
+            return;
+        };
+        let condition = self.within_range(condition, &wrench);
         let reading = Reading {
             time_s: stamp_ns as f64 * 1e-9,
             wrench,
-            condition: self.condition(record.status, &wrench),
+            condition,
             missed,
             base_from_tool: self
                 .pose
@@ -336,7 +434,13 @@ impl Receiver {
         };
         let wrench = self.conditioner.update(&mut self.state, &reading);
         if let Some(outcome) = self.state.take_tare_outcome() {
-            self.tare.answer(outcome);
+            self.tare.answer(match outcome {
+                Ok(tare) => {
+                    self.kept.notes.keep(&self.serial, &tare, 0.0);
+                    Outcome::Tared(tare)
+                }
+                Err(refusal) => Outcome::Refused(refusal),
+            });
         }
         let turned_bad = wrench.validity != Validity::Valid
             && connection
@@ -352,14 +456,16 @@ impl Receiver {
             stamp_ns: offset_ns + stamp_ns,
             wrench,
             arrival,
+            implausible: self.watched.implausible(),
+            stuck_axes: self.watched.stuck_axes(),
         });
     }
 
-    /// What the box says, and what it does not say: a load beyond the sensor's range.
-    fn condition(&self, status: Status, wrench: &Wrench<Sensor>) -> SensorCondition {
+    /// What the box does not say: a load beyond the sensor's range. A record that leaps there and back was left out before.
+    fn within_range(&self, condition: SensorCondition, wrench: &Wrench<Sensor>) -> SensorCondition {
         let load = wrench.vector();
         let beyond = (0..6).any(|i| load[i].abs() > self.config.range[i]);
-        match status.condition() {
+        match condition {
             SensorCondition::Good if beyond => SensorCondition::Saturated,
             condition => condition,
         }
@@ -420,6 +526,7 @@ impl Receiver {
             connection.rate_measured_hz(),
             connection.clock.residual_s(),
             newest.wrench.bias_age_s,
+            newest.implausible,
         );
     }
 
@@ -451,6 +558,17 @@ impl Receiver {
     }
 }
 
+/// What judges the records of a box that sends `rate_hz`.
+fn watch_of(config: &Config, rate_hz: f64) -> SensorWatch {
+    SensorWatch::new(&RecordWatchConfig::default(), rate_hz, config.range)
+}
+
 fn nanoseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX)
+}
+
+/// Silence of a stream at `rate_hz` that is reported: `asked`, or three records, so that a slow one is not silent.
+fn patience(asked: Duration, rate_hz: f64) -> Duration {
+    let three = Duration::try_from_secs_f64(3.0 / rate_hz);
+    asked.max(three.unwrap_or(asked))
 }

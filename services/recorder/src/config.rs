@@ -23,11 +23,16 @@ pub struct RecorderConfig {
     pub rotate_bytes: u64,
     /// A new file after this long.
     pub rotate_after: Duration,
-    /// A crash loses at most what came in this time.
+    /// What came is on the disk after this time, synced: the end of the process or a power cut loses at most that.
     pub flush_every: Duration,
+    /// All recordings of the folder together, torn copies counted: when there are more bytes, the oldest files are
+    /// deleted; `None`: never.
+    pub keep_bytes: Option<u64>,
+    /// Recordings that were last written longer ago are deleted; `None`: never.
+    pub keep_for: Option<Duration>,
     /// Stop writing while the disk has less than this left, bytes: the file's index still needs room.
     pub free_min_bytes: u64,
-    /// Chunks are compressed with LZ4.
+    /// Chunks are compressed with zstd.
     pub compress: bool,
     /// Files stored inside each recording: name and text.
     pub attachments: Vec<(String, String)>,
@@ -47,7 +52,9 @@ impl Default for RecorderConfig {
             cells: Vec::new(),
             rotate_bytes: 1 << 30,
             rotate_after: Duration::from_secs(3600),
-            flush_every: Duration::from_secs(1),
+            flush_every: Duration::from_millis(400),
+            keep_bytes: None,
+            keep_for: None,
             free_min_bytes: 64 << 20,
             compress: true,
             attachments: Vec::new(),
@@ -76,6 +83,10 @@ impl RecorderConfig {
             cells: section.cells.clone(),
             rotate_bytes: (section.rotate_mb * 1e6) as u64,
             rotate_after: Duration::from_secs_f64(section.rotate_s),
+            keep_bytes: Some(section.keep_bytes).filter(|&bytes| bytes > 0),
+            keep_for: Some(section.keep_days)
+                .filter(|&days| days > 0.0)
+                .map(|days| Duration::from_secs_f64(days * 86_400.0)),
             compress: section.compress,
             facts,
             queue: section.queue_messages,
@@ -129,6 +140,7 @@ mod tests {
         assert_eq!(config.rotate_bytes, 1_024_000_000);
         assert_eq!(config.rotate_after, Duration::from_secs(3600));
         assert_eq!(config.queue, 65_536);
+        assert_eq!((config.keep_bytes, config.keep_for), (None, None));
         assert_eq!(config.include, ["**"]);
         assert_eq!(config.facts["seed"], "7");
         assert_eq!(config.facts["version"], env!("CARGO_PKG_VERSION"));

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::config::RecorderConfig;
 use crate::error::RecorderError;
-use crate::repair;
+use crate::files::{Files, SystemFiles, free_bytes};
 use crate::writer::{Record, RecordingWriter};
 
 /// The file being written, or why there is none.
@@ -27,14 +28,19 @@ enum State {
 /// Writes records to rotating files. Never gives up: after a refusal it tries again.
 pub struct Disk {
     config: RecorderConfig,
+    system: Arc<dyn Files>,
     state: State,
     /// Counts files of this run.
     files: u32,
     finished: Vec<PathBuf>,
     dropped: u64,
     written: u64,
-    /// Taken by the present file but not flushed: gone if the disk refuses now.
-    unflushed: u64,
+    /// Taken by the present file but not synced: gone if the disk refuses now.
+    unsynced: u64,
+    /// When the newest sync began: a new file is synced as soon as the one before it would have been.
+    flushed: Option<Instant>,
+    /// How long the newest sync took.
+    sync_took: Duration,
     /// Tables that every file of this run gets at its start.
     tables: BTreeMap<String, BTreeMap<String, String>>,
     /// Tables that every file gets at its end.
@@ -50,16 +56,26 @@ impl Disk {
     /// # Errors
     /// When the folder can neither be found nor made.
     pub fn open(config: RecorderConfig) -> Result<Self, RecorderError> {
+        Self::open_on(config, Arc::new(SystemFiles))
+    }
+
+    pub(crate) fn open_on(
+        config: RecorderConfig,
+        system: Arc<dyn Files>,
+    ) -> Result<Self, RecorderError> {
         fs::create_dir_all(&config.folder)
             .map_err(|source| RecorderError::io(&config.folder, source))?;
         Ok(Self {
             config,
+            system,
             state: State::Closed,
             files: 0,
             finished: Vec::new(),
             dropped: 0,
             written: 0,
-            unflushed: 0,
+            unsynced: 0,
+            flushed: None,
+            sync_took: Duration::ZERO,
             tables: BTreeMap::new(),
             last_words: BTreeMap::new(),
         })
@@ -75,7 +91,7 @@ impl Disk {
         match writer.write(record) {
             Ok(()) => {
                 self.written += 1;
-                self.unflushed += 1;
+                self.unsynced += 1;
             }
             Err(error) => {
                 self.dropped += 1;
@@ -85,7 +101,7 @@ impl Disk {
         }
     }
 
-    /// Flushes and rotates when it is time; call it now and then, also without records.
+    /// Syncs and rotates when it is time; call it now and then, also without records.
     pub fn tend(&mut self, now: Instant) {
         let State::Open {
             writer,
@@ -99,15 +115,18 @@ impl Disk {
             return;
         }
         *flushed = now;
-        let path = writer.path().to_owned();
-        if let Err(error) = writer.flush() {
-            return self.refuse(RecorderError::mcap(&path, error), now);
-        }
-        self.unflushed = 0;
+        self.flushed = Some(now);
         let old = now.duration_since(*opened) >= self.config.rotate_after;
         if old || writer.bytes() >= self.config.rotate_bytes {
             return self.close(now);
         }
+        let path = writer.path().to_owned();
+        let begun = Instant::now();
+        if let Err(error) = writer.sync() {
+            return self.refuse(RecorderError::mcap(&path, error), now);
+        }
+        self.sync_took = begun.elapsed();
+        self.unsynced = 0;
         if let Some(free) = free_bytes(&self.config.folder)
             && free < self.config.free_min_bytes
         {
@@ -155,15 +174,8 @@ impl Disk {
 
     /// Ends the present file; all files of this run.
     pub fn finish(mut self, now: Instant) -> (Vec<PathBuf>, u64, u64) {
+        // Files that the disk refused to go on with stay torn: they can be read, and the next start mends them.
         self.close(now);
-        for path in &self.finished {
-            // Files that the disk refused to go on with; where there is still no room, the next start does it.
-            if matches!(repair::is_finished(path), Ok(false))
-                && let Err(error) = repair::repair(path)
-            {
-                tracing::warn!("{error}");
-            }
-        }
         (self.finished, self.written, self.dropped)
     }
 
@@ -173,6 +185,16 @@ impl Disk {
             State::Refused { reason, .. } => Some(reason),
             _ => None,
         }
+    }
+
+    /// Files that were ended or given up so far.
+    pub fn ended(&self) -> usize {
+        self.finished.len()
+    }
+
+    /// How long the newest sync took: what came meanwhile waited.
+    pub fn sync_took(&self) -> Duration {
+        self.sync_took
     }
 
     /// The file being written.
@@ -206,7 +228,7 @@ impl Disk {
                 self.state = State::Open {
                     writer: Box::new(writer),
                     opened: now,
-                    flushed: now,
+                    flushed: self.flushed.unwrap_or(now),
                 }
             }
             Err(error) => self.refuse(error, now),
@@ -228,7 +250,8 @@ impl Disk {
             }
         };
         let fail = |source| RecorderError::mcap(&path, source);
-        let mut writer = RecordingWriter::create_with(&path, self.config.compress).map_err(fail)?;
+        let mut writer =
+            RecordingWriter::create_in(&*self.system, &path, self.config.compress).map_err(fail)?;
         writer
             .metadata("tangent", self.config.facts.clone())
             .map_err(fail)?;
@@ -238,7 +261,7 @@ impl Disk {
         for (name, entries) in &self.tables {
             writer.metadata(name, entries.clone()).map_err(fail)?;
         }
-        writer.flush().map_err(fail)?;
+        writer.sync().map_err(fail)?;
         Ok(writer)
     }
 
@@ -251,7 +274,7 @@ impl Disk {
                 .iter()
                 .try_for_each(|(name, entries)| writer.metadata(name, entries.clone()));
             match told.and_then(|()| writer.finish()) {
-                Ok(_) => self.unflushed = 0,
+                Ok(_) => self.unsynced = 0,
                 Err(error) => self.refuse(RecorderError::mcap(&path, error), now),
             }
         }
@@ -259,9 +282,9 @@ impl Disk {
 
     fn refuse(&mut self, error: RecorderError, now: Instant) {
         // What was in memory only is gone with the file.
-        self.written -= self.unflushed;
-        self.dropped += self.unflushed;
-        self.unflushed = 0;
+        self.written -= self.unsynced;
+        self.dropped += self.unsynced;
+        self.unsynced = 0;
         let reason = error.to_string();
         if self.refusal() != Some(&reason) {
             tracing::error!("{reason}");
@@ -272,11 +295,6 @@ impl Disk {
             self.finished.push(writer.path().to_owned());
         }
     }
-}
-
-fn free_bytes(folder: &Path) -> Option<u64> {
-    let stat = nix::sys::statvfs::statvfs(folder).ok()?;
-    Some(stat.blocks_available() * stat.fragment_size())
 }
 
 /// `20261121T110405Z` of a time in ns since the Unix epoch.

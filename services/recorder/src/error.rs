@@ -36,6 +36,28 @@ pub enum RecorderError {
         /// What the decoder said.
         reason: String,
     },
+    /// Mending would leave less free than is kept free.
+    #[error(
+        "recording {path}: not mended: {free_mb} MB are free, mending takes up to {needed_mb} MB, and {kept_mb} MB are kept \
+         free; free some space, set [recorder] keep_bytes or keep_days, or set [recorder] folder to another disk. It is \
+         mended as soon as there is room; what is whole in it can be read as it is"
+    )]
+    NoRoom {
+        /// File.
+        path: PathBuf,
+        /// Free now.
+        free_mb: u64,
+        /// Needed for the mended copy.
+        needed_mb: u64,
+        /// Kept free.
+        kept_mb: u64,
+    },
+    /// Mending was given up because the recorder ends.
+    #[error("recording {path}: mending was stopped; the next start goes on with it")]
+    Stopped {
+        /// File.
+        path: PathBuf,
+    },
     /// The system gave no thread.
     #[error("recorder: no thread could be started: {source}")]
     Thread {

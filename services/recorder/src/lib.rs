@@ -7,10 +7,15 @@ mod cells;
 mod config;
 mod disk;
 mod error;
+mod files;
 mod inquiry;
+mod keeper;
 mod pattern;
+#[cfg(test)]
+mod power_cut;
 mod recording;
 pub mod repair;
+mod retention;
 mod service;
 mod stream;
 mod writer;

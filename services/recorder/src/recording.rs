@@ -45,12 +45,16 @@ impl WholeFile {
 /// A longer record is damage: without a limit a single flipped bit can ask for all memory there is.
 const RECORD_BYTES_MAX: usize = 256 << 20;
 
-pub(crate) fn message_reader() -> MessageReader {
-    let options = LinearReaderOptions::default()
+/// For a file that may lack its end.
+pub(crate) fn reader_options() -> LinearReaderOptions {
+    LinearReaderOptions::default()
         .with_skip_end_magic(true)
         .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(RECORD_BYTES_MAX);
-    MessageReader::new_with_options(options)
+        .with_record_length_limit(RECORD_BYTES_MAX)
+}
+
+pub(crate) fn message_reader() -> MessageReader {
+    MessageReader::new_with_options(reader_options())
 }
 
 /// The messages of a file's bytes.

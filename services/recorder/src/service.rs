@@ -1,11 +1,12 @@
 //! The service: takes every message from the bus and gives it to the disk, with what belongs beside the messages.
 
 use std::collections::{BTreeMap, HashMap};
+use std::fs;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use tangent_runtime::{
-    Bus, Counter, Gauge, HealthReporter, Rate, RawMessage, RawSubscription, State, Stop,
+    Beat, Bus, Counter, Gauge, HealthReporter, Rate, RawMessage, RawSubscription, State, Stop,
 };
 use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::ControlState;
@@ -16,14 +17,17 @@ use crate::config::RecorderConfig;
 use crate::disk::Disk;
 use crate::error::RecorderError;
 use crate::inquiry::{Finding, Inquirer};
+use crate::keeper::Keeper;
 use crate::pattern::matches_any;
-use crate::repair::{self, Repair};
+use crate::repair::Repair;
 use crate::writer::Record;
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "recorder";
 /// How often the thread looks at the clock while nothing comes.
 const LOOK: Duration = Duration::from_millis(50);
+/// A turn may take so long: new definitions are written, files are looked for, and a disk may be slow.
+const TURN_MAX: Duration = Duration::from_secs(30);
 /// Services have this long to come up before they are asked for their parameters.
 const ASK_AFTER: Duration = Duration::from_secs(1);
 /// After a stop, messages that were under way still arrive for this long.
@@ -42,7 +46,7 @@ pub struct Summary {
     pub disk_refused: u64,
     /// Messages that never came, by their publishers' sequence numbers.
     pub missing: u64,
-    /// Files of earlier runs that were mended at the start.
+    /// Torn files of the folder that were mended meanwhile.
     pub mended: Vec<Repair>,
 }
 
@@ -74,12 +78,15 @@ pub fn run_for(
     stop: Stop,
 ) -> Result<Summary, RecorderError> {
     let mut service = Service::new(config, &bus, &network)?;
+    let beat = Beat::new(SERVICE);
     while !stop.is_stopped() {
+        beat.within(TURN_MAX);
         if let Some(message) = service.messages.recv_timeout(LOOK) {
             service.take(&message);
         }
         service.tend();
     }
+    drop(beat);
     Ok(service.finish())
 }
 
@@ -90,6 +97,9 @@ struct Service {
     exclude: Vec<String>,
     cells: Cells,
     disk: Disk,
+    keeper: Keeper,
+    /// Files ended when the keeper was last told.
+    ended: usize,
     definitions: Definitions,
     inquirer: Inquirer,
     /// When to ask for parameters; none once asked.
@@ -107,6 +117,7 @@ struct Meters {
     lost: Counter,
     waiting: Gauge,
     recorded: Gauge,
+    sync: Gauge,
     said: Option<String>,
 }
 
@@ -143,25 +154,12 @@ impl Service {
             .iter()
             .map(|prefix| format!("{prefix}{pattern}"))
             .collect();
-        // First of all: messages wait in the queue while old files are mended.
         let messages = network.subscribe_raw_all(&patterns, config.queue)?;
         let health = HealthReporter::start(bus, SERVICE)?;
         let folder = config.folder.clone();
+        fs::create_dir_all(&folder).map_err(|source| RecorderError::io(&folder, source))?;
+        let keeper = Keeper::start(&config)?;
         let disk = Disk::open(config)?;
-        let mended = repair::repair_folder(&folder).unwrap_or_else(|error| {
-            // An old file that cannot be mended must not keep a new one from being written.
-            tracing::error!("{error}");
-            Vec::new()
-        });
-        for one in &mended {
-            tracing::warn!(
-                "{} had no end (its recorder was killed): mended, {} messages saved, {} bytes cut off; the original \
-                 is beside it with the ending .torn",
-                one.path.display(),
-                one.messages,
-                one.bytes_cut
-            );
-        }
         let now = Instant::now();
         Ok(Self {
             messages,
@@ -170,15 +168,18 @@ impl Service {
             inquirer: Inquirer::start(network.clone(), cells.prefixes())?,
             cells,
             disk,
+            keeper,
+            ended: 0,
             definitions: Definitions::default(),
             ask_at: Some(now + ASK_AFTER),
             activations: HashMap::new(),
-            mended,
+            mended: Vec::new(),
             meters: Meters {
                 messages: health.rate("messages"),
                 lost: health.lost(),
                 waiting: health.gauge("messages_waiting"),
                 recorded: health.gauge("messages_recorded"),
+                sync: health.gauge("sync_ms"),
                 said: Some(String::new()),
             },
             health,
@@ -248,6 +249,12 @@ impl Service {
         for finding in findings {
             self.store(finding, now);
         }
+        let ended = self.disk.ended();
+        if ended != self.ended {
+            self.ended = ended;
+            self.keeper.look();
+        }
+        self.mended.extend(self.keeper.mended());
         self.say();
     }
 
@@ -273,6 +280,9 @@ impl Service {
         let (recorded, refused) = self.disk.counts();
         let counts = self.messages.counts();
         self.meters.recorded.set(recorded as f64);
+        self.meters
+            .sync
+            .set(self.disk.sync_took().as_secs_f64() * 1e3);
         self.meters.waiting.set(self.messages.waiting() as f64);
         self.meters
             .lost
@@ -304,6 +314,8 @@ impl Service {
 
     fn finish(mut self) -> Summary {
         let stopped = Instant::now();
+        self.keeper.finish();
+        self.mended.extend(self.keeper.mended());
         self.inquirer.ask_parameters();
         // What was published before the stop may still be on its way here; what comes after it may go on for ever.
         while let Some(message) = self

@@ -1,7 +1,6 @@
 //! One MCAP file being written: channels appear with their first message, chunks reach the disk whole.
 
 use std::collections::{BTreeMap, HashMap};
-use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,6 +9,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, McapError, WriteOptions};
+
+use crate::files::{Files, OpenFile, SystemFiles};
+
+/// Level of zstd: higher ones cost several times the processor's time for a hundredth of the size.
+const ZSTD_LEVEL: u32 = 3;
 
 /// One message as the recorder takes it from the bus.
 #[derive(Clone, Copy, Debug)]
@@ -32,19 +36,19 @@ pub struct Record<'a> {
 
 /// Counts what went to the disk, so that rotation by size needs no system call.
 struct CountingFile {
-    file: File,
+    file: Arc<dyn OpenFile>,
     written: Arc<AtomicU64>,
 }
 
 impl Write for CountingFile {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
-        let n = self.file.write(buffer)?;
+        let n = self.file.append(buffer)?;
         self.written.fetch_add(n as u64, Ordering::Relaxed);
         Ok(n)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
+        Ok(())
     }
 }
 
@@ -54,6 +58,7 @@ impl Write for CountingFile {
 /// torn record at the end, which [`crate::repair`] cuts off.
 pub struct RecordingWriter {
     writer: mcap::Writer<NoSeek<CountingFile>>,
+    file: Arc<dyn OpenFile>,
     /// By topic, then type: a topic whose type changes gets a second channel.
     channels: HashMap<String, HashMap<String, u16>>,
     path: PathBuf,
@@ -70,29 +75,37 @@ impl RecordingWriter {
         Self::create_with(path, true)
     }
 
-    /// The same, with or without LZ4.
+    /// Creates `path` with compressed chunks (zstd) or plain ones.
     ///
     /// # Errors
     /// When the file cannot be created or its header not be written.
     pub fn create_with(path: &Path, compress: bool) -> Result<Self, McapError> {
-        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
-        // Held while the file is written, so that nobody takes it for torn and mends it. Where a file system knows no
-        // locks, recordings are made all the same.
-        let _ = file.try_lock();
+        Self::create_in(&SystemFiles, path, compress)
+    }
+
+    pub(crate) fn create_in(
+        files: &dyn Files,
+        path: &Path,
+        compress: bool,
+    ) -> Result<Self, McapError> {
+        let file = files.create(path)?;
         let written = Arc::new(AtomicU64::new(0));
         let counting = CountingFile {
-            file,
+            file: Arc::clone(&file),
             written: Arc::clone(&written),
         };
         let writer = WriteOptions::new()
             .profile("ros2")
             .library(concat!("tangent ", env!("CARGO_PKG_VERSION")))
-            .compression(compress.then_some(Compression::Lz4))
+            .compression(compress.then_some(Compression::Zstd))
+            .compression_level(ZSTD_LEVEL)
+            .compression_threads(0)
             .chunk_size(Some(1 << 20))
             .disable_seeking(true)
             .create(NoSeek::new(counting))?;
         Ok(Self {
             writer,
+            file,
             channels: HashMap::new(),
             path: path.to_owned(),
             written,
@@ -146,13 +159,17 @@ impl RecordingWriter {
     /// # Errors
     /// When the disk refuses.
     pub fn attach(&mut self, name: &str, text: &str, time_ns: u64) -> Result<(), McapError> {
-        self.writer.attach(&Attachment {
+        self.attach_whole(&Attachment {
             log_time: time_ns,
             create_time: time_ns,
             name: name.to_owned(),
             media_type: "application/toml".to_owned(),
             data: text.as_bytes().into(),
         })
+    }
+
+    pub(crate) fn attach_whole(&mut self, attachment: &Attachment<'_>) -> Result<(), McapError> {
+        self.writer.attach(attachment)
     }
 
     /// Stores a table of names and values inside the recording.
@@ -170,7 +187,7 @@ impl RecordingWriter {
         })
     }
 
-    /// Ends the present chunk and hands it to the operating system: a crash loses at most what came since.
+    /// Ends the present chunk and hands it to the operating system: the end of the process loses at most what came since.
     ///
     /// # Errors
     /// When the disk refuses.
@@ -178,13 +195,22 @@ impl RecordingWriter {
         self.writer.flush()
     }
 
-    /// Writes index and footer.
+    /// Ends the present chunk and waits until the disk has it: a power cut loses at most what came since.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn sync(&mut self) -> Result<(), McapError> {
+        self.writer.flush()?;
+        Ok(self.file.sync()?)
+    }
+
+    /// Writes index and footer, and waits until the disk has them.
     ///
     /// # Errors
     /// When the disk refuses.
     pub fn finish(mut self) -> Result<PathBuf, McapError> {
         self.writer.finish()?;
-        self.writer.into_inner().into_inner().file.sync_all()?;
+        self.file.sync()?;
         Ok(self.path)
     }
 

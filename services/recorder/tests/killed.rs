@@ -102,9 +102,18 @@ fn a_killed_recorder_leaves_a_file_that_opens() {
     assert!(sequences.windows(2).all(|w| w[1] == w[0] + 1));
 
     let stop = Stop::new();
+    let recorder = {
+        let (stop, config) = (stop.clone(), config(folder.path()));
+        std::thread::spawn(move || {
+            tangent_recorder::run(config, Bus::in_process("cell1"), stop).unwrap()
+        })
+    };
+    while !repair::is_finished(&files[0]).unwrap() {
+        assert!(!recorder.is_finished());
+        std::thread::yield_now();
+    }
     stop.trigger();
-    let summary =
-        tangent_recorder::run(config(folder.path()), Bus::in_process("cell1"), stop).unwrap();
+    let summary = recorder.join().unwrap();
     assert_eq!(summary.mended.len(), 1);
     let mended = Recording::open(&files[0]).unwrap();
     assert!(!mended.is_truncated());

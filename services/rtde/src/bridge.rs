@@ -363,7 +363,7 @@ impl Bridge {
                 });
             }
             lost = ((step_s / self.period_s).round() as u64).saturating_sub(1);
-            self.packets_lost += lost;
+            self.packets_lost = self.packets_lost.saturating_add(lost);
         }
         self.measure_latency(&sample, now_s);
         self.cycle += 1;

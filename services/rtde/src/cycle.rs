@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use tangent_mechanics::{Aligned, Base, Tool, Twist};
 use tangent_runtime::{
-    Age, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, State, Stop, Subscription,
-    clock,
+    Age, Beat, Counter, Gauge, HealthReporter, Histogram, Publisher, Rate, State, Stop,
+    Subscription, clock,
 };
 use tangent_schemas::convert::{cut_format, joint_array};
 use tangent_schemas::standard::Header;
@@ -26,12 +26,15 @@ use crate::guard::{Posture, Wanted};
 use crate::link::LinkError;
 use crate::robot_setup::resolve;
 use crate::settings::Config;
-use crate::shared::{LoopRequest, Note, Shared, Upload};
+use crate::shared::{Note, Shared, Upload};
 use crate::supervisor::Reason;
-use tangent_runtime::lease::Source;
+use tangent_runtime::lease::{self, Source};
+use tangent_runtime::watchdog::TURN;
 
 /// First and longest pause between attempts to connect.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
+/// The system's resolver may take so long for a name.
+const RESOLVE: Duration = Duration::from_secs(60);
 /// A state that is late by this many periods is not waited for: the heartbeat goes out.
 const LATE_PERIODS: f64 = 1.5;
 /// Commands that may wait for a cycle, from all sources together.
@@ -141,15 +144,17 @@ impl Cycle {
 
     /// Connects, serves, and connects again, until stopped.
     pub fn run(mut self) {
+        let beat = Beat::new("rtde");
         let mut pause = BACKOFF.0;
         let mut connections = 0u32;
         let mut last = String::new();
         while !self.stop.is_stopped() {
             let cycles = self.bridge.cycle();
+            beat.within(self.config.connect_timeout + RESOLVE);
             let ended = self.connect().and_then(|stream| {
                 connections += 1;
                 self.meters.reconnects.set(f64::from(connections - 1));
-                self.serve(stream)
+                self.serve(stream, &beat)
             });
             self.bridge.close();
             self.told = None;
@@ -168,6 +173,7 @@ impl Cycle {
                 pause = BACKOFF.0;
                 last.clear();
             }
+            beat.within(pause + TURN);
             if self.stop.wait(pause) {
                 break;
             }
@@ -185,12 +191,17 @@ impl Cycle {
         Ok(stream)
     }
 
+    /// Something to tell; another thread writes it. No lock, no memory, no waiting.
+    fn note(&self, note: Note) {
+        self.shared.notes.force_push(note);
+    }
+
     fn now_s(&self, instant: Instant) -> f64 {
         instant.saturating_duration_since(self.start).as_secs_f64()
     }
 
     /// One connection, until it breaks (an error) or the orderly end is done.
-    fn serve(&mut self, mut stream: TcpStream) -> Result<(), Lost> {
+    fn serve(&mut self, mut stream: TcpStream, beat: &Beat) -> Result<(), Lost> {
         let mut framer = Framer::new(PACKAGE_BYTES_MAX);
         let mut period_s = self.bridge.period_s();
         let late = |period_s: f64| Duration::from_secs_f64(LATE_PERIODS * period_s);
@@ -200,6 +211,8 @@ impl Cycle {
             .open(self.now_s(Instant::now()), &mut self.out)?;
         stream.write_all(&self.out)?;
         loop {
+            // A turn waits for the robot's packet no longer than a period and a half: advancing, or waiting for the robot.
+            beat.beat();
             self.out.clear();
             let read = stream.read(framer.space());
             let arrival = Instant::now();
@@ -249,16 +262,16 @@ impl Cycle {
                 BridgeEvent::None | BridgeEvent::Finished => {}
                 BridgeEvent::Cycle => due = true,
                 BridgeEvent::Version(version) => {
-                    tracing::info!(
-                        "connected to {}: software {version}, RTDE protocol {}",
-                        self.config.host,
-                        self.bridge.link().protocol().number()
-                    );
+                    let protocol = self.bridge.link().protocol().number();
+                    self.note(Note::Info(cut_format(format_args!(
+                        "connected to {}: software {version}, RTDE protocol {protocol}",
+                        self.config.host
+                    ))));
                     self.shared.links.fetch_add(1, Ordering::AcqRel);
                     self.shared.wake_setup();
                 }
                 BridgeEvent::Text(text) => {
-                    tracing::info!("robot ({}): {}", text.source, text.message);
+                    self.note(Note::Robot(text));
                 }
             }
         }
@@ -267,11 +280,12 @@ impl Cycle {
 
     /// State out, command in, guarded, into `out`.
     fn cycle(&mut self, arrival: Instant) -> Result<(), Lost> {
-        while let Some(request) = self.shared.requests.pop() {
-            match request {
-                LoopRequest::Reset => self.bridge.reset(),
-                LoopRequest::Stop => self.bridge.stop(),
-            }
+        if self.shared.reset_asked.swap(false, Ordering::AcqRel) {
+            self.bridge.reset();
+        }
+        // Of both in one cycle, the stop has the last word.
+        if self.shared.stop_asked.swap(false, Ordering::AcqRel) {
+            self.bridge.stop();
         }
         self.bridge
             .set_wrong_model(self.shared.wrong_model.load(Ordering::Acquire));
@@ -372,7 +386,7 @@ impl Cycle {
         let lease = self.bridge.lease();
         let holder = lease.holder().copied().unwrap_or_default();
         state.commanded_by = holder.name;
-        state.commander_id = holder.publisher;
+        state.commander_id = lease::mark(&holder.publisher);
         if self.refused != (guard.refused(), lease.refused()) {
             if self.refused.0 != guard.refused()
                 && let Some(refusal) = guard.refusal()
@@ -415,9 +429,7 @@ impl Cycle {
             .set(f64::from(self.bridge.sample().stale_max));
         meters.heartbeats_shown.set(meters.heartbeats.get() as f64);
         if self.bridge.latency_is_new() {
-            meters
-                .command_latency
-                .record(Duration::from_secs_f64(self.bridge.latency_s().max(0.0)));
+            meters.command_latency.record_s(self.bridge.latency_s());
         }
         let sample = self.bridge.sample();
         self.shared
@@ -438,7 +450,7 @@ impl Cycle {
                     self.health.running();
                     if !ready_before {
                         let text = cut_format(format_args!("ready"));
-                        self.shared.notes.force_push(Note::Info(text));
+                        self.note(Note::Info(text));
                     }
                 }
                 (None, Some(rival)) => {
@@ -446,7 +458,7 @@ impl Cycle {
                     let text =
                         cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
                     self.health.set(State::Degraded, text);
-                    self.shared.notes.force_push(Note::Refused(text));
+                    self.note(Note::Refused(text));
                 }
                 (Some(reason), _) => {
                     let state = match reason {
@@ -456,7 +468,7 @@ impl Cycle {
                     };
                     let text = cut_format(format_args!("{reason}"));
                     self.health.set(state, text);
-                    self.shared.notes.force_push(Note::Warning(text));
+                    self.note(Note::Warning(text));
                 }
             }
         }

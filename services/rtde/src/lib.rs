@@ -16,6 +16,7 @@ pub mod guard;
 mod guard_tests;
 pub mod inquiry;
 pub mod link;
+mod modes;
 pub mod primary;
 pub mod program;
 mod refusal;
@@ -35,17 +36,14 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use tangent_runtime::bus::answer::{done, refused};
 use tangent_runtime::realtime::{RealtimeReport, setup_thread_on};
-use tangent_runtime::{Bus, BusError, Handle, HealthReporter, Stop};
-use tangent_schemas::tangent::Answer;
+use tangent_runtime::{Bus, BusError, HealthReporter, Stop};
 use tangent_schemas::topics;
 
 use bridge::Bridge;
 use cycle::{COMMANDS_MAX, Cycle};
-use dashboard::DashboardError;
 use robot_setup::RobotSetup;
-use shared::{LoopRequest, Note, Shared};
+use shared::{Note, Shared};
 
 pub use settings::{Config, SettingsError};
 
@@ -61,6 +59,8 @@ pub mod queries {
     pub const POWER_ON: &str = "rtde/power_on";
     /// Power off; the brakes close.
     pub const POWER_OFF: &str = "rtde/power_off";
+    /// What the robot says of itself.
+    pub const STATUS: &str = "rtde/status";
 }
 
 /// Why the service cannot run at all. A robot that cannot be reached is no reason: it is tried for ever.
@@ -89,7 +89,7 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     let health = Arc::new(HealthReporter::start_only(&bus, "rtde")?);
     let publisher = bus.publisher(&topics::ARM_STATE)?;
     let commands = bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?;
-    let _answers = answers(&config, &bus, &shared)?;
+    let _answers = modes::answers(&config, &bus, &shared)?;
     let cycle = Cycle::new(
         Arc::clone(&config),
         Bridge::new(config.bridge.clone()),
@@ -142,54 +142,10 @@ fn realtime(config: &Config) -> RealtimeReport {
 fn write_notes(shared: &Shared) {
     while let Some(note) = shared.notes.pop() {
         match note {
+            Note::Robot(text) => tracing::info!("robot ({}): {}", text.source, text.message),
             Note::Info(text) => tracing::info!("{text}"),
             Note::Warning(text) => tracing::warn!("not ready: {text}"),
             Note::Refused(text) => tracing::warn!("{text}"),
         }
-    }
-}
-
-fn answers(config: &Arc<Config>, bus: &Bus, shared: &Arc<Shared>) -> Result<Vec<Handle>, BusError> {
-    let ask_loop = |request: LoopRequest, words: &'static str| {
-        let shared = Arc::clone(shared);
-        move || {
-            shared.requests.force_push(request);
-            done(words)
-        }
-    };
-    let reset = ask_loop(
-        LoopRequest::Reset,
-        "the robot program is sent again where needed; start a task to move",
-    );
-    let stop = ask_loop(LoopRequest::Stop, "stopping; start a task to move again");
-    let power_on = {
-        let shared = Arc::clone(shared);
-        move || {
-            shared.power_on_asked.store(true, Ordering::Release);
-            shared.wake_setup();
-            done("powering on and releasing the brakes; arm/state says when the arm is ready")
-        }
-    };
-    let unlock = {
-        let config = Arc::clone(config);
-        move || answer(robot_setup::dashboard(&config).and_then(|mut d| d.unlock_protective_stop()))
-    };
-    let power_off = {
-        let config = Arc::clone(config);
-        move || answer(robot_setup::dashboard(&config).and_then(|mut d| d.power_off()))
-    };
-    Ok(vec![
-        bus.answer(queries::RESET, move |_, _| reset())?,
-        bus.answer(queries::STOP, move |_, _| stop())?,
-        bus.answer(queries::POWER_ON, move |_, _| power_on())?,
-        bus.answer(queries::UNLOCK, move |_, _| unlock())?,
-        bus.answer(queries::POWER_OFF, move |_, _| power_off())?,
-    ])
-}
-
-fn answer(result: Result<String, DashboardError>) -> Answer {
-    match result {
-        Ok(reply) => done(reply),
-        Err(error) => refused(error.to_string()),
     }
 }

@@ -101,7 +101,7 @@ pub enum LinkError {
         now_s: f64,
     },
     /// A package with numbers that are none.
-    #[error("the controller sent a state with a number that is not finite")]
+    #[error("the controller sent a state with a number that is not finite, or that no arm has")]
     NotFinite,
     /// Bytes that are no packages.
     #[error(transparent)]
@@ -435,7 +435,7 @@ impl Link {
         let Some(sample) = Sample::from_values(&self.values) else {
             return Ok(LinkEvent::None);
         };
-        if !sample.is_finite() {
+        if !sample.is_usable() {
             return Err(LinkError::NotFinite);
         }
         self.deadline_s = now_s + SILENCE_S;

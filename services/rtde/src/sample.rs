@@ -122,18 +122,15 @@ impl Sample {
         rest.next().is_none().then_some(sample)
     }
 
-    /// Every number is finite; a controller never sends others.
-    pub fn is_finite(&self) -> bool {
-        let scalars = [
-            self.timestamp_s,
-            self.speed_scaling,
-            self.target_speed_fraction,
-        ];
-        [&self.q, &self.qd, &self.qd_target]
-            .into_iter()
-            .flatten()
-            .chain(&scalars)
-            .all(|x| x.is_finite())
+    /// Every number is finite, and one that an arm can have; a controller never sends others. What is finite but beyond all arms would
+    /// overflow in what follows from it.
+    pub fn is_usable(&self) -> bool {
+        let within = |values: &[f64], most: f64| values.iter().all(|x| x.abs() <= most);
+        within(&self.q, JOINT_MAX)
+            && within(&self.qd, JOINT_MAX)
+            && within(&self.qd_target, JOINT_MAX)
+            && (0.0..=TIMESTAMP_MAX_S).contains(&self.timestamp_s)
+            && within(&[self.speed_scaling, self.target_speed_fraction], JOINT_MAX)
     }
 
     /// Limiter times slider, 0 to 1.
@@ -142,9 +139,67 @@ impl Sample {
     }
 }
 
+/// No joint of a UR turns further, rad, or faster, rad/s; no slider stands higher.
+const JOINT_MAX: f64 = 100.0;
+/// No controller runs longer, s: thirty years.
+const TIMESTAMP_MAX_S: f64 = 1e9;
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector6;
+    use proptest::prelude::*;
+    use tangent_mechanics::{Arm, ModelData, Pose};
+
+    fn bits() -> impl Strategy<Value = f64> {
+        prop_oneof![-10.0f64..10.0, any::<u64>().prop_map(f64::from_bits)]
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(2000))]
+
+        /// Whatever is let in gives a pose, a twist and a scaling that are numbers.
+        #[test]
+        fn what_is_usable_can_be_used(q in prop::array::uniform6(bits()), qd in prop::array::uniform6(bits()), time in bits(), scaling in bits(), slider in bits()) {
+            let sample = Sample {
+                q, qd,
+                timestamp_s: time,
+                speed_scaling: scaling,
+                target_speed_fraction: slider,
+                ..Sample::default()
+            };
+            if !sample.is_usable() {
+                return Ok(());
+            }
+            let arm = Arm::<6>::new(&ModelData::builtin("ur5").unwrap()).unwrap();
+            let (tool, jacobian) = arm.tool_and_jacobian(&Vector6::from(q), &Pose::<tangent_mechanics::Flange, tangent_mechanics::Tool>::identity());
+            prop_assert!(tool.translation().iter().all(|x| x.is_finite()));
+            prop_assert!((jacobian * Vector6::from(qd)).iter().all(|x| x.is_finite()));
+            prop_assert!((0.0..=1.0).contains(&sample.scaling()));
+        }
+    }
+
+    #[test]
+    fn what_no_arm_has_is_refused() {
+        for bad in [f64::NAN, f64::INFINITY, 1e300, -1e300] {
+            let with = |change: fn(&mut Sample, f64)| {
+                let mut sample = Sample::default();
+                change(&mut sample, bad);
+                sample
+            };
+            for sample in [
+                with(|s, x| s.q[3] = x),
+                with(|s, x| s.qd[0] = x),
+                with(|s, x| s.qd_target[5] = x),
+                with(|s, x| s.timestamp_s = x),
+                with(|s, x| s.speed_scaling = x),
+                with(|s, x| s.target_speed_fraction = x),
+            ] {
+                assert!(!sample.is_usable(), "{bad}: {sample:?}");
+            }
+        }
+        assert!(Sample::default().is_usable());
+    }
     use crate::codec::{ControllerVersion, input_field, output_field};
 
     #[test]

@@ -13,6 +13,7 @@ use tangent_schemas::topics;
 
 use crate::codec::ControllerVersion;
 use crate::scripted_robot::Robot;
+use crate::status::PROTECTIVE_STOP;
 use crate::{Config, queries, run};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -173,7 +174,7 @@ impl Service {
             .on(&topics::ARM_STATE, move |received| {
                 let state = &received.message;
                 // Still, until the arm is this controller's; its task starts then.
-                let mine = state.commander_id == commands.id();
+                let mine = state.commander_id == commands.mark();
                 let command = ArmCommand {
                     cycle: state.cycle,
                     kind: u8::from(mine),
@@ -326,7 +327,14 @@ fn queries_reach_the_robot() {
         s.stop_cause == 3 || s.program_state == 4
     });
     service.until("ready", |s| s.ready);
+    controller.robot.lock().unwrap().sample.safety_mode = PROTECTIVE_STOP;
+    // When the second one comes, everybody has got the first one.
+    for _ in 0..2 {
+        service.until("the stop", |s| s.safety_mode == PROTECTIVE_STOP);
+    }
     assert_eq!(service.ask(queries::UNLOCK), "Protective stop releasing");
+    controller.robot.lock().unwrap().sample.safety_mode = 1;
+    service.until("ready", |s| s.ready);
     let refused = service
         .bus
         .ask(queries::POWER_OFF, &Request::default(), PATIENCE)

@@ -164,7 +164,7 @@ impl Config {
 }
 
 /// CB3 or e-Series by the model's name; `None` for names that do not say.
-fn series_of(model: &str) -> Option<Series> {
+pub fn series_of(model: &str) -> Option<Series> {
     let size = ur_size(model)?;
     let e_series = model.trim().to_ascii_lowercase().ends_with('e') || size >= 15;
     match (e_series, size) {

@@ -7,16 +7,7 @@ use std::thread::Thread;
 use crossbeam_queue::ArrayQueue;
 use tangent_schemas::Text;
 
-use crate::codec::Series;
-
-/// What a person asks of the loop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum LoopRequest {
-    /// See [`crate::bridge::Bridge::reset`].
-    Reset,
-    /// See [`crate::bridge::Bridge::stop`].
-    Stop,
-}
+use crate::codec::{Series, TextMessage};
 
 /// The program has to go to the robot.
 #[derive(Clone, Copy, Debug)]
@@ -26,8 +17,10 @@ pub(crate) struct Upload {
 }
 
 /// A line for the log, written by another thread than the one it comes from.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) enum Note {
+    /// What the robot says.
+    Robot(TextMessage),
     Info(Text),
     Warning(Text),
     Refused(Text),
@@ -36,7 +29,10 @@ pub(crate) enum Note {
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct Shared {
-    pub requests: ArrayQueue<LoopRequest>,
+    /// A person asks for [`crate::bridge::Bridge::reset`].
+    pub reset_asked: AtomicBool,
+    /// A person asks for [`crate::bridge::Bridge::stop`].
+    pub stop_asked: AtomicBool,
     pub uploads: ArrayQueue<Upload>,
     pub notes: ArrayQueue<Note>,
     /// Thread of the set-up; woken when there is an upload.
@@ -54,7 +50,8 @@ pub(crate) struct Shared {
 impl Shared {
     pub fn new() -> Self {
         Self {
-            requests: ArrayQueue::new(8),
+            reset_asked: AtomicBool::new(false),
+            stop_asked: AtomicBool::new(false),
             uploads: ArrayQueue::new(2),
             notes: ArrayQueue::new(64),
             setup: OnceLock::new(),

@@ -2,6 +2,8 @@
 
 /// `robot_mode` in which the arm is powered and its brakes are off.
 pub const ROBOT_RUNNING: i32 = 7;
+/// `safety_mode` of a protective stop.
+pub const PROTECTIVE_STOP: i32 = 3;
 /// `runtime_state` while a program runs.
 pub const RUNTIME_PLAYING: u32 = 2;
 /// `runtime_state` while none does.

@@ -91,11 +91,11 @@ impl fmt::Display for Reason {
             Self::Runtime(state) => write!(f, "robot program is {}", runtime_state_text(*state)),
             Self::OtherProgram => write!(
                 f,
-                "another program runs on the robot: stop it there, or replace it with rtde/reset"
+                "another program runs on the robot: stop it there, or replace it with `tangent robot reset`"
             ),
             Self::Replaced => write!(
                 f,
-                "our program was replaced by another: stop that, or replace it with rtde/reset"
+                "our program was replaced by another: stop that, or replace it with `tangent robot reset`"
             ),
             Self::Starting => write!(f, "robot program is starting"),
             Self::NotStarting { attempts } => write!(
@@ -106,7 +106,11 @@ impl fmt::Display for Reason {
             Self::Stopped { cause } => write!(f, "robot program stopped: {}", cause_text(*cause)),
             Self::Ended { cause } => write!(f, "robot program ended: {}", cause_text(*cause)),
             Self::ResetNeeded { cause } => {
-                write!(f, "{}; look into it, then rtde/reset", cause_text(*cause))
+                write!(
+                    f,
+                    "{}; look into it, then `tangent robot reset`",
+                    cause_text(*cause)
+                )
             }
             Self::Scaling { scaling } => write!(
                 f,

@@ -41,6 +41,11 @@ impl BaseReader {
         self.tracker.at(since(self.started, now))
     }
 
+    /// While held, no other publisher takes the place of the present one.
+    pub fn hold(&self, held: bool) {
+        self.newest.hold(held);
+    }
+
     /// Poses refused so far.
     pub fn refusals(&self) -> u64 {
         self.tracker.refusals()

@@ -12,9 +12,10 @@ use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::Health;
 use tangent_schemas::topics;
 
-use crate::bus::{AliveToken, Bus, BusError, Handle, Publisher};
+use crate::bus::{AliveToken, Bus, BusError, Handle, Publisher, Refused};
 use crate::clock;
 use crate::clock_offset;
+use crate::log;
 use crate::meter::{Age, Counter, Gauge, Histogram, Rate};
 use crate::realtime::RealtimeReport;
 use crate::usage::ProcessUsage;
@@ -45,6 +46,7 @@ pub struct HealthReporter {
     join: Option<JoinHandle<()>>,
     _token: AliveToken,
     _ping: Handle,
+    _names: Handle,
 }
 
 struct Shared {
@@ -119,6 +121,7 @@ impl HealthReporter {
         token: AliveToken,
     ) -> Result<Self, BusError> {
         let ping = clock_offset::answer(bus, service, &instance)?;
+        let names = bus.learn_names()?;
         let publisher = bus.publisher(&topics::health(service))?;
         let shared = Arc::new(Shared {
             service: service.to_owned(),
@@ -133,7 +136,10 @@ impl HealthReporter {
         let reported = Arc::clone(&shared);
         let join = std::thread::Builder::new()
             .name(format!("health-{service}").chars().take(15).collect())
-            .spawn(move || report(&reported, &publisher))
+            .spawn({
+                let bus = bus.clone();
+                move || report(&reported, &bus, &publisher)
+            })
             .map_err(|error| BusError::Zenoh {
                 action: "starting a thread".into(),
                 reason: error.to_string(),
@@ -144,6 +150,7 @@ impl HealthReporter {
             join: Some(join),
             _token: token,
             _ping: ping,
+            _names: names,
         })
     }
 
@@ -250,12 +257,14 @@ fn lock(figures: &Mutex<Figures>) -> MutexGuard<'_, Figures> {
     figures.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn report(shared: &Shared, publisher: &Publisher<Health>) {
+fn report(shared: &Shared, bus: &Bus, publisher: &Publisher<Health>) {
     let mut state = (State::Starting, Text::new());
     let mut measured = Instant::now();
     let mut rates_hz = Vec::new();
     let (mut usage, mut cpu_percent) = (ProcessUsage::new(), 0.0);
     let mut due = Instant::now();
+    // The session's opening has said these.
+    let mut remarks = bus.remarks();
     loop {
         let stopping = shared.stopping.load(Ordering::Acquire);
         let mut changed = false;
@@ -273,11 +282,25 @@ fn report(shared: &Shared, publisher: &Publisher<Health>) {
             measured = Instant::now();
         }
         if changed || stopping || Instant::now() >= due {
-            let process = [
+            let refused = bus.refused();
+            let mut further = vec![
                 ("process_cpu_percent".to_owned(), cpu_percent),
                 ("process_memory_mib".to_owned(), ProcessUsage::memory_mib()),
+                ("log_lines_dropped".to_owned(), log::dropped() as f64),
             ];
-            publisher.publish(&message(shared, &state, &rates_hz, process));
+            further.extend(refused.iter().map(|r| (refused_name(r), r.samples as f64)));
+            let mut told = message(shared, &state, &rates_hz, further);
+            told.remarks = bus.remarks();
+            for new in told
+                .remarks
+                .iter()
+                .filter(|remark| !remarks.contains(remark))
+            {
+                tracing::warn!("{new}");
+            }
+            remarks.clone_from(&told.remarks);
+            tell_of(&refused, &mut told);
+            publisher.publish(&told);
             due = Instant::now() + PERIOD;
         }
         if stopping {
@@ -304,14 +327,14 @@ fn message(
     shared: &Shared,
     state: &(State, Text),
     rates_hz: &[f64],
-    process: [(String, f64); 2],
+    further: Vec<(String, f64)>,
 ) -> Health {
     let figures = lock(&shared.figures);
     let mut numbers: Vec<(String, f64)> = figures
         .gauges
         .iter()
         .map(|(name, gauge)| (name.clone(), gauge.get()))
-        .chain(process)
+        .chain(further)
         .collect();
     for (name, histogram) in &figures.histograms {
         let found = histogram.distribution();
@@ -343,6 +366,24 @@ fn message(
         realtime: figures.realtime.clone(),
         figure_names,
         figures: figure_values,
+        remarks: Vec::new(),
+    }
+}
+
+fn refused_name(refused: &Refused) -> String {
+    format!("{}_refused", refused.topic)
+}
+
+/// A second publisher of what this service acts on is no fault of its own, and nothing that may stay.
+fn tell_of(refused: &[Refused], told: &mut Health) {
+    for refused in refused.iter().filter(|refused| refused.who.is_some()) {
+        if told.state == State::Running as u8 {
+            told.state = State::Degraded as u8;
+        }
+        if !told.fault.is_empty() {
+            told.fault.push_str("; ");
+        }
+        told.fault.push_str(&refused.to_string());
     }
 }
 

@@ -7,12 +7,24 @@
 
 use std::fmt;
 
+use sha2::{Digest, Sha256};
 use tangent_schemas::Name;
 
 /// A holder that says nothing for so long has gone, s: well beyond a late packet, well below a person's patience.
 pub const SILENCE_S: f64 = 0.5;
 /// A refused source is told about for so long after it was heard, s.
 const REMEMBERED_S: f64 = 2.0;
+
+/// What `arm/state` shows of the holder's publisher: by it the holder knows itself, and nobody learns the id that the
+/// lease is judged by. All zero for an id of zeros.
+pub fn mark(publisher: &[u8; 16]) -> [u8; 16] {
+    let mut mark = [0; 16];
+    if *publisher != mark {
+        let digest = Sha256::digest(publisher);
+        mark.copy_from_slice(&digest[..16]);
+    }
+    mark
+}
 
 /// Who sends commands: the name that it gives, and its publisher's id, which no two publishers share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -139,6 +151,15 @@ mod tests {
         // The first comes back: it is the second now.
         assert_eq!(lease.admit(&a, SILENCE_S + 0.03, true), Admission::Refused);
         assert_eq!(lease.holder(), Some(&b));
+    }
+
+    #[test]
+    fn a_mark_tells_publishers_apart_and_is_not_the_id() {
+        let (a, b) = (mark(&[1; 16]), mark(&[2; 16]));
+        assert_ne!(a, b);
+        assert_ne!(a, [1; 16]);
+        assert_eq!(a, mark(&[1; 16]));
+        assert_eq!(mark(&[0; 16]), [0; 16]);
     }
 
     #[test]

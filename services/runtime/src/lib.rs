@@ -30,23 +30,31 @@ pub mod bus;
 pub mod clock;
 pub mod clock_offset;
 pub mod config;
+pub mod ending;
 pub mod health;
 pub mod lease;
+pub mod log;
 pub mod meter;
 pub mod parameters;
 pub mod realtime;
 pub mod security;
+mod state_folder;
 pub mod stop;
+pub mod systemd;
+pub mod ticket;
 mod usage;
+pub mod watchdog;
 
 pub use base_reader::BaseReader;
 pub use bus::{
-    Alive, AliveToken, Bus, BusError, Counts, Handle, Latest, Publisher, RawMessage, RawPublisher,
-    RawSubscription, Received, Role, Subscription,
+    Alive, AliveToken, Asked, Bus, BusError, Counts, Handle, Lane, Latest, Publisher, RawMessage,
+    RawPublisher, RawSubscription, Received, Refused, Reply, Role, Subscription,
 };
 pub use config::{CellConfig, ConfigError};
 pub use health::{HealthReporter, State};
 pub use meter::{Age, Counter, Gauge, Histogram, Rate};
 pub use parameters::{Parameter, Parameters, Ramp};
 pub use realtime::RealtimeReport;
+pub use state_folder::{StateError, StateFolder};
 pub use stop::Stop;
+pub use watchdog::Beat;

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
+use tangent_mechanics::names::did_you_mean;
 use tangent_schemas::tangent::{Answer, Request};
 use tangent_schemas::topics::queries;
 
@@ -144,7 +145,8 @@ fn respond(entries: &Entries, key: &str, request: &Request) -> Answer {
     let Some(entry) = entries.iter().find(|entry| entry.info.name == name) else {
         let names: Vec<&str> = entries.iter().map(|e| e.info.name.as_str()).collect();
         return answer::refused(format!(
-            "no parameter `{name}` here; there are: {}",
+            "no parameter `{name}` here{}; there are: {}",
+            did_you_mean(name, names.iter().copied()),
             names.join(", ")
         ));
     };

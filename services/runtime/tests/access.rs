@@ -9,10 +9,10 @@ use std::time::Duration;
 use common::{PATIENCE, cell, until};
 use tangent_runtime::bus::answer;
 use tangent_runtime::config::TlsConfig;
-use tangent_runtime::security::{Authority, access, roles};
+use tangent_runtime::security::{Authority, Fleet, access, roles};
 use tangent_runtime::{Bus, BusError, CellConfig, HealthReporter, Role};
 use tangent_schemas::standard::PoseWithCovarianceStamped;
-use tangent_schemas::tangent::{ArmCommand, ArmState, Health, Request};
+use tangent_schemas::tangent::{ArmCommand, ArmState, Health, NormalEstimate, Request};
 use tangent_schemas::topics::{self, queries};
 
 /// As long as a refusal is waited for: nothing arrives.
@@ -22,21 +22,26 @@ const NOTHING: Duration = Duration::from_millis(500);
 struct Secured {
     config: CellConfig,
     folder: tempfile::TempDir,
-    _router: Bus,
+    fleet: Fleet,
+    router: Bus,
 }
 
 fn secured() -> Secured {
     let folder = tempfile::tempdir().unwrap();
     let mut config = cell();
-    let cells = [config.cell.name.clone(), "other".to_owned()];
+    let name = config.cell.name.clone();
+    let mut fleet = Fleet::of(&[&name, "other"]);
+    fleet.also = ["x", "y"]
+        .map(|host| format!("estimator-{host}.{name}"))
+        .to_vec();
     let authority = Authority::open_or_create(folder.path()).unwrap();
-    for identity in roles::identities(&cells) {
+    for identity in fleet.identities() {
         authority
             .issue(&identity, &["127.0.0.1".into()], 10)
             .unwrap();
     }
     let rules = folder.path().join("access.json5");
-    std::fs::write(&rules, access::text(&cells)).unwrap();
+    std::fs::write(&rules, access::text(&fleet)).unwrap();
     let endpoint = config.zenoh.listen[0].replace("tcp/", "quic/");
     config.zenoh.listen = vec![endpoint.clone()];
     config.zenoh.connect = vec![endpoint];
@@ -45,9 +50,10 @@ fn secured() -> Secured {
     let mut router = config.clone();
     router.zenoh.identify("router");
     Secured {
-        _router: Bus::open_within(&router, Role::Router, PATIENCE).unwrap(),
+        router: Bus::open_within(&router, Role::Router, PATIENCE).unwrap(),
         config,
         folder,
+        fleet,
     }
 }
 
@@ -346,4 +352,58 @@ fn a_router_without_rules_or_with_lax_ones_does_not_start() {
         said.contains("lax.json5") && said.contains("deny"),
         "{said}"
     );
+}
+
+/// One laptop's key is lost: its identity is revoked, and from the router's next start on it can say nothing, while the other
+/// estimators go on.
+#[test]
+fn a_revoked_identity_is_locked_out_alone() {
+    let mut cell = secured();
+    let name = cell.config.cell.name.clone();
+    let identified = |who: &str| {
+        let mut config = cell.config.clone();
+        config.zenoh.identify(&format!("estimator-{who}.{name}"));
+        Bus::open_within(&config, Role::Client, PATIENCE).unwrap()
+    };
+    let (controller, lost, kept) = (cell.join("controller"), identified("x"), identified("y"));
+    let heard = controller
+        .subscribe(&topics::ESTIMATE_NORMALS, 1000)
+        .unwrap();
+    let estimate = |bus: &Bus| bus.publisher(&topics::estimate_normal("any")).unwrap();
+    let say = |cycle: u64| NormalEstimate {
+        cycle,
+        ..NormalEstimate::default()
+    };
+    let (lies, truths) = (estimate(&lost), estimate(&kept));
+    for (publisher, cycle) in [(&lies, 1), (&truths, 2)] {
+        until("both are heard before", || {
+            publisher.publish(&say(cycle));
+            heard
+                .try_recv()
+                .is_some_and(|received| received.message.cycle == cycle)
+        });
+    }
+
+    cell.fleet.revoked = vec![format!("estimator-x.{name}")];
+    let rules = cell.config.zenoh.access.clone().unwrap();
+    std::fs::write(&rules, access::text(&cell.fleet)).unwrap();
+    cell.router.close();
+    let mut router = cell.config.clone();
+    router.zenoh.identify("router");
+    let mut again = None;
+    until("the router is back", || {
+        again = Bus::open_within(&router, Role::Router, PATIENCE).ok();
+        again.is_some()
+    });
+    while heard.try_recv().is_some() {}
+    let mut after = 0;
+    until("the other one is heard again", || {
+        lies.publish(&say(1));
+        truths.publish(&say(2));
+        while let Some(received) = heard.try_recv() {
+            assert_eq!(received.message.cycle, 2, "the revoked one is heard");
+            after += 1;
+        }
+        after > 200
+    });
 }

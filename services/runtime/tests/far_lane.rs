@@ -4,11 +4,13 @@
 mod common;
 
 use std::net::TcpListener;
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use common::{PATIENCE, cell, client, until};
 use tangent_runtime::bus::answer;
-use tangent_runtime::{Bus, BusError, Role, Stop};
+use tangent_runtime::{Bus, BusError, Lane, Reply, Role, Stop};
 use tangent_schemas::cdr;
 use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::{ArmState, Request};
@@ -204,4 +206,161 @@ fn samples_older_than_asked_are_refused_and_counted() {
     });
     until("its refusal", || strict.counts().too_old > 0);
     assert_eq!(strict.counts().received, 0);
+}
+
+/// A service whose `start` takes until it is let go, on a cell of its own.
+struct SlowStart {
+    config: tangent_runtime::CellConfig,
+    _router: Bus,
+    _service: Bus,
+    _handles: Vec<tangent_runtime::Handle>,
+    /// Arguments of the starts that were carried out.
+    started: Arc<Mutex<Vec<String>>>,
+    /// One message lets one start go.
+    go: Sender<()>,
+}
+
+fn slow_start() -> SlowStart {
+    let config = cell();
+    let router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+    let service = client(&config);
+    let started = Arc::<Mutex<Vec<String>>>::default();
+    let (go, gone) = channel();
+    let (log, gone) = (Arc::clone(&started), Mutex::new(gone));
+    let task = service
+        .answer_in(
+            queries::CONTROL_TASK,
+            |request| match request.action.as_str() {
+                "start" => Lane::Slow,
+                "pause" => Lane::Urgent,
+                _ => Lane::Prompt,
+            },
+            move |asked| {
+                if asked.request.action == "start" {
+                    log.lock().unwrap().push(asked.request.argument);
+                    gone.lock().unwrap().recv_timeout(PATIENCE).unwrap();
+                }
+                answer::done(asked.request.action).into()
+            },
+        )
+        .unwrap();
+    let stop = service
+        .answer_in(
+            queries::CONTROL_STOP,
+            |_| Lane::Urgent,
+            |_| answer::done("stopped").into(),
+        )
+        .unwrap();
+    let asker = client(&config);
+    for (key, action) in [
+        (queries::CONTROL_TASK, "status"),
+        (queries::CONTROL_STOP, "stop"),
+    ] {
+        until("the service", || {
+            asker.ask(key, &asks(action, ""), PATIENCE).is_ok()
+        });
+    }
+    SlowStart {
+        config,
+        _router: router,
+        _service: service,
+        _handles: vec![task, stop],
+        started,
+        go,
+    }
+}
+
+fn asks(action: &str, argument: &str) -> Request {
+    Request {
+        action: action.into(),
+        argument: argument.into(),
+    }
+}
+
+/// One thread answered everything: a stop came after every start before it.
+#[test]
+fn a_stop_is_answered_while_slow_requests_are_still_under_way() {
+    let cell = slow_start();
+    let starting: Vec<_> = (0..8)
+        .map(|i| {
+            let bus = client(&cell.config);
+            std::thread::spawn(move || {
+                bus.ask(
+                    queries::CONTROL_TASK,
+                    &asks("start", &i.to_string()),
+                    PATIENCE,
+                )
+            })
+        })
+        .collect();
+    until("the first start", || {
+        cell.started.lock().unwrap().len() == 1
+    });
+    let person = client(&cell.config);
+    for (key, action) in [
+        (queries::CONTROL_STOP, "stop"),
+        (queries::CONTROL_TASK, "pause"),
+        (queries::CONTROL_TASK, "status"),
+    ] {
+        let answer = person.ask(key, &asks(action, ""), PATIENCE).unwrap();
+        assert!(answer.done);
+        assert!(
+            starting.iter().all(|start| !start.is_finished()),
+            "{action}"
+        );
+    }
+    for _ in &starting {
+        cell.go.send(()).unwrap();
+    }
+    for start in starting {
+        assert!(start.join().unwrap().unwrap().done);
+    }
+}
+
+/// The job was carried out long after its asker had gone.
+#[test]
+fn a_request_whose_asker_has_given_up_has_no_effect() {
+    let cell = slow_start();
+    let (one, two) = (client(&cell.config), client(&cell.config));
+    let first = std::thread::spawn(move || {
+        one.ask(queries::CONTROL_TASK, &asks("start", "first"), PATIENCE)
+    });
+    until("the first start", || {
+        cell.started.lock().unwrap().len() == 1
+    });
+    let late = two.ask(
+        queries::CONTROL_TASK,
+        &asks("start", "late"),
+        Duration::from_millis(300),
+    );
+    let error = late.unwrap_err();
+    assert!(matches!(error, BusError::NoAnswer { .. }), "{error:?}");
+    assert!(error.to_string().contains("unknown"), "{error}");
+    cell.go.send(()).unwrap();
+    assert!(first.join().unwrap().unwrap().done);
+    cell.go.send(()).unwrap();
+    let third = two.ask(queries::CONTROL_TASK, &asks("start", "third"), PATIENCE);
+    assert!(third.unwrap().done);
+    assert_eq!(*cell.started.lock().unwrap(), ["first", "third"]);
+}
+
+/// What a service cannot know is neither done nor refused.
+#[test]
+fn an_outcome_that_the_service_does_not_know_is_said_to_be_unknown() {
+    let config = cell();
+    let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+    let (service, asker) = (client(&config), client(&config));
+    let _handle = service
+        .answer_in(
+            "rtde/unlock",
+            |_| Lane::Slow,
+            |_| Reply::Unknown("the robot did not say".into()),
+        )
+        .unwrap();
+    let ask = |bus: &Bus| bus.ask("rtde/unlock", &asks("", ""), PATIENCE);
+    assert!(matches!(ask(&service), Err(BusError::Unknown { .. })));
+    until(
+        "the service",
+        || matches!(ask(&asker), Err(BusError::Unknown { reason, .. }) if reason == "the robot did not say"),
+    );
 }

@@ -98,7 +98,7 @@ impl Cell {
             .on(&topics::ARM_STATE, move |received| {
                 let state = &received.message;
                 // Still, until the arm is this controller's; its task starts then.
-                let mine = state.commander_id == commands.id();
+                let mine = state.commander_id == commands.mark();
                 let command = ArmCommand {
                     cycle: state.cycle,
                     kind: u8::from(mine),

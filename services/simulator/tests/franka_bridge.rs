@@ -11,7 +11,7 @@ use tangent_franka::fci::RobotMode;
 use tangent_franka::{Config, queries};
 use tangent_runtime::config::{FrankaConfig, RobotDriver};
 use tangent_runtime::{Bus, CellConfig, Handle, Stop, Subscription};
-use tangent_schemas::tangent::{ArmCommand, ArmState, Request};
+use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, Request};
 use tangent_schemas::topics;
 use tangent_simulator::Ports;
 use tangent_simulator::fci::{FciConfig, FciFault, PlantConfig, SimulatedFranka, Snapshot};
@@ -120,9 +120,12 @@ impl Cell {
         self.simulated.snapshot().unwrap().state.mode()
     }
 
+    fn try_ask(&self, key: &str) -> Answer {
+        self.bus.ask(key, &Request::default(), PATIENCE).unwrap()
+    }
+
     fn ask(&self, key: &str) -> String {
-        let request = Request::default();
-        let answer = self.bus.ask(key, &request, PATIENCE).unwrap();
+        let answer = self.try_ask(key);
         assert!(answer.done, "{}", answer.message);
         answer.message
     }
@@ -411,6 +414,16 @@ fn its_wrench_is_the_environments_and_can_be_tared() {
     assert!(pushed.x.abs() < 0.5 && pushed.y.abs() < 0.5, "{pushed:?}");
     assert_eq!(statuses.get().unwrap().message.validity, 0);
     assert!(statuses.get().unwrap().message.bias_age_s < 0.0);
+    // What presses is no zero: the estimate is off by a newton or two, not by six.
+    let refused = cell.try_ask(topics::queries::NETFT_TARE);
+    assert!(
+        !refused.done && refused.message.contains("touches"),
+        "{}",
+        refused.message
+    );
+    assert!(statuses.get().unwrap().message.bias_age_s < 0.0);
+    cell.simulated.fault(FciFault::Push([0.0, 0.0, 2.0]));
+    cell.states(1500);
     cell.ask(topics::queries::NETFT_TARE);
     cell.states(100);
     let tared = wrenches.get().unwrap().message.wrench.force.clone();

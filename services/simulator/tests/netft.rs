@@ -21,6 +21,9 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const VALID: u8 = 0;
 const STALE: u8 = 2;
 const SATURATED: u8 = 3;
+const FROZEN: u8 = 11;
+const AXIS_STUCK: u8 = 12;
+const IMPLAUSIBLE: u8 = 14;
 
 /// The service beside a box, on a bus of its own.
 struct Rig {
@@ -304,6 +307,104 @@ fn silence_is_told_and_the_stream_taken_back() {
         .inject(NetbFault::Silence(Duration::from_millis(2500)));
     wait_for(&statuses, "long silence", |s| s.validity == STALE);
     wait_for(&statuses, "the box found again", |s| s.validity == VALID);
+}
+
+/// A box with the noise of a real one, and the stream known to it: 2.5 s of records.
+fn noisy_rig() -> (Rig, Subscription<WrenchStatus>) {
+    let noisy = NetbConfig {
+        noise_counts: 40_000,
+        ..NetbConfig::default()
+    };
+    let rig = Rig::start(noisy, |_| {});
+    let statuses = rig.statuses();
+    rig.simulated.feed().hold(newton(0.0, 0.0, -3.0));
+    let known = wait_for(&statuses, "2.5 s of records", |s| {
+        s.records >= 17_500 && s.validity != STALE
+    });
+    assert_eq!((known.validity, known.records_implausible), (VALID, 0));
+    (rig, statuses)
+}
+
+/// Stamps of the raw records, ns, from the first of the last run in which `same` holds for neighbours.
+fn stands_since_ns(
+    raw: &Subscription<WrenchStamped>,
+    until_ns: i64,
+    same: impl Fn(&WrenchStamped, &WrenchStamped) -> bool,
+) -> i64 {
+    let mut since: Option<WrenchStamped> = None;
+    let mut last: Option<WrenchStamped> = None;
+    while let Some(received) = raw.try_recv() {
+        let record = received.message;
+        if record.header.stamp.to_ns() > until_ns {
+            break;
+        }
+        if !last.as_ref().is_some_and(|last| same(last, &record)) {
+            since = Some(record.clone());
+        }
+        last = Some(record);
+    }
+    since.expect("records came").header.stamp.to_ns()
+}
+
+#[test]
+fn a_frozen_sensor_is_noticed_within_two_cycles_and_until_it_lives_again() {
+    let (rig, statuses) = noisy_rig();
+    rig.simulated.inject(NetbFault::Freeze(true));
+    let told = wait_for(&statuses, "the frozen sensor", |s| s.validity > SATURATED);
+    assert_eq!((told.validity, told.stuck_axes), (FROZEN, 0x3f));
+    // By the stamps of measurement: two cycles of a robot at 125 Hz, whatever this machine does meanwhile.
+    let at_ns = told.header.stamp.to_ns();
+    let since_ns = stands_since_ns(&rig.raw, at_ns, |a, b| a.wrench == b.wrench);
+    assert!(at_ns - since_ns <= 16_000_000, "{} ns", at_ns - since_ns);
+    assert!(!rig.tare().done, "a frozen sensor has no zero");
+    rig.simulated.inject(NetbFault::Freeze(false));
+    wait_for(&statuses, "the living sensor", |s| s.validity == VALID);
+}
+
+#[test]
+fn a_stuck_axis_is_noticed_within_two_cycles_and_named() {
+    let (rig, statuses) = noisy_rig();
+    rig.simulated.inject(NetbFault::StickAxis(Some(2)));
+    let told = wait_for(&statuses, "the stuck axis", |s| s.validity > SATURATED);
+    assert_eq!((told.validity, told.stuck_axes), (AXIS_STUCK, 1 << 2));
+    let at_ns = told.header.stamp.to_ns();
+    let since_ns = stands_since_ns(&rig.raw, at_ns, |a, b| a.wrench.force.z == b.wrench.force.z);
+    assert!(at_ns - since_ns <= 16_000_000, "{} ns", at_ns - since_ns);
+    rig.simulated.inject(NetbFault::StickAxis(None));
+    wait_for(&statuses, "the living axis", |s| s.validity == VALID);
+}
+
+#[test]
+fn plausible_looking_damage_is_left_out_and_too_much_of_it_is_a_fault() {
+    let (rig, statuses) = noisy_rig();
+    let tool = rig.bus.subscribe(&topics::WRENCH_TOOL, 100_000).unwrap();
+    rig.simulated.inject(NetbFault::Implausible { one_of: 20 });
+    let told = wait_for(&statuses, "records left out", |s| {
+        s.records_implausible > 200
+    });
+    assert_eq!(told.validity, VALID);
+    while let Some(received) = tool.try_recv() {
+        let force = &received.message.wrench.force;
+        let off = force.x.abs().max(force.y.abs()).max((force.z + 3.0).abs());
+        assert!(off < 0.5, "{force:?}");
+    }
+    rig.simulated.inject(NetbFault::Implausible { one_of: 2 });
+    wait_for(&statuses, "too many", |s| s.validity == IMPLAUSIBLE);
+    rig.simulated.inject(NetbFault::Implausible { one_of: 0 });
+    wait_for(&statuses, "an end of it", |s| s.validity == VALID);
+}
+
+#[test]
+fn a_sensor_without_noise_is_never_called_frozen() {
+    let rig = Rig::start(NetbConfig::default(), |_| {});
+    let statuses = rig.statuses();
+    rig.simulated.feed().hold(newton(0.0, 0.0, -3.0));
+    let last = wait_for(&statuses, "four seconds of the same record", |s| {
+        // A machine that is busy may let the stream pause.
+        assert!(s.validity <= STALE, "{}", s.validity);
+        s.records >= 28_000
+    });
+    assert_eq!(last.stuck_axes, 0);
 }
 
 #[test]

@@ -108,6 +108,8 @@ const ESTIMATE_MS: f64 = 100.0 + CYCLE_MS;
 const COMMAND_MS: f64 = 3.0 * CYCLE_MS;
 /// A packet of the robot that says so, and the controller's or bridge's answer.
 const PACKET_MS: f64 = 2.0 * CYCLE_MS;
+/// Two cycles of records that repeat: what noise cannot do by chance.
+const FROZEN_MS: f64 = 2.0 * CYCLE_MS;
 /// The sensor's patience.
 const SILENCE_MS: f64 = 50.0;
 

@@ -8,8 +8,8 @@ use crate::faults::private_cell::Layout;
 use crate::faults::wire::{Cut, Damage};
 
 use super::{
-    CYCLE_MS, Case, ESTIMATE_MS, HEALTH_MS, Outcome, PATH_STOP_MS, SILENCE_MS, STOP_MS, WRENCH_MS,
-    case,
+    CYCLE_MS, Case, ESTIMATE_MS, FROZEN_MS, HEALTH_MS, Outcome, PATH_STOP_MS, SILENCE_MS, STOP_MS,
+    WRENCH_MS, case,
 };
 
 pub(super) fn of_the_sensor() -> Vec<Case> {
@@ -17,6 +17,11 @@ pub(super) fn of_the_sensor() -> Vec<Case> {
         noticed_within_ms: Some(WRENCH_MS),
         noticed: Evidence::left_path_ns,
         ..case(name, what, "controller")
+    };
+    let frozen = |name, what| Case {
+        noticed_within_ms: Some(FROZEN_MS),
+        noticed: |e: &Evidence, t| e.sensor_ns(t, |_, now| now.validity != 0),
+        ..case(name, what, "netft, controller")
     };
     let goes_on = |name, what| Case {
         outcome: Outcome::GoesOn,
@@ -52,6 +57,28 @@ pub(super) fn of_the_sensor() -> Vec<Case> {
             provoke: |s| s.wire(Damage::Status { word: 0x8000_8000 }),
             repair: |s| s.wire(Damage::None),
             ..ends("sensor_error", "every record says the sensor has an error")
+        },
+        Case {
+            provoke: |s| s.wire(Damage::Frozen),
+            repair: |s| s.wire(Damage::None),
+            ..frozen(
+                "sensor_frozen",
+                "every record says the same, with a sequence that goes on",
+            )
+        },
+        Case {
+            provoke: |s| s.wire(Damage::AxisStuck { axis: 2 }),
+            repair: |s| s.wire(Damage::None),
+            ..frozen("sensor_axis_stuck", "Fz says the same in every record")
+        },
+        Case {
+            provoke: |s| s.wire(Damage::Implausible { one_of: 20 }),
+            repair: |s| s.wire(Damage::None),
+            noticed: |e, t| e.sensor_ns(t, |before, now| now.implausible > before.implausible),
+            ..goes_on(
+                "sensor_datagrams_plausible_corrupt",
+                "one of 20 records is well-formed and says loads that are not there",
+            )
         },
         Case {
             provoke: |s| s.wire(Damage::Lost { per_mille: 10 }),
@@ -97,8 +124,30 @@ pub(super) fn of_the_sensor() -> Vec<Case> {
                 "NaN on wrench/tool in place of netft's numbers",
             )
         },
+        Case {
+            provoke: |s| s.lie(Lie::WrenchOfAnother),
+            repair: |s| s.tell_no_more_lies(),
+            impostor: Some("/wrench/"),
+            outcome: Outcome::GoesOn,
+            notices: "controller",
+            noticed: |e, t| {
+                e.service_ns("controller", t, |before, now| {
+                    figure(now, REFUSED) > figure(before, REFUSED)
+                })
+            },
+            noticed_within_ms: Some(HEALTH_MS),
+            watch_s: 1.5,
+            ..case(
+                "wrench_of_another",
+                "zeros on wrench/tool, 1000 a second beside netft's numbers",
+                "controller",
+            )
+        },
     ]
 }
+
+/// Of a reader of the wrench, in its health: samples of a second publisher.
+const REFUSED: &str = "wrench/tool_refused";
 
 fn figure(service: &crate::faults::evidence::Service, name: &str) -> f64 {
     service

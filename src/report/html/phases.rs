@@ -76,6 +76,7 @@ fn phase_colour(phase: Phase) -> Option<RGBColor> {
     Some(match phase {
         Phase::Approach => RGBColor(226, 236, 248),
         Phase::Tare => RGBColor(240, 240, 240),
+        Phase::Clear => RGBColor(222, 238, 240),
         Phase::Contact => RGBColor(253, 240, 214),
         Phase::Slide => RGBColor(228, 244, 229),
         Phase::Hold => RGBColor(247, 247, 219),
@@ -98,6 +99,7 @@ fn phase_meaning(phase: Phase) -> &'static str {
         Phase::Hold => "pressing, standing still",
         Phase::Seek => "lost the surface, moving towards it again",
         Phase::Tare => "standing still while the sensor's zero is taken",
+        Phase::Clear => "moving off what the tool may touch, before a tare",
     }
 }
 

@@ -30,7 +30,7 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String> {
     let mut html = figure(
         &axes("Pressing force", "N"),
         &[
-            ("measured", curve(task, |c| Some(c.control.force_n))),
+            ("measured", curve(task, |c| c.sample.force_n)),
             (
                 "asked for",
                 curve(task, |c| Some(c.control.force_reference_n)),

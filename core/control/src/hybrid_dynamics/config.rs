@@ -1,11 +1,12 @@
 //! Parameters of `hybrid_dynamics`, with the presets `paper` and `default`.
 
+mod ranges;
+
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::JointFriction;
 
 use crate::config::{PatienceConfig, with_changes};
-use crate::error::check_range;
-use crate::{ControlError, PathConfig};
+use crate::{ControlError, LeaveConfig, PathConfig};
 
 /// All parameters of the law.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,6 +26,8 @@ pub struct HybridDynamicsConfig {
     pub path: PathConfig,
     /// How long to wait for whom.
     pub patience: PatienceConfig,
+    /// How the tool leaves a surface, and what shows that it did.
+    pub leave: LeaveConfig,
 }
 
 /// Gains of the resolved acceleration, eq. (31).
@@ -144,6 +147,7 @@ impl Default for HybridDynamicsConfig {
                 wrench_jitter_s: 0.002,
                 ..PatienceConfig::default()
             },
+            leave: LeaveConfig::default(),
         }
     }
 }
@@ -221,7 +225,7 @@ impl HybridDynamicsConfig {
         match name {
             "default" => Ok(Self::default()),
             "paper" => Ok(Self::paper()),
-            other => Err(ControlError::UnknownPreset(other.into())),
+            other => Err(ControlError::UnknownPreset { name: other.into() }),
         }
     }
 
@@ -269,79 +273,6 @@ impl HybridDynamicsConfig {
             ..default
         }
     }
-
-    /// Every number in its range.
-    ///
-    /// # Errors
-    /// Names the key, the value and what is allowed.
-    pub fn check(&self) -> Result<(), ControlError> {
-        let (m, f, e, t, r) = (
-            &self.motion,
-            &self.force,
-            &self.estimate,
-            &self.touch,
-            &self.friction,
-        );
-        for (key, value, lower, upper) in [
-            ("motion.position_per_s2", m.position_per_s2, 1.0, 40_000.0),
-            (
-                "motion.position_damping_per_s",
-                m.position_damping_per_s,
-                1.0,
-                500.0,
-            ),
-            (
-                "motion.orientation_per_s2",
-                m.orientation_per_s2,
-                1.0,
-                40_000.0,
-            ),
-            (
-                "motion.orientation_damping_per_s",
-                m.orientation_damping_per_s,
-                1.0,
-                500.0,
-            ),
-            ("motion.integral_per_s3", m.integral_per_s3, 0.0, 1e6),
-            ("force.integral_per_s", f.integral_per_s, 0.0, 100.0),
-            ("force.error_per_kg", f.error_per_kg, 0.0, 10.0),
-            ("force.damping_per_s", f.damping_per_s, 0.0, 500.0),
-            ("force.integral_max_n", f.integral_max_n, 0.0, 1000.0),
-            (
-                "force.reference_rate_n_per_s",
-                f.reference_rate_n_per_s,
-                0.1,
-                1e6,
-            ),
-            (
-                "friction.coulomb_speed_rad_per_s",
-                r.coulomb_speed_rad_per_s,
-                1e-6,
-                10.0,
-            ),
-            ("estimate.follow_s", e.follow_s, 0.0, 10.0),
-            ("estimate.speed_max_m_per_s", e.speed_max_m_per_s, 1e-4, 1.0),
-            (
-                "estimate.turn_rate_max_rad_per_s",
-                e.turn_rate_max_rad_per_s,
-                1e-4,
-                10.0,
-            ),
-            ("estimate.slow_within_sd", e.slow_within_sd, 0.0, 100.0),
-            ("touch.on_n", t.on_n, 0.01, 100.0),
-            ("touch.off_n", t.off_n, 0.001, t.on_n),
-            ("touch.lost_cycles", f64::from(t.lost_cycles), 1.0, 1000.0),
-            ("touch.seek_speed_m_per_s", t.seek_speed_m_per_s, 1e-4, 0.25),
-            ("touch.seek_distance_max_m", t.seek_distance_max_m, 0.0, 1.0),
-            ("touch.settle_s", t.settle_s, 0.0, 60.0),
-        ] {
-            check_range(key, value, lower, upper)?;
-        }
-        for &x in r.viscous_nm_s_per_rad.iter().chain(&r.coulomb_nm) {
-            check_range("friction", x, 0.0, 1e4)?;
-        }
-        Ok(())
-    }
 }
 
 #[cfg(test)]
@@ -363,13 +294,5 @@ mod tests {
         assert_eq!(paper.touch.settle_s, 2.0);
         let error = HybridDynamicsConfig::preset("best").unwrap_err();
         assert!(error.to_string().contains("best"));
-    }
-
-    #[test]
-    fn a_number_out_of_range_is_named() {
-        let mut config = HybridDynamicsConfig::default();
-        config.force.damping_per_s = f64::NAN;
-        let error = config.check().unwrap_err().to_string();
-        assert!(error.contains("force.damping_per_s"), "{error}");
     }
 }

@@ -5,7 +5,7 @@ use tangent_estimation::ObjectEstimate;
 use tangent_mechanics::{Base, Joints, Pose, Tool, Wrench};
 use tangent_sensing::Validity;
 
-use crate::{Fault, Phase};
+use crate::{Clearance, Fault, Phase, UntaredLoad};
 
 /// One period as the controller sees it. The wrench is what the environment does to the tool.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +28,10 @@ pub struct HybridInput {
     pub wrench_age_s: f64,
     /// Age of the tare in force, s; none if there was never one.
     pub bias_age_s: Option<f64>,
+    /// Error of the zero that its age implies, N; none where that is not known.
+    pub zero_bound_n: Option<f64>,
+    /// The reading before any zero was taken off; none where the sensor's service does not tell.
+    pub untared: Option<UntaredLoad>,
     /// Newest estimate of the object's pose.
     pub estimate: Option<ObjectEstimate>,
     /// How old it is now, s.
@@ -53,8 +57,12 @@ pub struct HybridOutput {
     pub normal: Vector3<f64>,
     /// Pressing force asked for along the normal, N; the paper's -λ_d.
     pub force_reference_n: f64,
-    /// Pressing force measured along the normal in use, N; the paper's -λ.
-    pub force_n: f64,
+    /// Pressing force measured along the normal in use, N; the paper's -λ. None where no wrench can be used.
+    pub force_n: Option<f64>,
+    /// Whether the tool may touch something. The next start goes by it.
+    pub clearance: Clearance,
+    /// The zero in force turned out to be taken in contact: the caller has the sensor's service take it back.
+    pub zero_withdrawn: bool,
     /// Measured tool pose.
     pub base_from_tool: Pose<Base, Tool>,
     /// Where the path wants the tool's origin, base axes, m.

@@ -42,14 +42,14 @@ pub(super) fn bounded_acceleration(
 }
 
 /// `needed` plus as much of `wanted` (Nm) as the motors can give. What holds the arm goes first; what moves it is cut as a whole,
-/// so that it keeps its direction.
+/// so that it keeps its direction. Also returns the share of `wanted` that is left. What is no number stays none: the caller has to see it.
 pub(crate) fn bounded_torque<const N: usize>(
     arm: &ArmLimits<N>,
     needed: &Joints<N>,
     wanted: &Joints<N>,
-) -> (Joints<N>, bool) {
+) -> (Joints<N>, f64) {
     let Some(effort) = arm.effort else {
-        return (needed + wanted, false);
+        return (needed + wanted, 1.0);
     };
     let mut share = 1.0_f64;
     for i in 0..N {
@@ -64,8 +64,14 @@ pub(crate) fn bounded_torque<const N: usize>(
     }
     let torque = needed + wanted * share;
     (
-        Joints::from_fn(|i, _| torque[i].min(effort[i]).max(-effort[i])),
-        share < 1.0,
+        Joints::from_fn(|i, _| {
+            if torque[i].is_nan() {
+                torque[i]
+            } else {
+                torque[i].min(effort[i]).max(-effort[i])
+            }
+        }),
+        share,
     )
 }
 
@@ -107,6 +113,16 @@ mod tests {
     }
 
     #[test]
+    fn what_is_no_number_does_not_become_full_effort() {
+        let arm = arm();
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let wanted = Joints::<6>::new(0.0, bad, 0.0, 0.0, 0.0, 0.0);
+            let (torque, _) = bounded_torque(arm.limits(), &Joints::zeros(), &wanted);
+            assert!(!torque[1].is_finite(), "{bad}: {torque}");
+        }
+    }
+
+    #[test]
     fn within_the_limits_nothing_changes() {
         let arm = arm();
         let wanted = Joints::<6>::repeat(1.0);
@@ -119,7 +135,7 @@ mod tests {
             &wanted,
         );
         assert_eq!((qdd, cut), (wanted, false));
-        let (torque, cut) = bounded_torque(arm.limits(), &arm.gravity(&arm.home()), &wanted);
-        assert_eq!((torque, cut), (arm.gravity(&arm.home()) + wanted, false));
+        let (torque, share) = bounded_torque(arm.limits(), &arm.gravity(&arm.home()), &wanted);
+        assert_eq!((torque, share), (arm.gravity(&arm.home()) + wanted, 1.0));
     }
 }

@@ -213,8 +213,8 @@ pub(super) fn torque(
     } else {
         friction.torque(&now.qd)
     };
-    let (torque, weak) = bounded_torque(model.limits(), &(bias + push), &(mass * qdd + rubbed));
-    (torque, cut || weak)
+    let (torque, left) = bounded_torque(model.limits(), &(bias + push), &(mass * qdd + rubbed));
+    (torque, cut || left < 1.0)
 }
 
 /// (Jᵀ J + λ² I)⁻¹ Jᵀ, λ² = λ_max² (1 - w/w₀)² below a manipulability of w₀ (Nakamura, Hanafusa 1986): without damping the

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{PatienceConfig, with_changes};
 use crate::energy_tank::EnergyTank;
-use crate::{ControlError, FrictionConfig, PathConfig};
+use crate::{ControlError, FrictionConfig, LeaveConfig, PathConfig};
 
 /// All parameters of the law.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,6 +38,8 @@ pub struct UnifiedForceImpedanceConfig {
     pub path: PathConfig,
     /// How long to wait for whom.
     pub patience: PatienceConfig,
+    /// How the tool leaves a surface, and what shows that it did.
+    pub leave: LeaveConfig,
 }
 
 /// Stiffness and damping of the tool.
@@ -203,6 +205,10 @@ pub struct TactileTouchConfig {
     pub align_s: f64,
     /// Time standing still over which the wrench's zero is taken, s.
     pub tare_s: f64,
+    /// Largest force that this zero may be, N: beyond, the tool touches something or the load that the robot was told is wrong.
+    pub zero_max_n: f64,
+    /// How the zero drifts, N per minute: bounds the error of a zero of some age.
+    pub zero_drift_n_per_min: f64,
     /// Least time between touchdown and path, s.
     pub settle_s: f64,
     /// Lag of the robot's wrench estimate, s: the friction taken off it gets the same.
@@ -231,6 +237,14 @@ impl Default for UnifiedForceImpedanceConfig {
             patience: PatienceConfig {
                 wrench_jitter_s: 0.002,
                 ..PatienceConfig::default()
+            },
+            // The robot's own estimate wanders by a newton or two while the joints move.
+            leave: LeaveConfig {
+                steady_n: 2.0,
+                grow_n: 5.0,
+                opposed_n: 8.0,
+                opposed_nm: 3.0,
+                ..LeaveConfig::default()
             },
         }
     }
@@ -363,6 +377,8 @@ impl Default for TactileTouchConfig {
             aligned_rad: 0.03,
             align_s: 4.0,
             tare_s: 0.3,
+            zero_max_n: 5.0,
+            zero_drift_n_per_min: 0.2,
             settle_s: 1.0,
             wrench_lag_s: 0.018,
         }
@@ -381,7 +397,7 @@ impl UnifiedForceImpedanceConfig {
         match name {
             "default" => Ok(Self::default()),
             "paper" => Ok(Self::paper()),
-            other => Err(ControlError::UnknownPreset(other.into())),
+            other => Err(ControlError::UnknownPreset { name: other.into() }),
         }
     }
 

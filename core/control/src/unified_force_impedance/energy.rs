@@ -36,6 +36,29 @@ impl TorqueParts {
     pub fn sum(&self) -> Joints<JOINTS> {
         self.motion + self.force + self.damping
     }
+
+    /// On the way from `self` to `wanted`, by the share of it that each joint has gone.
+    pub fn towards(&self, wanted: &Self, share: &Joints<JOINTS>) -> Self {
+        let between =
+            |from: &Joints<JOINTS>, to: &Joints<JOINTS>| from + (to - from).component_mul(share);
+        Self {
+            motion: between(&self.motion, &wanted.motion),
+            force: between(&self.force, &wanted.force),
+            damping: between(&self.damping, &wanted.damping),
+        }
+    }
+}
+
+impl std::ops::Mul<f64> for TorqueParts {
+    type Output = Self;
+
+    fn mul(self, share: f64) -> Self {
+        Self {
+            motion: self.motion * share,
+            force: self.force * share,
+            damping: self.damping * share,
+        }
+    }
 }
 
 /// Both tanks with the torques under way.
@@ -91,13 +114,22 @@ impl Tanks {
             + pressed.overflow_j;
         let to_motion = config.motion.fill(&mut self.motion, rest);
         self.dissipated_j += drawn.overflow_j + to_motion.overflow_j;
-        self.short_j += drawn.short_j + pressed.short_j;
+        // What one tank could not give is owed until the period's own income is in, and by either: it is one arm.
+        let owed = config
+            .force
+            .draw(&mut self.force, drawn.short_j + pressed.short_j);
+        self.short_j += config.motion.draw(&mut self.motion, owed.short_j).short_j;
     }
 
     /// The torques that answer the newest measurement.
     pub fn commit(&mut self, parts: TorqueParts) {
         self.under_way.rotate_right(1);
         self.under_way[0] = parts;
+    }
+
+    /// The torques committed last.
+    pub fn committed(&self) -> TorqueParts {
+        self.under_way[0]
     }
 
     /// σ(S_t,i).

@@ -5,7 +5,7 @@ use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Base, Joints, Pose, Tool, Wrench};
 use tangent_sensing::Validity;
 
-use crate::{Fault, Phase};
+use crate::{Clearance, Fault, Phase};
 
 /// Joints of the arm.
 pub const JOINTS: usize = 7;
@@ -47,8 +47,9 @@ pub struct VisionInput {
     pub normal: Vector3<f64>,
     /// Covariance of the normal, base axes, rad².
     pub covariance: Matrix3<f64>,
-    /// Surface variation λ₃ / tr Σ of the segment, eq. (16); the paper's l_s.
-    pub surface_variation: f64,
+    /// Surface variation λ₃ / tr Σ of the segment, eq. (16); the paper's l_s. None where the segment was lost or never cut out: that
+    /// says nothing of how flat the surface is.
+    pub surface_variation: Option<f64>,
     /// Shape operator there: moving by `dp` turns the normal by `curvature * dp`. Base axes, 1/m; none where it is not known.
     pub curvature: Option<Matrix3<f64>>,
     /// How the surface bends on where the tool goes, from the map ahead; none where it stands or nothing is seen there.
@@ -179,12 +180,18 @@ pub struct UnifiedOutput {
     pub normal_covariance: Matrix3<f64>,
     /// Whether it comes from what is seen or felt now.
     pub normal_validity: Validity,
-    /// Wrench in use: without the zero, and without the joints' friction where that is made up for.
-    pub wrench: Wrench<Tool>,
+    /// Wrench in use: without the zero, and without the joints' friction where that is made up for. None where none can be used.
+    pub wrench: Option<Wrench<Tool>>,
     /// Pressing force asked for, shaped by ρ_frc, N.
     pub force_reference_n: f64,
-    /// Pressing force measured along the tool's axis, N.
-    pub force_n: f64,
+    /// Pressing force measured along the tool's axis, N; none where no wrench can be used.
+    pub force_n: Option<f64>,
+    /// Whether the tool may touch something. The next start goes by it.
+    pub clearance: Clearance,
+    /// Age of the zero that the law has taken, s; none while there is none.
+    pub zero_age_s: Option<f64>,
+    /// Error of the zero that this age implies, N.
+    pub zero_bound_n: Option<f64>,
     /// Measured tool pose.
     pub base_from_tool: Pose<Base, Tool>,
     /// Where the policy wants the tool's origin, base axes, m. Its height is only what the tool met at the last look.

@@ -3,6 +3,7 @@
 use nalgebra::Vector6;
 
 use super::config::{MonitorConfig, ShapingConfig};
+use super::fused_normal::SurfaceVariation;
 
 /// Memory of the monitor.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +44,8 @@ impl Monitor {
     }
 
     /// Eqs. (17)-(21). `wrench` and `error` are f_ext and x̃ in tool axes (N, Nm; m, rad), `theta_deg` the angle to the normal,
-    /// `variation` l_s. `well` says that the force is held and the path followed: C_m is learnt from such periods only.
+    /// `variation` l_s. Where that is not known although a camera looks, C is too small by an unknown amount: ρ_align may fall and does
+    /// not rise, and C_m learns nothing. `well` says that the force is held and the path followed: C_m is learnt from such periods only.
     #[allow(clippy::too_many_arguments)]
     pub fn step(
         &mut self,
@@ -51,15 +53,20 @@ impl Monitor {
         wrench: &Vector6<f64>,
         error: &Vector6<f64>,
         theta_deg: f64,
-        variation: f64,
+        variation: SurfaceVariation,
         well: bool,
         dt_s: f64,
     ) {
+        let (bend, known) = match variation {
+            SurfaceVariation::Known(variation) => (variation, true),
+            SurfaceVariation::NotSeen => (0.0, true),
+            SurfaceVariation::Unknown => (0.0, false),
+        };
         self.value = (config.alpha_per_j * wrench.dot(error).abs()
             + config.xi_per_deg * theta_deg
-            + config.gamma * variation)
+            + config.gamma * bend)
             .abs();
-        if well {
+        if well && known {
             let share = dt_s / (config.margin_time_s.min(self.gathered_s) + dt_s);
             let away = self.value - self.mean;
             self.mean += away * share;
@@ -68,6 +75,7 @@ impl Monitor {
         }
         let h = 1.0 - self.value / self.margin(config);
         let rate = (h * self.rho + config.rho_min_per_s) * config.rate_per_s;
+        let rate = if known { rate } else { rate.min(0.0) };
         // Eq. (20): held at both ends.
         self.rho = (self.rho + rate * dt_s).clamp(0.0, 1.0);
     }
@@ -101,7 +109,15 @@ mod tests {
         let mut monitor = Monitor::new();
         let wrench = Vector6::new(3.0, 0.0, -15.0, 0.0, 0.5, 0.0);
         let error = Vector6::new(-0.01, 0.0, 0.02, 0.0, 0.1, 0.0);
-        monitor.step(&paper(), &wrench, &error, 5.0, 0.01, false, 1e-3);
+        monitor.step(
+            &paper(),
+            &wrench,
+            &error,
+            5.0,
+            SurfaceVariation::Known(0.01),
+            false,
+            1e-3,
+        );
         let by_hand = (3.0 * -0.01 - 15.0 * 0.02 + 0.5 * 0.1_f64).abs() + 0.08 * 5.0 + 10.0 * 0.01;
         assert!((monitor.value - by_hand).abs() < 1e-12);
     }
@@ -112,17 +128,51 @@ mod tests {
         let mut monitor = Monitor::new();
         let mut time = 0.0;
         while monitor.rho < 1.0 {
-            monitor.step(&config, &zero, &zero, 0.0, 0.0, false, 1e-3);
+            monitor.step(
+                &config,
+                &zero,
+                &zero,
+                0.0,
+                SurfaceVariation::Known(0.0),
+                false,
+                1e-3,
+            );
             time += 1e-3;
         }
         // rho' = rho + 0.001: ln(1001) s.
         assert!((time - 1001f64.ln()).abs() < 0.02, "{time}");
         // C = 1.6 is h = -7/9: down to a thousandth in a few seconds, and never below zero.
         for _ in 0..20_000 {
-            monitor.step(&config, &zero, &zero, 20.0, 0.0, false, 1e-3);
+            monitor.step(
+                &config,
+                &zero,
+                &zero,
+                20.0,
+                SurfaceVariation::Known(0.0),
+                false,
+                1e-3,
+            );
             assert!(monitor.rho >= 0.0);
         }
         assert!(monitor.rho < 0.002);
+    }
+
+    #[test]
+    fn without_the_surface_variation_rho_may_fall_and_does_not_rise() {
+        let (config, zero) = (paper(), Vector6::zeros());
+        let mut monitor = Monitor::new();
+        let mut step = |theta, variation, cycles| {
+            for _ in 0..cycles {
+                monitor.step(&config, &zero, &zero, theta, variation, true, 1e-3);
+            }
+            (monitor.rho, monitor.gathered_s)
+        };
+        let (rho, gathered) = step(0.0, SurfaceVariation::Known(0.0), 6500);
+        assert!(rho > 0.3 && rho < 1.0, "{rho}");
+        // Its segments are lost: nothing says that the surface is flat.
+        assert_eq!(step(0.0, SurfaceVariation::Unknown, 2000), (rho, gathered));
+        assert!(step(20.0, SurfaceVariation::Unknown, 2000).0 < 0.5 * rho);
+        assert!(step(0.0, SurfaceVariation::NotSeen, 3000).0 > 0.5 * rho);
     }
 
     #[test]
@@ -136,7 +186,15 @@ mod tests {
             for i in 0..20_000 {
                 let theta = usual / 0.08 * (1.0 + 0.2 * (f64::from(i) * 0.01).sin());
                 let zero = Vector6::zeros();
-                monitor.step(&config, &zero, &zero, theta, 0.0, true, 1e-3);
+                monitor.step(
+                    &config,
+                    &zero,
+                    &zero,
+                    theta,
+                    SurfaceVariation::NotSeen,
+                    true,
+                    1e-3,
+                );
             }
             let margin = monitor.margin(&config);
             assert!(

@@ -149,6 +149,7 @@ impl OrientationReference {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fused_normal::SurfaceVariation;
     use super::*;
     use crate::unified_force_impedance::{BendChange, UnifiedForceImpedanceConfig};
     use proptest::prelude::*;
@@ -165,7 +166,7 @@ mod tests {
             validity: Validity::Valid,
             curvature: Matrix3::zeros(),
             change: None,
-            variation: 0.0,
+            variation: SurfaceVariation::NotSeen,
         }
     }
 

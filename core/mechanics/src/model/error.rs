@@ -1,5 +1,7 @@
 //! What can be wrong with a robot model.
 
+use crate::names::did_you_mean;
+
 /// Why a robot model was refused. Messages name the model, the key, its value and what is allowed; the caller adds
 /// the file's name.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -12,7 +14,8 @@ pub enum ModelError {
     },
     /// No built-in robot of that name.
     #[error(
-        "no robot model is called `{name}`; built in are: {known}. A robot of your own is a file: give its path"
+        "no robot model is called `{name}`{}; built in are: {known}. A robot of your own is a file: give its path",
+        did_you_mean(name, known.split(", "))
     )]
     Unknown {
         /// The name asked for.

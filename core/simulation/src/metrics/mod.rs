@@ -55,8 +55,8 @@ pub struct CycleSample {
     pub tool_position: Vector3<f64>,
     /// Tool's z axis as measured, base axes.
     pub tool_z: Vector3<f64>,
-    /// Pressing force as measured along the normal in use, N.
-    pub force_n: f64,
+    /// Pressing force as measured along the normal in use, N; none where no wrench could be used.
+    pub force_n: Option<f64>,
     /// What it should be, N.
     pub force_reference_n: f64,
     /// The controller holds that the tool touches.
@@ -81,9 +81,9 @@ impl CycleSample {
         self.truth.map_or(self.in_contact, |t| t.in_contact)
     }
 
-    /// Pressing force by the truth if there is one, else as measured.
-    fn pressing_n(&self) -> f64 {
-        self.truth.map_or(self.force_n, |t| t.force_n)
+    /// Pressing force by the truth if there is one, else as measured; none where neither is known.
+    fn pressing_n(&self) -> Option<f64> {
+        self.truth.map_or(self.force_n, |t| Some(t.force_n))
     }
 }
 
@@ -328,12 +328,12 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
     let forces: Vec<f64> = span
         .iter()
         .filter(working)
-        .map(CycleSample::pressing_n)
+        .filter_map(CycleSample::pressing_n)
         .collect();
     let errors: Vec<f64> = span
         .iter()
         .filter(working)
-        .map(|s| s.pressing_n() - s.force_reference_n)
+        .filter_map(|s| Some(s.pressing_n()? - s.force_reference_n))
         .collect();
     let mut sizes: Vec<f64> = errors.iter().map(|e| e.abs()).collect();
     sizes.sort_by(f64::total_cmp);
@@ -342,7 +342,7 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
     let settled = settling(span, reference_n);
     let touchdown = touchdown(span, settled)
         .iter()
-        .map(CycleSample::pressing_n)
+        .filter_map(CycleSample::pressing_n)
         .reduce(f64::max);
     let overshoot = |peak: f64| ((peak / reference_n - 1.0) * 100.0).max(0.0);
     ForceFigures {
@@ -351,7 +351,10 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
         rmse_n: root_mean_square(&errors),
         mad_n: mean(&sizes),
         p95_abs_error_n: (!sizes.is_empty()).then(|| percentile_95(&sizes)),
-        peak_n: span.iter().map(CycleSample::pressing_n).reduce(f64::max),
+        peak_n: span
+            .iter()
+            .filter_map(CycleSample::pressing_n)
+            .reduce(f64::max),
         overshoot_percent: touchdown.filter(|_| reference_n > 0.0).map(overshoot),
         settling_s: settled.map(|t| t - start),
     }
@@ -384,7 +387,10 @@ fn touchdown(span: &[CycleSample], settled: Option<f64>) -> &[CycleSample] {
 fn settling(span: &[CycleSample], reference_n: f64) -> Option<f64> {
     let mut since: Option<f64> = None;
     for sample in span {
-        if (sample.pressing_n() - reference_n).abs() > SETTLED_SHARE * reference_n {
+        let Some(force_n) = sample.pressing_n() else {
+            continue;
+        };
+        if (force_n - reference_n).abs() > SETTLED_SHARE * reference_n {
             since = None;
             continue;
         }

@@ -19,7 +19,7 @@ fn cycle(time_s: f64) -> CycleSample {
         }),
         tool_position: Vector3::zeros(),
         tool_z: -Vector3::z(),
-        force_n: 3.0,
+        force_n: Some(3.0),
         force_reference_n: 3.0,
         in_contact: true,
         path_reference: Vector3::zeros(),
@@ -167,7 +167,7 @@ fn path_figures_are_per_axis_and_in_the_plane() {
 fn without_truth_the_controllers_own_view_counts() {
     let figures = run(|_, s| {
         s.truth = None;
-        s.force_n = 2.5;
+        s.force_n = Some(2.5);
     });
     assert_eq!(figures.normal_error_deg, None);
     assert!((figures.force.rmse_n.unwrap() - 0.5).abs() < 1e-12);

@@ -86,6 +86,9 @@ pub(super) fn check(config: &PlantConfig) -> Result<(), PlantError> {
         "above 0",
         friction.bristle_stiffness_per_m > 0.0,
     )?;
+    if let Some((key, x, allowed)) = sensor.fault.and_then(|fault| fault.mistake()) {
+        value(key, x, allowed, false)?;
+    }
     value(
         "sensor.rate_hz",
         sensor.rate_hz,

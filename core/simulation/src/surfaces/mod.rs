@@ -95,7 +95,7 @@ pub enum ShapeConfig {
         /// `[l_x, l_y]`, m.
         wavelength_m: [f64; 2],
     },
-    /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin; past its edges there is nothing.
+    /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, with upright sides.
     Wave {
         /// `a`, m.
         amplitude_m: f64,

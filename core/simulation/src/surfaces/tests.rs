@@ -209,7 +209,7 @@ fn a_bad_dimension_is_refused() {
 }
 
 #[test]
-fn past_its_edges_a_wave_is_not_there() {
+fn past_its_sides_a_wave_is_not_there() {
     let shape = ShapeConfig::Wave {
         amplitude_m: 0.02,
         wavelength_m: 0.38,
@@ -225,5 +225,28 @@ fn past_its_edges_a_wave_is_not_there() {
     for (x, y) in [(0.131, 0.0), (-0.2, 0.1), (0.0, 0.256), (0.0, -0.3)] {
         let (distance, normal) = wave.distance_and_normal(&Vector3::new(x, y, -0.01));
         assert!(distance > 0.0 && (normal.norm() - 1.0).abs() < 1e-12);
+    }
+}
+
+proptest! {
+    /// A point that comes in through the side of the block is as deep as it has gone, not as far below the top as it came.
+    #[test]
+    fn nothing_is_deep_in_a_block_at_once(
+        from in prop::array::uniform3(-1.0f64..1.0),
+        step in prop::array::uniform3(-0.005f64..0.005),
+    ) {
+        let shape = ShapeConfig::Wave {
+            amplitude_m: 0.02,
+            wavelength_m: 0.38,
+            phase_rad: 0.44,
+            offset_m: 0.02,
+            size_m: [0.26, 0.51],
+        };
+        let block = Surface::new(&shape, &PoseConfig::default()).unwrap();
+        let p = Vector3::from(from).component_mul(&Vector3::new(0.2, 0.3, 0.08));
+        let q = p + Vector3::from(step);
+        let [a, b] = [p, q].map(|at| block.distance_and_normal(&at).0);
+        prop_assume!(a >= 0.0);
+        prop_assert!(b >= a - (q - p).norm() * 1.01 - 0.1 * a, "{a} m outside, {} m further {b} m", (q - p).norm());
     }
 }

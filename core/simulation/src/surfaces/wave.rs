@@ -1,4 +1,4 @@
-//! A block with a wave across its top, and edges: what the tool leaves when it slides too far.
+//! A block with a wave across its top, and sides: what the tool leaves when it slides too far, and what it meets when it comes back.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -6,7 +6,7 @@ use super::Shape;
 use super::graph::{self, Graph};
 use super::ray::{self, Ray};
 
-/// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, material below. Karacan et al., III: the block of
+/// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, material below without end. Karacan et al., III: the block of
 /// 0.26 x 0.51 m with a = 0.02 m, l = 0.38 m, phase 0.44 rad and an offset of 0.02 m.
 #[derive(Clone, Copy, Debug)]
 pub struct Wave {
@@ -29,15 +29,28 @@ impl Wave {
         }
     }
 
-    /// The nearest point of the top where `point` is past an edge. A pad's points are what feel an edge, so the sides of the block
-    /// need no more than to be no top.
-    fn edge(&self, point: &Vector3<f64>) -> Option<Vector3<f64>> {
+    /// Distance and normal of the block's outside for a point beside or above its edges: to a side, or to the edge of the top.
+    fn beside(&self, point: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
         let [a, b] = self.half_size;
-        if point.x.abs() <= a && point.y.abs() <= b {
-            return None;
-        }
         let (x, y) = (point.x.clamp(-a, a), point.y.clamp(-b, b));
-        Some(Vector3::new(x, y, self.height(x, y).0))
+        let nearest = Vector3::new(x, y, point.z.min(self.height(x, y).0));
+        let away = point - nearest;
+        let distance = away.norm();
+        let past = point.x != x || point.y != y;
+        (past && distance > 1e-9).then(|| (distance, away / distance))
+    }
+
+    /// The nearest side of the block: its signed distance and normal.
+    fn side(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let (x, y) = (
+            point.x.abs() - self.half_size[0],
+            point.y.abs() - self.half_size[1],
+        );
+        if x > y {
+            (x, Vector3::x() * point.x.signum())
+        } else {
+            (y, Vector3::y() * point.y.signum())
+        }
     }
 }
 
@@ -59,14 +72,13 @@ impl Graph for Wave {
 
 impl Shape for Wave {
     fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
-        if let Some(edge) = self.edge(point) {
-            let away = point - edge;
-            let distance = away.norm();
-            if distance > 1e-9 {
-                return (distance, away / distance);
-            }
+        if let Some(outside) = self.beside(point) {
+            return outside;
         }
-        graph::distance_and_normal(self, point)
+        let (top, side) = (graph::distance_and_normal(self, point), self.side(point));
+        // What is inside leaves by the nearest way out. A tool that slid off, sank and comes back meets the side: with a top alone it
+        // would find itself centimetres deep at once, and the world would give it energy from nothing.
+        if top.0 >= side.0 { top } else { side }
     }
 
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {

@@ -1,22 +1,31 @@
-//! Which of a task's estimators a torque law goes by: when the next is taken, when a switch is refused.
+//! Which of a task's estimators a torque law goes by: the rules of every law, with the names of the task's list.
 
 use arrayvec::ArrayVec;
-use tangent_control::{EstimatorName, MAX_ESTIMATORS, SwitchCause, SwitchRefusal};
+use nalgebra::Vector3;
+use tangent_control::{
+    ChoiceRules, EstimateInput, EstimateStatus, EstimatorChoice, EstimatorName, MAX_ESTIMATORS,
+    NormalConfig, PatienceConfig, SwitchCause, SwitchRefusal, SwitchingSpec,
+};
 use tangent_sensing::Validity;
 
+use crate::inputs::age_told;
+
 /// Normals that differ by more are not switched between without force, where the task says nothing else, rad.
-pub const SWITCH_GATE_RAD: f64 = 0.2;
+const SWITCH_GATE_RAD: f64 = 0.2;
 
-/// Per estimator of the list: that it can be used, or why not.
-pub type Judged = ArrayVec<Result<(), Validity>, MAX_ESTIMATORS>;
-
-/// What one that said `validity`, `age_s` ago, is good for; none where it said nothing.
-pub fn judge(said: Option<(Validity, f64)>, patience_s: f64) -> Result<(), Validity> {
-    match said {
-        None => Err(Validity::Missing),
-        Some((_, age_s)) if age_s > patience_s => Err(Validity::Stale),
-        Some((validity, _)) if !validity.is_valid() => Err(validity),
-        Some(_) => Ok(()),
+/// The rules of a torque law. `felt_by_sliding`: see [`ChoiceRules`].
+pub fn rules(
+    patience: &PatienceConfig,
+    switching: &SwitchingSpec,
+    felt_by_sliding: bool,
+) -> ChoiceRules {
+    let normal = NormalConfig {
+        switch_gate_rad: SWITCH_GATE_RAD,
+        ..NormalConfig::default()
+    };
+    ChoiceRules {
+        felt_by_sliding,
+        ..ChoiceRules::new(&normal, patience, switching)
     }
 }
 
@@ -24,145 +33,234 @@ pub fn judge(said: Option<(Validity, f64)>, patience_s: f64) -> Result<(), Valid
 #[derive(Clone, Debug)]
 pub struct Choice {
     names: ArrayVec<EstimatorName, MAX_ESTIMATORS>,
-    gate_rad: f64,
-    active: usize,
-    cause: SwitchCause,
-    switches: u32,
+    rules: ChoiceRules,
+    choice: EstimatorChoice,
+    /// As said in this cycle, in the order of the names.
+    estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
+    /// In use in the cycle before, base axes; none before the first.
+    normal: Option<Vector3<f64>>,
 }
 
 impl Choice {
-    /// In the order of the task's list. `gate_rad` is how far the normal of a chosen one may lie from that in use.
-    pub fn new(names: impl IntoIterator<Item = EstimatorName>, gate_rad: f64) -> Self {
+    /// In the order of the task's list.
+    pub fn new(names: impl IntoIterator<Item = EstimatorName>, rules: ChoiceRules) -> Self {
         Self {
             names: names.into_iter().take(MAX_ESTIMATORS).collect(),
-            gate_rad,
-            active: 0,
-            cause: SwitchCause::Task,
-            switches: 0,
+            rules,
+            choice: EstimatorChoice::default(),
+            estimates: [None; MAX_ESTIMATORS],
+            normal: None,
         }
     }
 
-    /// The next that can be used, where the one in use cannot. Returns the place of the one in use.
-    pub fn fall_back(&mut self, judged: &Judged) -> usize {
-        if let Some(Err(reason)) = judged.get(self.active)
-            && let Some(other) = judged.iter().position(Result::is_ok)
-        {
-            self.switch(other, SwitchCause::FellBack(*reason));
+    /// One cycle: what each of the list says. `normal` is the one in use, base axes; `way_m` was slid since the cycle before, `dt_s` ago. What
+    /// is not to be used although it says that it can be comes back with the reason.
+    pub fn step(
+        &mut self,
+        estimates: impl IntoIterator<Item = Option<EstimateInput>>,
+        normal: Option<Vector3<f64>>,
+        way_m: f64,
+        dt_s: f64,
+    ) -> Option<EstimateInput> {
+        self.estimates = [None; MAX_ESTIMATORS];
+        for (place, said) in self.estimates.iter_mut().zip(estimates) {
+            *place = said;
         }
-        self.active
+        self.normal = normal.filter(|n| n.iter().all(|x| x.is_finite()));
+        // Neither is a number that the rules may go by where the arm's state is none: `max` takes the other.
+        #[expect(
+            clippy::manual_clamp,
+            reason = "NaN becomes 0 here; `clamp` would keep it"
+        )]
+        let (way_m, dt_s) = (way_m.max(0.0).min(1.0), dt_s.max(0.0).min(1.0));
+        let (rules, normal) = self.rules_now();
+        let status = self
+            .choice
+            .step(&rules, &self.estimates, &normal, way_m, dt_s);
+        match status {
+            EstimateStatus::Usable(estimate) => Some(estimate),
+            EstimateStatus::Waiting => self.withheld(Validity::Disagrees),
+            EstimateStatus::None(reason) => self.withheld(reason),
+        }
     }
 
-    /// Takes another of the list. `angle_rad` says how far the normal of one at a place is from that in use; `force` waives that and its
-    /// validity.
+    /// Takes another of the list; `force` waives its validity and its nearness.
     ///
     /// # Errors
     /// Unknown, silent, invalid, or too far from the one in use.
-    pub fn select(
-        &mut self,
-        name: &EstimatorName,
-        force: bool,
-        judged: &Judged,
-        angle_rad: impl Fn(usize) -> Option<f64>,
-    ) -> Result<(), SwitchRefusal> {
+    pub fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
         let index = self
             .names
             .iter()
             .position(|known| known == name)
             .ok_or(SwitchRefusal::Unknown)?;
-        match judged.get(index) {
-            None | Some(Err(Validity::Missing | Validity::Stale)) => {
-                return Err(SwitchRefusal::Silent);
-            }
-            Some(Err(validity)) if !force => return Err(SwitchRefusal::Invalid(*validity)),
-            _ => {}
-        }
-        if !force
-            && let Some(angle_rad) = angle_rad(index)
-            && angle_rad > self.gate_rad
-        {
-            return Err(SwitchRefusal::Disagrees {
-                angle_rad,
-                allowed_rad: self.gate_rad,
-            });
-        }
-        if index != self.active {
-            let cause = if force {
-                SwitchCause::Forced
-            } else {
-                SwitchCause::Asked
-            };
-            self.switch(index, cause);
-        }
-        Ok(())
+        let (rules, normal) = self.rules_now();
+        self.choice
+            .select(&rules, &self.estimates, &normal, index, force)
     }
 
     /// Name of the one in use, changes since the task started, and why this one.
     pub fn in_use(&self) -> (EstimatorName, u32, SwitchCause) {
-        let name = self.names.get(self.active).copied();
-        (name.unwrap_or_default(), self.switches, self.cause)
+        let name = self.names.get(self.choice.index).copied();
+        let choice = &self.choice;
+        (name.unwrap_or_default(), choice.switches, choice.cause)
+    }
+
+    /// All of the list, each with its newest estimate's age in this cycle, s; -1 without one.
+    pub fn ages(&self) -> impl Iterator<Item = (EstimatorName, f64)> {
+        let told = self
+            .estimates
+            .iter()
+            .map(|said| age_told(said.map(|said| said.age_s)));
+        self.names.iter().copied().zip(told)
     }
 
     /// Place of the one in use.
     pub fn active(&self) -> usize {
-        self.active
+        self.choice.index
     }
 
-    fn switch(&mut self, index: usize, cause: SwitchCause) {
-        self.active = index;
-        self.cause = cause;
-        self.switches += 1;
+    /// Before there is a normal in use nothing can be far from it.
+    fn rules_now(&self) -> (ChoiceRules, Vector3<f64>) {
+        match self.normal {
+            Some(normal) => (self.rules, normal),
+            None => {
+                let open = ChoiceRules {
+                    gate_rad: f64::INFINITY,
+                    switch_gate_rad: f64::INFINITY,
+                    ..self.rules
+                };
+                (open, Vector3::z())
+            }
+        }
+    }
+
+    /// What the active one says, but not as something to go by.
+    fn withheld(&self, reason: Validity) -> Option<EstimateInput> {
+        let mut said = self.estimates[self.choice.index]?;
+        if said.estimate.validity.is_valid() {
+            said.estimate.validity = reason;
+        }
+        Some(said)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tangent_estimation::NormalEstimate;
+    use tangent_mechanics::Pose;
+
+    const DT_S: f64 = 0.001;
 
     fn name(text: &str) -> EstimatorName {
         EstimatorName::from(text).unwrap()
     }
 
-    fn said(judged: &[Result<(), Validity>]) -> Judged {
-        judged.iter().copied().collect()
+    fn said(validity: Validity, tilt_rad: f64) -> Option<EstimateInput> {
+        let mut estimate = NormalEstimate::invalid(&Pose::identity(), validity);
+        estimate.normal = Vector3::new(tilt_rad.sin(), 0.0, tilt_rad.cos());
+        Some(EstimateInput {
+            estimate,
+            age_s: 0.0,
+        })
     }
 
-    fn choice() -> Choice {
-        Choice::new(["a", "b", "c"].map(name), 0.2)
+    fn choice(switching: &SwitchingSpec) -> Choice {
+        let rules = rules(&PatienceConfig::default(), switching, true);
+        Choice::new(["a", "b", "c"].map(name), rules)
+    }
+
+    fn step(choice: &mut Choice, estimates: [Option<EstimateInput>; 3]) -> Option<EstimateInput> {
+        choice.step(estimates, Some(Vector3::z()), 0.0, DT_S)
+    }
+
+    /// Cycles until `index` is in use.
+    fn cycles_until(
+        choice: &mut Choice,
+        index: usize,
+        estimates: [Option<EstimateInput>; 3],
+    ) -> usize {
+        for cycle in 0..5000 {
+            if choice.active() == index {
+                return cycle;
+            }
+            step(choice, estimates);
+        }
+        panic!("never {index}");
     }
 
     #[test]
-    fn silence_and_nonsense_take_the_next_that_can_be_used() {
-        let mut choice = choice();
-        let silent = Err(Validity::Stale);
-        assert_eq!(choice.fall_back(&said(&[Ok(()); 3])), 0);
-        let judged = said(&[silent, Err(Validity::NotFinite), Ok(())]);
-        assert_eq!(choice.fall_back(&judged), 2);
-        assert_eq!(choice.in_use().2, SwitchCause::FellBack(Validity::Stale));
-        // Nobody: it stays.
-        assert_eq!(choice.fall_back(&said(&[silent; 3])), 2);
-        assert_eq!(choice.in_use().1, 1);
+    fn the_first_comes_back_by_the_tasks_rule_only() {
+        let good = said(Validity::Valid, 0.0);
+        for (after_s, comes_back) in [(None, false), (Some(0.5), true)] {
+            let mut choice = choice(&SwitchingSpec {
+                return_after_good_s: after_s,
+                ..SwitchingSpec::default()
+            });
+            step(&mut choice, [None, good, None]);
+            assert_eq!(choice.active(), 1);
+            if comes_back {
+                let cycles = cycles_until(&mut choice, 0, [good, good, None]);
+                assert!((500..=502).contains(&cycles), "{cycles}");
+                assert_eq!(choice.in_use().2, SwitchCause::Returned);
+            } else {
+                for _ in 0..5000 {
+                    step(&mut choice, [good, good, None]);
+                }
+                assert_eq!(choice.active(), 1);
+            }
+        }
+    }
+
+    #[test]
+    fn who_is_far_from_the_normal_in_use_is_neither_used_nor_fallen_back_to() {
+        let mut choice = choice(&SwitchingSpec::default());
+        let (far, near) = (said(Validity::Valid, 1.5), said(Validity::Valid, 0.01));
+        let used = step(&mut choice, [far, near, None]).unwrap();
+        assert_eq!(used.estimate.validity, Validity::Disagrees);
+        assert_eq!(choice.active(), 0);
+        let cycles = cycles_until(&mut choice, 1, [far, near, None]);
+        // Borne for the estimate's patience of 0.1 s.
+        assert!((98..=102).contains(&cycles), "{cycles}");
+        // The task's gate, 0.2 rad without one, for whoever is taken anew.
+        let half = said(Validity::Valid, 0.3);
+        step(&mut choice, [half, None, None]);
+        assert_eq!(choice.active(), 1);
+        let near = said(Validity::Valid, 0.1);
+        step(&mut choice, [near, None, None]);
+        assert_eq!(choice.active(), 0);
     }
 
     #[test]
     fn a_newcomer_must_be_known_fresh_valid_and_near() {
-        let mut choice = choice();
-        let judged = said(&[Ok(()), Err(Validity::Stale), Err(Validity::NotFinite)]);
-        let far = |_| Some(0.3);
-        let refused = choice.select(&name("x"), true, &judged, far);
-        assert_eq!(refused, Err(SwitchRefusal::Unknown));
-        let refused = choice.select(&name("b"), true, &judged, far);
-        assert_eq!(refused, Err(SwitchRefusal::Silent));
-        let refused = choice.select(&name("c"), false, &judged, far);
-        assert_eq!(refused, Err(SwitchRefusal::Invalid(Validity::NotFinite)));
-        let good = said(&[Ok(()); 3]);
-        let refused = choice.select(&name("c"), false, &good, far);
-        assert!(matches!(refused, Err(SwitchRefusal::Disagrees { .. })));
+        let mut choice = choice(&SwitchingSpec::default());
+        let good = said(Validity::Valid, 0.0);
+        step(&mut choice, [good, None, said(Validity::NotSliding, 0.0)]);
+        let refused = |choice: &mut Choice, n: &str, force| choice.select(&name(n), force);
+        assert_eq!(refused(&mut choice, "x", true), Err(SwitchRefusal::Unknown));
+        assert_eq!(refused(&mut choice, "b", true), Err(SwitchRefusal::Silent));
+        assert_eq!(
+            refused(&mut choice, "c", false),
+            Err(SwitchRefusal::Invalid(Validity::NotSliding))
+        );
+        step(&mut choice, [good, None, said(Validity::Valid, 0.3)]);
+        assert!(matches!(
+            refused(&mut choice, "c", false),
+            Err(SwitchRefusal::Disagrees { .. })
+        ));
         assert_eq!(choice.in_use().1, 0);
-        choice.select(&name("c"), true, &judged, far).unwrap();
+        choice.select(&name("c"), true).unwrap();
         assert_eq!(choice.in_use(), (name("c"), 1, SwitchCause::Forced));
-        choice
-            .select(&name("a"), false, &good, |_| Some(0.1))
-            .unwrap();
+        choice.select(&name("a"), false).unwrap();
         assert_eq!(choice.in_use(), (name("a"), 2, SwitchCause::Asked));
+    }
+
+    #[test]
+    fn before_there_is_a_normal_in_use_nobody_is_far_from_it() {
+        let mut choice = choice(&SwitchingSpec::default());
+        let tilted = said(Validity::Valid, 1.4);
+        let used = choice.step([tilted, None, None], None, f64::NAN, f64::NAN);
+        assert!(used.unwrap().estimate.validity.is_valid());
     }
 }

@@ -8,8 +8,8 @@ use tangent_control::{
 use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_mechanics::{Arm, Flange, ModelData, Payload, Pose, Sensor, Tool};
-use tangent_runtime::CellConfig;
 use tangent_runtime::config::{FRANKA_TORQUE_RATE_SHARE, Law, RobotDriver};
+use tangent_runtime::{CellConfig, StateFolder};
 
 use crate::ControllerError;
 use crate::config::limits;
@@ -53,6 +53,10 @@ pub struct ObjectsConfig {
     pub settings: toml::Table,
     /// The object's surface, as its estimators know it.
     pub shape: ObjectShape,
+    /// Estimators that run in this cell.
+    pub estimators: Vec<String>,
+    /// Where it keeps over restarts that the tool may touch; none: nowhere.
+    pub state: Option<StateFolder>,
 }
 
 impl ObjectsConfig {
@@ -68,6 +72,8 @@ impl ObjectsConfig {
             preset: cell.controller.preset.clone(),
             settings: cell.controller.settings.clone(),
             shape: shape(cell)?,
+            estimators: cell.estimators.run.clone(),
+            state: StateFolder::of_cell(cell),
         })
     }
 
@@ -95,6 +101,10 @@ pub struct UnifiedConfig {
     pub settings: toml::Table,
     /// What takes the torques.
     pub interface: TorqueInterface,
+    /// Estimators that run in this cell.
+    pub estimators: Vec<String>,
+    /// Where it keeps over restarts that the tool may touch; none: nowhere.
+    pub state: Option<StateFolder>,
 }
 
 impl UnifiedConfig {
@@ -111,6 +121,8 @@ impl UnifiedConfig {
             preset: own.preset.clone(),
             settings: own.settings.clone(),
             interface: interface(cell),
+            estimators: cell.estimators.run.clone(),
+            state: StateFolder::of_cell(cell),
         })
     }
 

@@ -4,7 +4,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use tangent_control::{CommandKind, ControlError, Phase, SwitchRefusal};
+use nalgebra::Vector3;
+use tangent_control::{Clearance, CommandKind, ControlError, Phase, SwitchRefusal};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{
     Age, Gauge, HealthReporter, Histogram, Parameter, Publisher, Rate, Received,
@@ -15,8 +16,10 @@ use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, ShapingState};
 
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
-use crate::inputs::{WrenchReader, driven_by_another};
-use crate::mailbox::{Ask, Letter, Mailbox, Outcome};
+use crate::inputs::{WrenchNow, WrenchReader, driven_by_another};
+use crate::mailbox::{Ask, Letter, Mailbox, Outcome, cannot_leave};
+use crate::messages::no_wrench;
+use crate::pinned::PinnedArm;
 use crate::watch::{Told, Watch};
 
 /// A task on its way to the loop.
@@ -51,6 +54,13 @@ pub struct TorqueCycle {
     pub activation: u64,
     /// Activation that the arm has latched out.
     pub latched: u64,
+    pub arm: PinnedArm,
+    /// A command would move the arm now.
+    pub ready: bool,
+    /// Whether the tool may touch something: outlasts the programs.
+    pub clearance: Clearance,
+    /// Where the tool is, base axes, m.
+    pub position: Vector3<f64>,
     pub wrench: WrenchReader,
     pub command: Publisher<ArmCommand>,
     pub state: Publisher<ControlState>,
@@ -73,27 +83,39 @@ impl TorqueCycle {
         self.meters.arm_age.mark_at(arm.received);
         self.watch.count_missed(arm.message.cycle);
         self.latched = arm.message.activation_latched;
-        while let Some(letter) = self.mailbox.take() {
-            self.deal_with(letter);
+        self.position = (&arm.message.tool_pose.position).into();
+        let other = driven_by_another(&arm.message, self.command.mark());
+        self.ready = arm.message.ready && other.is_none();
+        for slot in self.mailbox.waiting() {
+            if let Some(letter) = self.mailbox.take(slot, begin) {
+                self.deal_with(letter);
+            }
         }
         self.take_parameter();
+        let active = self.phase().is_active();
+        // A task keeps to the publishers that it was started on.
+        self.wrench.hold(active);
+        let another_arm = self.arm.is_another(arm.publisher, active);
         let wrench = self.wrench.read();
-        let other = driven_by_another(&arm.message, self.command.id());
         // The arm has ended this task: to it, all that is commanded for it is void.
-        let ended = self.phase().is_active() && self.latched >= self.activation;
+        let ended = another_arm || active && self.latched >= self.activation;
         let input = TorqueInput {
             arm: &arm.message,
+            since_packet: arm.received.elapsed(),
             time_s: arm
                 .received
                 .saturating_duration_since(self.started)
                 .as_secs_f64(),
-            arm_ready: arm.message.ready && other.is_none() && !ended,
+            arm_ready: self.ready && !ended,
             wrench,
         };
         let answer = match &mut self.program {
             Some(program) => program.step(&input),
-            None => Some(idle(&arm.message)),
+            None => Some(idle(&arm.message, self.clearance)),
         };
+        if let Some(answer) = &answer {
+            self.clearance = answer.clearance;
+        }
         let Some(answer) = answer else {
             // No answer: the arm comes to rest by itself.
             self.watch.unusable();
@@ -123,6 +145,7 @@ impl TorqueCycle {
             other,
             arm_age.as_secs_f64(),
             took.as_secs_f64(),
+            &wrench,
         );
     }
 
@@ -133,6 +156,7 @@ impl TorqueCycle {
         other: Option<Name>,
         arm_state_age_s: f64,
         step_s: f64,
+        wrench: &WrenchNow,
     ) {
         let (estimator, switches, cause) = answer.estimator;
         if answer.phase.is_active() {
@@ -142,6 +166,7 @@ impl TorqueCycle {
             Some(fault) if answer.phase != Phase::Idle => cut(fault.text()),
             _ => cut(""),
         };
+        let fault_text = self.watch.fault_text(answer.fault, fault_text);
         self.state.publish(&ControlState {
             header: Header::new(arm.message.header.stamp.to_ns(), "base"),
             cycle: arm.message.cycle,
@@ -159,6 +184,11 @@ impl TorqueCycle {
             base_age_s: -1.0,
             step_s,
             fault: fault_text,
+            paused: self.program.as_ref().is_some_and(|p| p.is_paused()),
+            wrench_validity: wrench.validity as u8,
+            contact_possible: !answer.clearance.is_free(),
+            zero_age_s: answer.zero.map_or(-1.0, |(age_s, _)| age_s),
+            zero_bound_n: answer.zero.and_then(|(_, bound_n)| bound_n).unwrap_or(-1.0),
             ..answer.state
         });
         if let Some(shaping) = answer.shaping {
@@ -173,6 +203,8 @@ impl TorqueCycle {
             fault: answer.fault,
             fault_text,
             tare_requested: answer.tare_requested,
+            clearance: answer.clearance,
+            zero_withdrawn: answer.zero_withdrawn,
             other,
         });
     }
@@ -201,12 +233,36 @@ impl TorqueCycle {
                 }))
             }
             (Ask::Start(program), _) => {
-                if let Some(new) = program.take() {
+                let position = &self.position;
+                let allowed = program
+                    .as_ref()
+                    .as_ref()
+                    .map_or(Ok(()), |new| new.check_start(&self.clearance, position));
+                if let Err(error) = allowed {
+                    Err(Outcome::Refused(error))
+                } else if let Some(mut new) = program.take() {
+                    new.begin(self.clearance);
                     let force_n = new.task().force.reference_n;
                     **program = self.program.replace(new);
-                    self.activation = self.activation.max(self.latched) + 1;
+                    self.activation = self.activation.max(self.latched).saturating_add(1);
                     self.force_reference.set(force_n);
                     self.force_reference_seen = self.force_reference.get();
+                    Ok(())
+                } else {
+                    Ok(())
+                }
+            }
+            (Ask::Clear, _) if phase.is_active() => {
+                Err(Outcome::Refused(ControlError::WrongPhase {
+                    request: "say that the tool hangs free",
+                    phase: phase.name(),
+                    remedy: "stop the task first",
+                }))
+            }
+            (Ask::Clear, program) => {
+                self.clearance = Clearance::Free;
+                if let Some(program) = program {
+                    program.say_clear();
                 }
                 Ok(())
             }
@@ -214,6 +270,15 @@ impl TorqueCycle {
             (Ask::Resume, Some(program)) => program.pause(false).map_err(Outcome::Refused),
             (Ask::Pause, None) => Err(nothing("pause")),
             (Ask::Resume, None) => Err(nothing("resume")),
+            (Ask::Stop, Some(program)) if program.is_left_on_surface() => {
+                if self.ready {
+                    self.activation = self.activation.max(self.latched) + 1;
+                    program.leave_surface();
+                    Ok(())
+                } else {
+                    Err(Outcome::Refused(cannot_leave(phase)))
+                }
+            }
             (Ask::Stop, program) => {
                 if let Some(program) = program {
                     program.stop();
@@ -227,9 +292,9 @@ impl TorqueCycle {
             // Programs bring their readers along.
             (Ask::Listen(_), _) => Ok(()),
         };
-        let activation = self.activation;
+        let (activation, phase) = (self.activation, self.phase());
         letter.answer(match result {
-            Ok(()) => Outcome::Done { activation },
+            Ok(()) => Outcome::Done { activation, phase },
             Err(refused) => refused,
         });
     }
@@ -246,15 +311,20 @@ impl TorqueCycle {
 }
 
 /// Nothing was started yet: nothing is asked of the arm.
-fn idle(arm: &ArmState) -> TorqueAnswer {
+fn idle(arm: &ArmState, clearance: Clearance) -> TorqueAnswer {
     TorqueAnswer {
         torque: arm.q.iter().map(|_| 0.0).collect(),
         state: ControlState {
             path_reference: arm.tool_pose.position.clone(),
             wrench_age_s: -1.0,
             estimate_age_s: -1.0,
+            force_n: f64::NAN,
+            wrench: (&no_wrench()).into(),
             ..ControlState::default()
         },
+        clearance,
+        zero_withdrawn: false,
+        zero: None,
         shaping: None,
         phase: Phase::Idle,
         fault: None,

@@ -13,8 +13,9 @@ mod unified;
 
 use std::sync::Arc;
 
+use nalgebra::Vector3;
 use tangent_control::Parameter;
-use tangent_runtime::{Bus, HealthReporter, Parameters, Stop};
+use tangent_runtime::{Beat, Bus, HealthReporter, Parameters, StateFolder, Stop};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::topics;
 
@@ -23,6 +24,8 @@ pub use config::TorqueConfig;
 use crate::desk::{Desk, Kind};
 use crate::inputs::WrenchReader;
 use crate::mailbox::Mailbox;
+use crate::memory::Memory;
+use crate::pinned::PinnedArm;
 use crate::watch::Watch;
 use crate::{ControllerError, SERVICE, beside};
 use cycle::{Boxed, TorqueCycle, TorqueMeters};
@@ -35,15 +38,20 @@ use unified::Unified;
 /// [`ControllerError`]: only what prevents it from starting.
 pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
     match config {
-        TorqueConfig::HybridDynamics(config) => run_kind(Objects::new(&bus, *config), &bus, &stop),
+        TorqueConfig::HybridDynamics(config) => {
+            let state = config.state.clone();
+            run_kind(Objects::new(&bus, *config)?, state, &bus, &stop)
+        }
         TorqueConfig::UnifiedForceImpedance(config) => {
-            run_kind(Unified::new(&bus, *config), &bus, &stop)
+            let state = config.state.clone();
+            run_kind(Unified::new(&bus, *config)?, state, &bus, &stop)
         }
     }
 }
 
 fn run_kind<K: Kind<Program = Boxed>>(
     kind: K,
+    state: Option<StateFolder>,
     bus: &Bus,
     stop: &Stop,
 ) -> Result<(), ControllerError> {
@@ -51,7 +59,7 @@ fn run_kind<K: Kind<Program = Boxed>>(
     let parameters = Parameters::new(bus, SERVICE)?;
     let mailbox = Arc::new(Mailbox::default());
     let command = bus.publisher(&topics::ARM_COMMAND)?;
-    let own_id = command.id();
+    let own_id = command.mark();
     let (lower, upper) = Parameter::ForceReference.range();
     let force_reference = parameters.number(
         Parameter::ForceReference.name(),
@@ -60,11 +68,16 @@ fn run_kind<K: Kind<Program = Boxed>>(
         "N",
         "Pressing force of the running task.",
     );
-    let desk = Desk::new(bus, &mailbox, kind, own_id)?;
+    let memory = Arc::new(Memory::open(state));
+    let desk = Desk::new(bus, &mailbox, kind, own_id, &memory)?;
     let mut cycle = TorqueCycle {
         program: None,
         activation: 0,
         latched: 0,
+        arm: PinnedArm::default(),
+        ready: false,
+        clearance: memory.known(),
+        position: Vector3::zeros(),
         wrench: WrenchReader::new(
             bus.latest(&topics::WRENCH_TOOL)?,
             bus.latest(&topics::WRENCH_STATUS)?,
@@ -81,7 +94,14 @@ fn run_kind<K: Kind<Program = Boxed>>(
         started: std::time::Instant::now(),
     };
     health.running();
-    let _loop = bus.on(&topics::ARM_STATE, move |arm| cycle.step(arm))?;
+    // Nobody calls it while the arm is silent; a cycle that has begun has to end.
+    let beat = Beat::new(SERVICE);
+    beat.rest();
+    let _loop = bus.on(&topics::ARM_STATE, move |arm| {
+        beat.beat();
+        cycle.step(arm);
+        beat.rest();
+    })?;
     let _answers = desk.open()?;
-    beside(bus, &mailbox, stop)
+    beside(bus, &mailbox, &memory, stop)
 }

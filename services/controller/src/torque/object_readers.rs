@@ -1,16 +1,20 @@
 //! The estimates of an object's pose that a task may go by: which one is used, when the next is taken, when a switch is refused.
 
+use std::time::Duration;
+
 use arrayvec::ArrayVec;
-use nalgebra::{Matrix6, Vector3};
-use tangent_control::{EstimatorName, MAX_ESTIMATORS, SwitchCause, SwitchRefusal};
-use tangent_estimation::ObjectEstimate;
+use nalgebra::{Matrix3, Matrix6, Vector3};
+use tangent_control::{
+    ChoiceRules, EstimateInput, EstimatorName, MAX_ESTIMATORS, SwitchCause, SwitchRefusal,
+};
 use tangent_estimation::object_pose::{ImplicitSurface, ObjectShape};
+use tangent_estimation::{NormalEstimate, ObjectEstimate};
 use tangent_mechanics::{Base, Object, Pose, Twist};
 use tangent_runtime::Latest;
 use tangent_schemas::tangent::{ArmState, ObjectEstimate as Message};
 use tangent_sensing::Validity;
 
-use super::choice::{Choice, Judged, judge};
+use super::choice::Choice;
 use crate::age::CycleAge;
 
 struct Reader {
@@ -24,20 +28,15 @@ struct Reader {
 pub struct ObjectReaders {
     readers: ArrayVec<Reader, MAX_ESTIMATORS>,
     shape: ObjectShape,
-    patience_s: f64,
     choice: Choice,
-    /// Where the normals of two estimates are compared, base axes, m.
-    tip: Vector3<f64>,
 }
 
 impl ObjectReaders {
-    /// In the order of the task's list. Silence of more than `patience_s` is no estimate; `gate_rad` is how far the normal of a
-    /// chosen one may lie from that in use.
+    /// In the order of the task's list, chosen from by `rules`.
     pub fn new(
         readers: impl IntoIterator<Item = (EstimatorName, Latest<Message>)>,
         shape: ObjectShape,
-        patience_s: f64,
-        gate_rad: f64,
+        rules: ChoiceRules,
     ) -> Self {
         let (names, readers): (Vec<_>, Vec<_>) = readers
             .into_iter()
@@ -54,26 +53,47 @@ impl ObjectReaders {
         Self {
             readers: readers.into_iter().collect(),
             shape,
-            patience_s,
-            choice: Choice::new(names, gate_rad),
-            tip: Vector3::zeros(),
+            choice: Choice::new(names, rules),
         }
     }
 
-    /// The estimate to use in this cycle and its age, s.
-    pub fn read(&mut self, arm: &ArmState) -> Option<(ObjectEstimate, f64)> {
-        self.tip = (&arm.tool_pose.position).into();
+    /// The estimate to use in this cycle, `since_packet` after the robot's newest packet `arm` came, and its age, s; with the reason where it
+    /// is not to be gone by. `normal` is the one in use, base axes; `way_m` was slid since the cycle before.
+    pub fn read(
+        &mut self,
+        arm: &ArmState,
+        since_packet: Duration,
+        normal: Option<Vector3<f64>>,
+        way_m: f64,
+    ) -> Option<(ObjectEstimate, f64)> {
         for reader in &mut self.readers {
             reader.now = reader.newest.get().map(|received| {
                 let message = &received.message;
                 let said = (received.publisher, message.header.stamp.to_ns());
-                let age_s = reader.age.of(said, message.cycle, received.age(), arm);
+                let age_s = reader
+                    .age
+                    .of(said, message.cycle, received.age(), arm, since_packet);
                 (estimate(message), age_s)
             });
         }
-        let judged = self.judged();
-        let active = self.choice.fall_back(&judged);
-        self.readers.get(active).and_then(|reader| reader.now)
+        // Two estimates are compared by their normals at the tip.
+        let tip = (&arm.tool_pose.position).into();
+        let shape = &self.shape;
+        let normals = self.readers.iter().map(|reader| {
+            reader.now.map(|(estimate, age_s)| EstimateInput {
+                estimate: normal_at(&estimate, shape, &tip),
+                age_s,
+            })
+        });
+        let used = self.choice.step(normals, normal, way_m, arm.period_s)?;
+        let (mut estimate, age_s) = self.readers.get(self.choice.active())?.now?;
+        estimate.validity = used.estimate.validity;
+        Some((estimate, age_s))
+    }
+
+    /// Every estimator of the list, with its newest estimate's age in this cycle, s; -1 without one.
+    pub fn ages(&self) -> impl Iterator<Item = (EstimatorName, f64)> {
+        self.choice.ages()
     }
 
     /// Takes another of the list.
@@ -81,38 +101,25 @@ impl ObjectReaders {
     /// # Errors
     /// Unknown, silent, invalid, or too far from the one in use.
     pub fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
-        let judged = self.judged();
-        let used = self.normal(self.choice.active());
-        let normals: ArrayVec<_, MAX_ESTIMATORS> =
-            (0..self.readers.len()).map(|i| self.normal(i)).collect();
-        self.choice.select(name, force, &judged, |index| {
-            Some(used?.angle(normals.get(index)?.as_ref()?))
-        })
+        self.choice.select(name, force)
     }
 
     /// Name of the one in use, changes since the task started, and why this one.
     pub fn in_use(&self) -> (EstimatorName, u32, SwitchCause) {
         self.choice.in_use()
     }
+}
 
-    fn judged(&self) -> Judged {
-        let said = |reader: &Reader| {
-            reader
-                .now
-                .map(|(estimate, age_s)| (estimate.validity, age_s))
-        };
-        self.readers
-            .iter()
-            .map(|reader| judge(said(reader), self.patience_s))
-            .collect()
-    }
-
-    fn normal(&self, index: usize) -> Option<Vector3<f64>> {
-        let (estimate, age_s) = self.readers.get(index)?.now?;
-        judge(Some((estimate.validity, age_s)), self.patience_s).ok()?;
-        let pose = &estimate.base_from_object;
-        let tip = pose.inverse().transform_point(&self.tip);
-        Some(pose.rotate(&self.shape.normal(&tip)))
+/// What an estimate of the object says of the surface's normal at `tip`, base axes, m.
+fn normal_at(estimate: &ObjectEstimate, shape: &ObjectShape, tip: &Vector3<f64>) -> NormalEstimate {
+    let pose = &estimate.base_from_object;
+    NormalEstimate {
+        point: *tip,
+        normal: pose.rotate(&shape.normal(&pose.inverse().transform_point(tip))),
+        covariance: Matrix3::zeros(),
+        validity: estimate.validity,
+        friction: None,
+        curvature: None,
     }
 }
 
@@ -143,12 +150,27 @@ fn estimate(message: &Message) -> ObjectEstimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::torque::choice::rules;
+    use tangent_control::{PatienceConfig, SwitchingSpec};
     use tangent_runtime::{Bus, Publisher};
     use tangent_schemas::Covariance;
     use tangent_schemas::standard::Header;
     use tangent_schemas::topics;
 
-    const PATIENCE_S: f64 = 60.0;
+    const PATIENCE_S: f64 = 20.0;
+    const PERIOD_S: f64 = 0.1;
+
+    fn patient(return_after_good_s: Option<f64>) -> ChoiceRules {
+        let patience = PatienceConfig {
+            estimate_s: PATIENCE_S,
+            ..PatienceConfig::default()
+        };
+        let switching = SwitchingSpec {
+            disagreement_max_rad: Some(0.1),
+            return_after_good_s,
+        };
+        rules(&patience, &switching, false)
+    }
 
     struct Bench {
         readers: ObjectReaders,
@@ -158,6 +180,10 @@ mod tests {
 
     impl Bench {
         fn new(name: &str) -> Self {
+            Self::with(name, patient(None))
+        }
+
+        fn with(name: &str, rules: ChoiceRules) -> Self {
             let bus = Bus::in_process(name);
             let names = ["a", "b"];
             let newest = names.map(|n| {
@@ -166,13 +192,13 @@ mod tests {
             });
             let speakers = names.map(|n| bus.publisher(&topics::estimate_object(n)).unwrap());
             let mut arm = ArmState {
-                period_s: 0.001,
+                period_s: PERIOD_S,
                 cycle: 100,
                 ..ArmState::default()
             };
             arm.tool_pose.orientation.w = 1.0;
             Self {
-                readers: ObjectReaders::new(newest, ObjectShape::Plane, PATIENCE_S, 0.1),
+                readers: ObjectReaders::new(newest, ObjectShape::Plane, rules),
                 speakers,
                 arm,
             }
@@ -194,9 +220,24 @@ mod tests {
 
         fn next(&mut self) -> Option<f64> {
             self.arm.cycle += 1;
-            let read = self.readers.read(&self.arm);
+            let read = self
+                .readers
+                .read(&self.arm, Duration::ZERO, Some(Vector3::z()), 0.0);
             read.filter(|(e, _)| e.validity.is_valid())
                 .map(|(e, _)| e.base_from_object.rotation().angle())
+        }
+
+        /// Cycles in which both say this until `name` is in use.
+        fn until(&mut self, name: &str, said: [Validity; 2]) -> f64 {
+            for cycle in 0..10_000 {
+                if self.readers.in_use().0.as_str() == name {
+                    return f64::from(cycle);
+                }
+                self.say(0, 0.01, said[0]);
+                self.say(1, 0.02, said[1]);
+                self.next();
+            }
+            panic!("never {name}");
         }
 
         fn select(&mut self, name: &str, force: bool) -> Result<(), SwitchRefusal> {
@@ -212,11 +253,33 @@ mod tests {
         bench.say(0, 0.01, Validity::Valid);
         bench.say(1, 0.02, Validity::Valid);
         assert!((bench.next().unwrap() - 0.01).abs() < 1e-12);
+        // One frame that disagrees is no reason to leave.
         bench.say(0, 0.01, Validity::Disagrees);
-        assert!((bench.next().unwrap() - 0.02).abs() < 1e-12);
+        assert_eq!(bench.next(), None);
+        assert_eq!(bench.readers.in_use().1, 0);
+        let borne = bench.until("b", [Validity::Disagrees, Validity::Valid]);
+        assert!((borne - PATIENCE_S / PERIOD_S).abs() < 3.0, "{borne}");
         let (name, switches, cause) = bench.readers.in_use();
         assert_eq!((name.as_str(), switches), ("b", 1));
         assert_eq!(cause, SwitchCause::FellBack(Validity::Disagrees));
+    }
+
+    #[test]
+    fn the_first_comes_back_after_being_good_for_as_long_as_the_task_says() {
+        let mut bench = Bench::with("object-return", patient(Some(5.0)));
+        bench.until("b", [Validity::Degenerate, Validity::Valid]);
+        let good = bench.until("a", [Validity::Valid; 2]);
+        assert!((good - 5.0 / PERIOD_S).abs() < 3.0, "{good}");
+        assert_eq!(bench.readers.in_use().2, SwitchCause::Returned);
+    }
+
+    #[test]
+    fn a_pose_far_from_the_one_in_use_is_not_gone_by() {
+        let mut bench = Bench::new("object-gate");
+        bench.say(0, 1.5, Validity::Valid);
+        assert_eq!(bench.next(), None);
+        bench.say(0, 0.1, Validity::Valid);
+        assert!(bench.next().is_some());
     }
 
     #[test]
@@ -234,7 +297,7 @@ mod tests {
         ));
         bench.select("b", true).unwrap();
         assert_eq!(bench.readers.in_use().2, SwitchCause::Forced);
-        bench.say(0, 0.25, Validity::Valid);
+        bench.say(0, 0.05, Validity::Valid);
         bench.next();
         bench.select("a", false).unwrap();
         assert_eq!(bench.readers.in_use().1, 2);
@@ -243,12 +306,10 @@ mod tests {
     #[test]
     fn an_estimate_that_stands_still_grows_old_and_nonsense_is_none() {
         let mut bench = Bench::new("object-old");
-        bench.readers.patience_s = 10.0;
         bench.say(0, 0.0, Validity::Valid);
-        bench.next();
+        assert!(bench.next().is_some());
         bench.arm.cycle += 20_000;
-        bench.next();
-        assert_eq!(bench.readers.judged()[0], Err(Validity::Stale));
+        assert_eq!(bench.next(), None);
         let mut nonsense = Message::default();
         nonsense.pose.position.x = f64::NAN;
         assert_eq!(estimate(&nonsense).validity, Validity::NotFinite);

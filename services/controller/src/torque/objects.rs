@@ -1,41 +1,65 @@
 //! Tasks of `hybrid_dynamics`: made ready for the loop, with the estimators of the object's pose that they name.
 
+use nalgebra::Vector3;
 use tangent_control::{
-    ControlError, EstimatorName, HybridDynamics, HybridInput, HybridOutput, Phase, SwitchRefusal,
-    Task,
+    Clearance, ControlError, EstimatorName, HybridDynamics, HybridInput, HybridOutput, Path, Phase,
+    SwitchRefusal, Task,
 };
-use tangent_runtime::Bus;
+use tangent_runtime::{Bus, BusError};
 use tangent_schemas::convert::{cut_format, joint_array, joints};
 use tangent_schemas::tangent::ControlState;
 use tangent_schemas::topics;
 
-use super::choice::SWITCH_GATE_RAD;
+use super::choice::rules;
 use super::config::ObjectsConfig;
 use super::cycle::Boxed;
 use super::object_readers::ObjectReaders;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use crate::desk::{Kind, one_speaks};
-use crate::mailbox::Mailbox;
+use crate::inputs::age_told;
+use crate::mailbox::{Mailbox, Time};
+use crate::messages::{no_wrench, tell_ages};
+use crate::start_check::StartCheck;
 
 /// Makes tasks ready. In the desk.
 pub struct Objects {
     bus: Bus,
     config: ObjectsConfig,
+    check: StartCheck<6>,
 }
 
 impl Objects {
     /// For the cell's arm and object.
-    pub fn new(bus: &Bus, config: ObjectsConfig) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// Where `arm/state` cannot be read.
+    pub fn new(bus: &Bus, config: ObjectsConfig) -> Result<Self, BusError> {
+        Ok(Self {
+            check: StartCheck::new(
+                bus,
+                config.arm,
+                config.flange_from_tool,
+                config.limits,
+                config.estimators.clone(),
+            )?,
             bus: bus.clone(),
             config,
-        }
+        })
     }
 
     fn program(&self, text: &str) -> Result<ObjectProgram, String> {
         let words = |e: ControlError| e.to_string();
         let task: Task = text.parse().map_err(words)?;
         let law = self.config.law(task.controller.as_deref()).map_err(words)?;
+        let bounds = &law.path;
+        let path = Path::new(
+            &task.path,
+            bounds.acceleration_m_per_s2,
+            bounds.jerk_m_per_s3,
+        );
+        self.check.task(&task, &path.map_err(words)?)?;
+        self.check
+            .estimators(&self.bus, &task.estimators, topics::estimate_object)?;
         let mut readers = Vec::new();
         for name in &task.estimators {
             let short = EstimatorName::from(name)
@@ -43,13 +67,10 @@ impl Objects {
             let newest = self.bus.latest(&topics::estimate_object(name));
             readers.push((short, newest.map_err(|e| e.to_string())?));
         }
-        let gate_rad = task
-            .switching
-            .disagreement_max_rad
-            .unwrap_or(SWITCH_GATE_RAD);
-        let patience_s = law.patience.estimate_s;
+        let rules = rules(&law.patience, &task.switching, false);
         Ok(ObjectProgram {
-            readers: ObjectReaders::new(readers, self.config.shape, patience_s, gate_rad),
+            readers: ObjectReaders::new(readers, self.config.shape, rules),
+            normal: None,
             law: HybridDynamics::new(
                 self.config.arm,
                 self.config.flange_from_tool,
@@ -71,7 +92,7 @@ impl Kind for Objects {
         Ok((program.law.task().name.clone(), Box::new(program)))
     }
 
-    fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>) -> Result<(), String> {
+    fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>, _: Time) -> Result<(), String> {
         let names = &program.task().estimators;
         let topics = names.iter().map(|name| topics::estimate_object(name));
         if one_speaks(&self.bus, topics)? {
@@ -88,6 +109,8 @@ impl Kind for Objects {
 struct ObjectProgram {
     law: HybridDynamics,
     readers: ObjectReaders,
+    /// In use in the cycle before, base axes.
+    normal: Option<Vector3<f64>>,
 }
 
 impl TorqueProgram for ObjectProgram {
@@ -95,8 +118,27 @@ impl TorqueProgram for ObjectProgram {
         self.law.task()
     }
 
+    fn check_start(
+        &self,
+        clearance: &Clearance,
+        position: &Vector3<f64>,
+    ) -> Result<(), ControlError> {
+        self.law.check_start(clearance, position)
+    }
+
+    fn begin(&mut self, clearance: Clearance) {
+        self.law.begin(clearance);
+    }
+
+    fn say_clear(&mut self) {
+        self.law.say_clear();
+    }
+
     fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer> {
-        let estimate = self.readers.read(input.arm);
+        let way_m = input.slid_m(self.law.phase());
+        let estimate = self
+            .readers
+            .read(input.arm, input.since_packet, self.normal, way_m);
         let wrench = &input.wrench;
         let output = self.law.step(&HybridInput {
             time_s: input.time_s,
@@ -108,24 +150,46 @@ impl TorqueProgram for ObjectProgram {
             wrench_validity: wrench.validity,
             wrench_age_s: wrench.age_s,
             bias_age_s: wrench.bias_age_s,
+            zero_bound_n: wrench.zero_bound_n,
+            untared: wrench.untared,
             estimate: estimate.map(|(estimate, _)| estimate),
             estimate_age_s: estimate.map_or(f64::INFINITY, |(_, age_s)| age_s),
         });
+        // Until the tare is done the law may stand on no estimate at all.
+        let goes_by_it = output.phase.is_active() && output.phase != Phase::Tare;
+        self.normal = goes_by_it.then_some(output.normal);
         let (name, switches, cause) = self.readers.in_use();
         let (what, why) = cause.text();
+        let mut state = state(&output, input, estimate.map(|(_, age_s)| age_s));
+        tell_ages(&mut state, self.readers.ages());
         Some(TorqueAnswer {
             torque: joint_array(&output.torque),
-            state: state(&output, input, estimate.map(|(_, age_s)| age_s)),
+            state,
             shaping: None,
             phase: output.phase,
             fault: output.fault,
             tare_requested: output.tare_requested,
+            clearance: output.clearance,
+            zero_withdrawn: output.zero_withdrawn,
+            zero: wrench.bias_age_s.map(|age_s| (age_s, wrench.zero_bound_n)),
             estimator: (name, switches, cut_format(format_args!("{what}{why}"))),
         })
     }
 
     fn pause(&mut self, paused: bool) -> Result<(), ControlError> {
         self.law.pause(paused)
+    }
+
+    fn is_left_on_surface(&self) -> bool {
+        self.law.is_left_on_surface()
+    }
+
+    fn leave_surface(&mut self) {
+        self.law.leave_surface();
+    }
+
+    fn is_paused(&self) -> bool {
+        self.law.is_paused()
     }
 
     fn stop(&mut self) {
@@ -150,23 +214,22 @@ fn state(
     input: &TorqueInput<'_>,
     estimate_age_s: Option<f64>,
 ) -> ControlState {
-    let age = |age_s: f64| if age_s.is_finite() { age_s } else { -1.0 };
     let wrench = &input.wrench;
     ControlState {
         normal: (&output.normal).into(),
         force_reference_n: output.force_reference_n,
-        force_n: output.force_n,
+        force_n: output.force_n.unwrap_or(f64::NAN),
         wrench: if wrench.validity.is_valid() && wrench.wrench.is_finite() {
             (&wrench.wrench).into()
         } else {
-            Default::default()
+            (&no_wrench()).into()
         },
         path_reference: (&output.path_reference).into(),
         path_error_m: output.path_error_m,
         path_progress: output.path_progress,
         alignment_error_rad: output.alignment_error_rad,
-        wrench_age_s: age(wrench.age_s),
-        estimate_age_s: estimate_age_s.map_or(-1.0, age),
+        wrench_age_s: age_told(Some(wrench.age_s)),
+        estimate_age_s: age_told(estimate_age_s),
         manipulability: output.manipulability,
         contact_lost_count: output.contact_lost_count,
         ..ControlState::default()

@@ -1,6 +1,9 @@
 //! A task with its law, as the torque loop runs it.
 
-use tangent_control::{ControlError, EstimatorName, Fault, Phase, SwitchRefusal, Task};
+use std::time::Duration;
+
+use nalgebra::Vector3;
+use tangent_control::{Clearance, ControlError, EstimatorName, Fault, Phase, SwitchRefusal, Task};
 use tangent_schemas::tangent::{ArmState, ControlState, ShapingState};
 use tangent_schemas::{JointArray, Text};
 
@@ -11,12 +14,25 @@ use crate::inputs::WrenchNow;
 pub struct TorqueInput<'a> {
     /// The packet.
     pub arm: &'a ArmState,
+    /// Time since it came.
+    pub since_packet: Duration,
     /// Time of this cycle, s, on a clock that does not jump.
     pub time_s: f64,
     /// Whether a command would move the arm now.
     pub arm_ready: bool,
     /// The wrench at the tool.
     pub wrench: WrenchNow,
+}
+
+impl TorqueInput<'_> {
+    /// Way that the tool slid since the packet before, m, where it is in `phase`.
+    pub fn slid_m(&self, phase: Phase) -> f64 {
+        if phase != Phase::Slide {
+            return 0.0;
+        }
+        let v = &self.arm.tool_twist.linear;
+        (v.x * v.x + v.y * v.y + v.z * v.z).sqrt() * self.arm.period_s
+    }
 }
 
 /// What the law answers.
@@ -34,6 +50,12 @@ pub struct TorqueAnswer {
     pub fault: Option<Fault>,
     /// A tare is due.
     pub tare_requested: bool,
+    /// Whether the tool may touch something.
+    pub clearance: Clearance,
+    /// The zero in force was taken in contact.
+    pub zero_withdrawn: bool,
+    /// Age of the zero in use, s, and the error that it implies, N, where that is known; none without a zero.
+    pub zero: Option<(f64, Option<f64>)>,
     /// Estimator in use, how often it changed, and why this one.
     pub estimator: (EstimatorName, u32, Text),
 }
@@ -43,17 +65,42 @@ pub trait TorqueProgram: Send {
     /// What it was made from.
     fn task(&self) -> &Task;
 
+    /// Whether it may start with the tool at `position` (base axes, m) after what is known of it.
+    ///
+    /// # Errors
+    /// Why not.
+    fn check_start(
+        &self,
+        clearance: &Clearance,
+        position: &Vector3<f64>,
+    ) -> Result<(), ControlError>;
+
+    /// Begins with what is known of the tool.
+    fn begin(&mut self, clearance: Clearance);
+
+    /// A person has looked: the tool hangs free. Only while no task runs.
+    fn say_clear(&mut self);
+
     /// Answers one packet; none when the arm's state makes no sense.
     fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer>;
 
-    /// Stops the path, keeps the force; false goes on.
+    /// Stands still, keeps the force of what presses; false goes on.
     ///
     /// # Errors
     /// Where there is no path.
     fn pause(&mut self, paused: bool) -> Result<(), ControlError>;
 
+    /// The task is paused.
+    fn is_paused(&self) -> bool;
+
     /// Ends the task with a retraction.
     fn stop(&mut self);
+
+    /// The task has ended, and the tool may still be where it touched.
+    fn is_left_on_surface(&self) -> bool;
+
+    /// Retracts a tool that is left on the surface.
+    fn leave_surface(&mut self);
 
     /// Takes another of the task's estimators; `force` waives its validity and agreement.
     ///

@@ -3,7 +3,7 @@
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
 use tangent_control::{
-    BendChange, ControlError, EstimateInput, EstimatorName, MAX_ESTIMATORS, Phase, SwitchRefusal,
+    BendChange, Clearance, ControlError, EstimatorName, MAX_ESTIMATORS, Path, Phase, SwitchRefusal,
     Task, UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput,
 };
 use tangent_estimation::depth_normal::DEPTH_NORMAL;
@@ -13,35 +13,56 @@ use tangent_schemas::tangent::{
     ControlState, NormalEstimate, ShapingState, SurfaceAhead, SurfaceSegment,
 };
 use tangent_schemas::topics;
-use tangent_sensing::Validity;
 
-use super::choice::{Choice, Judged, SWITCH_GATE_RAD, judge};
+use super::choice::{Choice, rules};
 use super::config::UnifiedConfig;
 use super::cycle::Boxed;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use crate::desk::{Kind, one_speaks};
-use crate::inputs::{EstimateReader, normal_estimate, read_estimate};
-use crate::mailbox::Mailbox;
+use crate::inputs::{EstimateReader, age_told, normal_estimate, read_estimate};
+use crate::mailbox::{Mailbox, Time};
+use crate::messages::{no_wrench, tell_ages};
+use crate::start_check::StartCheck;
 
 /// Makes tasks ready. In the desk.
 pub struct Unified {
     bus: Bus,
     config: UnifiedConfig,
+    check: StartCheck<7>,
 }
 
 impl Unified {
     /// For the cell's arm.
-    pub fn new(bus: &Bus, config: UnifiedConfig) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// Where `arm/state` cannot be read.
+    pub fn new(bus: &Bus, config: UnifiedConfig) -> Result<Self, BusError> {
+        Ok(Self {
+            check: StartCheck::new(
+                bus,
+                config.arm,
+                config.flange_from_tool,
+                config.limits,
+                config.estimators.clone(),
+            )?,
             bus: bus.clone(),
             config,
-        }
+        })
     }
 
     fn program(&self, text: &str) -> Result<UnifiedProgram, String> {
         let words = |e: ControlError| e.to_string();
         let task: Task = text.parse().map_err(words)?;
         let law = self.config.law(task.controller.as_deref()).map_err(words)?;
+        let bounds = &law.path;
+        let path = Path::new(
+            &task.path,
+            bounds.acceleration_m_per_s2,
+            bounds.jerk_m_per_s3,
+        );
+        self.check.task(&task, &path.map_err(words)?)?;
+        self.check
+            .estimators(&self.bus, &task.estimators, topics::estimate_normal)?;
         let (mut names, mut readers) = (Vec::new(), ArrayVec::new());
         for name in task.estimators.iter().take(MAX_ESTIMATORS) {
             let short = EstimatorName::from(name)
@@ -53,10 +74,7 @@ impl Unified {
                 newest.map_err(|e| e.to_string())?,
             ));
         }
-        let gate_rad = task
-            .switching
-            .disagreement_max_rad
-            .unwrap_or(SWITCH_GATE_RAD);
+        let rules = rules(&law.patience, &task.switching, true);
         let bus = |e: BusError| e.to_string();
         let frames = self.bus.latest(&topics::estimate_normal(DEPTH_NORMAL));
         let segments = self.bus.latest(&topics::estimate_segment(DEPTH_NORMAL));
@@ -67,8 +85,7 @@ impl Unified {
             maps: maps.map_err(bus)?,
             seen: None,
             readers,
-            newest: ArrayVec::new(),
-            choice: Choice::new(names, gate_rad),
+            choice: Choice::new(names, rules),
             normal: None,
             patience_s: law.patience.estimate_s,
             law: UnifiedForceImpedance::new(
@@ -92,7 +109,7 @@ impl Kind for Unified {
         Ok((program.law.task().name.clone(), Box::new(program)))
     }
 
-    fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>) -> Result<(), String> {
+    fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>, _: Time) -> Result<(), String> {
         let names = &program.task().estimators;
         let topics = names.iter().map(|name| topics::estimate_normal(name));
         if one_speaks(&self.bus, topics)? {
@@ -114,8 +131,6 @@ struct UnifiedProgram {
     /// The newest frame, on the loop's clock.
     seen: Option<VisionInput>,
     readers: ArrayVec<EstimateReader, MAX_ESTIMATORS>,
-    /// As read in this cycle.
-    newest: ArrayVec<Option<EstimateInput>, MAX_ESTIMATORS>,
     choice: Choice,
     /// In use in the cycle before, base axes.
     normal: Option<Vector3<f64>>,
@@ -123,14 +138,6 @@ struct UnifiedProgram {
 }
 
 impl UnifiedProgram {
-    fn judged(&self) -> Judged {
-        let said = |e: &Option<EstimateInput>| e.map(|e| (e.estimate.validity, e.age_s));
-        self.newest
-            .iter()
-            .map(|e| judge(said(e), self.patience_s))
-            .collect()
-    }
-
     /// The newest frame. It is about a moment ago, which its arm state tells; the law places it there, and sees when it grows old.
     fn look(&mut self, input: &TorqueInput<'_>) -> Option<VisionInput> {
         if let Some(new) = self.frames.take_new() {
@@ -141,7 +148,7 @@ impl UnifiedProgram {
             let segment = self.segments.get().map(|segment| &segment.message);
             let surface_variation = segment
                 .filter(|segment| segment.cycle == cycle)
-                .map_or(0.0, |segment| segment.surface_variation);
+                .map(|segment| segment.surface_variation);
             self.maps.refresh();
             let map = self.maps.get().map(|map| &map.message);
             let change = map.filter(|map| map.cycle == cycle).and_then(bend_change);
@@ -167,24 +174,30 @@ impl TorqueProgram for UnifiedProgram {
         self.law.task()
     }
 
+    fn check_start(
+        &self,
+        clearance: &Clearance,
+        position: &Vector3<f64>,
+    ) -> Result<(), ControlError> {
+        self.law.check_start(clearance, position)
+    }
+
+    fn begin(&mut self, clearance: Clearance) {
+        self.law.begin(clearance);
+    }
+
+    fn say_clear(&mut self) {
+        self.law.say_clear();
+    }
+
     fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer> {
-        self.newest = self
+        let way_m = input.slid_m(self.law.phase());
+        let said = self
             .readers
             .iter_mut()
-            .map(|reader| read_estimate(reader, input.arm))
-            .collect();
-        let mut judged = self.judged();
-        if self.law.phase() != Phase::Slide {
-            // Nobody feels a surface that is not slid on: only silence counts.
-            for said in &mut judged {
-                *said = said.or_else(|why| match why {
-                    Validity::Missing | Validity::Stale => Err(why),
-                    _ => Ok(()),
-                });
-            }
-        }
-        let active = self.choice.fall_back(&judged);
-        let touch = self.newest.get(active).copied().flatten();
+            .map(|reader| read_estimate(reader, input.arm, input.since_packet));
+        let dt_s = input.arm.period_s;
+        let touch = self.choice.step(said, self.normal, way_m, dt_s);
         let touch = touch.filter(|e| e.age_s <= self.patience_s);
         let wrench = &input.wrench;
         let vision = self.look(input);
@@ -201,12 +214,16 @@ impl TorqueProgram for UnifiedProgram {
             touch: touch.map(|t| t.estimate),
             touch_age_s: touch.map_or(f64::INFINITY, |t| t.age_s),
         });
-        self.normal = Some(output.normal);
+        // Until the tare is done the law may stand on no estimate at all.
+        let goes_by_it = output.phase.is_active() && output.phase != Phase::Tare;
+        self.normal = goes_by_it.then_some(output.normal);
         let (name, switches, cause) = self.choice.in_use();
         let (what, why) = cause.text();
+        let mut state = state(&output, input, touch.map(|t| t.age_s));
+        tell_ages(&mut state, self.choice.ages());
         Some(TorqueAnswer {
             torque: joint_array(&output.torque),
-            state: state(&output, input, touch.map(|t| t.age_s)),
+            state,
             shaping: Some(ShapingState {
                 monitor: output.monitor,
                 monitor_margin: output.monitor_margin,
@@ -218,6 +235,9 @@ impl TorqueProgram for UnifiedProgram {
             fault: output.fault,
             // The law takes the zero itself, at rest before it moves.
             tare_requested: false,
+            clearance: output.clearance,
+            zero_withdrawn: false,
+            zero: output.zero_age_s.map(|age_s| (age_s, output.zero_bound_n)),
             estimator: (name, switches, cut_format(format_args!("{what}{why}"))),
         })
     }
@@ -226,17 +246,24 @@ impl TorqueProgram for UnifiedProgram {
         self.law.pause(paused)
     }
 
+    fn is_left_on_surface(&self) -> bool {
+        self.law.is_left_on_surface()
+    }
+
+    fn leave_surface(&mut self) {
+        self.law.leave_surface();
+    }
+
+    fn is_paused(&self) -> bool {
+        self.law.is_paused()
+    }
+
     fn stop(&mut self) {
         self.law.stop();
     }
 
     fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
-        let judged = self.judged();
-        let (used, newest) = (self.normal, &self.newest);
-        self.choice.select(name, force, &judged, |index| {
-            let told = newest.get(index)?.as_ref()?;
-            Some(used?.angle(&told.estimate.normal))
-        })
+        self.choice.select(name, force)
     }
 
     fn set_force_reference(&mut self, force_n: f64) {
@@ -263,18 +290,17 @@ fn state(
     input: &TorqueInput<'_>,
     estimate_age_s: Option<f64>,
 ) -> ControlState {
-    let age = |age_s: f64| if age_s.is_finite() { age_s } else { -1.0 };
     ControlState {
         normal: (&output.normal).into(),
         force_reference_n: output.force_reference_n,
-        force_n: output.force_n,
-        wrench: (&output.wrench).into(),
+        force_n: output.force_n.unwrap_or(f64::NAN),
+        wrench: (&output.wrench.unwrap_or(no_wrench())).into(),
         path_reference: (&output.path_reference).into(),
         path_error_m: output.path_error_m,
         path_progress: output.path_progress,
         alignment_error_rad: output.alignment_error_rad,
-        wrench_age_s: age(input.wrench.age_s),
-        estimate_age_s: estimate_age_s.map_or(-1.0, age),
+        wrench_age_s: age_told(Some(input.wrench.age_s)),
+        estimate_age_s: age_told(estimate_age_s),
         motion_tank_j: output.tanks.motion_j,
         force_tank_j: output.tanks.force_j,
         manipulability: output.manipulability,

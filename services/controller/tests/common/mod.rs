@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 pub use speaker::{Mood, Speaker};
 use tangent_controller::{Config, ControllerError, run};
 use tangent_mechanics::{Arm, Joints, ModelData, Wrench};
-use tangent_runtime::bus::answer::done;
+use tangent_runtime::bus::answer::{done, refused};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{Bus, CellConfig, Handle, Latest, Publisher, Stop};
 use tangent_schemas::convert::{cut, joint_array};
@@ -35,6 +35,8 @@ pub const TASK: &str = r#"
     to_m = [0.02, 0.0]
     speed_m_per_s = 0.02
 "#;
+/// What the sensor's service says when it refuses a tare.
+pub const REFUSAL: &str = "not tared: somebody leans on the tool; the zero before stays in force";
 /// Time between packets.
 pub const PERIOD_S: f64 = 0.008;
 /// Longest wait for an answer.
@@ -66,6 +68,10 @@ pub struct Cell {
     pub tares: Arc<AtomicU64>,
     pub tared: Arc<AtomicBool>,
     pub latched: u64,
+    /// What the bridge says of the arm.
+    pub ready: bool,
+    /// Tares that are refused before one is granted.
+    pub refusals: Arc<AtomicU64>,
     /// Allocations while packets were answered, so far.
     pub allocations: u64,
     /// Who holds the arm's lease.
@@ -86,9 +92,15 @@ impl Cell {
             Arc::new(AtomicBool::new(false)),
         );
         let (count, flag) = (Arc::clone(&tares), Arc::clone(&tared));
+        let refusals = Arc::new(AtomicU64::new(0));
+        let refuse = Arc::clone(&refusals);
         let tare = bus
             .answer(queries::NETFT_TARE, move |_, _| {
                 count.fetch_add(1, Ordering::SeqCst);
+                if refuse.load(Ordering::SeqCst) > 0 {
+                    refuse.fetch_sub(1, Ordering::SeqCst);
+                    return refused(REFUSAL);
+                }
                 flag.store(true, Ordering::SeqCst);
                 done("tared")
             })
@@ -117,6 +129,8 @@ impl Cell {
             tares,
             tared,
             latched: 0,
+            ready: true,
+            refusals,
             allocations: 0,
             commander: ("", [0; 16]),
             _tare: tare,
@@ -195,7 +209,8 @@ impl Cell {
             tool_pose: (&tool).into(),
             tool_twist: (&tangent_mechanics::Twist::<tangent_mechanics::Base>::from_vector(&twist))
                 .into(),
-            ready: true,
+            ready: self.ready,
+            not_ready_reason: cut(if self.ready { "" } else { "protective stop" }),
             speed_scaling: 1.0,
             activation_latched: self.latched,
             commanded_by: cut(self.commander.0),

@@ -152,12 +152,20 @@ impl RobotState {
             && self.controller() == ControllerMode::External
     }
 
-    /// Whatever a loop acts on is finite; a robot never sends others.
-    pub fn is_finite(&self) -> bool {
-        [&self.q[..], &self.dq, &self.tau_j_d, &self.k_f_ext_hat_k]
-            .into_iter()
-            .chain([&self.f_t_ee[..], &self.ee_t_k])
-            .flatten()
-            .all(|x| x.is_finite())
+    /// Whatever a loop acts on is finite, and what an arm can have; a robot never sends others.
+    pub fn is_usable(&self) -> bool {
+        let within = |values: &[f64], most: f64| values.iter().all(|x| x.abs() <= most);
+        within(&self.q, JOINT_MAX)
+            && within(&self.dq, JOINT_MAX)
+            && within(&self.dq_d, JOINT_MAX)
+            && within(&self.tau_j_d, EFFORT_MAX)
+            && within(&self.k_f_ext_hat_k, EFFORT_MAX)
+            && within(&self.f_t_ee, JOINT_MAX)
+            && within(&self.ee_t_k, JOINT_MAX)
     }
 }
+
+/// No joint turns further, rad, or faster, rad/s; no tool is longer, m.
+const JOINT_MAX: f64 = 100.0;
+/// No joint and no tool feels more, N and Nm.
+const EFFORT_MAX: f64 = 1e6;

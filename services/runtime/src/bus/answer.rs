@@ -1,20 +1,24 @@
 //! Requests and answers: somebody asks on a key, the service behind it says done, or why not.
 
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
+use tangent_schemas::cdr;
 use tangent_schemas::tangent::{Answer, Request};
-use tangent_schemas::{Message, cdr};
+use tangent_schemas::topics::queries;
 use zenoh::key_expr::OwnedKeyExpr;
-use zenoh::query::Query;
 
 use super::Inner;
+use super::attachment::Attachment;
+use super::budget::Budget;
 use super::error::BusError;
+use super::lane::{self, Entrance, Jobs, Lane};
 use super::reader::Handle;
 use super::registry::parse_key;
-use super::session;
+use super::session::Asking;
+use crate::clock::now_ns;
 
 /// It was done.
 pub fn done(message: impl Into<String>) -> Answer {
@@ -46,17 +50,61 @@ pub fn refused(reason: impl Into<String>) -> Answer {
     }
 }
 
-type Handler = Arc<dyn Fn(&str, Request) -> Answer + Send + Sync>;
+/// A request as a service gets it.
+#[derive(Clone, Debug)]
+pub struct Asked {
+    /// Key that was asked.
+    pub key: String,
+    /// What is asked.
+    pub request: Request,
+    /// When it came to this process.
+    pub received: Instant,
+    /// Nothing may be begun for it after this.
+    pub deadline: Instant,
+}
+
+impl Asked {
+    /// A request of this process's own, whose asker waits for `patience`.
+    pub fn now(key: &str, request: &Request, patience: Duration) -> Self {
+        let received = Instant::now();
+        Self {
+            key: key.to_owned(),
+            request: request.clone(),
+            received,
+            deadline: Budget::within(patience).deadline(received),
+        }
+    }
+
+    /// The refusal of a request whose time is up.
+    pub fn late(&self) -> Option<Answer> {
+        let over = Instant::now().checked_duration_since(self.deadline)?;
+        Some(refused(format!(
+            "the request came or waited too long, by {:.2} s: nothing was done, ask again",
+            over.as_secs_f64()
+        )))
+    }
+}
+
+/// What a service says to a request.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reply {
+    /// Done, or refused without an effect.
+    Answered(Answer),
+    /// It may or may not have been done, and why nobody knows: a device did not answer, for instance.
+    Unknown(String),
+}
+
+impl From<Answer> for Reply {
+    fn from(answer: Answer) -> Self {
+        Self::Answered(answer)
+    }
+}
+
+pub(crate) type Handler = Arc<dyn Fn(Asked) -> Reply + Send + Sync>;
+pub(crate) type LaneOf = Arc<dyn Fn(&Request) -> Lane + Send + Sync>;
 
 struct Entry {
     id: u64,
-    pattern: OwnedKeyExpr,
-    handler: Handler,
-}
-
-/// A request from another process.
-struct Job {
-    query: Query,
     pattern: OwnedKeyExpr,
     handler: Handler,
 }
@@ -71,28 +119,26 @@ struct State {
 #[derive(Default)]
 pub(crate) struct Answerers {
     state: Mutex<State>,
-    /// To the answering thread; a handler may take long, and Zenoh's threads must not wait for it.
-    jobs: OnceLock<SyncSender<Job>>,
+    /// The lane that all keys share.
+    prompt: OnceLock<Jobs>,
+    /// Of the urgent lanes' threads, where the cell asks for real-time scheduling.
+    priority: Option<u8>,
+    /// Under which this bus asks, and how many queries it has sent.
+    asker: OnceLock<[u8; 16]>,
+    asked: AtomicU64,
 }
 
 impl Answerers {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Nobody answers yet; `priority` as in the field.
+    pub fn new(priority: Option<u8>) -> Self {
+        Self {
+            priority,
+            ..Self::default()
+        }
     }
 
-    fn jobs(&self) -> SyncSender<Job> {
-        self.jobs
-            .get_or_init(|| {
-                let (sender, receiver) = sync_channel(64);
-                let spawned = std::thread::Builder::new()
-                    .name("bus-answer".into())
-                    .spawn(move || answer_all(&receiver));
-                if let Err(error) = spawned {
-                    tracing::error!("no answering thread ({error}): requests stay unanswered");
-                }
-                sender
-            })
-            .clone()
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn matching(&self, key: &OwnedKeyExpr) -> Vec<(OwnedKeyExpr, Handler)> {
@@ -105,7 +151,12 @@ impl Answerers {
     }
 }
 
-pub(crate) fn declare(bus: &Arc<Inner>, key: &str, handler: Handler) -> Result<Handle, BusError> {
+pub(crate) fn declare(
+    bus: &Arc<Inner>,
+    key: &str,
+    lane: LaneOf,
+    handler: Handler,
+) -> Result<Handle, BusError> {
     let pattern = parse_key(key)?;
     let mut state = bus.answerers.lock();
     let id = state.next_id;
@@ -130,43 +181,27 @@ pub(crate) fn declare(bus: &Arc<Inner>, key: &str, handler: Handler) -> Result<H
         }
     });
     if let Some(session) = &bus.session {
-        let jobs = bus.answerers.jobs();
-        handle.keep(session.queryable(key, move |query| {
-            let job = Job {
-                query,
-                pattern: pattern.clone(),
-                handler: Arc::clone(&handler),
-            };
-            if jobs.try_send(job).is_err() {
-                tracing::warn!("{pattern}: too many requests at once, one is left unanswered");
-            }
-        })?);
+        let prompt = bus
+            .answerers
+            .prompt
+            .get_or_init(|| lane::start("bus-answer", None))
+            .clone();
+        let entrance = Entrance {
+            pattern,
+            handler,
+            lane,
+            prompt,
+            slow: OnceLock::new(),
+            urgent: OnceLock::new(),
+            priority: bus.answerers.priority,
+        };
+        handle.keep(session.queryable(key, move |query| entrance.take(query))?);
     }
     Ok(handle)
 }
 
-fn answer_all(jobs: &Receiver<Job>) {
-    let mut scratch = Vec::new();
-    for job in jobs {
-        let key = job.query.key_expr().as_str();
-        let payload = job.query.payload().map(|payload| payload.to_bytes());
-        let answer = match cdr::decode::<Request>(payload.as_deref().unwrap_or_default()) {
-            Ok(request) => (job.handler)(key, request),
-            Err(error) => refused(format!(
-                "the request cannot be read as {}: {error}",
-                Request::NAME
-            )),
-        };
-        let key = reply_key(job.query.key_expr().as_str(), &job.pattern);
-        match cdr::encode(&answer, &mut scratch) {
-            Ok(()) => session::reply(&job.query, &key, &scratch),
-            Err(error) => tracing::warn!("{key}: an answer cannot be encoded: {error}"),
-        }
-    }
-}
-
 /// The key an answer goes out under: the one asked, or for a question to many the answerer's own.
-fn reply_key(asked: &str, pattern: &OwnedKeyExpr) -> String {
+pub(super) fn reply_key(asked: &str, pattern: &OwnedKeyExpr) -> String {
     if asked.contains('*') {
         pattern.to_string()
     } else {
@@ -183,23 +218,56 @@ pub(crate) fn ask(
     let parsed = parse_key(key)?;
     // In the same process an answer needs no network: `stop` works also when the router is gone.
     if let Some((_, handler)) = bus.answerers.matching(&parsed).into_iter().next() {
-        return Ok(handler(key, request.clone()));
+        return known(key, handler(Asked::now(key, request, timeout)));
     }
+    let began = Instant::now();
     let no_answer = || BusError::NoAnswer {
         key: key.to_owned(),
-        timeout,
+        waited: began.elapsed(),
     };
     let session = bus.session.as_ref().ok_or_else(no_answer)?;
     let mut payload = Vec::new();
     encode(key, request, &mut payload)?;
-    let replies = session.get(key, &payload, timeout)?;
+    let replies = session.get(key, &asking(bus, key, request, &payload, timeout))?;
     match replies.recv_timeout(timeout) {
         Some(Ok((_, bytes))) => decode(key, &bytes),
-        Some(Err(reason)) => Err(BusError::BadAnswer {
+        Some(Err(reason)) => Err(BusError::Unknown {
             key: key.to_owned(),
             reason,
         }),
         None => Err(no_answer()),
+    }
+}
+
+/// Every query of a bus under the same id, numbered from 1.
+fn asking<'a>(
+    bus: &Inner,
+    key: &str,
+    request: &Request,
+    payload: &'a [u8],
+    timeout: Duration,
+) -> Asking<'a> {
+    let own = &bus.answerers;
+    let attachment = Attachment {
+        sequence: own.asked.fetch_add(1, Ordering::Relaxed) + 1,
+        source_time_ns: now_ns(),
+        publisher: *own.asker.get_or_init(|| bus.ids.next()),
+    };
+    Asking {
+        payload,
+        attachment: Budget::within(timeout).to_bytes(attachment).to_vec(),
+        delivery: queries::delivery(key, &request.action),
+        timeout,
+    }
+}
+
+fn known(key: &str, reply: Reply) -> Result<Answer, BusError> {
+    match reply {
+        Reply::Answered(answer) => Ok(answer),
+        Reply::Unknown(reason) => Err(BusError::Unknown {
+            key: key.to_owned(),
+            reason,
+        }),
     }
 }
 
@@ -210,23 +278,24 @@ pub(crate) fn ask_all(
     timeout: Duration,
 ) -> Result<Vec<(String, Answer)>, BusError> {
     let parsed = parse_key(key)?;
-    let mut answers: Vec<(String, Answer)> = bus
-        .answerers
-        .matching(&parsed)
-        .into_iter()
-        .map(|(pattern, handler)| (reply_key(key, &pattern), handler(key, request.clone())))
-        .collect();
+    let mut answers = Vec::new();
+    for (pattern, handler) in bus.answerers.matching(&parsed) {
+        match known(key, handler(Asked::now(key, request, timeout))) {
+            Ok(answer) => answers.push((reply_key(key, &pattern), answer)),
+            Err(error) => tracing::warn!("{error}"),
+        }
+    }
     if let Some(session) = &bus.session {
         let mut payload = Vec::new();
         encode(key, request, &mut payload)?;
         let deadline = Instant::now() + timeout;
-        let replies = session.get(key, &payload, timeout)?;
+        let replies = session.get(key, &asking(bus, key, request, &payload, timeout))?;
         while let Some(reply) =
             replies.recv_timeout(deadline.saturating_duration_since(Instant::now()))
         {
             match reply {
                 Ok((from, bytes)) => answers.push((from, decode(key, &bytes)?)),
-                Err(reason) => tracing::warn!("{key}: an answer was refused: {reason}"),
+                Err(reason) => tracing::warn!("{key}: one answer is unknown: {reason}"),
             }
         }
     }

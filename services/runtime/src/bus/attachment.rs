@@ -1,7 +1,7 @@
 //! What every sample carries beside its payload, in rmw_zenoh's layout: sequence, source time, publisher's id.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::sync::OnceLock;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Bytes of an attachment: i64 sequence, i64 source time in ns since the Unix epoch, u8 16, 16 bytes of id; all
@@ -45,16 +45,36 @@ impl Attachment {
     }
 }
 
-/// A new publisher's id: eight random bytes of the process, eight that count its publishers.
-pub fn new_publisher_id() -> [u8; 16] {
-    static PROCESS: OnceLock<u64> = OnceLock::new();
-    static NEXT: AtomicU64 = AtomicU64::new(1);
-    // The standard library seeds its hash maps from the system's randomness.
-    let process = PROCESS.get_or_init(|| RandomState::new().build_hasher().finish());
-    let mut id = [0; 16];
-    id[..8].copy_from_slice(&process.to_le_bytes());
-    id[8..].copy_from_slice(&NEXT.fetch_add(1, Ordering::Relaxed).to_le_bytes());
-    id
+/// Ids of a bus's publishers: eight random bytes of the bus, eight that count its publishers.
+#[derive(Clone, Debug)]
+pub struct BusId {
+    bus: [u8; 8],
+    next: Arc<AtomicU64>,
+}
+
+impl BusId {
+    /// Of a new bus.
+    pub fn new() -> Self {
+        // The standard library seeds its hash maps from the system's randomness.
+        let random = RandomState::new().build_hasher().finish();
+        Self {
+            bus: random.to_le_bytes(),
+            next: Arc::new(AtomicU64::new(1)),
+        }
+    }
+
+    /// For a new publisher.
+    pub fn next(&self) -> [u8; 16] {
+        let mut id = [0; 16];
+        id[..8].copy_from_slice(&self.bus);
+        id[8..].copy_from_slice(&self.next.fetch_add(1, Ordering::Relaxed).to_le_bytes());
+        id
+    }
+
+    /// The id is of a publisher of this bus.
+    pub fn made(&self, publisher: &[u8; 16]) -> bool {
+        publisher[..8] == self.bus
+    }
 }
 
 #[cfg(test)]
@@ -90,7 +110,11 @@ mod tests {
     }
 
     #[test]
-    fn ids_differ() {
-        assert_ne!(new_publisher_id(), new_publisher_id());
+    fn ids_differ_and_say_which_bus_made_them() {
+        let (one, other) = (BusId::new(), BusId::new());
+        let (first, second) = (one.next(), one.next());
+        assert_ne!(first, second);
+        assert!(one.made(&first) && one.made(&second) && one.clone().made(&second));
+        assert!(!one.made(&other.next()) && !one.made(&[0; 16]));
     }
 }

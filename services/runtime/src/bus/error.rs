@@ -44,6 +44,16 @@ pub enum BusError {
         /// The endpoint asked for.
         endpoint: String,
     },
+    /// A router would listen beyond this host without certificates, and nobody said that it may.
+    #[error(
+        "zenoh.listen = {endpoint}: beyond this host, and without certificates. Whoever reaches it may start tasks and speak \
+         as the sensor. Listen on 127.0.0.1; or make certificates with `tangent keys new` (docs/security.md); or, where the \
+         network is the cell's alone, say `insecure = true` under [zenoh]"
+    )]
+    Open {
+        /// The first such endpoint.
+        endpoint: String,
+    },
     /// No router at any of the endpoints.
     #[error(
         "no router answered at {endpoints} within {} s: start `tangent up` or `tangent run router`, or correct \
@@ -92,12 +102,23 @@ pub enum BusError {
         reason: String,
     },
     /// Nobody answered a request.
-    #[error("nobody answered on `{key}` within {} s: is the service running? (`tangent status`)", .timeout.as_secs_f64())]
+    #[error(
+        "nobody answered on `{key}` within {:.1} s: whether it was done is unknown. Look with `tangent task status` before you \
+         ask again; `tangent status` shows whether the service runs", .waited.as_secs_f64()
+    )]
     NoAnswer {
         /// Key asked.
         key: String,
-        /// Patience.
-        timeout: Duration,
+        /// How long an answer was waited for; less than the patience where the bus knows of nobody who answers.
+        waited: Duration,
+    },
+    /// The service itself does not know what came of a request.
+    #[error("`{key}`: whether it was done is unknown: {reason}")]
+    Unknown {
+        /// Key asked.
+        key: String,
+        /// What it does know.
+        reason: String,
     },
     /// An answer that cannot be read.
     #[error("the answer on `{key}` cannot be read: {reason}")]

@@ -49,6 +49,11 @@ impl Guard {
         }
     }
 
+    /// Judges the publisher anew from its next sample on.
+    pub fn forget(&mut self, publisher: [u8; 16]) {
+        self.seen.retain(|(id, ..)| *id != publisher);
+    }
+
     /// Judges one sample. `now_ns` is the epoch time of its arrival.
     pub fn judge(
         &mut self,

@@ -56,6 +56,12 @@ impl<M: Message> Latest<M> {
         self.core.refuse_older_than(age);
     }
 
+    /// While it is held, no other publisher takes the place of the present one, even when that falls silent. For topics
+    /// that have one publisher ([`tangent_schemas::topics::Sources::One`]). No lock, no memory.
+    pub fn hold(&self, held: bool) {
+        self.core.hold(held);
+    }
+
     /// What happened to this reader's messages.
     pub fn counts(&self) -> Counts {
         self.core.counts()

@@ -7,17 +7,23 @@
 mod alive;
 pub mod answer;
 mod attachment;
+mod budget;
 mod error;
 mod guard;
+mod keys;
+mod lane;
 mod latest;
 mod outlet;
 mod publisher;
 mod raw;
 mod reader;
+mod refused;
 mod registry;
+mod remarks;
 mod session;
 mod session_config;
 mod sleeper;
+mod source;
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -27,17 +33,22 @@ use tangent_schemas::tangent::{Answer, Request};
 use tangent_schemas::topics::Topic;
 
 pub use alive::{Alive, AliveToken};
+pub use answer::{Asked, Reply};
 pub use error::BusError;
+pub use lane::Lane;
 pub use latest::Latest;
 pub use publisher::{Publisher, RawPublisher};
 pub use raw::{RawMessage, RawSubscription};
 pub use reader::{Counts, Handle, Received, Subscription};
+pub use refused::Refused;
 
 use crate::config::{CellConfig, ZenohConfig};
 use crate::stop::Stop;
+use attachment::BusId;
 use reader::{ReaderCore, Sink};
 use registry::Registry;
 use session::{Opening, Session};
+use source::Admission;
 
 /// What a session is to the others on the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +68,8 @@ pub struct Bus {
 pub(crate) struct Inner {
     name: String,
     registry: Arc<Registry>,
+    ids: BusId,
+    names: refused::Names,
     pump: outlet::Pump,
     answerers: answer::Answerers,
     tokens: Mutex<Vec<Alive>>,
@@ -139,6 +152,18 @@ impl Bus {
         Ok(Self::assemble("", Some(session), None))
     }
 
+    /// That a router with certificates would take the cell's access rules as they stand now; without certificates there
+    /// are none.
+    ///
+    /// # Errors
+    /// What is wrong with the file, and what to do.
+    pub fn check_access(config: &ZenohConfig) -> Result<(), BusError> {
+        match config.tls {
+            Some(_) => session_config::check_access(config),
+            None => Ok(()),
+        }
+    }
+
     fn assemble(name: &str, session: Option<Session>, priority: Option<u8>) -> Self {
         let registry = Arc::new(Registry::default());
         Self {
@@ -146,7 +171,9 @@ impl Bus {
                 name: name.to_owned(),
                 pump: outlet::Pump::start(priority),
                 registry,
-                answerers: answer::Answerers::default(),
+                ids: BusId::new(),
+                names: refused::Names::default(),
+                answerers: answer::Answerers::new(priority),
                 tokens: Mutex::default(),
                 session,
             }),
@@ -171,7 +198,7 @@ impl Bus {
     /// # Errors
     /// A bad key, or one that is in use with another message type.
     pub fn latest<M: Message>(&self, topic: &Topic<M>) -> Result<Latest<M>, BusError> {
-        let (core, output) = ReaderCore::newest();
+        let (core, output) = ReaderCore::newest(self.admission(topic));
         let core = Arc::new(core);
         let handle = self.register(topic, &core)?;
         Ok(Latest::new(core, output, handle))
@@ -186,7 +213,10 @@ impl Bus {
         topic: &Topic<M>,
         capacity: usize,
     ) -> Result<Subscription<M>, BusError> {
-        let core = Arc::new(ReaderCore::new(Sink::queue(capacity)));
+        let core = Arc::new(ReaderCore::new(
+            Sink::queue(capacity),
+            self.admission(topic),
+        ));
         let handle = self.register(topic, &core)?;
         Ok(Subscription::new(core, handle))
     }
@@ -203,8 +233,28 @@ impl Bus {
         topic: &Topic<M>,
         callback: impl FnMut(&Received<M>) + Send + 'static,
     ) -> Result<Handle, BusError> {
-        let core = Arc::new(ReaderCore::new(Sink::callback(callback)));
+        let core = Arc::new(ReaderCore::new(
+            Sink::callback(callback),
+            self.admission(topic),
+        ));
         self.register(topic, &core)
+    }
+
+    fn admission<M: Message>(&self, topic: &Topic<M>) -> Admission {
+        Admission::new(topic.sources(), self.inner.ids.clone())
+    }
+
+    /// Publishers that readers of this bus refuse now, and what they refused before: one per topic.
+    pub fn refused(&self) -> Vec<Refused> {
+        refused::list(&self.inner)
+    }
+
+    /// Learns who is behind each publisher's id, for [`Bus::refused`]. [`crate::HealthReporter`] does it for services.
+    ///
+    /// # Errors
+    /// The bus refused the topic.
+    pub(crate) fn learn_names(&self) -> Result<Handle, BusError> {
+        refused::learn(self)
     }
 
     fn register<M: Message>(
@@ -251,8 +301,9 @@ impl Bus {
         RawPublisher::declare(&self.inner, key, type_name)
     }
 
-    /// Answers requests on `key`, which may hold wildcards; the handler gets the key that was asked. Requests from
-    /// this process run it in the asker's thread, others in the bus's answering thread, one after another.
+    /// Answers requests on `key`, which may hold wildcards; the handler gets the key that was asked, and must not wait for
+    /// anything. Requests from this process run it in the asker's thread, others in the bus's answering thread, one after another.
+    /// A request whose time is up is refused before it comes to the handler.
     ///
     /// # Errors
     /// A bad key.
@@ -261,13 +312,33 @@ impl Bus {
         key: &str,
         handler: impl Fn(&str, Request) -> Answer + Send + Sync + 'static,
     ) -> Result<Handle, BusError> {
-        answer::declare(&self.inner, key, Arc::new(handler))
+        self.answer_in(
+            key,
+            |_| Lane::Prompt,
+            move |asked| handler(&asked.key, asked.request).into(),
+        )
     }
 
-    /// Asks and waits for the first answer.
+    /// Answers requests on `key`, each in the thread of the lane that `lane` says, and with its deadline: the handler has no
+    /// effect after it. It is for requests that wait for something, and for those that must never wait.
     ///
     /// # Errors
-    /// [`BusError::NoAnswer`] when nobody answers in time.
+    /// A bad key.
+    pub fn answer_in(
+        &self,
+        key: &str,
+        lane: impl Fn(&Request) -> Lane + Send + Sync + 'static,
+        handler: impl Fn(Asked) -> Reply + Send + Sync + 'static,
+    ) -> Result<Handle, BusError> {
+        answer::declare(&self.inner, key, Arc::new(lane), Arc::new(handler))
+    }
+
+    /// Asks and waits for the first answer. The request may be carried out within four fifths of `timeout`, less at most 1 s before its
+    /// end; later it is refused.
+    ///
+    /// # Errors
+    /// [`BusError::NoAnswer`] when nobody answers in time, [`BusError::Unknown`] when the service cannot tell: either way it may have
+    /// been done.
     pub fn ask(&self, key: &str, request: &Request, timeout: Duration) -> Result<Answer, BusError> {
         answer::ask(&self.inner, key, request, timeout)
     }
@@ -328,6 +399,15 @@ impl Bus {
     /// True when there is a network session; false for [`Bus::in_process`].
     pub fn is_networked(&self) -> bool {
         self.inner.session.is_some()
+    }
+
+    /// What a person should know about this process's place on the network though nothing has failed: a router that is open
+    /// to anybody, a certificate that ends soon. [`crate::HealthReporter`] passes it on.
+    pub fn remarks(&self) -> Vec<String> {
+        let session = self.inner.session.as_ref().map(Session::remarks);
+        let mut all = session.unwrap_or_default();
+        all.extend(self.inner.registry.raw_remarks());
+        all
     }
 
     /// Messages for other processes that were dropped before the wire because the publishing thread fell behind.

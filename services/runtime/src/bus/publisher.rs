@@ -10,7 +10,7 @@ use tangent_schemas::topics::{Delivery, Topic};
 use zenoh::key_expr::OwnedKeyExpr;
 
 use super::Inner;
-use super::attachment::{Attachment, new_publisher_id};
+use super::attachment::Attachment;
 use super::error::BusError;
 use super::outlet::Outlet;
 use super::raw::{self, RawMessage};
@@ -18,6 +18,7 @@ use super::reader::{Arrival, Received};
 use super::registry::{Channel, Readers, parse_concrete_key};
 use super::session::RemotePublisher;
 use crate::clock;
+use crate::lease;
 
 /// Publishes one topic from one thread at a time.
 ///
@@ -29,6 +30,7 @@ pub struct Publisher<M: Message> {
     known: RefCell<(u64, Readers<M>)>,
     sequence: Cell<u64>,
     id: [u8; 16],
+    mark: [u8; 16],
     outlet: Arc<Outlet<M>>,
     pump: Option<Thread>,
     // The bus lives as long as its publishers.
@@ -51,11 +53,13 @@ impl<M: Message> Publisher<M> {
             &bus.pump,
         ));
         bus.pump.add(Arc::clone(&outlet) as _);
+        let id = bus.ids.next();
         Ok(Self {
             known: RefCell::new((channel.generation(), channel.readers())),
             channel,
             sequence: Cell::new(0),
-            id: new_publisher_id(),
+            mark: lease::mark(&id),
+            id,
             outlet,
             pump: bus.pump.thread(topic.delivery()),
             _bus: Arc::clone(bus),
@@ -80,7 +84,7 @@ impl<M: Message> Publisher<M> {
             publisher: self.id,
         };
         for reader in readers.iter() {
-            reader.deliver(&received);
+            reader.deliver_near(&received);
         }
         if wanted {
             self.outlet.push(received);
@@ -104,6 +108,11 @@ impl<M: Message> Publisher<M> {
     /// This publisher's id, as its readers see it.
     pub fn id(&self) -> [u8; 16] {
         self.id
+    }
+
+    /// The [`lease::mark`] of this publisher's id.
+    pub fn mark(&self) -> [u8; 16] {
+        self.mark
     }
 
     /// Sequence of the last message; 0 before the first.
@@ -152,7 +161,7 @@ impl RawPublisher {
             key,
             type_name: type_name.to_owned(),
             sequence: Cell::new(0),
-            id: new_publisher_id(),
+            id: bus.ids.next(),
             remote,
             bus: Arc::clone(bus),
         })
@@ -172,7 +181,10 @@ impl RawPublisher {
             source_time_ns: clock::now_ns(),
             publisher,
         };
-        let arrival = Arrival::now(payload, attachment);
+        let arrival = Arrival {
+            near: true,
+            ..Arrival::now(payload, attachment)
+        };
         self.bus
             .registry
             .deliver_encoded(&self.key, &self.type_name, arrival);

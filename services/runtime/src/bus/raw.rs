@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
@@ -10,6 +10,7 @@ use crossbeam_queue::ArrayQueue;
 use super::Inner;
 use super::error::BusError;
 use super::guard::{Guard, Verdict};
+use super::keys::Keys;
 use super::reader::{Arrival, Counts, Handle};
 use super::registry::{add_raw, parse_key};
 use super::sleeper::{Sleeper, sleep_for};
@@ -57,6 +58,7 @@ pub(crate) struct RawCore {
     queue: ArrayQueue<RawMessage>,
     sleeper: Sleeper,
     guard: Mutex<Guard>,
+    keys: Mutex<Keys>,
     received: AtomicU64,
     dropped: AtomicU64,
     missing: AtomicU64,
@@ -64,7 +66,18 @@ pub(crate) struct RawCore {
 }
 
 impl RawCore {
+    fn keys(&self) -> MutexGuard<'_, Keys> {
+        self.keys.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn remark(&self) -> Option<String> {
+        self.keys().remark()
+    }
+
     pub(crate) fn deliver(&self, message: RawMessage) {
+        if !self.keys().admit(&message.key) {
+            return;
+        }
         let attachment = super::attachment::Attachment {
             sequence: message.sequence,
             source_time_ns: message.source_time_ns,
@@ -103,6 +116,7 @@ pub(crate) fn subscribe(
         queue: ArrayQueue::new(capacity.max(1)),
         sleeper: Sleeper::default(),
         guard: Mutex::new(Guard::for_publishers(PUBLISHERS)),
+        keys: Mutex::new(Keys::new(bus.name.is_empty())),
         received: AtomicU64::new(0),
         dropped: AtomicU64::new(0),
         missing: AtomicU64::new(0),
@@ -152,6 +166,7 @@ impl RawSubscription {
             missing: load(&self.core.missing),
             dropped: load(&self.core.dropped),
             overtaken: load(&self.core.overtaken),
+            new_keys: self.core.keys().refused(),
             ..Counts::default()
         }
     }

@@ -13,6 +13,7 @@ use super::attachment::Attachment;
 use super::guard::{Guard, Verdict};
 use super::latest::Output;
 use super::sleeper::{Sleeper, sleep_for};
+use super::source::{Admission, Rival};
 use crate::clock;
 
 /// A message and how it came.
@@ -52,6 +53,10 @@ pub struct Counts {
     pub too_old: u64,
     /// Refused: another type, or bytes that are no message.
     pub undecodable: u64,
+    /// Refused: of another publisher, on a topic that has one.
+    pub second_source: u64,
+    /// Refused: on more keys than a reader of patterns follows.
+    pub new_keys: u64,
 }
 
 #[derive(Debug, Default)]
@@ -105,6 +110,8 @@ impl<M: Message> Sink<M> {
 /// A reader without its type: takes encoded samples from other processes.
 pub(crate) trait ErasedReader: Send + Sync {
     fn message_name(&self) -> &'static str;
+    /// Who is refused, on a topic that has one publisher, and how many samples were.
+    fn rival(&self, now: Instant) -> (Option<Rival>, u64);
     fn deliver_encoded(&self, key: &str, type_name: Option<&str>, at: Arrival<'_>);
 }
 
@@ -115,10 +122,13 @@ pub(crate) struct Arrival<'a> {
     pub attachment: Attachment,
     pub received: Instant,
     pub received_ns: i64,
+    /// From this process.
+    pub near: bool,
 }
 
 pub(crate) struct ReaderCore<M: Message> {
     sink: Sink<M>,
+    admission: Admission,
     guard: Mutex<Guard>,
     counts: AtomicCounts,
     /// Oldest source time accepted, as an age in ns; 0: any.
@@ -127,14 +137,18 @@ pub(crate) struct ReaderCore<M: Message> {
 
 impl<M: Message> ReaderCore<M> {
     /// For a reader of the newest value, with that reader's end.
-    pub(crate) fn newest() -> (Self, Output<M>) {
+    pub(crate) fn newest(admission: Admission) -> (Self, Output<M>) {
         let (input, output) = TripleBuffer::default().split();
-        (Self::new(Sink::Newest(Mutex::new(input))), output)
+        (
+            Self::new(Sink::Newest(Mutex::new(input)), admission),
+            output,
+        )
     }
 
-    pub(crate) fn new(sink: Sink<M>) -> Self {
+    pub(crate) fn new(sink: Sink<M>, admission: Admission) -> Self {
         Self {
             sink,
+            admission,
             guard: Mutex::default(),
             counts: AtomicCounts::default(),
             age_max_ns: AtomicI64::new(0),
@@ -145,8 +159,19 @@ impl<M: Message> ReaderCore<M> {
         matches!(self.sink, Sink::Callback { .. })
     }
 
+    /// From a publisher of this process, in its thread.
+    pub(crate) fn deliver_near(&self, received: &Received<M>) {
+        self.admission.near(received.received);
+        self.deliver(received);
+    }
+
+    /// No other publisher is taken until this is released.
+    pub(crate) fn hold(&self, held: bool) {
+        self.admission.hold(held);
+    }
+
     /// In the sender's thread, or in Zenoh's.
-    pub(crate) fn deliver(&self, received: &Received<M>) {
+    fn deliver(&self, received: &Received<M>) {
         match &self.sink {
             Sink::Newest(input) => {
                 add(&self.counts.received, 1);
@@ -204,6 +229,8 @@ impl<M: Message> ReaderCore<M> {
             overtaken: load(&self.counts.overtaken),
             too_old: load(&self.counts.too_old),
             undecodable: load(&self.counts.undecodable),
+            second_source: self.admission.refused(),
+            new_keys: 0,
         }
     }
 
@@ -220,28 +247,42 @@ impl<M: Message> ErasedReader for ReaderCore<M> {
         M::NAME
     }
 
+    fn rival(&self, now: Instant) -> (Option<Rival>, u64) {
+        (self.admission.rival(now), self.admission.refused())
+    }
+
     fn deliver_encoded(&self, key: &str, type_name: Option<&str>, at: Arrival<'_>) {
         if let Some(other) = type_name.filter(|name| *name != M::NAME) {
             return self.undecodable(key, &format_args!("it is {other}, not {}", M::NAME));
+        }
+        let publisher = at.attachment.publisher;
+        if !at.near && !self.admission.admit(publisher, at.received) {
+            return;
         }
         let message = match cdr::decode::<M>(at.payload) {
             Ok(message) => message,
             Err(error) => return self.undecodable(key, &error),
         };
-        let verdict = self
-            .guard
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .judge(&at.attachment, at.received_ns, self.age_max());
+        let mut guard = self.guard.lock().unwrap_or_else(PoisonError::into_inner);
+        let verdict = guard.judge(&at.attachment, at.received_ns, self.age_max());
+        if verdict == Verdict::Overtaken && !at.near && self.admission.one_at_a_time() {
+            // Were it two publishers, the greater count would silence the other for good.
+            guard.forget(publisher);
+            self.admission.overtaken(publisher, at.received);
+        }
+        drop(guard);
         match verdict {
             Verdict::Accept { missing } => {
                 add(&self.counts.missing, missing);
+                if !at.near && self.admission.is_contested(publisher, at.received) {
+                    return;
+                }
                 self.deliver(&Received {
                     message,
                     sequence: at.attachment.sequence,
                     source_time_ns: at.attachment.source_time_ns,
                     received: at.received,
-                    publisher: at.attachment.publisher,
+                    publisher,
                 });
             }
             Verdict::Overtaken => add(&self.counts.overtaken, 1),
@@ -257,6 +298,7 @@ impl Arrival<'_> {
             attachment,
             received: Instant::now(),
             received_ns: clock::now_ns(),
+            near: false,
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::any::{Any, TypeId};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use tangent_schemas::Message;
 use zenoh::key_expr::OwnedKeyExpr;
@@ -10,6 +11,7 @@ use zenoh::key_expr::OwnedKeyExpr;
 use super::error::BusError;
 use super::raw::RawCore;
 use super::reader::{Arrival, ErasedReader, Handle, ReaderCore};
+use super::source::Rival;
 
 /// Checks a key, or a pattern, by Zenoh's rules.
 pub(crate) fn parse_key(key: &str) -> Result<OwnedKeyExpr, BusError> {
@@ -177,6 +179,16 @@ impl Registry {
         }
     }
 
+    /// Readers that refused a publisher: their topic, whom they refuse now, and how many samples they did.
+    pub(crate) fn rivals(&self, now: Instant) -> Vec<(String, Option<Rival>, u64)> {
+        let state = self.lock();
+        let judged = state.readers.iter().map(|entry| {
+            let (rival, refused) = entry.erased.rival(now);
+            (entry.pattern.to_string(), rival, refused)
+        });
+        judged.filter(|(.., refused)| *refused > 0).collect()
+    }
+
     /// True when somebody in this process wants encoded messages. No lock.
     pub(crate) fn has_raw_readers(&self) -> bool {
         self.raw_readers.load(Ordering::Acquire) > 0
@@ -190,6 +202,22 @@ impl Registry {
             .filter(|entry| entry.pattern.intersects(key))
             .map(|entry| Arc::clone(&entry.core))
             .collect()
+    }
+
+    /// What there is to say of the encoded readers.
+    pub(crate) fn raw_remarks(&self) -> Vec<String> {
+        let mut all: Vec<String> = {
+            let state = self.lock();
+            state
+                .raw
+                .iter()
+                .filter_map(|entry| entry.core.remark())
+                .collect()
+        };
+        // A reader of several patterns stands there once for each.
+        all.sort();
+        all.dedup();
+        all
     }
 
     fn remove_raw(&self, id: u64) {

@@ -20,6 +20,7 @@ use super::attachment::Attachment;
 use super::error::BusError;
 use super::raw::{RawCore, RawMessage};
 use super::reader::{Arrival, ErasedReader};
+use super::remarks::Remarks;
 use super::session_config::session_config;
 use crate::config::ZenohConfig;
 use crate::realtime::setup_thread;
@@ -42,6 +43,26 @@ pub(crate) struct Opening<'a> {
 pub(crate) struct Session {
     session: zenoh::Session,
     stale_after: Duration,
+    message_max: usize,
+    remarks: Remarks,
+}
+
+/// One query, ready to be sent.
+pub(crate) struct Asking<'a> {
+    pub payload: &'a [u8],
+    pub attachment: Vec<u8>,
+    pub delivery: Delivery,
+    pub timeout: Duration,
+}
+
+/// Zenoh's priority, and whether a message goes out at once.
+fn quality(delivery: Delivery) -> (Priority, bool) {
+    match delivery {
+        Delivery::RealTime => (Priority::RealTime, true),
+        Delivery::Stream => (Priority::Data, false),
+        Delivery::Bulk => (Priority::DataLow, false),
+        Delivery::Background => (Priority::Background, false),
+    }
 }
 
 fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
@@ -64,6 +85,8 @@ impl Session {
             priority,
         } = opening;
         let zenoh_config = session_config(config, namespace, role, patience)?;
+        let remarks = Remarks::on(config, role)?;
+        remarks.log();
         let endpoints = match role {
             Role::Client => config.connect.join(", "),
             Role::Router => config.listen.join(", "),
@@ -91,6 +114,8 @@ impl Session {
                     return Ok(Self {
                         session,
                         stale_after: config.stale_after(),
+                        message_max: config.message_max_bytes(),
+                        remarks,
                     });
                 }
                 Ok(Err(error)) => return Err(open_error(&error, role, endpoints, patience)),
@@ -122,6 +147,11 @@ impl Session {
         }
     }
 
+    /// What a person should know about how this session is secured, as it stands now.
+    pub(crate) fn remarks(&self) -> Vec<String> {
+        self.remarks.now()
+    }
+
     /// A process that was cut off seems to be here for so long.
     pub(crate) fn stale_after(&self) -> Duration {
         self.stale_after
@@ -133,12 +163,7 @@ impl Session {
         delivery: Delivery,
         type_name: &str,
     ) -> Result<RemotePublisher, BusError> {
-        let (priority, express) = match delivery {
-            Delivery::RealTime => (Priority::RealTime, true),
-            Delivery::Stream => (Priority::Data, false),
-            Delivery::Bulk => (Priority::DataLow, false),
-            Delivery::Background => (Priority::Background, false),
-        };
+        let (priority, express) = quality(delivery);
         let publisher = self
             .session
             .declare_publisher(key.clone())
@@ -168,6 +193,8 @@ impl Session {
         Ok(RemotePublisher {
             publisher,
             matching,
+            message_max: self.message_max,
+            too_large: AtomicBool::new(false),
         })
     }
 
@@ -247,21 +274,20 @@ impl Session {
             .map_err(failed(format!("answering on `{key}`")))
     }
 
-    pub(crate) fn get(
-        &self,
-        key: &str,
-        payload: &[u8],
-        timeout: Duration,
-    ) -> Result<Replies, BusError> {
+    pub(crate) fn get(&self, key: &str, asking: &Asking<'_>) -> Result<Replies, BusError> {
+        let (priority, express) = quality(asking.delivery);
         let replies = self
             .session
             .get(key.to_owned())
-            .payload(payload)
+            .payload(asking.payload)
             .encoding(Encoding::APPLICATION_CDR.with_schema(tangent::Request::NAME))
+            .attachment(asking.attachment.as_slice())
+            .priority(priority)
+            .express(express)
             .target(zenoh::query::QueryTarget::All)
             .consolidation(zenoh::query::ConsolidationMode::None)
             .allowed_destination(Locality::Remote)
-            .timeout(timeout)
+            .timeout(asking.timeout)
             .wait()
             .map_err(failed(format!("asking on `{key}`")))?;
         Ok(Replies { replies })
@@ -313,13 +339,31 @@ impl Replies {
         timeout: Duration,
     ) -> Option<Result<(String, Vec<u8>), String>> {
         let reply = self.replies.recv_timeout(timeout).ok()??;
-        Some(match reply.into_result() {
-            Ok(sample) => Ok((
+        match reply.into_result() {
+            Ok(sample) => Some(Ok((
                 sample.key_expr().to_string(),
                 sample.payload().to_bytes().into_owned(),
-            )),
-            Err(error) => Err(String::from_utf8_lossy(&error.payload().to_bytes()).into_owned()),
-        })
+            ))),
+            Err(error) => {
+                let reason = String::from_utf8_lossy(&error.payload().to_bytes()).into_owned();
+                // Zenoh's own word for nobody having answered in time.
+                (reason != TIMEOUT).then_some(Err(reason))
+            }
+        }
+    }
+}
+
+/// What Zenoh answers itself with when a query's time is up.
+const TIMEOUT: &str = "Timeout";
+
+/// Says that nobody knows whether it was done, and why.
+pub(crate) fn reply_unknown(query: &Query, key: &str, reason: &str) {
+    let result = query
+        .reply_err(reason.as_bytes())
+        .encoding(Encoding::ZENOH_STRING)
+        .wait();
+    if let Err(error) = result {
+        tracing::warn!("{key}: an answer could not be sent: {error}");
     }
 }
 
@@ -338,6 +382,9 @@ pub(crate) fn reply(query: &Query, key: &str, payload: &[u8]) {
 pub(crate) struct RemotePublisher {
     publisher: zenoh::pubsub::Publisher<'static>,
     matching: Arc<AtomicBool>,
+    message_max: usize,
+    /// One was, and it was said.
+    too_large: AtomicBool,
 }
 
 impl RemotePublisher {
@@ -346,6 +393,17 @@ impl RemotePublisher {
     }
 
     pub(crate) fn put(&self, payload: &[u8], attachment: Attachment) {
+        if payload.len() >= self.message_max {
+            if !self.too_large.swap(true, Ordering::Relaxed) {
+                tracing::warn!(
+                    "{}: a message of {:.1} MB is not sent, nobody would take it: zenoh.message_max_mb is {:.1} (said once)",
+                    self.publisher.key_expr(),
+                    payload.len() as f64 * 1e-6,
+                    self.message_max as f64 * 1e-6
+                );
+            }
+            return;
+        }
         let result = self
             .publisher
             .put(payload)

@@ -104,6 +104,15 @@ pub(crate) fn session_config(
         "transport/link/tx/keep_alive",
         config.keep_alive.to_string(),
     )?;
+    // What is put together from pieces is held in memory by whoever receives it.
+    set(
+        "transport/link/rx/max_message_size",
+        config.message_max_bytes().to_string(),
+    )?;
+    set(
+        "transport/unicast/max_sessions",
+        config.sessions_max.to_string(),
+    )?;
     Ok(zenoh_config)
 }
 
@@ -142,6 +151,14 @@ fn secure(
         set("access_control", access_rules(config)?)?;
     }
     Ok(())
+}
+
+/// That a router would take the cell's access rules as they stand now.
+///
+/// # Errors
+/// What is wrong with them.
+pub(super) fn check_access(config: &ZenohConfig) -> Result<(), BusError> {
+    access_rules(config).map(|_| ())
 }
 
 /// The access rules' text, once it is known that they deny what they do not name.
@@ -193,6 +210,8 @@ mod tests {
             assert_eq!(get("scouting/multicast/enabled"), "false");
             assert_eq!(get("transport/link/tx/lease"), "1000");
             assert_eq!(get("transport/link/tx/queue/size/real_time"), "16");
+            assert_eq!(get("transport/link/rx/max_message_size"), "8000000");
+            assert_eq!(get("transport/unicast/max_sessions"), "128");
             assert_eq!(
                 get("transport/link/tx/queue/congestion_control/drop/wait_before_drop"),
                 "100"

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
+use tangent_mechanics::names::nearest;
 use toml::de::{DeTable, DeValue};
 
 /// What is wrong with a configuration file.
@@ -143,7 +144,7 @@ fn explain(file: &str, text: &str, document: &DeTable<'_>, error: &toml::de::Err
             } else {
                 join(&path, field)
             },
-            suggestion: nearest(field, &allowed),
+            suggestion: nearest(field, allowed.iter().copied()).map(str::to_owned),
             allowed: allowed.join(", "),
         };
     }
@@ -235,48 +236,4 @@ pub(super) fn locate(text: &str, key: &str) -> Option<(usize, String)> {
     }
     let shown = text.get(value.span()).unwrap_or_default();
     Some((line_of(text, value.span().start), shown.to_owned()))
-}
-
-/// The candidate that a few typing errors turn into `word`.
-pub(super) fn nearest(word: &str, candidates: &[&str]) -> Option<String> {
-    let limit = (word.chars().count() / 3).max(1);
-    candidates
-        .iter()
-        .map(|candidate| (distance(word, candidate), candidate))
-        .filter(|(distance, candidate)| *distance <= limit || candidate.starts_with(word))
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, candidate)| (*candidate).to_owned())
-}
-
-/// Insertions, deletions and replacements between two words (Levenshtein).
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(row[j + 1] + 1);
-        }
-    }
-    row[b.len()]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn distances_are_those_of_levenshtein() {
-        assert_eq!(distance("kitten", "sitting"), 3);
-        assert_eq!(distance("", "abc"), 3);
-        assert_eq!(distance("abc", "abc"), 0);
-        assert_eq!(
-            nearest("adress", &["name", "address"]),
-            Some("address".into())
-        );
-        assert_eq!(nearest("xyz", &["name", "address"]), None);
-    }
 }

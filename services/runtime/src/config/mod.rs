@@ -64,6 +64,9 @@ pub struct CellConfig {
     /// What all this was read from.
     #[serde(skip)]
     text: String,
+    /// Folder at which relative paths in it start.
+    #[serde(skip)]
+    folder: PathBuf,
 }
 
 impl CellConfig {
@@ -77,7 +80,13 @@ impl CellConfig {
             reason: error.to_string(),
         })?;
         let mut config = Self::parse(&path.display().to_string(), &text)?;
-        config.resolve_paths(path.parent().unwrap_or(Path::new("")));
+        config.folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        config.resolve_paths();
+        if config.cell.state_folder.is_none() {
+            let state = std::env::var_os("STATE_DIRECTORY")
+                .map_or_else(|| config.folder.join("state"), PathBuf::from);
+            config.cell.state_folder = Some(state.join(&config.cell.name));
+        }
         Ok(config)
     }
 
@@ -104,12 +113,40 @@ impl CellConfig {
             .expect("the cell file that ships is loaded by a test")
     }
 
-    fn resolve_paths(&mut self, folder: &Path) {
+    /// The cell as if other values stood in its file, checked like a file. [`CellConfig::text`] is then the changed text, so that a
+    /// recording holds the cell that ran. `title` becomes the first line of the text and is what errors call it.
+    ///
+    /// # Errors
+    /// [`ConfigError`], naming key, value and what is allowed.
+    pub fn changed(
+        &self,
+        title: &str,
+        change: impl FnOnce(&mut toml::Table),
+    ) -> Result<Self, ConfigError> {
+        let mut table: toml::Table = toml_from_str(title, &self.text)?;
+        change(&mut table);
+        let mut config = Self::parse(title, &format!("# {title}\n{table}"))?;
+        config.folder.clone_from(&self.folder);
+        config.resolve_paths();
+        let identity = self
+            .zenoh
+            .tls
+            .as_ref()
+            .and_then(|tls| tls.identity.as_ref());
+        if let Some(identity) = identity {
+            config.zenoh.identify(identity);
+        }
+        Ok(config)
+    }
+
+    fn resolve_paths(&mut self) {
+        let folder = self.folder.clone();
         let resolve = |path: &mut PathBuf| {
             if path.is_relative() {
                 *path = folder.join(&*path);
             }
         };
+        self.cell.state_folder.iter_mut().for_each(resolve);
         self.robot.model_file.iter_mut().for_each(resolve);
         self.zenoh.file.iter_mut().for_each(resolve);
         self.zenoh.access.iter_mut().for_each(resolve);

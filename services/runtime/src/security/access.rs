@@ -5,7 +5,8 @@
 
 use serde_json::{Value, json};
 
-use super::roles::{ROLES, Role, identity};
+use super::fleet::Fleet;
+use super::roles::{self, Role};
 
 /// What anybody who may read a cell declares and asks for, besides data.
 const READING: [&str; 3] = [
@@ -15,8 +16,8 @@ const READING: [&str; 3] = [
 ];
 
 /// The rules as a file that a person can read too: one rule to a line.
-pub fn text(cells: &[String]) -> String {
-    let rules = rules(cells);
+pub fn text(fleet: &Fleet) -> String {
+    let rules = rules(fleet);
     let lines = |what: &str| {
         let items = rules["access_control"][what].as_array();
         let items: Vec<String> = items
@@ -30,23 +31,25 @@ pub fn text(cells: &[String]) -> String {
         "// Who may do what on the network of: {}. Written by `tangent keys new`; see docs/security.md.\n\
          // Zenoh reads it when the router starts. What no rule allows is denied.\n\
          {{\n  access_control: {{\n    enabled: true,\n    default_permission: \"deny\",\n{}{}{}  }},\n}}\n",
-        cells.join(", "),
+        fleet.cells.join(", "),
         lines("rules"),
         lines("subjects"),
         lines("policies"),
     )
 }
 
-/// Rules for a router that serves these cells: an object with Zenoh's `access_control`.
-pub fn rules(cells: &[String]) -> Value {
+/// Rules for a router that serves this fleet: an object with Zenoh's `access_control`. A revoked identity is in none, so
+/// that everything is denied to it.
+pub fn rules(fleet: &Fleet) -> Value {
     let mut table = Table::default();
-    for role in ROLES {
-        if role.fleet {
-            // Any one name: the cell's.
-            table.add(role, "*", role.name.to_owned());
-        } else {
-            for cell in cells {
-                table.add(role, cell, identity(role.name, cell));
+    let identities = fleet.identities();
+    for role in roles::ROLES {
+        for identity in &identities {
+            if let Some((of, cell)) = roles::parse(identity)
+                && of.name == role.name
+            {
+                // Of the fleet: any one name, the cell's.
+                table.add(role, cell.unwrap_or("*"), identity);
             }
         }
     }
@@ -69,7 +72,7 @@ struct Table {
 }
 
 impl Table {
-    fn add(&mut self, role: &Role, cell: &str, identity: String) {
+    fn add(&mut self, role: &Role, cell: &str, identity: &str) {
         let mut names = Vec::new();
         let everything = vec![format!("{cell}/**")];
         let mut publishes = Vec::new();
@@ -179,7 +182,7 @@ mod tests {
 
     #[test]
     fn an_identity_may_do_its_own_and_nothing_else() {
-        let rules = rules(&["a".into(), "b".into()]);
+        let rules = rules(&Fleet::of(&["a", "b"]));
         let put = |who: &str, key: &str| allowed(&rules, who, "ingress", "put", key);
         assert!(put("controller.a", "a/arm/command") && put("robot.a", "a/arm/command"));
         for other in [
@@ -223,6 +226,18 @@ mod tests {
     }
 
     #[test]
+    fn one_of_several_estimators_is_locked_out_alone() {
+        let mut fleet = Fleet::of(&["a"]);
+        fleet.also = vec!["estimator-x.a".into(), "estimator-y.a".into()];
+        fleet.revoked = vec!["estimator-x.a".into()];
+        let rules = rules(&fleet);
+        let put = |who: &str| allowed(&rules, who, "ingress", "put", "a/estimate/mine/normal");
+        assert!(put("estimator-y.a") && put("estimator.a") && !put("estimator-x.a"));
+        let words = text(&fleet);
+        assert!(!words.contains("\"estimator-x.a\""), "it is in no rule");
+    }
+
+    #[test]
     fn what_ships_is_what_is_written() {
         let path = concat!(
             env!("CARGO_MANIFEST_DIR"),
@@ -231,14 +246,14 @@ mod tests {
         let shipped = std::fs::read_to_string(path).unwrap();
         assert_eq!(
             shipped,
-            text(&["cell1".into()]),
+            text(&Fleet::of(&["cell1"])),
             "`tangent keys new FOLDER --for cell1` writes it anew"
         );
     }
 
     #[test]
     fn zenoh_reads_the_text_as_the_rules() {
-        let cells = ["a".to_owned(), "b".to_owned()];
+        let cells = Fleet::of(&["a", "b"]);
         let read = zenoh::Config::from_json5(&text(&cells)).unwrap();
         let found: Value = serde_json::from_str(&read.get_json("access_control").unwrap()).unwrap();
         let wanted = rules(&cells);

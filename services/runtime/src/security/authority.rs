@@ -94,6 +94,20 @@ impl Authority {
         }
     }
 
+    /// Writes a text beside the keys, whole or not at all: a router may be reading it.
+    ///
+    /// # Errors
+    /// A folder that cannot be written.
+    pub fn put(&self, name: &str, text: &str) -> Result<PathBuf, SecurityError> {
+        let (file, new) = (
+            self.folder.join(name),
+            self.folder.join(format!(".{name}.new")),
+        );
+        write(&new, text, 0o644)?;
+        fs::rename(&new, &file).map_err(|error| cannot_write(&file, &error))?;
+        Ok(file)
+    }
+
     /// Makes a key and a certificate for `identity`; files that are there are replaced. `hosts`: names and addresses
     /// under which it is dialled, for the router.
     ///

@@ -1,7 +1,10 @@
 //! Reads a certificate file and says whose it is, who made it and how long it holds.
 
+use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
+use x509_parser::certificate::X509Certificate;
+use x509_parser::extensions::GeneralName;
 use x509_parser::pem::Pem;
 
 use super::SecurityError;
@@ -19,6 +22,8 @@ pub struct Certificate {
     pub from_s: i64,
     /// Holds until, s since the Unix epoch.
     pub until_s: i64,
+    /// Names and addresses for which it holds, of a router.
+    pub hosts: Vec<String>,
     pub(super) subject: Vec<u8>,
     pub(super) issuer: Vec<u8>,
     pub(super) issuer_words: String,
@@ -58,6 +63,7 @@ impl Certificate {
                 .and_then(|name| name.as_str().ok())
                 .unwrap_or_default()
                 .to_owned(),
+            hosts: hosts(&parsed),
             from_s: parsed.validity().not_before.timestamp(),
             until_s: parsed.validity().not_after.timestamp(),
             subject: parsed.subject().as_raw().to_vec(),
@@ -100,6 +106,22 @@ impl Certificate {
             remedy,
         })
     }
+}
+
+fn hosts(parsed: &X509Certificate<'_>) -> Vec<String> {
+    let Ok(Some(names)) = parsed.subject_alternative_name() else {
+        return Vec::new();
+    };
+    let host = |name: &GeneralName<'_>| match name {
+        GeneralName::DNSName(name) => Some((*name).to_owned()),
+        GeneralName::IPAddress(bytes) => {
+            let v4 = <[u8; 4]>::try_from(*bytes).map(IpAddr::from);
+            let v6 = <[u8; 16]>::try_from(*bytes).map(IpAddr::from);
+            Some(v4.or(v6).ok()?.to_string())
+        }
+        _ => None,
+    };
+    names.value.general_names.iter().filter_map(host).collect()
 }
 
 fn ago(seconds: i64) -> String {

@@ -12,6 +12,7 @@ use crate::config::TlsConfig;
 const PLACEHOLDER: &str = "{identity}";
 /// Shorter than this, a certificate's end is worth a word.
 const DAYS_WARNED: i64 = 30;
+const DAY_S: i64 = 24 * 3600;
 
 /// Files that were found good.
 #[derive(Clone, Debug)]
@@ -47,16 +48,66 @@ pub(crate) fn check(tls: &TlsConfig, now_s: i64) -> Result<Credentials, Security
         });
     }
     check_key(&found, &own)?;
-    let days = own.days_left(now_s).min(ca.days_left(now_s));
-    if days < DAYS_WARNED {
-        tracing::warn!(
-            "{}: the certificate of `{}` holds for {days} more days; `tangent keys new FOLDER --renew {}` makes another",
-            own.file.display(),
-            own.identity,
-            own.identity
-        );
-    }
     Ok(found)
+}
+
+/// When the certificates of a process end.
+#[derive(Clone, Debug)]
+pub(crate) struct Expiry {
+    file: PathBuf,
+    identity: String,
+    until_s: i64,
+    /// The authority's own.
+    ca: PathBuf,
+    ca_until_s: i64,
+}
+
+impl Expiry {
+    /// Of the files of `[zenoh.tls]`.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub(crate) fn of(tls: &TlsConfig) -> Result<Self, SecurityError> {
+        let path = named("certificate", &tls.certificate, tls.identity.as_deref())?;
+        let (own, ca) = (Certificate::read(&path)?, Certificate::read(&tls.ca)?);
+        Ok(Self {
+            file: own.file,
+            identity: own.identity,
+            until_s: own.until_s,
+            ca: ca.file,
+            ca_until_s: ca.until_s,
+        })
+    }
+
+    /// What to say of it at this time; nothing while there is time enough.
+    pub(crate) fn remark(&self, now_s: i64) -> Option<String> {
+        if self.ca_until_s - now_s < DAYS_WARNED * DAY_S {
+            let when = when(self.ca_until_s - now_s);
+            return Some(format!(
+                "{}: the authority's certificate {when}; make a new folder of keys with `tangent keys new`",
+                self.ca.display()
+            ));
+        }
+        let left_s = self.until_s - now_s;
+        (left_s < DAYS_WARNED * DAY_S).then(|| {
+            format!(
+                "{}: the certificate of `{}` {}; `tangent keys new FOLDER --renew {}` makes another, and the next start takes it",
+                self.file.display(),
+                self.identity,
+                when(left_s),
+                self.identity
+            )
+        })
+    }
+}
+
+fn when(left_s: i64) -> String {
+    match left_s.div_euclid(DAY_S) {
+        ..0 => "has expired, and the next link that is opened is refused".to_owned(),
+        0 => "holds for less than a day".to_owned(),
+        1 => "holds for 1 more day".to_owned(),
+        days => format!("holds for {days} more days"),
+    }
 }
 
 fn named(key: &'static str, path: &Path, identity: Option<&str>) -> Result<PathBuf, SecurityError> {
@@ -109,8 +160,6 @@ mod tests {
     use super::*;
     use crate::security::Authority;
 
-    const DAY_S: i64 = 24 * 3600;
-
     fn now_s() -> i64 {
         crate::clock::now_ns() / 1_000_000_000
     }
@@ -146,6 +195,27 @@ mod tests {
             // Whole days, and part of a second has passed.
             assert!((9..=10).contains(&own.days_left(now_s())));
         }
+    }
+
+    #[test]
+    fn the_end_is_told_from_thirty_days_before_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let authority = Authority::open_or_create(folder.path()).unwrap();
+        authority.issue("operator", &[], 100).unwrap();
+        let expiry = Expiry::of(&tls(folder.path(), Some("operator"))).unwrap();
+        let after = |days: i64| expiry.remark(now_s() + days * DAY_S);
+        assert_eq!(after(0), None);
+        assert_eq!(after(69), None);
+        for (days, words) in [
+            (71, "`operator` holds for 2"),
+            (99, "`operator` holds for "),
+            (101, "has expired"),
+        ] {
+            let said = after(days).unwrap();
+            assert!(said.contains(words), "{days}: {said}");
+            assert!(said.contains("--renew operator"), "{said}");
+        }
+        assert!(after(3640).unwrap().contains("ca.pem: the authority's"));
     }
 
     #[test]

@@ -8,11 +8,13 @@ pub mod access;
 mod authority;
 mod certificate;
 mod credentials;
+mod fleet;
 pub mod roles;
 
 pub use authority::{Authority, Issued};
 pub use certificate::Certificate;
-pub(crate) use credentials::check;
+pub(crate) use credentials::{Expiry, check};
+pub use fleet::{Fleet, MANIFEST};
 
 use std::path::PathBuf;
 

@@ -193,6 +193,18 @@ pub fn identity(role: &str, cell: &str) -> String {
     }
 }
 
+/// What an identity stands for: `ROLE.CELL`, or `ROLE` for the whole fleet. `ROLE-NAME` in place of `ROLE` is one holder
+/// of several, for instance `estimator-laptop2.cell1` or `operator-anna`: the role's rights, and a key of its own.
+pub fn parse(identity: &str) -> Option<(&'static Role, Option<&str>)> {
+    let (words, cell) = match identity.split_once('.') {
+        Some((words, cell)) => (words, Some(cell)),
+        None => (identity, None),
+    };
+    let name = words.split_once('-').map_or(words, |(role, _)| role);
+    let role = ROLES.iter().find(|role| role.name == name)?;
+    (role.fleet == cell.is_none()).then_some((role, cell))
+}
+
 /// Every identity of a fleet of these cells, the router's first.
 pub fn identities(cells: &[String]) -> Vec<String> {
     let mut all = vec![ROUTER.to_owned()];
@@ -243,6 +255,21 @@ mod tests {
         assert_eq!(all[0], "router");
         assert!(all.contains(&"rtde.b".to_owned()));
         assert_eq!(all.iter().filter(|name| *name == "operator").count(), 1);
+    }
+
+    #[test]
+    fn one_holder_of_several_has_the_rights_of_the_role() {
+        let parsed = |identity| parse(identity).map(|(role, cell)| (role.name, cell));
+        assert_eq!(
+            parsed("estimator-lab-2.cell-1"),
+            Some(("estimator", Some("cell-1")))
+        );
+        assert_eq!(parsed("controller.a"), Some(("controller", Some("a"))));
+        assert_eq!(parsed("operator-anna"), Some(("operator", None)));
+        assert_eq!(parsed("franka_robot.a"), Some(("franka_robot", Some("a"))));
+        for nobody in ["router", "estimator", "operator.a", "anna", "robot2.a", ""] {
+            assert_eq!(parsed(nobody), None, "{nobody}");
+        }
     }
 
     #[test]

@@ -28,4 +28,13 @@ pub enum NetbFault {
         /// How many records.
         records: u32,
     },
+    /// Every record says what the last one before says, with its own sequence (true), or lives again.
+    Freeze(bool),
+    /// One axis stands still, 0 Fx to 5 Tz; none: all live again.
+    StickAxis(Option<usize>),
+    /// One of so many records is well-formed and wrong, by up to half of its integers; 0: none.
+    Implausible {
+        /// One of so many.
+        one_of: u32,
+    },
 }

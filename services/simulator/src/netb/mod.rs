@@ -55,6 +55,8 @@ pub struct NetbConfig {
     pub filter: u32,
     /// A count beyond latches the threshold warning.
     pub threshold_counts: Option<[i32; 6]>,
+    /// Half width of its own noise on every axis, counts: on top of what the samples bring.
+    pub noise_counts: u32,
     /// SCHED_FIFO priority of the thread that sends records; `None` for normal scheduling.
     pub realtime_priority: Option<u8>,
 }
@@ -75,10 +77,15 @@ impl Default for NetbConfig {
             buffer_records: 7,
             filter: 0,
             threshold_counts: None,
+            noise_counts: 0,
             realtime_priority: None,
         }
     }
 }
+
+/// Half width of the converters' noise of a cell's box. A real box never sends the same record twice; a simulated one on a busy machine
+/// would, whenever no new sample has come in time, and would rightly be called frozen.
+const CONVERTER_NOISE_COUNTS: u32 = 5;
 
 /// Why a box cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -196,6 +203,7 @@ impl NetbBox {
             http_port: port(PORT_HTTP)?,
             counts_per_force: sensor.counts_per_n,
             counts_per_torque: sensor.counts_per_nm,
+            noise_counts: CONVERTER_NOISE_COUNTS,
             realtime_priority,
             ..NetbConfig::default()
         })?)

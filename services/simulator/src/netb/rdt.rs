@@ -87,11 +87,30 @@ pub(super) struct RdtBox {
     ft_sequence: u32,
     bias: [i32; 6],
     last: [i32; 6],
+    /// Counts of the last record.
+    told: [i32; 6],
+    random: Xorshift,
+    noise: i32,
     threshold: Option<[i32; 6]>,
     latched: bool,
     datagram: Vec<u8>,
     held: Option<Vec<u8>>,
     faults: Faults,
+}
+
+/// xorshift64: the same noise in every run.
+#[derive(Clone, Copy, Debug)]
+struct Xorshift(u64);
+
+impl Xorshift {
+    /// Between plus and minus `half`, evenly.
+    fn within(&mut self, half: i32) -> i32 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        let width = 2 * i64::from(half) + 1;
+        ((self.0 >> 1) as i64 % width - i64::from(half)) as i32
+    }
 }
 
 #[derive(Debug, Default)]
@@ -103,15 +122,22 @@ struct Faults {
     saturate: u32,
     status: u32,
     status_records: u32,
+    frozen: Option<[i32; 6]>,
+    stuck: Option<(usize, i32)>,
+    implausible: u32,
 }
 
 impl RdtBox {
-    pub(super) fn new(threshold: Option<[i32; 6]>) -> Self {
+    /// `threshold` in counts; `noise_counts` is the half width of its converters' noise.
+    pub(super) fn new(threshold: Option<[i32; 6]>, noise_counts: u32) -> Self {
         Self {
             client: None,
             ft_sequence: 0,
             bias: [0; 6],
             last: [0; 6],
+            told: [0; 6],
+            random: Xorshift(0x9e37_79b9_7f4a_7c15),
+            noise: i32::try_from(noise_counts).unwrap_or(i32::MAX),
             threshold,
             latched: false,
             datagram: Vec::with_capacity(RECORD_LENGTH * RECORDS_MAX),
@@ -159,9 +185,14 @@ impl RdtBox {
                 self.faults.status = word;
                 self.faults.status_records = records;
             }
+            NetbFault::Freeze(on) => self.faults.frozen = on.then_some(self.told),
+            NetbFault::StickAxis(axis) => {
+                self.faults.stuck = axis.and_then(|axis| Some((axis, *self.told.get(axis)?)));
+            }
+            NetbFault::Implausible { one_of } => self.faults.implausible = one_of,
             NetbFault::ForgetClient => self.client = None,
             NetbFault::Restart(_) => {
-                *self = Self::new(self.threshold);
+                *self = Self::new(self.threshold, self.noise.unsigned_abs());
             }
             NetbFault::Silence(_) => {}
         }
@@ -220,6 +251,17 @@ impl RdtBox {
         self.last = sample.counts;
         let mut counts: [i32; 6] =
             std::array::from_fn(|i| sample.counts[i].saturating_sub(self.bias[i]));
+        if self.noise > 0 {
+            counts = counts.map(|count| count.saturating_add(self.random.within(self.noise)));
+        }
+        counts = self.faults.frozen.unwrap_or(counts);
+        if let Some((axis, count)) = self.faults.stuck {
+            counts[axis] = count;
+        }
+        self.told = counts;
+        if self.faults.implausible > 0 && self.ft_sequence.is_multiple_of(self.faults.implausible) {
+            counts = counts.map(|_| self.random.within(i32::MAX / 2));
+        }
         let mut status = 0;
         if sample.saturated || self.faults.saturate > 0 {
             status |= Status::SUMMARY | Status::SATURATION;
@@ -315,7 +357,7 @@ mod tests {
 
     #[test]
     fn real_time_sends_one_record_each_and_stops_after_the_count() {
-        let mut simulated = RdtBox::new(None);
+        let mut simulated = RdtBox::new(None, 0);
         ask(&mut simulated, Command::RealTime, 3, 1);
         let sent = run(&mut simulated, 9, BoxSample::default());
         assert_eq!(sequences(&sent), [[1], [2], [3]]);
@@ -324,7 +366,7 @@ mod tests {
 
     #[test]
     fn buffered_sends_several_and_the_rest_at_the_end() {
-        let mut simulated = RdtBox::new(None);
+        let mut simulated = RdtBox::new(None, 0);
         ask(&mut simulated, Command::Buffered, 6, 1);
         let sent = run(&mut simulated, 9, BoxSample::default());
         assert_eq!(sequences(&sent), [vec![1, 2, 3, 4], vec![5, 6]]);
@@ -332,7 +374,7 @@ mod tests {
 
     #[test]
     fn the_newest_request_takes_the_stream_and_the_clock_runs_on() {
-        let mut simulated = RdtBox::new(None);
+        let mut simulated = RdtBox::new(None, 0);
         ask(&mut simulated, Command::RealTime, 0, 1);
         let first = run(&mut simulated, 2, BoxSample::default());
         ask(&mut simulated, Command::RealTime, 0, 2);
@@ -344,7 +386,7 @@ mod tests {
 
     #[test]
     fn a_software_bias_is_for_everybody_and_for_good() {
-        let mut simulated = RdtBox::new(None);
+        let mut simulated = RdtBox::new(None, 0);
         let sample = BoxSample {
             counts: [5, -5, 7, 0, 1, 2],
             saturated: false,
@@ -358,7 +400,7 @@ mod tests {
 
     #[test]
     fn a_threshold_latches_until_it_is_reset() {
-        let mut simulated = RdtBox::new(Some([100; 6]));
+        let mut simulated = RdtBox::new(Some([100; 6]), 0);
         let strong = BoxSample {
             counts: [0, 0, -101, 0, 0, 0],
             saturated: false,
@@ -377,7 +419,7 @@ mod tests {
 
     #[test]
     fn faults_are_what_they_say() {
-        let mut simulated = RdtBox::new(None);
+        let mut simulated = RdtBox::new(None, 0);
         ask(&mut simulated, Command::RealTime, 0, 1);
         simulated.inject(NetbFault::Drop(2));
         assert_eq!(
@@ -406,6 +448,35 @@ mod tests {
         assert_eq!(sent[1].1[0].status, Status(0));
         simulated.inject(NetbFault::Restart(Duration::ZERO));
         assert!(!simulated.is_streaming());
+    }
+
+    #[test]
+    fn a_frozen_box_goes_on_counting() {
+        let mut simulated = RdtBox::new(None, 1000);
+        ask(&mut simulated, Command::RealTime, 0, 1);
+        let counts = |sent: &[(u16, Vec<Record>)]| -> Vec<[i32; 6]> {
+            sent.iter().map(|(_, records)| records[0].counts).collect()
+        };
+        let alive = counts(&run(&mut simulated, 5, sample(50_000)));
+        assert!(alive.windows(2).all(|w| w[0] != w[1]), "{alive:?}");
+        assert!(alive.iter().flatten().all(|c| (c - 50_000).abs() <= 1000));
+        simulated.inject(NetbFault::Freeze(true));
+        let frozen = run(&mut simulated, 5, sample(90_000));
+        assert_eq!(counts(&frozen), [alive[4]; 5]);
+        assert_eq!(sequences(&frozen), [[6], [7], [8], [9], [10]]);
+        simulated.inject(NetbFault::Freeze(false));
+        simulated.inject(NetbFault::StickAxis(Some(2)));
+        let stuck = counts(&run(&mut simulated, 5, sample(90_000)));
+        assert!(
+            stuck
+                .windows(2)
+                .all(|w| w[0][2] == w[1][2] && w[0][1] != w[1][1])
+        );
+        simulated.inject(NetbFault::StickAxis(None));
+        simulated.inject(NetbFault::Implausible { one_of: 4 });
+        let wild = counts(&run(&mut simulated, 40, sample(0)));
+        let far = wild.iter().filter(|c| c[0].abs() > 1000).count();
+        assert!((8..=10).contains(&far), "{far}");
     }
 
     fn sample(x: i32) -> BoxSample {
@@ -472,7 +543,7 @@ mod tests {
         #[test]
         fn no_request_whatever_breaks_the_box(requests in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..12), 0..20),
                                               faults: [u8; 4]) {
-            let mut simulated = RdtBox::new(Some([i32::MIN; 6]));
+            let mut simulated = RdtBox::new(Some([i32::MIN; 6]), 0);
             simulated.inject(NetbFault::Duplicate(u32::from(faults[0])));
             simulated.inject(NetbFault::Drop(u32::from(faults[1])));
             for bytes in requests {

@@ -37,7 +37,7 @@ pub(super) fn spawn(
 }
 
 fn serve(socket: &UdpSocket, shared: &Shared, faults: &Receiver<NetbFault>) {
-    let mut simulated = RdtBox::new(shared.config.threshold_counts);
+    let mut simulated = RdtBox::new(shared.config.threshold_counts, shared.config.noise_counts);
     let mut request = [0; 64];
     let mut due = Instant::now();
     let mut deaf_until = due;

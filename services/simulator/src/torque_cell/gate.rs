@@ -2,7 +2,8 @@
 //!
 //! Pure; [`super::TorqueCell`] asks it once per period. A good command is followed within the joints' efforts. A bad one is
 //! refused with the reason, silence is ridden out for two periods; then the arm brakes and holds where it stands, and the
-//! present activation is latched out, so that only a newer one moves the arm again.
+//! present activation is latched out, so that only a newer one moves the arm again. One source at a time commands the arm; when the
+//! lease changes hands, the new holder's activation and all older ones are latched out, as in the bridges.
 
 use tangent_mechanics::{Arm, Joints};
 use tangent_runtime::lease::{Admission, Lease, Source};
@@ -57,6 +58,9 @@ pub enum TorqueRefusal {
         /// Of the arm.
         now: u64,
     },
+    /// Answers a state that was answered before.
+    #[error("cycle {0} was already answered")]
+    Duplicate(u64),
     /// Of a task that the arm has ended.
     #[error("activation {0} is latched out: start a task anew")]
     Latched(u64),
@@ -126,24 +130,42 @@ impl TorqueGate {
             .map_or_else(Text::new, |why| cut_format(format_args!("{why}")))
     }
 
+    /// Whether a command from `source` may be given to [`TorqueGate::step`]: only one source at a time commands the arm.
+    /// `activation`: what it brings; a source that was not heard before has to start a task anew.
+    pub fn admit(&mut self, source: &Source, activation: u64, now_s: f64) -> bool {
+        let rests = matches!(self.stance, Stance::Rest { held: Some(_), .. });
+        match self.lease.admit(source, now_s, rests) {
+            Admission::Held => true,
+            Admission::Taken => {
+                self.activation_seen = self.activation_seen.max(activation);
+                self.latch();
+                true
+            }
+            Admission::Refused => {
+                self.refused += 1;
+                self.refusal = Some(TorqueRefusal::Lease);
+                false
+            }
+        }
+    }
+
     /// Torques (Nm) for the next period, in which the arm is at `q`, `qd` after its cycle `cycle`. `command` is what arrived
-    /// since the last call, from `source`, at `now_s`.
+    /// since the last call, from the source that [`TorqueGate::admit`] let in.
     pub fn step(
         &mut self,
-        command: Option<(&ArmCommand, Source)>,
+        command: Option<&ArmCommand>,
         cycle: u64,
-        now_s: f64,
         q: &Joints<6>,
         qd: &Joints<6>,
     ) -> Joints<6> {
         let mut answered = false;
-        if let Some((command, source)) = command {
-            match self.judge(command, &source, cycle, now_s) {
+        if let Some(command) = command {
+            self.activation_seen = self.activation_seen.max(command.activation);
+            match self.judge(command, cycle) {
                 Ok(wanted) => {
                     answered = true;
                     self.silent = 0;
                     self.cycle_accepted = command.cycle;
-                    self.activation_seen = self.activation_seen.max(command.activation);
                     match wanted {
                         Some(torque) => {
                             self.stance = Stance::Follow;
@@ -155,7 +177,9 @@ impl TorqueGate {
                 Err(why) => {
                     self.refused += 1;
                     self.refusal = Some(why);
-                    if why != TorqueRefusal::Lease && self.stance == Stance::Follow {
+                    // A second answer to one state says nothing new: it neither moves the arm nor ends what moves it.
+                    let repeated = matches!(why, TorqueRefusal::Duplicate(_));
+                    if !repeated && self.stance == Stance::Follow {
                         self.latch();
                         self.rest();
                     }
@@ -185,23 +209,16 @@ impl TorqueGate {
         self.latch();
     }
 
-    fn judge(
-        &mut self,
-        command: &ArmCommand,
-        source: &Source,
-        cycle: u64,
-        now_s: f64,
-    ) -> Result<Option<Joints<6>>, TorqueRefusal> {
-        let rests = self.stance != Stance::Follow;
-        if self.lease.admit(source, now_s, rests) == Admission::Refused {
-            return Err(TorqueRefusal::Lease);
-        }
+    fn judge(&self, command: &ArmCommand, cycle: u64) -> Result<Option<Joints<6>>, TorqueRefusal> {
         let answered = command.cycle;
-        if answered > cycle || answered + LATE_CYCLES < cycle {
+        if answered > cycle || cycle - answered > LATE_CYCLES {
             return Err(TorqueRefusal::Cycle {
                 answered,
                 now: cycle,
             });
+        }
+        if answered <= self.cycle_accepted {
+            return Err(TorqueRefusal::Duplicate(answered));
         }
         match command.kind {
             0 | 3 => return Ok(None),
@@ -271,171 +288,4 @@ impl TorqueGate {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use tangent_mechanics::ModelData;
-    use tangent_schemas::convert::joint_array;
-    use tangent_simulation::{TorqueArm, TorqueArmConfig};
-
-    struct Bench {
-        gate: TorqueGate,
-        arm: TorqueArm<6>,
-        cycle: u64,
-        speeds: Vec<f64>,
-        torques: Vec<Joints<6>>,
-    }
-
-    fn source(id: u8) -> Source {
-        Source {
-            publisher: [id; 16],
-            ..Source::default()
-        }
-    }
-
-    impl Bench {
-        fn new() -> Self {
-            let model = Arm::<6>::new(&ModelData::builtin("smart3s_substitute").unwrap()).unwrap();
-            let q = model.home();
-            Self {
-                gate: TorqueGate::new(model, &q),
-                arm: TorqueArm::new(model, &TorqueArmConfig::default(), q),
-                cycle: 10,
-                speeds: Vec::new(),
-                torques: Vec::new(),
-            }
-        }
-
-        /// What moves joint 1 at 0.3 rad/s.
-        fn command(&self) -> ArmCommand {
-            let mut wanted = Joints::<6>::zeros();
-            wanted[0] = 0.3;
-            let (mass, bias) = self
-                .arm
-                .model()
-                .mass_matrix_and_bias(&self.arm.q, &self.arm.qd);
-            let torque = mass * ((wanted - self.arm.qd) * 20.0) + bias;
-            ArmCommand {
-                cycle: self.cycle,
-                kind: 2,
-                values: joint_array(&torque),
-                activation: 1,
-                ..ArmCommand::default()
-            }
-        }
-
-        fn cycle(&mut self, command: Option<&ArmCommand>) {
-            let torque = self.gate.step(
-                command.map(|c| (c, source(1))),
-                self.cycle,
-                self.cycle as f64 * 1e-3,
-                &self.arm.q,
-                &self.arm.qd,
-            );
-            for _ in 0..4 {
-                self.arm.step(&torque, &Joints::<6>::zeros(), 0.25e-3);
-            }
-            self.cycle += 1;
-            self.speeds.push(self.arm.qd.amax());
-            self.torques.push(torque);
-        }
-
-        fn moving(mut self) -> Self {
-            for _ in 0..500 {
-                let command = self.command();
-                self.cycle(Some(&command));
-            }
-            assert!(self.arm.qd[0] > 0.25);
-            self
-        }
-    }
-
-    #[test]
-    fn the_arm_holds_until_it_is_told_to_move() {
-        let mut bench = Bench::new();
-        let start = bench.arm.q;
-        for _ in 0..1000 {
-            bench.cycle(None);
-        }
-        assert!((bench.arm.q - start).amax() < 1e-6);
-        assert_eq!(bench.gate.missed, 0);
-    }
-
-    #[test]
-    fn silence_is_ridden_out_then_the_arm_comes_to_rest_smoothly_and_stays() {
-        let mut bench = Bench::new().moving();
-        bench.cycle(None);
-        bench.cycle(None);
-        assert!(bench.speeds.last().unwrap() > &0.25);
-        let torques = bench.torques.len();
-        for _ in 0..400 {
-            bench.cycle(None);
-        }
-        assert!(bench.speeds.last().unwrap() < &1e-3);
-        let effort = bench.gate.model.limits().effort.unwrap();
-        for pair in bench.torques[torques..].windows(2) {
-            let step = (pair[1] - pair[0]).component_div(&effort).amax();
-            assert!(step < 0.05, "{step} of the effort at once");
-        }
-        assert_eq!(bench.gate.activation_latched, 1);
-        let late = bench.command();
-        bench.cycle(Some(&late));
-        assert_eq!(bench.gate.refusal, Some(TorqueRefusal::Latched(1)));
-        let mut anew = bench.command();
-        anew.activation = 2;
-        bench.cycle(Some(&anew));
-        assert_eq!(bench.gate.stance, Stance::Follow);
-    }
-
-    #[test]
-    fn what_makes_no_sense_is_refused_with_the_reason_and_ends_the_motion() {
-        type Spoil = fn(&mut ArmCommand);
-        let bad: [(Spoil, &str); 6] = [
-            (|c| c.values[2] = f64::NAN, "joint 3"),
-            (|c| c.values[1] = 1e9, "effort"),
-            (|c| c.values.truncate(5), "5 joint values"),
-            (|c| c.kind = 1, "kind 1"),
-            (|c| c.cycle -= 50, "cycle"),
-            (|c| c.cycle += 5, "cycle"),
-        ];
-        for (spoil, word) in bad {
-            let mut bench = Bench::new().moving();
-            let mut command = bench.command();
-            spoil(&mut command);
-            bench.cycle(Some(&command));
-            let reason = bench.gate.reason();
-            assert!(reason.contains(word), "{reason}");
-            for _ in 0..400 {
-                bench.cycle(None);
-            }
-            assert!(bench.speeds.last().unwrap() < &1e-3, "{word}");
-        }
-    }
-
-    #[test]
-    fn a_second_source_is_refused_and_the_first_goes_on() {
-        let mut bench = Bench::new().moving();
-        let command = bench.command();
-        let (q, qd) = (bench.arm.q, bench.arm.qd);
-        bench.gate.step(
-            Some((&command, source(2))),
-            bench.cycle,
-            bench.cycle as f64 * 1e-3,
-            &q,
-            &qd,
-        );
-        assert_eq!(bench.gate.refusal, Some(TorqueRefusal::Lease));
-        assert_eq!(bench.gate.stance, Stance::Follow);
-    }
-
-    #[test]
-    fn a_hold_brings_it_to_rest_without_latching() {
-        let mut bench = Bench::new().moving();
-        for _ in 0..400 {
-            let mut hold = bench.command();
-            hold.kind = 0;
-            bench.cycle(Some(&hold));
-        }
-        assert!(bench.speeds.last().unwrap() < &1e-3);
-        assert_eq!(bench.gate.activation_latched, 0);
-    }
-}
+mod tests;

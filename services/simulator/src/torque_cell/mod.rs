@@ -20,7 +20,7 @@ use tangent_runtime::clock::{DeadlineClock, now_ns};
 use tangent_runtime::lease::Source;
 use tangent_runtime::realtime::setup_thread;
 use tangent_runtime::{
-    Bus, BusError, Counter, HealthReporter, Histogram, Latest, Publisher, Rate, Stop,
+    Bus, BusError, Counter, HealthReporter, Histogram, Publisher, Rate, Stop, Subscription,
 };
 use tangent_schemas::standard::{Header, PoseStamped};
 use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, ContactTruth, Request};
@@ -38,6 +38,9 @@ use state::StateMaker;
 
 /// Exposures that may wait to be drawn.
 const SHOTS: usize = 2;
+
+/// Commands that may wait for a period, from all sources together.
+const COMMANDS_MAX: usize = 64;
 
 /// SCHED_FIFO priority of the image thread: behind everything that is in a hurry, before what the machine does besides.
 const IMAGE_PRIORITY: u8 = 20;
@@ -124,7 +127,7 @@ pub fn run_torque_cell(
         gate: TorqueGate::new(model, &arm.q),
         state: StateMaker::new(model, plant.flange_from_tool(), plant.period_s()),
         publisher: bus.publisher(&topics::ARM_STATE)?,
-        command: bus.latest(&topics::ARM_COMMAND)?,
+        commands: bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?,
         truth: bus.publisher(&TRUTH_CONTACT)?,
         truth_object: bus.publisher(&TRUTH_OBJECT)?,
         feed: sensor_box.feed(),
@@ -222,7 +225,7 @@ struct TorqueCell {
     gate: TorqueGate,
     state: StateMaker,
     publisher: Publisher<ArmState>,
-    command: Latest<ArmCommand>,
+    commands: Subscription<ArmCommand>,
     truth: Publisher<ContactTruth>,
     truth_object: Publisher<PoseStamped>,
     feed: SampleFeed,
@@ -273,15 +276,22 @@ impl TorqueCell {
             self.publisher.publish(&state);
         }
         let now_s = self.began.elapsed().as_secs_f64();
-        let command = self.command.take_new().map(|received| {
+        // Every one that came, since another source's must not hide the holder's; of the holder's, the newest.
+        let mut newest = None;
+        for _ in 0..COMMANDS_MAX {
+            let Some(received) = self.commands.try_recv() else {
+                break;
+            };
             let source = Source {
                 name: received.message.source,
                 publisher: received.publisher,
             };
-            (&received.message, source)
-        });
-        let answered = command.is_some();
-        let torque: Joints<6> = self.gate.step(command, self.cycle, now_s, &arm.q, &arm.qd);
+            if self.gate.admit(&source, received.message.activation, now_s) {
+                newest = Some(received.message);
+            }
+        }
+        let answered = newest.is_some();
+        let torque: Joints<6> = self.gate.step(newest.as_ref(), self.cycle, &arm.q, &arm.qd);
         if answered {
             let took = start.elapsed();
             self.answer_s = took.as_secs_f64();

@@ -1,6 +1,7 @@
 //! The arm's state as it travels on the bus. No allocation.
 
 use tangent_mechanics::{Aligned, Arm, Base, Flange, Pose, Tool, Twist};
+use tangent_runtime::lease;
 use tangent_schemas::Text;
 use tangent_schemas::convert::{cut, cut_format, joint_array};
 use tangent_schemas::standard::Header;
@@ -77,7 +78,7 @@ impl StateMaker {
             commanded_by: holder.map_or_else(Default::default, |source| {
                 cut_format(format_args!("{source}"))
             }),
-            commander_id: holder.map_or([0; 16], |source| source.publisher),
+            commander_id: holder.map_or([0; 16], |source| lease::mark(&source.publisher)),
             ..ArmState::default()
         }
     }

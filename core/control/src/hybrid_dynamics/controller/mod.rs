@@ -1,6 +1,7 @@
 //! The law in its period: what is felt and seen, what ends a task, which torques follow. The phases themselves are in
 //! `phase_steps`.
 
+mod leaving;
 mod phase_steps;
 
 use nalgebra::Vector3;
@@ -10,14 +11,21 @@ use tangent_mechanics::{Arm, Base, Flange, JointFriction, Joints, Object, Pose, 
 use tangent_sensing::Validity;
 
 use super::estimate_follower::EstimateFollower;
+use super::joint_guard::bounded_torque;
 use super::law::{
     ArmNow, Constraint, ForceIntegral, MotionIntegral, MotionReference, hybrid,
     motion_acceleration, pressing_force, stacked, torque,
 };
 use super::reference::{Descent, SurfacePath};
 use super::{ForceChannel, HybridDynamicsConfig, HybridInput, HybridOutput};
+use crate::clearance::{LeaveWatch, Leaving};
+use crate::interface::{is_arm_state, is_place, is_time, is_wrench};
+use crate::response_guard::{Doing, ResponseGuard, Touch};
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
-use crate::{ControlError, Fault, Limits, Path, Phase, Profile, Task};
+use crate::{Clearance, ControlError, Fault, Limits, Path, Phase, Profile, Task};
+
+/// Time in which the last torques fade into what holds the arm, where its state is no number, s.
+const FADE_S: f64 = 0.025;
 
 /// The controller. One [`HybridDynamics::step`] per control period; nothing in it allocates.
 pub struct HybridDynamics {
@@ -39,9 +47,26 @@ struct Run {
     phase: Phase,
     fault: Option<Fault>,
     since_s: f64,
+    /// Part of it that was spent paused, s.
+    paused_s: f64,
     /// In this phase, s.
     phase_s: f64,
     guard: WrenchGuard,
+    response: ResponseGuard,
+    /// Whether the tool may touch something: outlasts the run.
+    clearance: Clearance,
+    leave: LeaveWatch,
+    left: Leaving,
+    /// Way and speed of phase `clear`, m and m/s.
+    clear: (f64, f64),
+    /// Where the zero in force was taken, until something is touched.
+    tared_at: Option<Vector3<f64>>,
+    /// The zero turned out to be taken in contact.
+    zero_withdrawn: bool,
+    /// The last usable wrench, base axes.
+    felt: Option<Felt>,
+    /// Clock of the retraction, s: slower where nothing is felt.
+    retract_s: f64,
     object: Option<EstimateFollower>,
     /// Where the tool is kept while nothing else is wanted.
     held: Option<Pose<Base, Tool>>,
@@ -52,6 +77,8 @@ struct Run {
     rate: f64,
     retract: Option<(Vector3<f64>, Profile)>,
     after_retract: Phase,
+    /// A retraction has gone its way since the last touch.
+    off: bool,
     motion: MotionIntegral,
     force: ForceIntegral,
     reference_n: f64,
@@ -60,6 +87,16 @@ struct Run {
     sought_m: f64,
     blind_s: f64,
     torque: Joints<6>,
+    /// Joints, rad, and period, s, of the last cycle that could be computed with.
+    last_good: Option<(Joints<6>, f64)>,
+}
+
+/// The wrench at the tool's origin, base axes, and what of it presses, N.
+#[derive(Clone, Copy, Debug)]
+struct Felt {
+    force: Vector3<f64>,
+    moment: Vector3<f64>,
+    pressing_n: f64,
 }
 
 /// What one phase wants.
@@ -68,8 +105,8 @@ struct Wanted {
     /// The same point in object axes, where it was planned there.
     in_object: Option<Vector3<f64>>,
     pressing: bool,
-    /// Speed against the normal while seeking, m/s.
-    seek_m_per_s: f64,
+    /// Speed against the normal while seeking, m/s; none while not.
+    seek_m_per_s: Option<f64>,
 }
 
 impl HybridDynamics {
@@ -112,11 +149,45 @@ impl HybridDynamics {
 
     /// Begins the task anew.
     pub fn restart(&mut self) {
+        self.begin(self.run.clearance);
+    }
+
+    /// Begins the task with what is known of the tool. In doubt whether it hangs free, it moves off first.
+    pub fn begin(&mut self, clearance: Clearance) {
         self.paused = false;
         self.run = Run {
-            phase: Phase::Tare,
+            phase: if clearance.is_free() {
+                Phase::Tare
+            } else {
+                Phase::Clear
+            },
+            clearance,
             ..Run::default()
         };
+    }
+
+    /// Whether the tool may touch something: what the next start goes by.
+    pub fn clearance(&self) -> Clearance {
+        self.run.clearance
+    }
+
+    /// A person has looked: the tool hangs free. Says nothing while a task runs.
+    pub fn say_clear(&mut self) {
+        if !self.run.phase.is_active() {
+            self.run.clearance = Clearance::Free;
+        }
+    }
+
+    /// Whether a task may start with the tool at `position` (base axes, m) after what is known of it.
+    ///
+    /// # Errors
+    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not known.
+    pub fn check_start(
+        &self,
+        clearance: &Clearance,
+        position: &Vector3<f64>,
+    ) -> Result<(), ControlError> {
+        clearance.way_out(&self.config.leave, position).map(drop)
     }
 
     /// Ends the task: the tool leaves the surface.
@@ -126,7 +197,7 @@ impl HybridDynamics {
         }
     }
 
-    /// Stops the path where it is, keeps the force; false resumes. Refused where there is no path to stop.
+    /// Stands still in every phase: the path stops where it is, what presses keeps its force; false resumes.
     ///
     /// # Errors
     /// When no task runs, or it is leaving the surface.
@@ -140,6 +211,36 @@ impl HybridDynamics {
         }
         self.paused = paused;
         Ok(())
+    }
+
+    /// The task has ended, and the tool may still be where it touched.
+    pub fn is_left_on_surface(&self) -> bool {
+        !self.run.phase.is_active()
+            && self.run.lay.is_some()
+            && !self.run.off
+            && !self.run.clearance.is_free()
+    }
+
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), over the way of the task's end.
+    pub fn leave_surface(&mut self) {
+        if !self.is_left_on_surface() {
+            return;
+        }
+        // Nothing of what moved or pushed before is left: the arm may have been moved since.
+        self.paused = false;
+        self.run.motion = MotionIntegral::default();
+        self.run.force = ForceIntegral::default();
+        let ended = if self.run.fault.is_some() {
+            Phase::Fault
+        } else {
+            Phase::Done
+        };
+        self.leave(ended);
+    }
+
+    /// The task is paused.
+    pub fn is_paused(&self) -> bool {
+        self.paused && self.run.phase.is_active() && self.run.phase != Phase::Retract
     }
 
     /// Pressing force asked for from now on, N; the reference goes there at its rate.
@@ -162,39 +263,46 @@ impl HybridDynamics {
     /// One control period.
     pub fn step(&mut self, input: &HybridInput) -> HybridOutput {
         let dt = input.dt_s;
-        let sound = input.q.iter().chain(input.qd.iter()).all(|x| x.is_finite());
-        if !sound {
+        if !is_time(input.time_s, dt) || !is_arm_state(&input.q, &input.qd) {
             return self.blind_output(input);
         }
+        self.run.last_good = Some((input.q, dt));
         let now = ArmNow::new(&self.model, &self.flange_from_tool, &input.q, &input.qd);
         self.run.since_s += dt;
-        self.run.phase_s += dt;
-        let verdict = self.run.guard.step(
-            &self.config.patience,
-            input.wrench_validity,
-            input.wrench.is_finite(),
-            input.wrench_age_s,
-            dt,
-        );
+        // No time limit runs while the task is paused.
+        if self.paused && self.run.phase != Phase::Retract {
+            self.run.paused_s += dt;
+        } else {
+            self.run.phase_s += dt;
+        }
         let estimate = self.usable(input);
         self.follow(estimate.as_ref(), &now, dt);
         let constraint = self.constraint(&now);
-        let (force, moment) = if verdict == WrenchVerdict::Good {
-            (
-                now.tool.rotate(&input.wrench.force),
-                now.tool.rotate(&input.wrench.torque),
-            )
-        } else {
-            (Vector3::zeros(), Vector3::zeros())
-        };
-        let pressing_n = match self.config.force.channel {
-            ForceChannel::Torque => pressing_force(&now, &constraint.normal, &force),
-            // The pseudo-inverse lets friction into the force; the normal alone does not.
-            ForceChannel::Acceleration => constraint.normal.dot(&force),
-        };
+        let validity = self.answering(input, &now, &constraint.normal);
+        let verdict = self.run.guard.step(
+            &self.config.patience,
+            validity,
+            is_wrench(&input.wrench),
+            input.wrench_age_s,
+            dt,
+        );
+        let felt = (verdict == WrenchVerdict::Good).then(|| {
+            let force = now.tool.rotate(&input.wrench.force);
+            Felt {
+                force,
+                moment: now.tool.rotate(&input.wrench.torque),
+                pressing_n: match self.config.force.channel {
+                    ForceChannel::Torque => pressing_force(&now, &constraint.normal, &force),
+                    // The pseudo-inverse lets friction into the force; the normal alone does not.
+                    ForceChannel::Acceleration => constraint.normal.dot(&force),
+                },
+            }
+        });
+        self.run.felt = felt.or(self.run.felt);
 
-        self.judge(input, verdict, &now, estimate.as_ref(), &force, &moment);
-        let wanted = self.advance(input, &now, estimate.as_ref(), pressing_n, verdict);
+        self.judge(input, verdict, &now, estimate.as_ref(), felt.as_ref());
+        let wanted = self.advance(input, &now, estimate.as_ref(), felt.as_ref(), verdict);
+        self.remember(&constraint.normal, &now);
 
         let motion = motion_acceleration(
             &self.config.motion,
@@ -205,11 +313,13 @@ impl HybridDynamics {
         );
         let mut constraint = constraint;
         // While seeking, the surface's own speed is what the damping holds against.
-        constraint.velocity -= constraint.normal * wanted.seek_m_per_s;
-        let (acceleration, push) = if wanted.pressing {
+        constraint.velocity -= constraint.normal * wanted.seek_m_per_s.unwrap_or(0.0);
+        // A bad sample is waited out with the last good one.
+        let (acceleration, push) = if let (true, Some(used)) = (wanted.pressing, self.run.felt) {
             self.run.motion.forget_along(&constraint.normal);
-            let wrench = stacked(&force, &moment);
-            let seeking = wanted.seek_m_per_s > 0.0;
+            let wrench = stacked(&used.force, &used.moment);
+            let pressing_n = used.pressing_n;
+            let seeking = wanted.seek_m_per_s.is_some();
             let reference = if seeking || verdict != WrenchVerdict::Good {
                 pressing_n
             } else {
@@ -246,9 +356,10 @@ impl HybridDynamics {
             &twist,
             &push,
         );
-        if torque.iter().all(|x| x.is_finite()) {
-            self.run.torque = torque;
+        if !torque.iter().all(|x| x.is_finite()) {
+            return self.blind_output(input);
         }
+        self.run.torque = torque;
         let away = now.tool.translation() - wanted.reference.position;
         let n = &constraint.normal;
         HybridOutput {
@@ -264,7 +375,9 @@ impl HybridDynamics {
             } else {
                 0.0
             },
-            force_n: pressing_n,
+            force_n: felt.map(|felt| felt.pressing_n),
+            clearance: self.run.clearance,
+            zero_withdrawn: self.run.zero_withdrawn,
             base_from_tool: now.tool,
             path_reference: wanted.reference.position,
             reference_in_object: wanted.in_object,
@@ -276,11 +389,17 @@ impl HybridDynamics {
         }
     }
 
-    /// The arm's state is no number: the last torque that held it is the best guess.
+    /// The arm's state or its period is no number, or nothing finite follows from them: what holds the arm against gravity where it was last
+    /// is the best guess, and what moved it or pushed fades.
     fn blind_output(&mut self, input: &HybridInput) -> HybridOutput {
         self.run.fault = Some(Fault::ArmState);
         self.run.phase = Phase::Fault;
         self.run.held = None;
+        if let Some((q, dt)) = self.run.last_good {
+            let gravity = self.model.gravity(&q);
+            let held = bounded_torque(self.model.limits(), &gravity, &Joints::zeros()).0;
+            self.run.torque += (held - self.run.torque) * (dt / FADE_S).min(1.0);
+        }
         HybridOutput {
             torque: self.run.torque,
             phase: Phase::Fault,
@@ -290,7 +409,9 @@ impl HybridDynamics {
             contact_lost_count: self.run.lost_count,
             normal: Vector3::z(),
             force_reference_n: 0.0,
-            force_n: 0.0,
+            force_n: None,
+            clearance: self.run.clearance,
+            zero_withdrawn: self.run.zero_withdrawn,
             base_from_tool: Pose::identity(),
             path_reference: Vector3::zeros(),
             reference_in_object: None,
@@ -302,13 +423,32 @@ impl HybridDynamics {
         }
     }
 
+    /// What the wrench says of itself, or what its answer to the tool's motion says of it.
+    fn answering(&mut self, input: &HybridInput, now: &ArmNow, normal: &Vector3<f64>) -> Validity {
+        if !input.wrench_validity.is_valid() {
+            return input.wrench_validity;
+        }
+        self.run.response.step(&Touch {
+            doing: Doing::of(self.run.phase),
+            position: now.tool.translation(),
+            normal: *normal,
+            wrench: input.wrench.vector(),
+            force_n: now.tool.rotate(&input.wrench.force).dot(normal),
+            reference_n: self.task.force.reference_n,
+            stiffness_n_per_m: None,
+            rests: true,
+            fresh: input.wrench_age_s <= input.dt_s,
+        })
+    }
+
     /// The estimate if it may be used now.
     fn usable(&self, input: &HybridInput) -> Option<ObjectEstimate> {
         let patience = self.config.patience.estimate_s;
         input.estimate.filter(|e| {
             e.validity.is_valid()
                 && input.estimate_age_s <= patience
-                && e.base_from_object.matrix().iter().all(|x| x.is_finite())
+                && is_place(&e.base_from_object)
+                && e.covariance.iter().all(|x| x.is_finite())
         })
     }
 
@@ -362,8 +502,7 @@ impl HybridDynamics {
         verdict: WrenchVerdict,
         now: &ArmNow,
         estimate: Option<&ObjectEstimate>,
-        force: &Vector3<f64>,
-        moment: &Vector3<f64>,
+        felt: Option<&Felt>,
     ) {
         if !self.run.phase.is_active() || self.run.phase == Phase::Retract {
             return;
@@ -382,15 +521,30 @@ impl HybridDynamics {
         let at = now.tool.translation();
         let (low, high) = (&self.limits.workspace_min_m, &self.limits.workspace_max_m);
         let outside = (0..3).any(|i| at[i] < low[i] || at[i] > high[i]);
-        let begun = self.run.phase != Phase::Tare;
+        let begun = !matches!(self.run.phase, Phase::Tare | Phase::Clear);
+        let beyond = |size: fn(&Felt) -> f64, most: f64| felt.is_some_and(|f| size(f) > most);
+        let hidden = |load| self.limits.is_untared_beyond(load);
+        let untared = felt.and(input.untared.as_ref());
+        let zero_lost = self.task.tare && felt.is_some() && input.bias_age_s.is_none();
+        let is_old = |most_n| input.zero_bound_n.is_none_or(|bound_n| bound_n > most_n);
+        let sliding = matches!(self.run.phase, Phase::Slide | Phase::Hold);
         let task_s = self.task.timeouts.task_s;
         let fault = match verdict {
             WrenchVerdict::Retract(validity) if begun => Some(Fault::Wrench(validity)),
-            _ if force.norm() > self.limits.force_max_n => Some(Fault::ForceLimit),
-            _ if moment.norm() > self.limits.torque_max_nm => Some(Fault::TorqueLimit),
+            _ if begun && beyond(|f| f.force.norm(), self.limits.force_max_n) => {
+                Some(Fault::ForceLimit)
+            }
+            _ if begun && beyond(|f| f.moment.norm(), self.limits.torque_max_nm) => {
+                Some(Fault::TorqueLimit)
+            }
+            _ if begun && untared.is_some_and(hidden) => Some(Fault::UntaredLimit),
+            _ if begun && zero_lost => Some(Fault::ZeroLost),
+            _ if sliding && self.task.zero.error_max_n.is_some_and(is_old) => Some(Fault::ZeroOld),
             _ if outside && begun => Some(Fault::Workspace),
             _ if !input.arm_ready && begun => Some(Fault::ArmNotReady),
-            _ if task_s > 0.0 && self.run.since_s > task_s => Some(Fault::TaskTimeout),
+            _ if task_s > 0.0 && self.run.since_s - self.run.paused_s > task_s => {
+                Some(Fault::TaskTimeout)
+            }
             _ if begun && self.run.blind_s > self.config.patience.estimate_retract_s => {
                 Some(Fault::Estimate(reason))
             }
@@ -412,7 +566,15 @@ impl HybridDynamics {
         }
     }
 
+    /// Off the surface, then `then`; straight there where the tool stands as it did at the start, or moves off already.
     fn leave(&mut self, then: Phase) {
+        if matches!(self.run.phase, Phase::Tare | Phase::Clear) {
+            self.run.held = None;
+            return self.enter(then);
+        }
+        self.run.leave = LeaveWatch::default();
+        self.run.left = Leaving::Going;
+        self.run.retract_s = 0.0;
         self.run.after_retract = then;
         self.run.retract = None;
         self.run.held = None;

@@ -7,9 +7,9 @@ use tangent_sensing::Validity;
 use super::super::HybridInput;
 use super::super::law::{ArmNow, ForceIntegral, MotionReference};
 use super::super::reference::{Descent, ObjectReference, SurfacePath};
-use super::{HybridDynamics, Wanted};
+use super::{Felt, HybridDynamics, Wanted};
 use crate::wrench_guard::WrenchVerdict;
-use crate::{Fault, Phase, Profile};
+use crate::{Fault, Phase};
 
 impl HybridDynamics {
     /// Moves the phases on and says where the tool is wanted.
@@ -18,11 +18,11 @@ impl HybridDynamics {
         input: &HybridInput,
         now: &ArmNow,
         estimate: Option<&ObjectEstimate>,
-        pressing_n: f64,
+        felt: Option<&Felt>,
         verdict: WrenchVerdict,
     ) -> Wanted {
         let dt = input.dt_s;
-        let good = verdict == WrenchVerdict::Good;
+        let good = felt.is_some();
         let stopped = matches!(verdict, WrenchVerdict::Stop(_));
         self.keep_time(estimate.is_some() && !stopped && !self.paused, dt);
         match self.run.phase {
@@ -30,7 +30,10 @@ impl HybridDynamics {
                 let tared = !self.task.tare
                     || input
                         .bias_age_s
-                        .is_some_and(|age| age < self.run.since_s - 1e-9);
+                        .is_some_and(|age| age < self.run.phase_s - 1e-9);
+                if self.paused {
+                    return self.hold(now);
+                }
                 if tared && good && input.arm_ready {
                     if let Some(e) = estimate {
                         self.begin_descent(now, e);
@@ -48,7 +51,8 @@ impl HybridDynamics {
                 }
                 self.hold(now)
             }
-            Phase::Approach => self.approach(now, pressing_n, good, dt),
+            Phase::Clear => self.clear(now, felt, verdict, dt),
+            Phase::Approach => self.approach(now, felt, dt),
             Phase::Contact | Phase::Slide | Phase::Hold | Phase::Seek => {
                 if stopped {
                     // Without a wrench there is nothing to control the force with: stand.
@@ -56,15 +60,9 @@ impl HybridDynamics {
                     return self.hold(now);
                 }
                 self.run.held = None;
-                self.press(
-                    now,
-                    estimate.is_some() && !self.paused,
-                    pressing_n,
-                    good,
-                    dt,
-                )
+                self.press(now, estimate.is_some() && !self.paused, felt, dt)
             }
-            Phase::Retract => self.retract(now),
+            Phase::Retract => self.retract(now, felt, dt),
             Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
         }
     }
@@ -76,13 +74,13 @@ impl HybridDynamics {
         self.run.rate = (self.run.rate + change).clamp(0.0, 1.0);
     }
 
-    fn hold(&mut self, now: &ArmNow) -> Wanted {
+    pub(super) fn hold(&mut self, now: &ArmNow) -> Wanted {
         let pose = *self.run.held.get_or_insert(now.tool);
         Wanted {
             reference: MotionReference::at_rest(&pose),
             in_object: None,
             pressing: false,
-            seek_m_per_s: 0.0,
+            seek_m_per_s: None,
         }
     }
 
@@ -107,10 +105,11 @@ impl HybridDynamics {
         ));
         self.run.held = None;
         self.run.rate = 0.0;
+        self.run.tared_at = self.task.tare.then(|| now.tool.translation());
         self.enter(Phase::Approach);
     }
 
-    fn approach(&mut self, now: &ArmNow, pressing_n: f64, good: bool, dt: f64) -> Wanted {
+    fn approach(&mut self, now: &ArmNow, felt: Option<&Felt>, dt: f64) -> Wanted {
         let (Some(mut descent), Some(object)) = (self.run.descent, self.run.object) else {
             return self.hold(now);
         };
@@ -123,8 +122,16 @@ impl HybridDynamics {
         );
         self.run.descent = Some(descent);
         let reference = descent.at(self.run.rate);
-        if good && pressing_n > touch.on_n {
-            self.touch_down(&reference, object.pose(), now, pressing_n);
+        let touching = felt.filter(|felt| felt.pressing_n > touch.on_n);
+        if let Some(felt) = touching {
+            let at = now.tool.translation();
+            let tared_at = self.run.tared_at.take();
+            if tared_at.is_some_and(|p| (at - p).norm() < self.config.leave.touch_at_once_m) {
+                self.run.zero_withdrawn = true;
+                self.fail(Fault::ZeroInContact);
+                return self.hold(now);
+            }
+            self.touch_down(&reference, object.pose(), now, felt.pressing_n);
         } else if descent.beyond_m() > touch.seek_distance_max_m {
             self.fail(Fault::NoSurface);
         }
@@ -132,7 +139,7 @@ impl HybridDynamics {
             in_object: Some(reference.position),
             reference: reference.in_base(&object),
             pressing: false,
-            seek_m_per_s: 0.0,
+            seek_m_per_s: None,
         }
     }
 
@@ -150,27 +157,33 @@ impl HybridDynamics {
             &x,
             &reference.rotation,
         ));
+        self.run.off = false;
         self.run.path_s = 0.0;
         self.run.reference_n = pressing_n.min(self.task.force.reference_n);
         self.run.force = ForceIntegral::default();
         self.enter(Phase::Contact);
     }
 
-    fn press(&mut self, now: &ArmNow, seen: bool, pressing_n: f64, good: bool, dt: f64) -> Wanted {
+    fn press(&mut self, now: &ArmNow, seen: bool, felt: Option<&Felt>, dt: f64) -> Wanted {
         let (Some(lay), Some(object)) = (self.run.lay, self.run.object) else {
             return self.hold(now);
         };
         let touch = self.config.touch;
-        self.run.weak_cycles = if good && pressing_n < touch.off_n {
+        self.run.weak_cycles = if felt.is_some_and(|felt| felt.pressing_n < touch.off_n) {
             self.run.weak_cycles + 1
         } else {
             0
         };
+        let seek_m_per_s = if self.paused {
+            0.0
+        } else {
+            touch.seek_speed_m_per_s
+        };
         if self.run.phase == Phase::Seek {
-            self.run.sought_m += touch.seek_speed_m_per_s * dt;
-            if good && pressing_n > touch.on_n {
+            self.run.sought_m += seek_m_per_s * dt;
+            if let Some(felt) = felt.filter(|felt| felt.pressing_n > touch.on_n) {
                 self.run.force = ForceIntegral::default();
-                self.run.reference_n = pressing_n.min(self.task.force.reference_n);
+                self.run.reference_n = felt.pressing_n.min(self.task.force.reference_n);
                 self.resume();
             } else if self.run.sought_m > self.limits.blind_distance_max_m {
                 self.fail(Fault::SurfaceLost);
@@ -192,11 +205,7 @@ impl HybridDynamics {
             in_object: Some(reference.position),
             reference: reference.in_base(&object),
             pressing: true,
-            seek_m_per_s: if self.run.phase == Phase::Seek {
-                touch.seek_speed_m_per_s
-            } else {
-                0.0
-            },
+            seek_m_per_s: (self.run.phase == Phase::Seek).then_some(seek_m_per_s),
         }
     }
 
@@ -204,7 +213,7 @@ impl HybridDynamics {
     fn along_the_path(&mut self, seen: bool, dt: f64) {
         let ended = self.run.path_s >= self.path.duration_s();
         match self.run.phase {
-            Phase::Contact if self.run.phase_s >= self.config.touch.settle_s => {
+            Phase::Contact if !self.paused && self.run.phase_s >= self.config.touch.settle_s => {
                 self.run.rate = 0.0;
                 self.enter(Phase::Slide);
             }
@@ -214,42 +223,11 @@ impl HybridDynamics {
                     self.enter(Phase::Hold);
                 }
             }
-            Phase::Hold if ended && self.run.phase_s >= self.task.end.hold_s => {
+            Phase::Hold if ended && !self.paused && self.run.phase_s >= self.task.end.hold_s => {
                 self.leave(Phase::Done);
             }
             Phase::Hold if seen && !ended => self.resume(),
             _ => {}
-        }
-    }
-
-    fn retract(&mut self, now: &ArmNow) -> Wanted {
-        let constraint = self.constraint(now);
-        let pose = *self.run.held.get_or_insert(now.tool);
-        let end = &self.task.end;
-        let (normal, profile) = *self.run.retract.get_or_insert_with(|| {
-            self.run.phase_s = 0.0;
-            let profile = Profile::new(
-                end.retract_distance_m,
-                end.retract_speed_m_per_s,
-                self.config.path.acceleration_m_per_s2,
-                self.config.path.jerk_m_per_s3,
-            );
-            (constraint.normal, profile)
-        });
-        let (way, speed) = profile.at(self.run.phase_s);
-        let mut reference = MotionReference::at_rest(&pose);
-        reference.position += normal * way;
-        reference.velocity = normal * speed;
-        if self.run.phase_s > profile.duration_s() + 0.1 {
-            let then = self.run.after_retract;
-            self.run.held = None;
-            self.enter(then);
-        }
-        Wanted {
-            reference,
-            in_object: None,
-            pressing: false,
-            seek_m_per_s: 0.0,
         }
     }
 }

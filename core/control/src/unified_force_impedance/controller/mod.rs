@@ -1,6 +1,7 @@
 //! The law in its period: what is felt and seen, and which torques follow. What it makes of what it feels is in `senses`, the phases are in
 //! `phase_steps`, the torques' make-up in `torques`.
 
+mod leaving;
 mod phase_steps;
 mod senses;
 mod torques;
@@ -16,13 +17,15 @@ use super::interface::{JOINTS, TorqueInterface, UnifiedInput, UnifiedOutput};
 use super::law::{ArmNow, ForceLoop, MotionReference, pose_error, stacked};
 use super::monitor::Monitor;
 use super::orientation::OrientationReference;
+use crate::clearance::{LeaveWatch, Leaving};
 use crate::error::check_range;
+use crate::interface::{is_arm_state, is_time};
+use crate::response_guard::ResponseGuard;
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
-use crate::{ControlError, Fault, Limits, Path, Phase, Profile, Task};
+use crate::{Clearance, ControlError, Fault, Limits, Path, Phase, Profile, Task};
 
-/// A period outside these is a mistake, s.
-const DT_LEAST_S: f64 = 1e-5;
-const DT_MOST_S: f64 = 0.1;
+/// Of the robot, until it says so, s.
+const PERIOD_S: f64 = 0.001;
 /// Time in which the last torques fade into what holds the arm, where its state is no number, s.
 const FADE_S: f64 = 0.025;
 
@@ -59,10 +62,23 @@ struct Run {
     /// In this phase, s.
     phase_s: f64,
     guard: WrenchGuard,
+    response: ResponseGuard,
     /// Sum of what the wrench read standing still, and over how many periods.
     zero: (Vector6<f64>, f64),
     /// What was felt when the wrench was good last.
     felt: Option<Felt>,
+    /// Whether the tool may touch something: outlasts the run.
+    clearance: Clearance,
+    leave: LeaveWatch,
+    left: Leaving,
+    /// Way and speed of phase `clear`, m and m/s.
+    clear: (f64, f64),
+    /// When the zero was taken, s of the run; none before.
+    zeroed_s: Option<f64>,
+    /// Where, until something is touched.
+    tared_at: Option<Vector3<f64>>,
+    /// Clock of the retraction, s: slower where nothing is felt.
+    retract_s: f64,
     /// The joints' friction as it stands in the robot's estimate, base axes.
     rubbing: Vector6<f64>,
     fused: FusedNormal,
@@ -101,10 +117,16 @@ struct Run {
     sought_m: f64,
     retract: Option<(Vector3<f64>, Profile)>,
     after_retract: Phase,
+    /// A retraction has gone its way since the last touch.
+    off: bool,
     blind_s: f64,
     /// With the motion tank's valve shut, s.
     empty_s: f64,
     torque: Option<Joints<JOINTS>>,
+    /// No finite torques followed in this period.
+    lost: bool,
+    /// The last that could be computed with, s.
+    period_s: f64,
     held_torque: Joints<JOINTS>,
     limited: bool,
 }
@@ -113,10 +135,18 @@ struct Run {
 #[derive(Clone, Copy, Debug)]
 struct Felt {
     verdict: WrenchVerdict,
-    /// Tool axes.
-    wrench: Vector6<f64>,
+    /// Tool axes; none where none can be used. A bad sample is waited out with the last good one.
+    wrench: Option<Vector6<f64>>,
     /// Along the direction that is pushed in, N.
-    pressing_n: f64,
+    pressing_n: Option<f64>,
+}
+
+impl Felt {
+    /// What presses, by a wrench of this period.
+    fn pressing_now_n(&self) -> Option<f64> {
+        self.pressing_n
+            .filter(|_| self.verdict == WrenchVerdict::Good)
+    }
 }
 
 /// What one phase wants.
@@ -172,7 +202,40 @@ impl UnifiedForceImpedance {
 
     /// Begins the task anew, with the tanks as at the start.
     pub fn restart(&mut self) {
+        self.begin(self.run.clearance);
+    }
+
+    /// Begins the task with what is known of the tool. In doubt whether it hangs free, it moves off first.
+    pub fn begin(&mut self, clearance: Clearance) {
         self.run = Run::new(&self.config);
+        self.run.clearance = clearance;
+        if !clearance.is_free() {
+            self.run.phase = Phase::Clear;
+        }
+    }
+
+    /// Whether the tool may touch something: what the next start goes by.
+    pub fn clearance(&self) -> Clearance {
+        self.run.clearance
+    }
+
+    /// A person has looked: the tool hangs free. Says nothing while a task runs.
+    pub fn say_clear(&mut self) {
+        if !self.run.phase.is_active() {
+            self.run.clearance = Clearance::Free;
+        }
+    }
+
+    /// Whether a task may start with the tool at `position` (base axes, m) after what is known of it.
+    ///
+    /// # Errors
+    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not known.
+    pub fn check_start(
+        &self,
+        clearance: &Clearance,
+        position: &Vector3<f64>,
+    ) -> Result<(), ControlError> {
+        clearance.way_out(&self.config.leave, position).map(drop)
     }
 
     /// Ends the task: the tool leaves the surface.
@@ -182,7 +245,7 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// Stops the policy where it is, keeps the force; false goes on.
+    /// Stands still in every phase: the policy stops where it is, what presses keeps its force; false goes on.
     ///
     /// # Errors
     /// When no task runs, or it is leaving the surface.
@@ -196,6 +259,40 @@ impl UnifiedForceImpedance {
         }
         self.run.paused = paused;
         Ok(())
+    }
+
+    /// The task has ended, and the tool may still be where it touched.
+    pub fn is_left_on_surface(&self) -> bool {
+        !self.run.phase.is_active()
+            && self.run.lay.is_some()
+            && !self.run.off
+            && !self.run.clearance.is_free()
+    }
+
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), over the way of the task's end.
+    pub fn leave_surface(&mut self) {
+        if !self.is_left_on_surface() {
+            return;
+        }
+        // Nothing of what moved or pushed before is left: the arm may have been moved since.
+        self.run.paused = false;
+        self.run.torque = None;
+        self.run.push_n = 0.0;
+        self.run.last_wrench = Vector6::zeros();
+        self.run.bridge = Vector6::zeros();
+        self.run.was_pressing = false;
+        self.run.drawn = Vector3::zeros();
+        let ended = if self.run.fault.is_some() {
+            Phase::Fault
+        } else {
+            Phase::Done
+        };
+        self.leave(ended);
+    }
+
+    /// The task is paused.
+    pub fn is_paused(&self) -> bool {
+        self.run.phase.is_active() && self.run.stands()
     }
 
     /// Pressing force asked for from now on, N; the reference goes there at its rate.
@@ -218,15 +315,16 @@ impl UnifiedForceImpedance {
     /// One control period.
     pub fn step(&mut self, input: &UnifiedInput) -> UnifiedOutput {
         let dt = input.dt_s;
-        let sound = input.q.iter().chain(input.qd.iter()).all(|x| x.is_finite())
-            && input.time_s.is_finite()
-            && (DT_LEAST_S..=DT_MOST_S).contains(&dt);
-        if !sound {
-            return self.blind_output(dt);
+        if !is_time(input.time_s, dt) || !is_arm_state(&input.q, &input.qd) {
+            return self.blind_output();
         }
+        self.run.period_s = dt;
         let now = ArmNow::new(&self.model, &self.flange_from_tool, &input.q, &input.qd);
-        self.run.since_s += dt;
-        self.run.phase_s += dt;
+        // No time limit runs while the task is paused.
+        if !self.run.stands() {
+            self.run.since_s += dt;
+            self.run.phase_s += dt;
+        }
         self.run
             .tanks
             .settle(&self.config.tanks, &input.q, self.interface.delay_periods);
@@ -242,9 +340,14 @@ impl UnifiedForceImpedance {
         let felt = self.feel(input, &now);
         self.judge(input, &felt, &now, &normal);
         let wanted = self.advance(input, &now, &normal, &felt);
+        self.remember(&now);
         let error = pose_error(&now, &wanted.reference);
         let rho_force = self.watch(&wanted, &now, &normal, &felt, &error, dt);
         let (torque, force_reference_n) = self.torques(&wanted, &now, &felt, &error, rho_force, dt);
+        if self.run.lost {
+            self.run.lost = false;
+            return self.blind_output();
+        }
         let away = now.tool.translation() - wanted.policy;
         let n = &normal.normal;
         UnifiedOutput {
@@ -257,7 +360,10 @@ impl UnifiedForceImpedance {
             normal: *n,
             normal_covariance: normal.covariance,
             normal_validity: normal.validity,
-            wrench: Wrench::from_vector(&felt.wrench),
+            wrench: felt.wrench.map(|wrench| Wrench::from_vector(&wrench)),
+            clearance: self.run.clearance,
+            zero_age_s: self.zero_age_s(),
+            zero_bound_n: self.zero_bound_n(),
             force_reference_n,
             force_n: felt.pressing_n,
             base_from_tool: now.tool,
@@ -276,20 +382,20 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// The arm's state is no number: what held it against gravity last is the best guess, and what moved it or pushed fades.
-    fn blind_output(&mut self, dt: f64) -> UnifiedOutput {
+    /// The arm's state or its period is no number, or nothing finite follows from them: what held it against gravity last is the best guess,
+    /// and what moved it or pushed fades.
+    fn blind_output(&mut self) -> UnifiedOutput {
         self.run.fault = Some(Fault::ArmState);
         self.enter(Phase::Fault);
         self.run.held = None;
         let held = self.run.held_torque;
-        let share = if dt.is_finite() {
-            (dt / FADE_S).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
+        let share = (self.run.period_s / FADE_S).min(1.0);
         let last = self.run.torque.unwrap_or(held);
         let torque = last + (held - last) * share;
         self.run.torque = Some(torque);
+        // The books hold what is in force in each period, this one's too.
+        let fading = self.run.tanks.committed() * (1.0 - share);
+        self.run.tanks.commit(fading);
         UnifiedOutput {
             torque,
             held_torque: held,
@@ -300,9 +406,12 @@ impl UnifiedForceImpedance {
             normal: Vector3::z(),
             normal_covariance: Matrix3::identity(),
             normal_validity: Validity::Missing,
-            wrench: Wrench::zero(),
+            wrench: None,
+            clearance: self.run.clearance,
+            zero_age_s: self.zero_age_s(),
+            zero_bound_n: self.zero_bound_n(),
             force_reference_n: 0.0,
-            force_n: 0.0,
+            force_n: None,
             base_from_tool: Pose::identity(),
             path_reference: Vector3::zeros(),
             path_error_m: 0.0,
@@ -347,8 +456,15 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// Off the surface, then `then`.
+    /// Off the surface, then `then`; straight there where the tool stands as it did at the start, or moves off already.
     fn leave(&mut self, then: Phase) {
+        if matches!(self.run.phase, Phase::Tare | Phase::Clear) {
+            self.run.held = None;
+            return self.enter(then);
+        }
+        self.run.leave = LeaveWatch::default();
+        self.run.left = Leaving::Going;
+        self.run.retract_s = 0.0;
         self.run.after_retract = then;
         self.run.retract = None;
         self.run.held = None;
@@ -362,6 +478,11 @@ impl UnifiedForceImpedance {
 }
 
 impl Run {
+    /// Paused, and not on its way off the surface.
+    fn stands(&self) -> bool {
+        self.paused && self.phase != Phase::Retract
+    }
+
     fn new(config: &UnifiedForceImpedanceConfig) -> Self {
         Self {
             paused: false,
@@ -370,8 +491,16 @@ impl Run {
             since_s: 0.0,
             phase_s: 0.0,
             guard: WrenchGuard::default(),
+            response: ResponseGuard::default(),
             zero: (Vector6::zeros(), 0.0),
             felt: None,
+            clearance: Clearance::Free,
+            leave: LeaveWatch::default(),
+            left: Leaving::Going,
+            clear: (0.0, 0.0),
+            zeroed_s: None,
+            tared_at: None,
+            retract_s: 0.0,
             rubbing: Vector6::zeros(),
             fused: FusedNormal::default(),
             orientation: None,
@@ -400,9 +529,12 @@ impl Run {
             sought_m: 0.0,
             retract: None,
             after_retract: Phase::Idle,
+            off: false,
             blind_s: 0.0,
             empty_s: 0.0,
             torque: None,
+            lost: false,
+            period_s: PERIOD_S,
             held_torque: Joints::zeros(),
             limited: false,
         }

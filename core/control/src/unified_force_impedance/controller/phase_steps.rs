@@ -9,7 +9,7 @@ use super::super::law::{ArmNow, ForceLoop, MotionReference};
 use super::super::orientation::OrientationReference;
 use super::{Felt, Lay, UnifiedForceImpedance, Wanted, at_rest};
 use crate::wrench_guard::WrenchVerdict;
-use crate::{Fault, Phase, Profile};
+use crate::{Fault, Phase};
 
 /// ρ_align counts as full from here: the arm that presses after the approach is not to be a limp one.
 const FULL_RHO: f64 = 0.99;
@@ -53,20 +53,32 @@ impl UnifiedForceImpedance {
         }
         match self.run.phase {
             Phase::Tare => {
-                self.tare(input, good);
+                self.tare(input, now, good);
                 self.hold(now)
             }
+            Phase::Clear => self.clear(now, felt, dt),
             Phase::Approach => self.approach(now, normal, felt, dt),
             Phase::Contact | Phase::Slide | Phase::Hold => self.press(now, normal, felt, dt),
             Phase::Seek => self.seek(now, normal, felt, dt),
-            Phase::Retract => self.retract(now),
+            Phase::Retract => self.retract(now, felt, dt),
             Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
         }
     }
 
-    fn tare(&mut self, input: &UnifiedInput, good: bool) {
+    fn tare(&mut self, input: &UnifiedInput, now: &ArmNow, good: bool) {
         let tared = !self.task.tare || self.run.phase_s >= self.config.touch.tare_s;
+        if self.run.paused {
+            return;
+        }
         if good && tared && input.arm_ready {
+            if self.task.tare {
+                let zero = self.run.zero.0 / self.run.zero.1.max(1.0);
+                if zero.fixed_rows::<3>(0).norm() > self.config.touch.zero_max_n {
+                    return self.fail(Fault::ZeroTooLarge);
+                }
+                self.run.zeroed_s = Some(self.run.since_s);
+                self.run.tared_at = Some(now.tool.translation());
+            }
             self.run.held = None;
             self.enter(Phase::Approach);
         } else if self.run.phase_s > self.task.timeouts.tare_s {
@@ -78,7 +90,7 @@ impl UnifiedForceImpedance {
         }
     }
 
-    fn orientation(&mut self, now: &ArmNow) -> OrientationReference {
+    pub(super) fn orientation(&mut self, now: &ArmNow) -> OrientationReference {
         *self
             .run
             .orientation
@@ -103,7 +115,7 @@ impl UnifiedForceImpedance {
     }
 
     /// Stands. A tool that was pressing keeps its push in the spring that takes over: the reference lies below the surface.
-    fn hold(&mut self, now: &ArmNow) -> Wanted {
+    pub(super) fn hold(&mut self, now: &ArmNow) -> Wanted {
         let mut orientation = self.orientation(now);
         orientation.hold();
         self.run.orientation = Some(orientation);
@@ -130,6 +142,8 @@ impl UnifiedForceImpedance {
         if is_deaf(felt) {
             // A tool that would not feel what it meets waits.
             speed = (speed - self.limits.acceleration_max_m_per_s2 * dt).max(0.0);
+        } else if self.run.paused {
+            speed = (speed - change).max(0.0);
         } else if way > 0.0 || ready || self.run.phase_s > touch.align_s {
             speed = (speed + change).min(self.task.approach.speed_m_per_s);
         }
@@ -137,7 +151,7 @@ impl UnifiedForceImpedance {
         self.run.approach = (way, speed);
         let direction = self.task.approach.direction.in_base(&now.tool);
         let start = self.stay(now, felt, start, &(direction * way), dt);
-        let strong = felt.verdict == WrenchVerdict::Good && felt.pressing_n > touch.on_n;
+        let strong = felt.pressing_now_n().is_some_and(|n| n > touch.on_n);
         self.run.strong_cycles = if strong {
             self.run.strong_cycles + 1
         } else {
@@ -148,6 +162,13 @@ impl UnifiedForceImpedance {
         let mut reference = at_rest(position, &orientation);
         reference.velocity = direction * speed;
         if self.run.strong_cycles >= TOUCH_CYCLES {
+            let at = now.tool.translation();
+            let tared_at = self.run.tared_at.take();
+            if tared_at.is_some_and(|p| (at - p).norm() < self.config.leave.touch_at_once_m) {
+                // The next start takes a zero of its own: this one ends with the task.
+                self.fail(Fault::ZeroInContact);
+                return self.hold(now);
+            }
             self.touch_down(now, &direction, &position);
         } else if way > self.task.approach.distance_max_m {
             self.fail(Fault::NoSurface);
@@ -191,6 +212,7 @@ impl UnifiedForceImpedance {
         });
         let pushing = self.push_direction(now).dot(&(reference - at))
             * self.config.impedance.free_stiffness_n_per_m;
+        self.run.off = false;
         self.run.path_s = 0.0;
         self.begin_pressing(pushing, at);
         self.enter(Phase::Contact);
@@ -245,7 +267,7 @@ impl UnifiedForceImpedance {
     /// Counts losses; a tool that has lost the surface seeks it, where the law does.
     fn keep_contact(&mut self, now: &ArmNow, felt: &Felt) {
         let touch = self.config.touch;
-        let weak = felt.verdict == WrenchVerdict::Good && felt.pressing_n < touch.off_n;
+        let weak = felt.pressing_now_n().is_some_and(|n| n < touch.off_n);
         if !weak {
             self.run.weak_cycles = 0;
             self.run.last_contact = now.tool.translation();
@@ -269,15 +291,19 @@ impl UnifiedForceImpedance {
         let sees = self.run.blind_s <= self.config.patience.estimate_s;
         let settled = self.run.phase_s >= self.config.touch.settle_s;
         match self.run.phase {
-            Phase::Contact if settled => {
-                let near = (self.task.force.reference_n - felt.pressing_n).abs()
-                    < 0.3 * self.task.force.reference_n;
+            Phase::Contact if settled && !self.run.paused => {
+                let wanted_n = self.task.force.reference_n;
+                let near = felt
+                    .pressing_n
+                    .is_some_and(|n| (wanted_n - n).abs() < 0.3 * wanted_n);
                 if near || self.run.phase_s > self.task.timeouts.contact_s {
                     self.enter(Phase::Slide);
                 }
             }
             Phase::Slide if ended || (!sees && self.run.rate <= 0.0) => self.enter(Phase::Hold),
-            Phase::Hold if ended && self.run.phase_s >= self.task.end.hold_s => {
+            Phase::Hold
+                if ended && !self.run.paused && self.run.phase_s >= self.task.end.hold_s =>
+            {
                 self.leave(Phase::Done);
             }
             Phase::Hold if !ended && normal.validity.is_valid() => self.enter(Phase::Slide),
@@ -331,13 +357,13 @@ impl UnifiedForceImpedance {
         let touch = self.config.touch;
         let direction = -self.smooth_normal(now);
         let start = *self.run.held.get_or_insert(now.tool.translation());
-        let strong = felt.verdict == WrenchVerdict::Good && felt.pressing_n > touch.on_n;
+        let strong = felt.pressing_now_n().is_some_and(|n| n > touch.on_n);
         self.run.strong_cycles = if strong {
             self.run.strong_cycles + 1
         } else {
             0
         };
-        let speed = if is_deaf(felt) {
+        let speed = if is_deaf(felt) || self.run.paused {
             0.0
         } else {
             touch.seek_speed_m_per_s
@@ -365,32 +391,5 @@ impl UnifiedForceImpedance {
             policy: position,
             pressing: false,
         }
-    }
-
-    fn retract(&mut self, now: &ArmNow) -> Wanted {
-        let start = self.hold(now);
-        let end = &self.task.end;
-        let away = self.smooth_normal(now);
-        let (direction, profile) = *self.run.retract.get_or_insert_with(|| {
-            self.run.phase_s = 0.0;
-            let profile = Profile::new(
-                end.retract_distance_m,
-                end.retract_speed_m_per_s,
-                self.config.path.acceleration_m_per_s2,
-                self.config.path.jerk_m_per_s3,
-            );
-            (away, profile)
-        });
-        let (way, speed) = profile.at(self.run.phase_s);
-        let mut wanted = start;
-        wanted.reference.position += direction * way;
-        wanted.reference.velocity = direction * speed;
-        wanted.policy = wanted.reference.position;
-        if self.run.phase_s > profile.duration_s() + 0.1 {
-            self.run.held = Some(wanted.reference.position);
-            let then = self.run.after_retract;
-            self.enter(then);
-        }
-        wanted
     }
 }

@@ -1,13 +1,15 @@
 //! What is felt, how contact and alignment fare, and what ends or stops a task.
 
 use nalgebra::Vector6;
-use tangent_sensing::wrench_of_torques;
+use tangent_sensing::{Validity, wrench_of_torques};
 
 use super::super::fused_normal::NormalInUse;
 use super::super::interface::UnifiedInput;
 use super::super::law::ArmNow;
 use super::super::monitor::rho_force;
 use super::{Felt, UnifiedForceImpedance, Wanted};
+use crate::interface::is_wrench;
+use crate::response_guard::{Doing, Touch};
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Fault, Phase};
 
@@ -20,10 +22,11 @@ impl UnifiedForceImpedance {
     /// The wrench in use: the robot's estimate without its zero, and without the joints' friction, which stands in it like a force.
     pub(super) fn feel(&mut self, input: &UnifiedInput, now: &ArmNow) -> Felt {
         let dt = input.dt_s;
+        let validity = self.answering(input, now);
         let verdict = self.run.guard.step(
             &self.config.patience,
-            input.wrench_validity,
-            input.wrench.is_finite(),
+            validity,
+            is_wrench(&input.wrench),
             input.wrench_age_s,
             dt,
         );
@@ -36,8 +39,8 @@ impl UnifiedForceImpedance {
             let last = self.run.felt.filter(|_| doubtful);
             return Felt {
                 verdict,
-                wrench: last.map_or_else(Vector6::zeros, |f| f.wrench),
-                pressing_n: last.map_or(0.0, |f| f.pressing_n),
+                wrench: last.and_then(|f| f.wrench),
+                pressing_n: last.and_then(|f| f.pressing_n),
             };
         }
         let raw = input.wrench.vector() + now.in_tool(&self.run.rubbing);
@@ -50,11 +53,37 @@ impl UnifiedForceImpedance {
         let force = wrench.fixed_rows::<3>(0).into_owned();
         let felt = Felt {
             verdict,
-            wrench,
-            pressing_n: -self.push_direction(now).dot(&now.tool.rotate(&force)),
+            wrench: Some(wrench),
+            pressing_n: Some(-self.push_direction(now).dot(&now.tool.rotate(&force))),
         };
         self.run.felt = Some(felt);
         felt
+    }
+
+    /// What the wrench says of itself, or what its answer to the tool's motion says of it.
+    fn answering(&mut self, input: &UnifiedInput, now: &ArmNow) -> Validity {
+        if !input.wrench_validity.is_valid() {
+            return input.wrench_validity;
+        }
+        let normal = self.smooth_normal(now);
+        let zero = if self.task.tare {
+            self.run.zero.0 / self.run.zero.1.max(1.0)
+        } else {
+            Vector6::zeros()
+        };
+        let wrench = input.wrench.vector() - zero;
+        let force = wrench.fixed_rows::<3>(0).into_owned();
+        self.run.response.step(&Touch {
+            doing: Doing::of(self.run.phase),
+            position: now.tool.translation(),
+            normal,
+            wrench,
+            force_n: now.tool.rotate(&force).dot(&normal),
+            reference_n: self.task.force.reference_n,
+            stiffness_n_per_m: None,
+            rests: true,
+            fresh: input.wrench_age_s <= input.dt_s,
+        })
     }
 
     /// Monitor and shaping. Returns ρ_frc.
@@ -73,20 +102,18 @@ impl UnifiedForceImpedance {
         } else {
             0.0
         };
-        let short = (self.run.reference_n - felt.pressing_n).abs();
+        let reference_n = self.run.reference_n;
+        let short = felt.pressing_n.map(|n| (reference_n - n).abs());
         let well = self.run.phase == Phase::Slide
-            && short < 0.2 * self.task.force.reference_n
+            && short.is_some_and(|short| short < 0.2 * self.task.force.reference_n)
             && error.fixed_rows::<2>(0).norm() < 0.01;
         let config = &self.config.monitor;
-        self.run.monitor.step(
-            config,
-            &felt.wrench,
-            error,
-            theta,
-            normal.variation,
-            well,
-            dt,
-        );
+        // What is not felt says nothing of the contact: the monitor stays as it is.
+        if let Some(wrench) = &felt.wrench {
+            self.run
+                .monitor
+                .step(config, wrench, error, theta, normal.variation, well, dt);
+        }
         let depth = if !wanted.pressing || (self.config.shaping.from_last_contact && self.touches())
         {
             0.0
@@ -126,17 +153,23 @@ impl UnifiedForceImpedance {
         } else {
             0.0
         };
-        let force = felt.wrench.fixed_rows::<3>(0).norm();
-        let moment = felt.wrench.fixed_rows::<3>(3).norm();
+        let beyond = |row: usize, most: f64| {
+            let size = felt.wrench.map(|w| w.fixed_rows::<3>(row).norm());
+            size.is_some_and(|size| size > most)
+        };
+        let sliding = matches!(self.run.phase, Phase::Slide | Phase::Hold);
+        let bound_n = self.zero_bound_n();
+        let is_old = |most_n| bound_n.is_none_or(|bound_n| bound_n > most_n);
         let at = now.tool.translation();
         let (low, high) = (&self.limits.workspace_min_m, &self.limits.workspace_max_m);
         let outside = (0..3).any(|i| at[i] < low[i] || at[i] > high[i]);
-        let begun = self.run.phase != Phase::Tare;
+        let begun = !matches!(self.run.phase, Phase::Tare | Phase::Clear);
         let task_s = self.task.timeouts.task_s;
         let fault = match felt.verdict {
             WrenchVerdict::Retract(validity) if begun => Some(Fault::Wrench(validity)),
-            _ if begun && force > self.limits.force_max_n => Some(Fault::ForceLimit),
-            _ if begun && moment > self.limits.torque_max_nm => Some(Fault::TorqueLimit),
+            _ if begun && beyond(0, self.limits.force_max_n) => Some(Fault::ForceLimit),
+            _ if begun && beyond(3, self.limits.torque_max_nm) => Some(Fault::TorqueLimit),
+            _ if sliding && self.task.zero.error_max_n.is_some_and(is_old) => Some(Fault::ZeroOld),
             _ if outside && begun => Some(Fault::Workspace),
             _ if !input.arm_ready && begun => Some(Fault::ArmNotReady),
             _ if task_s > 0.0 && self.run.since_s > task_s => Some(Fault::TaskTimeout),

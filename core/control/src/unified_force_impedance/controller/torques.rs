@@ -69,10 +69,17 @@ impl UnifiedForceImpedance {
         let (push_n, reference_n) = match felt.verdict {
             _ if !wanted.pressing => (0.0, 0.0),
             WrenchVerdict::Good => {
-                let push =
-                    self.run
-                        .force
-                        .step(&config.force, shaped, felt.pressing_n, rho_force, dt);
+                let push = self
+                    .run
+                    .force
+                    // No error where nothing is known.
+                    .step(
+                        &config.force,
+                        shaped,
+                        felt.pressing_n.unwrap_or(shaped),
+                        rho_force,
+                        dt,
+                    );
                 // Eq. (31): ρ_frc over the controller's whole answer.
                 (shaped + (push - shaped) * rho_force, shaped)
             }
@@ -133,11 +140,13 @@ impl UnifiedForceImpedance {
         }
         let sliding = across(&now.linear);
         let speed = sliding.norm();
-        let force = now
-            .tool
-            .rotate(&felt.wrench.fixed_rows::<3>(0).into_owned());
-        if self.run.phase == Phase::Slide && speed > SLIDING_M_PER_S && felt.pressing_n > 2.0 {
-            let seen = -force.dot(&sliding) / (speed * felt.pressing_n);
+        let pressing = felt.wrench.zip(felt.pressing_n).filter(|(_, n)| *n > 2.0);
+        if self.run.phase == Phase::Slide
+            && speed > SLIDING_M_PER_S
+            && let Some((wrench, pressing_n)) = pressing
+        {
+            let force = now.tool.rotate(&wrench.fixed_rows::<3>(0).into_owned());
+            let seen = -force.dot(&sliding) / (speed * pressing_n);
             let seen = seen.clamp(0.0, FRICTION_MAX);
             self.run.surface_friction +=
                 (seen - self.run.surface_friction) * (dt / FRICTION_TIME_S);
@@ -153,9 +162,10 @@ impl UnifiedForceImpedance {
         self.run.drawn + along * (self.run.surface_friction * self.run.reference_n)
     }
 
-    /// Gravity and `parts` as the motors can give them. What they cannot is taken from all parts alike; what their rate cannot goes to
-    /// the motion tank's account, so that the books hold the torques in force.
-    fn within_limits(&mut self, mut parts: TorqueParts, now: &ArmNow, dt: f64) -> Joints<JOINTS> {
+    /// Gravity and `wanted` as the motors can give them. What they cannot is taken from all parts alike, and a joint that their rate holds
+    /// back has gone as far in each of its parts: the books hold the torques in force, part by part. Were a part booked whole and the rest
+    /// against it, two tanks would pay each other for work that nobody does.
+    fn within_limits(&mut self, wanted: TorqueParts, now: &ArmNow, dt: f64) -> Joints<JOINTS> {
         let interface = &self.interface;
         let mut limits = *self.model.limits();
         limits.effort = limits.effort.map(|effort| effort * interface.effort_share);
@@ -165,18 +175,14 @@ impl UnifiedForceImpedance {
         } else {
             now.gravity + ends
         };
-        let (possible, weak) = bounded_torque(&limits, &held, &parts.sum());
+        // Springs far beyond a joint's end ask for more than the motors have.
+        let held = bounded_torque(&limits, &held, &Joints::zeros()).0;
+        let (possible, left) = bounded_torque(&limits, &held, &wanted.sum());
         let before = self.run.torque.unwrap_or(held);
-        let torque = match limits.effort_rate {
-            Some(rate) => Joints::from_fn(|i, _| {
-                let step = rate[i] * dt * interface.rate_share * RATE_SHARE;
-                before[i] + (possible[i] - before[i]).max(-step).min(step)
-            }),
-            None => possible,
-        };
-        if !torque.iter().all(|x| x.is_finite()) {
-            // The torques before stay in force, and on the motion tank's account.
+        if !possible.iter().all(|x| x.is_finite()) {
+            // The torques before stay in force for this period, and on the motion tank's account.
             self.run.limited = true;
+            self.run.lost = true;
             self.run.tanks.commit(TorqueParts {
                 motion: before - held,
                 ..TorqueParts::zero()
@@ -184,7 +190,20 @@ impl UnifiedForceImpedance {
             self.run.held_torque = held;
             return before;
         }
-        self.run.limited = weak || torque != possible;
+        let (mut torque, mut gone) = (possible, Joints::<JOINTS>::repeat(1.0));
+        if let Some(rate) = limits.effort_rate {
+            for i in 0..JOINTS {
+                let (step, away) = (
+                    rate[i] * dt * interface.rate_share * RATE_SHARE,
+                    possible[i] - before[i],
+                );
+                torque[i] = before[i] + away.max(-step).min(step);
+                gone[i] = (step / away.abs()).min(1.0);
+            }
+        }
+        self.run.limited = left < 1.0 || gone.min() < 1.0;
+        let mut parts = self.run.tanks.committed().towards(&(wanted * left), &gone);
+        // What holds the arm has moved on since the period before.
         parts.motion += torque - held - parts.sum();
         self.run.tanks.commit(parts);
         self.run.torque = Some(torque);

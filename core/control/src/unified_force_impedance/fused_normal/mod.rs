@@ -9,6 +9,7 @@ use tangent_sensing::Validity;
 
 use super::config::FusionConfig;
 use super::interface::{BendChange, VisionInput};
+use crate::interface::{is_covariance, is_curvature, is_point};
 use belief::{Belief, VARIANCE_LEAST};
 
 /// Way over which an error of the curvature stays the same, m.
@@ -22,6 +23,8 @@ const CHANGE_SHARE: f64 = 0.2;
 const GATE_LEAST_RAD: f64 = 0.1;
 /// How fast a normal that nobody measures becomes doubtful, rad²/s.
 const DOUBT_PER_S: f64 = 1e-4;
+/// A frame's time and the loop's may differ by this for rounding, s.
+const AHEAD_MAX_S: f64 = 0.01;
 /// Touch's age beyond which it says nothing, s.
 const TOUCH_PATIENCE_S: f64 = 0.1;
 
@@ -38,8 +41,19 @@ pub(super) struct NormalInUse {
     pub curvature: Matrix3<f64>,
     /// How that goes on changing, where the camera saw what comes.
     pub change: Option<BendChange>,
-    /// l_s of the newest frame; 0 without one.
-    pub variation: f64,
+    /// l_s where the camera looks.
+    pub variation: SurfaceVariation,
+}
+
+/// What is known of the surface variation l_s, eq. (16), at the tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum SurfaceVariation {
+    /// No camera looks: the law goes by touch alone, and l_s has no say.
+    NotSeen,
+    /// A camera looks, and its segments do not come.
+    Unknown,
+    /// λ₃ / tr Σ of the newest segment.
+    Known(f64),
 }
 
 /// Memory of both senses.
@@ -57,7 +71,8 @@ struct Seen {
     curvature: Matrix3<f64>,
     curvature_variance: f64,
     change: Option<BendChange>,
-    variation: f64,
+    /// l_s of the newest frame that had one, and that frame's time, s.
+    variation: Option<(f64, f64)>,
     /// Of the newest frame, and of the newest that was believed.
     frame_s: f64,
     believed_s: f64,
@@ -85,7 +100,7 @@ impl FusedNormal {
         }
         let touch = touch
             .filter(|(t, age)| config.touch && t.validity.is_valid() && *age <= TOUCH_PATIENCE_S)
-            .filter(|(t, _)| is_unit(&t.normal) && t.covariance.iter().all(|x| x.is_finite()))
+            .filter(|(t, _)| is_unit(&t.normal) && is_covariance(&t.covariance))
             .map(|(t, _)| {
                 Belief {
                     normal: t.normal,
@@ -93,7 +108,7 @@ impl FusedNormal {
                 }
                 .doubted(config.touch_floor_rad.powi(2))
             });
-        if let Some(frame) = vision.filter(|v| usable(v)) {
+        if let Some(frame) = vision.filter(|v| usable(v, time_s)) {
             self.look(config, frame, at, touch.as_ref());
         }
         let sees = self.seen.filter(|s| s.is_fresh(config, time_s));
@@ -116,7 +131,7 @@ impl FusedNormal {
             validity,
             curvature: sees.map_or_else(Matrix3::zeros, |s| s.curvature),
             change: sees.and_then(|s| s.change),
-            variation: sees.map_or(0.0, |s| s.variation),
+            variation: sees.map_or(SurfaceVariation::NotSeen, |s| s.variation(config, time_s)),
         }
     }
 
@@ -157,7 +172,9 @@ impl FusedNormal {
             curvature: frame.curvature.unwrap_or_else(Matrix3::zeros),
             curvature_variance,
             change: frame.change,
-            variation: frame.surface_variation.max(0.0),
+            variation: frame
+                .surface_variation
+                .map(|variation| (variation.max(0.0), frame.time_s)),
             frame_s: frame.time_s,
             believed_s: frame.time_s,
             surprises: 0,
@@ -204,6 +221,7 @@ impl FusedNormal {
                 *seen = Seen {
                     belief: here,
                     curvature: said,
+                    variation: fresh.variation.or(seen.variation),
                     ..fresh
                 };
             }
@@ -213,7 +231,7 @@ impl FusedNormal {
         seen.curvature = bend;
         seen.curvature_variance *= 1.0 - trust;
         seen.change = change;
-        seen.variation = fresh.variation;
+        seen.variation = fresh.variation.or(seen.variation);
         seen.believed_s = frame.time_s;
         seen.surprises = 0;
     }
@@ -223,6 +241,16 @@ impl Seen {
     /// Something that was believed is new enough to be in use.
     fn is_fresh(&self, config: &FusionConfig, time_s: f64) -> bool {
         time_s - self.believed_s <= config.vision_patience_s
+    }
+
+    /// A frame without its segment leaves the one before in force for a moment; then nothing is known.
+    fn variation(&self, config: &FusionConfig, time_s: f64) -> SurfaceVariation {
+        match self.variation {
+            Some((variation, at_s)) if time_s - at_s <= config.vision_patience_s => {
+                SurfaceVariation::Known(variation)
+            }
+            _ => SurfaceVariation::Unknown,
+        }
     }
 }
 
@@ -243,14 +271,17 @@ fn is_unit(v: &Vector3<f64>) -> bool {
     (v.norm() - 1.0).abs() < 1e-6
 }
 
-fn usable(v: &VisionInput) -> bool {
+/// A frame of the future would stay fresh for ever; what is finite but no surface's would overflow in what follows from it.
+fn usable(v: &VisionInput, time_s: f64) -> bool {
     v.validity.is_valid()
         && is_unit(&v.normal)
+        && v.time_s <= time_s + AHEAD_MAX_S
         && v.time_s.is_finite()
-        && v.surface_variation.is_finite()
-        && v.point.iter().all(|x| x.is_finite())
-        && v.covariance.iter().all(|x| x.is_finite())
-        && v.curvature.is_none_or(|c| c.iter().all(|x| x.is_finite()))
+        && v.surface_variation
+            .is_none_or(|l| (-1e-9..=1.0).contains(&l))
+        && is_point(&v.point)
+        && is_covariance(&v.covariance)
+        && v.curvature.is_none_or(|c| is_curvature(&c))
         && v.change.is_none_or(|c| c.is_sound())
 }
 

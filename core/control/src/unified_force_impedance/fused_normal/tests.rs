@@ -7,7 +7,7 @@ fn frame(time_s: f64, normal: Vector3<f64>, curvature: Option<Matrix3<f64>>) -> 
         point: Vector3::zeros(),
         normal,
         covariance: (Matrix3::identity() - normal * normal.transpose()) * 1e-4,
-        surface_variation: 0.002,
+        surface_variation: Some(0.002),
         curvature,
         change: None,
         validity: Validity::Valid,
@@ -236,4 +236,45 @@ fn nonsense_is_not_seen() {
     bad = frame(0.0, Vector3::z(), Some(Matrix3::repeat(f64::INFINITY)));
     let n = fused.step(&config, 0.0, &here, &DOWN, Some(&bad), None, 1e-3);
     assert!(n.normal == Vector3::z() && n.validity == Validity::Missing);
+}
+
+#[test]
+fn a_lost_segment_is_not_a_flat_surface() {
+    let config = FusionConfig::default();
+    let mut fused = FusedNormal::default();
+    let mut look = |time_s: f64, surface_variation: Option<f64>| {
+        let seen = VisionInput {
+            surface_variation,
+            ..frame(time_s, Vector3::z(), None)
+        };
+        let at = Vector3::zeros();
+        fused
+            .step(
+                &config,
+                time_s,
+                &at,
+                &-Vector3::z(),
+                Some(&seen),
+                None,
+                1e-3,
+            )
+            .variation
+    };
+    assert_eq!(look(0.0, None), SurfaceVariation::Unknown);
+    assert_eq!(look(0.03, Some(0.02)), SurfaceVariation::Known(0.02));
+    // The next frames come without: the one before holds, but not for ever.
+    assert_eq!(look(0.06, None), SurfaceVariation::Known(0.02));
+    let late = 0.03 + config.vision_patience_s + 0.01;
+    assert_eq!(look(late, None), SurfaceVariation::Unknown);
+    assert_eq!(look(late + 0.03, Some(0.01)), SurfaceVariation::Known(0.01));
+    let dark = FusedNormal::default().step(
+        &config,
+        0.0,
+        &Vector3::zeros(),
+        &-Vector3::z(),
+        None,
+        None,
+        1e-3,
+    );
+    assert_eq!(dark.variation, SurfaceVariation::NotSeen);
 }

@@ -1,5 +1,7 @@
 //! `[cell]`: which cell this is.
 
+use std::path::PathBuf;
+
 use serde::Deserialize;
 
 use crate::config::check::Checker;
@@ -11,6 +13,10 @@ use crate::config::load::ConfigError;
 pub struct CellSection {
     /// Namespace of all keys on the network.
     pub name: String,
+    /// Folder for what services keep over restarts and power cuts: that the tool may touch, the sensor's last good zero. Default:
+    /// the folder that systemd gives the service (`$STATE_DIRECTORY`), else `state` beside the cell file; in it one per cell's name.
+    #[serde(default)]
+    pub state_folder: Option<PathBuf>,
 }
 
 /// What can stand as a cell's name in every key on the network.

@@ -22,6 +22,11 @@ pub struct LimitsConfig {
     pub force_max_n: f64,
     /// The same for torque at the tool, Nm.
     pub torque_max_nm: f64,
+    /// Force beyond which the controller retracts whatever the sensor's zero, N: the untared reading against the last good zero.
+    /// None: `force_max_n` and 5 N.
+    pub untared_force_max_n: Option<f64>,
+    /// Where no good zero is known: largest share of the sensor's range that the untared reading may take in any axis, 0 to 1.
+    pub untared_share_max: f64,
     /// The tool's origin stays inside this box: lower corner, base axes, m.
     pub workspace_min_m: [f64; 3],
     /// Upper corner, base axes, m.
@@ -37,6 +42,8 @@ impl Default for LimitsConfig {
             tool_turn_rate_max_rad_per_s: 1.0,
             force_max_n: 40.0,
             torque_max_nm: 5.0,
+            untared_force_max_n: None,
+            untared_share_max: 0.7,
             workspace_min_m: [-1.2, -1.2, -0.5],
             workspace_max_m: [1.2, 1.2, 1.5],
         }
@@ -84,6 +91,12 @@ impl LimitsConfig {
             ),
             ("force_max_n", self.force_max_n, 1000.0),
             ("torque_max_nm", self.torque_max_nm, 200.0),
+            ("untared_share_max", self.untared_share_max, 1.0),
+            (
+                "untared_force_max_n",
+                self.untared_force_max_n.unwrap_or(1.0),
+                1005.0,
+            ),
         ];
         for (key, value, most) in ranges {
             checker.range(&format!("limits.{key}"), value, 0.001..=most, "")?;

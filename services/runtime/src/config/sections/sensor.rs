@@ -64,6 +64,41 @@ pub struct SensorConfig {
     /// Torques beyond are taken for saturation, Nm; x, y, z.
     #[serde(default = "torque_range")]
     pub torque_range_nm: [f64; 3],
+    /// A tare whose zero is farther from the last good one is refused, N in any axis, besides the drift in between.
+    #[serde(default = "zero_jump")]
+    pub zero_jump_max_n: f64,
+    /// The same, Nm.
+    #[serde(default = "zero_jump_nm")]
+    pub zero_jump_max_nm: f64,
+    /// Drift of the zero, N per minute: bounds the error of a zero of some age.
+    #[serde(default = "zero_drift")]
+    pub zero_drift_n_per_min: f64,
+    /// The same, Nm per minute.
+    #[serde(default = "zero_drift_nm")]
+    pub zero_drift_nm_per_min: f64,
+    /// Largest share of the sensor's range that a zero may take in any axis, 0 to 1.
+    #[serde(default = "zero_share")]
+    pub zero_share_max: f64,
+}
+
+fn zero_jump() -> f64 {
+    0.3
+}
+
+fn zero_jump_nm() -> f64 {
+    0.05
+}
+
+fn zero_drift() -> f64 {
+    0.05
+}
+
+fn zero_drift_nm() -> f64 {
+    0.005
+}
+
+fn zero_share() -> f64 {
+    0.5
 }
 
 fn rdt_port() -> u16 {
@@ -152,6 +187,15 @@ impl SensorConfig {
             0.01..=1e4,
             "Nm",
         )?;
+        for (key, value) in [
+            ("sensor.zero_jump_max_n", self.zero_jump_max_n),
+            ("sensor.zero_drift_n_per_min", self.zero_drift_n_per_min),
+            ("sensor.zero_jump_max_nm", self.zero_jump_max_nm),
+            ("sensor.zero_drift_nm_per_min", self.zero_drift_nm_per_min),
+        ] {
+            checker.range(key, value, 1e-4..=100.0, "")?;
+        }
+        checker.range("sensor.zero_share_max", self.zero_share_max, 0.01..=1.0, "")?;
         self.flange_from_sensor
             .check(checker, "sensor.flange_from_sensor")
     }

@@ -112,7 +112,11 @@ pub struct RecorderConfig {
     pub rotate_mb: f64,
     /// A new file after so many seconds.
     pub rotate_s: f64,
-    /// Chunks are compressed with LZ4.
+    /// All recordings of the folder together, torn copies counted, bytes: with more, the oldest are deleted; 0: never.
+    pub keep_bytes: u64,
+    /// Recordings that were last written so many days ago are deleted; 0: never.
+    pub keep_days: f64,
+    /// Chunks are compressed with zstd.
     pub compress: bool,
     /// Messages that wait for the disk before the oldest is dropped and counted.
     pub queue_messages: usize,
@@ -127,6 +131,8 @@ impl Default for RecorderConfig {
             cells: Vec::new(),
             rotate_mb: 1024.0,
             rotate_s: 3600.0,
+            keep_bytes: 0,
+            keep_days: 0.0,
             compress: true,
             queue_messages: 65_536,
         }
@@ -137,6 +143,14 @@ impl RecorderConfig {
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
         checker.range("recorder.rotate_mb", self.rotate_mb, 0.1..=1e6, "MB")?;
         checker.range("recorder.rotate_s", self.rotate_s, 1.0..=1e6, "s")?;
+        // The file being written is never deleted, and it may grow to rotate_mb.
+        checker.require(
+            self.keep_bytes == 0 || self.keep_bytes as f64 >= 2e6 * self.rotate_mb,
+            "recorder.keep_bytes",
+            self.keep_bytes.to_string(),
+            "0 (nothing is deleted), or at least twice recorder.rotate_mb in bytes",
+        )?;
+        checker.range("recorder.keep_days", self.keep_days, 0.0..=1e5, "days")?;
         let bad = self.cells.iter().find(|name| !is_cell_name(name));
         checker.require(
             bad.is_none(),

@@ -1,5 +1,6 @@
 //! `[zenoh]`: the network.
 
+use std::net::IpAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -9,7 +10,7 @@ use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
 /// `[zenoh]`
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ZenohConfig {
     /// Routers to dial, tried in turn.
@@ -20,10 +21,16 @@ pub struct ZenohConfig {
     pub lease_ms: u32,
     /// Keep-alives per lease.
     pub keep_alive: u8,
+    /// A larger message is not taken by any process of the cell, MB.
+    pub message_max_mb: f64,
+    /// Sessions that the router takes at a time.
+    pub sessions_max: u16,
     /// A Zenoh file (JSON5) to start from, for what has no key here.
     pub file: Option<PathBuf>,
     /// The router's access rules, as `tangent keys new` writes them.
     pub access: Option<PathBuf>,
+    /// A router may listen beyond this host without certificates: whoever reaches it may say anything.
+    pub insecure: bool,
     /// Certificates; without them everything travels in the clear and everybody may say anything.
     pub tls: Option<TlsConfig>,
 }
@@ -50,8 +57,11 @@ impl Default for ZenohConfig {
             listen: vec!["tcp/127.0.0.1:7447".into()],
             lease_ms: 1000,
             keep_alive: 4,
+            message_max_mb: 8.0,
+            sessions_max: 128,
             file: None,
             access: None,
+            insecure: false,
             tls: None,
         }
     }
@@ -68,6 +78,20 @@ impl ZenohConfig {
         if let Some(tls) = &mut self.tls {
             tls.identity.get_or_insert_with(|| identity.to_owned());
         }
+    }
+
+    /// Where a router of this file listens beyond this host without certificates.
+    pub fn open_to_anybody(&self) -> Option<&str> {
+        if self.tls.is_some() {
+            return None;
+        }
+        let beyond = self.listen.iter().find(|endpoint| !is_loopback(endpoint));
+        beyond.map(String::as_str)
+    }
+
+    /// The same in bytes.
+    pub fn message_max_bytes(&self) -> usize {
+        (self.message_max_mb * 1e6) as usize
     }
 
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
@@ -117,8 +141,32 @@ impl ZenohConfig {
             f64::from(self.keep_alive),
             2.0..=10.0,
             "",
+        )?;
+        checker.range(
+            "zenoh.message_max_mb",
+            self.message_max_mb,
+            0.1..=1000.0,
+            "MB (a depth image of 848 x 480 in 32FC1 has 1.6)",
+        )?;
+        checker.range(
+            "zenoh.sessions_max",
+            f64::from(self.sessions_max),
+            8.0..=10_000.0,
+            "",
         )
     }
+}
+
+/// Only processes of this host reach it. A name other than `localhost` may stand for any address.
+fn is_loopback(endpoint: &str) -> bool {
+    let address = endpoint.split_once('/').map_or(endpoint, |(_, rest)| rest);
+    let address = address.split(['?', '#']).next().unwrap_or_default();
+    let host = address.rsplit_once(':').map_or(address, |(host, _)| host);
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    host == "localhost"
+        || host
+            .parse::<IpAddr>()
+            .is_ok_and(|ip| ip.to_canonical().is_loopback())
 }
 
 /// `PROTOCOL/ADDRESS:PORT`, options behind it allowed.
@@ -133,5 +181,36 @@ fn is_endpoint(endpoint: &str) -> bool {
     match protocol {
         "tcp" | "quic" => matches!(port, Some(Ok(_))),
         _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn beyond_this_host_is_whatever_is_not_loopback() {
+        let listening = |endpoint: &str| ZenohConfig {
+            listen: vec!["tcp/127.0.0.1:7447".into(), endpoint.to_owned()],
+            ..ZenohConfig::default()
+        };
+        for near in [
+            "tcp/127.0.0.1:7447",
+            "tcp/127.8.9.1:7447",
+            "tcp/[::1]:7447",
+            "tcp/[::ffff:127.0.0.1]:7447",
+            "tcp/localhost:7447#so_sndbuf=65000",
+        ] {
+            assert_eq!(listening(near).open_to_anybody(), None, "{near}");
+        }
+        for far in [
+            "tcp/0.0.0.0:7447",
+            "tcp/[::]:7447",
+            "tcp/192.168.1.5:7447",
+            "tcp/cell-pc:7447",
+            "tcp/127.0.0.1.example.org:7447",
+        ] {
+            assert_eq!(listening(far).open_to_anybody(), Some(far));
+        }
     }
 }

@@ -1,0 +1,187 @@
+//! Whether a sensor's records can be what a load did to it: a record watch for what stands still, a jump watch for what leaps.
+//!
+//! Called for every record before tare and filter: by `netft`, `franka`, and the closed loops of `evaluate`.
+
+mod jumps;
+mod records;
+
+pub use jumps::{JumpVerdict, JumpWatch, JumpWatchState};
+pub use records::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState};
+
+use nalgebra::Vector3;
+
+use crate::SensorCondition;
+
+/// Both watches of one sensor; all memory is in [`SensorWatchState`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorWatch {
+    records: RecordWatch,
+    jumps: JumpWatch,
+}
+
+/// Memory of a [`SensorWatch`]. A new one is the reset.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SensorWatchState {
+    records: RecordWatchState,
+    jumps: JumpWatchState,
+    left_out: u32,
+    implausible: u64,
+}
+
+/// One record as it is judged.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorRecord {
+    /// As the sensor sends them: Fx, Fy, Fz, Tx, Ty, Tz.
+    pub counts: [i32; 6],
+    /// The same in N and Nm.
+    pub wrench: [f64; 6],
+    /// What the sensor says of it.
+    pub condition: SensorCondition,
+    /// Records before it that never came.
+    pub missed: u32,
+    /// Where the tool is (m, axes that rest) as long as it is known to press.
+    pub pressing_at: Option<Vector3<f64>>,
+}
+
+/// Force from which on a tool is known to press, N: above any zero, payload error or inertia of a cell that is set up.
+const PRESSING_N: f64 = 1.0;
+
+/// Where a tool presses that was at `position` (m) and felt `force` (N, tared) just now; none where it may be in the air.
+pub fn pressing_at(position: Option<Vector3<f64>>, force: &Vector3<f64>) -> Option<Vector3<f64>> {
+    position.filter(|_| force.norm() >= PRESSING_N)
+}
+
+/// What is to be done with one record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Watched {
+    /// A reading in this condition, after so many records that were left out or never came.
+    Take {
+        /// The sensor's own word, or what the watch found.
+        condition: SensorCondition,
+        /// Readings lost between the one before and this one.
+        missed: u32,
+    },
+    /// Damaged, as far as can be told yet: it counts as lost.
+    LeaveOut,
+}
+
+impl SensorWatch {
+    /// For `rate_hz` records per second of a sensor rated for `range` (N, then Nm; a range of 0 or infinity has no bound).
+    pub fn new(config: &RecordWatchConfig, rate_hz: f64, range: [f64; 6]) -> Self {
+        Self {
+            records: RecordWatch::new(config, rate_hz),
+            jumps: JumpWatch::new(rate_hz, range),
+        }
+    }
+
+    /// One record.
+    pub fn take(&self, state: &mut SensorWatchState, record: &SensorRecord) -> Watched {
+        let SensorRecord {
+            counts,
+            wrench,
+            condition,
+            missed,
+            pressing_at,
+        } = record;
+        let (condition, missed) = (*condition, *missed);
+        let missed = missed.saturating_add(state.left_out);
+        if condition != SensorCondition::Good {
+            // A gauge at its end reads the same again and again, and comes back with a jump.
+            state.records.interrupt();
+            state.jumps = JumpWatchState::default();
+            state.left_out = 0;
+            return Watched::Take { condition, missed };
+        }
+        let found = match self.records.take(&mut state.records, counts, *pressing_at) {
+            RecordVerdict::Plausible => SensorCondition::Good,
+            RecordVerdict::Frozen => SensorCondition::Frozen,
+            RecordVerdict::AxisStuck(_) => SensorCondition::AxisStuck,
+        };
+        let leapt = self.jumps.take(&mut state.jumps, wrench, missed);
+        if leapt != JumpVerdict::Plausible {
+            state.implausible += 1;
+        }
+        let condition = match (found, leapt) {
+            (SensorCondition::Good, JumpVerdict::LeaveOut) => {
+                state.left_out = missed.saturating_add(1);
+                return Watched::LeaveOut;
+            }
+            (SensorCondition::Good, JumpVerdict::TooMany) => SensorCondition::Implausible,
+            (found, _) => found,
+        };
+        state.left_out = 0;
+        Watched::Take { condition, missed }
+    }
+}
+
+impl SensorWatchState {
+    /// Axes that stand still: bit 0 Fx to bit 5 Tz.
+    pub fn stuck_axes(&self) -> u8 {
+        self.records.stuck_axes()
+    }
+
+    /// Records that leapt as no load can, since the state was made.
+    pub fn implausible(&self) -> u64 {
+        self.implausible
+    }
+
+    /// The records begin anew; the count of implausible ones goes on.
+    pub fn restart(&mut self) {
+        *self = Self {
+            implausible: self.implausible,
+            ..Self::default()
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_left_out_is_a_lost_one_to_the_filter() {
+        let watch = SensorWatch::new(&RecordWatchConfig::default(), 7000.0, [130.0; 6]);
+        let mut state = SensorWatchState::default();
+        let mut take = |x: f64, missed| {
+            let record = SensorRecord {
+                counts: [(x * 1e6) as i32; 6],
+                wrench: [x; 6],
+                condition: SensorCondition::Good,
+                missed,
+                pressing_at: None,
+            };
+            watch.take(&mut state, &record)
+        };
+        let good = |missed| Watched::Take {
+            condition: SensorCondition::Good,
+            missed,
+        };
+        assert_eq!(take(1.0, 0), good(0));
+        assert_eq!(take(60.0, 2), Watched::LeaveOut);
+        assert_eq!(take(1.1, 0), good(3));
+        assert_eq!(take(1.0, 0), good(0));
+        assert_eq!(state.implausible(), 1);
+    }
+
+    #[test]
+    fn what_the_sensor_says_itself_comes_first() {
+        let watch = SensorWatch::new(&RecordWatchConfig::default(), 1000.0, [130.0; 6]);
+        let mut state = SensorWatchState::default();
+        for i in 0..5000 {
+            let record = SensorRecord {
+                counts: [i32::MAX; 6],
+                wrench: [2000.0; 6],
+                condition: SensorCondition::Saturated,
+                missed: i % 2,
+                pressing_at: None,
+            };
+            let taken = watch.take(&mut state, &record);
+            let said = Watched::Take {
+                condition: SensorCondition::Saturated,
+                missed: i % 2,
+            };
+            assert_eq!(taken, said);
+        }
+        assert_eq!(state.stuck_axes(), 0);
+    }
+}

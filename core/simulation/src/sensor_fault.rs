@@ -1,0 +1,161 @@
+//! What a force/torque sensor can do wrong while its records go on: for tests, and for `tangent evaluate --set`.
+
+use std::collections::VecDeque;
+
+use serde::{Deserialize, Serialize};
+
+use crate::measurement::SensorSample;
+
+/// The `[plant.sensor.fault]` table. Times are the plant's, s.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum SensorFault {
+    /// Every record says what the last one before `from_s` said.
+    Frozen {
+        /// Since when.
+        from_s: f64,
+    },
+    /// One axis stands still, the others live.
+    StuckAxis {
+        /// 0 Fx to 5 Tz.
+        axis: usize,
+        /// Since when.
+        from_s: f64,
+    },
+    /// Old readings in new records: what was felt `delay_s` ago.
+    Slow {
+        /// How old they are, s.
+        delay_s: f64,
+        /// Since when.
+        from_s: f64,
+    },
+    /// The zero leaps.
+    BiasStep {
+        /// By so much, counts on all axes in their order.
+        counts: [i32; 6],
+        /// Since when.
+        from_s: f64,
+    },
+}
+
+impl SensorFault {
+    /// The key, value and allowed range that is wrong with it, if any.
+    pub(crate) fn mistake(&self) -> Option<(&'static str, f64, &'static str)> {
+        match *self {
+            Self::StuckAxis { axis, .. } if axis > 5 => {
+                Some(("sensor.fault.axis", axis as f64, "0 (Fx) to 5 (Tz)"))
+            }
+            Self::Slow { delay_s, .. } if !(0.0..=10.0).contains(&delay_s) => {
+                Some(("sensor.fault.delay_s", delay_s, "0 to 10 s"))
+            }
+            _ => None,
+        }
+    }
+
+    fn begins_s(&self) -> f64 {
+        match *self {
+            Self::Frozen { from_s }
+            | Self::StuckAxis { from_s, .. }
+            | Self::Slow { from_s, .. }
+            | Self::BiasStep { from_s, .. } => from_s,
+        }
+    }
+}
+
+/// A fault at work.
+#[derive(Clone, Debug)]
+pub(crate) struct FaultySensor {
+    fault: SensorFault,
+    /// The last sample before the fault.
+    last: Option<SensorSample>,
+    /// Samples of the last `delay_s`, oldest first.
+    past: VecDeque<SensorSample>,
+}
+
+impl FaultySensor {
+    pub fn new(fault: SensorFault, rate_hz: f64) -> Self {
+        let kept = match fault {
+            SensorFault::Slow { delay_s, .. } => (delay_s * rate_hz) as usize + 2,
+            _ => 0,
+        };
+        Self {
+            fault,
+            last: None,
+            past: VecDeque::with_capacity(kept),
+        }
+    }
+
+    /// What comes out of the sensor in place of `sample`.
+    pub fn distort(&mut self, sample: SensorSample) -> SensorSample {
+        if let SensorFault::Slow { delay_s, .. } = self.fault {
+            self.past.push_back(sample);
+            while self
+                .past
+                .get(1)
+                .is_some_and(|next| next.time_s <= sample.time_s - delay_s)
+            {
+                self.past.pop_front();
+            }
+        }
+        if sample.time_s < self.fault.begins_s() {
+            self.last = Some(sample);
+            return sample;
+        }
+        let mut counts = sample.counts;
+        match self.fault {
+            SensorFault::Frozen { .. } => counts = self.last.map_or(counts, |last| last.counts),
+            SensorFault::StuckAxis { axis, .. } => {
+                counts[axis] = self.last.map_or(counts, |last| last.counts)[axis];
+            }
+            SensorFault::Slow { .. } => {
+                counts = self.past.front().map_or(counts, |old| old.counts);
+            }
+            SensorFault::BiasStep { counts: step, .. } => {
+                counts = std::array::from_fn(|i| counts[i].saturating_add(step[i]));
+            }
+        }
+        SensorSample { counts, ..sample }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(fault: SensorFault) -> Vec<[i32; 6]> {
+        let mut faulty = FaultySensor::new(fault, 1000.0);
+        (0..10)
+            .map(|k| {
+                let sample = SensorSample {
+                    time_s: f64::from(k) * 1e-3,
+                    counts: [k; 6],
+                    saturated: false,
+                };
+                faulty.distort(sample).counts
+            })
+            .collect()
+    }
+
+    #[test]
+    fn faults_are_what_they_say() {
+        let from_s = 4.5e-3;
+        let at = |found: &[[i32; 6]], axis: usize| -> Vec<i32> {
+            found.iter().map(|counts| counts[axis]).collect()
+        };
+        let frozen = read(SensorFault::Frozen { from_s });
+        assert_eq!(at(&frozen, 2), [0, 1, 2, 3, 4, 4, 4, 4, 4, 4]);
+        let stuck = read(SensorFault::StuckAxis { axis: 2, from_s });
+        assert_eq!(at(&stuck, 2), at(&frozen, 2));
+        assert_eq!(at(&stuck, 1), [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]);
+        let slow = read(SensorFault::Slow {
+            delay_s: 3e-3,
+            from_s,
+        });
+        assert_eq!(at(&slow, 0)[5..], [2, 3, 4, 5, 6]);
+        let step = read(SensorFault::BiasStep {
+            counts: [0, 0, -100, 0, 0, 0],
+            from_s,
+        });
+        assert_eq!(at(&step, 2), [0, 1, 2, 3, 4, -95, -94, -93, -92, -91]);
+    }
+}

@@ -1,0 +1,58 @@
+//! Files that people write: cell, task, scenario and robot model, all TOML.
+
+use std::str::FromStr;
+
+use tangent_control::{ControllerConfig, Program, Task};
+use tangent_mechanics::{Arm, ModelData};
+use tangent_runtime::CellConfig;
+use tangent_simulation::Scenario;
+
+fn text(data: &[u8], check: impl FnOnce(&str)) {
+    if let Ok(text) = std::str::from_utf8(data) {
+        check(text);
+    }
+}
+
+/// A cell file. A refusal names the file.
+pub fn cell_file(data: &[u8]) {
+    text(data, |text| {
+        if let Err(error) = CellConfig::parse("cell.toml", text) {
+            assert!(!error.to_string().is_empty());
+        }
+    });
+}
+
+/// A task file. A task that is accepted becomes a program whose path is finite, or is refused with words.
+pub fn task_file(data: &[u8]) {
+    text(data, |text| {
+        let Ok(task) = Task::from_str(text) else {
+            return;
+        };
+        if let Err(error) = Program::new(&task, &ControllerConfig::default()) {
+            assert!(!error.to_string().is_empty());
+        }
+    });
+}
+
+/// A scenario file. No other file is read.
+pub fn scenario_file(data: &[u8]) {
+    text(data, |text| {
+        let no_file = |name: &str| Err(format!("{name} is not read here"));
+        if let Err(error) = Scenario::parse("scenario.toml", text, &[], &no_file) {
+            assert!(!error.to_string().is_empty());
+        }
+    });
+}
+
+/// A robot model. One that is accepted has finite kinematics at rest.
+pub fn model_file(data: &[u8]) {
+    text(data, |text| {
+        let Ok(model) = ModelData::from_toml(text) else {
+            return;
+        };
+        if let Ok(arm) = Arm::<6>::new(&model) {
+            let pose = arm.base_from_flange(&nalgebra::SVector::zeros());
+            assert!(pose.translation().iter().all(|x| x.is_finite()));
+        }
+    });
+}

@@ -1,0 +1,220 @@
+//! What outlasts the controller: that the tool may touch something, and which way is away.
+//!
+//! The desk writes it before a task starts, a side thread follows the loop's word, and the next controller begins with it.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use tangent_control::Clearance;
+use tangent_runtime::clock::now_ns;
+use tangent_runtime::{StateError, StateFolder, Stop};
+
+use crate::mailbox::Mailbox;
+
+/// Name of the file.
+const FILE: &str = "controller";
+/// Between two looks at the loop's word: a tool that slides is then written down every few millimetres.
+const PERIOD: Duration = Duration::from_millis(100);
+
+/// As it stands in the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Kept {
+    /// The tool may touch something.
+    contact_possible: bool,
+    /// Since when, ns since the Unix epoch on this host; for people.
+    since_ns: i64,
+    /// Away from the surface, and where the tool was: base axes, m. None: not known.
+    way_out: Option<([f64; 3], [f64; 3])>,
+}
+
+impl Kept {
+    fn of(clearance: &Clearance, since_ns: i64) -> Self {
+        Self {
+            contact_possible: !clearance.is_free(),
+            since_ns,
+            way_out: match clearance {
+                Clearance::Possible { normal, position } => {
+                    Some(((*normal).into(), (*position).into()))
+                }
+                Clearance::Free | Clearance::Unknown => None,
+            },
+        }
+    }
+
+    fn clearance(&self) -> Clearance {
+        let Some((normal, position)) = self.way_out.filter(|_| self.contact_possible) else {
+            return if self.contact_possible {
+                Clearance::Unknown
+            } else {
+                Clearance::Free
+            };
+        };
+        let normal = Vector3::from(normal);
+        let unit = (normal.norm() - 1.0).abs() < 1e-6;
+        if unit && position.iter().all(|x| x.is_finite()) {
+            Clearance::Possible {
+                normal,
+                position: position.into(),
+            }
+        } else {
+            Clearance::Unknown
+        }
+    }
+}
+
+/// The file, and what stands in it.
+pub struct Memory {
+    folder: Option<StateFolder>,
+    known: Mutex<Known>,
+}
+
+struct Known {
+    clearance: Clearance,
+    since_ns: i64,
+    /// It could not be written: said once.
+    failed: bool,
+}
+
+impl Memory {
+    /// Reads what the controller before knew. A file that cannot be read is doubt, and said.
+    pub fn open(folder: Option<StateFolder>) -> Self {
+        let read = folder
+            .as_ref()
+            .map_or(Ok(None), |folder| folder.read::<Kept>(FILE));
+        let (clearance, since_ns) = match read {
+            Ok(None) => (Clearance::Free, now_ns()),
+            Ok(Some(kept)) => (kept.clearance(), kept.since_ns),
+            Err(error) => {
+                tracing::warn!("{error}: the tool may touch something, as far as is known");
+                (Clearance::Unknown, now_ns())
+            }
+        };
+        if !clearance.is_free() {
+            tracing::warn!(
+                "the last task did not end in free space: the next one moves off first, if the tool stands where it was"
+            );
+        }
+        Self {
+            folder,
+            known: Mutex::new(Known {
+                clearance,
+                since_ns,
+                failed: false,
+            }),
+        }
+    }
+
+    /// What stands there.
+    pub fn known(&self) -> Clearance {
+        self.lock().clearance
+    }
+
+    /// Before a task starts: from now on the tool may touch something. What was known in doubt before stays.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn expect_contact(
+        &self,
+        normal: Vector3<f64>,
+        position: Vector3<f64>,
+    ) -> Result<(), StateError> {
+        let mut known = self.lock();
+        if !known.clearance.is_free() {
+            return Ok(());
+        }
+        self.write(&mut known, Clearance::Possible { normal, position })
+    }
+
+    /// The start was refused, or a person said something: `clearance` is what counts.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn set(&self, clearance: Clearance) -> Result<(), StateError> {
+        let mut known = self.lock();
+        if known.clearance == clearance {
+            return Ok(());
+        }
+        self.write(&mut known, clearance)
+    }
+
+    /// Follows the loop until `stop`, and once more after it.
+    pub fn follow<P>(&self, mailbox: &Mailbox<P>, stop: &Stop) {
+        loop {
+            let stopped = stop.wait(PERIOD);
+            self.take(mailbox);
+            if stopped {
+                return;
+            }
+        }
+    }
+
+    /// Writes down the loop's last word.
+    pub fn take<P>(&self, mailbox: &Mailbox<P>) {
+        let Some(clearance) = mailbox.clearance.pop() else {
+            return;
+        };
+        let mut known = self.lock();
+        if known.clearance == clearance {
+            return;
+        }
+        let failed = known.failed;
+        let written = self.write(&mut known, clearance);
+        known.failed = written.is_err();
+        if let (Err(error), false) = (written, failed) {
+            tracing::warn!("a restart would not know that the tool may touch something: {error}");
+        }
+    }
+
+    fn write(&self, known: &mut Known, clearance: Clearance) -> Result<(), StateError> {
+        if known.clearance.is_free() != clearance.is_free() {
+            known.since_ns = now_ns();
+        }
+        known.clearance = clearance;
+        let kept = Kept::of(&clearance, known.since_ns);
+        self.folder
+            .as_ref()
+            .map_or(Ok(()), |folder| folder.write(FILE, &kept))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_known_outlasts_the_controller_and_a_torn_file_is_doubt() {
+        let folder = tempfile::tempdir().unwrap();
+        let state = || Some(StateFolder::new(folder.path()));
+        let memory = Memory::open(state());
+        assert_eq!(memory.known(), Clearance::Free);
+        let possible = Clearance::Possible {
+            normal: Vector3::z(),
+            position: Vector3::new(0.4, -0.1, 0.2),
+        };
+        memory
+            .expect_contact(Vector3::z(), Vector3::new(0.4, -0.1, 0.2))
+            .unwrap();
+        assert_eq!(Memory::open(state()).known(), possible);
+        // In doubt, the older way out is the better one.
+        memory
+            .expect_contact(Vector3::x(), Vector3::zeros())
+            .unwrap();
+        assert_eq!(Memory::open(state()).known(), possible);
+        memory.set(Clearance::Free).unwrap();
+        assert_eq!(Memory::open(state()).known(), Clearance::Free);
+        for text in ["{\"contact_possible\":", "", "{}"] {
+            std::fs::write(folder.path().join("controller.json"), text).unwrap();
+            assert_eq!(Memory::open(state()).known(), Clearance::Unknown);
+        }
+        let bent = "{\"contact_possible\": true, \"since_ns\": 0, \"way_out\": [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]}";
+        std::fs::write(folder.path().join("controller.json"), bent).unwrap();
+        assert_eq!(Memory::open(state()).known(), Clearance::Unknown);
+    }
+}

@@ -1,0 +1,76 @@
+//! The checks of a start without a running cell: for `tangent check` and `tangent up`.
+
+use tangent_control::preflight::{Preflight, Refusal};
+use tangent_control::{ControlError, Limits, Path, Program, Task};
+use tangent_mechanics::{Arm, Flange, ModelData, Pose, Tool};
+use tangent_runtime::CellConfig;
+use tangent_runtime::config::Law;
+use tangent_schemas::convert::joints;
+
+use crate::{Config, ControllerError, TorqueConfig};
+
+/// Why the cell's controller would refuse this task; empty when it would not. `start` are joint positions, rad; without them only
+/// what does not depend on the start pose is checked.
+///
+/// # Errors
+/// A cell whose controller does not start, a task that is no task of its law, or another number of joints than the arm has.
+pub fn refusals(
+    cell: &CellConfig,
+    model: &ModelData,
+    task: &Task,
+    start: Option<&[f64]>,
+) -> Result<Vec<Refusal>, ControllerError> {
+    if cell.controller.law == Law::HybridAdmittance {
+        let config = Config::from_cell(cell, model.clone())?;
+        let program = Program::new(task, &config.control).map_err(ControllerError::Task)?;
+        return of_arm(
+            task,
+            &program.path,
+            (&config.arm, &config.flange_from_tool, &config.limits),
+            start,
+        );
+    }
+    let preset = task.controller.as_deref();
+    let path = |acceleration, jerk| Path::new(&task.path, acceleration, jerk);
+    match TorqueConfig::from_cell(cell, model)? {
+        TorqueConfig::HybridDynamics(config) => {
+            let bounds = config.law(preset).map_err(ControllerError::Task)?.path;
+            let path = path(bounds.acceleration_m_per_s2, bounds.jerk_m_per_s3);
+            of_arm(
+                task,
+                &path.map_err(ControllerError::Task)?,
+                (&config.arm, &config.flange_from_tool, &config.limits),
+                start,
+            )
+        }
+        TorqueConfig::UnifiedForceImpedance(config) => {
+            let bounds = config.law(preset).map_err(ControllerError::Task)?.path;
+            let path = path(bounds.acceleration_m_per_s2, bounds.jerk_m_per_s3);
+            of_arm(
+                task,
+                &path.map_err(ControllerError::Task)?,
+                (&config.arm, &config.flange_from_tool, &config.limits),
+                start,
+            )
+        }
+    }
+}
+
+fn of_arm<const N: usize>(
+    task: &Task,
+    path: &Path,
+    (arm, flange_from_tool, limits): (&Arm<N>, &Pose<Flange, Tool>, &Limits),
+    start: Option<&[f64]>,
+) -> Result<Vec<Refusal>, ControllerError> {
+    let start = start.map(joints::<N>).transpose().map_err(|error| {
+        ControllerError::Task(ControlError::Syntax(format!("start pose: {error}")))
+    })?;
+    let preflight = Preflight {
+        task,
+        path,
+        limits,
+        arm,
+        flange_from_tool,
+    };
+    Ok(preflight.refusals(start.as_ref()))
+}

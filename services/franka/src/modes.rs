@@ -1,0 +1,111 @@
+//! The robot's modes on request, under the names that every arm has: `franka/unlock`, `franka/reset`, `franka/power_on`,
+//! `franka/power_off`, `franka/status`.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use serde_json::json;
+use tangent_runtime::bus::answer::{done_with, refused};
+use tangent_runtime::{Bus, BusError, Handle, Latest};
+use tangent_schemas::tangent::{Answer, ArmState, Request};
+use tangent_schemas::topics;
+
+use crate::queries;
+
+/// Older than this, `arm/state` does not say what the robot does now.
+const FRESH: Duration = Duration::from_millis(500);
+/// The bridge's own answer comes within this.
+const ANSWER: Duration = Duration::from_secs(1);
+/// `ArmState.safety_mode` of a reflex.
+const REFLEX: i32 = 3;
+const POWER: &str = "a Franka has no command for power and brakes on its control interface: open and close them in its web page (Desk), and switch FCI on there";
+
+/// Begins to answer.
+pub(crate) fn answers(bus: &Bus) -> Result<Vec<Handle>, BusError> {
+    let modes = Arc::new(Modes {
+        bus: bus.clone(),
+        arm: Mutex::new(bus.latest(&topics::ARM_STATE)?),
+    });
+    type Asked = fn(&Modes) -> Answer;
+    let requests: [(&str, Asked); 5] = [
+        (queries::UNLOCK, Modes::unlock),
+        (queries::RESET, Modes::unlock),
+        (queries::POWER_ON, |_| refused(POWER)),
+        (queries::POWER_OFF, |_| refused(POWER)),
+        (queries::STATUS, Modes::status),
+    ];
+    requests
+        .into_iter()
+        .map(|(key, request)| {
+            let modes = Arc::clone(&modes);
+            bus.answer(key, move |_, _| request(&modes))
+        })
+        .collect()
+}
+
+struct Modes {
+    bus: Bus,
+    arm: Mutex<Latest<ArmState>>,
+}
+
+impl Modes {
+    /// What the robot's newest packet says; none when no packet comes in.
+    fn arm<T>(&self, of: impl FnOnce(&ArmState) -> T) -> Option<T> {
+        let mut arm = self.arm.lock().unwrap_or_else(PoisonError::into_inner);
+        arm.fresh(FRESH).map(|received| of(&received.message))
+    }
+
+    /// A task that runs has no reflex to leave, so nothing is taken from it.
+    fn unlock(&self) -> Answer {
+        let Some((safety, ready, reason)) =
+            self.arm(|arm| (arm.safety_mode, arm.ready, arm.not_ready_reason))
+        else {
+            return refused(
+                "no state comes from the robot: is it on, and FCI switched on in its web page?",
+            );
+        };
+        if safety != REFLEX {
+            let now = if ready {
+                "the arm is ready"
+            } else {
+                reason.as_str()
+            };
+            return refused(format!("there is no reflex to leave: {now}"));
+        }
+        let request = Request {
+            action: "recover".to_owned(),
+            argument: String::new(),
+        };
+        match self.bus.ask(queries::RECOVER, &request, ANSWER) {
+            Ok(answer) => answer,
+            Err(error) => refused(error.to_string()),
+        }
+    }
+
+    fn status(&self) -> Answer {
+        let said = self.arm(|arm| {
+            let safety = match arm.safety_mode {
+                1 => "normal",
+                REFLEX => "reflex",
+                5 => "user stop",
+                _ => "unknown",
+            };
+            let ready = if arm.ready {
+                "the arm is ready"
+            } else {
+                arm.not_ready_reason.as_str()
+            };
+            let words = format!("safety is {safety}; {ready}");
+            (
+                words,
+                json!({ "safety_mode": arm.safety_mode, "robot_mode": arm.robot_mode }),
+            )
+        });
+        match said {
+            Some((words, numbers)) => done_with(words, &numbers),
+            None => refused(
+                "no state comes from the robot: is it on, and FCI switched on in its web page?",
+            ),
+        }
+    }
+}

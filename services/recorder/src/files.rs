@@ -1,0 +1,76 @@
+//! What a recording needs of a file system: files that grow at their end, and a way to make them survive a power cut.
+
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+
+/// A file that is written from its beginning to its end.
+pub(crate) trait OpenFile: Send + Sync {
+    /// Appends some of the bytes and returns how many. They survive the end of the process, not a power cut.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    fn append(&self, bytes: &[u8]) -> io::Result<usize>;
+
+    /// Returns when everything appended so far survives a power cut.
+    ///
+    /// # Errors
+    /// When the disk refuses; then nothing is known of what was appended since the last success.
+    fn sync(&self) -> io::Result<()>;
+}
+
+/// Where recordings are written: the system's files, or a test's.
+pub(crate) trait Files: Send + Sync {
+    /// Creates a file that must not exist, so that its name survives a power cut.
+    ///
+    /// # Errors
+    /// When it exists or cannot be created.
+    fn create(&self, path: &Path) -> io::Result<Arc<dyn OpenFile>>;
+}
+
+/// The operating system's files.
+pub(crate) struct SystemFiles;
+
+impl OpenFile for File {
+    fn append(&self, bytes: &[u8]) -> io::Result<usize> {
+        io::Write::write(&mut &*self, bytes)
+    }
+
+    fn sync(&self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
+impl Files for SystemFiles {
+    fn create(&self, path: &Path) -> io::Result<Arc<dyn OpenFile>> {
+        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
+        // Held while the file is written, so that no other recorder takes it for torn or for old. Where a file system
+        // knows no locks, recordings are made all the same.
+        let _ = file.try_lock();
+        sync_folder_of(path);
+        Ok(Arc::new(file))
+    }
+}
+
+/// Makes what was created, renamed and removed beside `path` survive a power cut. Some network file systems cannot sync
+/// a folder; there the files' own syncs have to do.
+pub(crate) fn sync_folder_of(path: &Path) {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let _ = File::open(folder).and_then(|folder| folder.sync_all());
+}
+
+/// True while a recorder, this one or another, writes the file.
+pub(crate) fn is_being_written(path: &Path) -> bool {
+    File::open(path)
+        .is_ok_and(|file| matches!(file.try_lock_shared(), Err(fs::TryLockError::WouldBlock)))
+}
+
+/// Bytes that unprivileged users may still write in the folder; `None` when the system does not say.
+pub(crate) fn free_bytes(folder: &Path) -> Option<u64> {
+    let stat = nix::sys::statvfs::statvfs(folder).ok()?;
+    Some(stat.blocks_available() * stat.fragment_size())
+}

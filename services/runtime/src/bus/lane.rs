@@ -1,0 +1,153 @@
+//! Lanes of requests from other processes: what is slow in one service holds up nobody else, and nothing holds up a stop.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::Instant;
+
+use tangent_schemas::tangent::{Answer, Request};
+use tangent_schemas::{Message, cdr};
+use zenoh::key_expr::OwnedKeyExpr;
+use zenoh::query::Query;
+
+use super::answer::{Asked, Handler, Reply, reply_key};
+use super::budget::{BUDGET_UNNAMED, Budget};
+use super::session;
+use crate::realtime::setup_thread;
+
+/// Requests that wait in one lane before others are refused.
+const WAITING_MAX: usize = 64;
+
+/// In which thread a request from another process is answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lane {
+    /// Answered at once without waiting for anything: one thread for all keys of the process.
+    Prompt,
+    /// May wait for a device, the loop or another service: a thread for this key alone.
+    Slow,
+    /// Brings the arm to rest: a thread for this key alone, with the bus's real-time priority. Waits for the loop at most.
+    Urgent,
+}
+
+/// A request from another process on its way to a lane.
+pub(super) struct Job {
+    query: Query,
+    pattern: OwnedKeyExpr,
+    handler: Handler,
+    request: Request,
+    received: Instant,
+    deadline: Instant,
+}
+
+/// Takes jobs to the thread of one lane; the thread ends with the last of these.
+pub(super) type Jobs = SyncSender<Job>;
+
+/// Starts the thread of a lane, with a priority where it has one.
+pub(super) fn start(name: &str, priority: Option<u8>) -> Jobs {
+    let (sender, receiver) = sync_channel(WAITING_MAX);
+    let role = name.to_owned();
+    let spawned = std::thread::Builder::new()
+        .name(name.into())
+        .spawn(move || {
+            if let Some(priority) = priority {
+                setup_thread(&role, priority);
+            }
+            answer_all(&receiver);
+        });
+    if let Err(error) = spawned {
+        tracing::error!("no answering thread ({error}): requests are refused");
+    }
+    sender
+}
+
+/// One key's way into the lanes.
+pub(super) struct Entrance {
+    pub pattern: OwnedKeyExpr,
+    pub handler: Handler,
+    pub lane: Arc<dyn Fn(&Request) -> Lane + Send + Sync>,
+    pub prompt: Jobs,
+    pub slow: std::sync::OnceLock<Jobs>,
+    pub urgent: std::sync::OnceLock<Jobs>,
+    pub priority: Option<u8>,
+}
+
+impl Entrance {
+    /// Takes one query in, or refuses it. In Zenoh's thread: never waits.
+    pub fn take(&self, query: Query) {
+        let received = Instant::now();
+        let payload = query.payload().map(|payload| payload.to_bytes());
+        let request = match cdr::decode::<Request>(payload.as_deref().unwrap_or_default()) {
+            Ok(request) => request,
+            Err(error) => {
+                let reason = format!("the request cannot be read as {}: {error}", Request::NAME);
+                return self.refuse(&query, reason);
+            }
+        };
+        drop(payload);
+        let budget = query
+            .attachment()
+            .and_then(|bytes| Budget::from_bytes(&bytes.to_bytes()));
+        let deadline = budget.map_or(received + BUDGET_UNNAMED, |b| b.deadline(received));
+        let jobs = match (self.lane)(&request) {
+            Lane::Prompt => &self.prompt,
+            Lane::Slow => self.slow.get_or_init(|| start("bus-slow", None)),
+            Lane::Urgent => self
+                .urgent
+                .get_or_init(|| start("bus-urgent", self.priority)),
+        };
+        let sent = jobs.try_send(Job {
+            query,
+            pattern: self.pattern.clone(),
+            handler: Arc::clone(&self.handler),
+            request,
+            received,
+            deadline,
+        });
+        match sent {
+            Ok(()) => {}
+            Err(TrySendError::Full(job)) => self.refuse(
+                &job.query,
+                format!(
+                    "{WAITING_MAX} requests wait on {} already: nothing was done, ask again",
+                    self.pattern
+                ),
+            ),
+            Err(TrySendError::Disconnected(job)) => {
+                self.refuse(&job.query, "the service has no answering thread".to_owned());
+            }
+        }
+    }
+
+    fn refuse(&self, query: &Query, reason: String) {
+        tracing::warn!("{}: {reason}", self.pattern);
+        let reply = super::answer::refused(reason).into();
+        send(query, &self.pattern, &reply, &mut Vec::new());
+    }
+}
+
+fn answer_all(jobs: &Receiver<Job>) {
+    let mut scratch = Vec::new();
+    for job in jobs {
+        let asked = Asked {
+            key: job.query.key_expr().to_string(),
+            request: job.request,
+            received: job.received,
+            deadline: job.deadline,
+        };
+        let reply = match asked.late() {
+            Some(answer) => answer.into(),
+            None => (job.handler)(asked),
+        };
+        send(&job.query, &job.pattern, &reply, &mut scratch);
+    }
+}
+
+fn send(query: &Query, pattern: &OwnedKeyExpr, reply: &Reply, scratch: &mut Vec<u8>) {
+    let key = reply_key(query.key_expr().as_str(), pattern);
+    match reply {
+        Reply::Answered(answer) => match cdr::encode::<Answer>(answer, scratch) {
+            Ok(()) => session::reply(query, &key, scratch),
+            Err(error) => tracing::warn!("{key}: an answer cannot be encoded: {error}"),
+        },
+        Reply::Unknown(reason) => session::reply_unknown(query, &key, reason),
+    }
+}

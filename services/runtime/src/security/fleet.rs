@@ -1,0 +1,162 @@
+//! Who a folder of keys is for, kept in it as `keys.toml`: what is added or renewed later forgets nobody.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::certificate::Certificate;
+use super::{SecurityError, roles};
+
+/// Within the folder.
+pub const MANIFEST: &str = "keys.toml";
+
+/// The cells of a network and who takes part in them.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Fleet {
+    /// Names of the cells.
+    pub cells: Vec<String>,
+    /// Names and addresses under which the router is dialled.
+    pub hosts: Vec<String>,
+    /// Identities besides one of each role, for instance `estimator-laptop2.cell1`.
+    pub also: Vec<String>,
+    /// Identities that are locked out for good: their names are not given again.
+    pub revoked: Vec<String>,
+}
+
+impl Fleet {
+    /// One of each role in these cells.
+    pub fn of(cells: &[&str]) -> Self {
+        Self {
+            cells: cells.iter().map(|&cell| cell.to_owned()).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// The folder's. Without a `keys.toml`, as its certificates tell it; empty where there are none.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or is no such list.
+    pub fn load(folder: &Path) -> Result<Self, SecurityError> {
+        let file = folder.join(MANIFEST);
+        match fs::read_to_string(&file) {
+            Ok(text) => toml::from_str(&text).map_err(|error| SecurityError::Content {
+                reason: error.message().to_owned(),
+                file,
+            }),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Self::read_back(folder),
+            Err(error) => Err(SecurityError::File {
+                file,
+                reason: error.to_string(),
+                remedy: "give this user the right to read it",
+            }),
+        }
+    }
+
+    /// From the certificates of a folder that has no list.
+    fn read_back(folder: &Path) -> Result<Self, SecurityError> {
+        let mut fleet = Self::default();
+        let files = fs::read_dir(folder).into_iter().flatten().flatten();
+        for path in files.map(|entry| entry.path()) {
+            if path.extension().is_none_or(|extension| extension != "pem") {
+                continue;
+            }
+            let certificate = Certificate::read(&path)?;
+            let identity = certificate.identity;
+            if identity == roles::ROUTER {
+                add(&mut fleet.hosts, certificate.hosts);
+            } else if let Some((role, cell)) = roles::parse(&identity) {
+                add(&mut fleet.cells, cell.map(str::to_owned));
+                if identity != roles::identity(role.name, cell.unwrap_or_default()) {
+                    add(&mut fleet.also, [identity]);
+                }
+            }
+        }
+        fleet.cells.sort();
+        Ok(fleet)
+    }
+
+    /// Adds what is not there yet.
+    pub fn extend(&mut self, cells: &[String], hosts: &[String], also: &[String]) {
+        add(&mut self.cells, cells.iter().cloned());
+        add(&mut self.hosts, hosts.iter().cloned());
+        add(&mut self.also, also.iter().cloned());
+    }
+
+    /// Everybody who takes part, the router first; without who is locked out.
+    pub fn identities(&self) -> Vec<String> {
+        let mut all = roles::identities(&self.cells);
+        add(&mut all, self.also.iter().cloned());
+        all.retain(|identity| !self.revoked.contains(identity));
+        all
+    }
+
+    /// As `keys.toml`.
+    pub fn text(&self) -> String {
+        let list = |names: &[String]| {
+            let names: Vec<String> = names.iter().map(|name| format!("{name:?}")).collect();
+            format!("[{}]", names.join(", "))
+        };
+        format!(
+            "# Who this folder's keys are for. Written by `tangent keys`; the access rules are made from it.\n\
+             cells = {}\nhosts = {}\nalso = {}\nrevoked = {}\n",
+            list(&self.cells),
+            list(&self.hosts),
+            list(&self.also),
+            list(&self.revoked),
+        )
+    }
+}
+
+fn add(names: &mut Vec<String>, more: impl IntoIterator<Item = String>) {
+    let mut known: BTreeSet<String> = names.iter().cloned().collect();
+    for name in more {
+        if known.insert(name.clone()) {
+            names.push(name);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::security::Authority;
+
+    #[test]
+    fn it_is_read_as_it_was_written() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(Fleet::load(folder.path()).unwrap(), Fleet::default());
+        let fleet = Fleet {
+            cells: vec!["a".into(), "b".into()],
+            hosts: vec!["127.0.0.1".into(), "router.local".into()],
+            also: vec!["estimator-x.a".into()],
+            revoked: vec!["viewer".into()],
+        };
+        fs::write(folder.path().join(MANIFEST), fleet.text()).unwrap();
+        assert_eq!(Fleet::load(folder.path()).unwrap(), fleet);
+        assert!(!fleet.identities().contains(&"viewer".to_owned()));
+        fs::write(folder.path().join(MANIFEST), "cell = []").unwrap();
+        let said = Fleet::load(folder.path()).unwrap_err().to_string();
+        assert!(
+            said.contains("keys.toml") && said.contains("cell"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn without_a_list_the_certificates_tell() {
+        let folder = tempfile::tempdir().unwrap();
+        let authority = Authority::open_or_create(folder.path()).unwrap();
+        let hosts = ["localhost".to_owned(), "10.0.0.7".into(), "::1".into()];
+        authority.issue("router", &hosts, 10).unwrap();
+        for identity in ["robot.b", "robot.a", "operator", "estimator-x.a"] {
+            authority.issue(identity, &[], 10).unwrap();
+        }
+        let fleet = Fleet::load(folder.path()).unwrap();
+        assert_eq!(fleet.cells, ["a", "b"]);
+        assert_eq!(fleet.hosts, hosts);
+        assert_eq!(fleet.also, ["estimator-x.a"]);
+    }
+}

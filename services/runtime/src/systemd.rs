@@ -1,0 +1,139 @@
+//! What systemd is told, with `Type=notify` and `WatchdogSec=` in the unit: ready, alive, stopping.
+//!
+//! systemd's own protocol: one datagram of `KEY=value` lines to the socket that `NOTIFY_SOCKET` names, `@` for one without a file; see
+//! sd_notify(3). Nothing is sent where that variable is not set.
+
+use std::io;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::time::Duration;
+
+/// The socket to whoever started this process.
+pub struct Notify {
+    socket: UnixDatagram,
+    to: SocketAddr,
+    watchdog: Option<Duration>,
+}
+
+impl Notify {
+    /// Out of the environment; none where nobody wants to be told.
+    pub fn from_environment() -> Option<Self> {
+        let own = std::process::id().to_string();
+        let named = |name| std::env::var(name).ok();
+        // Another process's, inherited.
+        let ours = named("WATCHDOG_PID").is_none_or(|pid| pid == own);
+        let period = named("WATCHDOG_USEC")
+            .filter(|_| ours)
+            .and_then(|text| text.parse::<u64>().ok())
+            .filter(|us| *us > 0)
+            .map(Duration::from_micros);
+        Self::to(&named("NOTIFY_SOCKET")?, period)
+            .inspect_err(|error| tracing::warn!("NOTIFY_SOCKET cannot be used: {error}"))
+            .ok()
+    }
+
+    /// To the socket of this name. `watchdog`: silence that systemd takes for a failure.
+    ///
+    /// # Errors
+    /// A name that is none, or no socket to be had.
+    pub fn to(name: &str, watchdog: Option<Duration>) -> io::Result<Self> {
+        let to = match name.strip_prefix('@') {
+            Some(name) => SocketAddr::from_abstract_name(name)?,
+            None => SocketAddr::from_pathname(name)?,
+        };
+        let socket = UnixDatagram::unbound()?;
+        // Whoever does not read must not hold this process up.
+        socket.set_nonblocking(true)?;
+        Ok(Self {
+            socket,
+            to,
+            watchdog,
+        })
+    }
+
+    /// The services run.
+    pub fn ready(&self) {
+        self.say("READY=1");
+    }
+
+    /// The process is about to end, and in order.
+    pub fn stopping(&self) {
+        self.say("STOPPING=1");
+    }
+
+    /// Every loop goes on.
+    pub fn alive(&self) {
+        if self.watchdog.is_some() {
+            self.say("WATCHDOG=1");
+        }
+    }
+
+    /// A loop stands still: `systemctl status` shows it.
+    pub fn failed(&self, words: &str) {
+        self.say(&format!("STATUS={words}"));
+    }
+
+    /// Silence that is taken for a failure, where the unit sets one.
+    pub fn watchdog(&self) -> Option<Duration> {
+        self.watchdog
+    }
+
+    fn say(&self, text: &str) {
+        if let Err(error) = self.socket.send_to_addr(text.as_bytes(), &self.to) {
+            tracing::debug!("systemd could not be told: {error}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn heard(socket: &UnixDatagram) -> String {
+        let mut bytes = [0; 256];
+        socket
+            .set_read_timeout(Some(Duration::from_secs(10)))
+            .unwrap();
+        let length = socket.recv(&mut bytes).unwrap();
+        String::from_utf8(bytes[..length].to_vec()).unwrap()
+    }
+
+    #[test]
+    fn each_word_is_one_datagram_to_a_file_or_to_a_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("notify");
+        let name = format!("tangent-notify-{}", std::process::id());
+        let address = SocketAddr::from_abstract_name(&name).unwrap();
+        for (socket, told) in [
+            (
+                UnixDatagram::bind(&path).unwrap(),
+                path.to_str().unwrap().to_owned(),
+            ),
+            (
+                UnixDatagram::bind_addr(&address).unwrap(),
+                format!("@{name}"),
+            ),
+        ] {
+            let notify = Notify::to(&told, Some(Duration::from_secs(2))).unwrap();
+            notify.ready();
+            assert_eq!(heard(&socket), "READY=1");
+            notify.alive();
+            assert_eq!(heard(&socket), "WATCHDOG=1");
+            notify.failed("the loop stands");
+            assert_eq!(heard(&socket), "STATUS=the loop stands");
+            notify.stopping();
+            assert_eq!(heard(&socket), "STOPPING=1");
+        }
+    }
+
+    #[test]
+    fn without_a_watchdog_in_the_unit_nothing_is_said_of_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("notify");
+        let socket = UnixDatagram::bind(&path).unwrap();
+        let notify = Notify::to(path.to_str().unwrap(), None).unwrap();
+        notify.alive();
+        notify.stopping();
+        assert_eq!(heard(&socket), "STOPPING=1");
+    }
+}

@@ -1,0 +1,149 @@
+//! One piece of work at a time between an asker and a thread that must not wait: done, or called off without an effect, never both.
+
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::time::{Duration, Instant};
+
+const IDLE: u8 = 0;
+const ASKED: u8 = 1;
+const BEGUN: u8 = 2;
+const CALLED_OFF: u8 = 3;
+const DONE: u8 = 4;
+
+/// An asker that called work off gives the worker this long to say that it had just finished it.
+const ACKNOWLEDGE: Duration = Duration::from_millis(50);
+/// How often an asker looks.
+const LOOK: Duration = Duration::from_millis(2);
+
+/// What the worker is to do now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Nothing new.
+    None,
+    /// Begin the work.
+    Begin,
+    /// Forget what was begun: it must have no effect any more.
+    Forget,
+}
+
+/// The asker's and the worker's view of the work.
+#[derive(Debug, Default)]
+pub struct Ticket(AtomicU8);
+
+impl Ticket {
+    /// Asks for the work, and waits until it is done; false when it was called off at `deadline`. One asker at a time.
+    pub fn ask_and_wait(&self, deadline: Instant) -> bool {
+        self.0.store(ASKED, Ordering::Release);
+        while Instant::now() < deadline {
+            if self.take_done() {
+                return true;
+            }
+            std::thread::park_timeout(LOOK);
+        }
+        self.call_off()
+    }
+
+    /// Ends the wait; true when the work was done after all.
+    fn call_off(&self) -> bool {
+        if self.swap(ASKED, IDLE) {
+            return false;
+        }
+        if self.swap(BEGUN, CALLED_OFF) {
+            let until = Instant::now() + ACKNOWLEDGE;
+            // The worker may just have been finishing it. One that does nothing now forgets the work before it does anything else.
+            while self.0.load(Ordering::Acquire) == CALLED_OFF && Instant::now() < until {
+                std::thread::park_timeout(LOOK);
+            }
+        }
+        self.take_done()
+    }
+
+    fn take_done(&self) -> bool {
+        self.swap(DONE, IDLE)
+    }
+
+    /// For the worker, before each step of its work. No lock, no memory.
+    pub fn order(&self) -> Order {
+        match self.0.load(Ordering::Acquire) {
+            ASKED if self.swap(ASKED, BEGUN) => Order::Begin,
+            CALLED_OFF if self.swap(CALLED_OFF, IDLE) => Order::Forget,
+            _ => Order::None,
+        }
+    }
+
+    /// For the worker: the work has ended, and how it ended can be read.
+    pub fn done(&self) {
+        if !self.swap(BEGUN, DONE) {
+            self.swap(CALLED_OFF, DONE);
+        }
+    }
+
+    fn swap(&self, from: u8, to: u8) -> bool {
+        self.0
+            .compare_exchange(from, to, Ordering::AcqRel, Ordering::Acquire)
+            .is_ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicBool, AtomicU32};
+
+    use super::*;
+
+    /// Work of a few steps against deadlines before, within and after it.
+    #[test]
+    fn work_is_done_or_called_off_and_never_both() {
+        let ticket = Ticket::default();
+        let (ended, effects) = (AtomicBool::new(false), AtomicU32::new(0));
+        let done = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let mut left = 0;
+                while !ended.load(Ordering::Acquire) {
+                    match ticket.order() {
+                        Order::Begin => left = 5,
+                        Order::Forget => left = 0,
+                        Order::None => {}
+                    }
+                    if left > 0 {
+                        left -= 1;
+                        if left == 0 {
+                            effects.fetch_add(1, Ordering::AcqRel);
+                            ticket.done();
+                        }
+                    }
+                    std::thread::park_timeout(Duration::from_micros(100));
+                }
+            });
+            let mut done = 0;
+            for i in 0..400 {
+                let before = effects.load(Ordering::Acquire);
+                let told = ticket.ask_and_wait(Instant::now() + Duration::from_micros(i * 10));
+                done += u32::from(told);
+                assert_eq!(
+                    effects.load(Ordering::Acquire) - before,
+                    u32::from(told),
+                    "request {i}"
+                );
+            }
+            ended.store(true, Ordering::Release);
+            done
+        });
+        assert_eq!(effects.load(Ordering::Acquire), done);
+    }
+
+    #[test]
+    fn a_worker_that_comes_back_later_forgets_first() {
+        let ticket = Ticket::default();
+        assert!(!ticket.ask_and_wait(Instant::now()));
+        assert_eq!(ticket.order(), Order::None);
+        std::thread::scope(|scope| {
+            let asking =
+                scope.spawn(|| ticket.ask_and_wait(Instant::now() + Duration::from_millis(20)));
+            while ticket.order() != Order::Begin {
+                std::thread::yield_now();
+            }
+            assert!(!asking.join().unwrap());
+        });
+        assert_eq!(ticket.order(), Order::Forget);
+    }
+}

@@ -1,0 +1,117 @@
+//! The order of priorities, held against other programs that take the processor with SCHED_FIFO, at every level between two of ours.
+//!
+//! Robot, sensor, loop, estimator and router share one core with the program that takes it. What stands above that program must not notice;
+//! what stands below may be late, and then the arm is safe and a new task can be started.
+
+use std::time::{Duration, Instant};
+
+use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
+use nix::unistd::Pid;
+use tangent_runtime::clock::now_ns;
+use tangent_runtime::config::RealtimeConfig;
+use tangent_runtime::realtime::{in_scheduled_thread, try_schedule};
+
+use crate::cell::{Cell, Observer, PATIENCE};
+use crate::common::wait_for;
+
+const NAMES: [&str; 5] = [
+    "router",
+    "simulator",
+    "netft",
+    "rtde controller",
+    "estimator",
+];
+/// How long the processor is taken: less than what Linux leaves to real-time threads of each second.
+const TAKEN: Duration = Duration::from_millis(400);
+/// No fault presses harder: the larger of twice the reference and 10 N.
+const FORCE_MAX_N: f64 = 10.0;
+
+/// The calling thread, and what it starts from now on, on these CPUs.
+fn keep_to(cpus: &CpuSet) {
+    sched_setaffinity(Pid::from_raw(0), cpus).unwrap();
+}
+
+/// Takes the CPU that the calling thread keeps to, with `priority`; when that began and ended, ns since the Unix epoch.
+fn take_the_processor(priority: u8, cpus: CpuSet) -> (i64, i64) {
+    in_scheduled_thread(priority, |granted| {
+        granted.unwrap();
+        keep_to(&cpus);
+        let (began, until) = (now_ns(), Instant::now() + TAKEN);
+        while Instant::now() < until {
+            std::hint::spin_loop();
+        }
+        (began, now_ns())
+    })
+    .unwrap()
+}
+
+#[test]
+fn what_stands_above_a_program_that_takes_the_processor_does_not_notice() {
+    let order = RealtimeConfig::default()
+        .order()
+        .map(|(_, priority)| priority);
+    let [_, the_loop, sensor, bus, estimator, camera] = order;
+    if let Err(why) = try_schedule(order[0]) {
+        eprintln!("skipped, because SCHED_FIFO is not granted: {why}");
+        return;
+    }
+    let all = sched_getaffinity(Pid::from_raw(0)).unwrap();
+    let first = (0..CpuSet::count())
+        .find(|&i| all.is_set(i).unwrap())
+        .unwrap();
+    let mut one = CpuSet::new();
+    one.set(first).unwrap();
+
+    keep_to(&one);
+    let mut cell = Cell::new(|_| {});
+    cell.start_all(&NAMES);
+    keep_to(&all);
+    let observer = Observer::join(&cell);
+    cell.start_task(&cell.long_task());
+    observer.sliding(0);
+
+    // Everything of ours stands above these.
+    for priority in [camera + 5, 60, estimator - 1] {
+        let (began, ended) = take_the_processor(priority, one);
+        wait_for("the controller speaks again", PATIENCE, || {
+            observer.controls(ended).len().gt(&10).then_some(())
+        });
+        for seen in observer.controls(began) {
+            let phase = seen.message.phase_text.as_str();
+            // A contact lost for 24 ms is the surface's doing.
+            assert!(
+                matches!(phase, "slide" | "seek"),
+                "priority {priority}: {phase} {}",
+                seen.message.fault
+            );
+        }
+        observer.pressed_at_most(FORCE_MAX_N, began);
+    }
+
+    // Between two of ours: the arm is safe, nobody ends, and a task can be started again.
+    for priority in [estimator + 1, bus + 1, sensor + 1, the_loop + 1] {
+        let (began, ended) = take_the_processor(priority, one);
+        wait_for("the controller speaks again", PATIENCE, || {
+            observer.controls(ended).len().gt(&10).then_some(())
+        });
+        observer.pressed_at_most(FORCE_MAX_N, began);
+        cell.assert_running(&NAMES);
+        let still = wait_for("it slides on, or the task has ended", PATIENCE, || {
+            let last = observer.controls(ended).pop()?;
+            match last.message.phase_text.as_str() {
+                "slide" => Some(true),
+                "fault" | "done" | "idle" => Some(false),
+                _ => None,
+            }
+        });
+        if !still {
+            let since = now_ns();
+            let task = cell.task(
+                false,
+                "kind = \"line\"\nto_m = [0.1, 0.0]\nspeed_m_per_s = 0.02\nstrokes = 20",
+            );
+            cell.start_task(&task);
+            observer.sliding(since);
+        }
+    }
+}

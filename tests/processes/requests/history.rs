@@ -1,0 +1,264 @@
+//! What was asked of a cell and what came of it, and what the cell did meanwhile: the one is checked against the other.
+//!
+//! A refused request has no effect. One that was done has its effect. Of one without an answer nobody knows, but what it does it does
+//! within its budget.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use tangent_schemas::tangent::{ContactTruth, ControlState};
+
+use crate::cell::{Seen, seconds, speed};
+
+/// What is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    Start,
+    Stop,
+    Pause,
+    Resume,
+    Select,
+    Set,
+    Tare,
+}
+
+/// What the asker was told.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// With the number of the task start, where the answer holds one.
+    Done(Option<u64>),
+    Refused(String),
+    Unknown(String),
+}
+
+/// One request with its outcome. Times on the clock of this host, ns.
+#[derive(Clone, Debug)]
+pub struct Operation {
+    pub number: usize,
+    pub kind: Kind,
+    pub asked_ns: i64,
+    pub told_ns: i64,
+    pub outcome: Outcome,
+    /// It has no effect later than this after it was asked.
+    pub budget_ns: i64,
+}
+
+impl Operation {
+    fn is_refused(&self) -> bool {
+        matches!(self.outcome, Outcome::Refused(_))
+    }
+
+    fn is_done(&self) -> bool {
+        matches!(self.outcome, Outcome::Done(_))
+    }
+
+    /// Until when it may have had an effect.
+    fn until_ns(&self) -> i64 {
+        match self.outcome {
+            Outcome::Refused(_) => i64::MIN,
+            Outcome::Done(_) => self.told_ns,
+            Outcome::Unknown(_) => self.asked_ns + self.budget_ns,
+        }
+    }
+
+    /// It may have had an effect at this time.
+    fn explains(&self, at_ns: i64) -> bool {
+        self.asked_ns <= at_ns && at_ns <= self.until_ns().saturating_add(SLACK_NS)
+    }
+}
+
+/// Name of the task of a start.
+pub fn task_name(number: usize) -> String {
+    format!("r{number}")
+}
+
+/// Force that a request sets, N: each its own. Near 3 N, so that it does not matter for the contact.
+pub fn force_n(number: usize) -> f64 {
+    3.0 + 1e-5 * (number + 1) as f64
+}
+
+/// A process that was stopped between taking a request and saying so goes on later.
+const SLACK_NS: i64 = 1_500_000_000;
+/// So near to a fault, what was done may not have been seen.
+const NEAR_NS: i64 = 2_500_000_000;
+/// Time in which the arm comes to rest after a pause.
+const REST_NS: i64 = 500_000_000;
+
+/// Everything that was recorded.
+pub struct History {
+    pub operations: Vec<Operation>,
+    /// From and until when a process was stopped or gone.
+    pub faults: Vec<(i64, i64)>,
+    pub states: Vec<Seen<ControlState>>,
+    pub truths: Vec<Seen<ContactTruth>>,
+    /// When the sensor's zero became another.
+    pub zeros: Vec<i64>,
+}
+
+/// How much was checked.
+#[derive(Debug, Default)]
+pub struct Checked {
+    pub operations: usize,
+    pub done: usize,
+    pub refused: usize,
+    pub unknown: usize,
+    pub effects: usize,
+    pub excused: usize,
+    pub rests: usize,
+}
+
+impl History {
+    /// Every violation in words, and how much there was to check.
+    pub fn check(&self) -> (Vec<String>, Checked) {
+        let mut wrong = Vec::new();
+        let mut checked = Checked {
+            operations: self.operations.len(),
+            done: self.operations.iter().filter(|o| o.is_done()).count(),
+            refused: self.operations.iter().filter(|o| o.is_refused()).count(),
+            ..Checked::default()
+        };
+        checked.unknown = checked.operations - checked.done - checked.refused;
+        self.check_starts(&mut wrong, &mut checked);
+        self.check_forces(&mut wrong, &mut checked);
+        self.check_changes(&mut wrong, &mut checked);
+        self.check_rest(&mut wrong, &mut checked);
+        (wrong, checked)
+    }
+
+    fn of(&self, kind: Kind) -> impl Iterator<Item = &Operation> {
+        self.operations.iter().filter(move |o| o.kind == kind)
+    }
+
+    fn near_a_fault(&self, from_ns: i64, until_ns: i64) -> bool {
+        self.faults
+            .iter()
+            .any(|(from, until)| *from < until_ns + NEAR_NS && *until + NEAR_NS > from_ns)
+    }
+
+    /// Each start has a task of its own name.
+    fn check_starts(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
+        let mut seen: BTreeMap<&str, BTreeSet<u64>> = BTreeMap::new();
+        for state in &self.states {
+            let message = &state.message;
+            seen.entry(message.task.as_str())
+                .or_default()
+                .insert(message.activation);
+        }
+        for start in self.of(Kind::Start) {
+            let name = task_name(start.number);
+            let activations = seen.get(name.as_str());
+            match (&start.outcome, activations) {
+                (Outcome::Refused(why), Some(_)) => {
+                    wrong.push(format!("start {name} ran, but was refused: {why}"));
+                }
+                (Outcome::Done(Some(told)), Some(ran)) => {
+                    checked.effects += 1;
+                    if !ran.contains(told) {
+                        wrong.push(format!("start {name} was told {told} and ran as {ran:?}"));
+                    }
+                }
+                (Outcome::Done(_), None) => {
+                    if self.near_a_fault(start.asked_ns, start.told_ns) {
+                        checked.excused += 1;
+                    } else {
+                        wrong.push(format!("start {name} was done and never ran"));
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Each set has a value of its own.
+    fn check_forces(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
+        let values: BTreeMap<u64, &Operation> = self
+            .of(Kind::Set)
+            .map(|o| (force_n(o.number).to_bits(), o))
+            .collect();
+        let mut seen = BTreeSet::new();
+        for state in &self.states {
+            let value = state.message.force_reference_n;
+            if !seen.insert(value.to_bits()) || value == 0.0 || value == 3.0 {
+                continue;
+            }
+            match values.get(&value.to_bits()) {
+                Some(set) if !set.is_refused() => checked.effects += 1,
+                Some(set) => wrong.push(format!("{value} N came into force, but {set:?}")),
+                None => wrong.push(format!("{value} N came into force and was never asked for")),
+            }
+        }
+    }
+
+    /// Every change that only a request makes has one that was not refused.
+    fn check_changes(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
+        let mut expect = |kind: Kind, at_ns: i64, what: String| {
+            checked.effects += 1;
+            if !self.of(kind).any(|o| o.explains(at_ns)) {
+                wrong.push(format!(
+                    "{what} at {at_ns}, and no {kind:?} that explains it"
+                ));
+            }
+        };
+        for pair in self.states.windows(2) {
+            let (before, after) = (&pair[0].message, &pair[1].message);
+            let at_ns = pair[1].at_ns;
+            let what = |change: &str| format!("{change} in {} ({})", after.task, after.phase_text);
+            if after.task != before.task || after.activation != before.activation {
+                continue;
+            }
+            if !before.paused && after.paused {
+                expect(Kind::Pause, at_ns, what("paused"));
+            }
+            let ended = |s: &ControlState| matches!(s.phase_text.as_str(), "done" | "fault");
+            if before.paused && !after.paused && !ended(after) {
+                expect(Kind::Resume, at_ns, what("resumed"));
+            }
+            let left = |s: &ControlState| matches!(s.phase_text.as_str(), "retract" | "done");
+            if !left(before) && !ended(before) && left(after) && after.fault.is_empty() {
+                expect(Kind::Stop, at_ns, what("stopped"));
+            }
+            let asked = |s: &ControlState| {
+                let cause = s.estimator_cause.as_str();
+                cause.starts_with("asked") || cause.starts_with("forced")
+            };
+            if after.estimator_switches > before.estimator_switches && asked(after) {
+                expect(Kind::Select, at_ns, what("switched"));
+            }
+        }
+        for at_ns in &self.zeros {
+            expect(Kind::Tare, *at_ns, "another zero".to_owned());
+        }
+    }
+
+    /// After a pause the arm stands until something else is asked, by the simulator's truth.
+    fn check_rest(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
+        for pause in self.of(Kind::Pause).filter(|o| o.is_done()) {
+            let from = pause.told_ns + REST_NS;
+            let until = self
+                .operations
+                .iter()
+                .filter(|o| o.number != pause.number && !o.is_refused())
+                .filter(|o| o.kind != Kind::Pause && o.until_ns() > pause.asked_ns)
+                .map(|o| o.asked_ns)
+                .min();
+            let until = until.unwrap_or(i64::MAX).min(from + 1_000_000_000);
+            if until < from || self.near_a_fault(pause.asked_ns, until) {
+                continue;
+            }
+            let mut fastest = 0.0_f64;
+            for truth in &self.truths {
+                if (from..until).contains(&truth.at_ns) {
+                    checked.rests += 1;
+                    fastest = fastest.max(speed(&truth.message));
+                }
+            }
+            if fastest > 3e-3 {
+                wrong.push(format!(
+                    "{:.4} m/s within {:.2} s after pause {}",
+                    fastest,
+                    seconds(until - pause.told_ns),
+                    pause.number
+                ));
+            }
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! Somebody on the cell's network, in the clear, who speaks as the sensor.
+
+use std::time::{Duration, Instant};
+
+use tangent_runtime::clock::now_ns;
+use tangent_runtime::{Bus, CellConfig, HealthReporter, RawPublisher, RawSubscription, Role, Stop};
+use tangent_schemas::standard::{Header, Image, WrenchStamped};
+use tangent_schemas::tangent::WrenchStatus;
+use tangent_schemas::topics::{self, Delivery, Topic};
+use tangent_schemas::{Message, cdr};
+
+use crate::cell::{Cell, PATIENCE};
+use crate::common::{json, stderr, wait_for};
+use crate::failures::{APART, FORCE_MAX_N, sliding};
+
+/// 1.9 kHz.
+const PERIOD: Duration = Duration::from_micros(526);
+/// So many messages come to a few seconds beside the true ones.
+const MANY: u64 = 6000;
+
+/// Says that nothing is touched, under ids of its own or those that it hears.
+struct Stranger {
+    bus: Bus,
+    /// Named like any service.
+    _health: HealthReporter,
+    status: RawPublisher,
+    wrench: RawPublisher,
+    heard: Option<[RawSubscription; 2]>,
+}
+
+impl Stranger {
+    fn join(cell: &Cell, copies_ids: bool) -> Self {
+        let config = CellConfig::load(&cell.file()).unwrap();
+        let bus = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
+        let keys = [topics::WRENCH_STATUS.key(), topics::WRENCH_TOOL.key()];
+        let health = HealthReporter::start(&bus, "visitor").unwrap();
+        health.running();
+        Self {
+            status: bus.raw_publisher(keys[0], WrenchStatus::NAME).unwrap(),
+            wrench: bus.raw_publisher(keys[1], WrenchStamped::NAME).unwrap(),
+            heard: copies_ids.then(|| keys.map(|key| bus.subscribe_raw(key, 64).unwrap())),
+            _health: health,
+            bus,
+        }
+    }
+
+    /// Speaks in a thread of its own until `stop`; returns how often.
+    fn speak(self, stop: Stop) -> std::thread::JoinHandle<u64> {
+        std::thread::spawn(move || {
+            let mut newest = [None; 2];
+            let mut said = 0;
+            let mut due = Instant::now();
+            while !stop.is_stopped() {
+                if let Some(heard) = &self.heard {
+                    for (newest, heard) in newest.iter_mut().zip(heard) {
+                        while let Some(message) = heard.try_recv() {
+                            *newest = Some((message.publisher, message.sequence));
+                        }
+                    }
+                }
+                let header = Header::new(now_ns(), "tool");
+                let status = WrenchStatus {
+                    header: header.clone(),
+                    ..WrenchStatus::default()
+                };
+                let wrench = WrenchStamped {
+                    header,
+                    ..WrenchStamped::default()
+                };
+                say(&self.status, &status, newest[0].as_mut());
+                say(&self.wrench, &wrench, newest[1].as_mut());
+                said += 1;
+                due += PERIOD;
+                std::thread::park_timeout(due.saturating_duration_since(Instant::now()));
+            }
+            self.bus.close();
+            said
+        })
+    }
+}
+
+/// As oneself, or as the next word of whoever was heard.
+fn say<M: Message>(publisher: &RawPublisher, message: &M, other: Option<&mut ([u8; 16], u64)>) {
+    let mut bytes = Vec::new();
+    cdr::encode(message, &mut bytes).unwrap();
+    match other {
+        Some((id, sequence)) => {
+            *sequence += 1;
+            publisher.publish_as(&bytes, *id, *sequence);
+        }
+        None => publisher.publish(&bytes),
+    }
+}
+
+/// The fault that a service's health tells, and how many samples of `wrench/tool` it refused.
+fn told(cell: &Cell, service: &str) -> Option<(String, f64)> {
+    let status = json(&cell.cli(&["status", "--json"]));
+    let services = status["services"].as_array().unwrap();
+    let health = services.iter().find(|s| s["name"] == service)?;
+    let fault = health["fault"].as_str().unwrap_or_default().to_owned();
+    let refused = health["figures"]["wrench/tool_refused"]
+        .as_f64()
+        .unwrap_or(0.0);
+    Some((fault, refused))
+}
+
+/// Zeros at 1.9 kHz beside the true wrench, while the tool slides: nobody takes them, and everybody who hears them says whose
+/// they are. A task is not started beside them.
+#[test]
+fn a_strangers_wrench_is_refused_by_name() {
+    let (mut cell, observer) = sliding(&APART);
+    let from = now_ns();
+    let stop = Stop::new();
+    let stranger = Stranger::join(&cell, false).speak(stop.clone());
+    for service in ["controller", "estimator"] {
+        wait_for(&format!("{service} names the stranger"), PATIENCE, || {
+            let (fault, refused) = told(&cell, service)?;
+            (fault.contains("wrench/tool: a second publisher, visitor/") && refused > MANY as f64)
+                .then_some(())
+        });
+    }
+    // All the while the true force was regulated.
+    for control in observer.controls(from) {
+        assert_eq!(control.message.fault.as_str(), "");
+        assert_eq!(control.message.phase_text.as_str(), "slide");
+    }
+    observer.pressed_at_most(FORCE_MAX_N, from);
+    let touching = observer.truths(from).iter().all(|t| t.message.in_contact);
+    assert!(touching, "the tool left the surface");
+
+    assert!(cell.cli(&["task", "stop"]).status.success());
+    observer.phase("done", from);
+    let task = cell.long_task();
+    let refused = cell.cli(&["task", "start", task.to_str().unwrap()]);
+    assert_eq!(refused.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&refused.stdout).into_owned() + &stderr(&refused);
+    assert!(said.contains("a second publisher, visitor/"), "{said}");
+
+    stop.trigger();
+    assert!(stranger.join().unwrap() > MANY);
+    wait_for("the controller is well again", PATIENCE, || {
+        let (fault, _) = told(&cell, "controller")?;
+        fault.is_empty().then_some(())
+    });
+    cell.assert_running(&APART);
+}
+
+/// One that copies the ids it hears cannot be told from the sensor: neither is believed, and the arm leaves the surface.
+#[test]
+fn a_copied_id_stops_the_task_and_steers_nothing() {
+    let (mut cell, observer) = sliding(&APART);
+    let from = now_ns();
+    let stop = Stop::new();
+    let stranger = Stranger::join(&cell, true).speak(stop.clone());
+    let faulted = observer.phase("fault", from);
+    assert!(
+        faulted.message.fault.contains("wrench"),
+        "{}",
+        faulted.message.fault
+    );
+    wait_for("the controller says why", PATIENCE, || {
+        let (fault, _) = told(&cell, "controller")?;
+        fault.contains("in the name of netft/").then_some(())
+    });
+    observer.pressed_at_most(FORCE_MAX_N, from);
+    stop.trigger();
+    stranger.join().unwrap();
+    cell.assert_running(&APART);
+}
+
+/// Large messages sent.
+const MESSAGES: usize = 20;
+/// A router with a bound of 8 MB grew by 23 MB here, one without by 62 MB.
+const GROWTH_MAX_MB: f64 = 45.0;
+
+/// The most memory that a process has had in RAM so far, MB.
+fn most_memory_mb(id: u32) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{id}/status")).unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"));
+    let kib: f64 = line
+        .and_then(|line| line.split_whitespace().nth(1)?.parse().ok())
+        .unwrap();
+    kib * 1024.0 * 1e-6
+}
+
+/// A stranger without a bound sends messages of 100 MB to another one who would take them.
+#[test]
+fn large_messages_do_not_fill_the_router() {
+    const LARGE: Topic<Image> = Topic::new("camera/large", Delivery::Bulk);
+    let mut cell = Cell::new(|_| {});
+    cell.start("router");
+    let mut config = CellConfig::load(&cell.file()).unwrap();
+    assert_eq!(config.zenoh.message_max_mb, 8.0);
+    config.zenoh.message_max_mb = 1000.0;
+    let join = || Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
+    let (reader, sender) = (join(), join());
+    let heard = reader.subscribe(&LARGE, 1).unwrap();
+    let publisher = sender.publisher(&LARGE).unwrap();
+    let image = |bytes: usize| Image {
+        data: vec![7; bytes],
+        ..Image::default()
+    };
+    let small_passes = || {
+        let small = image(1000);
+        wait_for("a small one passes", PATIENCE, || {
+            publisher.publish(&small);
+            let received = heard.try_recv()?;
+            assert_eq!(received.message.data.len(), small.data.len());
+            Some(())
+        });
+    };
+    small_passes();
+    let router = cell.process("router").id();
+    let before = most_memory_mb(router);
+    let large = image(100_000_000);
+    for _ in 0..MESSAGES {
+        publisher.publish(&large);
+        small_passes();
+    }
+    let grown = most_memory_mb(router) - before;
+    println!("the router grew by {grown:.0} MB");
+    assert!(grown < GROWTH_MAX_MB, "{grown} MB");
+    cell.assert_running(&["router"]);
+}
