@@ -18,7 +18,7 @@ COPY --from=build /build/target/release/tangent /usr/local/bin/tangent
 COPY deploy /tangent/deploy
 COPY scenarios /tangent/scenarios
 # A named volume that is mounted here for the first time takes over this owner.
-RUN install -d -o 10001 -g 10001 /tangent/recordings
+RUN install -d -o 10001 -g 10001 /tangent/recordings /tangent/state
 WORKDIR /tangent
 USER 10001:10001
 EXPOSE 7447

@@ -108,6 +108,14 @@ fn the_image_is_pinned_small_and_not_root() {
     }
     let (_, last) = text.rsplit_once("\nFROM ").unwrap();
     assert!(last.contains("\nUSER 10001:10001\n"));
+    // Volumes are mounted where that user may write.
+    let owned = last
+        .lines()
+        .find_map(|line| line.strip_prefix("RUN install -d -o 10001 -g 10001 "))
+        .unwrap();
+    for folder in ["/tangent/recordings", "/tangent/state"] {
+        assert!(owned.split_whitespace().any(|f| f == folder), "{owned}");
+    }
     for line in last
         .lines()
         .filter(|l| l.starts_with("COPY ") && !l.contains("--from"))
@@ -132,6 +140,23 @@ fn the_image_is_pinned_small_and_not_root() {
             "{needed}"
         );
     }
+}
+
+/// The service is told the state's folder, and has this volume there. Compose writes a volume as `NAME:PATH` or as a table.
+fn keeps_state_in(config: &str, service: &str, volume: &str) -> bool {
+    let Some((_, block)) = config.split_once(&format!("\n  {service}:\n")) else {
+        return false;
+    };
+    let lines: Vec<&str> = block
+        .lines()
+        .take_while(|line| line.starts_with("   "))
+        .map(|line| line.trim().trim_start_matches("- "))
+        .collect();
+    let short = format!("{volume}:/tangent/state");
+    let mounted = lines.iter().any(|line| line.starts_with(&short))
+        || (lines.contains(&format!("source: {volume}").as_str())
+            && lines.contains(&"target: /tangent/state"));
+    mounted && lines.contains(&"STATE_DIRECTORY: /tangent/state")
 }
 
 /// Compose, whichever is here, takes the file, and gives each profile the services that it should have.
@@ -209,6 +234,19 @@ fn the_compose_file_is_taken() {
             assert_eq!(keys, BTreeSet::from([own, "viewer"]), "{service}");
         }
         assert!(secured.contains("cell.compose.tls.toml") && !secured.contains("compose.toml"));
+        // What has to outlast a container has a volume: a restarted one would not know that the tool presses.
+        for (all, service, volume) in [
+            (&*text, "netft", "simulated-state"),
+            (&*text, "robot", "simulated-state"),
+            (&*text, "real-netft", "state"),
+            (&*text, "real-robot", "state"),
+            (&*secured, "netft", "simulated-state"),
+            (&*secured, "robot", "simulated-state"),
+            (&*real, "real-netft", "state"),
+            (&*real, "real-robot", "state"),
+        ] {
+            assert!(keeps_state_in(all, service, volume), "{service}: {all}");
+        }
         let services: BTreeSet<&str> = text
             .lines()
             .filter_map(|l| l.strip_prefix("  ")?.strip_suffix(':'))

@@ -301,8 +301,13 @@ fn build_image(image: &str, folder: &Path) {
             must(Command::new("cp").arg("-r").arg(root().join(from)).arg(to));
         }
     }
-    let recordings = "./tangent/recordings";
-    fs::create_dir_all(tree.join(recordings)).unwrap();
+    let owned: Vec<String> = owned_folders()
+        .iter()
+        .map(|folder| format!(".{folder}"))
+        .collect();
+    for folder in &owned {
+        fs::create_dir_all(tree.join(folder)).unwrap();
+    }
     let archive = folder.join("image.tar");
     let tar = |mode: &str, owner: &str| {
         let mut command = Command::new("tar");
@@ -313,12 +318,9 @@ fn build_image(image: &str, folder: &Path) {
             .arg(&archive);
         command
     };
-    must(
-        tar("-cf", "0")
-            .arg(format!("--exclude={recordings}"))
-            .arg("."),
-    );
-    must(tar("-rf", "10001").arg(recordings));
+    let excluded = owned.iter().map(|folder| format!("--exclude={folder}"));
+    must(tar("-cf", "0").args(excluded).arg("."));
+    must(tar("-rf", "10001").args(&owned));
     let mut import = Command::new("docker");
     import.arg("import");
     for line in &settings {
@@ -344,6 +346,16 @@ pub fn settings() -> Vec<String> {
     last.lines()
         .skip(1)
         .filter(|line| !line.is_empty() && !line.starts_with('#'))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// Folders that the Dockerfile gives to its user.
+fn owned_folders() -> Vec<String> {
+    settings()
+        .iter()
+        .filter_map(|line| line.strip_prefix("RUN install -d -o 10001 -g 10001 "))
+        .flat_map(str::split_whitespace)
         .map(str::to_owned)
         .collect()
 }

@@ -118,6 +118,7 @@ fn a_path_that_leaves_the_box_is_refused_where_it_does() {
     for part in [
         "m along the path",
         "base axes",
+        "begins where the tool stands",
         "limits.workspace_max_m = 0.450 m",
     ] {
         assert!(words.contains(part), "{part}: {words}");
