@@ -15,6 +15,8 @@ use common::{json, number, port_offset, root, run, tangent, wait_for};
 use serde_json::Value;
 
 const PATIENCE: Duration = Duration::from_secs(60);
+/// As the shipped cell has it.
+const SENSOR_RATE: &str = "rate_hz = 7000.0";
 
 /// `tangent up` with a long enough line, and the cell file that leads to it.
 struct Up {
@@ -32,6 +34,10 @@ impl Up {
         let text = std::fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
         let cell = folder.path().join("cell.toml");
         std::fs::write(&cell, text.replace("tcp/127.0.0.1:7447", &router)).unwrap();
+        // A slower sensor leaves a small machine to the estimators.
+        let simulated = folder.path().join("up.toml");
+        assert!(text.contains(SENSOR_RATE));
+        std::fs::write(&simulated, text.replace(SENSOR_RATE, "rate_hz = 1000.0")).unwrap();
         let text = std::fs::read_to_string(root().join("deploy/tasks/line.toml")).unwrap();
         let task = folder.path().join("task.toml");
         let text = text.replace("strokes = 6", "strokes = 8");
@@ -40,6 +46,7 @@ impl Up {
         let child = tangent()
             // Without errors of the sensor, all that the force shows is the swap.
             .args(["up", task.to_str().unwrap(), "--scenario", "pipe_ideal"])
+            .args(["--cell", simulated.to_str().unwrap()])
             .args(["--json", "--port-offset"])
             .args([&offset.to_string(), "--folder"])
             .arg(folder.path())

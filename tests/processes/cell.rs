@@ -360,9 +360,7 @@ impl Observer {
     /// Waits until the controller has said this phase after `since_ns`; when it first did.
     pub fn phase(&self, phase: &str, since_ns: i64) -> Seen<ControlState> {
         wait_for(&format!("phase {phase}"), PATIENCE, || {
-            self.controls(since_ns)
-                .into_iter()
-                .find(|seen| seen.message.phase_text.as_str() == phase)
+            self.has_been(phase, since_ns)
         })
     }
 
@@ -370,11 +368,64 @@ impl Observer {
     pub fn sliding(&self, since_ns: i64) {
         self.phase("slide", since_ns);
         wait_for("the tool slides", PATIENCE, || {
-            self.truths(since_ns)
-                .last()
-                .is_some_and(|t| t.message.in_contact && speed(&t.message) > 0.01)
-                .then_some(())
+            self.slides_now(since_ns).then_some(())
         });
+    }
+
+    fn slides_now(&self, since_ns: i64) -> bool {
+        self.truths(since_ns)
+            .last()
+            .is_some_and(|t| t.message.in_contact && speed(&t.message) > 0.01)
+    }
+
+    /// Starts the task and waits until its tool slides.
+    pub fn slide(&self, cell: &Cell, task: &Path) {
+        self.begin(cell, task, "slide", |since_ns| self.slides_now(since_ns));
+    }
+
+    /// Starts the task and waits until it is done, having slid.
+    pub fn wipe(&self, cell: &Cell, task: &Path) {
+        self.begin(cell, task, "done", |since_ns| {
+            self.has_been("slide", since_ns).is_some()
+        });
+    }
+
+    /// Starts the task until it has come to this phase and `there`. On a machine that stands still for some cycles meanwhile, a task
+    /// rightly ends with a fault; then it is started again, as a person would, a few times.
+    fn begin(&self, cell: &Cell, task: &Path, phase: &str, there: impl Fn(i64) -> bool) {
+        const STARTS: usize = 4;
+        let mut faults = Vec::new();
+        while faults.len() < STARTS {
+            cell.start_task(task);
+            let started = clock::now_ns();
+            let fault = wait_for(&format!("{phase} of a task"), PATIENCE, || {
+                let arrived = self.has_been(phase, started).is_some() && there(started);
+                let fault = || {
+                    self.has_been("fault", started)
+                        .map(|seen| seen.message.fault)
+                };
+                if arrived {
+                    Some(None)
+                } else {
+                    fault().map(Some)
+                }
+            });
+            match fault {
+                None => return,
+                Some(fault) => {
+                    eprintln!("before {phase}: {fault}; starting again");
+                    faults.push(fault);
+                }
+            }
+        }
+        panic!("never in {phase}: {faults:?}");
+    }
+
+    /// When the controller first said this phase after `since_ns`.
+    fn has_been(&self, phase: &str, since_ns: i64) -> Option<Seen<ControlState>> {
+        self.controls(since_ns)
+            .into_iter()
+            .find(|seen| seen.message.phase_text.as_str() == phase)
     }
 
     /// Waits until the tool has stood still (1 mm/s) for 0.2 s after `since_ns`; when that began.

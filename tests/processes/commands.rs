@@ -91,8 +91,7 @@ fn a_cell_is_run_from_the_command_line() {
     assert!(bias.iter().any(|b| b.abs() > 0.1), "{bias:?}");
 
     let task = cell.long_task();
-    cell.start_task(&task);
-    observer.sliding(0);
+    observer.slide(&cell, &task);
     let again = cell.cli_json(&["task", "start", task.to_str().unwrap()], 1);
     assert!(again["message"].as_str().unwrap().contains("slide"));
     let running = cell.cli_json(&["task", "status"], 0);

@@ -61,11 +61,10 @@ fn a_log_that_nobody_reads_holds_nothing_up() {
     // Writes until the pipe is full, and then until the reader is gone.
     let filling = std::thread::spawn(move || while filler.write_all(&[b'.'; 4096]).is_ok() {});
     let mut cell = Cell::new(|_| {});
-    cell.start_all(&["router", "simulator", "netft", "estimator"]);
+    cell.start_all(&["router simulator netft", "estimator"]);
     cell.start_into("rtde controller", writer);
     let observer = Observer::join(&cell);
-    cell.start_task(&cell.long_task());
-    observer.sliding(0);
+    observer.slide(&cell, &cell.long_task());
     // A fault, which is much to tell about, and the task after it.
     let before = now_ns();
     cell.process("estimator").kill();

@@ -10,20 +10,14 @@ const SLACK_S: f64 = 1.5;
 /// No fault presses harder than twice the reference of 15 N.
 const FORCE_MAX_N: f64 = 30.0;
 
-const SERVICES: [&str; 4] = [
-    "router",
-    "simulator franka controller",
-    "camera",
-    "estimator",
-];
+const SERVICES: [&str; 3] = ["router simulator franka controller", "camera", "estimator"];
 
 /// A cell whose tool slides on the wave, for twenty seconds.
 fn sliding() -> (Cell, Observer) {
     let mut cell = Cell::with_franka();
     cell.start_all(&SERVICES);
     let observer = Observer::join(&cell);
-    cell.start_task(&root().join("deploy/tasks/loops.toml"));
-    observer.sliding(0);
+    observer.slide(&cell, &root().join("deploy/tasks/loops.toml"));
     (cell, observer)
 }
 

@@ -6,12 +6,8 @@ use tangent_runtime::clock::now_ns;
 use crate::cell::{Cell, Observer, PATIENCE, set};
 use crate::common::{json, run, wait_for};
 
-const PROCESSES: [&str; 6] = [
-    "router",
-    "simulator",
-    "netft",
-    "rtde controller",
-    "estimator",
+const PROCESSES: [&str; 2] = [
+    "router simulator netft rtde controller estimator",
     "recorder",
 ];
 
@@ -21,8 +17,7 @@ fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
     let mut cell = Cell::new(|_| {});
     cell.start_all(&PROCESSES);
     let observer = Observer::join(&cell);
-    cell.start_task(&cell.long_task());
-    observer.sliding(0);
+    observer.slide(&cell, &cell.long_task());
     wait_for("the file has the slide", PATIENCE, || {
         let recording = Recording::open(cell.files().first()?).ok()?;
         let slides = recording.messages().filter(|m| m.topic == "/truth/contact");

@@ -6,13 +6,7 @@ use tangent_runtime::clock::now_ns;
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::{json, wait_for};
 
-const COMPOSED: [&str; 5] = [
-    "router",
-    "simulator",
-    "netft",
-    "rtde controller",
-    "estimator",
-];
+const COMPOSED: [&str; 2] = ["router simulator netft estimator", "rtde controller"];
 /// RTDE `safety_mode` of a protective stop.
 const PROTECTIVE_STOP: i32 = 3;
 
@@ -34,8 +28,7 @@ fn short(cell: &Cell) -> std::path::PathBuf {
 #[test]
 fn a_protective_stop_is_unlocked_and_a_task_starts() {
     let (cell, observer) = cell();
-    cell.start_task(&cell.long_task());
-    observer.sliding(0);
+    observer.slide(&cell, &cell.long_task());
     // What would take the arm from the task is refused, and the task goes on.
     for action in ["power-off", "reset", "unlock"] {
         let refused = cell.cli_json(&["robot", action], 1);
@@ -77,10 +70,7 @@ fn a_protective_stop_is_unlocked_and_a_task_starts() {
     observer.stays_at_rest(0.5);
     assert!(rest > stopped);
 
-    let from = now_ns();
-    cell.start_task(&short(&cell));
-    observer.phase("slide", from);
-    observer.phase("done", from);
+    observer.wipe(&cell, &short(&cell));
 }
 
 #[test]
@@ -115,10 +105,7 @@ fn power_goes_off_and_on_and_a_task_starts() {
     let reset = cell.cli_json(&["robot", "reset"], 0);
     assert_eq!(reset["done"], true, "{reset}");
 
-    let from = now_ns();
-    cell.start_task(&task);
-    observer.phase("slide", from);
-    observer.phase("done", from);
+    observer.wipe(&cell, &task);
 }
 
 /// A Franka has a reflex where a UR has a protective stop, and no command for its brakes.

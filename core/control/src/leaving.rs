@@ -40,8 +40,8 @@ impl Run {
         };
     }
 
-    /// Phase `clear`: off along the last known normal until the force has been steady over some way. Whatever else happens, it
-    /// stands.
+    /// Phase `clear`: off along the last known normal until the force has been steady over some way. Without a wrench it
+    /// stands until there is one again; whatever else happens ends the task.
     pub(crate) fn decide_clear(
         &mut self,
         program: &Program,
@@ -61,9 +61,7 @@ impl Run {
             {
                 Some(Fault::NotClear)
             }
-            (_, WrenchVerdict::Stop(reason) | WrenchVerdict::Retract(reason)) => {
-                Some(Fault::Wrench(reason))
-            }
+            (_, WrenchVerdict::Retract(reason)) => Some(Fault::Wrench(reason)),
             _ => outside(limits, percept),
         };
         if requests.stopping || fault.is_some() {

@@ -6,7 +6,8 @@
 mod bench;
 
 use bench::{Bench, TASK};
-use tangent_control::{ControlInput, Phase};
+use tangent_control::{ControlInput, Fault, Phase};
+use tangent_sensing::Validity;
 
 /// Time in which the tool comes to rest, and for which it is watched afterwards, s.
 const RAMP_S: f64 = 0.6;
@@ -141,4 +142,44 @@ fn a_tool_that_a_fault_left_on_the_surface_is_retracted() {
     bench.controller.leave_surface(0);
     bench.steps(100);
     assert!((bench.tool().z - pressing - way).abs() < 1e-6);
+}
+
+/// A wrench that is late while the tool moves off before a tare is waited for, standing; only one that stays silent ends the task.
+#[test]
+fn a_late_wrench_while_moving_off_is_waited_for() {
+    let pressed = || {
+        let mut bench = Bench::sliding(&task());
+        bench.steps(50);
+        bench.step(|input| input.arm_ready = false);
+        assert_eq!(bench.step(|_| {}).phase, Phase::Fault);
+        let again = task().parse::<tangent_control::Task>().unwrap();
+        bench.controller.start_task(&again).unwrap();
+        assert_eq!(bench.step(|_| {}).phase, Phase::Clear);
+        bench
+    };
+    let silent = |cycle: usize| {
+        move |input: &mut ControlInput| input.wrench_age_s = 0.008 * cycle as f64 + 0.004
+    };
+    let mut bench = pressed();
+    bench.steps(5);
+    // 50 ms, as a machine that stands still may make them.
+    for cycle in 0..7 {
+        let output = bench.step(silent(cycle));
+        assert_eq!(
+            (output.phase, output.fault),
+            (Phase::Clear, None),
+            "{cycle}"
+        );
+        if cycle >= 4 {
+            let speed = output.twist_commanded.linear.norm();
+            assert!(speed < 1e-3, "{cycle}: {speed} m/s");
+        }
+    }
+    bench.run_until(Phase::Slide);
+    let mut bench = pressed();
+    let mut output = bench.step(|_| {});
+    for cycle in 0..60 {
+        output = bench.step(silent(cycle));
+    }
+    assert_eq!(output.fault, Some(Fault::Wrench(Validity::Stale)));
 }

@@ -431,8 +431,7 @@ fn a_stop_comes_through_a_flood_of_everything_else() {
     let person = join();
     let (mut answers_ms, mut falls_ms) = (Vec::new(), Vec::new());
     for round in 1..=6 {
-        cell.start_task(&cell.long_task());
-        observer.sliding(now_ns());
+        observer.slide(&cell, &cell.long_task());
         silent.store(true, Ordering::Release);
         let flooding = AtomicBool::new(true);
         // Slow requests that were asked, by kind, and how many of each have come back.

@@ -26,7 +26,8 @@ impl HybridDynamics {
         }
     }
 
-    /// Phase `clear`: off along the last known normal until the force has been steady over some way. In any doubt it stands.
+    /// Phase `clear`: off along the last known normal until the force has been steady over some way. In any doubt it stands, and
+    /// without a wrench until there is one again.
     pub(super) fn clear(
         &mut self,
         now: &ArmNow,
@@ -38,10 +39,8 @@ impl HybridDynamics {
         let pose = *self.run.held.get_or_insert(now.tool);
         let way_out = self.run.clearance.way_out(&leave, &pose.translation());
         let (normal, fault) = match (way_out, verdict) {
-            (Ok(Some(normal)), WrenchVerdict::Good | WrenchVerdict::Doubtful) => (normal, None),
-            (Ok(_), WrenchVerdict::Stop(why) | WrenchVerdict::Retract(why)) => {
-                (Vector3::zeros(), Some(Fault::Wrench(why)))
-            }
+            (Ok(_), WrenchVerdict::Retract(why)) => (Vector3::zeros(), Some(Fault::Wrench(why))),
+            (Ok(Some(normal)), _) => (normal, None),
             _ => (Vector3::zeros(), Some(Fault::NotClear)),
         };
         if let Some(fault) = fault {

@@ -37,16 +37,15 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// Phase `clear`: off along the last known normal until the force has been steady over some way. In any doubt it stands.
+    /// Phase `clear`: off along the last known normal until the force has been steady over some way. In any doubt it stands, and
+    /// without a wrench until there is one again.
     pub(super) fn clear(&mut self, now: &ArmNow, felt: &Felt, dt: f64) -> Wanted {
         let leave = self.config.leave;
         let start = *self.run.held.get_or_insert(now.tool.translation());
         let way_out = self.run.clearance.way_out(&leave, &start);
         let (normal, fault) = match (way_out, felt.verdict) {
-            (Ok(Some(normal)), WrenchVerdict::Good | WrenchVerdict::Doubtful) => (normal, None),
-            (Ok(_), WrenchVerdict::Stop(why) | WrenchVerdict::Retract(why)) => {
-                (Vector3::zeros(), Some(Fault::Wrench(why)))
-            }
+            (Ok(_), WrenchVerdict::Retract(why)) => (Vector3::zeros(), Some(Fault::Wrench(why))),
+            (Ok(Some(normal)), _) => (normal, None),
             _ => (Vector3::zeros(), Some(Fault::NotClear)),
         };
         if let Some(fault) = fault {
