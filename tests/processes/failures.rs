@@ -151,6 +151,7 @@ fn an_estimator_that_dies() {
         "{}",
         end.message.fault
     );
+    observer.at_rest(end.at_ns);
     safe(&observer, killed);
 
     cell.start("estimator");

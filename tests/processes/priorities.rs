@@ -102,7 +102,6 @@ fn what_stands_above_a_program_that_takes_the_processor_does_not_notice() {
             }
         });
         if !still {
-            let since = now_ns();
             let task = cell.task(
                 false,
                 "kind = \"line\"\nto_m = [0.1, 0.0]\nspeed_m_per_s = 0.02\nstrokes = 20",
