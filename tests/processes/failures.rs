@@ -217,7 +217,8 @@ fn a_sensor_service_that_hangs() {
     let (mut cell, observer) = sliding(&SENSOR);
     let stopped = now_ns();
     cell.process("netft").signal("STOP");
-    fault(&observer, stopped);
+    let end = fault(&observer, stopped);
+    observer.at_rest(end.at_ns);
     cell.process("netft").signal("CONT");
     observer.stays_at_rest(1.5);
     safe(&observer, stopped);
@@ -356,6 +357,7 @@ fn a_router_that_is_started_again() {
         "{}",
         end.message.fault
     );
+    observer.at_rest(end.at_ns);
     observer.stays_at_rest(1.0);
     wipes_again(&mut cell, &observer, &names);
     let mut after = cell.ids();
