@@ -28,6 +28,8 @@ pub struct Truth {
     pub lifting_m_per_s: f64,
     /// Force of the surface on the tool, N.
     pub force_n: f64,
+    /// Along the surface's normal, N; pressing is positive.
+    pub pressing_n: f64,
 }
 
 impl Truth {
@@ -46,6 +48,8 @@ pub struct Control {
     pub estimator: String,
     /// The fault that ended the task, or nothing.
     pub fault: String,
+    /// Force that it shows, N; pressing is positive.
+    pub force_n: f64,
 }
 
 /// What the bridge said.
@@ -53,6 +57,8 @@ pub struct Control {
 pub struct Arm {
     /// A command would move the arm.
     pub ready: bool,
+    /// Where the tool's origin is along x, base axes, m.
+    pub tool_x_m: f64,
     /// Refused since its start.
     pub refused: u64,
     /// Missed since its start.
@@ -122,10 +128,15 @@ impl Evidence {
 
     /// The controller's last word, no older than `since_ns`.
     pub fn control(&self, since_ns: i64) -> Option<Control> {
+        self.control_at(since_ns).map(|(_, control)| control)
+    }
+
+    /// The same, and when it was said.
+    pub fn control_at(&self, since_ns: i64) -> Option<(i64, Control)> {
         lock(&self.controls)
             .last()
             .filter(|(at, _)| *at >= since_ns)
-            .map(|(_, control)| control.clone())
+            .cloned()
     }
 
     /// The bridge's last word, no older than `since_ns`.
@@ -162,6 +173,28 @@ impl Evidence {
             .iter()
             .map(|(_, truth)| truth.force_n)
             .fold(0.0, f64::max)
+    }
+
+    /// Force shown by the controller less the true one while the tool slides, in the mean over a span, N; none where it does not.
+    pub fn shown_minus_true_n(&self, from_ns: i64, to_ns: i64) -> Option<f64> {
+        let shown = mean(
+            span(&lock(&self.controls), from_ns, to_ns)
+                .iter()
+                .filter(|(_, control)| control.phase == Phase::Slide)
+                .map(|(_, control)| control.force_n),
+        )?;
+        let pressed = mean(
+            span(&lock(&self.truths), from_ns, to_ns)
+                .iter()
+                .filter(|(_, truth)| truth.slides())
+                .map(|(_, truth)| truth.pressing_n),
+        )?;
+        Some(shown - pressed)
+    }
+
+    /// The last truth since then is that the tool touches nothing; none while there is no truth.
+    pub fn is_off_the_surface(&self, since_ns: i64) -> Option<bool> {
+        last_since(&self.truths, since_ns).map(|truth| !truth.in_contact)
     }
 
     /// From when on the tool has not slid on the surface any more, as long as `to_ns`.
@@ -277,6 +310,11 @@ fn span<T>(log: &[(i64, T)], from_ns: i64, to_ns: i64) -> &[(i64, T)] {
     &log[from..to.max(from)]
 }
 
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, n) = values.fold((0.0, 0_u32), |(sum, n), value| (sum + value, n + 1));
+    (n > 0).then(|| sum / f64::from(n))
+}
+
 fn first<T>(log: &[(i64, T)], from_ns: i64, is: impl Fn(&T) -> bool) -> Option<i64> {
     span(log, from_ns, i64::MAX)
         .iter()
@@ -305,6 +343,7 @@ fn truth(m: &ContactTruth) -> Truth {
         sliding_m_per_s: m.sliding_speed_m_per_s,
         lifting_m_per_s: v.x * n.x + v.y * n.y + v.z * n.z,
         force_n: (f.x * f.x + f.y * f.y + f.z * f.z).sqrt(),
+        pressing_n: f.x * n.x + f.y * n.y + f.z * n.z,
     }
 }
 
@@ -313,12 +352,14 @@ fn control(m: &ControlState) -> Control {
         phase: Phase::from_code(m.phase).unwrap_or_default(),
         estimator: m.estimator.to_string(),
         fault: m.fault.to_string(),
+        force_n: m.force_n,
     }
 }
 
 fn arm(m: &ArmState) -> Arm {
     Arm {
         ready: m.ready,
+        tool_x_m: m.tool_pose.position.x,
         refused: m.commands_refused,
         missed: m.missed_cycles,
         lost: m.packets_lost,

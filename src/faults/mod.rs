@@ -6,10 +6,11 @@
 mod catalogue;
 mod disk;
 mod evidence;
+mod host_clock;
 mod impostor;
 mod losses;
 pub mod private_cell;
-mod sensor_clock;
+mod processors;
 mod stage;
 mod wire;
 
@@ -23,7 +24,7 @@ use crate::cli::Faults;
 use crate::output::{Outcome, bad_usage, print_json};
 use catalogue::{Case, catalogue};
 use private_cell::Layout;
-use stage::{FORCE_MAX_N, Row, Stage, without_figures};
+use stage::{FORCE_MAX_N, Row, SHOWN_MAX_N, Stage, without_figures};
 
 /// Provokes the faults, all or those named.
 ///
@@ -49,6 +50,7 @@ pub fn run(args: &Faults, json: bool) -> Result<Outcome> {
         print_json(&json!({
             "allow_ms": args.allow_ms,
             "force_max_n": FORCE_MAX_N,
+            "shown_minus_true_max_n": SHOWN_MAX_N,
             "rows": rows.iter().map(row_json).collect::<Vec<_>>(),
         }))?;
     } else {
@@ -70,7 +72,7 @@ fn list(json: bool) -> Result<Outcome> {
         print_json(&json!({ "faults": names }))?;
     } else {
         for case in all {
-            println!("{:<28} {}", case.name, case.what);
+            println!("{:<34} {}", case.name, case.what);
         }
     }
     Ok(Outcome::Done)
@@ -154,6 +156,7 @@ fn row_json(row: &Row) -> Value {
         "fault": row.fault,
         "what": row.what,
         "notices": row.notices,
+        "outcome": row.outcome.name(),
         "noticed_ms": row.noticed_ms,
         "noticed_bound_ms": row.noticed_bound_ms,
         "safe_ms": row.safe_ms,
@@ -163,6 +166,9 @@ fn row_json(row: &Row) -> Value {
         "lost_by_topic": row.lost,
         "messages_lost_outside": row.lost_outside.values().sum::<u64>(),
         "lost_outside_by_topic": row.lost_outside,
+        "again_peak_force_n": row.again.map(|again| again.peak_force_n),
+        "again_shown_minus_true_n": row.again.map(|again| again.shown_minus_true_n),
+        "again_retracted": row.again.map(|again| again.retracted),
         "met": row.met,
         "skipped": row.skipped,
         "remark": row.remark,
@@ -171,13 +177,22 @@ fn row_json(row: &Row) -> Value {
 
 fn print(rows: &[Row], allow_ms: f64) {
     let ms = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.0}"));
+    let newtons = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.2}"));
     println!(
-        "{:<28} {:>10} {:>6} {:>8} {:>6} {:>7} {:>6}",
-        "fault", "noticed ms", "bound", "safe ms", "bound", "peak N", "lost"
+        "{:<34} {:>10} {:>6} {:>8} {:>6} {:>7} {:>6} {:>13} {:>12}",
+        "fault",
+        "noticed ms",
+        "bound",
+        "safe ms",
+        "bound",
+        "peak N",
+        "lost",
+        "again, peak N",
+        "shown-true N"
     );
     for row in rows {
         println!(
-            "{:<28} {:>10} {:>6} {:>8} {:>6} {:>7.2} {:>6}  {}",
+            "{:<34} {:>10} {:>6} {:>8} {:>6} {:>7.2} {:>6} {:>13} {:>12}  {}",
             row.fault,
             ms(row.noticed_ms),
             ms(row.noticed_bound_ms),
@@ -185,6 +200,8 @@ fn print(rows: &[Row], allow_ms: f64) {
             ms(row.bound_ms),
             row.peak_force_n,
             row.lost.values().sum::<u64>(),
+            newtons(row.again.map(|again| again.peak_force_n)),
+            newtons(row.again.map(|again| again.shown_minus_true_n)),
             match (row.met, row.remark.as_str()) {
                 (true, _) => "met",
                 (false, remark) => remark,
@@ -193,6 +210,7 @@ fn print(rows: &[Row], allow_ms: f64) {
     }
     println!(
         "Bounds are allowed {allow_ms:.0} ms more (--allow-ms); no fault may press harder than {FORCE_MAX_N:.0} N. Lost: \
-         messages that the recording lacks within the fault."
+         messages that the recording lacks within the fault. Again: the task after it, which may show {SHOWN_MAX_N} N more or less \
+         than is true in the mean, and has to leave the surface."
     );
 }

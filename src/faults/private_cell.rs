@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::Write;
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -15,8 +15,8 @@ use tangent_schemas::tangent::Request;
 use tangent_schemas::topics::queries;
 use tangent_simulator::service::FAULT_KEY;
 
-use super::evidence::Evidence;
-use super::sensor_clock::SensorClock;
+use super::evidence::{Control, Evidence};
+use super::host_clock::{Host, HostClock};
 use super::wire::{Link, SensorWire};
 use crate::compose::{self, Running};
 use crate::scenarios::{self, Played};
@@ -40,7 +40,7 @@ pub enum Layout {
     Composed,
     /// Bridge and controller apart.
     Apart,
-    /// Composed, and netft on a host whose clock can be set: its messages come through this process.
+    /// Composed, and each process on a host whose clock can be set: its messages come through this process.
     Relayed,
     /// Composed, and the surface has an edge.
     Ledge,
@@ -90,13 +90,14 @@ pub struct PrivateCell {
     pub sensor: SensorWire,
     /// The estimator's cable to the router.
     pub estimator: Link,
-    /// The clock of netft's host, in the layout that has one.
-    pub clock: Option<SensorClock>,
+    /// The clocks of the hosts, in the layout that has them.
+    pub clocks: BTreeMap<Host, HostClock>,
     /// This process on the cell's network.
     pub bus: Bus,
     /// Everything heard.
     pub evidence: Evidence,
-    strokes: u32,
+    /// Where the tool hung at first along x, base axes, m.
+    start_x_m: Option<f64>,
 }
 
 impl PrivateCell {
@@ -117,15 +118,17 @@ impl PrivateCell {
         let file = |name: &str| folder.join(name);
         let text = |router: u16| cell_text(folder, port_offset, router, sensor.port());
         fs::write(file("cell.toml"), text(router)?)?;
-        fs::write(file("estimator.toml"), text(estimator.port())?)?;
-        let netft_name = match layout {
-            Layout::Relayed => format!("{}-sensor", cell_name()),
-            _ => cell_name(),
-        };
-        fs::write(
-            file("netft.toml"),
-            text(router)?.replace(&cell_name(), &netft_name),
-        )?;
+        for host in Host::ALL {
+            let own = match layout {
+                // This process is the router of that host's network: the cell's own carries no more than without it.
+                Layout::Relayed => {
+                    text(free_port()?)?.replace(&cell_name(), &format!("{}-{host:?}", cell_name()))
+                }
+                _ if host == Host::Estimator => text(estimator.port())?,
+                _ => text(router)?,
+            };
+            fs::write(file(&host_file(host)), own)?;
+        }
 
         let mut shell = Command::new("sh")
             .stdin(Stdio::piped())
@@ -137,14 +140,14 @@ impl PrivateCell {
         processes.insert("router", start_process(folder, "router")?);
         let bus = Bus::open_within(&config, Role::Client, PATIENCE)?;
         let evidence = Evidence::gather(&bus)?;
-        let clock = match layout {
-            Layout::Relayed => {
-                let config = CellConfig::load(&file("netft.toml"))?;
-                let far = Bus::open_within(&config, Role::Client, PATIENCE)?;
-                Some(SensorClock::start(far, &bus)?)
+        let mut clocks = BTreeMap::new();
+        if layout == Layout::Relayed {
+            for host in Host::ALL {
+                let config = CellConfig::load(&file(&host_file(host)))?;
+                let far = Bus::open_within(&config, Role::Router, PATIENCE)?;
+                clocks.insert(host, HostClock::start(host, &far, &bus)?);
             }
-            _ => None,
-        };
+        }
         let played = Played::Normals(Box::new(scenario(layout, seed)?));
         let simulator = compose::simulator(&config, Some(&played), &bus, &Stop::new())?;
         let mut cell = Self {
@@ -157,10 +160,10 @@ impl PrivateCell {
             simulator: Some(simulator),
             sensor,
             estimator,
-            clock,
+            clocks,
             bus,
             evidence,
-            strokes: 0,
+            start_x_m: None,
         };
         cell.restart_dead()?;
         Ok(cell)
@@ -295,16 +298,16 @@ impl PrivateCell {
 
     /// Asks for a task; the reason when there is none.
     fn start_task(&mut self) -> Result<Option<String>> {
-        // There and back again, task after task, so that none leaves the workspace.
-        let way = if self.strokes.is_multiple_of(2) {
-            0.1
-        } else {
-            -0.1
+        let Some(arm) = self.evidence.arm(clock::now_ns() - FRESH_NS) else {
+            return Ok(Some("nothing is heard of the arm".to_owned()));
         };
+        // A path begins where the tool stands: each leads back over where the first began, so that none leaves the arm's reach.
+        let start_x_m = *self.start_x_m.get_or_insert(arm.tool_x_m);
+        let way = if arm.tool_x_m > start_x_m { -0.1 } else { 0.1 };
         let task = format!(
             "name = \"faults\"\nestimators = [\"blend\", \"reactive\"]\n\
              force.reference_n = {REFERENCE_N:?}\nend.retract_distance_m = 0.01\n\
-             [path]\nkind = \"line\"\nto_m = [{way}, 0.0]\nspeed_m_per_s = {SPEED_M_PER_S}\nstrokes = 200\n"
+             [plane]\nx_axis = [1.0, 0.0, 0.0]\n[path]\nkind = \"line\"\nto_m = [{way}, 0.0]\nspeed_m_per_s = {SPEED_M_PER_S}\nstrokes = 200\n"
         );
         let request = Request {
             action: "start".to_owned(),
@@ -315,14 +318,45 @@ impl PrivateCell {
                 .bus
                 .ask(queries::CONTROL_TASK, &request, Duration::from_secs(2))
             {
-                Ok(answer) if answer.done => {
-                    self.strokes += 1;
-                    None
-                }
+                Ok(answer) if answer.done => None,
                 Ok(answer) => Some(answer.message),
                 Err(error) => Some(error.to_string()),
             },
         )
+    }
+
+    /// Stops the task, and waits for the end of its retraction. Whether the tool is off the surface then, and the controller's last word.
+    ///
+    /// # Errors
+    /// When it does not end.
+    pub fn stop_task(&mut self) -> Result<(bool, Control)> {
+        let request = Request {
+            action: "stop".to_owned(),
+            argument: String::new(),
+        };
+        let until = Instant::now() + PATIENCE;
+        let answer = self
+            .bus
+            .ask(queries::CONTROL_STOP, &request, Duration::from_secs(5))?;
+        if !answer.done {
+            bail!("the controller does not stop: {}", answer.message);
+        }
+        loop {
+            let ended = self
+                .evidence
+                .control_at(clock::now_ns() - FRESH_NS)
+                .filter(|(_, control)| !control.phase.is_active());
+            // A truth of the moment before it would be that of the retraction.
+            if let Some((at_ns, control)) = ended
+                && let Some(off) = self.evidence.is_off_the_surface(at_ns)
+            {
+                return Ok((off, control));
+            }
+            if Instant::now() > until {
+                bail!("the task has not ended {PATIENCE:?} after its stop");
+            }
+            std::thread::sleep(LOOK);
+        }
     }
 
     /// Everybody speaks: the controller, the sensor's service, the estimator and the recorder, since `since_ns`.
@@ -396,11 +430,10 @@ fn start_process(folder: &Path, name: &'static str) -> Result<Child> {
         .create(true)
         .append(true)
         .open(folder.join(format!("{name}.log")))?;
-    let cell = match name {
-        "estimator" => "estimator.toml",
-        "netft" => "netft.toml",
-        _ => "cell.toml",
-    };
+    let cell = Host::ALL
+        .into_iter()
+        .find(|host| host.process() == name)
+        .map_or_else(|| "cell.toml".to_owned(), host_file);
     Command::new(std::env::current_exe()?)
         .arg("run")
         .args(name.split(' '))
@@ -412,6 +445,17 @@ fn start_process(folder: &Path, name: &'static str) -> Result<Child> {
         .stderr(log)
         .spawn()
         .with_context(|| format!("starting {name}"))
+}
+
+/// A port of loopback that nobody listens on.
+fn free_port() -> Result<u16> {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("a port for a host")?;
+    Ok(listener.local_addr()?.port())
+}
+
+/// Cell file of what runs on a host.
+fn host_file(host: Host) -> String {
+    format!("{host:?}.toml").to_lowercase()
 }
 
 fn cell_name() -> String {

@@ -5,15 +5,16 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, bail};
-use tangent_control::Phase;
 use tangent_runtime::clock;
 
 use super::catalogue::{Case, Outcome};
 use super::disk::SmallDisk;
-use super::evidence::Evidence;
+use super::evidence::Control;
+use super::host_clock::Host;
 use super::impostor::{Impostor, Lie};
 use super::losses::{self, Gap};
 use super::private_cell::{Layout, PrivateCell, REFERENCE_N};
+use super::processors::Takers;
 use super::wire::Damage;
 
 /// No fault may press harder: the larger of twice the reference and 10 N.
@@ -22,9 +23,24 @@ pub const FORCE_MAX_N: f64 = if 2.0 * REFERENCE_N > 10.0 {
 } else {
     10.0
 };
+/// Force that the controller may show more or less than is true while it slides again, in the mean, N.
+pub const SHOWN_MAX_N: f64 = 0.5;
+/// How long the task after a fault slides.
+const AGAIN: Duration = Duration::from_secs(3);
 /// After a fault has ended, what was lost in it may still come to light for so long, ns.
 const AFTER_NS: i64 = 1_000_000_000;
 const MS: f64 = 1e-6;
+
+/// What was measured of the task after a fault that ended one.
+#[derive(Clone, Copy, Debug)]
+pub struct Again {
+    /// Highest force from its start to its end, N.
+    pub peak_force_n: f64,
+    /// Force shown less the true one while it slid, in the mean, N.
+    pub shown_minus_true_n: f64,
+    /// Its retraction ended off the surface.
+    pub retracted: bool,
+}
 
 /// What was measured of one fault.
 #[derive(Clone, Debug)]
@@ -35,6 +51,8 @@ pub struct Row {
     pub what: &'static str,
     /// Who has to notice.
     pub notices: &'static str,
+    /// What has to become of the task.
+    pub outcome: Outcome,
     /// From the fault to the first word or move in answer, ms.
     pub noticed_ms: Option<f64>,
     /// The bound on that without the allowance, ms.
@@ -49,6 +67,8 @@ pub struct Row {
     pub lost: BTreeMap<String, u64>,
     /// And outside of it, since the fault before.
     pub lost_outside: BTreeMap<String, u64>,
+    /// The task after it; none where the task goes on.
+    pub again: Option<Again>,
     /// Everything as it has to be.
     pub met: bool,
     /// What is not; or why it was skipped.
@@ -58,6 +78,8 @@ pub struct Row {
     begun_ns: i64,
     from_ns: i64,
     to_ns: i64,
+    /// When the task after it had ended.
+    ended_ns: i64,
     impostor: Option<&'static str>,
 }
 
@@ -68,6 +90,7 @@ pub struct Stage {
     disk: Result<SmallDisk>,
     lie: Option<Lie>,
     impostor: Option<Impostor>,
+    takers: Option<Takers>,
     /// When the fault really began, where getting it ready took time.
     began_ns: Option<i64>,
 }
@@ -85,6 +108,7 @@ impl Stage {
             disk,
             lie: None,
             impostor: None,
+            takers: None,
             began_ns: None,
         })
     }
@@ -109,16 +133,36 @@ impl Stage {
         Ok(())
     }
 
-    /// Sets the clock of netft's host.
+    /// Sets the clock of a host.
     ///
     /// # Errors
-    /// In a layout without one.
-    pub fn set_sensor_clock(&mut self, ahead_s: f64) -> Result<()> {
+    /// In a layout where it has none of its own.
+    pub fn set_clock(&mut self, host: Host, ahead_s: f64) -> Result<()> {
         self.cell
-            .clock
-            .as_ref()
-            .context("netft has no clock of its own")?
+            .clocks
+            .get(&host)
+            .with_context(|| format!("{host:?} has no clock of its own"))?
             .set(ahead_s);
+        Ok(())
+    }
+
+    /// Takes every core with SCHED_FIFO and `priority` for half a second.
+    ///
+    /// # Errors
+    /// Where that is not granted.
+    pub fn take_processors(&mut self, priority: u8) -> Result<()> {
+        let takers = self.takers.insert(Takers::ready(priority)?);
+        self.began_ns = Some(clock::now_ns());
+        takers.start();
+        Ok(())
+    }
+
+    /// Waits for the end of that.
+    ///
+    /// # Errors
+    /// None.
+    pub fn leave_processors(&mut self) -> Result<()> {
+        self.takers = None;
         Ok(())
     }
 
@@ -187,6 +231,29 @@ impl Stage {
         }
     }
 
+    /// What `tangent robot power-on` does, until the bridge has done it.
+    ///
+    /// # Errors
+    /// When it refuses for too long.
+    pub fn power_on(&mut self) -> Result<()> {
+        let request = tangent_schemas::tangent::Request::default();
+        let until = Instant::now() + Duration::from_secs(15);
+        loop {
+            let answer = self.cell.bus.ask(
+                tangent_rtde::queries::POWER_ON,
+                &request,
+                Duration::from_secs(5),
+            );
+            if answer.as_ref().is_ok_and(|answer| answer.done) {
+                return Ok(());
+            }
+            if Instant::now() > until {
+                bail!("the robot is not powered on: {answer:?}");
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
     /// The fault is the surface's own: wait for it.
     ///
     /// # Errors
@@ -200,6 +267,7 @@ impl Stage {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
+        self.began_ns = self.cell.evidence.lost_contact_ns(from);
         Ok(())
     }
 
@@ -214,9 +282,6 @@ impl Stage {
         if let Err(error) = (case.provoke)(self) {
             let remark = format!("skipped: {error:#}");
             return Ok(without_figures(case, true, &remark));
-        }
-        if case.outcome == Outcome::Waits {
-            self.began_ns = self.cell.evidence.lost_contact_ns(from_ns);
         }
         from_ns = self.began_ns.take().unwrap_or(from_ns);
         self.watch(Duration::from_secs_f64(case.watch_s));
@@ -235,7 +300,7 @@ impl Stage {
         let evidence = &self.cell.evidence;
         let noticed = (case.noticed)(evidence, from_ns);
         let safe_until = match case.outcome {
-            Outcome::Waits => noticed.unwrap_or(from_ns) + 200_000_000,
+            Outcome::Waits => noticed.unwrap_or(from_ns) + (case.stop_ms.max(200.0) / MS) as i64,
             _ => still_ns,
         };
         let safe = (case.outcome != Outcome::GoesOn)
@@ -246,6 +311,7 @@ impl Stage {
             fault: case.name,
             what: case.what,
             notices: case.notices,
+            outcome: case.outcome,
             noticed_ms: since(noticed),
             noticed_bound_ms: case.seen_within_ms(),
             safe_ms: since(safe),
@@ -253,16 +319,43 @@ impl Stage {
             peak_force_n: evidence.peak_n(from_ns, to_ns),
             lost: BTreeMap::new(),
             lost_outside: BTreeMap::new(),
+            again: None,
             met: true,
             remark: String::new(),
             skipped: false,
             begun_ns,
             from_ns,
             to_ns,
+            ended_ns: to_ns,
             impostor: case.impostor,
         };
-        row.judge(case, evidence, went_on, allow_ms);
+        row.judge(case, went_on, allow_ms);
+        if case.outcome == Outcome::Ends {
+            let (again, last) = self.start_again()?;
+            row.judge_again(&again, &last);
+            row.again = Some(again);
+            row.ended_ns = clock::now_ns();
+        }
         Ok(row)
+    }
+
+    /// Everybody is back: another task slides and is stopped.
+    fn start_again(&mut self) -> Result<(Again, Control)> {
+        let from_ns = clock::now_ns();
+        self.cell.slide().context("after the fault")?;
+        let slid_from_ns = clock::now_ns();
+        self.watch(AGAIN);
+        let slid_to_ns = clock::now_ns();
+        let (retracted, last) = self.cell.stop_task().context("after the fault")?;
+        let evidence = &self.cell.evidence;
+        let again = Again {
+            peak_force_n: evidence.peak_n(from_ns, clock::now_ns()),
+            shown_minus_true_n: evidence
+                .shown_minus_true_n(slid_from_ns, slid_to_ns)
+                .context("the task after the fault does not slide")?,
+            retracted,
+        };
+        Ok((again, last))
     }
 
     /// Looks on, and lies where there is a lie to tell.
@@ -304,6 +397,7 @@ pub fn without_figures(case: &Case, skipped: bool, remark: &str) -> Row {
         fault: case.name,
         what: case.what,
         notices: case.notices,
+        outcome: case.outcome,
         noticed_ms: None,
         noticed_bound_ms: case.seen_within_ms(),
         safe_ms: None,
@@ -311,12 +405,14 @@ pub fn without_figures(case: &Case, skipped: bool, remark: &str) -> Row {
         peak_force_n: 0.0,
         lost: BTreeMap::new(),
         lost_outside: BTreeMap::new(),
+        again: None,
         met: false,
         remark: remark.to_owned(),
         skipped,
         begun_ns: 0,
         from_ns: 0,
         to_ns: 0,
+        ended_ns: 0,
         impostor: None,
     }
 }
@@ -330,7 +426,7 @@ impl Row {
         self.remark.push_str(why);
     }
 
-    fn judge(&mut self, case: &Case, evidence: &Evidence, went_on: bool, allow_ms: f64) {
+    fn judge(&mut self, case: &Case, went_on: bool, allow_ms: f64) {
         let late = |measured: Option<f64>, bound: Option<f64>| match (measured, bound) {
             (_, None) => false,
             (None, Some(_)) => true,
@@ -344,13 +440,27 @@ impl Row {
             Outcome::Ends | Outcome::Waits if late(self.safe_ms, self.bound_ms) => {
                 self.fail("not safe in time");
             }
-            Outcome::Waits if evidence.phase_ns(Phase::Slide, self.from_ns).is_none() => {
-                self.fail("did not find the surface again");
-            }
+            Outcome::Waits if !went_on => self.fail("the path did not go on"),
             _ => {}
         }
         if self.peak_force_n > FORCE_MAX_N {
             self.fail("pressed too hard");
+        }
+    }
+
+    fn judge_again(&mut self, again: &Again, last: &Control) {
+        if again.peak_force_n > FORCE_MAX_N {
+            self.fail("the task after it pressed too hard");
+        }
+        if again.shown_minus_true_n.is_nan() || again.shown_minus_true_n.abs() > SHOWN_MAX_N {
+            self.fail("the task after it shows another force than is true");
+        }
+        if !again.retracted {
+            self.fail(&format!(
+                "the task after it did not leave the surface, phase {}: {}",
+                last.phase.name(),
+                last.fault
+            ));
         }
     }
 
@@ -379,7 +489,7 @@ fn attribute(gap: &Gap, rows: &mut [Row]) {
         }
     } else if let Some(row) = rows
         .iter_mut()
-        .find(|row| gap.within(row.begun_ns, row.from_ns))
+        .find(|row| gap.within(row.begun_ns, row.from_ns) || gap.within(row.to_ns, row.ended_ns))
     {
         add(&mut row.lost_outside);
         if row.met {

@@ -351,7 +351,7 @@ fn accept(listener: &TcpListener, to: SocketAddr, cut: &Arc<AtomicU8>, stop: &Ar
 }
 
 fn copy(mut from: TcpStream, mut into: TcpStream, cut: &AtomicU8, stop: &AtomicBool) {
-    let _ = tangent_runtime::realtime::setup_thread("link", 50);
+    let _ = tangent_runtime::realtime::setup_thread("link", 70);
     let _ = from.set_nonblocking(false);
     let _ = from.set_read_timeout(Some(LOOK));
     let _ = into.set_nodelay(true);

@@ -1,8 +1,12 @@
 //! Router, recorder, disk and processor.
 
 use crate::faults::evidence::Evidence;
+use crate::faults::stage::Stage;
 
-use super::{Case, HEALTH_MS, Outcome, WRENCH_MS, case};
+use tangent_control::Phase;
+use tangent_runtime::config::RealtimeConfig;
+
+use super::{Case, ESTIMATE_MS, HEALTH_MS, Outcome, PATH_STOP_MS, STOP_MS, WRENCH_MS, case};
 
 pub(super) fn of_the_machine() -> Vec<Case> {
     vec![
@@ -62,5 +66,35 @@ pub(super) fn of_the_machine() -> Vec<Case> {
             watch_s: 3.0,
             ..case("cpu_hog", "two busy processes per core", "nobody has to")
         },
+        Case {
+            provoke: |s| s.take_processors(RealtimeConfig::default().estimator_priority - 1),
+            outcome: Outcome::GoesOn,
+            watch_s: 1.5,
+            ..taken(
+                "cpu_taken_below_ours",
+                "every core taken for 0.5 s with SCHED_FIFO, a priority below the estimator's",
+                "nobody has to",
+            )
+        },
+        Case {
+            provoke: |s| s.take_processors(RealtimeConfig::default().estimator_priority + 1),
+            outcome: Outcome::Waits,
+            noticed_within_ms: Some(ESTIMATE_MS),
+            stop_ms: PATH_STOP_MS + STOP_MS,
+            noticed: |e, t| e.phase_ns(Phase::Hold, t),
+            watch_s: 1.5,
+            ..taken(
+                "cpu_taken_above_estimator",
+                "every core taken for 0.5 s with SCHED_FIFO, a priority between the estimator's and the bus's",
+                "controller",
+            )
+        },
     ]
+}
+
+fn taken(name: &'static str, what: &'static str, notices: &'static str) -> Case {
+    Case {
+        repair: Stage::leave_processors,
+        ..case(name, what, notices)
+    }
 }

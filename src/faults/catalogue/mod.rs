@@ -34,6 +34,17 @@ pub enum Outcome {
     GoesOn,
 }
 
+impl Outcome {
+    /// In `tangent faults --json`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ends => "ends",
+            Self::Waits => "waits",
+            Self::GoesOn => "goes_on",
+        }
+    }
+}
+
 /// One fault.
 pub struct Case {
     /// Name on the command line and in the table.

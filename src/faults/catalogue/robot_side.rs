@@ -68,13 +68,13 @@ pub(super) fn of_the_robot() -> Vec<Case> {
             provoke: |s| s.cell.robot("emergency_stop", "on"),
             repair: |s| {
                 s.cell.robot("emergency_stop", "off")?;
-                s.cell.robot("power_on", "")
+                s.power_on()
             },
             ..base("emergency_stop", "emergency button")
         },
         Case {
             provoke: |s| s.cell.robot("restart", ""),
-            repair: |s| s.cell.robot("power_on", ""),
+            repair: |s| s.power_on(),
             noticed_within_ms: Some(PROGRAM_MS),
             by_motion: true,
             noticed: Evidence::slowed_ns,

@@ -3,6 +3,7 @@
 use tangent_control::Phase;
 
 use crate::faults::evidence::Evidence;
+use crate::faults::host_clock::Host;
 use crate::faults::impostor::Lie;
 use crate::faults::private_cell::Layout;
 use crate::faults::wire::{Cut, Damage};
@@ -219,32 +220,52 @@ pub(super) fn of_the_estimator() -> Vec<Case> {
 }
 
 pub(super) fn of_clocks() -> Vec<Case> {
-    let base = |name, what| Case {
+    let nobody = |name, what, provoke| Case {
         layout: Layout::Relayed,
-        ..case(name, what, "controller")
+        provoke,
+        outcome: Outcome::GoesOn,
+        watch_s: 1.5,
+        ..case(name, what, "nobody has to")
     };
     vec![
+        nobody(
+            "clock_set_forward",
+            "the clock of netft's host is set forward by 1 s",
+            |s| s.set_clock(Host::Sensor, 1.0),
+        ),
         Case {
-            provoke: |s| s.set_sensor_clock(1.0),
-            outcome: Outcome::GoesOn,
-            notices: "nobody has to",
-            watch_s: 1.5,
-            ..base(
-                "clock_set_forward",
-                "the clock of netft's host is set forward by 1 s",
-            )
-        },
-        Case {
-            provoke: |s| s.set_sensor_clock(0.0),
             noticed_within_ms: Some(WRENCH_MS),
             noticed: Evidence::left_path_ns,
+            outcome: Outcome::Ends,
+            notices: "controller",
             // The host's clock is believed again after two seconds.
             watch_s: 2.5,
-            ..base(
+            ..nobody(
                 "clock_set_back",
                 "the clock of netft's host is set back by 1 s",
+                |s| s.set_clock(Host::Sensor, 0.0),
             )
         },
+        nobody(
+            "estimator_clock_set_forward",
+            "the clock of the estimator's host is set forward by 1 s",
+            |s| s.set_clock(Host::Estimator, 1.0),
+        ),
+        nobody(
+            "estimator_clock_set_back",
+            "the clock of the estimator's host is set back by 2 s",
+            |s| s.set_clock(Host::Estimator, -1.0),
+        ),
+        nobody(
+            "loop_clock_set_forward",
+            "the clock of the hard loop's host is set forward by 1 s",
+            |s| s.set_clock(Host::Loop, 1.0),
+        ),
+        nobody(
+            "loop_clock_set_back",
+            "the clock of the hard loop's host is set back by 2 s",
+            |s| s.set_clock(Host::Loop, -1.0),
+        ),
     ]
 }
 

@@ -1,0 +1,73 @@
+//! Processors taken away: a thread per core with SCHED_FIFO, which yields to nobody below it.
+
+use std::sync::{Arc, Barrier};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow};
+use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
+use nix::unistd::Pid;
+use tangent_runtime::realtime::{in_scheduled_thread, try_schedule};
+
+/// Less than what Linux leaves to real-time threads of each second, with what ours take of it.
+const TIME: Duration = Duration::from_millis(500);
+
+/// A thread on each core, ready to take it. Dropped after their start, it waits for their end.
+pub struct Takers {
+    start: Arc<Barrier>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Takers {
+    /// For every core of this process; nothing is taken yet.
+    ///
+    /// # Errors
+    /// Where SCHED_FIFO is not granted, or no thread can be started.
+    pub fn ready(priority: u8) -> Result<Self> {
+        try_schedule(priority).map_err(|why| anyhow!(why))?;
+        let all = sched_getaffinity(Pid::from_raw(0))?;
+        let cores: Vec<usize> = (0..CpuSet::count())
+            .filter(|&core| all.is_set(core).unwrap_or(false))
+            .collect();
+        // They start together: a core that is taken early may hold the thread that takes the next.
+        let start = Arc::new(Barrier::new(cores.len() + 1));
+        let mut threads = Vec::new();
+        for core in cores {
+            let mut one = CpuSet::new();
+            one.set(core)?;
+            let start = Arc::clone(&start);
+            let thread = std::thread::Builder::new()
+                .name("takes-a-core".into())
+                .spawn(move || {
+                    in_scheduled_thread(priority, |_| take(one, &start));
+                })
+                .context("a thread that takes a core")?;
+            threads.push(thread);
+        }
+        Ok(Self { start, threads })
+    }
+
+    /// Half a second, from now on.
+    pub fn start(&self) {
+        self.start.wait();
+    }
+}
+
+impl Drop for Takers {
+    fn drop(&mut self) {
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn take(core: CpuSet, start: &Barrier) {
+    if let Err(error) = sched_setaffinity(Pid::from_raw(0), &core) {
+        tracing::warn!("a thread cannot be kept to its core: {error}");
+    }
+    start.wait();
+    let until = Instant::now() + TIME;
+    while Instant::now() < until {
+        std::hint::spin_loop();
+    }
+}
