@@ -56,7 +56,7 @@ fn fault(observer: &Observer, since_ns: i64) -> Seen<ControlState> {
 }
 
 /// The force that the controller shows while it slides is the simulator's, in the mean over what was heard since.
-fn shown_is_true(observer: &Observer, since_ns: i64) {
+pub fn shown_is_true(observer: &Observer, since_ns: i64) {
     let slides: Vec<f64> = observer
         .controls(since_ns)
         .iter()

@@ -4,6 +4,7 @@ use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE, seconds};
 use crate::common::{root, wait_for};
+use crate::failures::shown_is_true;
 
 /// A loaded machine's share of any time measured here, s.
 const SLACK_S: f64 = 1.5;
@@ -12,10 +13,20 @@ const FORCE_MAX_N: f64 = 30.0;
 
 const SERVICES: [&str; 3] = ["router simulator franka controller", "camera", "estimator"];
 
+/// The hard loop in a process that can die alone.
+const APART: [&str; 5] = [
+    "router",
+    "simulator",
+    "franka controller",
+    "camera",
+    "estimator",
+];
+const LOOP: &str = "franka controller";
+
 /// A cell whose tool slides on the wave, for twenty seconds.
-fn sliding() -> (Cell, Observer) {
+fn sliding(names: &[&str]) -> (Cell, Observer) {
     let mut cell = Cell::with_franka();
-    cell.start_all(&SERVICES);
+    cell.start_all(names);
     let observer = Observer::join(&cell);
     observer.slide(&cell, &root().join("deploy/tasks/loops.toml"));
     (cell, observer)
@@ -25,10 +36,76 @@ fn safe(observer: &Observer, since_ns: i64) {
     observer.pressed_at_most(FORCE_MAX_N, since_ns);
 }
 
+/// After a fault a task starts as any other: it presses as it says, and leaves the surface when it is stopped.
+fn wipes_again(cell: &Cell, observer: &Observer) {
+    let from = now_ns();
+    cell.start_task(&root().join("deploy/tasks/loops.toml"));
+    observer.sliding(from);
+    let slides = now_ns();
+    wait_for("three seconds of sliding", PATIENCE, || {
+        let last = observer.truths(slides).last()?.at_ns;
+        (last - slides > 3_000_000_000).then_some(())
+    });
+    shown_is_true(observer, slides);
+    let stopped = now_ns();
+    cell.cli_json(&["task", "stop"], 0);
+    let done = observer.phase("done", stopped).at_ns;
+    let last = wait_for("the truth after it", PATIENCE, || {
+        observer.truths(done).pop()
+    });
+    assert!(!last.message.in_contact, "it has not left the surface");
+    safe(observer, from);
+}
+
+/// Its last answers are gone: the arm stops by a reflex and leans on the wave. The next loop moves off before it takes a zero.
+#[test]
+fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
+    let (mut cell, observer) = sliding(&APART);
+    for _ in 0..2 {
+        let killed = now_ns();
+        cell.process(LOOP).kill();
+        observer.at_rest(killed);
+        safe(&observer, killed);
+        cell.start(LOOP);
+        wipes_again(&cell, &observer);
+        // And once more, from a task that slides.
+        let from = now_ns();
+        cell.start_task(&root().join("deploy/tasks/loops.toml"));
+        observer.sliding(from);
+    }
+}
+
+#[test]
+fn a_hard_loop_of_the_franka_hangs_while_pressing() {
+    let (mut cell, observer) = sliding(&APART);
+    let hung = now_ns();
+    cell.process(LOOP).signal("STOP");
+    observer.at_rest(hung);
+    let back = now_ns();
+    cell.process(LOOP).signal("CONT");
+    observer.phase("fault", back);
+    safe(&observer, hung);
+    wipes_again(&cell, &observer);
+    cell.assert_running(&APART);
+}
+
+/// The estimates come through the router, the wrench does not: the policy stands, and the tool leaves.
+#[test]
+fn the_router_of_the_franka_restarts() {
+    let (mut cell, observer) = sliding(&APART);
+    let killed = now_ns();
+    cell.process("router").kill();
+    cell.start("router");
+    observer.phase("fault", killed);
+    observer.at_rest(killed);
+    safe(&observer, killed);
+    wipes_again(&cell, &observer);
+}
+
 /// Touch alone goes on where the camera is dead.
 #[test]
 fn the_depth_camera_dies_and_touch_goes_on() {
-    let (mut cell, observer) = sliding();
+    let (mut cell, observer) = sliding(&SERVICES);
     let killed = now_ns();
     cell.process("camera").kill();
     wait_for("it wipes on without a camera", PATIENCE, || {
@@ -47,7 +124,7 @@ fn the_depth_camera_dies_and_touch_goes_on() {
 /// Without any normal the policy stands, the force is kept, and after a second the tool leaves.
 #[test]
 fn the_estimator_of_the_franka_dies() {
-    let (mut cell, observer) = sliding();
+    let (mut cell, observer) = sliding(&SERVICES);
     let killed = now_ns();
     cell.process("estimator").kill();
     let fault = observer.phase("fault", killed);
@@ -59,12 +136,14 @@ fn the_estimator_of_the_franka_dies() {
     );
     observer.at_rest(killed);
     safe(&observer, killed);
+    cell.start("estimator");
+    wipes_again(&cell, &observer);
 }
 
 /// The robot's user stop ends the task; nothing moves by itself when it is released.
 #[test]
 fn the_user_stop_of_the_franka_is_pressed() {
-    let (cell, observer) = sliding();
+    let (cell, observer) = sliding(&SERVICES);
     let stopped = now_ns();
     cell.provoke("user_stop", "on");
     observer.phase("fault", stopped);
@@ -73,4 +152,5 @@ fn the_user_stop_of_the_franka_is_pressed() {
     // Soft as it is held, the arm still creeps where it leans on the wave.
     observer.stays_slower_than(0.01, 1.0);
     safe(&observer, stopped);
+    wipes_again(&cell, &observer);
 }
