@@ -280,6 +280,7 @@ fn recorded(message: RawMessage) -> RecordedMessage {
         type_name: message.type_name.into_owned(),
         log_time_ns: u64::try_from(message.received_ns).unwrap_or(0),
         publish_time_ns: u64::try_from(message.source_time_ns).unwrap_or(0),
+        publisher: message.publisher,
         sequence: message.sequence as u32,
         bytes: message.payload.to_vec(),
     }

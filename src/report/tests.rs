@@ -50,6 +50,7 @@ impl Tape {
         self.sequence += 1;
         self.writer
             .write(&Record {
+                publisher: [0; 16],
                 topic,
                 type_name: M::NAME,
                 definition: Some(&M::definition()),

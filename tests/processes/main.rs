@@ -14,5 +14,6 @@ mod object;
 mod priorities;
 mod recordings;
 mod requests;
+mod restarts;
 mod robot;
 mod stranger;

@@ -238,6 +238,7 @@ fn bus(put: Put<'_>) {
     for sequence in 0..5 {
         let record = Recorded {
             topic: "/answer",
+            publisher: [0; 16],
             type_name: tangent::Answer::NAME,
             definition: text.as_deref(),
             sequence,

@@ -148,6 +148,7 @@ mod tests {
         cdr::encode(message, &mut bytes).unwrap();
         writer
             .write(&Record {
+                publisher: [0; 16],
                 topic,
                 type_name: M::NAME,
                 definition: Some(&M::definition()),

@@ -341,6 +341,7 @@ mod tests {
             topic: "/test",
             type_name: "std_msgs/msg/Header",
             definition: Some("builtin_interfaces/Time stamp\nstring frame_id\n"),
+            publisher: [0; 16],
             sequence: i as u32,
             log_time_ns: i * 1_000_000,
             publish_time_ns: i * 1_000_000,

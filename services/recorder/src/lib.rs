@@ -8,11 +8,15 @@ mod config;
 mod disk;
 mod error;
 mod files;
+mod former;
 mod inquiry;
 mod keeper;
+mod ledger;
+mod order;
 mod pattern;
 #[cfg(test)]
 mod power_cut;
+mod recall;
 mod recording;
 pub mod repair;
 mod retention;

@@ -102,6 +102,7 @@ fn recorded(cut_ms: u64, sync_ms: u64, rotate_ms: u64, survives: f64, zeros: usi
                     topic: "/test",
                     type_name: "std_msgs/msg/Header",
                     definition: Some("builtin_interfaces/Time stamp\nstring frame_id\n"),
+                    publisher: [0; 16],
                     sequence: taken as u32,
                     log_time_ns: taken * 1_000_000,
                     publish_time_ns: taken * 1_000_000,

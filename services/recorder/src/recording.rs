@@ -10,6 +10,8 @@ use mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
 use mcap::{McapError, Message};
 
 use crate::RecorderError;
+use crate::order::Ordered;
+use crate::repair::publisher_of;
 
 /// A file's bytes, and how far they are whole.
 pub(crate) struct WholeFile {
@@ -125,6 +127,8 @@ pub struct RecordedMessage {
     pub log_time_ns: u64,
     /// When it was measured, ns since the Unix epoch.
     pub publish_time_ns: u64,
+    /// Publisher's id; zeros for one that did not say, and in recordings of older versions.
+    pub publisher: [u8; 16],
     /// Publisher's sequence number, lower 32 bits.
     pub sequence: u32,
     /// CDR.
@@ -140,6 +144,7 @@ impl From<Message<'_>> for RecordedMessage {
                 .schema
                 .as_ref()
                 .map_or_else(String::new, |s| s.name.clone()),
+            publisher: publisher_of(&m.channel.metadata),
             log_time_ns: m.log_time,
             publish_time_ns: m.publish_time,
             sequence: m.sequence,
@@ -170,7 +175,7 @@ impl Recording {
         let truncated =
             !whole.bytes().ends_with(mcap::MAGIC) || whole.bytes().len() < 2 * mcap::MAGIC.len();
         let mut attachments = BTreeMap::new();
-        let mut metadata = BTreeMap::new();
+        let mut metadata = BTreeMap::<String, BTreeMap<String, String>>::new();
         let readable = &whole.bytes()[..whole.whole_bytes() as usize];
         let records = LinearReader::new_with_options(readable, Options::IgnoreEndMagic.into())
             .map_err(|source| RecorderError::mcap(path, source))?;
@@ -180,7 +185,9 @@ impl Recording {
                     attachments.insert(header.name, String::from_utf8_lossy(&data).into_owned());
                 }
                 McapRecord::Metadata(m) => {
-                    metadata.insert(m.name, m.metadata);
+                    // Of tables that come in parts, all of them.
+                    let table = metadata.entry(m.name).or_default();
+                    table.extend(m.metadata);
                 }
                 _ => {}
             }
@@ -214,7 +221,8 @@ impl Recording {
         &self.metadata
     }
 
-    /// Every message up to the first damage, in the file's order.
+    /// Every message up to the first damage, in the order in which they came. What its publisher was asked for again
+    /// stands where it would have come.
     pub fn messages(&self) -> impl Iterator<Item = RecordedMessage> + '_ {
         self.try_messages().map_while(Result::ok)
     }
@@ -223,10 +231,10 @@ impl Recording {
     pub fn try_messages(
         &self,
     ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + '_ {
-        self.whole.messages().map(|message| {
+        Ordered::new(self.whole.messages().map(|message| {
             message
                 .map(RecordedMessage::from)
                 .map_err(|source| RecorderError::mcap(&self.path, source))
-        })
+        }))
     }
 }

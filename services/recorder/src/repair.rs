@@ -13,7 +13,7 @@ use tangent_runtime::Stop;
 use crate::RecorderError;
 use crate::files::{free_bytes, is_being_written, sync_folder_of};
 use crate::recording::reader_options;
-use crate::writer::{Record, RecordingWriter};
+use crate::writer::{PUBLISHERS, Record, RecordingWriter, parse_publisher};
 
 /// Bytes between two looks at the free space, the stop and the disk: what a mend leaves unsynced at most.
 const STRIDE: u64 = 4 << 20;
@@ -346,13 +346,19 @@ fn copy(
     Ok((messages, good))
 }
 
+/// Whose a channel is; zeros where that is not said.
+pub(crate) fn publisher_of(metadata: &BTreeMap<String, String>) -> [u8; 16] {
+    let publisher = metadata.get("publisher").and_then(|p| parse_publisher(p));
+    publisher.unwrap_or_default()
+}
+
 /// Records of the original on their way into the copy.
 struct Copy {
     writer: RecordingWriter,
     /// Name, and text of the definition where there is one.
     schemas: HashMap<u16, (String, Option<String>)>,
-    /// Topic and schema.
-    channels: HashMap<u16, (String, u16)>,
+    /// Topic, schema and publisher.
+    channels: HashMap<u16, (String, u16, [u8; 16])>,
     payload: u64,
 }
 
@@ -367,11 +373,12 @@ impl Copy {
                 self.schemas.insert(header.id, (header.name, text));
             }
             McapRecord::Channel(channel) => {
+                let publisher = publisher_of(&channel.metadata);
                 self.channels
-                    .insert(channel.id, (channel.topic, channel.schema_id));
+                    .insert(channel.id, (channel.topic, channel.schema_id, publisher));
             }
             McapRecord::Message { header, data } => {
-                let Some((topic, schema)) = self.channels.get(&header.channel_id) else {
+                let Some((topic, schema, publisher)) = self.channels.get(&header.channel_id) else {
                     return Ok(false);
                 };
                 let schema = self.schemas.get(schema);
@@ -380,6 +387,7 @@ impl Copy {
                     topic,
                     type_name: schema.map_or("", |(name, _)| name),
                     definition: schema.and_then(|(_, text)| text.as_deref()),
+                    publisher: *publisher,
                     sequence: header.sequence,
                     log_time_ns: header.log_time,
                     publish_time_ns: header.publish_time,
@@ -395,6 +403,8 @@ impl Copy {
                     data,
                 })?;
             }
+            // The copy numbers its channels anew.
+            McapRecord::Metadata(m) if m.name == PUBLISHERS => {}
             McapRecord::Metadata(m) => self.writer.metadata(&m.name, m.metadata)?,
             _ => {}
         }
@@ -425,6 +435,7 @@ mod tests {
             }
             writer
                 .write(&Record {
+                    publisher: [0; 16],
                     topic: "/noise",
                     type_name: "std_msgs/msg/Header",
                     definition: Some("uint8[] data\n"),

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use tangent_runtime::{
     Beat, Bus, Counter, Gauge, HealthReporter, Rate, RawMessage, RawSubscription, State, Stop,
+    clock,
 };
 use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::ControlState;
@@ -16,9 +17,12 @@ use crate::cells::Cells;
 use crate::config::RecorderConfig;
 use crate::disk::Disk;
 use crate::error::RecorderError;
+use crate::former::Former;
 use crate::inquiry::{Finding, Inquirer};
 use crate::keeper::Keeper;
+use crate::ledger::{Entry, Ledger, Origin};
 use crate::pattern::matches_any;
+use crate::recall::Recaller;
 use crate::repair::Repair;
 use crate::writer::Record;
 
@@ -32,6 +36,12 @@ const TURN_MAX: Duration = Duration::from_secs(30);
 const ASK_AFTER: Duration = Duration::from_secs(1);
 /// After a stop, messages that were under way still arrive for this long.
 const LATE: Duration = Duration::from_millis(200);
+/// After that, publishers have this long to say again what is missing.
+const LAST_QUESTION: Duration = Duration::from_millis(1000);
+/// Messages that were asked for, taken between two looks at those that come by themselves.
+const RECALLED_MAX: usize = 4000;
+/// What a recorder was given last is on its disk but for these: it is asked for again, ns.
+const BEFORE_NS: i64 = 1_000_000_000;
 
 /// What was recorded.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -40,11 +50,13 @@ pub struct Summary {
     pub files: Vec<PathBuf>,
     /// Messages in them.
     pub recorded: u64,
-    /// Messages pushed out of the queue while the disk was slow.
+    /// Messages in them that had not come, and that their publishers were asked for again.
+    pub recovered: u64,
+    /// Messages pushed out of the queue while the disk was slow. Each is missing, or recovered.
     pub queue_dropped: u64,
     /// Messages that the disk refused.
     pub disk_refused: u64,
-    /// Messages that never came, by their publishers' sequence numbers.
+    /// Messages that never came, by their publishers' sequence numbers, and were asked for in vain.
     pub missing: u64,
     /// Torn files of the folder that were mended meanwhile.
     pub mended: Vec<Repair>,
@@ -53,7 +65,7 @@ pub struct Summary {
 impl Summary {
     /// Messages that should have been recorded and were not.
     pub fn lost(&self) -> u64 {
-        self.queue_dropped + self.disk_refused + self.missing
+        self.disk_refused + self.missing
     }
 }
 
@@ -90,6 +102,22 @@ pub fn run_for(
     Ok(service.finish())
 }
 
+/// Goes on where the former recording of the cell ends, if that is not long ago.
+fn go_on_after(config: &RecorderConfig, now_ns: i64, ledger: &mut Ledger, recaller: &mut Recaller) {
+    let now = Instant::now();
+    let now_ns = u64::try_from(now_ns).unwrap_or(0);
+    let former = Former::read(&config.folder, &config.prefix, now_ns);
+    if former.newest_ns == 0 {
+        return;
+    }
+    for ((key, publisher), heard) in former.heard {
+        ledger.seed(&key, publisher, heard.sequences, heard.torn, now);
+    }
+    let newest_ns = i64::try_from(former.newest_ns).unwrap_or(i64::MAX);
+    ledger.since(newest_ns - BEFORE_NS);
+    recaller.ask_since(newest_ns - BEFORE_NS, now);
+}
+
 struct Service {
     messages: RawSubscription,
     /// Patterns to look at one by one; empty when the subscription does it.
@@ -97,6 +125,8 @@ struct Service {
     exclude: Vec<String>,
     cells: Cells,
     disk: Disk,
+    ledger: Ledger,
+    recaller: Recaller,
     keeper: Keeper,
     /// Files ended when the keeper was last told.
     ended: usize,
@@ -117,6 +147,7 @@ struct Meters {
     lost: Counter,
     waiting: Gauge,
     recorded: Gauge,
+    recovered: Gauge,
     sync: Gauge,
     said: Option<String>,
 }
@@ -158,6 +189,11 @@ impl Service {
         let health = HealthReporter::start(bus, SERVICE)?;
         let folder = config.folder.clone();
         fs::create_dir_all(&folder).map_err(|source| RecorderError::io(&folder, source))?;
+        let start_ns = clock::now_ns();
+        let mut ledger = Ledger::new(start_ns);
+        let mut recaller = Recaller::start(network.clone(), cells.prefixes())?;
+        // Before it is mended, and before this run writes a file.
+        go_on_after(&config, start_ns, &mut ledger, &mut recaller);
         let keeper = Keeper::start(&config)?;
         let disk = Disk::open(config)?;
         let now = Instant::now();
@@ -168,6 +204,8 @@ impl Service {
             inquirer: Inquirer::start(network.clone(), cells.prefixes())?,
             cells,
             disk,
+            ledger,
+            recaller,
             keeper,
             ended: 0,
             definitions: Definitions::default(),
@@ -179,6 +217,7 @@ impl Service {
                 lost: health.lost(),
                 waiting: health.gauge("messages_waiting"),
                 recorded: health.gauge("messages_recorded"),
+                recovered: health.gauge("messages_recovered"),
                 sync: health.gauge("sync_ms"),
                 said: Some(String::new()),
             },
@@ -188,11 +227,21 @@ impl Service {
     }
 
     fn take(&mut self, message: &RawMessage) {
-        let (prefix, key) = self.cells.split(&message.key);
-        if !self.include.is_empty() && !matches_any(&self.include, key) {
+        self.take_from(message, Origin::Live);
+    }
+
+    fn take_from(&mut self, message: &RawMessage, origin: Origin) {
+        if !self.records(&message.key) {
             return;
         }
-        if matches_any(&self.exclude, key) {
+        let (prefix, key) = self.cells.split(&message.key);
+        let entry = Entry {
+            key: &message.key,
+            publisher: message.publisher,
+            sequence: message.sequence,
+            origin,
+        };
+        if !self.ledger.take(entry, message.received) {
             return;
         }
         self.meters.messages.tick();
@@ -203,6 +252,7 @@ impl Service {
                 topic: &topic,
                 type_name: &message.type_name,
                 definition: self.definitions.of(&message.type_name),
+                publisher: message.publisher,
                 sequence: message.sequence as u32,
                 log_time_ns: received_ns,
                 publish_time_ns: match u64::try_from(message.source_time_ns) {
@@ -213,7 +263,11 @@ impl Service {
             },
             message.received.max(self.tended),
         );
-        if key == topics::CONTROL_STATE.key() && message.type_name == ControlState::NAME {
+        // A task that is asked for is the present one.
+        if origin == Origin::Live
+            && key == topics::CONTROL_STATE.key()
+            && message.type_name == ControlState::NAME
+        {
             let prefix = prefix.to_owned();
             self.watch_task(prefix, &message.payload);
         }
@@ -241,6 +295,7 @@ impl Service {
         }
         self.tended = now;
         self.disk.tend(now);
+        self.recall(now);
         if self.ask_at.is_some_and(|at| now >= at) {
             self.ask_at = None;
             self.inquirer.ask_parameters();
@@ -258,6 +313,33 @@ impl Service {
         self.say();
     }
 
+    /// Asks for what is missing, and records what is said again.
+    fn recall(&mut self, now: Instant) {
+        for one in self.messages.pushed_out() {
+            if self.records(&one.key) {
+                self.ledger
+                    .pushed_out(&one.key, one.publisher, one.from, one.to, now);
+            }
+        }
+        for message in self.recaller.answers(RECALLED_MAX) {
+            self.take_again(&message);
+        }
+        self.recaller.tend(&mut self.ledger, now);
+    }
+
+    fn take_again(&mut self, message: &RawMessage) {
+        if self.messages.follows(&message.key) {
+            self.take_from(message, Origin::Recalled);
+        }
+    }
+
+    /// Messages on this key are recorded.
+    fn records(&self, key: &str) -> bool {
+        let (_, key) = self.cells.split(key);
+        (self.include.is_empty() || matches_any(&self.include, key))
+            && !matches_any(&self.exclude, key)
+    }
+
     fn store(&mut self, finding: Finding, now: Instant) {
         match finding {
             Finding::Parameters(table) if table.is_empty() => {}
@@ -270,7 +352,7 @@ impl Service {
                 toml,
             } => {
                 let name = format!("{prefix}task-{activation}.toml");
-                let time_ns = u64::try_from(tangent_runtime::clock::now_ns()).unwrap_or(0);
+                let time_ns = u64::try_from(clock::now_ns()).unwrap_or(0);
                 self.disk.attach(&name, &toml, time_ns, now);
             }
         }
@@ -278,15 +360,13 @@ impl Service {
 
     fn say(&mut self) {
         let (recorded, refused) = self.disk.counts();
-        let counts = self.messages.counts();
+        self.meters.recovered.set(self.ledger.recovered() as f64);
         self.meters.recorded.set(recorded as f64);
         self.meters
             .sync
             .set(self.disk.sync_took().as_secs_f64() * 1e3);
         self.meters.waiting.set(self.messages.waiting() as f64);
-        self.meters
-            .lost
-            .set(refused + counts.dropped + counts.missing);
+        self.meters.lost.set(refused + self.ledger.missing());
         self.disk.last_words("losses", self.losses());
         let trouble = self.disk.refusal().map(str::to_owned);
         if trouble != self.meters.said {
@@ -304,9 +384,10 @@ impl Service {
         [
             ("received", counts.received),
             ("recorded", recorded),
+            ("recovered", self.ledger.recovered()),
             ("queue_dropped", counts.dropped),
             ("disk_refused", refused),
-            ("missing", counts.missing),
+            ("missing", self.ledger.missing()),
         ]
         .map(|(name, count)| (name.to_owned(), count.to_string()))
         .into()
@@ -328,6 +409,11 @@ impl Service {
                 break;
             }
         }
+        self.recall(Instant::now());
+        for message in self.recaller.finish(&mut self.ledger, LAST_QUESTION) {
+            self.take_again(&message);
+        }
+        self.ledger.close();
         let now = Instant::now();
         for finding in self.inquirer.finish() {
             self.store(finding, now);
@@ -338,9 +424,10 @@ impl Service {
         Summary {
             files,
             recorded,
+            recovered: self.ledger.recovered(),
             queue_dropped: counts.dropped,
             disk_refused,
-            missing: counts.missing,
+            missing: self.ledger.missing(),
             mended: self.mended,
         }
     }

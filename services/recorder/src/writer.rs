@@ -15,6 +15,23 @@ use crate::files::{Files, OpenFile, SystemFiles};
 /// Level of zstd: higher ones cost several times the processor's time for a hundredth of the size.
 const ZSTD_LEVEL: u32 = 3;
 
+/// Name of the tables that say which channel is whose: `PUBLISHER TOPIC` by the channel's number. For whoever reads the
+/// end of a file that has no index.
+pub(crate) const PUBLISHERS: &str = "publishers";
+/// Publishers that get channels of their own in one file; the messages of further ones share one to a topic.
+const PUBLISHERS_MAX: usize = 8192;
+
+/// Hexadecimal digits of a publisher's id.
+fn publisher_text(publisher: &[u8; 16]) -> String {
+    format!("{:032x}", u128::from_be_bytes(*publisher))
+}
+
+/// The id from its hexadecimal digits.
+pub(crate) fn parse_publisher(text: &str) -> Option<[u8; 16]> {
+    let id = u128::from_str_radix(text, 16).ok()?;
+    (text.len() == 32).then(|| id.to_be_bytes())
+}
+
 /// One message as the recorder takes it from the bus.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
@@ -24,6 +41,8 @@ pub struct Record<'a> {
     pub type_name: &'a str,
     /// Text of the `.msg` definition with its dependencies; `None` for a type this build does not know.
     pub definition: Option<&'a str>,
+    /// Publisher's id; zeros for one that does not say.
+    pub publisher: [u8; 16],
     /// Publisher's sequence number.
     pub sequence: u32,
     /// When the recorder received it, ns since the Unix epoch.
@@ -52,6 +71,15 @@ impl Write for CountingFile {
     }
 }
 
+/// No publisher: of one that does not say, or of one too many.
+const NOBODY: [u8; 16] = [0; 16];
+
+struct Channel {
+    type_name: String,
+    publisher: [u8; 16],
+    id: u16,
+}
+
 /// An open recording.
 ///
 /// Chunks are built in memory and written in one go: a recorder that is killed leaves whole chunks and at most one
@@ -59,8 +87,12 @@ impl Write for CountingFile {
 pub struct RecordingWriter {
     writer: mcap::Writer<NoSeek<CountingFile>>,
     file: Arc<dyn OpenFile>,
-    /// By topic, then type: a topic whose type changes gets a second channel.
-    channels: HashMap<String, HashMap<String, u16>>,
+    /// By topic, then type and publisher: another one of either is another channel of the topic.
+    channels: HashMap<String, Vec<Channel>>,
+    /// Channels with a publisher.
+    publishers: usize,
+    /// Those that no table on the disk says yet.
+    unsaid: BTreeMap<String, String>,
     path: PathBuf,
     written: Arc<AtomicU64>,
     messages: u64,
@@ -107,6 +139,8 @@ impl RecordingWriter {
             writer,
             file,
             channels: HashMap::new(),
+            publishers: 0,
+            unsaid: BTreeMap::new(),
             path: path.to_owned(),
             written,
             messages: 0,
@@ -118,13 +152,15 @@ impl RecordingWriter {
     /// # Errors
     /// When the disk refuses; the file then stays readable up to its last whole chunk.
     pub fn write(&mut self, record: &Record<'_>) -> Result<(), McapError> {
-        let channel_id = match self
-            .channels
-            .get(record.topic)
-            .and_then(|types| types.get(record.type_name))
-        {
-            Some(&id) => id,
-            None => self.add_channel(record)?,
+        let channel_id = match self.channel(record, record.publisher) {
+            Some(id) => id,
+            None if self.publishers < PUBLISHERS_MAX => {
+                self.add_channel(record, record.publisher)?
+            }
+            None => match self.channel(record, NOBODY) {
+                Some(id) => id,
+                None => self.add_channel(record, NOBODY)?,
+            },
         };
         let header = MessageHeader {
             channel_id,
@@ -137,20 +173,39 @@ impl RecordingWriter {
         Ok(())
     }
 
-    fn add_channel(&mut self, record: &Record<'_>) -> Result<u16, McapError> {
+    fn channel(&self, record: &Record<'_>, publisher: [u8; 16]) -> Option<u16> {
+        let channels = self.channels.get(record.topic)?;
+        let found = channels.iter().rev().find(|channel| {
+            channel.publisher == publisher && channel.type_name == record.type_name
+        });
+        found.map(|channel| channel.id)
+    }
+
+    fn add_channel(&mut self, record: &Record<'_>, publisher: [u8; 16]) -> Result<u16, McapError> {
         let schema_id = match record.definition {
             Some(text) => self
                 .writer
                 .add_schema(record.type_name, "ros2msg", text.as_bytes())?,
             None => self.writer.add_schema(record.type_name, "", &[])?,
         };
+        let mut metadata = BTreeMap::new();
+        if publisher != NOBODY {
+            metadata.insert("publisher".to_owned(), publisher_text(&publisher));
+        }
         let id = self
             .writer
-            .add_channel(schema_id, record.topic, "cdr", &BTreeMap::new())?;
-        self.channels
-            .entry(record.topic.to_owned())
-            .or_default()
-            .insert(record.type_name.to_owned(), id);
+            .add_channel(schema_id, record.topic, "cdr", &metadata)?;
+        if publisher != NOBODY {
+            self.publishers += 1;
+            let said = format!("{} {}", publisher_text(&publisher), record.topic);
+            self.unsaid.insert(id.to_string(), said);
+        }
+        let channels = self.channels.entry(record.topic.to_owned()).or_default();
+        channels.push(Channel {
+            type_name: record.type_name.to_owned(),
+            publisher,
+            id,
+        });
         Ok(id)
     }
 
@@ -192,7 +247,17 @@ impl RecordingWriter {
     /// # Errors
     /// When the disk refuses.
     pub fn flush(&mut self) -> Result<(), McapError> {
+        self.say_publishers()?;
         self.writer.flush()
+    }
+
+    /// Behind the chunk in which the channels begin.
+    fn say_publishers(&mut self) -> Result<(), McapError> {
+        if self.unsaid.is_empty() {
+            return Ok(());
+        }
+        let unsaid = std::mem::take(&mut self.unsaid);
+        self.metadata(PUBLISHERS, unsaid)
     }
 
     /// Ends the present chunk and waits until the disk has it: a power cut loses at most what came since.
@@ -200,7 +265,7 @@ impl RecordingWriter {
     /// # Errors
     /// When the disk refuses.
     pub fn sync(&mut self) -> Result<(), McapError> {
-        self.writer.flush()?;
+        self.flush()?;
         Ok(self.file.sync()?)
     }
 
@@ -209,6 +274,7 @@ impl RecordingWriter {
     /// # Errors
     /// When the disk refuses.
     pub fn finish(mut self) -> Result<PathBuf, McapError> {
+        self.say_publishers()?;
         self.writer.finish()?;
         self.file.sync()?;
         Ok(self.path)

@@ -24,6 +24,7 @@ fn torn(folder: &Path) -> PathBuf {
     for i in 0..16 * TORN_MIB {
         writer
             .write(&Record {
+                publisher: [0; 16],
                 topic: "/noise",
                 type_name: "std_msgs/msg/Header",
                 definition: Some("uint8[] data\n"),

@@ -47,8 +47,9 @@ pub mod watchdog;
 
 pub use base_reader::BaseReader;
 pub use bus::{
-    Alive, AliveToken, Asked, Bus, BusError, Counts, Handle, Lane, Latest, Publisher, RawMessage,
-    RawPublisher, RawSubscription, Received, Refused, Reply, Role, Subscription,
+    Alive, AliveToken, Asked, Bus, BusError, Counts, Handle, Lane, Latest, Publisher, PushedOut,
+    Question, RawMessage, RawPublisher, RawSubscription, Received, Refused, Reply, Role, SPANS_MAX,
+    Span, Subscription,
 };
 pub use config::{CellConfig, ConfigError};
 pub use health::{HealthReporter, State};

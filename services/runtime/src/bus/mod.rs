@@ -10,13 +10,16 @@ mod attachment;
 mod budget;
 mod error;
 mod guard;
+mod history;
 mod keys;
 mod lane;
 mod latest;
 mod outlet;
 mod publisher;
+mod question;
 mod raw;
 mod reader;
+mod recall;
 mod refused;
 mod registry;
 mod remarks;
@@ -38,7 +41,8 @@ pub use error::BusError;
 pub use lane::Lane;
 pub use latest::Latest;
 pub use publisher::{Publisher, RawPublisher};
-pub use raw::{RawMessage, RawSubscription};
+pub use question::{Question, SPANS_MAX, Span};
+pub use raw::{PushedOut, RawMessage, RawSubscription};
 pub use reader::{Counts, Handle, Received, Subscription};
 pub use refused::Refused;
 
@@ -71,6 +75,7 @@ pub(crate) struct Inner {
     ids: BusId,
     names: refused::Names,
     pump: outlet::Pump,
+    recall: Option<Arc<recall::Recall>>,
     answerers: answer::Answerers,
     tokens: Mutex<Vec<Alive>>,
     session: Option<Session>,
@@ -166,10 +171,12 @@ impl Bus {
 
     fn assemble(name: &str, session: Option<Session>, priority: Option<u8>) -> Self {
         let registry = Arc::new(Registry::default());
+        let recall = session.as_ref().map(|_| recall::Recall::start());
         Self {
             inner: Arc::new(Inner {
                 name: name.to_owned(),
-                pump: outlet::Pump::start(priority),
+                pump: outlet::Pump::start(priority, recall.clone()),
+                recall,
                 registry,
                 ids: BusId::new(),
                 names: refused::Names::default(),

@@ -11,8 +11,10 @@ use tangent_schemas::{Message, cdr};
 use zenoh::key_expr::OwnedKeyExpr;
 
 use super::attachment::Attachment;
+use super::history::History;
 use super::raw::{self, RawMessage};
 use super::reader::Received;
+use super::recall::Recall;
 use super::registry::Registry;
 use super::session::RemotePublisher;
 use crate::realtime::setup_thread;
@@ -37,6 +39,7 @@ fn capacity<M>(delivery: Delivery) -> usize {
 pub(crate) struct Outlet<M> {
     key: OwnedKeyExpr,
     delivery: Delivery,
+    publisher: [u8; 16],
     queue: ArrayQueue<Received<M>>,
     remote: Option<RemotePublisher>,
     registry: Arc<Registry>,
@@ -51,10 +54,12 @@ impl<M: Message> Outlet<M> {
         remote: Option<RemotePublisher>,
         registry: Arc<Registry>,
         pump: &Pump,
+        publisher: [u8; 16],
     ) -> Self {
         Self {
             key,
             delivery,
+            publisher,
             queue: ArrayQueue::new(capacity::<M>(delivery)),
             remote,
             registry,
@@ -66,6 +71,15 @@ impl<M: Message> Outlet<M> {
     /// Somebody outside, or a recorder inside, wants this topic. No lock.
     pub(crate) fn is_wanted(&self) -> bool {
         self.is_wanted_remotely() || self.registry.has_raw_readers()
+    }
+
+    /// It takes messages: somebody wants them now, or may ask for them later. No lock.
+    pub(crate) fn takes(&self) -> bool {
+        self.keeps() || self.is_wanted()
+    }
+
+    fn keeps(&self) -> bool {
+        self.remote.as_ref().is_some_and(RemotePublisher::keeps)
     }
 
     pub(crate) fn is_wanted_remotely(&self) -> bool {
@@ -87,8 +101,10 @@ impl<M: Message> Outlet<M> {
 /// An outlet without its type.
 pub(crate) trait AnyOutlet: Send + Sync {
     fn delivery(&self) -> Delivery;
-    /// Sends the oldest waiting message; false when none waits.
-    fn send_one(&self, scratch: &mut Vec<u8>) -> bool;
+    /// The publisher's id.
+    fn publisher(&self) -> [u8; 16];
+    /// Sends the oldest waiting message, and keeps it where it may be asked for; false when none waits.
+    fn send_one(&self, scratch: &mut Vec<u8>, history: &mut History) -> bool;
     /// Its publisher is gone and everything is sent.
     fn is_done(&self) -> bool;
 }
@@ -98,7 +114,11 @@ impl<M: Message> AnyOutlet for Outlet<M> {
         self.delivery
     }
 
-    fn send_one(&self, scratch: &mut Vec<u8>) -> bool {
+    fn publisher(&self) -> [u8; 16] {
+        self.publisher
+    }
+
+    fn send_one(&self, scratch: &mut Vec<u8>, history: &mut History) -> bool {
         let Some(received) = self.queue.pop() else {
             return false;
         };
@@ -111,6 +131,9 @@ impl<M: Message> AnyOutlet for Outlet<M> {
             source_time_ns: received.source_time_ns,
             publisher: received.publisher,
         };
+        if self.keeps() {
+            history.keep(&attachment, scratch, received.received);
+        }
         if let Some(remote) = self.remote.as_ref().filter(|remote| remote.matches()) {
             remote.put(scratch, attachment);
         }
@@ -145,6 +168,7 @@ struct Shared {
     outlets: Mutex<Vec<Arc<dyn AnyOutlet>>>,
     generation: AtomicU64,
     stopping: AtomicBool,
+    recall: Option<Arc<Recall>>,
 }
 
 /// The publishing threads. Images have their own: Zenoh lets the pieces of one wait for the wire, and nothing else may wait for them.
@@ -156,12 +180,12 @@ pub(crate) struct Pump {
 
 impl Pump {
     /// `priority`: of SCHED_FIFO for the publishing threads, that of images one lower; `None` for normal scheduling.
-    pub(crate) fn start(priority: Option<u8>) -> Self {
+    pub(crate) fn start(priority: Option<u8>, recall: Option<Arc<Recall>>) -> Self {
         let behind = priority.map(|priority| priority.saturating_sub(1).max(1));
         Self {
             dropped: Arc::default(),
-            messages: Lane::start("bus-publish", "bus publishing", priority),
-            images: Lane::start("bus-images", "bus publishing images", behind),
+            messages: Lane::start("bus-publish", "bus publishing", priority, recall),
+            images: Lane::start("bus-images", "bus publishing images", behind, None),
         }
     }
 
@@ -206,8 +230,16 @@ struct Lane {
 
 impl Lane {
     /// `role` names the thread in what is said of its scheduling.
-    fn start(name: &str, role: &'static str, priority: Option<u8>) -> Self {
-        let shared = Arc::new(Shared::default());
+    fn start(
+        name: &str,
+        role: &'static str,
+        priority: Option<u8>,
+        recall: Option<Arc<Recall>>,
+    ) -> Self {
+        let shared = Arc::new(Shared {
+            recall,
+            ..Shared::default()
+        });
         let pumped = Arc::clone(&shared);
         let spawned = std::thread::Builder::new()
             .name(name.into())
@@ -253,35 +285,72 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// An outlet and what it sent last.
+struct Line {
+    outlet: Arc<dyn AnyOutlet>,
+    history: History,
+}
+
+impl Line {
+    fn send_one(&mut self, scratch: &mut Vec<u8>) -> bool {
+        self.outlet.send_one(scratch, &mut self.history)
+    }
+}
+
+/// Lines for these outlets; what the same outlets sent before stays with them.
+fn follow(lines: &mut Vec<Line>, outlets: &[Arc<dyn AnyOutlet>]) {
+    let mut before = std::mem::take(lines);
+    for outlet in outlets {
+        let known = before
+            .iter()
+            .position(|line| Arc::ptr_eq(&line.outlet, outlet));
+        lines.push(match known {
+            Some(at) => before.swap_remove(at),
+            None => Line {
+                outlet: Arc::clone(outlet),
+                history: History::default(),
+            },
+        });
+    }
+}
+
 fn pump(shared: &Shared) {
     let mut scratch = Vec::with_capacity(4096);
     let mut generation = u64::MAX;
-    let mut outlets: Vec<Arc<dyn AnyOutlet>> = Vec::new();
+    let mut lines: Vec<Line> = Vec::new();
     loop {
         let stopping = shared.stopping.load(Ordering::Acquire);
         let now = shared.generation.load(Ordering::Acquire);
         if now != generation {
-            outlets.clone_from(&lock(&shared.outlets));
+            follow(&mut lines, &lock(&shared.outlets));
             generation = now;
         }
         let mut worked = false;
-        for outlet in &outlets {
+        for at in 0..lines.len() {
             for _ in 0..BURST {
-                if !outlet.send_one(&mut scratch) {
+                if !lines[at].send_one(&mut scratch) {
                     break;
                 }
                 worked = true;
-                if outlet.delivery() != Delivery::RealTime {
-                    drain_real_time(&outlets, &mut scratch);
+                if lines[at].outlet.delivery() != Delivery::RealTime {
+                    drain_real_time(&mut lines, &mut scratch);
                 }
             }
+        }
+        if let Some(recall) = &shared.recall
+            && let Some(ask) = recall.next()
+        {
+            let asked = |line: &&Line| line.outlet.publisher() == ask.publisher;
+            let kept = lines.iter().find(asked).map(|line| line.history.blocks());
+            recall.answer(ask, kept.unwrap_or_default());
+            worked = true;
         }
         if worked {
             continue;
         }
-        if outlets.iter().any(|outlet| outlet.is_done()) {
+        if lines.iter().any(|line| line.outlet.is_done()) {
             // Their Zenoh publishers are undeclared here, not in the thread that dropped the publisher.
-            outlets.clear();
+            lines.retain(|line| !line.outlet.is_done());
             lock(&shared.outlets).retain(|outlet| !outlet.is_done());
             shared.generation.fetch_add(1, Ordering::Release);
             continue;
@@ -294,11 +363,11 @@ fn pump(shared: &Shared) {
     }
 }
 
-fn drain_real_time(outlets: &[Arc<dyn AnyOutlet>], scratch: &mut Vec<u8>) {
-    for outlet in outlets {
-        if outlet.delivery() != Delivery::RealTime {
+fn drain_real_time(lines: &mut [Line], scratch: &mut Vec<u8>) {
+    for line in lines {
+        if line.outlet.delivery() != Delivery::RealTime {
             return;
         }
-        while outlet.send_one(scratch) {}
+        while line.send_one(scratch) {}
     }
 }

@@ -41,8 +41,17 @@ impl<M: Message> Publisher<M> {
     pub(crate) fn declare(bus: &Arc<Inner>, topic: &Topic<M>) -> Result<Self, BusError> {
         let key = parse_concrete_key(topic.key())?;
         let channel = bus.registry.channel::<M>(&key)?;
+        let id = bus.ids.next();
+        let pump = bus.pump.thread(topic.delivery());
         let remote = match &bus.session {
-            Some(session) => Some(session.publisher(&key, topic.delivery(), M::NAME)?),
+            Some(session) => {
+                // Images are too much to keep.
+                let kept = topic.delivery() != Delivery::Bulk;
+                let entrance = kept
+                    .then(|| bus.entrance(key.as_str(), M::NAME, id, pump.clone()))
+                    .flatten();
+                Some(session.publisher(&key, topic.delivery(), M::NAME, entrance)?)
+            }
             None => None,
         };
         let outlet = Arc::new(Outlet::new(
@@ -51,9 +60,9 @@ impl<M: Message> Publisher<M> {
             remote,
             Arc::clone(&bus.registry),
             &bus.pump,
+            id,
         ));
         bus.pump.add(Arc::clone(&outlet) as _);
-        let id = bus.ids.next();
         Ok(Self {
             known: RefCell::new((channel.generation(), channel.readers())),
             channel,
@@ -61,7 +70,7 @@ impl<M: Message> Publisher<M> {
             mark: lease::mark(&id),
             id,
             outlet,
-            pump: bus.pump.thread(topic.delivery()),
+            pump,
             _bus: Arc::clone(bus),
         })
     }
@@ -72,7 +81,7 @@ impl<M: Message> Publisher<M> {
         let sequence = self.sequence.get() + 1;
         self.sequence.set(sequence);
         let readers = self.readers();
-        let wanted = self.outlet.is_wanted();
+        let wanted = self.outlet.takes();
         if readers.is_empty() && !wanted {
             return sequence;
         }
@@ -154,7 +163,7 @@ impl RawPublisher {
     pub(crate) fn declare(bus: &Arc<Inner>, key: &str, type_name: &str) -> Result<Self, BusError> {
         let key = parse_concrete_key(key)?;
         let remote = match &bus.session {
-            Some(session) => Some(session.publisher(&key, Delivery::Stream, type_name)?),
+            Some(session) => Some(session.publisher(&key, Delivery::Stream, type_name, None)?),
             None => None,
         };
         Ok(Self {

@@ -1,6 +1,7 @@
 //! Encoded messages of every kind, for the recorder.
 
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -63,6 +64,20 @@ pub(crate) struct RawCore {
     dropped: AtomicU64,
     missing: AtomicU64,
     overtaken: AtomicU64,
+    pushed_out: Mutex<HashMap<[u8; 16], PushedOut>>,
+}
+
+/// Messages of one publisher that went from a full queue unread.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PushedOut {
+    /// Their key.
+    pub key: Arc<str>,
+    /// The publisher's id.
+    pub publisher: [u8; 16],
+    /// The first one's sequence.
+    pub from: u64,
+    /// The last one's.
+    pub to: u64,
 }
 
 impl RawCore {
@@ -72,6 +87,27 @@ impl RawCore {
 
     pub(crate) fn remark(&self) -> Option<String> {
         self.keys().remark()
+    }
+
+    fn pushed_out(&self) -> MutexGuard<'_, HashMap<[u8; 16], PushedOut>> {
+        self.pushed_out
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn remember(&self, message: &RawMessage) {
+        let mut all = self.pushed_out();
+        if let Some(known) = all.get_mut(&message.publisher) {
+            known.to = known.to.max(message.sequence);
+        } else if all.len() < PUBLISHERS {
+            let one = PushedOut {
+                key: Arc::clone(&message.key),
+                publisher: message.publisher,
+                from: message.sequence,
+                to: message.sequence,
+            };
+            all.insert(message.publisher, one);
+        }
     }
 
     pub(crate) fn deliver(&self, message: RawMessage) {
@@ -94,8 +130,9 @@ impl RawCore {
             _ => self.overtaken.fetch_add(1, Ordering::Relaxed),
         };
         self.received.fetch_add(1, Ordering::Relaxed);
-        if self.queue.force_push(message).is_some() {
+        if let Some(oldest) = self.queue.force_push(message) {
             self.dropped.fetch_add(1, Ordering::Relaxed);
+            self.remember(&oldest);
         }
         self.sleeper.wake();
     }
@@ -121,6 +158,7 @@ pub(crate) fn subscribe(
         dropped: AtomicU64::new(0),
         missing: AtomicU64::new(0),
         overtaken: AtomicU64::new(0),
+        pushed_out: Mutex::default(),
     });
     let mut handles = Vec::new();
     for pattern in patterns {
@@ -156,6 +194,16 @@ impl RawSubscription {
     /// Messages that wait.
     pub fn waiting(&self) -> usize {
         self.core.queue.len()
+    }
+
+    /// Whether messages on this key are followed: as many keys are as a reader of patterns follows.
+    pub fn follows(&self, key: &str) -> bool {
+        self.core.keys().admit(key)
+    }
+
+    /// What went from the full queue unread since the last call.
+    pub fn pushed_out(&self) -> Vec<PushedOut> {
+        self.core.pushed_out().drain().map(|(_, one)| one).collect()
     }
 
     /// What happened to this reader's messages; odd ones (`overtaken`) are delivered all the same.

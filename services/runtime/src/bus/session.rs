@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use tangent_schemas::topics::Delivery;
@@ -20,6 +20,7 @@ use super::attachment::Attachment;
 use super::error::BusError;
 use super::raw::{RawCore, RawMessage};
 use super::reader::{Arrival, ErasedReader};
+use super::recall::Entrance;
 use super::remarks::Remarks;
 use super::session_config::session_config;
 use crate::config::ZenohConfig;
@@ -42,6 +43,7 @@ pub(crate) struct Opening<'a> {
 
 pub(crate) struct Session {
     session: zenoh::Session,
+    role: Role,
     stale_after: Duration,
     message_max: usize,
     remarks: Remarks,
@@ -113,6 +115,7 @@ impl Session {
                     tracing::debug!("{role:?} at {endpoints} after {:?}", start.elapsed());
                     return Ok(Self {
                         session,
+                        role,
                         stale_after: config.stale_after(),
                         message_max: config.message_max_bytes(),
                         remarks,
@@ -162,6 +165,7 @@ impl Session {
         key: &OwnedKeyExpr,
         delivery: Delivery,
         type_name: &str,
+        entrance: Option<Entrance>,
     ) -> Result<RemotePublisher, BusError> {
         let (priority, express) = quality(delivery);
         let publisher = self
@@ -190,9 +194,14 @@ impl Session {
         {
             matching.store(true, Ordering::Release);
         }
+        let questions = match entrance {
+            Some(entrance) => Some(self.questions(entrance)?),
+            None => None,
+        };
         Ok(RemotePublisher {
             publisher,
             matching,
+            questions,
             message_max: self.message_max,
             too_large: AtomicBool::new(false),
         })
@@ -293,6 +302,61 @@ impl Session {
         Ok(Replies { replies })
     }
 
+    /// Has questions for what a publisher said come in. Also those of a recorder in this process.
+    fn questions(&self, entrance: Entrance) -> Result<zenoh::query::Queryable<()>, BusError> {
+        let key = entrance.key.clone();
+        self.session
+            .declare_queryable(key.clone())
+            .callback(move |query| entrance.take(query))
+            .wait()
+            .map_err(failed(format!("answering on `{key}`")))
+    }
+
+    /// Asks behind everything that is measured; key and payload of each answer. They end when all have answered. Beyond
+    /// `bytes_max` that nobody has taken, answers are dropped.
+    pub(crate) fn recall(
+        &self,
+        key: &str,
+        question: Vec<u8>,
+        timeout: Duration,
+        bytes_max: usize,
+    ) -> Result<Receiver<(String, Vec<u8>)>, BusError> {
+        let (sender, answers) = channel();
+        let mut left = bytes_max;
+        let callback = move |reply: Reply| {
+            if let Ok(sample) = reply.into_result() {
+                let bytes = sample.payload().to_bytes().into_owned();
+                let Some(room) = left.checked_sub(bytes.len()) else {
+                    return;
+                };
+                left = room;
+                let _ = sender.send((sample.key_expr().to_string(), bytes));
+            }
+        };
+        self.session
+            .get(key.to_owned())
+            .payload(question)
+            // Answers go out as the question does.
+            .priority(Priority::DataLow)
+            .congestion_control(CongestionControl::Drop)
+            .target(zenoh::query::QueryTarget::All)
+            .consolidation(zenoh::query::ConsolidationMode::None)
+            .timeout(timeout)
+            .callback_mut(callback)
+            .wait()
+            .map_err(failed(format!("asking on `{key}`")))?;
+        Ok(answers)
+    }
+
+    /// The router at the other end, or this session where it is one.
+    pub(crate) fn router(&self) -> Option<String> {
+        let info = self.session.info();
+        if self.role == Role::Router {
+            return Some(info.zid().wait().to_string());
+        }
+        info.routers_zid().wait().next().map(|id| id.to_string())
+    }
+
     pub(crate) fn token(&self, key: &str) -> Result<zenoh::liveliness::LivelinessToken, BusError> {
         self.session
             .liveliness()
@@ -378,10 +442,19 @@ pub(crate) fn reply(query: &Query, key: &str, payload: &[u8]) {
     }
 }
 
+/// Sends some messages again.
+pub(crate) fn reply_batch(query: &Query, key: &str, payload: &[u8]) {
+    if let Err(error) = query.reply(key, payload).wait() {
+        tracing::debug!("{key}: an answer could not be sent: {error}");
+    }
+}
+
 /// A declared publisher, and whether anybody in another process reads it.
 pub(crate) struct RemotePublisher {
     publisher: zenoh::pubsub::Publisher<'static>,
     matching: Arc<AtomicBool>,
+    /// Where it is asked for what it said last; what it says is kept for that.
+    questions: Option<zenoh::query::Queryable<()>>,
     message_max: usize,
     /// One was, and it was said.
     too_large: AtomicBool,
@@ -390,6 +463,11 @@ pub(crate) struct RemotePublisher {
 impl RemotePublisher {
     pub(crate) fn matches(&self) -> bool {
         self.matching.load(Ordering::Acquire)
+    }
+
+    /// What it says is to be kept.
+    pub(crate) fn keeps(&self) -> bool {
+        self.questions.is_some()
     }
 
     pub(crate) fn put(&self, payload: &[u8], attachment: Attachment) {

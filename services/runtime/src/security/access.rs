@@ -82,11 +82,15 @@ impl Table {
         for service in role.services {
             let key = |key: &&str| format!("{cell}/{key}");
             publishes.extend(service.publishes.iter().map(key));
+            // Who may say it may say it again.
+            let again = |key: &&str| format!("{cell}/history/{key}");
+            answers.extend(service.publishes.iter().map(again));
             answers.extend(service.answers.iter().map(key));
             asks.extend(service.asks.iter().map(key));
             tokens.extend(service.tokens.iter().map(key));
             if !service.name.is_empty() {
                 publishes.push(format!("{cell}/health/{}", service.name));
+                answers.push(format!("{cell}/history/health/{}", service.name));
                 answers.push(format!("{cell}/param/{}/*", service.name));
                 answers.push(format!("{cell}/parameters/{}", service.name));
                 answers.push(format!("{cell}/ping/{}/*", service.name));
@@ -213,11 +217,16 @@ mod tests {
         let ask = |who: &str, key: &str| allowed(&rules, who, "ingress", "query", key);
         assert!(ask("operator", "b/control/task") && ask("operator", "a/param/*/*"));
         assert!(ask("recorder", "a/control/show") && !ask("recorder", "a/control/task"));
+        assert!(ask("recorder", "a/history/**") && !ask("viewer", "a/history/arm/state"));
         assert!(ask("controller.a", "a/netft/tare") && !ask("estimator.a", "a/netft/tare"));
         let answer =
             |who: &str, key: &str| allowed(&rules, who, "ingress", "declare_queryable", key);
         assert!(
             answer("controller.a", "a/control/task") && !answer("estimator.a", "a/control/task")
+        );
+        assert!(
+            answer("rtde.a", "a/history/arm/state")
+                && !answer("estimator.a", "a/history/arm/state")
         );
         let read =
             |who: &str, key: &str| allowed(&rules, who, "ingress", "declare_subscriber", key);

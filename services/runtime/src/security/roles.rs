@@ -82,7 +82,7 @@ const RECORDER: Service = Service {
     name: "recorder",
     publishes: &[],
     answers: &[],
-    asks: &["control/show", "parameters/*"],
+    asks: &["control/show", "parameters/*", "history/**"],
     tokens: &[],
 };
 const SIMULATOR: Service = Service {
@@ -154,7 +154,7 @@ pub const ROLES: &[Role] = &[
     fleet(
         "recorder",
         &[RECORDER],
-        "reads, and asks for the task and the parameters to store them",
+        "reads, and asks for the task, the parameters and what it missed to store them",
     ),
     fleet(
         "operator",
