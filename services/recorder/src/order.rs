@@ -1,7 +1,7 @@
 //! The order in which a recording's messages came, or would have come: those that their publisher was asked for again
 //! stand in the file behind what came meanwhile.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 
 use crate::RecorderError;
 use crate::recording::RecordedMessage;
@@ -12,15 +12,68 @@ const WINDOW_NS: u64 = 20_000_000_000;
 /// Messages in order. Without any that came again, that of the file.
 pub(crate) struct Ordered<I> {
     source: I,
-    /// By the time at which they stand, and their number in the file.
-    waiting: BTreeMap<(u64, u64), RecordedMessage>,
+    waiting: BTreeMap<Place, RecordedMessage>,
     taken: u64,
     newest_ns: u64,
-    /// Per channel: newest sequence, and time from publication to receipt.
-    channels: HashMap<(String, [u8; 16]), (u32, i128)>,
+    channels: HashMap<(String, [u8; 16]), Channel>,
     /// The source's last word, where that is an error.
     damage: Option<RecorderError>,
     ended: bool,
+}
+
+/// Where a message stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Place {
+    at_ns: u64,
+    /// Number in the file of the message that it stands at; its own for one that came in order.
+    at: u64,
+    side: Side,
+    sequence: u32,
+    number: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Side {
+    Before,
+    At,
+    Behind,
+}
+
+/// A publisher's messages that came in order, for those that came again between them.
+struct Channel {
+    newest: u32,
+    /// Time from publication to receipt of the newest.
+    usual_ns: i128,
+    /// Sequence and place of those of the last seconds.
+    places: VecDeque<(u32, Place)>,
+}
+
+impl Channel {
+    /// Where a message stands that is older than the newest: where it would have come, between its neighbours.
+    fn place(&self, message: &RecordedMessage, number: u64) -> Place {
+        let back = |sequence: u32| self.newest.wrapping_sub(sequence);
+        let wanted = back(message.sequence);
+        let next = self.places.partition_point(|(s, _)| back(*s) > wanted);
+        let behind = self.places.get(next).map(|(_, place)| place);
+        let before = next.checked_sub(1).map(|at| &self.places[at].1);
+        let at_ns = i128::from(message.publish_time_ns) + self.usual_ns;
+        let at_ns = u64::try_from(at_ns).unwrap_or(0);
+        let stand = |at_ns, at, side| Place {
+            at_ns,
+            at,
+            side,
+            sequence: message.sequence,
+            number,
+        };
+        match (before, behind) {
+            (Some(one), _) if at_ns <= one.at_ns => stand(one.at_ns, one.at, Side::Behind),
+            (_, Some(one)) if at_ns >= one.at_ns => match before {
+                Some(same) if same.at_ns == one.at_ns => stand(same.at_ns, same.at, Side::Behind),
+                _ => stand(one.at_ns, one.at, Side::Before),
+            },
+            _ => stand(at_ns, u64::MAX, Side::At),
+        }
+    }
 }
 
 impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Ordered<I> {
@@ -37,27 +90,41 @@ impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Ordered<I> {
     }
 
     fn take(&mut self, message: RecordedMessage) {
-        let stands_ns = self.stands_ns(&message);
-        self.waiting.insert((stands_ns, self.taken), message);
+        let place = self.place(&message);
         self.taken += 1;
+        self.waiting.insert(place, message);
     }
 
-    fn stands_ns(&mut self, message: &RecordedMessage) -> u64 {
-        let after = i128::from(message.log_time_ns) - i128::from(message.publish_time_ns);
-        let in_order = self.newest_ns.max(message.log_time_ns);
+    fn place(&mut self, message: &RecordedMessage) -> Place {
+        let in_order = Place {
+            at_ns: self.newest_ns.max(message.log_time_ns),
+            at: self.taken,
+            side: Side::At,
+            sequence: 0,
+            number: self.taken,
+        };
         if message.publisher != [0; 16] {
-            let channel = (message.topic.clone(), message.publisher);
-            let (newest, usual) = self
-                .channels
-                .entry(channel)
-                .or_insert((message.sequence, after));
-            if (message.sequence.wrapping_sub(*newest) as i32) < 0 {
-                let stands = i128::from(message.publish_time_ns) + *usual;
-                return u64::try_from(stands).unwrap_or(0).min(in_order);
+            let name = (message.topic.clone(), message.publisher);
+            let channel = self.channels.entry(name).or_insert_with(|| Channel {
+                newest: message.sequence,
+                usual_ns: 0,
+                places: VecDeque::new(),
+            });
+            if (message.sequence.wrapping_sub(channel.newest) as i32) < 0 {
+                return channel.place(message, self.taken);
             }
-            (*newest, *usual) = (message.sequence, after);
+            channel.newest = message.sequence;
+            channel.usual_ns =
+                i128::from(message.log_time_ns) - i128::from(message.publish_time_ns);
+            let oldest_ns = in_order.at_ns.saturating_sub(WINDOW_NS);
+            while let Some((_, place)) = channel.places.front()
+                && place.at_ns < oldest_ns
+            {
+                channel.places.pop_front();
+            }
+            channel.places.push_back((message.sequence, in_order));
         }
-        self.newest_ns = in_order;
+        self.newest_ns = in_order.at_ns;
         in_order
     }
 }
@@ -67,7 +134,7 @@ impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Iterator for Or
 
     fn next(&mut self) -> Option<Self::Item> {
         while !self.ended {
-            let oldest = self.waiting.first_key_value().map(|((at, _), _)| *at);
+            let oldest = self.waiting.first_key_value().map(|(place, _)| place.at_ns);
             if oldest.is_some_and(|at| self.newest_ns - at.min(self.newest_ns) > WINDOW_NS) {
                 break;
             }
@@ -145,6 +212,28 @@ mod tests {
             (1, 5),
         ];
         assert_eq!(ordered(&messages), expected);
+    }
+
+    #[test]
+    fn a_publishers_messages_stand_in_the_order_of_their_sequences() {
+        // Receipt times that jitter by more than the time between two messages, at every wrap of the count.
+        for base in [0, u32::MAX - 50] {
+            let mut messages = Vec::new();
+            for i in 0..100u64 {
+                if !(20..60).contains(&i) || i % 7 == 0 {
+                    let sequence = base.wrapping_add(i as u32);
+                    messages.push(message(1, sequence, 100 + i / 10, 50));
+                }
+            }
+            for i in (20..60).filter(|i| i % 7 != 0) {
+                messages.push(message(1, base.wrapping_add(i), 112, 50 + u64::from(i % 3)));
+            }
+            let found = ordered(&messages);
+            // Those of one hole may change places among themselves when their publisher's clock did.
+            let holes = |s: u32| s.wrapping_sub(base) / 7;
+            assert_eq!(found.len(), 100);
+            assert!(found.windows(2).all(|w| holes(w[0].1) <= holes(w[1].1)));
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@ use mcap::{McapError, Message};
 use crate::RecorderError;
 use crate::order::Ordered;
 use crate::repair::publisher_of;
+use crate::writer::PUBLISHERS;
 
 /// A file's bytes, and how far they are whole.
 pub(crate) struct WholeFile {
@@ -175,7 +176,7 @@ impl Recording {
         let truncated =
             !whole.bytes().ends_with(mcap::MAGIC) || whole.bytes().len() < 2 * mcap::MAGIC.len();
         let mut attachments = BTreeMap::new();
-        let mut metadata = BTreeMap::<String, BTreeMap<String, String>>::new();
+        let mut metadata = BTreeMap::new();
         let readable = &whole.bytes()[..whole.whole_bytes() as usize];
         let records = LinearReader::new_with_options(readable, Options::IgnoreEndMagic.into())
             .map_err(|source| RecorderError::mcap(path, source))?;
@@ -184,10 +185,10 @@ impl Recording {
                 McapRecord::Attachment { header, data, .. } => {
                     attachments.insert(header.name, String::from_utf8_lossy(&data).into_owned());
                 }
+                // The messages say it themselves.
+                McapRecord::Metadata(m) if m.name == PUBLISHERS => {}
                 McapRecord::Metadata(m) => {
-                    // Of tables that come in parts, all of them.
-                    let table = metadata.entry(m.name).or_default();
-                    table.extend(m.metadata);
+                    metadata.insert(m.name, m.metadata);
                 }
                 _ => {}
             }

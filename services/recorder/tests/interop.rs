@@ -37,7 +37,8 @@ fn put<M: Message>(writer: &mut RecordingWriter, topic: &str, sequence: u32, mes
     let time_ns = 1_795_260_245_000_000_000 + u64::from(sequence) * 8_000_000;
     writer
         .write(&Record {
-            publisher: [0; 16],
+            // One that ends, and one in its place.
+            publisher: [if sequence < 10 { 1 } else { 2 }; 16],
             topic,
             type_name: M::NAME,
             definition: Some(&M::definition()),

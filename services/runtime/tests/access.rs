@@ -10,7 +10,7 @@ use common::{PATIENCE, cell, until};
 use tangent_runtime::bus::answer;
 use tangent_runtime::config::TlsConfig;
 use tangent_runtime::security::{Authority, Fleet, access, roles};
-use tangent_runtime::{Bus, BusError, CellConfig, HealthReporter, Role};
+use tangent_runtime::{Bus, BusError, CellConfig, HealthReporter, Question, Role};
 use tangent_schemas::standard::PoseWithCovarianceStamped;
 use tangent_schemas::tangent::{ArmCommand, ArmState, Health, NormalEstimate, Request};
 use tangent_schemas::topics::{self, queries};
@@ -406,4 +406,37 @@ fn a_revoked_identity_is_locked_out_alone() {
         }
         after > 200
     });
+}
+
+#[test]
+fn only_a_recorder_asks_for_what_was_said_and_only_its_publisher_answers() {
+    let cell = secured();
+    let (robot, estimator) = (cell.join("rtde"), cell.join("estimator"));
+    let states = robot.publisher(&topics::ARM_STATE).unwrap();
+    let forged = estimator.publisher(&topics::ARM_STATE).unwrap();
+    for _ in 0..10 {
+        states.publish(&ArmState::default());
+        forged.publish(&ArmState::default());
+    }
+    let said = |bus: &Bus, patience| {
+        let everything = Question {
+            others_since_ns: i64::MIN,
+            spans: Vec::new(),
+        };
+        let mut publishers = Vec::new();
+        bus.recall("", &everything, patience, |message| {
+            publishers.push(message.publisher);
+        })
+        .unwrap();
+        publishers
+    };
+    let recorder = cell.join("recorder");
+    until("the publisher is known", || {
+        said(&recorder, PATIENCE).len() >= 10
+    });
+    assert_eq!(said(&recorder, PATIENCE), [states.id(); 10]);
+    for role in ["viewer", "operator", "estimator"] {
+        let bus = cell.join(role);
+        assert!(said(&bus, NOTHING).is_empty(), "{role}");
+    }
 }
