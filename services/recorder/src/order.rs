@@ -25,10 +25,11 @@ pub(crate) struct Ordered<I> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Place {
     at_ns: u64,
-    /// Number in the file of the message that it stands at; its own for one that came in order.
+    /// Number in the file of the message in order that it stands at, its own for one in order; `u64::MAX`: none.
     at: u64,
     side: Side,
-    sequence: u32,
+    /// Of messages at the same place: by their sequence.
+    order: u32,
     number: u64,
 }
 
@@ -39,41 +40,82 @@ enum Side {
     Behind,
 }
 
-/// A publisher's messages that came in order, for those that came again between them.
+/// A publisher's messages of the last seconds: one that came again stands between its neighbours.
 struct Channel {
+    /// Sequences are compared from here on, so that a wrap of their 32 bits is none.
+    base: u32,
     newest: u32,
-    /// Time from publication to receipt of the newest.
+    /// Time from publication to receipt, the least of late: of a message that came again it is longer.
     usual_ns: i128,
-    /// Sequence and place of those of the last seconds.
+    /// By sequence, counted from `base`.
     places: VecDeque<(u32, Place)>,
 }
 
+/// The usual time from publication to receipt grows by at most this with each message, ns.
+const USUAL_GROWS_NS: i128 = 1_000_000;
+
 impl Channel {
-    /// Where a message stands that is older than the newest: where it would have come, between its neighbours.
-    fn place(&self, message: &RecordedMessage, number: u64) -> Place {
-        let back = |sequence: u32| self.newest.wrapping_sub(sequence);
-        let wanted = back(message.sequence);
-        let next = self.places.partition_point(|(s, _)| back(*s) > wanted);
-        let behind = self.places.get(next).map(|(_, place)| place);
-        let before = next.checked_sub(1).map(|at| &self.places[at].1);
-        let at_ns = i128::from(message.publish_time_ns) + self.usual_ns;
-        let at_ns = u64::try_from(at_ns).unwrap_or(0);
-        let stand = |at_ns, at, side| Place {
-            at_ns,
-            at,
-            side,
-            sequence: message.sequence,
-            number,
-        };
-        match (before, behind) {
-            (Some(one), _) if at_ns <= one.at_ns => stand(one.at_ns, one.at, Side::Behind),
-            (_, Some(one)) if at_ns >= one.at_ns => match before {
-                Some(same) if same.at_ns == one.at_ns => stand(same.at_ns, same.at, Side::Behind),
-                _ => stand(one.at_ns, one.at, Side::Before),
-            },
-            _ => stand(at_ns, u64::MAX, Side::At),
+    fn new(message: &RecordedMessage) -> Self {
+        Self {
+            base: message.sequence.wrapping_sub(1 << 31),
+            newest: message.sequence,
+            usual_ns: delay_ns(message),
+            places: VecDeque::new(),
         }
     }
+
+    fn is_late(&self, message: &RecordedMessage) -> bool {
+        (message.sequence.wrapping_sub(self.newest) as i32) < 0
+    }
+
+    /// The next message in order.
+    fn go_on(&mut self, message: &RecordedMessage, place: Place) {
+        self.newest = message.sequence;
+        self.usual_ns = delay_ns(message).min(self.usual_ns + USUAL_GROWS_NS);
+        let oldest_ns = place.at_ns.saturating_sub(WINDOW_NS);
+        while let Some((_, oldest)) = self.places.front()
+            && oldest.at_ns < oldest_ns
+        {
+            self.places.pop_front();
+        }
+        let order = message.sequence.wrapping_sub(self.base);
+        self.places.push_back((order, place));
+    }
+
+    /// Where a late message stands: where it would have come, between its neighbours.
+    fn insert(&mut self, message: &RecordedMessage, number: u64) -> Place {
+        let order = message.sequence.wrapping_sub(self.base);
+        let next = self.places.partition_point(|(other, _)| *other < order);
+        let neighbour = |at: Option<usize>| self.places.get(at?).map(|(_, place)| *place);
+        let before = neighbour(next.checked_sub(1));
+        let behind = neighbour(Some(next));
+        let at_ns = i128::from(message.publish_time_ns) + self.usual_ns;
+        let at_ns = u64::try_from(at_ns).unwrap_or(0);
+        // Beside a neighbour in order, or among those that stand beside the same one.
+        let beside = |one: Place, side| Place {
+            side: if one.order == 0 { side } else { one.side },
+            order,
+            number,
+            ..one
+        };
+        let place = match (before, behind) {
+            (Some(one), _) if at_ns <= one.at_ns => beside(one, Side::Behind),
+            (_, Some(one)) if at_ns >= one.at_ns => beside(one, Side::Before),
+            _ => Place {
+                at_ns,
+                at: u64::MAX,
+                side: Side::At,
+                order,
+                number,
+            },
+        };
+        self.places.insert(next, (order, place));
+        place
+    }
+}
+
+fn delay_ns(message: &RecordedMessage) -> i128 {
+    i128::from(message.log_time_ns) - i128::from(message.publish_time_ns)
 }
 
 impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Ordered<I> {
@@ -100,29 +142,19 @@ impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Ordered<I> {
             at_ns: self.newest_ns.max(message.log_time_ns),
             at: self.taken,
             side: Side::At,
-            sequence: 0,
+            order: 0,
             number: self.taken,
         };
         if message.publisher != [0; 16] {
             let name = (message.topic.clone(), message.publisher);
-            let channel = self.channels.entry(name).or_insert_with(|| Channel {
-                newest: message.sequence,
-                usual_ns: 0,
-                places: VecDeque::new(),
-            });
-            if (message.sequence.wrapping_sub(channel.newest) as i32) < 0 {
-                return channel.place(message, self.taken);
+            let channel = self
+                .channels
+                .entry(name)
+                .or_insert_with(|| Channel::new(message));
+            if channel.is_late(message) {
+                return channel.insert(message, self.taken);
             }
-            channel.newest = message.sequence;
-            channel.usual_ns =
-                i128::from(message.log_time_ns) - i128::from(message.publish_time_ns);
-            let oldest_ns = in_order.at_ns.saturating_sub(WINDOW_NS);
-            while let Some((_, place)) = channel.places.front()
-                && place.at_ns < oldest_ns
-            {
-                channel.places.pop_front();
-            }
-            channel.places.push_back((message.sequence, in_order));
+            channel.go_on(message, in_order);
         }
         self.newest_ns = in_order.at_ns;
         in_order
@@ -229,10 +261,8 @@ mod tests {
                 messages.push(message(1, base.wrapping_add(i), 112, 50 + u64::from(i % 3)));
             }
             let found = ordered(&messages);
-            // Those of one hole may change places among themselves when their publisher's clock did.
-            let holes = |s: u32| s.wrapping_sub(base) / 7;
-            assert_eq!(found.len(), 100);
-            assert!(found.windows(2).all(|w| holes(w[0].1) <= holes(w[1].1)));
+            let orders: Vec<u32> = found.iter().map(|m| m.1.wrapping_sub(base)).collect();
+            assert_eq!(orders, (0..100).collect::<Vec<_>>());
         }
     }
 
