@@ -2,7 +2,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A file that is written from its beginning to its end.
@@ -44,12 +44,42 @@ impl OpenFile for File {
 
 impl Files for SystemFiles {
     fn create(&self, path: &Path) -> io::Result<Arc<dyn OpenFile>> {
-        let file = OpenOptions::new().write(true).create_new(true).open(path)?;
-        // Held while the file is written, so that no other recorder takes it for torn or for old. Where a file system
-        // knows no locks, recordings are made all the same.
+        let opening = opening_path(path);
+        let file = OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .open(&opening)?;
+        // Held while the file is written, so that no recorder takes it for torn or for old: it gets its name when it is
+        // locked already. Where a file system knows no locks, recordings are made all the same.
         let _ = file.try_lock();
+        let named = name(&opening, path);
+        if named.is_err() {
+            let _ = fs::remove_file(&opening);
+        }
+        named?;
         sync_folder_of(path);
         Ok(Arc::new(file))
+    }
+}
+
+/// What a file is called until it is locked.
+fn opening_path(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(OPENING);
+    name.into()
+}
+
+/// End of such a name.
+pub(crate) const OPENING: &str = ".opening";
+
+/// Gives the file its name, which must be free.
+fn name(opening: &Path, path: &Path) -> io::Result<()> {
+    match fs::hard_link(opening, path) {
+        Ok(()) => fs::remove_file(opening),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Err(error),
+        // A file system without links.
+        Err(_) if !path.exists() => fs::rename(opening, path),
+        Err(error) => Err(error),
     }
 }
 
@@ -73,4 +103,36 @@ pub(crate) fn is_being_written(path: &Path) -> bool {
 pub(crate) fn free_bytes(folder: &Path) -> Option<u64> {
     let stat = nix::sys::statvfs::statvfs(folder).ok()?;
     Some(stat.blocks_available() * stat.fragment_size())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recorder_never_mends_the_file_that_it_begins() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().to_owned();
+        let looking = std::thread::spawn(move || {
+            let mut found = Vec::new();
+            while !place.join("end").exists() {
+                found.extend(crate::repair::torn_files(&place).unwrap());
+            }
+            found
+        });
+        for i in 0..500 {
+            let path = folder.path().join(format!("c-{i}.mcap"));
+            let file = SystemFiles.create(&path).unwrap();
+            assert!(is_being_written(&path));
+            assert!(SystemFiles.create(&path).is_err(), "the name is taken");
+            // Finished, as the one who looks sees it.
+            file.append(mcap::MAGIC).unwrap();
+            file.append(mcap::MAGIC).unwrap();
+        }
+        fs::write(folder.path().join("end"), b"").unwrap();
+        let found = looking.join().unwrap();
+        assert_eq!(found, Vec::<PathBuf>::new());
+        let names = fs::read_dir(folder.path()).unwrap();
+        assert_eq!(names.count(), 501, "something is left");
+    }
 }

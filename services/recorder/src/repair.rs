@@ -11,12 +11,15 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 use tangent_runtime::Stop;
 
 use crate::RecorderError;
-use crate::files::{free_bytes, is_being_written, sync_folder_of};
+use crate::files::{OPENING, free_bytes, is_being_written, sync_folder_of};
 use crate::recording::reader_options;
 use crate::writer::{PUBLISHERS, Record, RecordingWriter, parse_publisher};
 
 /// Bytes between two looks at the free space, the stop and the disk: what a mend leaves unsynced at most.
 const STRIDE: u64 = 4 << 20;
+
+/// A file that is begun has its name long before that.
+const OPENING_MAX: std::time::Duration = std::time::Duration::from_secs(60);
 
 /// What a repair did.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -86,8 +89,9 @@ pub(crate) fn torn_files(folder: &Path) -> Result<Vec<PathBuf>, RecorderError> {
     for entry in entries.filter_map(Result::ok) {
         let path = entry.path();
         if path.extension().is_some_and(|e| e == "mcap")
-            && !is_finished(&path)?
+            // In this order: nobody goes on with what nobody writes.
             && !is_being_written(&path)
+            && !is_finished(&path)?
         {
             torn.push(path);
         }
@@ -104,6 +108,10 @@ pub(crate) fn clear_mends(folder: &Path) -> Result<(), RecorderError> {
     let entries = fs::read_dir(folder).map_err(|source| RecorderError::io(folder, source))?;
     for entry in entries.filter_map(Result::ok) {
         let copy = entry.path();
+        if was_being_opened(&copy) {
+            // Killed before it had its name: nothing is in it.
+            let _ = fs::remove_file(&copy);
+        }
         if copy.extension().is_none_or(|e| e != "mending") || is_being_written(&copy) {
             continue;
         }
@@ -117,6 +125,14 @@ pub(crate) fn clear_mends(folder: &Path) -> Result<(), RecorderError> {
         cleared.map_err(|source| RecorderError::io(&copy, source))?;
     }
     Ok(())
+}
+
+/// Left by a recorder that was killed while it began a file, for so long that it cannot be about to go on.
+fn was_being_opened(path: &Path) -> bool {
+    let age = || fs::metadata(path).ok()?.modified().ok()?.elapsed().ok();
+    path.to_string_lossy().ends_with(OPENING)
+        && age().is_some_and(|age| age > OPENING_MAX)
+        && !is_being_written(path)
 }
 
 /// Mends every unfinished recording in `folder`, except those that another recorder is writing.
