@@ -44,13 +44,12 @@ pub(crate) struct Entry<'a> {
 /// What one publisher said.
 #[derive(Debug)]
 struct Line {
-    first: u64,
     last: u64,
     /// Highest sequence that was recalled: the same may still come live.
     recalled: u64,
     /// Not recorded, in order.
     gaps: Vec<Gap>,
-    /// Of `first`, `last` and `gaps` only the lower 32 bits are known, from a file.
+    /// Of `last` and `gaps` only the lower 32 bits are known, from a file.
     short: bool,
     /// Messages taken from all publishers when this one spoke last.
     heard: u64,
@@ -148,7 +147,6 @@ impl Ledger {
             return;
         };
         let mut line = Line {
-            first,
             last: first,
             recalled: 0,
             gaps: Vec::new(),
@@ -225,7 +223,6 @@ impl Ledger {
             None => {
                 self.make_room();
                 let line = Line {
-                    first: from,
                     last: to,
                     recalled: 0,
                     gaps: vec![Gap::new(from, to, true, now)],
@@ -310,7 +307,6 @@ impl Ledger {
 impl Line {
     fn begin(sequence: u64, origin: Origin, heard: u64, now: Instant) -> Self {
         let mut line = Self {
-            first: sequence,
             last: sequence,
             recalled: 0,
             gaps: Vec::new(),
@@ -318,7 +314,6 @@ impl Line {
             heard,
         };
         if sequence > 1 {
-            line.first = 1;
             line.gaps.push(Gap::new(1, sequence - 1, false, now));
         }
         if origin == Origin::Recalled {
@@ -336,7 +331,6 @@ impl Line {
         let ahead = (sequence as u32).wrapping_sub(self.last as u32) as i32;
         let last = sequence.wrapping_add_signed(-i64::from(ahead));
         let more = last.saturating_sub(self.last);
-        self.first += more;
         self.last += more;
         for gap in &mut self.gaps {
             gap.from += more;
