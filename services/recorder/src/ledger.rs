@@ -12,7 +12,7 @@ use tangent_runtime::{Question, SPANS_MAX, Span};
 /// Publishers that are followed; beyond it the one silent longest is forgotten.
 const LINES_MAX: usize = 4096;
 /// Holes of one publisher that are followed; beyond it the oldest stays missing.
-const GAPS_MAX: usize = 256;
+const GAPS_MAX: usize = 1024;
 /// What is only late comes by itself within this time.
 const LATE: Duration = Duration::from_millis(150);
 /// From one question for the same messages to the next; after the last one they stay missing.

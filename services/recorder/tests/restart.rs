@@ -135,7 +135,7 @@ fn what_a_full_queue_pushed_out_is_asked_for_again() {
     while !states.is_read_remotely() {
         publish(&states, Duration::from_millis(10));
     }
-    for _ in 0..20 {
+    for _ in 0..5 {
         for _ in 0..200 {
             states.publish(&ArmState::default());
         }
