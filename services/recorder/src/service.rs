@@ -122,6 +122,8 @@ struct Service {
     messages: RawSubscription,
     /// Patterns to look at one by one; empty when the subscription does it.
     include: Vec<String>,
+    /// Patterns of what is recorded, for what the subscription has not looked at.
+    wanted: Vec<String>,
     exclude: Vec<String>,
     cells: Cells,
     disk: Disk,
@@ -178,6 +180,7 @@ impl Service {
             // Patterns may overlap; one subscription hears each message once.
             several => ("**".to_owned(), several.to_vec()),
         };
+        let wanted = config.include.clone();
         let exclude = config.exclude.clone();
         let cells = Cells::new(config.cells.clone());
         let patterns: Vec<String> = cells
@@ -200,6 +203,7 @@ impl Service {
         Ok(Self {
             messages,
             include,
+            wanted,
             exclude,
             inquirer: Inquirer::start(network.clone(), cells.prefixes())?,
             cells,
@@ -328,7 +332,9 @@ impl Service {
     }
 
     fn take_again(&mut self, message: &RawMessage) {
-        if self.messages.follows(&message.key) {
+        // Publishers answer for every topic.
+        let (_, key) = self.cells.split(&message.key);
+        if matches_any(&self.wanted, key) && self.messages.follows(&message.key) {
             self.take_from(message, Origin::Recalled);
         }
     }

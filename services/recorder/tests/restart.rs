@@ -76,7 +76,10 @@ fn sequences(folder: &Path) -> Vec<u32> {
     for file in files(folder) {
         let recording = Recording::open(&file).unwrap();
         let messages = recording.messages();
-        let in_file: Vec<u32> = messages.map(|message| message.sequence).collect();
+        let in_file: Vec<u32> = messages
+            .inspect(|message| assert_eq!(message.topic, "/arm/state"))
+            .map(|message| message.sequence)
+            .collect();
         assert!(in_file.is_sorted(), "each stands where it would have come");
         all.extend(in_file);
     }
