@@ -117,6 +117,12 @@ pub(crate) struct Batch {
     header: usize,
 }
 
+/// A batch as it is read.
+pub(crate) struct Said<'a> {
+    pub type_name: String,
+    pub messages: Vec<(Attachment, &'a [u8])>,
+}
+
 impl Batch {
     pub(crate) fn new(publisher: [u8; 16], type_name: &str) -> Self {
         let name = &type_name.as_bytes()[..type_name.len().min(255)];
@@ -149,8 +155,8 @@ impl Batch {
         self.bytes.truncate(self.header);
     }
 
-    /// Type and messages of a batch's bytes; `None` when they are none.
-    pub(crate) fn read(bytes: &[u8]) -> Option<(String, Vec<(Attachment, &[u8])>)> {
+    /// What a batch's bytes say; `None` when they are none.
+    pub(crate) fn read(bytes: &[u8]) -> Option<Said<'_>> {
         let mut reader = Reader(bytes);
         let publisher = reader.take::<16>()?;
         let [length] = reader.take::<1>()?;
@@ -170,7 +176,10 @@ impl Batch {
             reader.0 = rest;
             messages.push((attachment, payload));
         }
-        Some((String::from_utf8(name.to_vec()).ok()?, messages))
+        Some(Said {
+            type_name: String::from_utf8(name.to_vec()).ok()?,
+            messages,
+        })
     }
 }
 
@@ -221,9 +230,10 @@ mod tests {
         assert!(batch.is_empty());
         batch.push(4, -1, &[1, 2, 3]);
         batch.push(5, 6, &[]);
-        let (name, messages) = Batch::read(batch.bytes()).unwrap();
-        assert_eq!(name, "a/msg/B");
-        let read: Vec<_> = messages
+        let said = Batch::read(batch.bytes()).unwrap();
+        assert_eq!(said.type_name, "a/msg/B");
+        let read: Vec<_> = said
+            .messages
             .iter()
             .map(|(a, payload)| (a.publisher, a.sequence, a.source_time_ns, *payload))
             .collect();

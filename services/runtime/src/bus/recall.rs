@@ -199,15 +199,15 @@ impl Bus {
             let key = key
                 .strip_prefix(prefix)
                 .and_then(|k| k.strip_prefix(PREFIX));
-            let (Some(key), Some((type_name, messages))) = (key, Batch::read(&bytes)) else {
+            let (Some(key), Some(said)) = (key, Batch::read(&bytes)) else {
                 tracing::warn!(
                     "an answer that cannot be read came to a question on `{prefix}{PREFIX}**`"
                 );
                 continue;
             };
             let key = format!("{prefix}{key}");
-            for (attachment, payload) in messages {
-                take(recalled(&key, &type_name, attachment, payload));
+            for (attachment, payload) in said.messages {
+                take(recalled(&key, &said.type_name, attachment, payload));
             }
         }
         Ok(())
