@@ -39,8 +39,7 @@ fn safe(observer: &Observer, since_ns: i64) {
 /// After a fault a task starts as any other: it presses as it says, and leaves the surface when it is stopped.
 fn wipes_again(cell: &Cell, observer: &Observer) {
     let from = now_ns();
-    cell.start_task(&root().join("deploy/tasks/loops.toml"));
-    observer.sliding(from);
+    observer.slide(cell, &root().join("deploy/tasks/loops.toml"));
     let slides = now_ns();
     wait_for("three seconds of sliding", PATIENCE, || {
         let last = observer.truths(slides).last()?.at_ns;
@@ -69,37 +68,8 @@ fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
         cell.start(LOOP);
         wipes_again(&cell, &observer);
         // And once more, from a task that slides.
-        let from = now_ns();
-        cell.start_task(&root().join("deploy/tasks/loops.toml"));
-        observer.sliding(from);
+        observer.slide(&cell, &root().join("deploy/tasks/loops.toml"));
     }
-}
-
-#[test]
-fn a_hard_loop_of_the_franka_hangs_while_pressing() {
-    let (mut cell, observer) = sliding(&APART);
-    let hung = now_ns();
-    cell.process(LOOP).signal("STOP");
-    observer.at_rest(hung);
-    let back = now_ns();
-    cell.process(LOOP).signal("CONT");
-    observer.phase("fault", back);
-    safe(&observer, hung);
-    wipes_again(&cell, &observer);
-    cell.assert_running(&APART);
-}
-
-/// The estimates come through the router, the wrench does not: the policy stands, and the tool leaves.
-#[test]
-fn the_router_of_the_franka_restarts() {
-    let (mut cell, observer) = sliding(&APART);
-    let killed = now_ns();
-    cell.process("router").kill();
-    cell.start("router");
-    observer.phase("fault", killed);
-    observer.at_rest(killed);
-    safe(&observer, killed);
-    wipes_again(&cell, &observer);
 }
 
 /// Touch alone goes on where the camera is dead.
