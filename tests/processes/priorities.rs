@@ -14,7 +14,13 @@ use tangent_runtime::realtime::{in_scheduled_thread, try_schedule};
 use crate::cell::{Cell, Observer, PATIENCE, set};
 use crate::common::wait_for;
 
-const NAMES: [&str; 1] = ["router simulator netft rtde controller estimator"];
+const NAMES: [&str; 5] = [
+    "router",
+    "simulator",
+    "netft",
+    "rtde controller",
+    "estimator",
+];
 /// How long the processor is taken: less than what Linux leaves to real-time threads of each second.
 const TAKEN: Duration = Duration::from_millis(400);
 /// No fault presses harder: the larger of twice the reference and 10 N.
