@@ -7,6 +7,7 @@ pub mod alignment;
 mod clearance;
 mod config;
 mod controller;
+mod departure;
 pub mod energy_tank;
 mod error;
 mod estimator_choice;

@@ -18,11 +18,11 @@ use super::law::{
 };
 use super::reference::{Descent, SurfacePath};
 use super::{ForceChannel, HybridDynamicsConfig, HybridInput, HybridOutput};
-use crate::clearance::{LeaveWatch, Leaving};
+use crate::departure::Departure;
 use crate::interface::{is_arm_state, is_place, is_time, is_wrench};
 use crate::response_guard::{Doing, ResponseGuard, Touch};
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
-use crate::{Clearance, ControlError, Fault, Limits, Path, Phase, Profile, Task};
+use crate::{Clearance, ControlError, Fault, Limits, Path, Phase, Task};
 
 /// Time in which the last torques fade into what holds the arm, where its state is no number, s.
 const FADE_S: f64 = 0.025;
@@ -53,20 +53,13 @@ struct Run {
     phase_s: f64,
     guard: WrenchGuard,
     response: ResponseGuard,
-    /// Whether the tool may touch something: outlasts the run.
-    clearance: Clearance,
-    leave: LeaveWatch,
-    left: Leaving,
-    /// Way and speed of phase `clear`, m and m/s.
-    clear: (f64, f64),
+    departure: Departure,
     /// Where the zero in force was taken, until something is touched.
     tared_at: Option<Vector3<f64>>,
     /// The zero turned out to be taken in contact.
     zero_withdrawn: bool,
     /// The last usable wrench, base axes.
     felt: Option<Felt>,
-    /// Clock of the retraction, s: slower where nothing is felt.
-    retract_s: f64,
     object: Option<EstimateFollower>,
     /// Where the tool is kept while nothing else is wanted.
     held: Option<Pose<Base, Tool>>,
@@ -75,10 +68,6 @@ struct Run {
     path_s: f64,
     /// Rate of the reference's clock, 0 to 1.
     rate: f64,
-    retract: Option<(Vector3<f64>, Profile)>,
-    after_retract: Phase,
-    /// A retraction has gone its way since the last touch.
-    off: bool,
     motion: MotionIntegral,
     force: ForceIntegral,
     reference_n: f64,
@@ -149,7 +138,7 @@ impl HybridDynamics {
 
     /// Begins the task anew.
     pub fn restart(&mut self) {
-        self.begin(self.run.clearance);
+        self.begin(self.run.departure.clearance);
     }
 
     /// Begins the task with what is known of the tool. In doubt whether it hangs free, it moves off first.
@@ -161,20 +150,20 @@ impl HybridDynamics {
             } else {
                 Phase::Clear
             },
-            clearance,
+            departure: Departure::new(clearance),
             ..Run::default()
         };
     }
 
     /// Whether the tool may touch something: what the next start goes by.
     pub fn clearance(&self) -> Clearance {
-        self.run.clearance
+        self.run.departure.clearance
     }
 
     /// A person has looked: the tool hangs free. Says nothing while a task runs.
     pub fn say_clear(&mut self) {
         if !self.run.phase.is_active() {
-            self.run.clearance = Clearance::Free;
+            self.run.departure.clearance = Clearance::Free;
         }
     }
 
@@ -217,8 +206,7 @@ impl HybridDynamics {
     pub fn is_left_on_surface(&self) -> bool {
         !self.run.phase.is_active()
             && self.run.lay.is_some()
-            && !self.run.off
-            && !self.run.clearance.is_free()
+            && self.run.departure.may_be_on_surface()
     }
 
     /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), over the way of the task's end.
@@ -302,7 +290,10 @@ impl HybridDynamics {
 
         self.judge(input, verdict, &now, estimate.as_ref(), felt.as_ref());
         let wanted = self.advance(input, &now, estimate.as_ref(), felt.as_ref(), verdict);
-        self.remember(&constraint.normal, &now);
+        let position = now.tool.translation();
+        self.run
+            .departure
+            .remember(self.run.phase, constraint.normal, position);
 
         let motion = motion_acceleration(
             &self.config.motion,
@@ -376,7 +367,7 @@ impl HybridDynamics {
                 0.0
             },
             force_n: felt.map(|felt| felt.pressing_n),
-            clearance: self.run.clearance,
+            clearance: self.run.departure.clearance,
             zero_withdrawn: self.run.zero_withdrawn,
             base_from_tool: now.tool,
             path_reference: wanted.reference.position,
@@ -410,7 +401,7 @@ impl HybridDynamics {
             normal: Vector3::z(),
             force_reference_n: 0.0,
             force_n: None,
-            clearance: self.run.clearance,
+            clearance: self.run.departure.clearance,
             zero_withdrawn: self.run.zero_withdrawn,
             base_from_tool: Pose::identity(),
             path_reference: Vector3::zeros(),
@@ -572,11 +563,7 @@ impl HybridDynamics {
             self.run.held = None;
             return self.enter(then);
         }
-        self.run.leave = LeaveWatch::default();
-        self.run.left = Leaving::Going;
-        self.run.retract_s = 0.0;
-        self.run.after_retract = then;
-        self.run.retract = None;
+        self.run.departure.begin_retraction(then);
         self.run.held = None;
         self.enter(Phase::Retract);
     }

@@ -157,7 +157,7 @@ impl HybridDynamics {
             &x,
             &reference.rotation,
         ));
-        self.run.off = false;
+        self.run.departure.touched();
         self.run.path_s = 0.0;
         self.run.reference_n = pressing_n.min(self.task.force.reference_n);
         self.run.force = ForceIntegral::default();

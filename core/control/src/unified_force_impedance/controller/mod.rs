@@ -17,12 +17,12 @@ use super::interface::{JOINTS, TorqueInterface, UnifiedInput, UnifiedOutput};
 use super::law::{ArmNow, ForceLoop, MotionReference, pose_error, stacked};
 use super::monitor::Monitor;
 use super::orientation::OrientationReference;
-use crate::clearance::{LeaveWatch, Leaving};
+use crate::departure::Departure;
 use crate::error::check_range;
 use crate::interface::{is_arm_state, is_time};
 use crate::response_guard::ResponseGuard;
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
-use crate::{Clearance, ControlError, Fault, Limits, Path, Phase, Profile, Task};
+use crate::{Clearance, ControlError, Fault, Limits, Path, Phase, Task};
 
 /// Of the robot, until it says so, s.
 const PERIOD_S: f64 = 0.001;
@@ -67,18 +67,11 @@ struct Run {
     zero: (Vector6<f64>, f64),
     /// What was felt when the wrench was good last.
     felt: Option<Felt>,
-    /// Whether the tool may touch something: outlasts the run.
-    clearance: Clearance,
-    leave: LeaveWatch,
-    left: Leaving,
-    /// Way and speed of phase `clear`, m and m/s.
-    clear: (f64, f64),
+    departure: Departure,
     /// When the zero was taken, s of the run; none before.
     zeroed_s: Option<f64>,
     /// Where, until something is touched.
     tared_at: Option<Vector3<f64>>,
-    /// Clock of the retraction, s: slower where nothing is felt.
-    retract_s: f64,
     /// The joints' friction as it stands in the robot's estimate, base axes.
     rubbing: Vector6<f64>,
     fused: FusedNormal,
@@ -115,10 +108,6 @@ struct Run {
     strong_cycles: u32,
     lost_count: u32,
     sought_m: f64,
-    retract: Option<(Vector3<f64>, Profile)>,
-    after_retract: Phase,
-    /// A retraction has gone its way since the last touch.
-    off: bool,
     blind_s: f64,
     /// With the motion tank's valve shut, s.
     empty_s: f64,
@@ -202,13 +191,13 @@ impl UnifiedForceImpedance {
 
     /// Begins the task anew, with the tanks as at the start.
     pub fn restart(&mut self) {
-        self.begin(self.run.clearance);
+        self.begin(self.run.departure.clearance);
     }
 
     /// Begins the task with what is known of the tool. In doubt whether it hangs free, it moves off first.
     pub fn begin(&mut self, clearance: Clearance) {
         self.run = Run::new(&self.config);
-        self.run.clearance = clearance;
+        self.run.departure = Departure::new(clearance);
         if !clearance.is_free() {
             self.run.phase = Phase::Clear;
         }
@@ -216,13 +205,13 @@ impl UnifiedForceImpedance {
 
     /// Whether the tool may touch something: what the next start goes by.
     pub fn clearance(&self) -> Clearance {
-        self.run.clearance
+        self.run.departure.clearance
     }
 
     /// A person has looked: the tool hangs free. Says nothing while a task runs.
     pub fn say_clear(&mut self) {
         if !self.run.phase.is_active() {
-            self.run.clearance = Clearance::Free;
+            self.run.departure.clearance = Clearance::Free;
         }
     }
 
@@ -265,8 +254,7 @@ impl UnifiedForceImpedance {
     pub fn is_left_on_surface(&self) -> bool {
         !self.run.phase.is_active()
             && self.run.lay.is_some()
-            && !self.run.off
-            && !self.run.clearance.is_free()
+            && self.run.departure.may_be_on_surface()
     }
 
     /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), over the way of the task's end.
@@ -340,7 +328,8 @@ impl UnifiedForceImpedance {
         let felt = self.feel(input, &now);
         self.judge(input, &felt, &now, &normal);
         let wanted = self.advance(input, &now, &normal, &felt);
-        self.remember(&now);
+        let (away, position) = (self.smooth_normal(&now), now.tool.translation());
+        self.run.departure.remember(self.run.phase, away, position);
         let error = pose_error(&now, &wanted.reference);
         let rho_force = self.watch(&wanted, &now, &normal, &felt, &error, dt);
         let (torque, force_reference_n) = self.torques(&wanted, &now, &felt, &error, rho_force, dt);
@@ -361,7 +350,7 @@ impl UnifiedForceImpedance {
             normal_covariance: normal.covariance,
             normal_validity: normal.validity,
             wrench: felt.wrench.map(|wrench| Wrench::from_vector(&wrench)),
-            clearance: self.run.clearance,
+            clearance: self.run.departure.clearance,
             zero_age_s: self.zero_age_s(),
             zero_bound_n: self.zero_bound_n(),
             force_reference_n,
@@ -407,7 +396,7 @@ impl UnifiedForceImpedance {
             normal_covariance: Matrix3::identity(),
             normal_validity: Validity::Missing,
             wrench: None,
-            clearance: self.run.clearance,
+            clearance: self.run.departure.clearance,
             zero_age_s: self.zero_age_s(),
             zero_bound_n: self.zero_bound_n(),
             force_reference_n: 0.0,
@@ -462,11 +451,7 @@ impl UnifiedForceImpedance {
             self.run.held = None;
             return self.enter(then);
         }
-        self.run.leave = LeaveWatch::default();
-        self.run.left = Leaving::Going;
-        self.run.retract_s = 0.0;
-        self.run.after_retract = then;
-        self.run.retract = None;
+        self.run.departure.begin_retraction(then);
         self.run.held = None;
         self.enter(Phase::Retract);
     }
@@ -494,13 +479,9 @@ impl Run {
             response: ResponseGuard::default(),
             zero: (Vector6::zeros(), 0.0),
             felt: None,
-            clearance: Clearance::Free,
-            leave: LeaveWatch::default(),
-            left: Leaving::Going,
-            clear: (0.0, 0.0),
+            departure: Departure::default(),
             zeroed_s: None,
             tared_at: None,
-            retract_s: 0.0,
             rubbing: Vector6::zeros(),
             fused: FusedNormal::default(),
             orientation: None,
@@ -527,9 +508,6 @@ impl Run {
             strong_cycles: 0,
             lost_count: 0,
             sought_m: 0.0,
-            retract: None,
-            after_retract: Phase::Idle,
-            off: false,
             blind_s: 0.0,
             empty_s: 0.0,
             torque: None,

@@ -212,7 +212,7 @@ impl UnifiedForceImpedance {
         });
         let pushing = self.push_direction(now).dot(&(reference - at))
             * self.config.impedance.free_stiffness_n_per_m;
-        self.run.off = false;
+        self.run.departure.touched();
         self.run.path_s = 0.0;
         self.begin_pressing(pushing, at);
         self.enter(Phase::Contact);
