@@ -16,6 +16,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
 use crate::recording::reader_options;
 use crate::repair::is_finished;
+use crate::retention::order_of;
 use crate::writer::{PUBLISHERS, parse_publisher};
 
 /// So much of the end is looked at: what publishers still have, and some more.
@@ -80,18 +81,20 @@ impl Former {
 /// Newest first.
 fn newest_files(folder: &Path, prefix: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten();
-    let mut files: Vec<PathBuf> = entries
+    let mut files: Vec<(String, PathBuf)> = entries
         .filter_map(|entry| {
             let path = entry.ok()?.path();
-            let rest = path.file_name()?.to_str()?.strip_prefix(prefix)?;
+            let name = path.file_name()?.to_str()?;
+            let rest = name.strip_prefix(prefix)?;
             // `-UTC-NNN.mcap`: of no other cell whose name begins in the same way.
             let own = rest.starts_with('-') && rest.split('-').count() == 3;
-            (own && rest.ends_with(".mcap")).then_some(path)
+            let order = order_of(name).filter(|_| own && rest.ends_with(".mcap"))?;
+            Some((order, path))
         })
         .collect();
     files.sort_by(|a, b| b.cmp(a));
     files.truncate(FILES_MAX);
-    files
+    files.into_iter().map(|(_, path)| path).collect()
 }
 
 /// The end of one file.
@@ -317,6 +320,24 @@ mod tests {
             assert_eq!(former.heard.len(), 3);
             assert!(former.heard.values().all(|heard| heard.torn != finish));
         }
+    }
+
+    #[test]
+    fn the_thousandth_file_of_a_run_is_newer_than_the_one_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = [998, 999, 1000, 1001].map(|n| format!("c-20261122T101613Z-{n:03}.mcap"));
+        for (tenth, name) in names.iter().enumerate() {
+            write(
+                folder.path(),
+                name,
+                tenth as u64 * 10,
+                tenth as u64 * 10 + 10,
+                true,
+            );
+        }
+        let files = newest_files(folder.path(), "c");
+        let expected: Vec<_> = names.iter().rev().map(|n| folder.path().join(n)).collect();
+        assert_eq!(files, expected);
     }
 
     #[test]

@@ -12,6 +12,7 @@ mod former;
 mod inquiry;
 mod keeper;
 mod ledger;
+mod message;
 mod order;
 mod pattern;
 #[cfg(test)]
@@ -27,7 +28,8 @@ mod writer;
 pub use config::RecorderConfig;
 pub use disk::Disk;
 pub use error::RecorderError;
-pub use recording::{RecordedMessage, Recording};
+pub use message::RecordedMessage;
+pub use recording::Recording;
 pub use service::{SERVICE, Summary, run, run_for};
 pub use stream::RecordingStream;
 pub use writer::{Record, RecordingWriter};

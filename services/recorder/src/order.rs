@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
 use crate::RecorderError;
-use crate::recording::RecordedMessage;
+use crate::message::RecordedMessage;
 
 /// A message is asked for again within this time, ns: what publishers keep, and some more.
 const WINDOW_NS: u64 = 20_000_000_000;

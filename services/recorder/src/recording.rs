@@ -10,8 +10,8 @@ use mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
 use mcap::{McapError, Message};
 
 use crate::RecorderError;
+use crate::message::RecordedMessage;
 use crate::order::Ordered;
-use crate::repair::publisher_of;
 use crate::writer::PUBLISHERS;
 
 /// A file's bytes, and how far they are whole.
@@ -114,43 +114,6 @@ fn whole_length(bytes: &[u8]) -> usize {
         bytes.len()
     } else {
         at
-    }
-}
-
-/// One message of a recording.
-#[derive(Clone, Debug)]
-pub struct RecordedMessage {
-    /// Topic with its leading slash.
-    pub topic: String,
-    /// ROS 2 message type.
-    pub type_name: String,
-    /// When the recorder received it, ns since the Unix epoch.
-    pub log_time_ns: u64,
-    /// When it was measured, ns since the Unix epoch.
-    pub publish_time_ns: u64,
-    /// Publisher's id; zeros for one that did not say, and in recordings of older versions.
-    pub publisher: [u8; 16],
-    /// Publisher's sequence number, lower 32 bits.
-    pub sequence: u32,
-    /// CDR.
-    pub bytes: Vec<u8>,
-}
-
-impl From<Message<'_>> for RecordedMessage {
-    fn from(m: Message<'_>) -> Self {
-        Self {
-            topic: m.channel.topic.clone(),
-            type_name: m
-                .channel
-                .schema
-                .as_ref()
-                .map_or_else(String::new, |s| s.name.clone()),
-            publisher: publisher_of(&m.channel.metadata),
-            log_time_ns: m.log_time,
-            publish_time_ns: m.publish_time,
-            sequence: m.sequence,
-            bytes: m.data.into_owned(),
-        }
     }
 }
 

@@ -13,7 +13,7 @@ use tangent_runtime::Stop;
 use crate::RecorderError;
 use crate::files::{OPENING, free_bytes, is_being_written, sync_folder_of};
 use crate::recording::reader_options;
-use crate::writer::{PUBLISHERS, Record, RecordingWriter, parse_publisher};
+use crate::writer::{PUBLISHERS, Record, RecordingWriter, publisher_of};
 
 /// Bytes between two looks at the free space, the stop and the disk: what a mend leaves unsynced at most.
 const STRIDE: u64 = 4 << 20;
@@ -360,12 +360,6 @@ fn copy(
     copy.writer.metadata("repaired", entries).map_err(fail)?;
     copy.writer.finish().map_err(fail)?;
     Ok((messages, good))
-}
-
-/// Whose a channel is; zeros where that is not said.
-pub(crate) fn publisher_of(metadata: &BTreeMap<String, String>) -> [u8; 16] {
-    let publisher = metadata.get("publisher").and_then(|p| parse_publisher(p));
-    publisher.unwrap_or_default()
 }
 
 /// Records of the original on their way into the copy.

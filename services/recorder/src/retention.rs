@@ -102,7 +102,7 @@ const TORN: char = 'a';
 const WHOLE: char = 'b';
 
 /// What orders a recording among others by its name; `None` for every other name.
-fn order_of(name: &str) -> Option<String> {
+pub(crate) fn order_of(name: &str) -> Option<String> {
     let (stem, kind) = match name.strip_suffix(".mcap.torn") {
         Some(stem) => (stem, TORN),
         None => (name.strip_suffix(".mcap")?, WHOLE),

@@ -8,7 +8,8 @@ use mcap::McapError;
 use mcap::sans_io::{MessageReadEvent, MessageReader};
 
 use crate::RecorderError;
-use crate::recording::{RecordedMessage, message_reader};
+use crate::message::RecordedMessage;
+use crate::recording::message_reader;
 
 /// The messages of a file, read as they are asked for; never more than one chunk is in memory. Ends with the file, also a torn one,
 /// or with the first damage as its last item. In the file's order: what a publisher was asked for again comes behind what came

@@ -32,6 +32,12 @@ pub(crate) fn parse_publisher(text: &str) -> Option<[u8; 16]> {
     (text.len() == 32).then(|| id.to_be_bytes())
 }
 
+/// Whose a channel is; zeros where that is not said.
+pub(crate) fn publisher_of(metadata: &BTreeMap<String, String>) -> [u8; 16] {
+    let publisher = metadata.get("publisher").and_then(|p| parse_publisher(p));
+    publisher.unwrap_or_default()
+}
+
 /// One message as the recorder takes it from the bus.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
