@@ -22,7 +22,7 @@ files! {
     "std_msgs": "ColorRGBA" "Header";
     "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "Feature" "FeatureArray" "Health"
         "NormalEstimate" "ObjectEstimate" "Request" "ShapingState" "SurfaceAhead" "SurfaceSegment"
-        "WrenchStatus";
+        "WrenchBatch" "WrenchStatus";
     "tf2_msgs": "TFMessage";
     "visualization_msgs": "Marker" "MarkerArray" "MeshFile" "UVCoordinate";
 }

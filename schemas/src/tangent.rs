@@ -168,6 +168,42 @@ message! {
 }
 
 message! {
+    /// Wrenches of one publisher in a row, as a recording keeps them: hundreds of small messages in one. Not on the bus.
+    ///
+    /// Every array has one element for each wrench; a wrench is its numbers times the steps, in the axes of the header's frame.
+    pub struct WrenchBatch: "tangent_msgs/msg/WrenchBatch" {
+        /// Time and frame of the first wrench.
+        pub header: Header,
+        /// The publisher's number of the first wrench; the others follow without a gap.
+        pub sequence: u32,
+        /// When the first wrench was received, ns since the Unix epoch.
+        pub received_ns: u64,
+        /// From the time of the wrench before, ns; 0 for the first.
+        pub stamp_step_ns: Vec<i32>,
+        /// From the receipt of the wrench before, ns; 0 for the first.
+        pub received_step_ns: Vec<i32>,
+        /// From the time of the wrench to its publication, ns.
+        pub published_after_ns: Vec<i32>,
+        /// N
+        pub force_step_n: f64,
+        /// Nm
+        pub torque_step_nm: f64,
+        /// In force steps.
+        pub force_x: Vec<i32>,
+        /// In force steps.
+        pub force_y: Vec<i32>,
+        /// In force steps.
+        pub force_z: Vec<i32>,
+        /// In torque steps.
+        pub torque_x: Vec<i32>,
+        /// In torque steps.
+        pub torque_y: Vec<i32>,
+        /// In torque steps.
+        pub torque_z: Vec<i32>,
+    }
+}
+
+message! {
     /// What was found in one image.
     pub struct FeatureArray: "tangent_msgs/msg/FeatureArray" {
         /// Time of exposure; frame `camera`.

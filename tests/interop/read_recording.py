@@ -31,6 +31,9 @@ class Numbers:
         elif topic == "/health/netft":
             self.found.setdefault("rate_names", []).append(list(message.rate_names))
             self.found.setdefault("fault", []).append(message.fault)
+        elif topic == "/wrench/raw/packed":
+            force_z = [int(steps) * float(message.force_step_n) for steps in message.force_z]
+            self.found.setdefault("raw_force_z", []).extend(force_z)
 
 
 def with_mcap(path):

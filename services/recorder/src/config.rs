@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use tangent_runtime::CellConfig;
 
+use crate::writer::FileOptions;
+
 /// What the recorder is told.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecorderConfig {
@@ -34,6 +36,8 @@ pub struct RecorderConfig {
     pub free_min_bytes: u64,
     /// Chunks are compressed with zstd.
     pub compress: bool,
+    /// Wrenches on `wrench/raw` are kept in arrays.
+    pub pack: bool,
     /// Files stored inside each recording: name and text.
     pub attachments: Vec<(String, String)>,
     /// Names and values stored inside each recording as metadata `tangent`, beside the version.
@@ -57,6 +61,7 @@ impl Default for RecorderConfig {
             keep_for: None,
             free_min_bytes: 64 << 20,
             compress: true,
+            pack: true,
             attachments: Vec::new(),
             facts: version_facts(),
             queue: 1 << 16,
@@ -88,9 +93,18 @@ impl RecorderConfig {
                 .filter(|&days| days > 0.0)
                 .map(|days| Duration::from_secs_f64(days * 86_400.0)),
             compress: section.compress,
+            pack: section.pack,
             facts,
             queue: section.queue_messages,
             ..Self::default()
+        }
+    }
+
+    /// What its files are like.
+    pub(crate) fn options(&self) -> FileOptions {
+        FileOptions {
+            compress: self.compress,
+            pack: self.pack,
         }
     }
 

@@ -250,8 +250,8 @@ impl Disk {
             }
         };
         let fail = |source| RecorderError::mcap(&path, source);
-        let mut writer =
-            RecordingWriter::create_in(&*self.system, &path, self.config.compress).map_err(fail)?;
+        let mut writer = RecordingWriter::create_in(&*self.system, &path, self.config.options())
+            .map_err(fail)?;
         writer
             .metadata("tangent", self.config.facts.clone())
             .map_err(fail)?;

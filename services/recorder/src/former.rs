@@ -14,6 +14,7 @@ use std::time::Duration;
 use mcap::records::Record as McapRecord;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
+use crate::packing;
 use crate::recording::reader_options;
 use crate::repair::is_finished;
 use crate::retention::order_of;
@@ -145,11 +146,20 @@ impl End {
                         Ok(McapRecord::Channel(channel)) => {
                             publishers.add(channel.id, &channel.topic, &channel.metadata);
                         }
-                        Ok(McapRecord::Message { header, .. }) => {
+                        Ok(McapRecord::Message { header, data }) => {
                             self.newest_ns = self.newest_ns.max(header.log_time);
                             if let Some((key, publisher)) = publishers.0.get(&header.channel_id) {
-                                let key = Arc::clone(key);
-                                self.messages.push((key, *publisher, header.sequence));
+                                let (key, count) = match packing::batch(key, &data) {
+                                    Some(batch) => {
+                                        let key = packing::packed_topic(key).unwrap_or(key);
+                                        (key.into(), batch.force_x.len())
+                                    }
+                                    None => (Arc::clone(key), 1),
+                                };
+                                for i in 0..count as u32 {
+                                    let sequence = header.sequence.wrapping_add(i);
+                                    self.messages.push((Arc::clone(&key), *publisher, sequence));
+                                }
                             }
                         }
                         _ => {}
@@ -251,7 +261,9 @@ fn read<const N: usize>(reader: &mut impl Read) -> io::Result<[u8; N]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::writer::{Record, RecordingWriter};
+    use crate::writer::{FileOptions, Record, RecordingWriter};
+    use tangent_schemas::standard::WrenchStamped;
+    use tangent_schemas::{Message, cdr};
 
     const S: u64 = 1_000_000_000;
 
@@ -320,6 +332,39 @@ mod tests {
             assert_eq!(former.heard.len(), 3);
             assert!(former.heard.values().all(|heard| heard.torn != finish));
         }
+    }
+
+    #[test]
+    fn wrenches_in_a_batch_are_heard_one_by_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("c-20261122T101613Z-000.mcap");
+        let options = FileOptions {
+            compress: true,
+            pack: true,
+        };
+        let mut writer = RecordingWriter::create_with(&path, options).unwrap();
+        let mut bytes = Vec::new();
+        cdr::encode(&WrenchStamped::default(), &mut bytes).unwrap();
+        for sequence in 0..100 {
+            let record = Record {
+                topic: "/wrench/raw",
+                type_name: WrenchStamped::NAME,
+                definition: None,
+                publisher: [1; 16],
+                sequence,
+                log_time_ns: S,
+                publish_time_ns: u64::from(sequence),
+                bytes: &bytes,
+            };
+            writer.write(&record).unwrap();
+        }
+        writer.flush().unwrap();
+        let former = Former::read(folder.path(), "c", 2 * S);
+        assert_eq!(
+            heard(&former, "wrench/raw", 1),
+            (0..100).collect::<Vec<_>>()
+        );
+        assert_eq!((former.heard.len(), former.newest_ns), (1, S));
     }
 
     #[test]

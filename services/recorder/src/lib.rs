@@ -14,6 +14,7 @@ mod keeper;
 mod ledger;
 mod message;
 mod order;
+mod packing;
 mod pattern;
 #[cfg(test)]
 mod power_cut;
@@ -32,4 +33,4 @@ pub use message::RecordedMessage;
 pub use recording::Recording;
 pub use service::{SERVICE, Summary, run, run_for};
 pub use stream::RecordingStream;
-pub use writer::{Record, RecordingWriter};
+pub use writer::{FileOptions, Record, RecordingWriter};

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 
 use crate::RecorderError;
 use crate::message::RecordedMessage;
+use crate::packing::Unpacked;
 
 /// A message is asked for again within this time, ns: what publishers keep, and some more.
 const WINDOW_NS: u64 = 20_000_000_000;
@@ -68,6 +69,12 @@ impl Channel {
         (message.sequence.wrapping_sub(self.newest) as i32) < 0
     }
 
+    /// When a message of a batch was received, and not before the one before it: the file has others in between.
+    fn next_ns(&self, message: &RecordedMessage) -> u64 {
+        let before_ns = self.places.back().map_or(0, |(_, place)| place.at_ns);
+        message.log_time_ns.max(before_ns)
+    }
+
     /// The next message in order.
     fn go_on(&mut self, message: &RecordedMessage, place: Place) {
         self.newest = message.sequence;
@@ -118,7 +125,7 @@ fn delay_ns(message: &RecordedMessage) -> i128 {
     i128::from(message.log_time_ns) - i128::from(message.publish_time_ns)
 }
 
-impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Ordered<I> {
+impl<I: Iterator<Item = Result<Unpacked, RecorderError>>> Ordered<I> {
     pub(crate) fn new(source: I) -> Self {
         Self {
             source,
@@ -131,14 +138,15 @@ impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Ordered<I> {
         }
     }
 
-    fn take(&mut self, message: RecordedMessage) {
-        let place = self.place(&message);
+    fn take(&mut self, one: Unpacked) {
+        let place = self.place(&one);
         self.taken += 1;
-        self.waiting.insert(place, message);
+        self.waiting.insert(place, one.message);
     }
 
-    fn place(&mut self, message: &RecordedMessage) -> Place {
-        let in_order = Place {
+    fn place(&mut self, one: &Unpacked) -> Place {
+        let message = &one.message;
+        let mut place = Place {
             at_ns: self.newest_ns.max(message.log_time_ns),
             at: self.taken,
             side: Side::At,
@@ -154,14 +162,17 @@ impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Ordered<I> {
             if channel.is_late(message) {
                 return channel.insert(message, self.taken);
             }
-            channel.go_on(message, in_order);
+            if one.packed {
+                place.at_ns = channel.next_ns(message);
+            }
+            channel.go_on(message, place);
         }
-        self.newest_ns = in_order.at_ns;
-        in_order
+        self.newest_ns = self.newest_ns.max(place.at_ns);
+        place
     }
 }
 
-impl<I: Iterator<Item = Result<RecordedMessage, RecorderError>>> Iterator for Ordered<I> {
+impl<I: Iterator<Item = Result<Unpacked, RecorderError>>> Iterator for Ordered<I> {
     type Item = Result<RecordedMessage, RecorderError>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -203,7 +214,12 @@ mod tests {
     }
 
     fn ordered(messages: &[RecordedMessage]) -> Vec<(u8, u32)> {
-        let source = messages.iter().cloned().map(Ok);
+        let source = messages.iter().cloned().map(|message| {
+            Ok(Unpacked {
+                message,
+                packed: false,
+            })
+        });
         Ordered::new(source)
             .map(|m| m.unwrap())
             .map(|m| (m.publisher[0], m.sequence))
@@ -267,10 +283,44 @@ mod tests {
     }
 
     #[test]
+    fn messages_of_a_batch_stand_among_those_that_came_meanwhile() {
+        let mut source: Vec<_> = [(2, 1, 101), (2, 2, 104), (2, 3, 107)]
+            .map(|(publisher, sequence, at)| (message(publisher, sequence, at, at), false))
+            .into();
+        // Written behind them, and the receiver's clock was set back meanwhile.
+        for (sequence, at) in [(5, 100), (6, 102), (7, 106), (8, 103), (9, 107)] {
+            source.push((message(1, sequence, at, at), true));
+        }
+        let source = source
+            .into_iter()
+            .map(|(message, packed)| Ok(Unpacked { message, packed }));
+        let found: Vec<_> = Ordered::new(source)
+            .map(|m| m.unwrap())
+            .map(|m| (m.publisher[0], m.sequence))
+            .collect();
+        let expected = [
+            (1, 5),
+            (2, 1),
+            (1, 6),
+            (2, 2),
+            (1, 7),
+            (1, 8),
+            (2, 3),
+            (1, 9),
+        ];
+        assert_eq!(found, expected);
+    }
+
+    #[test]
     fn damage_comes_last() {
         let lost = RecorderError::mcap("x".as_ref(), mcap::McapError::BadMagic);
         let source = [Ok(message(1, 1, 1, 1)), Ok(message(1, 2, 2, 2)), Err(lost)];
-        let mut ordered = Ordered::new(source.into_iter());
+        let mut ordered = Ordered::new(source.into_iter().map(|read| {
+            read.map(|message| Unpacked {
+                message,
+                packed: false,
+            })
+        }));
         assert!(ordered.next().unwrap().is_ok() && ordered.next().unwrap().is_ok());
         assert!(ordered.next().unwrap().is_err() && ordered.next().is_none());
     }

@@ -12,6 +12,7 @@ use mcap::{McapError, Message};
 use crate::RecorderError;
 use crate::message::RecordedMessage;
 use crate::order::Ordered;
+use crate::packing::unpack;
 use crate::writer::PUBLISHERS;
 
 /// A file's bytes, and how far they are whole.
@@ -186,7 +187,7 @@ impl Recording {
     }
 
     /// Every message up to the first damage, in the order in which they came. What its publisher was asked for again
-    /// stands where it would have come.
+    /// stands where it would have come, and what was packed is unpacked.
     pub fn messages(&self) -> impl Iterator<Item = RecordedMessage> + '_ {
         self.try_messages().map_while(Result::ok)
     }
@@ -195,10 +196,9 @@ impl Recording {
     pub fn try_messages(
         &self,
     ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + '_ {
-        Ordered::new(self.whole.messages().map(|message| {
-            message
-                .map(RecordedMessage::from)
-                .map_err(|source| RecorderError::mcap(&self.path, source))
+        Ordered::new(self.whole.messages().flat_map(|message| match message {
+            Ok(message) => unpack(message.into()).into_iter().map(Ok).collect(),
+            Err(source) => vec![Err(RecorderError::mcap(&self.path, source))],
         }))
     }
 }

@@ -9,15 +9,18 @@ use mcap::sans_io::{MessageReadEvent, MessageReader};
 
 use crate::RecorderError;
 use crate::message::RecordedMessage;
+use crate::packing::{Unpacked, unpack};
 use crate::recording::message_reader;
 
 /// The messages of a file, read as they are asked for; never more than one chunk is in memory. Ends with the file, also a torn one,
 /// or with the first damage as its last item. In the file's order: what a publisher was asked for again comes behind what came
-/// meanwhile.
+/// meanwhile, and what was packed behind what came while its batch was filled.
 pub struct RecordingStream {
     path: PathBuf,
     file: File,
     reader: MessageReader,
+    /// Of a batch.
+    unpacked: std::vec::IntoIter<Unpacked>,
     ended: bool,
 }
 
@@ -31,12 +34,16 @@ impl RecordingStream {
             path: path.to_owned(),
             file: File::open(path).map_err(|source| RecorderError::io(path, source))?,
             reader: message_reader(),
+            unpacked: Vec::new().into_iter(),
             ended: false,
         })
     }
 
     fn step(&mut self) -> Option<Result<RecordedMessage, RecorderError>> {
         loop {
+            if let Some(one) = self.unpacked.next() {
+                return Some(Ok(one.message));
+            }
             match self.reader.next_event()? {
                 Ok(MessageReadEvent::ReadRequest(wanted)) => {
                     match self.file.read(self.reader.insert(wanted)) {
@@ -44,7 +51,9 @@ impl RecordingStream {
                         Err(source) => return Some(Err(RecorderError::io(&self.path, source))),
                     }
                 }
-                Ok(MessageReadEvent::Message(message)) => return Some(Ok(message.into())),
+                Ok(MessageReadEvent::Message(message)) => {
+                    self.unpacked = unpack(message.into()).into_iter();
+                }
                 Err(McapError::UnexpectedEof) => return None,
                 Err(source) => return Some(Err(RecorderError::mcap(&self.path, source))),
             }

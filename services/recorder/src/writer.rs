@@ -10,7 +10,11 @@ use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, McapError, WriteOptions};
 
+use tangent_schemas::Message;
+use tangent_schemas::tangent::WrenchBatch;
+
 use crate::files::{Files, OpenFile, SystemFiles};
+use crate::packing::{self, Packed, Packer, Whole};
 
 /// Level of zstd: higher ones cost several times the processor's time for a hundredth of the size.
 const ZSTD_LEVEL: u32 = 3;
@@ -102,29 +106,44 @@ pub struct RecordingWriter {
     path: PathBuf,
     written: Arc<AtomicU64>,
     messages: u64,
+    /// None where every message is written as it came.
+    packer: Option<Packer>,
+}
+
+/// What a recording's file is like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileOptions {
+    /// Chunks are compressed with zstd.
+    pub compress: bool,
+    /// Wrenches on `wrench/raw` are kept in arrays: [`WrenchBatch`] on `/wrench/raw/packed`.
+    pub pack: bool,
 }
 
 impl RecordingWriter {
-    /// Creates `path`, which must not exist.
+    /// Creates `path`, which must not exist: compressed, and every message as it comes.
     ///
     /// # Errors
     /// When the file cannot be created or its header not be written.
     pub fn create(path: &Path) -> Result<Self, McapError> {
-        Self::create_with(path, true)
+        let options = FileOptions {
+            compress: true,
+            pack: false,
+        };
+        Self::create_with(path, options)
     }
 
-    /// Creates `path` with compressed chunks (zstd) or plain ones.
+    /// Creates `path`, which must not exist.
     ///
     /// # Errors
     /// When the file cannot be created or its header not be written.
-    pub fn create_with(path: &Path, compress: bool) -> Result<Self, McapError> {
-        Self::create_in(&SystemFiles, path, compress)
+    pub fn create_with(path: &Path, options: FileOptions) -> Result<Self, McapError> {
+        Self::create_in(&SystemFiles, path, options)
     }
 
     pub(crate) fn create_in(
         files: &dyn Files,
         path: &Path,
-        compress: bool,
+        options: FileOptions,
     ) -> Result<Self, McapError> {
         let file = files.create(path)?;
         let written = Arc::new(AtomicU64::new(0));
@@ -135,7 +154,7 @@ impl RecordingWriter {
         let writer = WriteOptions::new()
             .profile("ros2")
             .library(concat!("tangent ", env!("CARGO_PKG_VERSION")))
-            .compression(compress.then_some(Compression::Zstd))
+            .compression(options.compress.then_some(Compression::Zstd))
             .compression_level(ZSTD_LEVEL)
             .compression_threads(0)
             .chunk_size(Some(1 << 20))
@@ -150,14 +169,53 @@ impl RecordingWriter {
             path: path.to_owned(),
             written,
             messages: 0,
+            packer: options.pack.then(Packer::default),
         })
     }
 
-    /// Appends one message.
+    /// Appends one message; one that is packed reaches the file with its batch, at the next [`flush`](Self::flush) at the latest.
     ///
     /// # Errors
     /// When the disk refuses; the file then stays readable up to its last whole chunk.
     pub fn write(&mut self, record: &Record<'_>) -> Result<(), McapError> {
+        self.messages += packing::count(record.topic, record.type_name, record.bytes);
+        let Some(packer) = &mut self.packer else {
+            return self.write_message(record);
+        };
+        match packer.take(record) {
+            Packed::Taken(full) => full.map_or(Ok(()), |whole| self.write_batch(&whole)),
+            Packed::Not(before) => {
+                if let Some(whole) = before {
+                    self.write_batch(&whole)?;
+                }
+                self.write_message(record)
+            }
+        }
+    }
+
+    fn write_batch(&mut self, whole: &Whole) -> Result<(), McapError> {
+        self.write_message(&Record {
+            topic: &whole.topic,
+            type_name: WrenchBatch::NAME,
+            definition: Some(&WrenchBatch::definition()),
+            publisher: whole.publisher,
+            sequence: whole.sequence,
+            log_time_ns: whole.log_time_ns,
+            publish_time_ns: whole.publish_time_ns,
+            bytes: &whole.bytes,
+        })
+    }
+
+    /// Batches that are not full.
+    fn write_rest(&mut self) -> Result<(), McapError> {
+        let rest = self.packer.as_mut().map(Packer::end_all);
+        for whole in rest.unwrap_or_default() {
+            self.write_batch(&whole)?;
+        }
+        Ok(())
+    }
+
+    fn write_message(&mut self, record: &Record<'_>) -> Result<(), McapError> {
         let channel_id = match self.channel(record, record.publisher) {
             Some(id) => id,
             None if self.publishers < PUBLISHERS_MAX => {
@@ -174,9 +232,7 @@ impl RecordingWriter {
             log_time: record.log_time_ns,
             publish_time: record.publish_time_ns,
         };
-        self.writer.write_to_known_channel(&header, record.bytes)?;
-        self.messages += 1;
-        Ok(())
+        self.writer.write_to_known_channel(&header, record.bytes)
     }
 
     fn channel(&self, record: &Record<'_>, publisher: [u8; 16]) -> Option<u16> {
@@ -253,6 +309,7 @@ impl RecordingWriter {
     /// # Errors
     /// When the disk refuses.
     pub fn flush(&mut self) -> Result<(), McapError> {
+        self.write_rest()?;
         self.say_publishers()?;
         self.writer.flush()
     }
@@ -280,6 +337,7 @@ impl RecordingWriter {
     /// # Errors
     /// When the disk refuses.
     pub fn finish(mut self) -> Result<PathBuf, McapError> {
+        self.write_rest()?;
         self.say_publishers()?;
         self.writer.finish()?;
         self.file.sync()?;
@@ -296,7 +354,7 @@ impl RecordingWriter {
         self.written.load(Ordering::Relaxed)
     }
 
-    /// Messages taken so far.
+    /// Messages taken so far; those in a batch are counted one by one.
     pub fn messages(&self) -> u64 {
         self.messages
     }

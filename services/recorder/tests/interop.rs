@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::{Value, json};
-use tangent_recorder::{Record, RecordingWriter};
+use tangent_recorder::{FileOptions, Record, RecordingWriter};
 use tangent_schemas::standard::{
     CompressedImage, Header, JointState, Marker, MarkerArray, PoseStamped, TFMessage,
     TransformStamped, WrenchStamped,
@@ -50,8 +50,22 @@ fn put<M: Message>(writer: &mut RecordingWriter, topic: &str, sequence: u32, mes
         .unwrap();
 }
 
+/// As a sensor counts: whole numbers of micronewtons.
+fn raw_wrench(i: u32) -> WrenchStamped {
+    let mut wrench = WrenchStamped {
+        header: Header::new(1_795_260_245_000_000_000 + i64::from(i) * 142_857, "sensor"),
+        ..WrenchStamped::default()
+    };
+    wrench.wrench.force.z = (f64::from(i) + 1.0) * -1e-6;
+    wrench
+}
+
 fn record(path: &Path) {
-    let mut writer = RecordingWriter::create(path).unwrap();
+    let options = FileOptions {
+        compress: true,
+        pack: true,
+    };
+    let mut writer = RecordingWriter::create_with(path, options).unwrap();
     let facts = [("version".to_owned(), "0.1.0".to_owned())];
     writer.metadata("tangent", facts.into()).unwrap();
     writer
@@ -88,6 +102,7 @@ fn record(path: &Path) {
         put(w, "/estimate/blend/normal", i, &NormalEstimate::default());
         put(w, "/truth/contact", i, &ContactTruth::default());
         put(w, "/wrench/tool", i, &WrenchStamped::default());
+        put(w, "/wrench/raw", i, &raw_wrench(i));
         put(w, "/wrench/status", i, &WrenchStatus::default());
         put(w, "/joints", i, &JointState::default());
         put(w, "/pose", i, &PoseStamped::default());
@@ -147,15 +162,20 @@ fn other_peoples_programs_read_every_message() {
     let faults: Vec<String> = cycles.iter().map(|i| format!("fault {i}")).collect();
     for reader in ["mcap", "rosbags"] {
         let counts = found[reader]["counts"].as_object().unwrap();
-        assert_eq!(counts.len(), 13, "{reader}: {counts:?}");
+        assert_eq!(counts.len(), 14, "{reader}: {counts:?}");
         for (topic, count) in counts {
-            assert_eq!(*count, json!(EACH), "{reader}: {topic}");
+            // Those of `/wrench/raw` are in arrays: one for each publisher.
+            let packed = topic.starts_with("/wrench/raw/packed ");
+            let expected = if packed { 2 } else { EACH };
+            assert_eq!(*count, json!(expected), "{reader}: {topic}");
         }
         let numbers = &found[reader]["numbers"];
         assert_eq!(numbers["cycle"], json!(cycles), "{reader}");
         assert_eq!(numbers["q"][7], json!([0.5, 7.0, -1.5, 2.0, 0.25, 3.0]));
         assert_eq!(numbers["rate_names"][3], json!(["records", "ü"]));
         assert_eq!(numbers["fault"], json!(faults));
+        let force_z: Vec<f64> = cycles.iter().map(|i| (f64::from(*i) + 1.0) * -1e-6).collect();
+        assert_eq!(numbers["raw_force_z"], json!(force_z), "{reader}");
     }
     assert_eq!(found["mcap"]["profile"], "ros2");
     assert_eq!(found["mcap"]["metadata"]["tangent"]["version"], "0.1.0");

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
 use tangent_recorder::{
-    Record, RecorderConfig, Recording, RecordingStream, RecordingWriter, repair,
+    FileOptions, Record, RecorderConfig, Recording, RecordingStream, RecordingWriter, repair,
 };
 use tangent_runtime::{Bus, Stop};
 
@@ -17,7 +17,11 @@ const GROWTH_MAX_KIB: u64 = 32 << 10;
 
 fn torn(folder: &Path) -> PathBuf {
     let path = folder.join("cell1-20261122T101613Z-000.mcap");
-    let mut writer = RecordingWriter::create_with(&path, false).unwrap();
+    let options = FileOptions {
+        compress: false,
+        pack: false,
+    };
+    let mut writer = RecordingWriter::create_with(&path, options).unwrap();
     let noise: Vec<u8> = (0u32..1 << 16)
         .map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8)
         .collect();

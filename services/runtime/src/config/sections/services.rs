@@ -118,6 +118,8 @@ pub struct RecorderConfig {
     pub keep_days: f64,
     /// Chunks are compressed with zstd.
     pub compress: bool,
+    /// Wrenches on `wrench/raw` are kept in arrays, hundreds in a message.
+    pub pack: bool,
     /// Messages that wait for the disk before the oldest is dropped and counted.
     pub queue_messages: usize,
 }
@@ -134,6 +136,7 @@ impl Default for RecorderConfig {
             keep_bytes: 0,
             keep_days: 0.0,
             compress: true,
+            pack: true,
             queue_messages: 65_536,
         }
     }

@@ -1,0 +1,362 @@
+//! Wrenches in arrays: at 7000 a second each message costs as much for its place in a file as for what it says.
+//!
+//! A sensor counts in steps of a decimal fraction of its unit, so that a force is a whole number of steps. A wrench that does not come
+//! out of the arrays bit for bit as it went in stays a message of its own.
+
+use std::collections::BTreeMap;
+
+use tangent_schemas::standard::{Header, Time, Vector3, Wrench, WrenchStamped};
+use tangent_schemas::tangent::WrenchBatch;
+use tangent_schemas::{Message, cdr, topics};
+
+use crate::message::RecordedMessage;
+use crate::writer::Record;
+
+/// Behind the name of a topic whose messages are in arrays.
+const SUFFIX: &str = "/packed";
+/// Wrenches in one message at most.
+const BATCH_MAX: usize = 4096;
+/// Steps are units of force or torque divided by a power of ten up to this one.
+const DECIMALS: i32 = 9;
+/// N: newton, pound-force, kilogram-force.
+const FORCE_UNITS: [f64; 3] = [1.0, POUND_FORCE_N, KILOGRAM_FORCE_N];
+/// Nm: newton metre, pound-force inch and foot, kilogram-force centimetre.
+const TORQUE_UNITS: [f64; 4] = [
+    1.0,
+    POUND_FORCE_N * 0.0254,
+    POUND_FORCE_N * 12.0 * 0.0254,
+    KILOGRAM_FORCE_N / 100.0,
+];
+const POUND_FORCE_N: f64 = 4.448_221_615_260_5;
+const KILOGRAM_FORCE_N: f64 = 9.806_65;
+
+/// A topic and who publishes on it.
+type Place = (String, [u8; 16]);
+
+/// Wrenches that wait for the rest of their batch.
+#[derive(Default)]
+pub(crate) struct Packer {
+    waiting: BTreeMap<Place, Waiting>,
+}
+
+/// What became of a record.
+pub(crate) enum Packed {
+    /// It is in a batch; this one is full.
+    Taken(Option<Whole>),
+    /// It is to be written as it is, and before it this.
+    Not(Option<Whole>),
+}
+
+/// A batch to be written.
+pub(crate) struct Whole {
+    pub topic: String,
+    pub publisher: [u8; 16],
+    pub sequence: u32,
+    pub log_time_ns: u64,
+    pub publish_time_ns: u64,
+    pub bytes: Vec<u8>,
+}
+
+impl Packer {
+    /// Takes a record, or says that it is none for a batch.
+    pub fn take(&mut self, record: &Record<'_>) -> Packed {
+        if !is_packable(record) {
+            return Packed::Not(None);
+        }
+        let place = (record.topic.to_owned(), record.publisher);
+        let Some(one) = One::of(record) else {
+            return Packed::Not(self.end(&place));
+        };
+        let waiting = self.waiting.entry(place.clone()).or_default();
+        if waiting.push(&one) {
+            return Packed::Taken(None);
+        }
+        let ended = self.end(&place);
+        let waiting = self.waiting.entry(place).or_default();
+        if waiting.push(&one) || (waiting.find_steps(&one) && waiting.push(&one)) {
+            Packed::Taken(ended)
+        } else {
+            Packed::Not(ended)
+        }
+    }
+
+    /// Everything that waits.
+    pub fn end_all(&mut self) -> Vec<Whole> {
+        let places: Vec<Place> = self.waiting.keys().cloned().collect();
+        places.iter().filter_map(|place| self.end(place)).collect()
+    }
+
+    fn end(&mut self, place: &Place) -> Option<Whole> {
+        self.waiting.get_mut(place)?.end(place)
+    }
+}
+
+/// Raw wrenches of a publisher that numbers them.
+fn is_packable(record: &Record<'_>) -> bool {
+    let raw = topics::WRENCH_RAW.key();
+    let of_cell = || record.topic.strip_suffix(raw)?.strip_suffix('/');
+    record.type_name == WrenchStamped::NAME && record.publisher != [0; 16] && of_cell().is_some()
+}
+
+/// A wrench and its times.
+struct One<'a> {
+    record: &'a Record<'a>,
+    wrench: WrenchStamped,
+    stamp_ns: i64,
+    published_after_ns: i32,
+}
+
+impl<'a> One<'a> {
+    fn of(record: &'a Record<'a>) -> Option<Self> {
+        let wrench: WrenchStamped = cdr::decode(record.bytes).ok()?;
+        let stamp_ns = wrench.header.stamp.to_ns();
+        let published_ns = i64::try_from(record.publish_time_ns).ok()?;
+        Some(Self {
+            record,
+            stamp_ns,
+            published_after_ns: narrow(published_ns.checked_sub(stamp_ns)?)?,
+            wrench,
+        })
+    }
+}
+
+fn narrow(number: i64) -> Option<i32> {
+    i32::try_from(number).ok()
+}
+
+/// A batch that is not full yet.
+#[derive(Default)]
+struct Waiting {
+    batch: WrenchBatch,
+    last: Last,
+    /// Bytes of a wrench as they come out of the arrays.
+    bytes: Vec<u8>,
+}
+
+/// Of the newest wrench.
+#[derive(Clone, Copy, Default)]
+struct Last {
+    stamp_ns: i64,
+    received_ns: u64,
+    published_ns: u64,
+}
+
+impl Waiting {
+    /// False when the wrench does not go on where the batch ends, or not come out as it went in.
+    fn push(&mut self, one: &One<'_>) -> bool {
+        let size = self.batch.force_x.len();
+        if size == BATCH_MAX {
+            return false;
+        }
+        if size == 0 {
+            let steps = (self.batch.force_step_n, self.batch.torque_step_nm);
+            self.batch = WrenchBatch {
+                header: one.wrench.header.clone(),
+                sequence: one.record.sequence,
+                received_ns: one.record.log_time_ns,
+                force_step_n: steps.0,
+                torque_step_nm: steps.1,
+                ..WrenchBatch::default()
+            };
+            self.last = Last {
+                stamp_ns: one.stamp_ns,
+                received_ns: one.record.log_time_ns,
+                published_ns: one.record.publish_time_ns,
+            };
+        }
+        self.append(one).is_some()
+    }
+
+    fn append(&mut self, one: &One<'_>) -> Option<()> {
+        let batch = &mut self.batch;
+        let record = one.record;
+        let place = batch.force_x.len() as u32;
+        let goes_on = record.sequence == batch.sequence.wrapping_add(place)
+            && one.wrench.header.frame_id == batch.header.frame_id;
+        if !goes_on {
+            return None;
+        }
+        let stamp_step = narrow(one.stamp_ns.checked_sub(self.last.stamp_ns)?)?;
+        let received_step = record.log_time_ns.wrapping_sub(self.last.received_ns) as i64;
+        let received_step = narrow(received_step)?;
+        let wrench = &one.wrench.wrench;
+        let force = numbers(&wrench.force, batch.force_step_n)?;
+        let torque = numbers(&wrench.torque, batch.torque_step_nm)?;
+        let again = WrenchStamped {
+            header: header_at(one.stamp_ns, &batch.header),
+            wrench: Wrench {
+                force: times(force, batch.force_step_n),
+                torque: times(torque, batch.torque_step_nm),
+            },
+        };
+        self.bytes.clear();
+        cdr::encode(&again, &mut self.bytes).ok()?;
+        if self.bytes != record.bytes {
+            return None;
+        }
+        batch.stamp_step_ns.push(stamp_step);
+        batch.received_step_ns.push(received_step);
+        batch.published_after_ns.push(one.published_after_ns);
+        batch.force_x.push(force[0]);
+        batch.force_y.push(force[1]);
+        batch.force_z.push(force[2]);
+        batch.torque_x.push(torque[0]);
+        batch.torque_y.push(torque[1]);
+        batch.torque_z.push(torque[2]);
+        self.last = Last {
+            stamp_ns: one.stamp_ns,
+            received_ns: record.log_time_ns,
+            published_ns: record.publish_time_ns,
+        };
+        Some(())
+    }
+
+    /// The coarsest steps of which this wrench has whole numbers; for an empty batch.
+    fn find_steps(&mut self, one: &One<'_>) -> bool {
+        let wrench = &one.wrench.wrench;
+        let force = step(&wrench.force, &FORCE_UNITS);
+        let torque = step(&wrench.torque, &TORQUE_UNITS);
+        (self.batch.force_step_n, self.batch.torque_step_nm) =
+            (force.unwrap_or(0.0), torque.unwrap_or(0.0));
+        force.is_some() && torque.is_some()
+    }
+
+    /// What waits; the steps stay for the next batch.
+    fn end(&mut self, (topic, publisher): &Place) -> Option<Whole> {
+        if self.batch.force_x.is_empty() {
+            return None;
+        }
+        let mut bytes = Vec::new();
+        cdr::encode(&self.batch, &mut bytes)
+            .expect("arrays of some thousand numbers can be written");
+        let whole = Whole {
+            topic: format!("{topic}{SUFFIX}"),
+            publisher: *publisher,
+            sequence: self.batch.sequence,
+            log_time_ns: self.last.received_ns,
+            publish_time_ns: self.last.published_ns,
+            bytes,
+        };
+        self.batch = WrenchBatch {
+            force_step_n: self.batch.force_step_n,
+            torque_step_nm: self.batch.torque_step_nm,
+            ..WrenchBatch::default()
+        };
+        Some(whole)
+    }
+}
+
+fn step(vector: &Vector3, units: &[f64]) -> Option<f64> {
+    let mut steps = units
+        .iter()
+        .flat_map(|unit| (0..=DECIMALS).map(move |decimals| unit / 10f64.powi(decimals)));
+    steps.find(|step| numbers(vector, *step).is_some())
+}
+
+/// How many steps; `None` where that is no whole number.
+fn numbers(vector: &Vector3, step: f64) -> Option<[i32; 3]> {
+    let number = |value: f64| {
+        let number = (value / step).round();
+        let whole = number.abs() <= f64::from(i32::MAX) && number * step == value;
+        whole.then_some(number as i32)
+    };
+    Some([number(vector.x)?, number(vector.y)?, number(vector.z)?])
+}
+
+fn times([x, y, z]: [i32; 3], step: f64) -> Vector3 {
+    Vector3 {
+        x: f64::from(x) * step,
+        y: f64::from(y) * step,
+        z: f64::from(z) * step,
+    }
+}
+
+fn header_at(stamp_ns: i64, first: &Header) -> Header {
+    Header {
+        stamp: Time::from_ns(stamp_ns),
+        frame_id: first.frame_id,
+    }
+}
+
+/// The topic whose messages stand in arrays on this one.
+pub(crate) fn packed_topic(topic: &str) -> Option<&str> {
+    topic.strip_suffix(SUFFIX)
+}
+
+/// A batch, where these bytes are one.
+pub(crate) fn batch(topic: &str, bytes: &[u8]) -> Option<WrenchBatch> {
+    packed_topic(topic)?;
+    let batch: WrenchBatch = cdr::decode(bytes).ok()?;
+    let size = batch.force_x.len();
+    let arrays = [
+        &batch.stamp_step_ns,
+        &batch.received_step_ns,
+        &batch.published_after_ns,
+        &batch.force_y,
+        &batch.force_z,
+        &batch.torque_x,
+        &batch.torque_y,
+        &batch.torque_z,
+    ];
+    (arrays.iter().all(|array| array.len() == size)).then_some(batch)
+}
+
+/// Messages in a message of a recording: 1 in all that are no batch.
+pub(crate) fn count(topic: &str, type_name: &str, bytes: &[u8]) -> u64 {
+    let batch = (type_name == WrenchBatch::NAME)
+        .then(|| batch(topic, bytes))
+        .flatten();
+    batch.map_or(1, |batch| batch.force_x.len() as u64)
+}
+
+/// A message as it came from the bus.
+pub(crate) struct Unpacked {
+    pub message: RecordedMessage,
+    /// It stood in a batch: in the file, it comes behind what was received after it.
+    pub packed: bool,
+}
+
+/// The messages of a batch as they came from the bus; any other message as it is.
+pub(crate) fn unpack(message: RecordedMessage) -> Vec<Unpacked> {
+    let found = (message.type_name == WrenchBatch::NAME)
+        .then(|| batch(&message.topic, &message.bytes))
+        .flatten();
+    let (Some(batch), Some(topic)) = (found, packed_topic(&message.topic)) else {
+        return vec![Unpacked {
+            message,
+            packed: false,
+        }];
+    };
+    let mut stamp_ns = batch.header.stamp.to_ns();
+    let mut received_ns = batch.received_ns;
+    let mut messages = Vec::with_capacity(batch.force_x.len());
+    for i in 0..batch.force_x.len() {
+        stamp_ns = stamp_ns.wrapping_add(i64::from(batch.stamp_step_ns[i]));
+        received_ns = received_ns.wrapping_add_signed(i64::from(batch.received_step_ns[i]));
+        let after_ns = i64::from(batch.published_after_ns[i]);
+        let force = [batch.force_x[i], batch.force_y[i], batch.force_z[i]];
+        let torque = [batch.torque_x[i], batch.torque_y[i], batch.torque_z[i]];
+        let wrench = WrenchStamped {
+            header: header_at(stamp_ns, &batch.header),
+            wrench: Wrench {
+                force: times(force, batch.force_step_n),
+                torque: times(torque, batch.torque_step_nm),
+            },
+        };
+        let mut bytes = Vec::new();
+        cdr::encode(&wrench, &mut bytes).expect("a wrench can be written");
+        messages.push(Unpacked {
+            message: RecordedMessage {
+                topic: topic.to_owned(),
+                type_name: WrenchStamped::NAME.to_owned(),
+                log_time_ns: received_ns,
+                publish_time_ns: stamp_ns.wrapping_add(after_ns) as u64,
+                publisher: message.publisher,
+                sequence: batch.sequence.wrapping_add(i as u32),
+                bytes,
+            },
+            packed: true,
+        });
+    }
+    messages
+}
