@@ -120,6 +120,8 @@ fn go_on_after(config: &RecorderConfig, now_ns: i64, ledger: &mut Ledger, recall
 
 struct Service {
     messages: RawSubscription,
+    /// Messages that it holds.
+    queue: usize,
     /// Patterns to look at one by one; empty when the subscription does it.
     include: Vec<String>,
     /// Patterns of what is recorded, for what the subscription has not looked at.
@@ -190,6 +192,7 @@ impl Service {
             .collect();
         let messages = network.subscribe_raw_all(&patterns, config.queue)?;
         let health = HealthReporter::start(bus, SERVICE)?;
+        let queue = config.queue;
         let folder = config.folder.clone();
         fs::create_dir_all(&folder).map_err(|source| RecorderError::io(&folder, source))?;
         let start_ns = clock::now_ns();
@@ -202,6 +205,7 @@ impl Service {
         let now = Instant::now();
         Ok(Self {
             messages,
+            queue,
             include,
             wanted,
             exclude,
@@ -325,8 +329,11 @@ impl Service {
                     .pushed_out(&one.key, one.publisher, one.from, one.to, now);
             }
         }
-        for message in self.recaller.answers(RECALLED_MAX) {
-            self.take_again(&message);
+        // What comes now is lost when the queue is full; what comes again waits.
+        if self.messages.waiting() < (self.queue / 4).max(1) {
+            for message in self.recaller.answers(RECALLED_MAX) {
+                self.take_again(&message);
+            }
         }
         self.recaller.tend(&mut self.ledger, now);
     }

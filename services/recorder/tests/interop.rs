@@ -174,7 +174,10 @@ fn other_peoples_programs_read_every_message() {
         assert_eq!(numbers["q"][7], json!([0.5, 7.0, -1.5, 2.0, 0.25, 3.0]));
         assert_eq!(numbers["rate_names"][3], json!(["records", "ü"]));
         assert_eq!(numbers["fault"], json!(faults));
-        let force_z: Vec<f64> = cycles.iter().map(|i| (f64::from(*i) + 1.0) * -1e-6).collect();
+        let force_z: Vec<f64> = cycles
+            .iter()
+            .map(|i| (f64::from(*i) + 1.0) * -1e-6)
+            .collect();
         assert_eq!(numbers["raw_force_z"], json!(force_z), "{reader}");
     }
     assert_eq!(found["mcap"]["profile"], "ros2");
