@@ -18,8 +18,10 @@ use crate::faults::private_cell::{Layout, PrivateCell};
 
 /// Longest wait for an answer.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// The tool slides slower than this share of before.
-const SLOWER: f64 = 0.9;
+/// A tool that is slower than it ever was in so long before the stop slows down.
+const BEFORE: Duration = Duration::from_millis(500);
+/// And stays so: one that is slow for a moment by itself does not.
+const STAYS: Duration = Duration::from_millis(40);
 
 /// What the flood asks, without end: requests that wait, and some that are quick.
 const FLOOD: [(&str, &str, &str); 7] = [
@@ -55,8 +57,11 @@ fn measure(cell: &mut PrivateCell, stops: u32, file: &std::path::Path) -> Result
     for flooded in [false, true] {
         let under = if flooded { "flooded" } else { "idle" };
         let (mut answers, mut falls) = (Vec::new(), Vec::new());
-        for _ in 0..stops {
+        for number in 1..=stops {
+            eprintln!("{under}: stop {number} of {stops}");
             cell.slide()?;
+            // Steadily.
+            std::thread::sleep(2 * BEFORE);
             let flood = flooded.then(|| Flood::start(&config)).transpose()?;
             let (answer_us, fall_us) = stop(&cell.bus, &truths)?;
             answers.push(answer_us);
@@ -73,11 +78,16 @@ fn measure(cell: &mut PrivateCell, stops: u32, file: &std::path::Path) -> Result
 
 /// Stops a tool that slides: times to the answer and to less speed, us.
 fn stop(bus: &Bus, truths: &Subscription<ContactTruth>) -> Result<(f64, f64)> {
-    let mut sliding = None;
+    let from_ns = now_ns() - BEFORE.as_nanos() as i64;
+    let mut slowest = f64::INFINITY;
     while let Some(truth) = truths.try_recv() {
-        sliding = Some(truth.message.sliding_speed_m_per_s);
+        if truth.source_time_ns >= from_ns {
+            slowest = slowest.min(truth.message.sliding_speed_m_per_s);
+        }
     }
-    let sliding = sliding.context("the simulator tells no truth")?;
+    if !slowest.is_finite() {
+        bail!("the simulator tells no truth");
+    }
     let request = Request {
         action: "stop".to_owned(),
         argument: String::new(),
@@ -88,10 +98,13 @@ fn stop(bus: &Bus, truths: &Subscription<ContactTruth>) -> Result<(f64, f64)> {
     if !answer.done {
         bail!("the stop was refused: {}", answer.message);
     }
+    let mut fell_ns = None;
     while let Some(truth) = truths.recv_timeout(PATIENCE) {
         let since_ns = truth.source_time_ns - asked_ns;
-        if since_ns > 0 && truth.message.sliding_speed_m_per_s < SLOWER * sliding {
-            return Ok((answer_us, since_ns as f64 * 1e-3));
+        if since_ns <= 0 || truth.message.sliding_speed_m_per_s >= slowest {
+            fell_ns = None;
+        } else if since_ns - *fell_ns.get_or_insert(since_ns) > STAYS.as_nanos() as i64 {
+            return Ok((answer_us, fell_ns.unwrap_or(since_ns) as f64 * 1e-3));
         }
     }
     bail!("the tool does not slow down")

@@ -74,6 +74,10 @@ pub struct LoopFigures {
     pub wrench_records_lost: Option<u64>,
     /// Messages missing in the recording.
     pub messages_dropped: Option<u64>,
+    /// Greatest age of the sensor's zero while the tool pressed, s.
+    pub zero_age_max_s: Option<f64>,
+    /// Error of the zero that its age and the sensor's stated drift imply, at its greatest then, N.
+    pub zero_bound_max_n: Option<f64>,
 }
 
 /// Nearest-rank quantiles.
@@ -399,12 +403,23 @@ fn loop_figures(run: &Run) -> LoopFigures {
         .map(|arm| arm.packet_to_command_s * 1e6)
         .filter(|us| *us > 0.0)
         .collect();
+    let pressing = |c: &&ControlState| {
+        let phases = [Phase::Contact, Phase::Slide, Phase::Hold].map(|phase| phase as u8);
+        phases.contains(&c.phase)
+    };
+    // Negative where there is no zero, or nothing is known of its drift.
+    let greatest = |value: fn(&ControlState) -> f64| {
+        let values = run.control.iter().filter(pressing).map(value);
+        values.filter(|value| *value >= 0.0).reduce(f64::max)
+    };
     LoopFigures {
         packet_to_command_us: Quantiles::of(latencies),
         missed_cycles: missed.seen.then_some(missed.total),
         late_states: run.figure("rtde", "late_states").map(|n| n as u64),
         wrench_records_lost: run.wrench_records_lost,
         messages_dropped: run.messages_dropped(),
+        zero_age_max_s: greatest(|c| c.zero_age_s),
+        zero_bound_max_n: greatest(|c| c.zero_bound_n),
     }
 }
 

@@ -197,6 +197,12 @@ pub fn words(report: &Report) -> String {
         count(l.wrench_records_lost),
         count(l.messages_dropped)
     ));
+    if let Some(age_s) = l.zero_age_max_s {
+        let bound = l.zero_bound_max_n.map_or_else(String::new, |n| {
+            format!(": the force may be off by {n:.2} N")
+        });
+        lines.push(format!("sensor's zero    at most {age_s:.0} s old{bound}"));
+    }
     for switch in &report.estimator_switches {
         lines.push(format!(
             "normal           at {:.2} s by {} after {}: {}",

@@ -21,8 +21,8 @@ const MANY: u64 = 2000;
 /// Says that nothing is touched, under ids of its own or those that it hears.
 struct Stranger {
     bus: Bus,
-    /// Named like any service.
-    _health: HealthReporter,
+    /// Named like any service, for as long as it speaks.
+    health: HealthReporter,
     status: RawPublisher,
     wrench: RawPublisher,
     heard: Option<[RawSubscription; 2]>,
@@ -39,7 +39,7 @@ impl Stranger {
             status: bus.raw_publisher(keys[0], WrenchStatus::NAME).unwrap(),
             wrench: bus.raw_publisher(keys[1], WrenchStamped::NAME).unwrap(),
             heard: copies_ids.then(|| keys.map(|key| bus.subscribe_raw(key, 64).unwrap())),
-            _health: health,
+            health,
             bus,
         }
     }
@@ -47,6 +47,8 @@ impl Stranger {
     /// Speaks in a thread of its own until `stop`; returns how often.
     fn speak(self, stop: Stop) -> std::thread::JoinHandle<u64> {
         std::thread::spawn(move || {
+            // Ends with this thread.
+            let _named = &self.health;
             let mut newest = [None; 2];
             let mut said = 0;
             let mut due = Instant::now();

@@ -261,7 +261,12 @@ impl<K: Kind> Desk<K> {
         }
         let mut seen = self.seen();
         match seen.arm.fresh(FRESH) {
-            None => return Err("no arm/state: is rtde running, and the robot reached?".into()),
+            None => {
+                return Err(
+                    "no arm/state: is the bridge (rtde or franka) running, and the robot reached?"
+                        .into(),
+                );
+            }
             Some(arm) if driven_by_another(&arm.message, self.own_id).is_some() => {
                 return Err(format!(
                     "the arm is driven by {}: start the task there, or end that controller and start the task again",
@@ -382,6 +387,14 @@ impl<K: Kind> Desk<K> {
         if s.paused {
             words.push_str("; paused");
         }
+        let zero_age_s = (s.zero_age_s >= 0.0).then_some(s.zero_age_s);
+        let zero_bound_n = (s.zero_bound_n >= 0.0).then_some(s.zero_bound_n);
+        if let Some(age_s) = zero_age_s {
+            words.push_str(&format!("; zero {age_s:.0} s old"));
+            if let Some(bound_n) = zero_bound_n {
+                words.push_str(&format!(", off by {bound_n:.2} N at most"));
+            }
+        }
         let waits_for_tare = s.phase == Phase::Tare as u8;
         let refused = Some(self.mailbox.tare_reason()).filter(|r| waits_for_tare && !r.is_empty());
         if let Some(reason) = &refused {
@@ -401,7 +414,8 @@ impl<K: Kind> Desk<K> {
                 "estimator_switches": s.estimator_switches, "path_progress": s.path_progress,
                 "force_n": force_n, "force_reference_n": s.force_reference_n, "paused": s.paused,
                 "contact_lost_count": s.contact_lost_count, "fault": s.fault.as_str(),
-                "tare_refused": refused, "age_s": age.as_secs_f64(),
+                "tare_refused": refused, "zero_age_s": zero_age_s, "zero_bound_n": zero_bound_n,
+                "age_s": age.as_secs_f64(),
             }),
         )
     }
@@ -461,7 +475,6 @@ const STOPPED: &str =
     "a stop came after this start, or the controller is ending: nothing was started, start again";
 
 /// No cycle of the loop: nothing is known of now.
-const NO_STATE: &str =
-    "the loop does not run: no arm/state comes in; is rtde running, and the robot reached?";
+const NO_STATE: &str = "the loop does not run: no arm/state comes in; is the bridge (rtde or franka) running, and the robot reached?";
 /// Nobody turns the loop.
-pub const NO_LOOP: &str = "the loop does not run: no arm/state comes in; nothing was done; is rtde running, and the robot reached?";
+pub const NO_LOOP: &str = "the loop does not run: no arm/state comes in; nothing was done; is the bridge (rtde or franka) running, and the robot reached?";

@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 use crate::config::RecorderConfig;
 use crate::error::RecorderError;
 use crate::files::{Files, SystemFiles, free_bytes};
-use crate::writer::{Record, RecordingWriter};
+use crate::message::Record;
+use crate::writer::RecordingWriter;
 
 /// The file being written, or why there is none.
 enum State {

@@ -15,10 +15,11 @@ use mcap::records::Record as McapRecord;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
 use crate::packing;
+use crate::publisher;
 use crate::recording::reader_options;
 use crate::repair::is_finished;
 use crate::retention::order_of;
-use crate::writer::{PUBLISHERS, parse_publisher};
+use crate::writer::PUBLISHERS;
 
 /// So much of the end is looked at: what publishers still have, and some more.
 const TAIL: Duration = Duration::from_secs(15);
@@ -176,7 +177,7 @@ struct Publishers(HashMap<u16, (Arc<str>, [u8; 16])>);
 
 impl Publishers {
     fn add(&mut self, id: u16, topic: &str, metadata: &BTreeMap<String, String>) {
-        if let Some(publisher) = metadata.get("publisher").and_then(|p| parse_publisher(p)) {
+        if let Some(publisher) = metadata.get("publisher").and_then(|p| publisher::parse(p)) {
             let key = topic.trim_start_matches('/');
             self.0.insert(id, (key.into(), publisher));
         }
@@ -187,7 +188,7 @@ impl Publishers {
         for (id, text) in table {
             if let Ok(id) = id.parse()
                 && let Some((publisher, topic)) = text.split_once(' ')
-                && let Some(publisher) = parse_publisher(publisher)
+                && let Some(publisher) = publisher::parse(publisher)
             {
                 self.0
                     .insert(id, (topic.trim_start_matches('/').into(), publisher));
@@ -261,7 +262,8 @@ fn read<const N: usize>(reader: &mut impl Read) -> io::Result<[u8; N]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::writer::{FileOptions, Record, RecordingWriter};
+    use crate::message::Record;
+    use crate::writer::{FileOptions, RecordingWriter};
     use tangent_schemas::standard::WrenchStamped;
     use tangent_schemas::{Message, cdr};
 

@@ -18,6 +18,7 @@ mod packing;
 mod pattern;
 #[cfg(test)]
 mod power_cut;
+mod publisher;
 mod recall;
 mod recording;
 pub mod repair;
@@ -29,8 +30,8 @@ mod writer;
 pub use config::RecorderConfig;
 pub use disk::Disk;
 pub use error::RecorderError;
-pub use message::RecordedMessage;
+pub use message::{Record, RecordedMessage};
 pub use recording::Recording;
 pub use service::{SERVICE, Summary, run, run_for};
 pub use stream::RecordingStream;
-pub use writer::{FileOptions, Record, RecordingWriter};
+pub use writer::{FileOptions, RecordingWriter};

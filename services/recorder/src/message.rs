@@ -1,8 +1,29 @@
-//! One message of a recording.
+//! One message on its way into a recording, and as it is read from one.
 
 use mcap::Message;
 
-use crate::writer::publisher_of;
+use crate::publisher::of_channel;
+
+/// One message as the recorder takes it from the bus.
+#[derive(Clone, Copy, Debug)]
+pub struct Record<'a> {
+    /// Topic with its leading slash.
+    pub topic: &'a str,
+    /// ROS 2 message type, `PACKAGE/msg/NAME`.
+    pub type_name: &'a str,
+    /// Text of the `.msg` definition with its dependencies; `None` for a type this build does not know.
+    pub definition: Option<&'a str>,
+    /// Publisher's id; zeros for one that does not say.
+    pub publisher: [u8; 16],
+    /// Publisher's sequence number.
+    pub sequence: u32,
+    /// When the recorder received it, ns since the Unix epoch.
+    pub log_time_ns: u64,
+    /// When the publisher says it was measured, ns since the Unix epoch.
+    pub publish_time_ns: u64,
+    /// CDR with its encapsulation header.
+    pub bytes: &'a [u8],
+}
 
 /// One message of a recording.
 #[derive(Clone, Debug)]
@@ -32,7 +53,7 @@ impl From<Message<'_>> for RecordedMessage {
                 .schema
                 .as_ref()
                 .map_or_else(String::new, |s| s.name.clone()),
-            publisher: publisher_of(&m.channel.metadata),
+            publisher: of_channel(&m.channel.metadata),
             log_time_ns: m.log_time,
             publish_time_ns: m.publish_time,
             sequence: m.sequence,

@@ -9,8 +9,8 @@ use tangent_schemas::standard::{Header, Time, Vector3, Wrench, WrenchStamped};
 use tangent_schemas::tangent::WrenchBatch;
 use tangent_schemas::{Message, cdr, topics};
 
-use crate::message::RecordedMessage;
-use crate::writer::Record;
+use crate::message::{Record, RecordedMessage};
+use crate::publisher::NOBODY;
 
 /// Behind the name of a topic whose messages are in arrays.
 const SUFFIX: &str = "/packed";
@@ -95,7 +95,7 @@ impl Packer {
 fn is_packable(record: &Record<'_>) -> bool {
     let raw = topics::WRENCH_RAW.key();
     let of_cell = || record.topic.strip_suffix(raw)?.strip_suffix('/');
-    record.type_name == WrenchStamped::NAME && record.publisher != [0; 16] && of_cell().is_some()
+    record.type_name == WrenchStamped::NAME && record.publisher != NOBODY && of_cell().is_some()
 }
 
 /// A wrench and its times.

@@ -12,8 +12,10 @@ use tangent_runtime::Stop;
 
 use crate::RecorderError;
 use crate::files::{OPENING, free_bytes, is_being_written, sync_folder_of};
+use crate::message::Record;
+use crate::publisher::of_channel;
 use crate::recording::reader_options;
-use crate::writer::{PUBLISHERS, Record, RecordingWriter, publisher_of};
+use crate::writer::{PUBLISHERS, RecordingWriter};
 
 /// Bytes between two looks at the free space, the stop and the disk: what a mend leaves unsynced at most.
 const STRIDE: u64 = 4 << 20;
@@ -383,7 +385,7 @@ impl Copy {
                 self.schemas.insert(header.id, (header.name, text));
             }
             McapRecord::Channel(channel) => {
-                let publisher = publisher_of(&channel.metadata);
+                let publisher = of_channel(&channel.metadata);
                 self.channels
                     .insert(channel.id, (channel.topic, channel.schema_id, publisher));
             }

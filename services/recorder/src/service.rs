@@ -21,10 +21,10 @@ use crate::former::Former;
 use crate::inquiry::{Finding, Inquirer};
 use crate::keeper::Keeper;
 use crate::ledger::{Entry, Ledger, Origin};
+use crate::message::Record;
 use crate::pattern::matches_any;
 use crate::recall::Recaller;
 use crate::repair::Repair;
-use crate::writer::Record;
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "recorder";

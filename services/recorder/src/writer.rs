@@ -14,7 +14,9 @@ use tangent_schemas::Message;
 use tangent_schemas::tangent::WrenchBatch;
 
 use crate::files::{Files, OpenFile, SystemFiles};
+use crate::message::Record;
 use crate::packing::{self, Packed, Packer, Whole};
+use crate::publisher::{self, NOBODY};
 
 /// Level of zstd: higher ones cost several times the processor's time for a hundredth of the size.
 const ZSTD_LEVEL: u32 = 3;
@@ -24,44 +26,6 @@ const ZSTD_LEVEL: u32 = 3;
 pub(crate) const PUBLISHERS: &str = "publishers";
 /// Publishers that get channels of their own in one file; the messages of further ones share one to a topic.
 const PUBLISHERS_MAX: usize = 8192;
-
-/// Hexadecimal digits of a publisher's id.
-fn publisher_text(publisher: &[u8; 16]) -> String {
-    format!("{:032x}", u128::from_be_bytes(*publisher))
-}
-
-/// The id from its hexadecimal digits.
-pub(crate) fn parse_publisher(text: &str) -> Option<[u8; 16]> {
-    let id = u128::from_str_radix(text, 16).ok()?;
-    (text.len() == 32).then(|| id.to_be_bytes())
-}
-
-/// Whose a channel is; zeros where that is not said.
-pub(crate) fn publisher_of(metadata: &BTreeMap<String, String>) -> [u8; 16] {
-    let publisher = metadata.get("publisher").and_then(|p| parse_publisher(p));
-    publisher.unwrap_or_default()
-}
-
-/// One message as the recorder takes it from the bus.
-#[derive(Clone, Copy, Debug)]
-pub struct Record<'a> {
-    /// Topic with its leading slash.
-    pub topic: &'a str,
-    /// ROS 2 message type, `PACKAGE/msg/NAME`.
-    pub type_name: &'a str,
-    /// Text of the `.msg` definition with its dependencies; `None` for a type this build does not know.
-    pub definition: Option<&'a str>,
-    /// Publisher's id; zeros for one that does not say.
-    pub publisher: [u8; 16],
-    /// Publisher's sequence number.
-    pub sequence: u32,
-    /// When the recorder received it, ns since the Unix epoch.
-    pub log_time_ns: u64,
-    /// When the publisher says it was measured, ns since the Unix epoch.
-    pub publish_time_ns: u64,
-    /// CDR with its encapsulation header.
-    pub bytes: &'a [u8],
-}
 
 /// Counts what went to the disk, so that rotation by size needs no system call.
 struct CountingFile {
@@ -80,9 +44,6 @@ impl Write for CountingFile {
         Ok(())
     }
 }
-
-/// No publisher: of one that does not say, or of one too many.
-const NOBODY: [u8; 16] = [0; 16];
 
 struct Channel {
     type_name: String,
@@ -252,14 +213,14 @@ impl RecordingWriter {
         };
         let mut metadata = BTreeMap::new();
         if publisher != NOBODY {
-            metadata.insert("publisher".to_owned(), publisher_text(&publisher));
+            metadata.insert("publisher".to_owned(), publisher::text(&publisher));
         }
         let id = self
             .writer
             .add_channel(schema_id, record.topic, "cdr", &metadata)?;
         if publisher != NOBODY {
             self.publishers += 1;
-            let said = format!("{} {}", publisher_text(&publisher), record.topic);
+            let said = format!("{} {}", publisher::text(&publisher), record.topic);
             self.unsaid.insert(id.to_string(), said);
         }
         let channels = self.channels.entry(record.topic.to_owned()).or_default();

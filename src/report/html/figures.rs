@@ -181,6 +181,15 @@ pub(super) fn table(report: &Report) -> String {
             report.r#loop.wrench_records_lost.map(|n| n.to_string()),
         ),
         (
+            "Age of the sensor's zero, at most",
+            "a zero drifts with time: the force shown may be off by as much as stated",
+            report.r#loop.zero_age_max_s.map(|age_s| {
+                let bound = report.r#loop.zero_bound_max_n;
+                let bound = bound.map_or_else(String::new, |n| format!(" / {n:.2} N"));
+                format!("{age_s:.0} s{bound}")
+            }),
+        ),
+        (
             "Messages missing in the recording",
             "",
             report.r#loop.messages_dropped.map(|n| n.to_string()),

@@ -5,10 +5,7 @@ use std::time::Duration;
 
 use tangent_schemas::Message;
 
-use super::reader::{Counts, Handle, ReaderCore, Received};
-
-/// The reader's end of a triple buffer: three values, of which writer and reader own one each and swap for the third.
-pub(crate) type Output<M> = triple_buffer::Output<Option<Received<M>>>;
+use super::reader::{Counts, Handle, Output, ReaderCore, Received};
 
 /// The newest message of a topic.
 pub struct Latest<M: Message> {

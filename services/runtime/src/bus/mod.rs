@@ -18,11 +18,13 @@ mod outlet;
 mod publisher;
 mod question;
 mod raw;
+mod raw_reader;
 mod reader;
 mod recall;
 mod refused;
 mod registry;
 mod remarks;
+mod requests;
 mod session;
 mod session_config;
 mod sleeper;
@@ -42,7 +44,8 @@ pub use lane::Lane;
 pub use latest::Latest;
 pub use publisher::{Publisher, RawPublisher};
 pub use question::{Question, SPANS_MAX, Span};
-pub use raw::{PushedOut, RawMessage, RawSubscription};
+pub use raw::{PushedOut, RawMessage};
+pub use raw_reader::RawSubscription;
 pub use reader::{Counts, Handle, Received, Subscription};
 pub use refused::Refused;
 
@@ -76,7 +79,7 @@ pub(crate) struct Inner {
     names: refused::Names,
     pump: outlet::Pump,
     recall: Option<Arc<recall::Recall>>,
-    answerers: answer::Answerers,
+    answerers: requests::Answerers,
     tokens: Mutex<Vec<Alive>>,
     session: Option<Session>,
 }
@@ -180,7 +183,7 @@ impl Bus {
                 registry,
                 ids: BusId::new(),
                 names: refused::Names::default(),
-                answerers: answer::Answerers::new(priority),
+                answerers: requests::Answerers::new(priority),
                 tokens: Mutex::default(),
                 session,
             }),
@@ -297,7 +300,7 @@ impl Bus {
         patterns: &[String],
         capacity: usize,
     ) -> Result<RawSubscription, BusError> {
-        raw::subscribe(&self.inner, patterns, capacity)
+        raw_reader::subscribe(&self.inner, patterns, capacity)
     }
 
     /// Publishes bytes that are encoded already, for replay. Not for real-time threads.
@@ -337,7 +340,7 @@ impl Bus {
         lane: impl Fn(&Request) -> Lane + Send + Sync + 'static,
         handler: impl Fn(Asked) -> Reply + Send + Sync + 'static,
     ) -> Result<Handle, BusError> {
-        answer::declare(&self.inner, key, Arc::new(lane), Arc::new(handler))
+        requests::declare(&self.inner, key, Arc::new(lane), Arc::new(handler))
     }
 
     /// Asks and waits for the first answer. The request may be carried out within four fifths of `timeout`, less at most 1 s before its
@@ -347,7 +350,7 @@ impl Bus {
     /// [`BusError::NoAnswer`] when nobody answers in time, [`BusError::Unknown`] when the service cannot tell: either way it may have
     /// been done.
     pub fn ask(&self, key: &str, request: &Request, timeout: Duration) -> Result<Answer, BusError> {
-        answer::ask(&self.inner, key, request, timeout)
+        requests::ask(&self.inner, key, request, timeout)
     }
 
     /// Asks everybody whose key matches, and waits until all have answered or the time is up.
@@ -360,7 +363,7 @@ impl Bus {
         request: &Request,
         timeout: Duration,
     ) -> Result<Vec<(String, Answer)>, BusError> {
-        answer::ask_all(&self.inner, key, request, timeout)
+        requests::ask_all(&self.inner, key, request, timeout)
     }
 
     /// Says that a service is here, until the token is dropped. [`crate::HealthReporter`] does it for services.

@@ -1,20 +1,17 @@
-//! Encoded messages of every kind, for the recorder.
+//! Encoded messages of every kind, and where a reader's wait.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crossbeam_queue::ArrayQueue;
 
-use super::Inner;
-use super::error::BusError;
 use super::guard::{Guard, Verdict};
 use super::keys::Keys;
-use super::reader::{Arrival, Counts, Handle};
-use super::registry::{add_raw, parse_key};
-use super::sleeper::{Sleeper, sleep_for};
+use super::reader::Arrival;
+use super::sleeper::Sleeper;
 
 /// Publishers of a whole cell that can be told apart at once.
 const PUBLISHERS: usize = 256;
@@ -56,14 +53,14 @@ impl RawMessage {
 }
 
 pub(crate) struct RawCore {
-    queue: ArrayQueue<RawMessage>,
-    sleeper: Sleeper,
+    pub(super) queue: ArrayQueue<RawMessage>,
+    pub(super) sleeper: Sleeper,
     guard: Mutex<Guard>,
     keys: Mutex<Keys>,
-    received: AtomicU64,
-    dropped: AtomicU64,
-    missing: AtomicU64,
-    overtaken: AtomicU64,
+    pub(super) received: AtomicU64,
+    pub(super) dropped: AtomicU64,
+    pub(super) missing: AtomicU64,
+    pub(super) overtaken: AtomicU64,
     pushed_out: Mutex<HashMap<[u8; 16], PushedOut>>,
 }
 
@@ -81,7 +78,22 @@ pub struct PushedOut {
 }
 
 impl RawCore {
-    fn keys(&self) -> MutexGuard<'_, Keys> {
+    /// Holds `capacity` messages; `whole_cells` where keys begin with cells' names.
+    pub(super) fn new(capacity: usize, whole_cells: bool) -> Self {
+        Self {
+            queue: ArrayQueue::new(capacity.max(1)),
+            sleeper: Sleeper::default(),
+            guard: Mutex::new(Guard::for_publishers(PUBLISHERS)),
+            keys: Mutex::new(Keys::new(whole_cells)),
+            received: AtomicU64::new(0),
+            dropped: AtomicU64::new(0),
+            missing: AtomicU64::new(0),
+            overtaken: AtomicU64::new(0),
+            pushed_out: Mutex::default(),
+        }
+    }
+
+    pub(super) fn keys(&self) -> MutexGuard<'_, Keys> {
         self.keys.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -89,7 +101,7 @@ impl RawCore {
         self.keys().remark()
     }
 
-    fn pushed_out(&self) -> MutexGuard<'_, HashMap<[u8; 16], PushedOut>> {
+    pub(super) fn pushed_out(&self) -> MutexGuard<'_, HashMap<[u8; 16], PushedOut>> {
         self.pushed_out
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -141,87 +153,5 @@ impl RawCore {
 pub(crate) fn deliver(readers: &[Arc<RawCore>], message: &RawMessage) {
     for reader in readers {
         reader.deliver(message.clone());
-    }
-}
-
-pub(crate) fn subscribe(
-    bus: &Arc<Inner>,
-    patterns: &[String],
-    capacity: usize,
-) -> Result<RawSubscription, BusError> {
-    let core = Arc::new(RawCore {
-        queue: ArrayQueue::new(capacity.max(1)),
-        sleeper: Sleeper::default(),
-        guard: Mutex::new(Guard::for_publishers(PUBLISHERS)),
-        keys: Mutex::new(Keys::new(bus.name.is_empty())),
-        received: AtomicU64::new(0),
-        dropped: AtomicU64::new(0),
-        missing: AtomicU64::new(0),
-        overtaken: AtomicU64::new(0),
-        pushed_out: Mutex::default(),
-    });
-    let mut handles = Vec::new();
-    for pattern in patterns {
-        let mut handle = add_raw(&bus.registry, &parse_key(pattern)?, &core);
-        if let Some(session) = &bus.session {
-            handle.keep(session.subscribe_raw(pattern, Arc::clone(&core))?);
-        }
-        handles.push(handle);
-    }
-    Ok(RawSubscription {
-        core,
-        _handles: handles,
-    })
-}
-
-/// Encoded messages through a bounded queue; never holds a publisher up.
-pub struct RawSubscription {
-    core: Arc<RawCore>,
-    _handles: Vec<Handle>,
-}
-
-impl RawSubscription {
-    /// The oldest message that waits, if one does.
-    pub fn try_recv(&self) -> Option<RawMessage> {
-        self.core.queue.pop()
-    }
-
-    /// The oldest message, waiting for it at most so long. For one thread at a time.
-    pub fn recv_timeout(&self, timeout: Duration) -> Option<RawMessage> {
-        sleep_for(&self.core.queue, &self.core.sleeper, timeout)
-    }
-
-    /// Messages that wait.
-    pub fn waiting(&self) -> usize {
-        self.core.queue.len()
-    }
-
-    /// Whether messages on this key are followed: as many keys are as a reader of patterns follows.
-    pub fn follows(&self, key: &str) -> bool {
-        self.core.keys().admit(key)
-    }
-
-    /// What went from the full queue unread since the last call.
-    pub fn pushed_out(&self) -> Vec<PushedOut> {
-        self.core.pushed_out().drain().map(|(_, one)| one).collect()
-    }
-
-    /// What happened to this reader's messages; odd ones (`overtaken`) are delivered all the same.
-    pub fn counts(&self) -> Counts {
-        let load = |count: &AtomicU64| count.load(Ordering::Relaxed);
-        Counts {
-            received: load(&self.core.received),
-            missing: load(&self.core.missing),
-            dropped: load(&self.core.dropped),
-            overtaken: load(&self.core.overtaken),
-            new_keys: self.core.keys().refused(),
-            ..Counts::default()
-        }
-    }
-
-    /// Messages that were not read: never came, or pushed out of the full queue.
-    pub fn lost(&self) -> u64 {
-        let counts = self.counts();
-        counts.missing + counts.dropped
     }
 }

@@ -11,7 +11,6 @@ use triple_buffer::{Input, TripleBuffer};
 
 use super::attachment::Attachment;
 use super::guard::{Guard, Verdict};
-use super::latest::Output;
 use super::sleeper::{Sleeper, sleep_for};
 use super::source::{Admission, Rival};
 use crate::clock;
@@ -125,6 +124,9 @@ pub(crate) struct Arrival<'a> {
     /// From this process.
     pub near: bool,
 }
+
+/// The reader's end of a triple buffer: three values, of which writer and reader own one each and swap for the third.
+pub(crate) type Output<M> = triple_buffer::Output<Option<Received<M>>>;
 
 pub(crate) struct ReaderCore<M: Message> {
     sink: Sink<M>,
