@@ -43,9 +43,9 @@ fn a_tool_that_slid_off_the_block_comes_back() {
     assert!(peak_n < 500.0, "{peak_n} N");
 }
 
-/// A tool that comes back through the side of a stiff block: the books close with finer steps of the plant alone.
+/// High above the block's wave, beyond its focal distance, the plant found the surface beside the tool, and pushed with kilonewtons.
 #[test]
-fn a_tool_that_comes_back_through_a_stiff_blocks_side_gains_nothing_from_the_law() {
+fn a_tool_high_above_the_wave_touches_nothing() {
     let world = World {
         stiffness_n_per_m: 99_892.24299019044,
         friction: 0.24567289028142517,
@@ -62,8 +62,11 @@ fn a_tool_that_comes_back_through_a_stiff_blocks_side_gains_nothing_from_the_law
         paper: false,
         seed: 728,
     };
-    world.play(|_| ()).judge_tanks().unwrap();
-    world.play_finely().judge().unwrap();
+    let mut peak_n = 0.0_f64;
+    let played = world.play(|c| peak_n = peak_n.max(c.truth.wrench.force.norm()));
+    assert!(played.slid, "{:?}", played.fault);
+    played.judge().unwrap();
+    assert!(peak_n < 500.0, "{peak_n} N");
 }
 
 const CASES: u32 = 24;
@@ -104,27 +107,20 @@ fn the_port_is_passive_whatever_the_world_and_the_policy() {
 fn every_world_that_breaks_the_promise_is_listed() {
     let cases = contextualize_config(ProptestConfig::default()).cases;
     let mut runner = TestRunner::new(contextualize_config(ProptestConfig::default()));
-    let (mut bad, mut coarse, mut slid) = (0, 0, 0);
+    let (mut bad, mut slid) = (0, 0);
     for case in 0..cases {
         let world = anything().new_tree(&mut runner).unwrap().current();
         let run = world.play(|_| ());
         slid += u32::from(run.slid);
         if let Err(why) = run.judge() {
-            let verdict = run.judge_tanks().and_then(|()| world.play_finely().judge());
-            match &verdict {
-                Ok(()) => coarse += 1,
-                Err(_) => bad += 1,
-            }
+            bad += 1;
             println!(
-                "case {case}: {why}; with finer steps of the plant: {verdict:?}; joints at {:.1} of their speed: {world:?}",
+                "case {case}: {why}; joints at {:.1} of their speed: {world:?}",
                 run.speed_share
             );
         }
         if (case + 1) % 100 == 0 {
-            println!(
-                "{} worlds, {slid} slid, {bad} bad, {coarse} whose plant needed finer steps",
-                case + 1
-            );
+            println!("{} worlds, {slid} slid, {bad} bad", case + 1);
         }
     }
     assert_eq!(bad, 0, "of {cases}");

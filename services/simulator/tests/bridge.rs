@@ -180,7 +180,14 @@ fn a_protective_stop_is_said_unlocked_and_never_resumed() {
             .ask(queries::UNLOCK, &Request::default(), PATIENCE)
             .unwrap()
     };
-    let early = unlock();
+    // What requests are judged by may be a packet behind what was published.
+    let mut early = unlock();
+    for _ in 0..1000 {
+        if !early.message.contains("safety is normal") {
+            break;
+        }
+        early = unlock();
+    }
     assert!(
         !early.done && early.message.contains("5s"),
         "{}",

@@ -15,12 +15,28 @@ fn normal_of(gradient: &Vector2<f64>) -> Vector3<f64> {
     Vector3::new(-gradient.x, -gradient.y, 1.0).normalize()
 }
 
-/// Foot point `(x, y)` of the perpendicular from `point`, with gradient and second derivatives there.
-fn foot<G: Graph>(graph: &G, point: &Vector3<f64>) -> (f64, f64, f64, Vector2<f64>, Matrix2<f64>) {
+/// Rounds of Newton's method at most. Near the surface two or three reach 1e-12 m; beyond a focal distance it takes more.
+const ROUNDS: usize = 30;
+/// A step is halved so often at most.
+const HALVINGS: usize = 20;
+
+/// Where the perpendicular from a point meets the graph.
+struct Foot {
+    place: Vector3<f64>,
+    gradient: Vector2<f64>,
+    hessian: Matrix2<f64>,
+    /// Height of the point over the graph straight below it: its sign is that of the distance.
+    above: f64,
+}
+
+/// A foot of the perpendicular from `point`: the nearest place, or beyond a focal distance one that no step makes nearer. Starts straight
+/// below the point and only ever comes nearer to it.
+fn foot<G: Graph>(graph: &G, point: &Vector3<f64>) -> Foot {
     let (mut x, mut y) = (point.x, point.y);
     let (mut h, mut g, mut hessian) = graph.height(x, y);
-    // Near the surface two or three rounds reach 1e-12 m; a point far away just gets a first-order answer.
-    for _ in 0..6 {
+    let over = point.z - h;
+    let mut square = over * over;
+    for _ in 0..ROUNDS {
         let above = point.z - h;
         let residual = Vector2::new(point.x - x, point.y - y) + g * above;
         let exact = Matrix2::identity() + g * g.transpose() - hessian * above;
@@ -31,18 +47,36 @@ fn foot<G: Graph>(graph: &G, point: &Vector3<f64>) -> (f64, f64, f64, Vector2<f6
             Matrix2::identity() + g * g.transpose()
         };
         let det = matrix.determinant();
-        let step = Vector2::new(
+        let mut step = Vector2::new(
             matrix.m22 * residual.x - matrix.m12 * residual.y,
             matrix.m11 * residual.y - matrix.m21 * residual.x,
         ) / det;
-        x += step.x;
-        y += step.y;
-        (h, g, hessian) = graph.height(x, y);
+        for _ in 0..HALVINGS {
+            let next = graph.height(x + step.x, y + step.y);
+            let away = Vector3::new(
+                point.x - (x + step.x),
+                point.y - (y + step.y),
+                point.z - next.0,
+            );
+            // Equal but for rounding.
+            if away.norm_squared() <= square * (1.0 + 1e-9) + 1e-24 {
+                square = away.norm_squared();
+                (x, y) = (x + step.x, y + step.y);
+                (h, g, hessian) = next;
+                break;
+            }
+            step *= 0.5;
+        }
         if step.norm_squared() < 1e-24 {
             break;
         }
     }
-    (x, y, h, g, hessian)
+    Foot {
+        place: Vector3::new(x, y, h),
+        gradient: g,
+        hessian,
+        above: over,
+    }
 }
 
 /// Signed distance and normal at the foot point.
@@ -50,14 +84,25 @@ pub(super) fn distance_and_normal<G: Graph>(
     graph: &G,
     point: &Vector3<f64>,
 ) -> (f64, Vector3<f64>) {
-    let (x, y, h, g, _) = foot(graph, point);
-    let normal = normal_of(&g);
-    (normal.dot(&(point - Vector3::new(x, y, h))), normal)
+    let foot = foot(graph, point);
+    let normal = normal_of(&foot.gradient);
+    let away = point - foot.place;
+    let distance = normal.dot(&away);
+    if distance * foot.above < 0.0 && distance.abs() > 1e-9 {
+        // A foot on the far side of a fold.
+        let distance = away.norm().copysign(foot.above);
+        return (distance, away / distance);
+    }
+    (distance, normal)
 }
 
 /// Shape operator `P (-H) P / |grad F|` at the foot point, with `F = z - h`.
 pub(super) fn curvature<G: Graph>(graph: &G, point: &Vector3<f64>) -> Matrix3<f64> {
-    let (_, _, _, g, hessian) = foot(graph, point);
+    let Foot {
+        gradient: g,
+        hessian,
+        ..
+    } = foot(graph, point);
     let normal = normal_of(&g);
     let mut second = Matrix3::zeros();
     second.fixed_view_mut::<2, 2>(0, 0).copy_from(&-hessian);

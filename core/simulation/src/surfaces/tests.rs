@@ -3,6 +3,9 @@
 use super::*;
 use proptest::prelude::*;
 
+use super::graph::Graph;
+use super::wave::Wave;
+
 const TABLE: &str = "
 # x to the right, y down, metres
 y\\x,   -0.15, -0.10, -0.05,  0.00,  0.05,  0.10, 0.15
@@ -248,5 +251,30 @@ proptest! {
         let [a, b] = [p, q].map(|at| block.distance_and_normal(&at).0);
         prop_assume!(a >= 0.0);
         prop_assert!(b >= a - (q - p).norm() * 1.01 - 0.1 * a, "{a} m outside, {} m further {b} m", (q - p).norm());
+    }
+}
+
+proptest! {
+    /// Beyond a focal distance there are several feet: whichever is found, the point is on its own side of the surface, and neither farther than
+    /// straight below nor nearer than it is.
+    #[test]
+    fn a_point_far_above_or_below_is_not_on_the_other_side(
+        at in prop::array::uniform3(-1.0f64..1.0),
+        amplitude in 0.002f64..0.04,
+        wavelength in 0.05f64..0.6,
+        phase in 0.0f64..6.0,
+    ) {
+        let wave = Wave::new(amplitude, wavelength, phase, 0.02, [2.0, 4.0]);
+        let p = Vector3::from(at).component_mul(&Vector3::new(0.2, 0.3, 0.6));
+        let above = p.z - wave.height(p.x, p.y).0;
+        let (distance, normal) = graph::distance_and_normal(&wave, &p);
+        prop_assert!((normal.norm() - 1.0).abs() < 1e-9);
+        prop_assert!(distance * above >= 0.0 || distance.abs() < 1e-6, "{distance} m, {above} m above");
+        prop_assert!(distance.abs() <= above.abs() + 1e-9, "{distance} m, {above} m above");
+        let nearest = (0..=8000)
+            .map(|i| p.y + f64::from(i - 4000) * 2e-4)
+            .map(|y| (p.y - y).hypot(p.z - wave.height(p.x, y).0))
+            .fold(f64::INFINITY, f64::min);
+        prop_assert!(distance.abs() >= nearest - 1e-4, "{distance} m, {nearest} m to the nearest point");
     }
 }
