@@ -120,10 +120,10 @@ impl HostClock {
         Ok(clock)
     }
 
-    /// From the next message on, s.
-    pub fn set(&self, ahead_s: f64) {
+    /// Forward by so much from the next message on, s; back where it is negative.
+    pub fn step(&self, by_s: f64) {
         self.ahead_ns
-            .store((ahead_s * 1e9) as i64, Ordering::Release);
+            .fetch_add((by_s * 1e9) as i64, Ordering::AcqRel);
     }
 
     fn relay(

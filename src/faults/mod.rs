@@ -9,8 +9,10 @@ mod evidence;
 mod host_clock;
 mod impostor;
 mod losses;
+mod play;
 pub mod private_cell;
 mod processors;
+mod row;
 mod stage;
 mod wire;
 
@@ -23,8 +25,10 @@ use serde_json::{Value, json};
 use crate::cli::Faults;
 use crate::output::{Outcome, bad_usage, print_json};
 use catalogue::{Case, catalogue};
+use play::play;
 use private_cell::Layout;
-use stage::{FORCE_MAX_N, Row, SHOWN_MAX_N, Stage, without_figures};
+use row::{FORCE_MAX_N, Row, SHOWN_MAX_N, attribute, without_figures};
+use stage::Stage;
 
 /// Provokes the faults, all or those named.
 ///
@@ -127,7 +131,7 @@ fn play_layout(args: &Faults, cases: &[&Case], layout: Layout, folder: &Path) ->
         let mut broken = false;
         for case in left.by_ref() {
             eprintln!("{}: {}", case.name, case.what);
-            match stage.play(case, args.allow_ms) {
+            match play(&mut stage, case, args.allow_ms) {
                 Ok(row) => rows.push(row),
                 Err(error) => {
                     let remark = format!("{error:#}; {}", logs_are_in(&folder));
@@ -138,7 +142,9 @@ fn play_layout(args: &Faults, cases: &[&Case], layout: Layout, folder: &Path) ->
                 }
             }
         }
-        stage.end(&mut rows[begun..])?;
+        for gap in stage.end()? {
+            attribute(&gap, &mut rows[begun..]);
+        }
         if !broken {
             break;
         }

@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 use serde::Serialize;
 use tangent_simulation::metrics::{Figures, Spread, angle_deg};
 
-use super::figures::TaskRun;
 use super::run::Run;
+use super::task_run::TaskRun;
 
 /// One estimator's figures.
 #[derive(Clone, Copy, Debug, Serialize)]

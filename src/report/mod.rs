@@ -7,6 +7,7 @@ pub mod object;
 pub mod plot;
 pub mod run;
 pub mod tactile;
+mod task_run;
 #[cfg(test)]
 mod tests;
 
@@ -17,8 +18,9 @@ use anyhow::{Context, Result};
 
 use crate::output::{Outcome, print_json};
 pub use comparison::{EstimatorFigures, estimators, words as estimator_words};
-pub use figures::{Quantiles, Report, TaskRun};
+pub use figures::{Quantiles, Report};
 use run::Run;
+pub use task_run::TaskRun;
 
 /// Reads a recording (of a folder, the newest one), prints its figures, writes its page.
 ///

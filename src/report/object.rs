@@ -8,8 +8,8 @@ use tangent_schemas::tangent::ObjectEstimate;
 use tangent_simulation::ObjectScenario;
 use tangent_simulation::metrics::object_pose::{ObjectPoseFigures, ObjectSampleTruth, pose_error};
 
-use super::figures::{Cycle, TaskRun};
 use super::run::Run;
+use super::task_run::{Cycle, TaskRun};
 
 /// A truth further from its cycle than this says nothing about it, ns.
 const TRUTH_REACH_NS: i64 = 20_000_000;

@@ -6,9 +6,9 @@ use tangent_estimation::depth_normal::DEPTH_NORMAL;
 use tangent_mechanics::{Base, Pose, Tool};
 use tangent_simulation::metrics::tactile::{TactileFigures, TactileSample};
 
-use super::figures::{Cycle, TaskRun};
 use super::object::Curve;
 use super::run::Run;
+use super::task_run::{Cycle, TaskRun};
 
 /// One curve: its name, and where a sample stands in the plot.
 type Drawn = (&'static str, fn(&TactileSample) -> (f64, f64));

@@ -9,7 +9,8 @@ use crate::ground::Ground;
 use crate::interface::{is_arm_state, is_place, is_time, is_velocity};
 use crate::joint_velocity::JointVelocity;
 use crate::limits::clamp_norm;
-use crate::run::{Percept, Requests, Run};
+use crate::percept::{Percept, Requests};
+use crate::run::Run;
 use crate::switching::ChoiceRules;
 use crate::touchdown::{approach_speed, seek_speed};
 use crate::{

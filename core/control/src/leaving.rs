@@ -5,19 +5,11 @@
 use tangent_sensing::Validity;
 
 use crate::clearance::Leaving;
-use crate::run::{Percept, Requests, Run};
+use crate::percept::{Percept, Requests};
+use crate::run::Run;
 use crate::urgent::outside;
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Clearance, ControlInput, ControllerConfig, Fault, Limits, Phase, Program};
-
-/// A task that starts with a free tool begins here.
-pub(crate) fn first_phase(program: &Program) -> Phase {
-    if program.task.tare {
-        Phase::Tare
-    } else {
-        Phase::Approach
-    }
-}
 
 impl Run {
     /// Keeps in mind where the tool may touch, and which way is away. Nothing moves in `tare`.
@@ -81,7 +73,7 @@ impl Run {
                 let next = if self.has_touched() {
                     Phase::Tare
                 } else {
-                    first_phase(program)
+                    program.first_phase()
                 };
                 self.enter(next, percept);
             }

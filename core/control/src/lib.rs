@@ -21,6 +21,7 @@ mod leaving;
 mod limits;
 mod parameter;
 mod path;
+mod percept;
 mod phases;
 pub mod preflight;
 mod profile;

@@ -2,7 +2,7 @@
 
 use arrayvec::{ArrayString, ArrayVec};
 
-use crate::{ControlError, ControllerConfig, MAX_ESTIMATORS, Path, Task};
+use crate::{ControlError, ControllerConfig, MAX_ESTIMATORS, Path, Phase, Task};
 
 /// An estimator's name, as in `estimate/NAME/normal`.
 pub type EstimatorName = ArrayString<64>;
@@ -23,6 +23,15 @@ pub struct Program {
 }
 
 impl Program {
+    /// A task that starts with a free tool begins here.
+    pub(crate) fn first_phase(&self) -> Phase {
+        if self.task.tare {
+            Phase::Tare
+        } else {
+            Phase::Approach
+        }
+    }
+
     /// Checks the task and times its path. The task's own preset goes before `config`.
     pub fn new(task: &Task, config: &ControllerConfig) -> Result<Self, ControlError> {
         task.check()?;

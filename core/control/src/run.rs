@@ -3,15 +3,14 @@
 //! Called by the controller each cycle: `perceive` first, then `decide`; `controller` turns the outcome into motion.
 
 use nalgebra::Vector3;
-use tangent_mechanics::{Aligned, Base, Tool, Wrench};
-use tangent_sensing::{BaseTrouble, Validity};
+use tangent_sensing::Validity;
 
 use crate::clearance::{LeaveWatch, Leaving};
 use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
 use crate::ground::Ground;
 use crate::interface::is_wrench;
-use crate::leaving::first_phase;
+use crate::percept::{Percept, Requests};
 use crate::response_guard::{Doing, ResponseGuard, Touch};
 use crate::surface::Surface;
 use crate::switching::ChoiceRules;
@@ -20,8 +19,7 @@ use crate::tracking::Tracking;
 use crate::urgent::urgent_fault;
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
 use crate::{
-    Clearance, ControlInput, ControllerConfig, Fault, Limits, Phase, Program, UntaredLoad,
-    ZeroAtLimit,
+    Clearance, ControlInput, ControllerConfig, Fault, Limits, Phase, Program, ZeroAtLimit,
 };
 
 /// Why the tool stands on the surface.
@@ -34,34 +32,6 @@ pub(crate) enum HoldReason {
     NoBase,
     /// Not even force is controlled: nothing moves. Back to the phase it came from when the wrench is good again.
     NoWrench(Phase),
-}
-
-/// What was asked of a running task from outside.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Requests {
-    pub paused: bool,
-    pub stopping: bool,
-}
-
-/// One cycle as perceived.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Percept {
-    pub position: Vector3<f64>,
-    /// The same from the base of this cycle: what the workspace is drawn in.
-    pub position_in_base: Vector3<f64>,
-    /// Why the motion of the base is not known.
-    pub base: Option<BaseTrouble>,
-    /// The arm cannot make up for the base's motion.
-    pub out_of_reach: bool,
-    pub z_tool: Vector3<f64>,
-    /// At the tool's origin, base axes; none when there is none to use.
-    pub wrench: Option<Wrench<Aligned<Tool, Base>>>,
-    pub verdict: WrenchVerdict,
-    /// The reading before any zero is taken off; none when there is none to use.
-    pub untared: Option<UntaredLoad>,
-    /// Pressing force along the normal (before contact: against the approach), N; none without a wrench.
-    pub force_n: Option<f64>,
-    pub estimate: EstimateStatus,
 }
 
 /// One run of a program.
@@ -158,7 +128,7 @@ impl Run {
             phase: if !clearance.is_free() {
                 Phase::Clear
             } else {
-                first_phase(program)
+                program.first_phase()
             },
             clearance,
             ..Self::idle()

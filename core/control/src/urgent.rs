@@ -1,6 +1,6 @@
 //! Faults that leave the surface whatever the phase.
 
-use crate::run::Percept;
+use crate::percept::Percept;
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Fault, Limits};
 

@@ -10,7 +10,7 @@ use tangent_estimation::{CORNERS, CameraFrame, CameraModel, Corner};
 use tangent_mechanics::{Base, Camera as CameraFrameAxes, Flange, Object, Pose};
 use tangent_sensing::{GreyImage, TargetDetector, TargetDetectorError};
 
-use crate::plant_config::PoseConfig;
+use crate::pose_config::PoseConfig;
 use crate::target_image::{self, ImageConfig};
 
 /// Frames that can be under way at once.

@@ -11,7 +11,7 @@ use tangent_estimation::depth_normal::{
 use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 
 use crate::depth_camera::{DepthCamera, DepthCameraConfig};
-use crate::plant::PlantError;
+use crate::plant_error::PlantError;
 use crate::surfaces::Surface;
 
 /// Poses kept for frames under way.

@@ -24,7 +24,9 @@ mod object_scenario;
 mod overrides;
 mod plant;
 mod plant_config;
+mod plant_error;
 mod platform;
+mod pose_config;
 mod scenario;
 mod sensor;
 mod sensor_fault;
@@ -57,18 +59,19 @@ pub use object_plant::ObjectPlant;
 pub use object_plant_config::{ObjectMotionConfig, ObjectPlantConfig};
 pub use object_scenario::{ObjectKind, ObjectScenario};
 pub use overrides::OverrideError;
-pub use plant::{Plant, PlantError};
+pub use plant::Plant;
 pub use plant_config::{
     ComplianceConfig, ContactConfig, FrictionConfig, FrictionModel, Lag, PadConfig, PayloadConfig,
-    PayloadErrorConfig, PlantConfig, PoseConfig, SensorConfig, ServoConfig, StartConfig,
-    SurfaceConfig, ToolConfig,
+    PayloadErrorConfig, PlantConfig, SensorConfig, ServoConfig, StartConfig, SurfaceConfig,
+    ToolConfig,
 };
+pub use plant_error::{PlantError, StartError};
 pub use platform::{OdometryConfig, OdometrySample, Platform, PlatformConfig};
+pub use pose_config::PoseConfig;
 pub use scenario::{PipelineConfig, Scenario, ScenarioError};
 pub use sensor::Sensor;
 pub use sensor_fault::SensorFault;
 pub use servo::Servo;
-pub use start::StartError;
 pub use surfaces::{ShapeConfig, Surface, SurfacePoint};
 pub use tactile_loop::{
     Calm, TactileCycle, TactileDisturbance, TactileLoop, evaluate_tactile, evaluate_tactile_with,

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use tangent_mechanics::{Arm, ModelData, Payload};
 
-use crate::plant::PlantError;
 use crate::plant_config::ToolConfig;
+use crate::plant_error::PlantError;
 
 /// The built-in model `robot` with the tool's payload; with `as_it_is`, the payload's error is in it too.
 ///

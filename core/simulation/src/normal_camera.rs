@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use tangent_control::{BendChange, VisionInput};
 use tangent_sensing::Validity;
 
-use crate::plant::PlantError;
+use crate::plant_error::PlantError;
 use crate::surfaces::Surface;
 
 /// Samples that can be under way at once.
@@ -222,7 +222,7 @@ fn vector(rng: &mut Pcg64Mcg) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant_config::PoseConfig;
+    use crate::pose_config::PoseConfig;
     use crate::surfaces::ShapeConfig;
 
     #[test]

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::camera::CameraConfig;
-use crate::plant::PlantError;
 use crate::plant_config::{ContactConfig, SensorConfig, StartConfig, SurfaceConfig, ToolConfig};
+use crate::plant_error::PlantError;
 use crate::torque_arm::TorqueArmConfig;
 
 /// The `[plant]` table of an object-pose scenario.

@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use crate::plant_config::PoseConfig;
+use crate::pose_config::PoseConfig;
 
 /// `[plant.base]`: a base that moves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

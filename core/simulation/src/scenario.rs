@@ -7,8 +7,8 @@ use tangent_sensing::{BaseConfig, ConditioningConfig, SensingError};
 use toml::{Table, Value};
 
 use crate::overrides::{self, OverrideError};
-use crate::plant::PlantError;
 use crate::plant_config::PlantConfig;
+use crate::plant_error::PlantError;
 use crate::surfaces::ShapeConfig;
 
 /// What is evaluated. Unknown keys are errors.

@@ -1,29 +1,11 @@
 //! Where the tool starts: over the surface, by a gap, with a tilt; joints by inverse kinematics.
 
 use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
-use tangent_mechanics::{
-    Arm, Base, Flange, InverseKinematicsError, Joints, Pose, Tool, inverse_kinematics,
-};
+use tangent_mechanics::{Arm, Base, Flange, Joints, Pose, Tool, inverse_kinematics};
 
-use crate::plant::PlantError;
 use crate::plant_config::StartConfig;
+use crate::plant_error::{PlantError, StartError};
 use crate::surfaces::Surface;
-
-/// The start pose is out of reach.
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "start: no joint positions bring the tool to ({x:.3}, {y:.3}, {z:.3}) m over the surface ({source}); move the surface or `start.near_m`, or give `start.seed_rad` nearer to a solution"
-)]
-pub struct StartError {
-    /// Tool's origin, base axes, m.
-    pub x: f64,
-    /// m
-    pub y: f64,
-    /// m
-    pub z: f64,
-    /// From the inverse kinematics.
-    pub source: InverseKinematicsError,
-}
 
 /// The tool's start pose.
 pub fn tool_pose(start: &StartConfig, surface: &Surface) -> Pose<Base, Tool> {

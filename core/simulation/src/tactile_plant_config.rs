@@ -5,8 +5,8 @@ use tangent_estimation::depth_normal::DepthNormalConfig;
 
 use crate::depth_camera::DepthCameraConfig;
 use crate::normal_camera::NormalCameraConfig;
-use crate::plant::PlantError;
 use crate::plant_config::{ContactConfig, StartConfig, SurfaceConfig, ToolConfig};
+use crate::plant_error::PlantError;
 use crate::torque_arm::TorqueArmConfig;
 use crate::wrench_estimate::ExternalWrenchConfig;
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, JointFriction, Joints};
 
-use crate::plant::PlantError;
+use crate::plant_error::PlantError;
 use crate::servo::quantise;
 
 /// Longest delay of a torque, periods.

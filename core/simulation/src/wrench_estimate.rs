@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};
 use tangent_sensing::{MomentumObserver, MomentumObserverState, wrench_of_torques};
 
-use crate::plant::PlantError;
+use crate::plant_error::PlantError;
 
 /// Longest delay, periods.
 const DELAY_PERIODS_MAX: usize = 16;

@@ -231,7 +231,7 @@ pub(super) fn of_clocks() -> Vec<Case> {
         nobody(
             "clock_set_forward",
             "the clock of netft's host is set forward by 1 s",
-            |s| s.set_clock(Host::Sensor, 1.0),
+            |s| s.step_clock(Host::Sensor, 1.0),
         ),
         Case {
             noticed_within_ms: Some(WRENCH_MS),
@@ -243,28 +243,28 @@ pub(super) fn of_clocks() -> Vec<Case> {
             ..nobody(
                 "clock_set_back",
                 "the clock of netft's host is set back by 1 s",
-                |s| s.set_clock(Host::Sensor, 0.0),
+                |s| s.step_clock(Host::Sensor, -1.0),
             )
         },
         nobody(
             "estimator_clock_set_forward",
             "the clock of the estimator's host is set forward by 1 s",
-            |s| s.set_clock(Host::Estimator, 1.0),
+            |s| s.step_clock(Host::Estimator, 1.0),
         ),
         nobody(
             "estimator_clock_set_back",
             "the clock of the estimator's host is set back by 2 s",
-            |s| s.set_clock(Host::Estimator, -1.0),
+            |s| s.step_clock(Host::Estimator, -2.0),
         ),
         nobody(
             "loop_clock_set_forward",
             "the clock of the hard loop's host is set forward by 1 s",
-            |s| s.set_clock(Host::Loop, 1.0),
+            |s| s.step_clock(Host::Loop, 1.0),
         ),
         nobody(
             "loop_clock_set_back",
             "the clock of the hard loop's host is set back by 2 s",
-            |s| s.set_clock(Host::Loop, -1.0),
+            |s| s.step_clock(Host::Loop, -2.0),
         ),
     ]
 }

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use super::escaped;
-use crate::report::figures::TaskRun;
 use crate::report::run::Run;
+use crate::report::task_run::TaskRun;
 
 pub(super) fn faults(run: &Run, task: &TaskRun<'_>) -> String {
     if run.faults.is_empty() {

@@ -5,8 +5,9 @@ use std::fmt::Write as _;
 use tangent_simulation::metrics::Spread;
 
 use super::escaped;
-use crate::report::figures::{Report, TaskRun};
+use crate::report::figures::Report;
 use crate::report::run::Run;
+use crate::report::task_run::TaskRun;
 
 pub(super) fn introduction(task: &TaskRun<'_>, report: &Report) -> String {
     if task.cycles.is_empty() {

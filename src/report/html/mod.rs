@@ -9,8 +9,9 @@ use std::fmt::Write as _;
 
 use anyhow::Result;
 
-use super::figures::{Report, TaskRun};
+use super::figures::Report;
 use super::run::Run;
+use super::task_run::TaskRun;
 
 const STYLE: &str = "
 :root { color-scheme: light dark; }

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use plotters::style::RGBColor;
 use tangent_control::Phase;
 
-use crate::report::figures::TaskRun;
 use crate::report::plot::Band;
+use crate::report::task_run::TaskRun;
 
 /// When each phase was, and what it is.
 pub(super) fn table(task: &TaskRun<'_>) -> String {

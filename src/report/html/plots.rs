@@ -9,11 +9,12 @@ use tangent_simulation::metrics::{Spread, angle_deg};
 
 use super::escaped;
 use super::phases::bands;
-use crate::report::figures::{Cycle, Report, TaskRun};
+use crate::report::figures::Report;
 use crate::report::object;
 use crate::report::plot::{self, Axes, Series};
 use crate::report::run::Run;
 use crate::report::tactile;
+use crate::report::task_run::{Cycle, TaskRun};
 
 /// Every plot of the task in use.
 pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String> {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use tangent_estimation::depth_normal::Intrinsics;
 
-use crate::plant_config::PoseConfig;
+use crate::pose_config::PoseConfig;
 
 /// The `[plant.depth_camera]` table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

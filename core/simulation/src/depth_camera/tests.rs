@@ -4,7 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use tangent_mechanics::{Base, Flange, Pose};
 
 use super::*;
-use crate::plant_config::PoseConfig;
+use crate::pose_config::PoseConfig;
 use crate::surfaces::{Ray, ShapeConfig};
 
 fn surface(shape: ShapeConfig) -> Surface {

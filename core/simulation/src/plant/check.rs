@@ -1,7 +1,7 @@
 //! Ranges of the plant's numbers.
 
-use super::PlantError;
 use crate::plant_config::{Lag, PlantConfig};
+use crate::plant_error::PlantError;
 use crate::servo::DELAY_CYCLES_MAX;
 
 pub(super) fn check(config: &PlantConfig) -> Result<(), PlantError> {

@@ -4,73 +4,22 @@ mod check;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::{
-    Arm, Flange, Joints, ModelData, ModelError, Pose, Sensor as SensorFrame, Tool, Wrench,
+    Arm, Flange, Joints, ModelData, Pose, Sensor as SensorFrame, Tool, Wrench,
 };
 
 use crate::compliance::Compliance;
 use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
-use crate::plant_config::{PlantConfig, PoseConfig};
+use crate::plant_config::PlantConfig;
+use crate::plant_error::PlantError;
 use crate::platform::{OdometrySample, Platform};
+use crate::pose_config::PoseConfig;
 use crate::sensor_load::{Body, SensorLoad};
 use crate::sensor_records::SensorRecords;
 use crate::servo::Servo;
-use crate::start::{self, StartError};
-use crate::surfaces::{Surface, SurfaceError};
+use crate::start;
+use crate::surfaces::Surface;
 use crate::truth::Truth;
-
-/// Why a plant cannot be built.
-#[derive(Debug, thiserror::Error)]
-pub enum PlantError {
-    /// The arm model is unknown or not usable.
-    #[error("plant.robot: {0}")]
-    Robot(#[from] ModelError),
-    /// The surface is bad.
-    #[error(transparent)]
-    Surface(#[from] SurfaceError),
-    /// The tool cannot be brought to its start pose.
-    #[error(transparent)]
-    Start(#[from] StartError),
-    /// The detector of the target's corners cannot be made.
-    #[error("plant.camera: {0}")]
-    Camera(#[from] tangent_sensing::TargetDetectorError),
-    /// A setting of the depth camera is out of its range.
-    #[error("plant.{0}")]
-    DepthCamera(#[from] crate::depth_camera::DepthCameraError),
-    /// A setting of what reads its images is.
-    #[error("plant.{0}")]
-    DepthNormal(#[from] tangent_estimation::EstimationError),
-    /// A number out of its range.
-    #[error("plant: `{key}` is {value}, but must be {allowed}")]
-    Value {
-        /// Dotted key under `plant`.
-        key: &'static str,
-        /// What was given.
-        value: f64,
-        /// What is allowed.
-        allowed: &'static str,
-    },
-}
-
-impl PlantError {
-    /// Fails unless `ok` and the value is finite.
-    pub(crate) fn unless(
-        key: &'static str,
-        value: f64,
-        allowed: &'static str,
-        ok: bool,
-    ) -> Result<(), Self> {
-        if ok && value.is_finite() {
-            Ok(())
-        } else {
-            Err(Self::Value {
-                key,
-                value,
-                allowed,
-            })
-        }
-    }
-}
 
 /// The simulated cell.
 #[derive(Clone, Debug)]

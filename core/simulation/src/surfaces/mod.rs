@@ -27,7 +27,7 @@ pub use sphere::Sphere;
 pub use torus::Torus;
 pub use wave::Wave;
 
-use crate::plant_config::PoseConfig;
+use crate::pose_config::PoseConfig;
 
 /// The surface seen from one query point. Same axes as the query.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -275,6 +275,13 @@ mod tests {
             panic!()
         };
         assert_eq!(names, ["a", "", "b"]);
+        // An empty name at the end was lost when it was written again.
+        for list in [&b"a,,"[..], b",,", b"a,,,"] {
+            let read = Request::decode(b'I', list, Protocol::V2).unwrap();
+            let mut bytes = Vec::new();
+            read.encode(Protocol::V2, &mut bytes).unwrap();
+            assert_eq!(&bytes[3..], list);
+        }
     }
 
     #[test]

@@ -85,9 +85,9 @@ impl<'a> Request<'a> {
                 if protocol == Protocol::V2 {
                     out.extend_from_slice(&frequency_hz.unwrap_or(0.0).to_be_bytes());
                 }
-                join(names.iter().map(String::as_str), out);
+                encode_names(names, out);
             }
-            Self::SetupInputs { names } => join(names.iter().map(String::as_str), out),
+            Self::SetupInputs { names } => encode_names(names, out),
             Self::Data(payload) => out.extend_from_slice(payload),
         })
     }
@@ -104,6 +104,14 @@ impl<'a> Request<'a> {
             Self::Pause => PackageKind::Pause,
             Self::Data(_) => PackageKind::Data,
         }
+    }
+}
+
+/// Names between commas. Behind an empty name at the end stands one more, which is no further name.
+fn encode_names(names: &[String], out: &mut Vec<u8>) {
+    join(names.iter().map(String::as_str), out);
+    if names.last().is_some_and(String::is_empty) {
+        out.push(b',');
     }
 }
 
