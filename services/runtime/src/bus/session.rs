@@ -1,8 +1,8 @@
 //! The Zenoh session of a bus: the far lane. Nothing else in the workspace names Zenoh.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use tangent_schemas::topics::Delivery;
@@ -47,6 +47,9 @@ pub(crate) struct Session {
     stale_after: Duration,
     message_max: usize,
     remarks: Remarks,
+    /// One declaration at a time. Zenoh 1.10.2 gives a key its number before it tells the network of it: a thread that declares the same key
+    /// in between uses a number that nobody knows yet, and what it declared is never matched (`Session::declare_prefix`).
+    declaring: Mutex<()>,
 }
 
 /// One query, ready to be sent.
@@ -119,6 +122,7 @@ impl Session {
                         stale_after: config.stale_after(),
                         message_max: config.message_max_bytes(),
                         remarks,
+                        declaring: Mutex::default(),
                     });
                 }
                 Ok(Err(error)) => return Err(open_error(&error, role, endpoints, patience)),
@@ -160,6 +164,12 @@ impl Session {
         self.stale_after
     }
 
+    fn declare(&self) -> MutexGuard<'_, ()> {
+        self.declaring
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
     pub(crate) fn publisher(
         &self,
         key: &OwnedKeyExpr,
@@ -167,6 +177,7 @@ impl Session {
         type_name: &str,
         entrance: Option<Entrance>,
     ) -> Result<RemotePublisher, BusError> {
+        let _alone = self.declare();
         let (priority, express) = quality(delivery);
         let publisher = self
             .session
@@ -252,6 +263,7 @@ impl Session {
         pattern: &str,
         deliver: impl Fn(&Sample, Arrival<'_>) + Send + Sync + 'static,
     ) -> Result<zenoh::pubsub::Subscriber<()>, BusError> {
+        let _alone = self.declare();
         self.session
             .declare_subscriber(pattern.to_owned())
             .allowed_origin(Locality::Remote)
@@ -275,6 +287,7 @@ impl Session {
         key: &str,
         callback: impl Fn(Query) + Send + Sync + 'static,
     ) -> Result<zenoh::query::Queryable<()>, BusError> {
+        let _alone = self.declare();
         self.session
             .declare_queryable(key.to_owned())
             .allowed_origin(Locality::Remote)
@@ -302,7 +315,7 @@ impl Session {
         Ok(Replies { replies })
     }
 
-    /// Has questions for what a publisher said come in. Also those of a recorder in this process.
+    /// Has questions for what a publisher said come in. Also those of a recorder in this process. Part of a publisher's declaration.
     fn questions(&self, entrance: Entrance) -> Result<zenoh::query::Queryable<()>, BusError> {
         let key = entrance.key.clone();
         self.session
@@ -358,6 +371,7 @@ impl Session {
     }
 
     pub(crate) fn token(&self, key: &str) -> Result<zenoh::liveliness::LivelinessToken, BusError> {
+        let _alone = self.declare();
         self.session
             .liveliness()
             .declare_token(key.to_owned())
