@@ -180,14 +180,10 @@ fn a_protective_stop_is_said_unlocked_and_never_resumed() {
             .ask(queries::UNLOCK, &Request::default(), PATIENCE)
             .unwrap()
     };
-    // What requests are judged by may be a packet behind what was published.
-    let mut early = unlock();
-    for _ in 0..1000 {
-        if !early.message.contains("safety is normal") {
-            break;
-        }
-        early = unlock();
-    }
+    // With the next packet, the stop's own has reached everybody, those too who judge requests by it.
+    let shown = stopped.cycle;
+    cell.until("the packet after it", |s| s.cycle > shown);
+    let early = unlock();
     assert!(
         !early.done && early.message.contains("5s"),
         "{}",
