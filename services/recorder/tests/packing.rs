@@ -182,6 +182,26 @@ fn an_hour_of_the_fastest_sensor_is_small() {
     }
 }
 
+/// Counts that are no decimal fractions come out of the arrays by chance alone: then many batches of a few would be larger than the messages.
+#[test]
+fn a_sensor_whose_counts_do_not_fit_takes_no_more_than_before() {
+    let folder = tempfile::tempdir().unwrap();
+    for counts in [3125.0, 1e6 / 3.0, 4448.2, 65_536.0] {
+        let expected = sensor(20_000, 0.03, [1.0 / counts, 1.0 / counts]);
+        let size = |pack: bool| {
+            let path = folder.path().join("cell.mcap");
+            let size = write(&path, &expected, pack);
+            let found: Vec<_> = Recording::open(&path).unwrap().messages().collect();
+            assert_same(&expected, &found);
+            fs::remove_file(&path).unwrap();
+            size
+        };
+        let (packed, plain) = (size(true), size(false));
+        println!("{counts} counts: {packed} bytes, {plain} as messages");
+        assert!(packed as f64 <= 1.02 * plain as f64, "{packed} of {plain}");
+    }
+}
+
 #[test]
 fn what_cannot_be_packed_is_kept_as_it_came() {
     let plain = wrench(START_NS, "sensor", [1.0, -2.0, 0.5, 0.25, 0.0, 3.0]);
