@@ -1,4 +1,4 @@
-//! The cell that a command speaks to: its file, and a session on its bus.
+//! The cell that a command works on: its file, and a session on its bus.
 
 use std::path::Path;
 use std::time::Duration;
@@ -11,15 +11,16 @@ use tangent_schemas::tangent::{Answer, Request};
 use crate::compose;
 use crate::output::{Outcome, bad_usage, print_json};
 
-/// How long a person waits for the cell's router.
+/// Time that a command waits for the cell's router.
 pub const ROUTER_PATIENCE: Duration = Duration::from_secs(3);
-/// How long a person waits for a service's answer.
+/// Time that a command waits for a service's answer.
 pub const ANSWER_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Reads the cell file that `--cell` or TANGENT_CELL names; without one, the built-in simulated cell.
+/// Reads the cell file that `--cell` or TANGENT_CELL names. Without one, it is the built-in
+/// simulated cell.
 ///
 /// # Errors
-/// A file that cannot be read or a bad key: exit code 2.
+/// The file cannot be read, or a key is not valid: exit code 2.
 pub fn load(path: Option<&Path>, identity: Option<&str>) -> Result<CellConfig> {
     let Some(path) = path else {
         return Ok(CellConfig::default_cell());
@@ -35,18 +36,19 @@ pub fn load(path: Option<&Path>, identity: Option<&str>) -> Result<CellConfig> {
 /// Joins the cell's network as a client.
 ///
 /// # Errors
-/// When no router answers.
+/// No router answers.
 pub fn join(config: &CellConfig) -> Result<Bus> {
     join_within(config, ROUTER_PATIENCE, &Stop::new())
 }
 
-/// The same with another patience, given up when `stop` is triggered.
+/// Joins the cell's network as a client. Waits for the router for at most `patience`, or until
+/// `stop` is triggered.
 ///
 /// # Errors
-/// When no router answers in time.
+/// No router answers in time.
 pub fn join_within(config: &CellConfig, patience: Duration, stop: &Stop) -> Result<Bus> {
     let mut config = as_operator(config);
-    // A command that a person waits for is in no hurry.
+    // A command that a person waits for needs no real-time priority.
     config.realtime.enabled = false;
     Bus::open_until(&config, Role::Client, Some(patience), stop).with_context(|| {
         format!(
@@ -59,7 +61,7 @@ pub fn join_within(config: &CellConfig, patience: Duration, stop: &Stop) -> Resu
 /// Joins the network of all cells as a client.
 ///
 /// # Errors
-/// When no router answers.
+/// No router answers.
 pub fn join_all(config: &CellConfig) -> Result<Bus> {
     Ok(Bus::open_network(
         &as_operator(config).zenoh,
@@ -67,17 +69,17 @@ pub fn join_all(config: &CellConfig) -> Result<Bus> {
     )?)
 }
 
-/// A person at the command line is an operator, unless they said otherwise.
+/// A person at the command line is an operator, unless another identity is given.
 fn as_operator(config: &CellConfig) -> CellConfig {
     let mut config = config.clone();
     config.zenoh.identify("operator");
     config
 }
 
-/// Asks one service and prints what it answers.
+/// Sends a request to one service and prints the answer.
 ///
 /// # Errors
-/// When nobody answers.
+/// No service answers.
 pub fn ask_and_print(
     bus: &Bus,
     key: &str,
@@ -94,10 +96,10 @@ pub fn ask_and_print(
     })
 }
 
-/// Asks one service.
+/// Sends a request to one service.
 ///
 /// # Errors
-/// When nobody answers.
+/// No service answers.
 pub fn ask(bus: &Bus, key: &str, action: &str, argument: &str) -> Result<Answer> {
     let request = Request {
         action: action.to_owned(),
@@ -110,7 +112,7 @@ pub fn ask(bus: &Bus, key: &str, action: &str, argument: &str) -> Result<Answer>
 /// Prints one answer, for a person or for a program.
 ///
 /// # Errors
-/// When it cannot be written as JSON.
+/// The answer cannot be written as JSON.
 pub fn print_answer(answer: &Answer, json: bool) -> Result<()> {
     if json {
         return print_json(&json!({
@@ -130,7 +132,7 @@ pub fn print_answer(answer: &Answer, json: bool) -> Result<()> {
     Ok(())
 }
 
-/// The answer's JSON, or null.
+/// JSON data of an answer; null if it has none.
 pub fn data(answer: &Answer) -> Value {
     serde_json::from_str(&answer.data).unwrap_or(Value::Null)
 }

@@ -1,7 +1,9 @@
-//! The compose file on real containers: it wipes, swaps an estimator, survives a router's restart and a cut cable, stops in order.
+//! The compose file with real containers: it wipes, switches the estimator, survives a restart of
+//! the router and a disconnected network cable, and stops in order.
 //!
-//! No image is pulled: the program under test, its libraries and the files that the Dockerfile ships make a stand-in, with the
-//! Dockerfile's own settings. Without Docker the test says so and is skipped; TANGENT_REQUIRE_DOCKER makes that a failure.
+//! No image is pulled. The program under test, its libraries and the files that the Dockerfile
+//! ships make up a substitute image, with the Dockerfile's settings. Without Docker the tests
+//! report that and are skipped; TANGENT_REQUIRE_DOCKER makes that a failure.
 
 #![allow(clippy::unwrap_used)]
 
@@ -17,9 +19,9 @@ use serde_json::Value;
 use common::{number, wait_for};
 use engine::{Project, Said, engine};
 
-/// Longest wait for something that takes seconds on an idle machine.
+/// Longest wait for a step that takes seconds on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(90);
-/// The services of the simulated cell that stay.
+/// The services of the simulated cell that keep running.
 const SERVICES: [&str; 6] = [
     "router",
     "simulator",
@@ -28,7 +30,7 @@ const SERVICES: [&str; 6] = [
     "estimator",
     "recorder",
 ];
-/// Slides for minutes: what happens to the cell meanwhile happens while the arm slides.
+/// A task that slides for minutes, so that the arm slides during every test step.
 const LONG_TASK: &str = r#"
 name = "long"
 estimators = ["blend"]
@@ -63,14 +65,15 @@ fn wait_for_phase(project: &Project, wanted: &[&str]) -> String {
     })
 }
 
-/// Starts the long task and waits until it slides. A busy machine can starve the simulated cell until the controller takes a
-/// pause for a fault, as it should: then again, from where the scenario starts.
+/// Starts the long task and waits until it slides. A busy machine can starve the simulated cell
+/// until the controller correctly reports a fault. The task is then started again from the start
+/// pose of the scenario.
 fn slide(project: &Project) {
     let task = project.file("long.toml", LONG_TASK);
     for attempt in 1..=4 {
         let mut start = vec!["task", "start", task.to_str().unwrap(), "--wait-s", "60"];
         if attempt > 1 {
-            // The new arm hangs free, whatever the one before touched.
+            // The new arm hangs free, whatever the arm before it touched.
             start.push("--clear");
         }
         let said = project.tangent(&start);
@@ -86,17 +89,17 @@ fn slide(project: &Project) {
     panic!("no attempt came to slide");
 }
 
-/// Puts the simulated arm where the scenario starts. A path begins where the tool stands: where a fault has left it, the arm may
-/// not reach the path's end, and the start is refused.
+/// Puts the simulated arm into the start pose of the scenario. A path begins where the tool is:
+/// from where a fault has left the arm, it may not reach the path's end, and the start is refused.
 fn back_to_the_start(project: &Project) {
     project.compose(&["restart", "simulator"]);
 }
 
-/// Switches as soon as it is allowed; false when the task has ended before.
+/// Switches the estimator as soon as it is allowed; false if the task has ended before.
 fn use_estimator(project: &Project, name: &str) -> bool {
     wait_for(&format!("{name} in use"), PATIENCE, || {
         let said = project.tangent(&["estimator", "use", name]);
-        // Refused while it is not fresh or too far off: asked again.
+        // It is refused while the estimate is not fresh or disagrees; then it is requested again.
         if said.code == Some(0) {
             return Some(true);
         }
@@ -105,7 +108,7 @@ fn use_estimator(project: &Project, name: &str) -> bool {
     })
 }
 
-/// One cell at a time: two of them and an engine are more than a small machine holds.
+/// One cell at a time: two cells and an engine are too much for a small machine.
 static MACHINE: Mutex<()> = Mutex::new(());
 
 #[test]
@@ -122,7 +125,8 @@ fn the_compose_file_runs_a_cell() {
     it_stops_in_order(&project);
 }
 
-/// The same cell under mutual TLS: it wipes, and who has no certificate is nobody.
+/// The cell of the compose file under mutual TLS: it wipes, and an identity without a certificate
+/// gets no answer.
 #[test]
 fn the_compose_files_run_a_secured_cell() {
     let Some(engine) = engine() else { return };
@@ -154,7 +158,7 @@ fn it_wipes_and_records(project: &Project) {
         back_to_the_start(project);
         project.compose(&["restart", "task"]);
     }
-    // The recorder still writes: its file has the end of the task a moment later.
+    // The recorder still writes: the end of the task is in its file a moment later.
     let figures = wait_for("the task's end in the recording", PATIENCE, || {
         let figures = parsed(&project.inside(&["report", "recordings", "--no-html", "--json"]));
         (figures["phase"] == "done").then_some(figures)
@@ -164,7 +168,7 @@ fn it_wipes_and_records(project: &Project) {
     assert!(number(&figures, "/force/rmse_n") < 0.5);
     assert!((number(&figures, "/force/mean_n") - 3.0).abs() < 0.3);
     assert!(number(&figures, "/path/rmse_m") < 5e-3);
-    // The engine's own view of the services, by `tangent health` inside each.
+    // Health of the services according to the engine, by `tangent health` inside each container.
     for service in SERVICES {
         wait_for(&format!("{service} healthy"), PATIENCE, || {
             (project.inspect(service)["State"]["Health"]["Status"] == "healthy").then_some(())
@@ -182,11 +186,12 @@ fn an_estimator_is_swapped(project: &Project) {
         slid
     });
     assert!(swapped, "no attempt slid through both swaps");
-    // Its state stays on the bus as long as it is asked, so it counts as running while there is a wait.
+    // The state stays on the bus while it is read, so the service counts as running during a wait.
     assert_eq!(project.tangent(&["health", "estimator"]).code, Some(0));
 }
 
-/// Another estimator is started, used alone, and left for the first again; whether the tool slid all the time.
+/// Starts another estimator, uses it alone, and returns to the first. Returns whether the tool slid
+/// all the time.
 fn swap_there_and_back(project: &Project) -> bool {
     let activation = || {
         let said = parsed(&project.tangent(&["task", "status", "--json"]));
@@ -221,7 +226,7 @@ fn the_router_restarts(project: &Project) {
     let others = &SERVICES[1..];
     let before: Vec<String> = others.iter().map(|s| started(project, s)).collect();
     project.compose(&["restart", "router"]);
-    // The wrench came through the router: the arm retracts, and does not go on by itself.
+    // The wrench came through the router: the arm retracts, and does not continue by itself.
     wait_for_phase(project, &["fault"]);
     for service in ["netft", "rtde", "estimator", "recorder", "simulator"] {
         wait_for(&format!("{service} is back"), PATIENCE, || {
@@ -244,11 +249,12 @@ fn a_container_is_cut_off(project: &Project) {
     slide(project);
 }
 
-/// A hard loop that is killed while the tool presses: the next container of it knows, from the volume, and moves off before the tare.
+/// The container of the control loop is killed while the tool presses. The next one knows that from
+/// the volume, and moves off before the tare.
 fn a_new_container_knows_that_the_tool_pressed(project: &Project) {
     project.compose(&["kill", "robot"]);
     project.compose(&["rm", "-f", "robot"]);
-    // As a person does after a deployment: a container of its own, and nothing of the one before but the volume.
+    // As after a deployment: a new container that shares only the volume with the one before.
     project.compose(&["up", "--no-build", "-d", "robot"]);
     wait_for("the robot's container", PATIENCE, || {
         (project.tangent(&["health", "controller"]).code == Some(0)).then_some(())
@@ -261,7 +267,7 @@ fn a_new_container_knows_that_the_tool_pressed(project: &Project) {
 fn it_stops_in_order(project: &Project) {
     assert_eq!(project.tangent(&["task", "stop"]).code, Some(0));
     wait_for_phase(project, &["done", "fault", "idle"]);
-    // Stopped while it slides, the task's container retracts before the others go.
+    // If it is stopped while the tool slides, the task's container retracts before the others end.
     project.compose(&["restart", "task"]);
     wait_for_phase(project, &["slide", "fault"]);
     project.compose(&["stop"]);
@@ -273,7 +279,7 @@ fn it_stops_in_order(project: &Project) {
         );
     }
     project.compose(&["down"]);
-    // The volume is still there, and its newest recording is whole.
+    // The volume still exists, and its newest recording is complete.
     let said = project.inside(&["report", "recordings", "--no-html", "--json"]);
     assert!(matches!(said.code, Some(0 | 3)), "{said:?}");
     assert!(!said.stderr.contains("lacks its end"), "{said:?}");

@@ -1,4 +1,4 @@
-//! `tangent doctor` against the simulated robot and sensor, and where there is none.
+//! `tangent doctor` with the simulated robot and sensor, and without them.
 
 #![allow(clippy::unwrap_used)]
 
@@ -12,12 +12,14 @@ use serde_json::Value;
 
 use common::{Process, json, port_offset, root, run, wait_for};
 
-/// The shipped cell at an offset, with some of its lines replaced.
+/// Writes the shipped `deploy/cell.toml` at a port offset, with some of its lines replaced, and
+/// returns its path.
 fn cell(folder: &Path, offset: u16, changes: &[(&str, &str)]) -> PathBuf {
     cell_of("cell.toml", folder, offset, changes)
 }
 
-/// The same of another cell of `deploy/`.
+/// Writes the shipped cell file `deploy/{shipped}` at a port offset, with some of its lines
+/// replaced, and returns its path.
 fn cell_of(shipped: &str, folder: &Path, offset: u16, changes: &[(&str, &str)]) -> PathBuf {
     let mut text = fs::read_to_string(root().join("deploy").join(shipped))
         .unwrap()
@@ -32,7 +34,7 @@ fn cell_of(shipped: &str, folder: &Path, offset: u16, changes: &[(&str, &str)]) 
     path
 }
 
-/// The findings, after checking that the exit code says what the verdict says.
+/// The findings, after a check that the exit code agrees with the verdict.
 fn findings(arguments: &[&str]) -> Value {
     let output = run(&[&["doctor", "--json"], arguments].concat());
     let diagnosis = json(&output);

@@ -1,4 +1,5 @@
-//! Between messages and the types that services compute with: poses, twists, wrenches, joints, stamps, short texts.
+//! Conversion between messages and the types that services compute with: poses, twists, wrenches,
+//! joints, stamps, short texts.
 
 use std::fmt::{self, Write as _};
 
@@ -9,7 +10,7 @@ use tangent_mechanics::{Pose, Twist, Wrench};
 use crate::standard::{self, Header, Time};
 use crate::{FrameId, JointArray};
 
-/// A message whose numbers cannot be what they claim to be.
+/// A message whose numbers are not valid for their type.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ConvertError {
     /// The quaternion of a pose is not of unit length.
@@ -18,7 +19,7 @@ pub enum ConvertError {
     /// A coordinate is NaN or infinite.
     #[error("position ({0}, {1}, {2}) m is not finite")]
     NotFinite(f64, f64, f64),
-    /// Another number of joints than the arm has.
+    /// The number of joint values is not that of the arm.
     #[error("{found} joint values where the arm has {expected} joints")]
     Joints {
         /// Joints of the arm.
@@ -61,7 +62,7 @@ impl From<&standard::Point> for Vector3<f64> {
 }
 
 impl From<&UnitQuaternion<f64>> for standard::Quaternion {
-    /// Of the two quaternions for one rotation, the one with `w` ≥ 0.
+    /// Uses the quaternion with `w` ≥ 0 of the two that describe the rotation.
     fn from(rotation: &UnitQuaternion<f64>) -> Self {
         let sign = if rotation.w < 0.0 { -1.0 } else { 1.0 };
         Self {
@@ -142,7 +143,8 @@ impl<F> From<&standard::Wrench> for Wrench<F> {
 }
 
 impl Time {
-    /// From nanoseconds since the Unix epoch (years 1901 to 2038, as the message's 32 bits allow; beyond, the limit).
+    /// Time from nanoseconds since the Unix epoch. The message's 32 bits cover the years 1901 to
+    /// 2038; outside, the time is clamped.
     pub fn from_ns(ns: i64) -> Self {
         let seconds = ns.div_euclid(1_000_000_000);
         match i32::try_from(seconds) {
@@ -164,7 +166,8 @@ impl Time {
 }
 
 impl Header {
-    /// Stamp in ns since the Unix epoch, and the frame's name (cut off at 32 bytes).
+    /// Header with a stamp in ns since the Unix epoch and the name of a frame (cut off at 32
+    /// bytes).
     pub fn new(stamp_ns: i64, frame: &str) -> Self {
         Self {
             stamp: Time::from_ns(stamp_ns),
@@ -172,10 +175,11 @@ impl Header {
         }
     }
 
-    /// The same for a frame that is a type: `Header::in_frame::<Base>(stamp_ns)`.
+    /// Header for a frame that is given as a type: `Header::in_frame::<Base>(stamp_ns)`, stamp in
+    /// ns since the Unix epoch.
     pub fn in_frame<F: tangent_mechanics::Frame>(stamp_ns: i64) -> Self {
         let mut frame_id = FrameId::new();
-        // Frame names are a dozen bytes; a longer one would be cut by `new`, not lost.
+        // Frame names have about a dozen bytes; `new` cuts a longer one off.
         if frame_id.try_push_str(F::NAME).is_err() {
             return Self::new(stamp_ns, F::NAME);
         }
@@ -186,15 +190,15 @@ impl Header {
     }
 }
 
-/// Joint values into a message; arms have at most seven joints, more are left out.
+/// Joint values as a message. Arms have at most seven joints; further values are left out.
 pub fn joint_array<const N: usize>(joints: &SVector<f64, N>) -> JointArray {
     joints.iter().copied().take(7).collect()
 }
 
-/// Joint values out of a message.
+/// Joint values from a message.
 ///
 /// # Errors
-/// [`ConvertError::Joints`] when the message has another number of them.
+/// [`ConvertError::Joints`] if the message has a different number of values.
 pub fn joints<const N: usize>(array: &[f64]) -> Result<SVector<f64, N>, ConvertError> {
     if array.len() == N {
         Ok(SVector::from_column_slice(array))
@@ -206,7 +210,7 @@ pub fn joints<const N: usize>(array: &[f64]) -> Result<SVector<f64, N>, ConvertE
     }
 }
 
-/// A text of bounded length, cut off at a character's edge. No allocation.
+/// Text of bounded length, cut off at a character boundary. No allocation.
 pub fn cut<const N: usize>(text: &str) -> ArrayString<N> {
     let mut short = ArrayString::new();
     let mut end = text.len().min(N);
@@ -217,7 +221,7 @@ pub fn cut<const N: usize>(text: &str) -> ArrayString<N> {
     short
 }
 
-/// `format_args!` into a text of bounded length, cut off where it is full. No allocation.
+/// Formats into a text of bounded length, cut off where it is full. No allocation.
 pub fn cut_format<const N: usize>(arguments: fmt::Arguments<'_>) -> ArrayString<N> {
     struct Cut<const N: usize>(ArrayString<N>);
     impl<const N: usize> fmt::Write for Cut<N> {
@@ -235,7 +239,7 @@ pub fn cut_format<const N: usize>(arguments: fmt::Arguments<'_>) -> ArrayString<
         }
     }
     let mut short = Cut(ArrayString::new());
-    // An error says only that it is full.
+    // The only possible error is that the text is full.
     let _ = short.write_fmt(arguments);
     short.0
 }

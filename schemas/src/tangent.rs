@@ -117,7 +117,7 @@ message! {
         pub stuck_axes: u8,
         /// Filtered reading before the zero is taken off, without the payload: frame of `bias`.
         pub untared: Wrench,
-        /// Last good zero, kept over restarts of the service: frame of `bias`; meaningless while `reference_age_s` is negative.
+        /// The zero that the limit on `untared` counts from, the last that a motion has shown to be free of load: frame of `bias`; meaningless while `reference_age_s` is negative.
         pub reference: Wrench,
         /// Age of `reference`, s; negative when there is none.
         pub reference_age_s: f64,

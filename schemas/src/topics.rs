@@ -1,4 +1,5 @@
-//! Every topic of a cell as a typed value: key, message and how it is sent. Keys are relative to the cell's namespace.
+//! Every topic of a cell as a typed value: key, message and delivery. Keys are relative to the
+//! cell's namespace.
 
 use std::borrow::Cow;
 use std::marker::PhantomData;
@@ -13,31 +14,34 @@ use crate::tangent::{
     ObjectEstimate, ShapingState, SurfaceAhead, SurfaceSegment, WrenchStatus,
 };
 
-/// How a topic is sent to other processes. Within a process every message is delivered in the sender's thread.
+/// How a topic is sent to other processes. Within a process, every message is delivered in the
+/// sender's thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Delivery {
-    /// What the control loop acts on: highest priority, at once, the oldest dropped when the wire is busy.
+    /// Inputs of the control loop: highest priority, sent at once, the oldest dropped under
+    /// congestion.
     RealTime,
-    /// Measurements and states at a steady rate: dropped when the wire is busy, the next one is newer.
+    /// Measurements and states at a steady rate: dropped under congestion, as a newer one follows.
     Stream,
-    /// Images and the like, too large for one packet: after the measurements, the oldest dropped when the wire is busy.
+    /// Images and other data too large for one packet: after the measurements, the oldest dropped
+    /// under congestion.
     Bulk,
-    /// For people and recorders: may wait behind everything else.
+    /// For people and recorders: may wait for everything else.
     Background,
 }
 
-/// How many publishers a topic has, as its readers see it.
+/// How many publishers the readers of a topic accept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sources {
-    /// As many as there are.
+    /// Any number.
     Any,
-    /// One at a time: a safety input. Its readers refuse a second one.
+    /// One at a time, as for a safety input. Readers refuse a second one.
     One,
-    /// One at a time, told apart by the lease of whoever reads it.
+    /// One at a time, chosen by the lease of the reader.
     Leased,
 }
 
-/// A key, the message type that travels on it, and how it is sent. A key with `*` can be read, not published.
+/// A key, its message type, and how it is sent. A key with `*` can be read, not published.
 #[derive(Debug)]
 pub struct Topic<M> {
     key: Cow<'static, str>,
@@ -55,7 +59,7 @@ impl<M: Message> Topic<M> {
         }
     }
 
-    /// A topic whose key is put together at run time.
+    /// A topic whose key is composed at run time.
     pub fn named(key: String, delivery: Delivery) -> Self {
         Self {
             key: Cow::Owned(key),
@@ -69,16 +73,17 @@ impl<M: Message> Topic<M> {
         &self.key
     }
 
-    /// How it is sent.
+    /// How the topic is sent.
     pub fn delivery(&self) -> Delivery {
         self.delivery
     }
 
-    /// How many publishers it has.
+    /// How many publishers the readers accept.
     pub fn sources(&self) -> Sources {
         match self.key() {
             "arm/command" => Sources::Leased,
-            "arm/state" | "base/pose" => Sources::One,
+            // `control/state` says whether the tool may touch something: the sensor's service goes by it.
+            "arm/state" | "base/pose" | "control/state" => Sources::One,
             key if key.starts_with("wrench/") => Sources::One,
             _ => Sources::Any,
         }
@@ -89,7 +94,7 @@ impl<M: Message> Topic<M> {
         M::NAME
     }
 
-    /// The same topic as seen from outside any cell: `CELL/KEY`. `*` means every cell.
+    /// Topic with its key as seen from outside any cell: `CELL/KEY`. `*` means every cell.
     pub fn of_cell(&self, cell: &str) -> Self {
         Self::named(format!("{cell}/{}", self.key), self.delivery)
     }
@@ -105,63 +110,67 @@ impl<M> Clone for Topic<M> {
     }
 }
 
-/// What the arm does now; once per robot packet, by `rtde`.
+/// State of the arm; once per robot packet, by its bridge.
 pub static ARM_STATE: Topic<ArmState> = Topic::new("arm/state", Delivery::RealTime);
-/// What the controller wants of the arm, one per `arm/state`.
+/// Command of the controller to the arm, one per `arm/state`.
 pub static ARM_COMMAND: Topic<ArmCommand> = Topic::new("arm/command", Delivery::RealTime);
-/// The sensor's own records, sensor axes, SI units; up to 7 kHz, by `netft`.
+/// Records of the sensor, sensor axes, SI units; up to 7 kHz, by `netft`.
 pub static WRENCH_RAW: Topic<WrenchStamped> = Topic::new("wrench/raw", Delivery::Stream);
-/// The conditioned wrench at the tool, tool axes; use it only when its status says valid.
+/// Conditioned wrench at the tool, tool axes. Use it only if its status is valid.
 pub static WRENCH_TOOL: Topic<WrenchStamped> = Topic::new("wrench/tool", Delivery::RealTime);
-/// How far the wrench of the same stamp can be trusted; published just before it.
+/// Validity of the wrench with the same stamp; published just before it.
 pub static WRENCH_STATUS: Topic<WrenchStatus> = Topic::new("wrench/status", Delivery::RealTime);
-/// Where the arm's base is in the world, by the mobile platform that it stands on; silent where it stands for good.
+/// Pose of the arm's base in the world, by the mobile platform under it. Not published for a fixed
+/// base.
 pub static BASE_POSE: Topic<PoseWithCovarianceStamped> =
     Topic::new("base/pose", Delivery::RealTime);
-/// Images of the camera on the wrist, for viewers and recordings: as many as the camera service is set to pass on.
+/// Images of the wrist camera, for viewers and recordings, at the rate that the camera service is
+/// set to.
 pub static CAMERA_IMAGE: Topic<Image> = Topic::new("camera/image", Delivery::Bulk);
-/// Depth images, 16UC1 in mm or 32FC1 in m, as the camera's driver gives them.
+/// Depth images, 16UC1 in mm or 32FC1 in m, as delivered by the camera's driver.
 pub static CAMERA_DEPTH: Topic<Image> = Topic::new("camera/depth", Delivery::Bulk);
-/// The camera's calibration, as it is stated.
+/// Stated calibration of the camera.
 pub static CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/info", Delivery::Background);
-/// What was found in each image.
+/// Features found in each image.
 pub static CAMERA_FEATURES: Topic<FeatureArray> = Topic::new("camera/features", Delivery::Stream);
-/// Images of the simulated camera, as its driver would give them.
+/// Images of the simulated camera, in the form that its driver would deliver.
 pub static SIMULATED_IMAGE: Topic<Image> = Topic::new("simulator/image", Delivery::Bulk);
-/// What the controller does and why; once per cycle.
+/// State of the controller and its reasons; once per cycle.
 pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
-/// How the law shapes stiffness and force; once per cycle, by laws that do.
+/// How the law adapts stiffness and force; once per cycle, by laws that do.
 pub static CONTROL_SHAPING: Topic<ShapingState> = Topic::new("control/shaping", Delivery::Stream);
-/// The simulator's truth; never read by the system under test.
+/// True state of the simulated contact. The system under test never reads it.
 pub static TRUTH_CONTACT: Topic<ContactTruth> = Topic::new("truth/contact", Delivery::Stream);
-/// Where the simulated object really is.
+/// True pose of the simulated object.
 pub static TRUTH_OBJECT: Topic<PoseStamped> = Topic::new("truth/object", Delivery::Stream);
-/// Frames, for viewers.
+/// Transforms between frames, for viewers.
 pub static TF: Topic<TFMessage> = Topic::new("tf", Delivery::Background);
 /// Arrows and lines for viewers: the surface normal, the force, the path.
 pub static MARKERS: Topic<MarkerArray> = Topic::new("markers", Delivery::Background);
-/// Normals of all estimators (to read only).
+/// Normals of all estimators (read only).
 pub static ESTIMATE_NORMALS: Topic<NormalEstimate> =
     Topic::new("estimate/*/normal", Delivery::RealTime);
-/// Health of all services (to read only).
+/// Health of all services (read only).
 pub static HEALTHS: Topic<Health> = Topic::new("health/*", Delivery::Background);
 
-/// Normals by one estimator: `estimate/NAME/normal`.
+/// Normals from one estimator: `estimate/NAME/normal`.
 pub fn estimate_normal(estimator: &str) -> Topic<NormalEstimate> {
     Topic::named(format!("estimate/{estimator}/normal"), Delivery::RealTime)
 }
 
-/// Poses of an object by one estimator: `estimate/NAME/object`.
+/// Poses of an object from one estimator: `estimate/NAME/object`.
 pub fn estimate_object(estimator: &str) -> Topic<ObjectEstimate> {
     Topic::named(format!("estimate/{estimator}/object"), Delivery::RealTime)
 }
 
-/// The segment that the tool is on by one estimator: `estimate/NAME/segment`, before the normal of the same image.
+/// Surface segment under the tool from one estimator: `estimate/NAME/segment`, before the normal of
+/// the same image.
 pub fn estimate_segment(estimator: &str) -> Topic<SurfaceSegment> {
     Topic::named(format!("estimate/{estimator}/segment"), Delivery::RealTime)
 }
 
-/// The surface ahead of the tool by one estimator: `estimate/NAME/ahead`, before the normal of the same image.
+/// Surface ahead of the tool from one estimator: `estimate/NAME/ahead`, before the normal of the
+/// same image.
 pub fn estimate_ahead(estimator: &str) -> Topic<SurfaceAhead> {
     Topic::named(format!("estimate/{estimator}/ahead"), Delivery::RealTime)
 }
@@ -171,11 +180,12 @@ pub fn health(service: &str) -> Topic<Health> {
     Topic::named(format!("health/{service}"), Delivery::Background)
 }
 
-/// Keys of queries: a [`crate::tangent::Request`] goes in, a [`crate::tangent::Answer`] comes out.
+/// Keys of queries, each from a [`crate::tangent::Request`] to a [`crate::tangent::Answer`].
 pub mod queries {
     use super::Delivery;
 
-    /// How a request is sent: what brings the arm to rest goes before all measurements, everything else with them.
+    /// How a request is sent: one that brings the arm to rest before all measurements, every other
+    /// one with them.
     pub fn delivery(key: &str, action: &str) -> Delivery {
         if key.ends_with("/stop") || matches!(action, "stop" | "pause") {
             Delivery::RealTime
@@ -186,16 +196,17 @@ pub mod queries {
 
     /// `start` (argument: a task as TOML), `pause`, `resume`, `stop`, `status`.
     pub const CONTROL_TASK: &str = "control/task";
-    /// The text of the task started last. A key of its own: who may read is not who may start.
+    /// Text of the last task started. It has its own key, as the right to read differs from the
+    /// right to start.
     pub const CONTROL_SHOW: &str = "control/show";
-    /// Stop and retract; needs no argument.
+    /// Stops the task and retracts; needs no argument.
     pub const CONTROL_STOP: &str = "control/stop";
     /// `select` (argument: an estimator's name).
     pub const CONTROL_SELECT: &str = "control/select";
-    /// `tare`: average the unloaded sensor and subtract.
+    /// `tare`: averages the reading of the unloaded sensor and subtracts it.
     pub const NETFT_TARE: &str = "netft/tare";
 
-    /// `ping`: an instance of a service answers with its clock.
+    /// `ping`: an instance of a service answers with its clock time.
     pub fn ping(service: &str, instance: &str) -> String {
         format!("ping/{service}/{instance}")
     }
@@ -210,13 +221,15 @@ pub mod queries {
         format!("param/{service}/*")
     }
 
-    /// List of all parameters of one service, or of all with `*`. A key of its own: who may read is not who may set.
+    /// List of all parameters of one service, or of all services with `*`. It has its own key, as
+    /// the right to read differs from the right to set.
     pub fn parameters(service: &str) -> String {
         format!("parameters/{service}")
     }
 }
 
-/// Service part of an estimator's own liveliness token, `alive/estimate/NAME/INSTANCE`: who publishes these normals.
+/// Service part of an estimator's own liveliness token, `alive/estimate/NAME/INSTANCE`: it shows
+/// who publishes these normals.
 pub fn estimator_service(estimator: &str) -> String {
     format!("estimate/{estimator}")
 }
@@ -239,6 +252,7 @@ mod tests {
             assert_eq!(topic.sources(), Sources::One);
         }
         assert_eq!(ARM_STATE.sources(), Sources::One);
+        assert_eq!(CONTROL_STATE.sources(), Sources::One);
         assert_eq!(ARM_COMMAND.sources(), Sources::Leased);
         assert_eq!(ESTIMATE_NORMALS.sources(), Sources::Any);
         assert_eq!(

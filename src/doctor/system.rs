@@ -1,9 +1,9 @@
-//! The system's own files (`/proc`, `/sys`, `/etc`), below a root that tests replace.
+//! Files of the operating system (`/proc`, `/sys`, `/etc`), below a root that tests replace.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Where the files are read.
+/// Root folder below which the files are read.
 pub struct System {
     root: PathBuf,
 }
@@ -14,33 +14,33 @@ impl System {
         Self::below("/")
     }
 
-    /// A tree of files that looks like a machine.
+    /// A file tree in the layout of a machine.
     pub fn below(root: impl Into<PathBuf>) -> Self {
         Self { root: root.into() }
     }
 
-    /// Where `path` is on this system.
+    /// Path of `path` on this system.
     pub fn path(&self, path: &str) -> PathBuf {
         self.root.join(path.trim_start_matches('/'))
     }
 
-    /// A file's text without the space around it; `None` when it cannot be read.
+    /// Text of a file without surrounding white space; `None` if it cannot be read.
     pub fn text(&self, path: &str) -> Option<String> {
         let bytes = fs::read(self.path(path)).ok()?;
         Some(String::from_utf8_lossy(&bytes).trim().to_owned())
     }
 
-    /// A file that holds one number.
+    /// Content of a file that holds one number.
     pub fn number(&self, path: &str) -> Option<i64> {
         self.text(path)?.parse().ok()
     }
 
-    /// True when there is such a file or folder.
+    /// Whether there is such a file or folder.
     pub fn exists(&self, path: &str) -> bool {
         self.path(path).exists()
     }
 
-    /// Names in a folder, sorted; none when it cannot be read.
+    /// Sorted names in a folder; empty if it cannot be read.
     pub fn names(&self, path: &str) -> Vec<String> {
         let mut names: Vec<String> = fs::read_dir(self.path(path))
             .into_iter()
@@ -52,14 +52,15 @@ impl System {
         names
     }
 
-    /// Last part of what a link leads to.
+    /// Last component of a link's target.
     pub fn link_name(&self, path: &str) -> Option<String> {
         let target = fs::read_link(self.path(path)).ok()?;
         let name = Path::new(&target).file_name()?;
         Some(name.to_string_lossy().into_owned())
     }
 
-    /// The control group of this process for a version 1 controller such as `cpu`, from the controller's top.
+    /// Path of this process's control group for a version 1 controller such as `cpu`, below the
+    /// controller's root.
     pub fn group_v1(&self, controller: &str) -> Option<String> {
         let text = self.text("/proc/self/cgroup")?;
         text.lines().find_map(|line| {
@@ -72,7 +73,7 @@ impl System {
         })
     }
 
-    /// The same for version 2.
+    /// Path of this process's version 2 control group, below the root of the hierarchy.
     pub fn group_v2(&self) -> Option<String> {
         let text = self.text("/proc/self/cgroup")?;
         let path = text.lines().find_map(|line| line.strip_prefix("0::"))?;
@@ -84,7 +85,7 @@ impl System {
 pub mod tests {
     use super::*;
 
-    /// A machine made of these files.
+    /// A system that consists of these files.
     pub fn machine(files: &[(&str, &str)]) -> (tempfile::TempDir, System) {
         let folder = tempfile::tempdir().unwrap();
         let system = System::below(folder.path());

@@ -1,4 +1,5 @@
-//! What the cell said and what was true, each with its time, and what is measured from them.
+//! Messages of the cell and the simulated truth, each with its time, and what is measured from
+//! them.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -9,89 +10,91 @@ use tangent_schemas::Message;
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, Health, WrenchStatus};
 use tangent_schemas::topics::{self, Topic};
 
-/// Slower than this on the surface counts as standing, m/s.
+/// Speed below which a tool on the surface counts as standing, m/s.
 const STANDS_M_PER_S: f64 = 2e-3;
-/// Below it the controller's estimators call the contact lost too (`contact.force_off_n`).
+/// Force below which the contact counts as lost, N, as for the controller's estimators
+/// (`contact.force_off_n`).
 const BRUSHES_N: f64 = 0.3;
 
-/// Time, ns since the Unix epoch, and what was said then.
+/// Messages with their times, ns since the Unix epoch.
 type Log<T> = Arc<Mutex<Vec<(i64, T)>>>;
 
-/// One cycle of the truth.
+/// True state of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Truth {
-    /// The tool touches the surface.
+    /// Whether the tool touches the surface.
     pub in_contact: bool,
-    /// m/s
+    /// Speed of the tool along the surface, m/s.
     pub sliding_m_per_s: f64,
-    /// Speed of the tool off the surface, m/s.
+    /// Speed of the tool away from the surface, m/s.
     pub lifting_m_per_s: f64,
     /// Force of the surface on the tool, N.
     pub force_n: f64,
-    /// Along the surface's normal, N; pressing is positive.
+    /// Component of that force along the surface's normal, N; pressing is positive.
     pub pressing_n: f64,
 }
 
 impl Truth {
-    /// What comes off faster than it slips is leaving, and a springy wrist slips a little as it lets go.
+    /// Whether the tool slides. A tool that lifts off faster than it slides is leaving; a compliant
+    /// wrist slips a little as it lets go.
     fn slides(&self) -> bool {
         self.in_contact && self.sliding_m_per_s > STANDS_M_PER_S.max(self.lifting_m_per_s)
     }
 }
 
-/// What the controller said.
+/// State of the controller, as published.
 #[derive(Clone, Debug)]
 pub struct Control {
-    /// Its phase.
+    /// Phase of the task.
     pub phase: Phase,
     /// Estimator in use.
     pub estimator: String,
-    /// The fault that ended the task, or nothing.
+    /// Fault that ended the task; empty if there is none.
     pub fault: String,
-    /// Force that it shows, N; pressing is positive.
+    /// Pressing force that the controller shows, N; pressing is positive.
     pub force_n: f64,
 }
 
-/// What the bridge said.
+/// State of the bridge, as published.
 #[derive(Clone, Copy, Debug)]
 pub struct Arm {
-    /// A command would move the arm.
+    /// Whether a command would move the arm.
     pub ready: bool,
-    /// Where the tool's origin is along x, base axes, m.
+    /// Position of the tool's origin along x, base axes, m.
     pub tool_x_m: f64,
-    /// Refused since its start.
+    /// Number of commands refused since its start.
     pub refused: u64,
-    /// Missed since its start.
+    /// Number of cycles missed since its start.
     pub missed: u64,
-    /// Robot's packets lost since its start.
+    /// Number of robot packets lost since its start.
     pub lost: u64,
 }
 
-/// What the sensor's service said.
+/// Status of the sensor service, as published.
 #[derive(Clone, Copy, Debug)]
 pub struct Sensor {
-    /// 0: valid.
+    /// Validity of the wrench; 0: valid.
     pub validity: u8,
-    /// Records lost since its start.
+    /// Number of records lost since its start.
     pub lost: u64,
-    /// Records out of their order since its start.
+    /// Number of records out of order since its start.
     pub out_of_order: u64,
-    /// Records left out since its start, because no load can cause their jump.
+    /// Number of records left out since its start, as no load can cause their jump.
     pub implausible: u64,
 }
 
-/// What a service said of itself.
+/// Health of a service, as published.
 #[derive(Clone, Debug)]
 pub struct Service {
-    /// Its name.
+    /// Name of the service.
     pub name: String,
     /// `Health.state`.
     pub state: u8,
-    /// One of its figures, by name.
+    /// Its figures, by name.
     pub figures: Vec<(String, f64)>,
 }
 
-/// Everything heard since the cell was started.
+/// All messages received since the cell was started.
 pub struct Evidence {
     truths: Log<Truth>,
     controls: Log<Control>,
@@ -102,10 +105,11 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Listens from now on; the truth comes from this process, the rest over the router.
+    /// Subscribes to the messages of the cell. The truth comes from this process, everything else
+    /// over the router.
     ///
     /// # Errors
-    /// When the bus refuses.
+    /// The bus refuses a topic.
     pub fn gather(bus: &Bus) -> Result<Self> {
         let (truths, controls, arms) = (Log::default(), Log::default(), Log::default());
         let (sensors, services) = (Log::default(), Log::default());
@@ -126,12 +130,13 @@ impl Evidence {
         })
     }
 
-    /// The controller's last word, no older than `since_ns`.
+    /// The controller's last state, if it is not older than `since_ns`.
     pub fn control(&self, since_ns: i64) -> Option<Control> {
         self.control_at(since_ns).map(|(_, control)| control)
     }
 
-    /// The same, and when it was said.
+    /// The controller's last state and its time, ns since the Unix epoch, if it is not older than
+    /// `since_ns`.
     pub fn control_at(&self, since_ns: i64) -> Option<(i64, Control)> {
         lock(&self.controls)
             .last()
@@ -139,12 +144,12 @@ impl Evidence {
             .cloned()
     }
 
-    /// The bridge's last word, no older than `since_ns`.
+    /// The bridge's last state, if it is not older than `since_ns`.
     pub fn arm(&self, since_ns: i64) -> Option<Arm> {
         last_since(&self.arms, since_ns)
     }
 
-    /// A service has said something since then.
+    /// Whether a service has published its health since `since_ns`.
     pub fn heard(&self, name: &str, since_ns: i64) -> bool {
         let services = lock(&self.services);
         services
@@ -154,19 +159,20 @@ impl Evidence {
             .any(|(_, service)| service.name == name)
     }
 
-    /// The tool has slid all the time since then.
+    /// Whether the tool has been sliding all the time since `from_ns`.
     pub fn slid_throughout(&self, from_ns: i64) -> bool {
         let truths = lock(&self.truths);
         let lately = span(&truths, from_ns, i64::MAX);
         lately.len() > 10 && lately.iter().all(|(_, truth)| truth.slides())
     }
 
-    /// The tool has slid at some time since then; it may have stood at a corner of its path.
+    /// Whether the tool has been sliding at some time since `from_ns`; it may have stopped at a
+    /// corner of its path.
     pub fn slid_at_all(&self, from_ns: i64) -> bool {
         first(&lock(&self.truths), from_ns, Truth::slides).is_some()
     }
 
-    /// Highest force in a span, N.
+    /// Highest force within a span, N.
     pub fn peak_n(&self, from_ns: i64, to_ns: i64) -> f64 {
         let truths = lock(&self.truths);
         span(&truths, from_ns, to_ns)
@@ -175,7 +181,8 @@ impl Evidence {
             .fold(0.0, f64::max)
     }
 
-    /// Force shown by the controller less the true one while the tool slides, in the mean over a span, N; none where it does not.
+    /// Mean force shown by the controller minus the mean true force while the tool slides, within a
+    /// span, N; `None` if it does not slide.
     pub fn shown_minus_true_n(&self, from_ns: i64, to_ns: i64) -> Option<f64> {
         let shown = mean(
             span(&lock(&self.controls), from_ns, to_ns)
@@ -192,12 +199,13 @@ impl Evidence {
         Some(shown - pressed)
     }
 
-    /// The last truth since then is that the tool touches nothing; none while there is no truth.
+    /// Whether the tool does not touch anything, by the last true state; `None` if there is none
+    /// since `since_ns`.
     pub fn is_off_the_surface(&self, since_ns: i64) -> Option<bool> {
         last_since(&self.truths, since_ns).map(|truth| !truth.in_contact)
     }
 
-    /// From when on the tool has not slid on the surface any more, as long as `to_ns`.
+    /// Time from which the tool no longer slides on the surface, up to `to_ns`.
     pub fn safe_ns(&self, from_ns: i64, to_ns: i64) -> Option<i64> {
         let truths = lock(&self.truths);
         let all = span(&truths, from_ns, to_ns);
@@ -208,7 +216,7 @@ impl Evidence {
         }
     }
 
-    /// A service's last word is that all is well.
+    /// Whether the last health message of a service reports that it works without restrictions.
     pub fn is_well(&self, name: &str) -> bool {
         let services = lock(&self.services);
         services
@@ -218,7 +226,7 @@ impl Evidence {
             .is_some_and(|(_, service)| service.state == 1)
     }
 
-    /// The arm began to slow down by itself.
+    /// Time at which the sliding speed first falls below 70 % of that before `from_ns`.
     pub fn slowed_ns(&self, from_ns: i64) -> Option<i64> {
         let truths = lock(&self.truths);
         let before = truths
@@ -229,36 +237,39 @@ impl Evidence {
         first(&truths, from_ns, |t| t.sliding_m_per_s < 0.7 * before)
     }
 
-    /// The tool left the surface while it should press; a rim that the pad still brushes is no contact.
+    /// Time at which the contact is first lost; a force of a pad that only brushes an edge is no
+    /// contact.
     pub fn lost_contact_ns(&self, from_ns: i64) -> Option<i64> {
         first(&lock(&self.truths), from_ns, |t| {
             !t.in_contact || t.force_n < BRUSHES_N
         })
     }
 
-    /// The controller has left its path.
+    /// Time at which the controller first leaves the sliding phase.
     pub fn left_path_ns(&self, from_ns: i64) -> Option<i64> {
         first(&lock(&self.controls), from_ns, |c| c.phase != Phase::Slide)
     }
 
-    /// The controller was in this phase.
+    /// Time at which the controller is first in this phase.
     pub fn phase_ns(&self, phase: Phase, from_ns: i64) -> Option<i64> {
         first(&lock(&self.controls), from_ns, |c| c.phase == phase)
     }
 
-    /// Another estimator came into use than the one before.
+    /// Time at which another estimator than before `from_ns` is first in use.
     pub fn fallen_back_ns(&self, from_ns: i64) -> Option<i64> {
         changed(&lock(&self.controls), from_ns, |before, now| {
             now.estimator != before.estimator
         })
     }
 
-    /// The bridge's state differs from what it was before, as `differs(before, now)` says.
+    /// Time at which the bridge's state first differs from the last one before `from_ns`, by
+    /// `differs(before, now)`.
     pub fn arm_ns(&self, from_ns: i64, differs: impl Fn(&Arm, &Arm) -> bool) -> Option<i64> {
         changed(&lock(&self.arms), from_ns, differs)
     }
 
-    /// The same of the sensor's service.
+    /// Time at which the sensor's status first differs from the last one before `from_ns`, by
+    /// `differs(before, now)`.
     pub fn sensor_ns(
         &self,
         from_ns: i64,
@@ -267,7 +278,8 @@ impl Evidence {
         changed(&lock(&self.sensors), from_ns, differs)
     }
 
-    /// The same of a service's health.
+    /// Time at which the health of a service first differs from the last one before `from_ns`, by
+    /// `differs(before, now)`.
     pub fn service_ns(
         &self,
         name: &str,
@@ -298,7 +310,7 @@ fn keep<M: Message, T: Send + 'static>(
     Ok(bus.on(topic, move |received: &Received<M>| {
         let at = received.source_time_ns;
         let mut log = lock(&log);
-        // Nearly always the end; a service that was held up speaks late.
+        // Nearly always the end; messages of a service that was held up can arrive late.
         let place = log.iter().rposition(|(t, _)| *t <= at).map_or(0, |i| i + 1);
         log.insert(place, (at, of(&received.message)));
     })?)

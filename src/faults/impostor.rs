@@ -1,4 +1,5 @@
-//! Messages that nobody should believe: published beside the true ones, or in the name of a controller that is silenced.
+//! False messages that no service must act on: published beside the true ones, or under the id of a
+//! controller that is silenced.
 
 use anyhow::Result;
 use tangent_mechanics::{Base, Tool};
@@ -7,26 +8,27 @@ use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, NormalEstimate, WrenchStatus};
 use tangent_schemas::{Message, Name, cdr, topics};
 
-/// What is said.
+/// Kinds of false messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lie {
-    /// A valid status, and a wrench of NaN.
+    /// A valid status with a wrench of NaN.
     WrenchNotFinite,
-    /// A valid status, and a wrench of zero, beside the true ones.
+    /// A valid status with a wrench of zero, beside the true ones.
     WrenchOfAnother,
-    /// A valid estimate of the active estimator, of NaN.
+    /// A valid estimate with a normal of NaN, as from the estimator `blend`.
     NormalNotFinite,
-    /// In the controller's name, a command of NaN, timely and of the running task.
+    /// A command of NaN for the running task, current, under the controller's id.
     CommandNotFinite,
-    /// The same, faster than any joint may turn.
+    /// A command faster than the limit of any joint, for the running task, current, under the
+    /// controller's id.
     CommandBeyondLimits,
-    /// The same, in answer to a packet long ago.
+    /// A command for the running task that answers an old packet, under the controller's id.
     CommandOld,
-    /// A sound command of the running task, by another controller.
+    /// A sound command for the running task, from another controller.
     CommandOfAnother,
 }
 
-/// Whom the bridge obeys, and how far it has counted.
+/// The source that the bridge obeys, and the sequence number of its last message.
 struct Holder {
     publisher: [u8; 16],
     sequence: u64,
@@ -34,7 +36,7 @@ struct Holder {
 }
 
 impl Lie {
-    /// It is told in the name of the controller, which has to be silent then.
+    /// Whether it is sent under the id of the controller, which must be silent meanwhile.
     pub fn as_the_controller(self) -> bool {
         matches!(
             self,
@@ -42,7 +44,7 @@ impl Lie {
         )
     }
 
-    /// How often it is told, ms.
+    /// Interval between two such messages, ms.
     pub fn period_ms(self) -> u64 {
         match self {
             Self::WrenchNotFinite | Self::WrenchOfAnother => 1,
@@ -52,7 +54,7 @@ impl Lie {
     }
 }
 
-/// Tells lies, with what it hears to make them likely.
+/// Sends false messages, made plausible with data from the cell.
 pub struct Impostor {
     arm: Latest<ArmState>,
     control: Latest<ControlState>,
@@ -66,10 +68,10 @@ pub struct Impostor {
 }
 
 impl Impostor {
-    /// Beside the services of the cell.
+    /// An impostor beside the services of the cell.
     ///
     /// # Errors
-    /// When the bus refuses a topic.
+    /// The bus refuses a topic.
     pub fn new(bus: &Bus) -> Result<Self> {
         Ok(Self {
             arm: bus.latest(&topics::ARM_STATE)?,
@@ -84,7 +86,7 @@ impl Impostor {
         })
     }
 
-    /// Learns who commands the arm; false while nobody does.
+    /// Finds out which source commands the arm; false if there is none.
     pub fn knows_the_controller(&mut self) -> bool {
         while let Some(message) = self.commands.try_recv() {
             if let Ok(command) = cdr::decode::<ArmCommand>(&message.payload) {
@@ -98,7 +100,7 @@ impl Impostor {
         self.holder.is_some()
     }
 
-    /// Somebody in another process reads what this lie is told on.
+    /// Whether another process reads the topics of this false message.
     pub fn is_heard(&self, lie: Lie) -> bool {
         match lie {
             Lie::WrenchNotFinite | Lie::WrenchOfAnother => {
@@ -110,7 +112,7 @@ impl Impostor {
         }
     }
 
-    /// Says it once.
+    /// Sends the false message once.
     pub fn tell(&mut self, lie: Lie) {
         let (Some(arm), Some(control)) = (self.arm.get(), self.control.get()) else {
             return;
@@ -164,7 +166,7 @@ impl Impostor {
         }
     }
 
-    /// Says it as the next word of whoever commands the arm.
+    /// Sends a command as the next message of the source that commands the arm.
     fn forge(&mut self, mut command: ArmCommand) {
         let Some(holder) = &mut self.holder else {
             return;

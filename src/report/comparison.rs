@@ -1,4 +1,5 @@
-//! Estimators side by side over the same cycles, and the switches between them: of a recording, or of a live cell.
+//! Comparison of estimators over the same cycles, and the switches between them, in a recording or
+//! a live cell.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -12,38 +13,40 @@ use super::task_run::TaskRun;
 /// One estimator's figures.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct EstimatorFigures {
-    /// Estimates per second, by their stamps.
+    /// Number of estimates per second, by their stamps, Hz.
     pub rate_hz: Option<f64>,
-    /// Age of the newest one at use, as the controller says in each of its cycles, ms; none where it does not read it.
+    /// Age of the newest estimate at use, as the controller reports it in each cycle, ms; none if
+    /// it does not read the estimator.
     pub age_ms: Option<Spread>,
-    /// Share of the pressing cycles in which it could be used.
+    /// Share of the pressing cycles in which the estimate was valid.
     pub valid_fraction: Option<f64>,
-    /// Against the estimator in use, both valid, pressing, degrees.
+    /// Angle to the normal of the estimator in use, while both are valid and the tool presses,
+    /// degrees.
     pub from_active_deg: Option<Spread>,
-    /// Against the truth, in contact, degrees.
+    /// Angle to the true normal, in contact, degrees.
     pub normal_error_deg: Option<Spread>,
-    /// The same from 1 s after first contact.
+    /// Angle to the true normal, in contact, from 1 s after first contact, degrees.
     pub normal_error_settled_deg: Option<Spread>,
-    /// Against `-z_tool`, degrees.
+    /// Angle to `-z_tool`, in contact, degrees.
     pub alignment_error_deg: Option<Spread>,
-    /// 1 for a covariance that tells the truth.
+    /// Normalised squared error per degree of freedom; 1 if the covariance is consistent.
     pub normal_nees_per_dof: Option<f64>,
 }
 
-/// The estimator in use changed, or was asked for with force.
+/// A change of the estimator in use or of its cause, such as a forced request.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Switch {
-    /// Since the task's start, s.
+    /// Time since the start of the task, s.
     pub time_s: f64,
-    /// Before.
+    /// Estimator before the change.
     pub from: String,
-    /// After.
+    /// Estimator after the change.
     pub to: String,
-    /// Why, as the controller says it.
+    /// Cause, as the controller states it.
     pub cause: String,
 }
 
-/// Every estimator of the run.
+/// Figures of every estimator of the run.
 pub fn estimators(run: &Run, task: &TaskRun<'_>) -> BTreeMap<String, EstimatorFigures> {
     let of = |name: &String| (name.clone(), one(run, task, name));
     run.estimates.keys().map(of).collect()
@@ -86,14 +89,14 @@ fn ages_ms(run: &Run, name: &str) -> Vec<f64> {
     ages.iter().map(|age_s| 1e3 * age_s).collect()
 }
 
-/// Every change within the task.
+/// Every change within the task, in order.
 pub fn switches(task: &TaskRun<'_>) -> Vec<Switch> {
     let mut found = Vec::new();
     for pair in task.cycles.windows(2) {
         let [before, after] = [&pair[0], &pair[1]].map(|cycle| cycle.control);
         let changed =
             before.estimator != after.estimator || before.estimator_cause != after.estimator_cause;
-        // What is said before the first cycle of a task is of no use.
+        // The state before the first cycle of a task has no estimator.
         if changed && !before.estimator.is_empty() {
             found.push(Switch {
                 time_s: pair[1].time_s,
@@ -106,7 +109,7 @@ pub fn switches(task: &TaskRun<'_>) -> Vec<Switch> {
     found
 }
 
-/// The table for a terminal; `active` is marked.
+/// The figures as a table for a terminal; `active` is marked.
 pub fn words(all: &BTreeMap<String, EstimatorFigures>, active: Option<&str>) -> String {
     let mut text = format!(
         "  {:<24} {:>9} {:>15} {:>7} {:>17} {:>17} {:>6}\n  {:<24} {:>9} {:>15} {:>7} {:>17} {:>17}\n",

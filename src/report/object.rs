@@ -4,15 +4,11 @@ use anyhow::Result;
 use nalgebra::Vector3;
 use tangent_mechanics::{Base, Flange, Object, Pose, Sensor, Tool};
 use tangent_schemas::standard::{Point, PoseStamped};
-use tangent_schemas::tangent::ObjectEstimate;
 use tangent_simulation::ObjectScenario;
 use tangent_simulation::metrics::object_pose::{ObjectPoseFigures, ObjectSampleTruth, pose_error};
 
 use super::run::Run;
-use super::task_run::{Cycle, TaskRun};
-
-/// A truth further from its cycle than this says nothing about it, ns.
-const TRUTH_REACH_NS: i64 = 20_000_000;
+use super::task_run::{Cycle, TaskRun, nearest, newest};
 
 /// One component of a curve over time.
 pub type Curve = Vec<(f64, f64)>;
@@ -50,10 +46,10 @@ fn sample(
 ) -> Option<ObjectSampleTruth> {
     let truth = cycle.truth?;
     let stamp_ns = cycle.arm.header.stamp.to_ns();
-    let object = pose(nearest(&run.object_truth, stamp_ns)?)?;
+    let object = pose(nearest(&run.object_truth, |t| &t.header, stamp_ns)?)?;
     let base_from_tool: Pose<Base, Tool> = (&truth.tool_pose).try_into().ok()?;
     let estimates = run.objects.get(cycle.control.estimator.as_str());
-    let newest = estimates.and_then(|all| newest(all, cycle.control.cycle));
+    let newest = newest(estimates, |e| e.cycle, cycle.control.cycle);
     let estimated: Option<Pose<Base, Object>> = newest
         .filter(|e| e.validity == 0)
         .and_then(|e| (&e.pose).try_into().ok());
@@ -83,24 +79,6 @@ fn vector(point: &Point) -> Vector3<f64> {
 
 fn pose(stamped: &PoseStamped) -> Option<Pose<Base, Object>> {
     (&stamped.pose).try_into().ok()
-}
-
-/// The true pose nearest in stamp; poses are in order.
-fn nearest(truth: &[PoseStamped], stamp_ns: i64) -> Option<&PoseStamped> {
-    let after = truth.partition_point(|t| t.header.stamp.to_ns() < stamp_ns);
-    let distance = |t: &&PoseStamped| (t.header.stamp.to_ns() - stamp_ns).abs();
-    [after.checked_sub(1), Some(after)]
-        .into_iter()
-        .flatten()
-        .filter_map(|i| truth.get(i))
-        .min_by_key(distance)
-        .filter(|t| distance(t) <= TRUTH_REACH_NS)
-}
-
-/// The newest estimate made by then; estimates are in order.
-fn newest(estimates: &[ObjectEstimate], cycle: u64) -> Option<&ObjectEstimate> {
-    let after = estimates.partition_point(|e| e.cycle <= cycle);
-    estimates.get(after.checked_sub(1)?)
 }
 
 /// Three components at one time; none where there is no estimate.

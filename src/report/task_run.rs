@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use nalgebra::{Matrix3, Vector3};
 use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tool};
+use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
 use tangent_simulation::metrics::{CycleSample, EstimateSample, TruthSample};
 
@@ -86,8 +87,12 @@ impl<'a> TaskRun<'a> {
             // The first packet of a task ends its first period.
             let origin = *origin_ns.get_or_insert(stamp_ns - (arm.period_s * 1e9).round() as i64);
             let time_s = (stamp_ns - origin) as f64 * 1e-9;
-            let truth = nearest(&run.truth, stamp_ns);
-            let estimate = newest(run.estimates.get(state.estimator.as_str()), state.cycle);
+            let truth = nearest(&run.truth, |t| &t.header, stamp_ns);
+            let estimate = newest(
+                run.estimates.get(state.estimator.as_str()),
+                |e| e.cycle,
+                state.cycle,
+            );
             cycles.push(Cycle {
                 time_s,
                 arm,
@@ -116,17 +121,18 @@ impl<'a> TaskRun<'a> {
         self.cycles
             .iter()
             .map(|cycle| CycleSample {
-                estimate: newest(estimates, cycle.control.cycle).map(estimate_sample),
+                estimate: newest(estimates, |e| e.cycle, cycle.control.cycle).map(estimate_sample),
                 ..cycle.sample
             })
             .collect()
     }
 }
 
-/// The truth nearest in stamp.
-fn nearest(truth: &[ContactTruth], stamp_ns: i64) -> Option<&ContactTruth> {
-    let after = truth.partition_point(|t| t.header.stamp.to_ns() < stamp_ns);
-    let distance = |t: &&ContactTruth| (t.header.stamp.to_ns() - stamp_ns).abs();
+/// The truth whose stamp is nearest; `truth` is in order.
+pub(super) fn nearest<T>(truth: &[T], stamp: impl Fn(&T) -> &Header, stamp_ns: i64) -> Option<&T> {
+    let stamp_of = |t: &T| stamp(t).stamp.to_ns();
+    let after = truth.partition_point(|t| stamp_of(t) < stamp_ns);
+    let distance = |t: &&T| (stamp_of(t) - stamp_ns).abs();
     [after.checked_sub(1), Some(after)]
         .into_iter()
         .flatten()
@@ -135,10 +141,14 @@ fn nearest(truth: &[ContactTruth], stamp_ns: i64) -> Option<&ContactTruth> {
         .filter(|t| distance(t) <= TRUTH_REACH_NS)
 }
 
-/// The newest estimate that was made by then; estimates are in order.
-fn newest(estimates: Option<&Vec<NormalEstimate>>, cycle: u64) -> Option<&NormalEstimate> {
+/// The newest estimate that was made by `cycle`; `estimates` are in order.
+pub(super) fn newest<E>(
+    estimates: Option<&Vec<E>>,
+    made_at: impl Fn(&E) -> u64,
+    cycle: u64,
+) -> Option<&E> {
     let estimates = estimates?;
-    let after = estimates.partition_point(|e| e.cycle <= cycle);
+    let after = estimates.partition_point(|e| made_at(e) <= cycle);
     estimates.get(after.checked_sub(1)?)
 }
 
@@ -211,7 +221,8 @@ mod tests {
             ..ContactTruth::default()
         };
         let truth = [at(0), at(8), at(16), at(500)];
-        let found = |ms: i64| nearest(&truth, ms * 1_000_000).map(|t| t.penetration_m);
+        let found =
+            |ms: i64| nearest(&truth, |t| &t.header, ms * 1_000_000).map(|t| t.penetration_m);
         assert_eq!(found(5), Some(8.0));
         assert_eq!(found(3), Some(0.0));
         assert_eq!(found(30), Some(16.0));

@@ -20,12 +20,12 @@ pub fn tangent() -> Command {
     command
 }
 
-/// The repository.
+/// Root folder of the repository.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).to_owned()
 }
 
-/// Runs to the end and returns what was said.
+/// Runs the program to its end and returns its output.
 pub fn run(args: &[&str]) -> Output {
     tangent().args(args).output().unwrap()
 }
@@ -41,12 +41,13 @@ pub fn json(output: &Output) -> Value {
     })
 }
 
-/// A whole `tangent up` of the scenario, recording and report in `folder`; its figures.
+/// Runs `tangent up` with the scenario, with recording and report in `folder`. Returns the figures.
 pub fn up(scenario: &str, folder: &Path) -> Value {
     up_with(&["--scenario", scenario], folder)
 }
 
-/// The same of a system by its paper's name.
+/// Runs `tangent up` with the system of a paper, by its name, with recording and report in
+/// `folder`. Returns the figures.
 pub fn up_system(system: &str, folder: &Path) -> Value {
     up_with(&[system], folder)
 }
@@ -59,7 +60,8 @@ fn up_with(what: &[&str], folder: &Path) -> Value {
     args.extend(["--folder", folder, "--port-offset", &offset, "--json"]);
     let output = run(&args);
     let code = output.status.code();
-    // 3 is "done, but something was lost": a busy machine may miss a cycle, which is no matter of these tests.
+    // Code 3 is "done, but something was lost": a busy machine may miss a cycle, which these tests
+    // do not check.
     assert!(
         code == Some(0) || code == Some(3),
         "{code:?}: {}",
@@ -68,14 +70,14 @@ fn up_with(what: &[&str], folder: &Path) -> Value {
     json(&output)
 }
 
-/// What went to standard error.
+/// Text on standard error.
 pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// An offset at which all ports of a simulated cell are free now.
+/// A port offset at which all ports of a simulated cell are free now.
 pub fn port_offset() -> u16 {
-    // Tests run side by side, here and in other processes: each looks at offsets of its own.
+    // Tests run concurrently, here and in other processes: each tries offsets of its own.
     static TAKEN: AtomicU16 = AtomicU16::new(0);
     let start = (std::process::id() % 97) as u16;
     for _ in 0..100 {
@@ -92,8 +94,9 @@ pub fn port_offset() -> u16 {
     panic!("no free ports on loopback");
 }
 
-/// Ports of this host that have a socket. To try one by binding it would take it: a child that another test starts just
-/// then holds it until it runs its own program.
+/// Ports of this host that have a socket. Binding a port as a trial would occupy it: a child
+/// process that another test starts at that moment inherits the socket until it runs its own
+/// program.
 fn ports_in_use() -> HashSet<u16> {
     ["tcp", "tcp6", "udp", "udp6"]
         .iter()
@@ -103,30 +106,33 @@ fn ports_in_use() -> HashSet<u16> {
         .collect()
 }
 
-/// `  1: 0100007F:1F90 ...` has port 0x1F90.
+/// Port of a line such as `  1: 0100007F:1F90 ...`, here 0x1F90.
 fn local_port(line: &str) -> Option<u16> {
     let address = line.split_whitespace().nth(1)?;
     u16::from_str_radix(address.rsplit_once(':')?.1, 16).ok()
 }
 
-/// A process that is ended with the test.
+/// A child process that is killed at the end of the test.
 pub struct Process {
     child: Child,
     name: String,
 }
 
 impl Process {
-    /// Starts the program with these arguments; its log goes to the test's.
+    /// Starts the program with these arguments. Its log goes to the log of the test, its standard
+    /// output is discarded.
     pub fn start(name: &str, args: &[&str]) -> Self {
         Self::start_with_log(name, args, Stdio::inherit())
     }
 
-    /// The same, with its log elsewhere.
+    /// Starts the program with these arguments, with its log to `log`. Its standard output is
+    /// discarded.
     pub fn start_with_log(name: &str, args: &[&str], log: impl Into<Stdio>) -> Self {
         Self::start_with_output(name, args, Stdio::null(), log)
     }
 
-    /// The same, with its standard output elsewhere too.
+    /// Starts the program with these arguments, with its standard output to `output` and its log to
+    /// `log`.
     pub fn start_with_output(
         name: &str,
         args: &[&str],
@@ -150,13 +156,13 @@ impl Process {
         self.child.id()
     }
 
-    /// SIGKILL, at once.
+    /// Sends SIGKILL and waits for the end of the process.
     pub fn kill(&mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
     }
 
-    /// Sends a signal by its name.
+    /// Sends a signal, given by its name.
     pub fn signal(&self, name: &str) {
         let id = self.child.id().to_string();
         let sent = Command::new("kill")
@@ -165,19 +171,21 @@ impl Process {
         assert!(sent.unwrap().success(), "kill -{name} {}", self.name);
     }
 
-    /// Its exit code, if it has ended; -1 when a signal ended it.
+    /// Exit code, if the process has ended; -1 if a signal ended it.
     pub fn code(&mut self) -> Option<i32> {
         let status = self.child.try_wait().unwrap()?;
         Some(status.code().unwrap_or(-1))
     }
 
-    /// SIGTERM, and its exit code within `patience`.
+    /// Sends SIGTERM and returns the exit code; panics if the process does not end within
+    /// `patience`.
     pub fn terminate(&mut self, patience: Duration) -> Option<i32> {
         self.signal("TERM");
         self.ended(patience)
     }
 
-    /// Its exit code, when it ends within `patience`; none when a signal ended it.
+    /// Exit code; `None` if a signal ended the process. Panics if it does not end within
+    /// `patience`.
     pub fn ended(&mut self, patience: Duration) -> Option<i32> {
         let until = Instant::now() + patience;
         while Instant::now() < until {
@@ -197,7 +205,7 @@ impl Drop for Process {
     }
 }
 
-/// Tries until `attempt` gives something.
+/// Calls `attempt` until it returns a value; panics if it does not within `patience`.
 pub fn wait_for<T>(what: &str, patience: Duration, mut attempt: impl FnMut() -> Option<T>) -> T {
     let until = Instant::now() + patience;
     loop {
@@ -209,7 +217,7 @@ pub fn wait_for<T>(what: &str, patience: Duration, mut attempt: impl FnMut() -> 
     }
 }
 
-/// A number deep in a JSON object.
+/// The number at a path in a JSON object.
 pub fn number(value: &Value, path: &str) -> f64 {
     value
         .pointer(path)

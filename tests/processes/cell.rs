@@ -15,10 +15,12 @@ use tempfile::TempDir;
 
 use crate::common::{Process, json, port_offset, root, run, stderr, wait_for};
 
-/// Longest wait for anything that a person would call prompt; machines that build meanwhile are slow.
+/// Longest wait for any step that takes seconds at most on an idle machine; a machine that also
+/// builds is slow.
 pub const PATIENCE: Duration = Duration::from_secs(40);
 
-/// One cell at a time: what is measured is the cell's answer, not how two of them share a small machine.
+/// One cell at a time: the tests measure the response of one cell, not how two share a small
+/// machine.
 static MACHINE: Mutex<()> = Mutex::new(());
 
 /// A cell's processes by name, and its files.
@@ -26,14 +28,15 @@ pub struct Cell {
     folder: TempDir,
     port_offset: u16,
     processes: BTreeMap<String, Process>,
-    // Given back when the processes are gone.
+    // Released after the processes have ended.
     _alone: MutexGuard<'static, ()>,
 }
 
 impl Cell {
-    /// Writes the cell file; nothing runs yet. `change` may alter it.
+    /// Writes the cell file, after `change` has altered it; starts no process.
     pub fn new(change: impl FnOnce(&mut toml::Table)) -> Self {
-        // The shipped scenario, with the tool nearer to the surface: an approach is not what is tested here.
+        // The shipped scenario, with the tool closer to the surface: the approach is not tested
+        // here.
         let nearer = ("clearance_m = 0.01", "clearance_m = 0.003");
         Self::shipped(
             "cell.toml",
@@ -46,21 +49,22 @@ impl Cell {
         )
     }
 
-    /// The torque-controlled arm over an object of known shape, with a camera.
+    /// A cell with the torque-controlled arm over an object of known shape, with a camera.
     pub fn with_object() -> Self {
         let nearer = ("clearance_m = 0.15", "clearance_m = 0.08");
         let scenario = "scenarios/lippiello/lippiello_realistic.toml";
         Self::shipped("cell.lippiello.toml", scenario, nearer, |_| {})
     }
 
-    /// A Franka over a wave, with a depth camera.
+    /// A cell with a Franka over a wave, with a depth camera.
     pub fn with_franka() -> Self {
         let nearer = ("clearance_m = 0.04", "clearance_m = 0.02");
         let scenario = "scenarios/karacan/karacan_depth.toml";
         Self::shipped("cell.karacan.toml", scenario, nearer, |_| {})
     }
 
-    /// From a cell file of `deploy/` and a scenario with one text in place of another.
+    /// A cell from a cell file of `deploy/` and a scenario in which one text is replaced by
+    /// another.
     fn shipped(
         file: &str,
         scenario: &str,
@@ -96,22 +100,22 @@ impl Cell {
         }
     }
 
-    /// Added to all ports.
+    /// Offset that is added to all ports.
     pub fn port_offset(&self) -> u16 {
         self.port_offset
     }
 
-    /// The cell file.
+    /// Path of the cell file.
     pub fn file(&self) -> PathBuf {
         self.folder.path().join("cell.toml")
     }
 
-    /// Where the recorder writes.
+    /// Folder of the recordings.
     pub fn recordings(&self) -> PathBuf {
         self.folder.path().join("recordings")
     }
 
-    /// A task file: 3 N along the given path, with a tare before or without.
+    /// Writes a task file: 3 N along the given path, with or without a tare.
     pub fn task(&self, tare: bool, path: &str) -> PathBuf {
         let text = format!(
             "name = \"test\"\ntare = {tare}\nforce.reference_n = 3.0\n\
@@ -122,7 +126,7 @@ impl Cell {
         file
     }
 
-    /// A slow line of 0.6 m in strokes of 0.1 m: longer than any test slides.
+    /// Writes a task file: a slow line of 0.6 m in strokes of 0.1 m, longer than any test slides.
     pub fn long_task(&self) -> PathBuf {
         self.task(
             true,
@@ -130,7 +134,8 @@ impl Cell {
         )
     }
 
-    /// Starts a process of the services in `name`, separated by spaces; in place of the one before of that name.
+    /// Starts one process with the services in `name`, separated by spaces. It replaces an earlier
+    /// process of that name.
     pub fn start(&mut self, name: &str) {
         let log = fs::OpenOptions::new()
             .create(true)
@@ -144,7 +149,8 @@ impl Cell {
         self.folder.path().join(format!("{name}.log"))
     }
 
-    /// The same, with its log to `log`.
+    /// Starts one process with the services in `name`, separated by spaces, with its log to `log`.
+    /// It replaces an earlier process of that name.
     pub fn start_into(&mut self, name: &str, log: impl Into<std::process::Stdio>) {
         let file = self.file();
         let mut args = vec!["run"];
@@ -154,25 +160,25 @@ impl Cell {
         self.processes.insert(name.to_owned(), process);
     }
 
-    /// Starts each, then waits until the cell can start a task.
+    /// Starts one process for each name.
     pub fn start_all(&mut self, names: &[&str]) {
         for name in names {
             self.start(name);
         }
     }
 
-    /// What the processes of that name have logged.
+    /// Log of the processes of that name.
     pub fn log(&self, name: &str) -> String {
-        // Empty where it went elsewhere.
+        // Empty if the log was sent elsewhere.
         fs::read_to_string(self.log_file(name)).unwrap_or_default()
     }
 
-    /// The process of that name.
+    /// The current process of that name.
     pub fn process(&mut self, name: &str) -> &mut Process {
         self.processes.get_mut(name).expect("it was started")
     }
 
-    /// Ids of all processes by name.
+    /// Process ids by name.
     pub fn ids(&self) -> BTreeMap<String, u32> {
         self.processes
             .iter()
@@ -180,7 +186,7 @@ impl Cell {
             .collect()
     }
 
-    /// No process has ended but those that were killed.
+    /// Checks that none of these processes has ended.
     pub fn assert_running(&mut self, names: &[&str]) {
         for name in names {
             let ended = self.process(name).code();
@@ -188,7 +194,7 @@ impl Cell {
         }
     }
 
-    /// A circle on the object, with so many newtons, so many times around.
+    /// Writes a task file: a circle on the object, with this number of turns.
     pub fn object_task(&self, turns: u32) -> PathBuf {
         let text = fs::read_to_string(root().join("deploy/tasks/object_circle.toml")).unwrap();
         let text = text.replace(
@@ -200,7 +206,7 @@ impl Cell {
         file
     }
 
-    /// Has the simulator do this, as `tangent faults` does.
+    /// Provokes a fault in the simulator, as `tangent faults` does.
     pub fn provoke(&self, fault: &str, argument: &str) {
         let config = CellConfig::load(&self.file()).unwrap();
         let bus = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
@@ -220,7 +226,8 @@ impl Cell {
         run(&all)
     }
 
-    /// The same with `--json`; it has to end with `code`.
+    /// Runs a `tangent` command with `--json` on this cell, and returns its output. It must end
+    /// with `code`.
     pub fn cli_json(&self, args: &[&str], code: i32) -> Value {
         let mut all = args.to_vec();
         all.push("--json");
@@ -235,7 +242,7 @@ impl Cell {
         json(&output)
     }
 
-    /// Starts a task as soon as the cell takes one.
+    /// Starts a task as soon as the cell accepts one.
     pub fn start_task(&self, file: &Path) {
         let file = file.to_str().unwrap();
         wait_for("the task starts", PATIENCE, || {
@@ -243,9 +250,9 @@ impl Cell {
             let said = String::from_utf8_lossy(&output.stdout).into_owned() + &stderr(&output);
             match output.status.code() {
                 Some(0) => Some(()),
-                // Its answer came too late for the one who asked first.
+                // The answer to an earlier attempt came too late: the task already runs.
                 Some(1) if said.contains("stop the running task first") => Some(()),
-                // Not ready yet, and why.
+                // Not ready yet, with the reason.
                 Some(1) => {
                     eprintln!("{}", said.trim());
                     None
@@ -262,7 +269,7 @@ impl Cell {
 }
 
 impl Drop for Cell {
-    /// What the processes said, when the test has failed.
+    /// Prints the logs of the processes if the test has failed.
     fn drop(&mut self) {
         if !std::thread::panicking() {
             return;
@@ -288,7 +295,7 @@ pub fn mcap_files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Sets `section.key`.
+/// Sets the value of `section.key`.
 pub fn set(cell: &mut toml::Table, path: &str, value: impl Into<toml::Value>) {
     let (section, key) = path.split_once('.').unwrap();
     let table = cell
@@ -309,7 +316,7 @@ pub struct Seen<M> {
 
 type Log<M> = Arc<Mutex<Vec<Seen<M>>>>;
 
-/// Hears the truth, the controller and the bridge over the cell's router.
+/// Records the messages of truth, controller and bridge over the cell's router.
 pub struct Observer {
     truths: Log<ContactTruth>,
     controls: Log<ControlState>,
@@ -319,7 +326,7 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// Joins the cell's network; waits for its router.
+    /// Joins the cell's network after waiting for its router.
     pub fn join(cell: &Cell) -> Self {
         let config = CellConfig::load(&cell.file()).unwrap();
         let bus = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
@@ -338,17 +345,17 @@ impl Observer {
         }
     }
 
-    /// Truths since then.
+    /// True states since `since_ns`.
     pub fn truths(&self, since_ns: i64) -> Vec<Seen<ContactTruth>> {
         since(&self.truths, since_ns)
     }
 
-    /// Controller's states since then.
+    /// States of the controller since `since_ns`.
     pub fn controls(&self, since_ns: i64) -> Vec<Seen<ControlState>> {
         since(&self.controls, since_ns)
     }
 
-    /// The bridge's newest state.
+    /// The newest state of the bridge.
     pub fn arm(&self) -> Option<ArmState> {
         self.arms
             .lock()
@@ -357,14 +364,15 @@ impl Observer {
             .map(|seen| seen.message.clone())
     }
 
-    /// Waits until the controller has said this phase after `since_ns`; when it first did.
+    /// Waits until the controller has reported this phase after `since_ns`; returns the first such
+    /// state.
     pub fn phase(&self, phase: &str, since_ns: i64) -> Seen<ControlState> {
         wait_for(&format!("phase {phase}"), PATIENCE, || {
             self.has_been(phase, since_ns)
         })
     }
 
-    /// Waits until the tool slides: half its speed, in contact.
+    /// Waits until the tool slides in contact, at half its speed or faster.
     pub fn sliding(&self, since_ns: i64) {
         self.phase("slide", since_ns);
         wait_for("the tool slides", PATIENCE, || {
@@ -390,8 +398,9 @@ impl Observer {
         });
     }
 
-    /// Starts the task until it has come to this phase and `there`. On a machine that stands still for some cycles meanwhile, a task
-    /// rightly ends with a fault; then it is started again, as a person would, a few times.
+    /// Starts the task and waits until it has reached this phase and `there` holds. If the machine
+    /// stalls for some cycles, a task correctly ends with a fault. It is then started again, as an
+    /// operator would, a few times.
     fn begin(&self, cell: &Cell, task: &Path, phase: &str, there: impl Fn(i64) -> bool) {
         const STARTS: usize = 4;
         let mut faults = Vec::new();
@@ -421,14 +430,15 @@ impl Observer {
         panic!("never in {phase}: {faults:?}");
     }
 
-    /// When the controller first said this phase after `since_ns`.
+    /// The first state of the controller in this phase after `since_ns`.
     fn has_been(&self, phase: &str, since_ns: i64) -> Option<Seen<ControlState>> {
         self.controls(since_ns)
             .into_iter()
             .find(|seen| seen.message.phase_text.as_str() == phase)
     }
 
-    /// Waits until the tool has stood still (1 mm/s) for 0.2 s after `since_ns`; when that began.
+    /// Waits until the tool has been at rest (1 mm/s) for 0.2 s after `since_ns`; returns the time
+    /// at which that began.
     pub fn at_rest(&self, since_ns: i64) -> i64 {
         wait_for("the tool stands", PATIENCE, || {
             let mut began = None;
@@ -443,7 +453,7 @@ impl Observer {
         })
     }
 
-    /// Highest force of the surface on the tool since then, N.
+    /// Highest force of the surface on the tool since `since_ns`, N.
     pub fn peak_force_n(&self, since_ns: i64) -> f64 {
         self.truths(since_ns)
             .iter()
@@ -454,18 +464,18 @@ impl Observer {
             .fold(0.0, f64::max)
     }
 
-    /// The tool never pressed harder since.
+    /// Checks that the force on the tool has not exceeded `force_max_n` since `since_ns`.
     pub fn pressed_at_most(&self, force_max_n: f64, since_ns: i64) {
         let peak = self.peak_force_n(since_ns);
         assert!(peak <= force_max_n, "{peak} N");
     }
 
-    /// For `seconds` from now the tool does not move by itself.
+    /// Checks for `seconds` from now that the tool does not move by itself.
     pub fn stays_at_rest(&self, seconds: f64) {
         self.stays_slower_than(2e-3, seconds);
     }
 
-    /// For `seconds` from now the tool keeps below this speed, m/s.
+    /// Checks for `seconds` from now that the tool stays below this speed, m/s.
     pub fn stays_slower_than(&self, speed_max_m_per_s: f64, seconds: f64) {
         let from = clock::now_ns();
         let until = from + (seconds * 1e9) as i64;
@@ -505,7 +515,7 @@ pub fn speed(truth: &ContactTruth) -> f64 {
     (v.x * v.x + v.y * v.y + v.z * v.z).sqrt()
 }
 
-/// ns to s.
+/// Converts ns to s.
 pub fn seconds(ns: i64) -> f64 {
     ns as f64 * 1e-9
 }

@@ -1,6 +1,8 @@
-//! Processes that die, hang and come back while the tool slides; what the arm does is read from the simulator's truth.
+//! Processes that die, hang and come back while the tool slides. The motion of the arm is read from
+//! the simulated truth.
 //!
-//! The bounds are those of the failure table plus what a machine that builds meanwhile may take.
+//! The bounds are those of the failure table plus the time that a machine which also builds may
+//! add.
 
 use tangent_runtime::clock::now_ns;
 
@@ -8,13 +10,13 @@ use crate::cell::{Cell, Observer, PATIENCE, Seen, seconds};
 use crate::common::{json, wait_for};
 use tangent_schemas::tangent::ControlState;
 
-/// A loaded machine's share of any time measured here, s.
+/// Time that a loaded machine may add to any time measured here, s.
 const SLACK_S: f64 = 1.5;
-/// No fault presses harder: the larger of twice the reference and 10 N.
+/// Largest force during any fault, N: the larger of twice the reference and 10 N.
 pub const FORCE_MAX_N: f64 = 10.0;
 
-/// One process per service. Where that is not what is tested, what fails is in a process of its own and the rest in another: a small
-/// machine is not kept busy with messages between processes.
+/// One process per service. Other tests put the service that fails into its own process and the
+/// rest into another, so that a small machine is not kept busy with messages between processes.
 pub const APART: [&str; 6] = [
     "router",
     "simulator",
@@ -29,7 +31,7 @@ const ESTIMATOR: [&str; 2] = ["router simulator netft rtde controller", "estimat
 const CONTROLLER: [&str; 2] = ["router simulator netft rtde estimator", "controller"];
 const BRIDGE: [&str; 2] = ["router simulator netft controller estimator", "rtde"];
 
-/// A cell whose tool slides.
+/// A cell whose tool slides, with one process for each of `names`.
 pub fn sliding(names: &[&str]) -> (Cell, Observer) {
     let mut cell = Cell::new(|_| {});
     cell.start_all(names);
@@ -38,9 +40,9 @@ pub fn sliding(names: &[&str]) -> (Cell, Observer) {
     (cell, observer)
 }
 
-/// Slides again with a new task, and nobody but `replaced` is another process than before.
+/// Runs a new task with sliding to its end, and checks that the processes in `names` still run.
 fn wipes_again(cell: &mut Cell, observer: &Observer, names: &[&str]) {
-    // Where the tool stands on the surface, it moves off before the tare.
+    // If the tool is still on the surface, it moves off before the tare.
     let task = cell.task(
         true,
         "kind = \"line\"\nto_m = [0.02, 0.0]\nspeed_m_per_s = 0.02",
@@ -55,7 +57,8 @@ fn fault(observer: &Observer, since_ns: i64) -> Seen<ControlState> {
     seen
 }
 
-/// The force that the controller shows while it slides is the simulator's, in the mean over what was heard since.
+/// Checks that the mean force shown by the controller while it slides is that of the simulator,
+/// since `since_ns`.
 pub fn shown_is_true(observer: &Observer, since_ns: i64) {
     let slides: Vec<f64> = observer
         .controls(since_ns)
@@ -80,7 +83,43 @@ pub fn shown_is_true(observer: &Observer, since_ns: i64) {
     );
 }
 
-/// Each death leaves the tool pressed. A tare there hides the force: 3 N shown were 6 N after the first start, and 9 N after the second.
+/// The controller that comes after knows only what the one before wrote down.
+#[test]
+fn a_stop_after_the_hard_loop_was_killed_takes_the_tool_off() {
+    let (mut cell, observer) = sliding(&HARD_LOOP);
+    let killed = now_ns();
+    cell.process("rtde controller").kill();
+    observer.at_rest(killed);
+    assert!(observer.truths(killed).last().unwrap().message.in_contact);
+    cell.start("rtde controller");
+    let since = now_ns();
+    // Refused until the arm takes commands again.
+    let stopped = wait_for("a stop that is carried out", PATIENCE, || {
+        let said = cell.cli(&["task", "stop"]);
+        let text = String::from_utf8_lossy(&said.stdout).into_owned();
+        said.status.success().then_some(text)
+    });
+    assert!(stopped.contains("moving off"), "{stopped}");
+    let done = observer.phase("done", since).at_ns;
+    wait_for("a tool that hangs free", PATIENCE, || {
+        let last = observer.truths(done).last()?.message.clone();
+        (!last.in_contact).then_some(())
+    });
+    let peak_n = observer.truths(killed).iter().fold(0.0, |peak: f64, seen| {
+        let f = &seen.message.wrench.force;
+        peak.max((f.x * f.x + f.y * f.y + f.z * f.z).sqrt())
+    });
+    assert!(peak_n <= 10.0, "{peak_n} N");
+    assert!(
+        cell.cli_json(&["task", "stop"], 0)["message"]
+            .as_str()
+            .unwrap()
+            .contains("nothing to do")
+    );
+}
+
+/// Each kill leaves the tool pressed. A tare there hides the force: 3 N shown were 6 N after the
+/// first start, and 9 N after the second.
 #[test]
 fn a_hard_loop_killed_while_pressing_moves_off_before_it_tares() {
     let (mut cell, observer) = sliding(&HARD_LOOP);
@@ -89,7 +128,7 @@ fn a_hard_loop_killed_while_pressing_moves_off_before_it_tares() {
         cell.process("rtde controller").kill();
         observer.at_rest(killed);
         assert!(observer.truths(killed).last().unwrap().message.in_contact);
-        // Nobody moves, and the sensor's service remembers who pressed.
+        // Nothing moves, and the sensor service remembers that the controller pressed.
         let silent = wait_for("the controller's silence", PATIENCE, || {
             let answer = cell.cli_json(&["tare"], 1);
             let said = answer["message"].as_str().unwrap().to_owned();
@@ -107,7 +146,7 @@ fn a_hard_loop_killed_while_pressing_moves_off_before_it_tares() {
             let last = observer.truths(settled).last()?.at_ns;
             (last - settled > 2_000_000_000).then_some(())
         });
-        // In the middle of a slide it is refused too, whatever a person says.
+        // In the middle of a slide it is refused as well, even with `--clear`.
         for args in [vec!["tare"], vec!["tare", "--clear"]] {
             let answer = cell.cli_json(&args, 1);
             let said = answer["message"].as_str().unwrap().to_owned();
@@ -122,7 +161,8 @@ fn safe(observer: &Observer, since_ns: i64) {
     observer.pressed_at_most(FORCE_MAX_N, since_ns);
 }
 
-/// Sliding stops, the force is kept along the last normal, and after a second without an estimate the tool leaves.
+/// Sliding stops, and the force is kept along the last normal. After one second without an estimate
+/// the tool retracts.
 #[test]
 fn an_estimator_that_dies() {
     let (mut cell, observer) = sliding(&ESTIMATOR);
@@ -133,7 +173,7 @@ fn an_estimator_that_dies() {
     let retract = observer.phase("retract", hold.at_ns);
     let held = seconds(retract.at_ns - hold.at_ns);
     assert!((0.9..1.0 + SLACK_S).contains(&held), "held for {held} s");
-    // Standing and pressing in between.
+    // In between, the tool stands still and presses.
     let middle: Vec<f64> = observer
         .truths(hold.at_ns + 300_000_000)
         .iter()
@@ -159,7 +199,7 @@ fn an_estimator_that_dies() {
     wipes_again(&mut cell, &observer, &ESTIMATOR);
 }
 
-/// Back within the second, it is used again without anybody's asking.
+/// An estimator that returns within one second is used again without a request.
 #[test]
 fn an_estimator_that_hangs_for_a_moment() {
     let (mut cell, observer) = sliding(&ESTIMATOR);
@@ -206,12 +246,12 @@ fn a_sensor_service_that_dies() {
 
     cell.start("netft");
     observer.stays_at_rest(1.0);
-    // A new process has a zero of its own to find.
+    // A new process has to tare first.
     observer.slide(&cell, &cell.long_task());
     cell.assert_running(&SENSOR);
 }
 
-/// What it had queued comes late, in a burst, and moves nobody.
+/// The messages that it had queued arrive late, in a burst, and cause no motion.
 #[test]
 fn a_sensor_service_that_hangs() {
     let (mut cell, observer) = sliding(&SENSOR);
@@ -225,7 +265,8 @@ fn a_sensor_service_that_hangs() {
     wipes_again(&mut cell, &observer, &SENSOR);
 }
 
-/// The bridge ramps the arm down; a new controller finds the task's activation latched and starts nothing.
+/// The bridge ramps the arm down. A new controller finds the task's activation rejected, and starts
+/// nothing.
 #[test]
 fn a_controller_that_dies() {
     let (mut cell, observer) = sliding(&CONTROLLER);
@@ -246,7 +287,8 @@ fn a_controller_that_dies() {
     wipes_again(&mut cell, &observer, &CONTROLLER);
 }
 
-/// Its old activation is latched when it goes on, and it says so instead of sliding in its mind.
+/// When it continues, its old activation is rejected. It reports a fault instead of assuming that
+/// it still slides.
 #[test]
 fn a_controller_that_hangs() {
     let (mut cell, observer) = sliding(&CONTROLLER);
@@ -262,7 +304,7 @@ fn a_controller_that_hangs() {
     wipes_again(&mut cell, &observer, &CONTROLLER);
 }
 
-/// The program on the robot stops the arm by itself; a new bridge takes over and moves nothing.
+/// The program on the robot stops the arm by itself. A new bridge takes over and causes no motion.
 #[test]
 fn a_bridge_that_dies() {
     let (mut cell, observer) = sliding(&BRIDGE);
@@ -278,13 +320,14 @@ fn a_bridge_that_dies() {
 
     let from = now_ns();
     cell.start("rtde");
-    // The controller lived on; its task must not.
+    // The controller keeps running, but its task must end.
     fault(&observer, from);
     observer.stays_at_rest(2.0);
     wipes_again(&mut cell, &observer, &BRIDGE);
 }
 
-/// The same of the hard loop in one process, and of one that only hangs.
+/// Bridge and controller in one process that first hangs and later dies: the arm comes to rest, and
+/// a new task is needed.
 #[test]
 fn a_hard_loop_that_hangs_and_dies() {
     let (mut cell, observer) = sliding(&HARD_LOOP);
@@ -310,7 +353,8 @@ fn a_hard_loop_that_hangs_and_dies() {
     wipes_again(&mut cell, &observer, &HARD_LOOP);
 }
 
-/// Nobody hears anybody: the arm comes off the surface; then all find each other again, none started anew.
+/// While no service receives messages, the arm leaves the surface. Then all services reconnect
+/// without a restart.
 #[test]
 fn a_router_that_is_started_again() {
     let names = [
@@ -368,7 +412,7 @@ fn a_router_that_is_started_again() {
         cell.process("simulator recorder").terminate(PATIENCE),
         Some(0)
     );
-    // The truth was recorded in the simulator's own process: no router on that way.
+    // The truth was recorded in the simulator's process, without a router in between.
     let recording = tangent_recorder::Recording::open(&cell.files()[0]).unwrap();
     let off = recording
         .messages()

@@ -3,7 +3,7 @@
 use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE, seconds};
-use crate::common::{root, wait_for};
+use crate::common::{root, stderr, wait_for};
 use crate::failures::shown_is_true;
 
 /// A loaded machine's share of any time measured here, s.
@@ -70,6 +70,29 @@ fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
         // And once more, from a task that slides.
         observer.slide(&cell, &root().join("deploy/tasks/loops.toml"));
     }
+}
+
+/// The bridge that came after the crash knew nothing of the task: the force with which the arm leans on the wave became its zero.
+#[test]
+fn a_bridge_of_the_franka_that_starts_anew_is_not_tared_while_the_tool_leans() {
+    let (mut cell, observer) = sliding(&APART);
+    let killed = now_ns();
+    cell.process(LOOP).kill();
+    observer.at_rest(killed);
+    cell.start("franka");
+    let refused = wait_for("the bridge answers", PATIENCE, || {
+        let output = cell.cli(&["tare"]);
+        let said = String::from_utf8_lossy(&output.stdout).into_owned() + &stderr(&output);
+        assert!(!output.status.success(), "{said}");
+        said.contains("not tared").then_some(said)
+    });
+    assert!(refused.contains("the controller is silent"), "{refused}");
+    let asked = now_ns();
+    let truth = wait_for("the truth", PATIENCE, || observer.truths(asked).pop());
+    assert!(
+        truth.message.in_contact,
+        "it leans on nothing: nothing was tested"
+    );
 }
 
 /// The robot ends a motion whose answers stay away with a reflex. When the loop goes on, nothing moves by itself; a person unlocks the

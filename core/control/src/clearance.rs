@@ -5,14 +5,17 @@
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use tangent_sensing::TareGround;
 
-use crate::ControlError;
+use crate::{ControlError, Limits};
 
 /// Whether the tool may touch something.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Clearance {
-    /// It hangs free: the last retraction ended in free space, a person said so, or nothing was ever touched.
+    /// Nothing speaks against it: nothing was touched yet, or a person said so. No motion has shown it.
     #[default]
+    Assumed,
+    /// A motion away from the surface has shown that it hangs free.
     Free,
     /// It may touch: a task left its start and no retraction has ended in free space since.
     Possible {
@@ -26,9 +29,17 @@ pub enum Clearance {
 }
 
 impl Clearance {
-    /// Nothing touches.
+    /// The tool counts as free.
     pub fn is_free(&self) -> bool {
-        matches!(self, Self::Free)
+        matches!(self, Self::Assumed | Self::Free)
+    }
+
+    /// What it says for a zero that is taken now.
+    pub fn tare_ground(&self) -> TareGround {
+        match self {
+            Self::Free => TareGround::Shown,
+            _ => TareGround::Assumed,
+        }
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m): none if it hangs free, else the direction to move away
@@ -42,7 +53,7 @@ impl Clearance {
         position: &Vector3<f64>,
     ) -> Result<Option<Vector3<f64>>, ControlError> {
         match self {
-            Self::Free => Ok(None),
+            Self::Assumed | Self::Free => Ok(None),
             Self::Unknown => Err(ControlError::MayTouch { moved_m: None }),
             Self::Possible {
                 normal,
@@ -116,8 +127,105 @@ pub(crate) enum Leaving {
     Opposed,
 }
 
-/// Way from which on the least force of a retraction counts, m: before, the arm still turns around.
-const TURNED_M: f64 = 0.001;
+/// Way from which on the least force of a retraction counts where its zero is none to go by, m: until then the contact may have let go of
+/// a force that the zero hides.
+const LET_GO_M: f64 = 0.001;
+/// Longest time in which an arm that still moves in turns around, s: its own lag, and that of the reading. What presses harder meanwhile
+/// is no obstacle.
+const TURN_S: f64 = 0.15;
+/// Way against the retraction that shows an arm still moving in, m: above a joint encoder's noise at the tool.
+const STILL_IN_M: f64 = 2e-5;
+
+/// What a retraction meets in one cycle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Met {
+    /// Gone along the retraction, m.
+    pub way_m: f64,
+    /// On the tool, base axes, N.
+    pub force: Vector3<f64>,
+    /// On the tool, Nm.
+    pub torque_nm: f64,
+    /// The untared reading is beyond its limit.
+    pub hidden: bool,
+    /// The zero is one to go by: neither lost nor taken in contact.
+    pub zeroed: bool,
+    /// Since the cycle before, s.
+    pub dt_s: f64,
+}
+
+/// Beyond which load a retraction stops, whatever it met at its start.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ceiling {
+    /// N
+    pub force_n: f64,
+    /// Nm
+    pub torque_nm: f64,
+}
+
+impl Ceiling {
+    /// The cell's limits.
+    pub fn of(limits: &Limits) -> Self {
+        Self {
+            force_n: limits.force_max_n,
+            torque_nm: limits.torque_max_nm,
+        }
+    }
+}
+
+/// Loads that a retraction is judged by.
+#[derive(Clone, Copy, Debug)]
+struct Retreat {
+    /// Where it began, and how far it fell back, m.
+    from_m: f64,
+    lowest_m: f64,
+    elapsed_s: f64,
+    /// At its start: N, Nm.
+    first: (f64, f64),
+    /// Least since: N, Nm.
+    least: (f64, f64),
+    hidden: bool,
+    zeroed: bool,
+}
+
+impl Retreat {
+    fn begin(met: &Met) -> Self {
+        let load = (met.force.norm(), met.torque_nm);
+        Self {
+            from_m: met.way_m,
+            lowest_m: 0.0,
+            elapsed_s: 0.0,
+            first: load,
+            least: load,
+            hidden: met.hidden,
+            zeroed: met.zeroed,
+        }
+    }
+
+    /// One cycle: whether something is in the way.
+    fn is_opposed(&mut self, config: &LeaveConfig, ceiling: &Ceiling, met: &Met) -> bool {
+        let (force_n, torque_nm) = (met.force.norm(), met.torque_nm);
+        let gone_m = met.way_m - self.from_m;
+        self.elapsed_s += met.dt_s;
+        self.lowest_m = self.lowest_m.min(gone_m);
+        let turns = self.elapsed_s <= TURN_S && self.lowest_m < -STILL_IN_M;
+        if turns {
+            self.first = (self.first.0.max(force_n), self.first.1.max(torque_nm));
+            self.least = (force_n, torque_nm);
+        }
+        // Nothing more is known than that the first millimetre lets go.
+        if self.zeroed || gone_m >= LET_GO_M {
+            self.least = (self.least.0.min(force_n), self.least.1.min(torque_nm));
+        } else {
+            self.least = (force_n, torque_nm);
+        }
+        let (opposed_n, opposed_nm) = (config.opposed_n, config.opposed_nm);
+        force_n > self.least.0 + opposed_n
+            || torque_nm > self.least.1 + opposed_nm
+            || force_n > ceiling.force_n.max(self.first.0 + opposed_n)
+            || torque_nm > ceiling.torque_nm.max(self.first.1 + opposed_nm)
+            || (met.hidden && !self.hidden)
+    }
+}
 
 /// Watches the force while the tool moves away. Only differences count, so that any zero will do. A new one for each motion.
 #[derive(Clone, Copy, Debug, Default)]
@@ -126,8 +234,7 @@ pub(crate) struct LeaveWatch {
     first: Option<Vector3<f64>>,
     /// Where the force began to be as it is, and what it was.
     steady: Option<(f64, Vector3<f64>)>,
-    least_n: Option<f64>,
-    least_nm: Option<f64>,
+    retreat: Option<Retreat>,
 }
 
 impl LeaveWatch {
@@ -155,24 +262,18 @@ impl LeaveWatch {
         self.steadiness(config, way_m, force)
     }
 
-    /// One cycle of a retraction.
-    pub fn retract(
-        &mut self,
-        config: &LeaveConfig,
-        way_m: f64,
-        force: &Vector3<f64>,
-        torque_nm: f64,
-    ) -> Leaving {
-        if way_m >= TURNED_M {
-            let least_n = self.least_n.unwrap_or(f64::INFINITY).min(force.norm());
-            let least_nm = self.least_nm.unwrap_or(f64::INFINITY).min(torque_nm);
-            (self.least_n, self.least_nm) = (Some(least_n), Some(least_nm));
-            if force.norm() > least_n + config.opposed_n || torque_nm > least_nm + config.opposed_nm
-            {
-                return Leaving::Opposed;
-            }
+    /// One cycle of a retraction: opposed by a load that grows beyond the least one since its start, by one beyond `ceiling` and that at
+    /// the start, and by an untared reading that comes to be beyond its limit.
+    pub fn retract(&mut self, config: &LeaveConfig, ceiling: &Ceiling, met: &Met) -> Leaving {
+        let retreat = match &mut self.retreat {
+            // With another zero it is another reading.
+            Some(retreat) if retreat.zeroed == met.zeroed => retreat,
+            other => other.insert(Retreat::begin(met)),
+        };
+        if retreat.is_opposed(config, ceiling, met) {
+            return Leaving::Opposed;
         }
-        self.steadiness(config, way_m, force)
+        self.steadiness(config, met.way_m, &met.force)
     }
 
     /// No wrench in this cycle: what was steady before says nothing any more.
@@ -237,6 +338,64 @@ mod tests {
         assert_eq!(wall.0, Leaving::Opposed);
         let along_a_flank = clear(|way| Vector3::x() * 5000.0 * way);
         assert_eq!(along_a_flank.0, Leaving::Opposed);
+    }
+
+    /// A retraction at 20 mm/s and a kilohertz; how far it came until it was opposed, m, if it was.
+    fn opposed_m(
+        way: impl Fn(f64) -> f64,
+        force_at: impl Fn(f64) -> f64,
+        zeroed: bool,
+    ) -> Option<f64> {
+        let (config, mut watch) = (LeaveConfig::default(), LeaveWatch::default());
+        let ceiling = Ceiling {
+            force_n: 40.0,
+            torque_nm: 5.0,
+        };
+        (0..2000).find_map(|k| {
+            let way_m = way(1e-3 * f64::from(k));
+            let met = Met {
+                way_m,
+                force: Vector3::z() * force_at(way_m),
+                torque_nm: 0.0,
+                hidden: false,
+                zeroed,
+                dt_s: 1e-3,
+            };
+            (watch.retract(&config, &ceiling, &met) == Leaving::Opposed).then_some(way_m)
+        })
+    }
+
+    #[test]
+    fn a_retraction_that_presses_harder_is_opposed_from_its_start() {
+        let away = |t: f64| 0.02 * t;
+        for stiffness in [5e3, 5e4] {
+            let into = |way: f64| 3.0 + stiffness * way;
+            let gone = opposed_m(away, into, true).unwrap();
+            assert!(gone < 5.0 / stiffness + 3e-5, "{gone}");
+            let off = |way: f64| (3.0 - stiffness * way).max(0.0);
+            assert_eq!(opposed_m(away, off, true), None);
+        }
+        // Six newtons that the zero hides come to light: no obstacle where the zero is known to be wrong.
+        let hides = |way: f64| -6.0 * (way / 5e-4).min(1.0);
+        assert!(opposed_m(away, hides, true).is_some());
+        assert_eq!(opposed_m(away, hides, false), None);
+        // And still no more than the limit.
+        let wall = |way: f64| -6.0 - 1e5 * way;
+        assert!(opposed_m(away, wall, false).unwrap() < 4e-4);
+    }
+
+    #[test]
+    fn an_arm_that_still_moves_in_may_turn_around() {
+        // 20 mm/s inwards, stopped within 40 ms.
+        let turns = |t: f64| {
+            if t < 0.04 {
+                -0.02 * t + 0.25 * t * t
+            } else {
+                -4e-4 + 0.02 * (t - 0.04)
+            }
+        };
+        let pressed = |way: f64| (3.0 - 2.5e4 * way).max(0.0);
+        assert_eq!(opposed_m(turns, pressed, true), None);
     }
 
     #[test]

@@ -163,6 +163,13 @@ impl Controller {
         self.requests.stopping = true;
     }
 
+    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal: for tests of what a wrong one does.
+    #[doc(hidden)]
+    pub fn stop_along(&mut self, away: Vector3<f64>) {
+        self.run.way_off = Some(away);
+        self.stop();
+    }
+
     /// The task has ended, and the tool may still be where it touched: after a fault that let nothing move.
     pub fn is_left_on_surface(&self) -> bool {
         self.run.is_left_on_surface()
@@ -283,9 +290,14 @@ impl Controller {
         ramp_gains(&mut self.config, &self.targets, input.dt_s);
         let reference_n = self.targets[Parameter::ForceReference as usize];
         let speed_target = self.targets[Parameter::Speed as usize];
-        let percept = self
-            .run
-            .perceive(program, &self.config, &placed, &self.ground, reference_n);
+        let percept = self.run.perceive(
+            program,
+            &self.config,
+            &self.limits,
+            &placed,
+            &self.ground,
+            reference_n,
+        );
         self.run.decide(
             program,
             &self.config,

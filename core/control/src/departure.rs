@@ -5,11 +5,11 @@
 
 use nalgebra::Vector3;
 
-use crate::clearance::{LeaveWatch, Leaving};
+use crate::clearance::{Ceiling, LeaveWatch, Leaving, Met};
 use crate::config::PathConfig;
-use crate::task::EndSpec;
+use crate::task::{EndSpec, Task};
 use crate::wrench_guard::WrenchVerdict;
-use crate::{Clearance, Fault, LeaveConfig, Phase, Profile};
+use crate::{Clearance, Fault, LeaveConfig, Limits, Phase, Profile};
 
 /// Share of its way that a retraction really has to go to count.
 const GONE_SHARE: f64 = 0.5;
@@ -25,6 +25,8 @@ pub(crate) struct Departure {
     left: Leaving,
     /// Way and speed of phase `clear`, m and m/s.
     clear: (f64, f64),
+    /// The way off that stands in for the last good normal.
+    pub way_off: Option<Vector3<f64>>,
     /// Which way, and how.
     retraction: Option<(Vector3<f64>, Profile)>,
     /// Clock of the retraction, s: slower where nothing is felt.
@@ -41,10 +43,35 @@ pub(crate) struct Rules {
     pub path: PathConfig,
     pub end: EndSpec,
     pub reference_n: f64,
+    pub ceiling: Ceiling,
 }
 
-/// What is felt in one period: force, N, base axes, and torque, Nm. None without a good wrench.
-pub(crate) type Load = Option<(Vector3<f64>, f64)>;
+impl Rules {
+    pub fn new(leave: LeaveConfig, path: PathConfig, task: &Task, limits: &Limits) -> Self {
+        Self {
+            ceiling: Ceiling::of(limits),
+            leave,
+            path,
+            end: task.end,
+            reference_n: task.force.reference_n,
+        }
+    }
+}
+
+/// What is felt in one period.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LoadFelt {
+    /// N, base axes.
+    pub force: Vector3<f64>,
+    pub torque_nm: f64,
+    /// The untared reading is beyond its limit.
+    pub hidden: bool,
+    /// The zero is one to go by: neither lost nor taken in contact.
+    pub zeroed: bool,
+}
+
+/// None without a good wrench.
+pub(crate) type Load = Option<LoadFelt>;
 
 /// Where the tool was at the start of the motion, and where it is, base axes, m.
 pub(crate) struct Way {
@@ -140,7 +167,7 @@ impl Departure {
         speed += (wanted - speed).clamp(-change, change);
         way_m += speed * dt_s;
         self.clear = (way_m, speed);
-        if let Some((force, _)) = load {
+        if let Some(LoadFelt { force, .. }) = load {
             let release_max_n = (2.0 * rules.reference_n).max(10.0);
             let gone_m = way.gone_m(&along);
             match self
@@ -188,11 +215,19 @@ impl Departure {
                 rules.path.acceleration_m_per_s2,
                 rules.path.jerk_m_per_s3,
             );
-            (away, profile)
+            (self.way_off.unwrap_or(away), profile)
         });
         let gone_m = way.gone_m(&along);
-        let rate = if let Some((force, torque_nm)) = load {
-            self.left = self.watch.retract(leave, gone_m, &force, torque_nm);
+        let rate = if let Some(felt) = load {
+            let met = Met {
+                way_m: gone_m,
+                force: felt.force,
+                torque_nm: felt.torque_nm,
+                hidden: felt.hidden,
+                zeroed: felt.zeroed,
+                dt_s,
+            };
+            self.left = self.watch.retract(leave, &rules.ceiling, &met);
             1.0
         } else {
             self.watch.blind();

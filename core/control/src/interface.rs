@@ -243,7 +243,7 @@ impl ControlOutput {
             force_reference_n: 0.0,
             force_n: None,
             wrench: None,
-            clearance: Clearance::Free,
+            clearance: Clearance::Assumed,
             zero_withdrawn: false,
             path_reference,
             path_error_m: 0.0,

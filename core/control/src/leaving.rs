@@ -4,7 +4,7 @@
 
 use tangent_sensing::Validity;
 
-use crate::clearance::Leaving;
+use crate::clearance::{Ceiling, Leaving, Met};
 use crate::percept::{Percept, Requests};
 use crate::run::Run;
 use crate::urgent::outside;
@@ -91,16 +91,27 @@ impl Run {
         &mut self,
         program: &Program,
         config: &ControllerConfig,
+        limits: &Limits,
+        input: &ControlInput,
         percept: &Percept,
     ) {
         let end = &program.task.end;
         let way_m = (percept.position - self.phase_start).dot(&self.retract);
         match &percept.wrench {
             Some(wrench) => {
-                let torque_nm = wrench.torque.norm();
+                let hidden = |load| limits.is_untared_beyond(load);
+                let met = Met {
+                    way_m,
+                    force: wrench.force,
+                    torque_nm: wrench.torque.norm(),
+                    hidden: percept.untared.as_ref().is_some_and(hidden),
+                    zeroed: !self.zero_withdrawn
+                        && (input.bias_age_s.is_some() || !program.task.tare),
+                    dt_s: input.dt_s,
+                };
                 self.left = self
                     .leave
-                    .retract(&config.leave, way_m, &wrench.force, torque_nm);
+                    .retract(&config.leave, &Ceiling::of(limits), &met);
                 if self.left == Leaving::Opposed {
                     // On along the same way it would press harder; which way is away is not known now.
                     self.clearance = Clearance::Unknown;

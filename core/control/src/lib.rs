@@ -4,6 +4,7 @@
 
 pub mod admittance;
 pub mod alignment;
+mod answer;
 mod clearance;
 mod config;
 mod controller;

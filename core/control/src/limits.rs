@@ -29,10 +29,11 @@ pub struct Limits {
     pub force_max_n: f64,
     /// Torque at the tool beyond which the arm retracts, Nm.
     pub torque_max_nm: f64,
-    /// Force beyond which the arm retracts whatever the zero, N: the untared reading against the last good zero. None:
+    /// Force beyond which the arm retracts whatever the zero, N: the untared reading against the last zero that was taken after a
+    /// motion had shown the tool free. None:
     /// `force_max_n` and 5 N for a zero that drifts.
     pub untared_force_max_n: Option<f64>,
-    /// Where no good zero is known: largest share of the sensor's rating that the untared reading may take in any axis.
+    /// Largest share of the sensor's rating that the untared reading may take in any axis.
     pub untared_share_max: f64,
     /// The tool's origin stays in this box while it works: lower corner, base axes, m.
     pub workspace_min_m: [f64; 3],
@@ -117,7 +118,7 @@ impl Limits {
 const DRIFT_N: f64 = 5.0;
 
 impl Limits {
-    /// Force of the untared reading against the last good zero beyond which the arm retracts, N.
+    /// Force of the untared reading, against the last zero that a motion has shown to be free of load, beyond which the arm retracts, N.
     pub fn untared_max_n(&self) -> f64 {
         self.untared_force_max_n
             .unwrap_or(self.force_max_n + DRIFT_N)
@@ -125,12 +126,10 @@ impl Limits {
 
     /// The untared reading is beyond its limit.
     pub fn is_untared_beyond(&self, untared: &UntaredLoad) -> bool {
-        match (untared.beyond_reference_n, untared.rated_share) {
-            // Written so that a NaN is beyond.
-            (Some(force_n), _) => force_n.is_nan() || force_n > self.untared_max_n(),
-            (None, Some(share)) => share.is_nan() || share > self.untared_share_max,
-            (None, None) => false,
-        }
+        // Written so that a NaN is beyond.
+        let beyond = |value: Option<f64>, most| value.is_some_and(|x| x.is_nan() || x > most);
+        beyond(untared.beyond_reference_n, self.untared_max_n())
+            || beyond(untared.rated_share, self.untared_share_max)
     }
 }
 

@@ -1,4 +1,4 @@
-//! One cycle as the program sees it.
+//! Inputs of one cycle, evaluated for the program.
 
 use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Tool, Wrench};
@@ -8,30 +8,32 @@ use crate::UntaredLoad;
 use crate::estimator_choice::EstimateStatus;
 use crate::wrench_guard::WrenchVerdict;
 
-/// What was asked of a running task from outside.
+/// External requests to a running task.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Requests {
     pub paused: bool,
     pub stopping: bool,
 }
 
-/// One cycle as perceived.
+/// Evaluated inputs of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Percept {
     pub position: Vector3<f64>,
-    /// The same from the base of this cycle: what the workspace is drawn in.
+    /// Position of the tool's origin relative to the base of this cycle, base axes, m; the
+    /// workspace limits apply to it.
     pub position_in_base: Vector3<f64>,
-    /// Why the motion of the base is not known.
+    /// Why the motion of the base is not known; `None` if it is known or the base does not move.
     pub base: Option<BaseTrouble>,
-    /// The arm cannot make up for the base's motion.
+    /// Whether the arm cannot compensate the motion of the base.
     pub out_of_reach: bool,
     pub z_tool: Vector3<f64>,
-    /// At the tool's origin, base axes; none when there is none to use.
+    /// Wrench at the tool's origin, base axes; `None` if none is usable.
     pub wrench: Option<Wrench<Aligned<Tool, Base>>>,
     pub verdict: WrenchVerdict,
-    /// The reading before any zero is taken off; none when there is none to use.
+    /// Reading before any zero is subtracted; `None` if none is usable.
     pub untared: Option<UntaredLoad>,
-    /// Pressing force along the normal (before contact: against the approach), N; none without a wrench.
+    /// Pressing force along the normal (before contact: against the approach), N; `None` without a
+    /// wrench.
     pub force_n: Option<f64>,
     pub estimate: EstimateStatus,
 }

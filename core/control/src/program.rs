@@ -25,11 +25,7 @@ pub struct Program {
 impl Program {
     /// A task that starts with a free tool begins here.
     pub(crate) fn first_phase(&self) -> Phase {
-        if self.task.tare {
-            Phase::Tare
-        } else {
-            Phase::Approach
-        }
+        self.task.phase_when_free()
     }
 
     /// Checks the task and times its path. The task's own preset goes before `config`.

@@ -1,14 +1,16 @@
 //! A wrench that does not answer to what the tool does: judged by the arm's own way, whatever the sensor says of itself.
 //!
-//! Called in each cycle of each law beside the wrench guard, before the wrench is used. Two things cannot be with a sensor that
-//! feels the tool: that the tool goes deeper or comes out and the reading stays what it is; and that it leaves the surface and the
-//! pressing force stays. What cannot be told from here is a dead sensor that still makes noise from a surface that recedes: both ask for
-//! more way at the same force.
+//! Called in each cycle of each law beside the wrench guard, before the wrench is used. Three things cannot be with a sensor that
+//! feels the tool: that the tool goes deeper or comes out and the reading stays what it is; that it goes deeper and the reading's mean does
+//! not rise (`answer`: a dead sensor that still makes noise); and that it leaves the surface and the pressing force stays. What cannot be
+//! told from here is a dead sensor from a surface that recedes no more steeply than the normal in use may be off: both ask for more way at
+//! the same force.
 
 use nalgebra::{Vector3, Vector6};
 use tangent_sensing::Validity;
 
 use crate::Phase;
+use crate::answer::{Answer, Pressed};
 
 /// Least stiffness that is reckoned with, N/m: a stiff one, so that little way is enough. A dead sensor makes every contact look soft.
 const STIFFNESS_N_PER_M: f64 = 25_000.0;
@@ -19,6 +21,8 @@ const STILL_N_PER_M: f64 = 250.0;
 /// Force that may build up unfelt under a reading that stands still, N, or this share of the reference.
 const UNFELT_N: f64 = 1.5;
 const UNFELT_SHARE: f64 = 0.5;
+/// Time that a reading takes to show what the tool did, s.
+const LATE_S: f64 = 0.03;
 /// Least way that counts, m: above a joint encoder's noise at the tool.
 const WAY_MIN_M: f64 = 2e-5;
 /// Way that decides, m.
@@ -30,6 +34,8 @@ const LEFT_SHARE: f64 = 0.8;
 /// Less than this, and than this share of the reference, is no contact: its loss has an answer of its own.
 const PRESSED_N: f64 = 0.2;
 const PRESSED_SHARE: f64 = 0.1;
+/// Share of the reference from which on the mean is held against the depth: a sensor may fall deaf at the first touch.
+const TOUCHED_SHARE: f64 = 0.02;
 
 /// What the tool is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,6 +79,23 @@ pub(crate) struct Touch {
     pub rests: bool,
     /// It came since the cycle before: a reading that is used again says nothing new.
     pub fresh: bool,
+    /// The tool stands and the force builds up.
+    pub settling: bool,
+    /// Slope that the normal may be off by; none: the mean of the reading is not held against the depth.
+    pub slope: Option<f64>,
+    /// Depth without an answer that the cell allows, m.
+    pub blind_max_m: f64,
+    /// s
+    pub dt_s: f64,
+}
+
+impl Touch {
+    /// Meant to press, and felt to with this share of the reference.
+    fn presses(&self, share: f64) -> bool {
+        self.doing == Doing::Pressing
+            && self.rests
+            && self.force_n >= PRESSED_N.max(share * self.reference_n)
+    }
 }
 
 /// A reading that stands still, and the tool's way since.
@@ -83,6 +106,9 @@ struct Still {
     depth_m: f64,
     /// And across them, m.
     across_m: f64,
+    /// Of the depth, what the reading can show by now, m.
+    late_m: f64,
+    since_s: f64,
 }
 
 impl Still {
@@ -91,6 +117,8 @@ impl Still {
             wrench: touch.wrench,
             depth_m: 0.0,
             across_m: 0.0,
+            late_m: 0.0,
+            since_s: 0.0,
         }
     }
 }
@@ -99,6 +127,11 @@ impl Still {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ResponseGuard {
     still: Option<Still>,
+    answer: Option<Answer>,
+    /// Shown by the last contact, N/m.
+    stiffness_n_per_m: Option<f64>,
+    /// Time since the last fresh reading, s.
+    since_s: f64,
     /// Pressing force and place when the tool began to leave.
     left: Option<(f64, Vector3<f64>)>,
     last: Option<Vector3<f64>>,
@@ -108,12 +141,19 @@ pub(crate) struct ResponseGuard {
 impl ResponseGuard {
     /// One cycle. [`Validity::Unresponsive`] for the rest of the task once the reading has not answered.
     pub fn step(&mut self, touch: &Touch) -> Validity {
+        self.since_s += touch.dt_s;
         let sound = touch.fresh
             && touch.wrench.iter().all(|x| x.is_finite())
             && touch.position.iter().all(|x| x.is_finite());
         if sound {
             let step = touch.position - self.last.replace(touch.position).unwrap_or(touch.position);
-            self.tripped |= self.stands_still(touch, &step) | self.stays_while_leaving(touch);
+            let touch = &Touch {
+                dt_s: std::mem::take(&mut self.since_s),
+                ..*touch
+            };
+            self.tripped |= self.stands_still(touch, &step)
+                | self.does_not_follow(touch, &step)
+                | self.stays_while_leaving(touch);
         }
         if self.tripped {
             Validity::Unresponsive
@@ -124,8 +164,7 @@ impl ResponseGuard {
 
     /// The tool goes deeper, or comes out, and nothing changes.
     fn stands_still(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
-        let pressed = touch.force_n >= PRESSED_N.max(PRESSED_SHARE * touch.reference_n);
-        if touch.doing != Doing::Pressing || !touch.rests || !pressed {
+        if !touch.presses(PRESSED_SHARE) {
             self.still = None;
             return false;
         }
@@ -136,13 +175,19 @@ impl ResponseGuard {
         let deeper = -step.dot(&touch.normal);
         still.depth_m += deeper;
         still.across_m += (step + touch.normal * deeper).norm();
+        still.late_m += (still.depth_m - still.late_m) * (touch.dt_s / (touch.dt_s + LATE_S));
+        still.since_s += touch.dt_s;
         let Still {
-            depth_m, across_m, ..
+            depth_m,
+            across_m,
+            late_m,
+            since_s,
+            ..
         } = *still;
         let changed = (touch.wrench - still.wrench).fixed_rows::<3>(0).norm();
         // On the way out nothing has to change by much: a hand that lifts the tool off gives a steady reading. It still does not stand still
         // like a dead one, and the true force falls.
-        let still_n = STILL_N.max(STILL_N_PER_M * depth_m);
+        let still_n = STILL_N.max(STILL_N_PER_M * late_m);
         if changed > still_n {
             *still = Still::at(touch);
             return false;
@@ -154,7 +199,38 @@ impl ResponseGuard {
         let unfelt = UNFELT_N.max(UNFELT_SHARE * touch.reference_n);
         let enough = (unfelt / stiffness).clamp(WAY_MIN_M, WAY_M);
         // A normal that is off by 20 degrees makes a depth of sliding along the surface.
-        depth_m.abs() - 0.36 * across_m >= enough
+        since_s >= LATE_S && depth_m.abs() - 0.36 * across_m >= enough
+    }
+
+    /// The tool goes deeper, and under the noise nothing rises.
+    fn does_not_follow(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
+        if !touch.presses(TOUCHED_SHARE) {
+            if let Some(answer) = self.answer.take() {
+                self.stiffness_n_per_m = answer.stiffness_n_per_m().or(self.stiffness_n_per_m);
+            }
+            return false;
+        }
+        let Some(slope) = touch.slope else {
+            return false;
+        };
+        let deeper_m = -step.dot(&touch.normal);
+        let pressed = Pressed {
+            deeper_m,
+            across_m: (step + touch.normal * deeper_m).norm(),
+            force_n: touch.force_n,
+            reference_n: touch.reference_n,
+            settling: touch.settling,
+            slope,
+            blind_max_m: touch.blind_max_m,
+            dt_s: touch.dt_s,
+        };
+        match &mut self.answer {
+            Some(answer) => answer.is_missing(&pressed),
+            None => {
+                self.answer = Some(Answer::new(&pressed, self.stiffness_n_per_m));
+                false
+            }
+        }
     }
 
     /// The tool has left and the force stays.
@@ -187,6 +263,10 @@ mod tests {
             stiffness_n_per_m: None,
             rests: true,
             fresh: true,
+            settling: false,
+            slope: Some(0.36),
+            blind_max_m: 0.03,
+            dt_s: 0.008,
         }
     }
 

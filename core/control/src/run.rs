@@ -34,6 +34,9 @@ pub(crate) enum HoldReason {
     NoWrench(Phase),
 }
 
+/// Slope that the normal in use may be off by: 20 degrees, for touch alone finds it while it slides.
+const SLOPE: f64 = 0.36;
+
 /// One run of a program.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Run {
@@ -47,6 +50,8 @@ pub(crate) struct Run {
     pub in_contact: bool,
     pub lost_count: u32,
     pub approach: Vector3<f64>,
+    /// The way off that stands in for the last good normal.
+    pub way_off: Option<Vector3<f64>>,
     pub retract: Vector3<f64>,
     guard: WrenchGuard,
     response: ResponseGuard,
@@ -96,6 +101,7 @@ impl Run {
             in_contact: false,
             lost_count: 0,
             approach: -Vector3::z(),
+            way_off: None,
             retract: Vector3::z(),
             guard: WrenchGuard::default(),
             response: ResponseGuard::default(),
@@ -114,7 +120,7 @@ impl Run {
             paused_s: 0.0,
             off: false,
             starts_here: false,
-            clearance: Clearance::Free,
+            clearance: Clearance::Assumed,
             leave: LeaveWatch::default(),
             left: Leaving::Going,
             tared_at: None,
@@ -141,6 +147,7 @@ impl Run {
         &mut self,
         program: &Program,
         config: &ControllerConfig,
+        limits: &Limits,
         input: &ControlInput,
         ground: &Ground,
         reference_n: f64,
@@ -153,7 +160,7 @@ impl Run {
         if std::mem::take(&mut self.starts_here) {
             self.phase_start = position;
         }
-        let validity = self.answering(input, reference_n);
+        let validity = self.answering(input, reference_n, limits.blind_distance_max_m);
         let verdict = if self.phase == Phase::Tare {
             WrenchVerdict::Good
         } else {
@@ -225,7 +232,7 @@ impl Run {
     }
 
     /// What the wrench says of itself, or what its answer to the tool's motion says of it.
-    fn answering(&mut self, input: &ControlInput, reference_n: f64) -> Validity {
+    fn answering(&mut self, input: &ControlInput, reference_n: f64, blind_max_m: f64) -> Validity {
         if !input.wrench_validity.is_valid() {
             return input.wrench_validity;
         }
@@ -245,6 +252,10 @@ impl Run {
             stiffness_n_per_m: self.force.stiffness_measured_n_per_m(),
             rests: input.base.is_none(),
             fresh: input.wrench_age_s <= input.dt_s,
+            settling: self.phase == Phase::Contact,
+            slope: Some(SLOPE),
+            blind_max_m,
+            dt_s: input.dt_s,
         })
     }
 
@@ -255,7 +266,7 @@ impl Run {
         self.approach = task.approach.direction.in_base(pose);
         self.retract = match self.clearance {
             Clearance::Possible { normal, .. } => normal,
-            Clearance::Free | Clearance::Unknown => -self.approach,
+            Clearance::Assumed | Clearance::Free | Clearance::Unknown => -self.approach,
         };
         self.tracking = Tracking::new(
             -self.approach,
@@ -446,7 +457,7 @@ impl Run {
                     self.leave(percept, Some(Fault::SurfaceLost));
                 }
             }
-            Phase::Retract => self.decide_retract(program, config, percept),
+            Phase::Retract => self.decide_retract(program, config, limits, input, percept),
             Phase::Clear | Phase::Idle | Phase::Done | Phase::Fault => {}
         }
     }
@@ -540,7 +551,9 @@ impl Run {
 
     /// Away from the surface: along the last good normal, or back where the approach came from.
     pub(crate) fn way_off(&self) -> Vector3<f64> {
-        if self.touched {
+        if let Some(way) = self.way_off {
+            way
+        } else if self.touched {
             self.surface.normal
         } else {
             -self.approach

@@ -1,29 +1,30 @@
-//! The words and rules of a switch of estimators: when it happens, why it happened, why it was refused.
+//! Switches between estimators: their rules, their causes, and why one is refused.
 //!
-//! `estimator_choice` goes by them; the service says them.
+//! `estimator_choice` applies the rules; the service reports causes and refusals.
 
 use tangent_sensing::Validity;
 
 use crate::{ControlError, NormalConfig, PatienceConfig, SwitchingSpec};
 
-/// Why the estimator in use is the one in use.
+/// Why the estimator in use was chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SwitchCause {
-    /// First of the task's list.
+    /// It is the first of the task's list.
     #[default]
     Task,
-    /// Asked for, and near enough to the normal that was in use.
+    /// It was requested, and its normal was close enough to the one in use.
     Asked,
-    /// Asked for with force: neither its validity nor its agreement was looked at.
+    /// It was requested with force: neither its validity nor its agreement was checked.
     Forced,
-    /// The one before could not be used any more.
+    /// The estimator before it could no longer be used, for this reason.
     FellBack(Validity),
-    /// The preferred one has been good again for the task's `switching.return_after_good_s`.
+    /// It is the preferred one, and has been usable again for the task's
+    /// `switching.return_after_good_s`.
     Returned,
 }
 
 impl SwitchCause {
-    /// In words; what stands behind `fell back` is the reason.
+    /// The cause as text, followed by the reason of a fallback (otherwise empty).
     pub fn text(self) -> (&'static str, &'static str) {
         match self {
             Self::Task => ("first of the task's list", ""),
@@ -35,25 +36,28 @@ impl SwitchCause {
     }
 }
 
-/// When an estimate can be used, and when another estimator is taken.
+/// Rules by which an estimate is used and another estimator is chosen.
 #[derive(Clone, Copy, Debug)]
 pub struct ChoiceRules {
-    /// An estimate further than this from the normal in use is refused, rad.
+    /// Largest angle between an estimate of the current estimator and the normal in use, rad.
     pub gate_rad: f64,
-    /// The same for one that is to be taken anew, rad.
+    /// Largest angle between the normal in use and that of an estimator to switch to, rad.
     pub switch_gate_rad: f64,
-    /// Way without a valid estimate before the next estimator is taken, m.
+    /// Distance slid without a valid estimate before the next estimator is chosen, m.
     pub blind_distance_m: f64,
-    /// Time of silence or nonsense before the next estimator is taken, s.
+    /// Time without an estimate, or with unusable ones, before the next estimator is chosen, s.
     pub patience_s: f64,
-    /// Time that the preferred one must have been good before it is taken again, s; none: only when asked for.
+    /// Time for which the preferred estimator must be usable before it is chosen again, s; `None`:
+    /// only on request.
     pub return_after_good_s: Option<f64>,
-    /// An estimate is felt by sliding: one that says it has none now may only stand still. Otherwise it is given up after `patience_s`.
+    /// Whether the estimators measure by sliding. An invalid estimate may then only mean that the
+    /// tool stands still, and is tolerated until `blind_distance_m` has been slid. Otherwise it is
+    /// tolerated for `patience_s`.
     pub felt_by_sliding: bool,
 }
 
 impl ChoiceRules {
-    /// Out of the law's parameters and the task.
+    /// Rules from the parameters of the law and the task, for estimators that measure by sliding.
     pub fn new(
         normal: &NormalConfig,
         patience: &PatienceConfig,
@@ -77,23 +81,23 @@ impl ChoiceRules {
 pub enum SwitchRefusal {
     /// No task runs.
     NoTask,
-    /// Not among the estimators that the controller listens to.
+    /// The controller does not read this estimator.
     Unknown,
-    /// Nothing received, or too old.
+    /// No estimate was received, or the newest one is too old.
     Silent,
-    /// Says itself that it has no normal now.
+    /// The estimator reports that it has no valid normal.
     Invalid(Validity),
-    /// Too far from the normal in use.
+    /// Its normal is too far from the one in use.
     Disagrees {
-        /// Angle between the two, rad.
+        /// Angle between the two normals, rad.
         angle_rad: f64,
-        /// Allowed, rad.
+        /// Largest angle allowed, rad.
         allowed_rad: f64,
     },
 }
 
 impl SwitchRefusal {
-    /// The refusal as an error about `name`, in words.
+    /// The refusal as an error about estimator `name`.
     pub fn error(self, name: &str) -> ControlError {
         let reason = match self {
             Self::NoTask => {

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::error::check_range;
-use crate::{ControlError, MAX_ESTIMATORS, PathSpec};
+use crate::{ControlError, MAX_ESTIMATORS, PathSpec, Phase, Stay};
 
 /// A task: keys as in `docs/tasks.md`. Unknown keys are errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,6 +47,41 @@ pub struct Task {
     /// How long to wait for what.
     #[serde(default)]
     pub timeouts: TimeoutSpec,
+    /// Only moves a tool that may touch off the surface, and ends. For a stop after a restart; not in files.
+    #[serde(skip)]
+    pub only_leaves: bool,
+}
+
+impl Task {
+    /// Moves a tool that may press with up to `force_max_n` off the surface, along the last known normal.
+    pub fn leave(force_max_n: f64) -> Self {
+        Self {
+            name: "leave".into(),
+            controller: None,
+            estimators: default_estimators(),
+            switching: SwitchingSpec::default(),
+            tare: false,
+            zero: ZeroSpec::default(),
+            force: ForceSpec {
+                reference_n: 0.5 * force_max_n,
+            },
+            approach: ApproachSpec::default(),
+            path: PathSpec::Stay(Stay { duration_s: 1.0 }),
+            plane: PlaneSpec::default(),
+            end: EndSpec::default(),
+            timeouts: TimeoutSpec::default(),
+            only_leaves: true,
+        }
+    }
+
+    /// Where the task goes on with a tool that hangs free.
+    pub(crate) fn phase_when_free(&self) -> Phase {
+        match (self.only_leaves, self.tare) {
+            (true, _) => Phase::Done,
+            (false, true) => Phase::Tare,
+            (false, false) => Phase::Approach,
+        }
+    }
 }
 
 /// How hard to press.

@@ -7,8 +7,7 @@ mod bench;
 use bench::{Bench, TASK};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
-use proptest::test_runner::RngSeed;
-use tangent_control::{ControlInput, Fault, Limits, Phase};
+use tangent_control::{ControlInput, Fault, Limits, Phase, UntaredLoad};
 use tangent_mechanics::{Pose, Twist};
 use tangent_sensing::{BaseMotion, Validity};
 
@@ -24,8 +23,10 @@ fn number() -> impl Strategy<Value = f64> {
     ]
 }
 
+/// Codes of a validity that are tried: all that there are, and one that is none.
+const CODES: u64 = 16;
 /// Fields of the input.
-const FIELDS: u32 = 18;
+const FIELDS: u32 = 20;
 
 /// Which fields of a cycle are spoilt, one bit each, and by what.
 fn mess() -> impl Strategy<Value = (u32, Vec<f64>)> {
@@ -73,7 +74,7 @@ fn spoil(input: &mut ControlInput, mask: u32, numbers: &[f64]) {
         input.wrench.torque = Vector3::from_fn(|_, _| next());
     }
     if on(11) {
-        input.wrench_validity = Validity::from((next().to_bits() % 12) as u8);
+        input.wrench_validity = Validity::from((next().to_bits() % CODES) as u8);
     }
     if on(12) {
         input.wrench_age_s = next();
@@ -107,6 +108,15 @@ fn spoil(input: &mut ControlInput, mask: u32, numbers: &[f64]) {
             trouble: None,
         });
     }
+    if on(18) {
+        input.zero_bound_n = Some(next());
+    }
+    if on(19) {
+        input.untared = Some(UntaredLoad {
+            beyond_reference_n: Some(next()),
+            rated_share: Some(next()),
+        });
+    }
 }
 
 fn pose<A, B>(next: &mut impl FnMut() -> f64) -> Pose<A, B> {
@@ -116,7 +126,7 @@ fn pose<A, B>(next: &mut impl FnMut() -> f64) -> Pose<A, B> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 256, rng_seed: RngSeed::Fixed(0x5eed), ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig::with_cases(256))]
 
     /// Whatever comes in, the command stays inside every limit (checked in `Bench::step`), and the tool's speed too.
     #[test]

@@ -433,7 +433,7 @@ fn moving_off_stops_where_it_presses_harder_feels_nothing_or_is_elsewhere() {
     let task: Task = TASK.parse().unwrap();
     let refused = bench.controller.start_task(&task).unwrap_err();
     assert!(refused.to_string().contains("--clear"), "{refused}");
-    bench.controller.set_clearance(Clearance::Free).unwrap();
+    bench.controller.set_clearance(Clearance::Assumed).unwrap();
     bench.controller.start_task(&task).unwrap();
 }
 

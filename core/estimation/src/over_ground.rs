@@ -1,9 +1,12 @@
-//! Estimation on a moving base: samples go to the floor's axes, estimates come back to the base's.
+//! Estimation on a moving base: samples are converted to axes of the floor, estimates back to axes
+//! of the base.
 //!
-//! Around every estimator that the registry makes. The surface stands on the floor, so windows, maps and the filter's states
-//! must too: kept in base axes they would be smeared by every centimetre that the platform moves. The estimators themselves
-//! know one frame that the surface is fixed to, which they call base; on a moving base they are handed the floor's instead.
-//! Samples without a base's motion pass through untouched; a base that moved once is never without it again, however silent.
+//! Wraps every estimator that the registry creates. The surface is fixed to the floor, so windows,
+//! maps and filter states must be as well: in base axes, any motion of the platform would blur
+//! them. An estimator knows one frame that the surface is fixed to, and calls it base. On a moving
+//! base it is given the floor's axes instead. Samples without a base motion pass through unchanged.
+//! Once a pose of the base has been received, every sample has a base motion, however old that pose
+//! is.
 
 use nalgebra::Matrix3;
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist};
@@ -11,7 +14,7 @@ use tangent_sensing::{BaseMotion, BaseTrouble, Validity};
 
 use crate::{ContactSample, NormalEstimate, NormalEstimator};
 
-/// An estimator whose memory stays with the floor.
+/// Estimator whose state is kept in axes of the floor.
 pub(crate) struct OverGround {
     inner: Box<dyn NormalEstimator>,
 }
@@ -22,12 +25,13 @@ impl OverGround {
     }
 }
 
-/// No platform stands further from its world's origin, m: the earth's diameter.
+/// Bound on the distance of a platform from its world's origin, m: the diameter of the earth.
 const FARTHEST_M: f64 = 1.3e7;
-/// Nor is one faster, m/s and rad/s.
+/// Bound on the speed of a platform, m/s and rad/s.
 const FASTEST: f64 = 1e4;
 
-/// The sample as the floor sees it. A base of unknown motion makes the sample unusable, with the reason.
+/// The sample in axes of the floor. If the motion of the base is not known, the wrench is marked as
+/// unusable for that reason.
 fn to_floor(sample: &ContactSample, base: &BaseMotion) -> ContactSample {
     let moved = |twist: &Twist<Aligned<Tool, Base>>| {
         let twist = base.over_ground(&sample.base_from_tool, twist);
@@ -54,7 +58,7 @@ fn to_base(estimate: &NormalEstimate, base: &BaseMotion) -> NormalEstimate {
     let rotation = pose.rotation().to_rotation_matrix().into_inner();
     let turned = |m: &Matrix3<f64>| {
         let t = rotation * m * rotation.transpose();
-        // Exactly symmetric, so that readers may compare entries.
+        // Exactly symmetric, so that readers can compare entries.
         (t + t.transpose()) * 0.5
     };
     NormalEstimate {
@@ -66,7 +70,7 @@ fn to_base(estimate: &NormalEstimate, base: &BaseMotion) -> NormalEstimate {
     }
 }
 
-/// Finite, and so far from the limits of its numbers that what is computed from it is finite too.
+/// Whether all numbers are finite, and small enough that results computed from them are finite too.
 fn is_sane(base: &BaseMotion) -> bool {
     base.is_finite()
         && base.world_from_base.translation().amax() < FARTHEST_M
@@ -105,7 +109,7 @@ mod tests {
 
     const DT_S: f64 = 0.008;
 
-    /// A tool that slides over a pipe of 0.25 m: pose, velocity and force on the floor.
+    /// A tool that slides over a pipe of 0.25 m: pose, velocity and force in axes of the floor.
     fn on_floor(t: f64) -> (Pose<World, Tool>, Vector3<f64>, Vector3<f64>, Vector3<f64>) {
         let speed = 0.02;
         let way = speed * (t - 1.0).max(0.0);
@@ -153,7 +157,7 @@ mod tests {
         (sample, motion.world_from_base.unrotate(&normal))
     }
 
-    /// A platform that turns and goes, far away on its map.
+    /// A platform that turns and translates.
     fn moving(t: f64) -> BaseMotion {
         let turn_rate = Vector3::z() * 0.05;
         let rotation = UnitQuaternion::new(turn_rate * t);
@@ -170,8 +174,8 @@ mod tests {
         }
     }
 
-    /// The same contact, from a base that stands and from one that moves: the same estimate on the floor, to rounding. So
-    /// no window and no map is smeared.
+    /// One contact seen from a base at rest and from a moving one gives the same estimate in axes
+    /// of the floor, up to rounding. So no window and no map is blurred.
     #[test]
     fn every_estimator_sees_the_same_surface_from_a_moving_base() {
         for name in crate::estimator_names() {

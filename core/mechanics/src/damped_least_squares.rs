@@ -1,4 +1,4 @@
-//! Joint velocities for a wanted twist, damped near singularities.
+//! Joint velocities for a desired twist, damped near singularities.
 //!
 //! The controller turns its twist into joint velocities with this, once per robot cycle.
 
@@ -34,7 +34,7 @@ impl Default for DampedLeastSquares {
     }
 }
 
-/// What [`DampedLeastSquares::solve_with_damping`] found.
+/// Result of [`DampedLeastSquares::solve_with_damping`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DampedSolution<const N: usize> {
     /// Joint velocities, rad/s.
@@ -55,7 +55,8 @@ impl DampedLeastSquares {
         self.solve_with_damping(jacobian, twist).qd
     }
 
-    /// The same, with how close the singularity was.
+    /// Joint velocities (rad/s) for a twist (m/s, rad/s) at the Jacobian's point and in its axes,
+    /// with the smallest singular value and the damping used.
     pub fn solve_with_damping<const N: usize>(
         &self,
         jacobian: &SMatrix<f64, 6, N>,
@@ -66,7 +67,8 @@ impl DampedLeastSquares {
         let mut qd = Joints::zeros();
         for i in 0..6 {
             let square = singular.scaled_right[i].norm_squared();
-            // Directions that the arm does not have at all: the zeros of a J with fewer than six columns.
+            // Skips directions in which the arm cannot move: the zero singular values of a J with
+            // fewer than six columns.
             if square > singular.square_floor {
                 let along = singular.left[i].dot(twist);
                 qd += singular.scaled_right[i] * (along / (square + damping * damping));
@@ -79,7 +81,7 @@ impl DampedLeastSquares {
         }
     }
 
-    /// λ for a smallest singular value.
+    /// λ for a given smallest singular value.
     pub fn damping(&self, smallest_singular_value: f64) -> f64 {
         if smallest_singular_value >= self.threshold {
             return 0.0;
@@ -109,21 +111,22 @@ pub(crate) struct Singular<const N: usize> {
     left: [Vector6<f64>; 6],
     /// σᵢ vᵢ.
     scaled_right: [SVector<f64, N>; 6],
-    /// σ below which a direction is rounding, squared.
+    /// Square of the σ below which a direction is rounding error.
     square_floor: f64,
     /// The smallest of the min(6, N) singular values.
     pub(crate) smallest: f64,
 }
 
 impl<const N: usize> Singular<N> {
-    /// Five or six sweeps are usual; the bound keeps the time bounded for a Jacobian that is not a number.
+    /// Five or six sweeps are usual. The bound limits the time for a Jacobian that contains NaN.
     const SWEEPS_MAX: usize = 20;
 
     pub(crate) fn of(jacobian: &SMatrix<f64, 6, N>) -> Self {
         let mut right: [SVector<f64, N>; 6] = std::array::from_fn(|i| jacobian.row(i).transpose());
         let mut left: [Vector6<f64>; 6] =
             std::array::from_fn(|i| Vector6::from_fn(|j, _| f64::from(i == j)));
-        // Columns this short against the matrix are rounding: rotating them further would never end.
+        // Columns this short relative to the matrix are rounding error: rotating them would never
+        // converge.
         let square_floor = jacobian.norm_squared() * (f64::EPSILON * f64::EPSILON);
         for _ in 0..Self::SWEEPS_MAX {
             let mut turned = false;
@@ -147,7 +150,7 @@ impl<const N: usize> Singular<N> {
     }
 }
 
-/// Makes columns `i` and `j` orthogonal; false if they were.
+/// Makes columns `i` and `j` orthogonal; false if they already were.
 fn rotate<const N: usize>(
     right: &mut [SVector<f64, N>; 6],
     left: &mut [Vector6<f64>; 6],
@@ -226,7 +229,7 @@ mod tests {
             bounded::<7>("panda", &q, twist, &law)?;
             bounded::<6>("smart3s_substitute", &q, twist, &law)?;
             bounded::<2>("planar2", &q, twist, &law)?;
-            // Down to the singularity: elbow straight, then wrist axes parallel.
+            // Towards the singularity: elbow straight, then wrist axes parallel.
             let mut near = q;
             near[2] = closeness.powi(3);
             bounded::<6>("ur5", &near, twist, &law)?;
@@ -277,7 +280,8 @@ mod tests {
 
     #[test]
     fn exactly_singular_costs_no_speed_in_the_lost_direction() {
-        // UR5 with its elbow straight: one direction of the tool is lost, and no joint runs for it.
+        // UR5 with its elbow straight: one direction of the tool is lost, and no joint moves for
+        // it.
         let jacobian = arm::<6>("ur5").jacobian(&Joints::from([0.3, -0.9, 0.0, 0.5, 1.1, -0.4]));
         let singular = Singular::of(&jacobian);
         let lost = (0..6)

@@ -6,8 +6,8 @@ use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
 
 use crate::tare::Averaging;
 use crate::{
-    LowPass, LowPassState, Payload, SensingError, SensorMotion, Tare, TareConfig, TareRefusal,
-    Validity,
+    LowPass, LowPassState, Payload, SensingError, SensorMotion, Tare, TareConfig, TareGround,
+    TareRefusal, Validity,
 };
 
 /// How a wrench is conditioned; what hangs on the sensor and where comes beside it.
@@ -104,7 +104,7 @@ pub struct ConditionedWrench {
     pub untared: Wrench<Sensor>,
     /// The zero was taken on a person's word that the tool hangs free.
     pub said_clear: bool,
-    /// The last good zero, and its age, s; none while there is none.
+    /// The zero that the limit on the untared reading counts from ([`Tare::shown`]), and its age, s; none while there is none.
     pub reference: Option<(Wrench<Sensor>, f64)>,
 }
 
@@ -142,8 +142,8 @@ pub struct WrenchConditionerState {
     reference: Option<Tare>,
     reference_before: Option<Tare>,
     averaging: Option<Averaging>,
-    /// A person has looked: the tool hangs free while this average is taken.
-    said_clear: bool,
+    /// What says that nothing presses while this average is taken.
+    ground: TareGround,
     outcome: Option<Result<Tare, TareRefusal>>,
     /// The last fault of a reading, and when.
     fault: Option<(Validity, f64)>,
@@ -207,19 +207,15 @@ impl WrenchConditioner {
 
     /// Begins to average the zero over `tare.duration_s`; [`WrenchConditionerState::take_tare_outcome`] tells how it went.
     pub fn start_tare(&self, state: &mut WrenchConditionerState) {
-        self.begin_tare(state, false);
+        self.start_tare_on(state, TareGround::Assumed);
     }
 
-    /// As [`WrenchConditioner::start_tare`], for a person who has looked and says that the tool hangs free: the zero is not
-    /// judged against the last one or the rating.
-    pub fn start_tare_said_clear(&self, state: &mut WrenchConditionerState) {
-        self.begin_tare(state, true);
-    }
-
-    fn begin_tare(&self, state: &mut WrenchConditionerState, said_clear: bool) {
+    /// As [`WrenchConditioner::start_tare`], with what says that nothing presses. A zero on a person's word is not judged against
+    /// the last one or the rating.
+    pub fn start_tare_on(&self, state: &mut WrenchConditionerState, ground: TareGround) {
         let samples = (self.tare.duration_s * self.filter.sample_rate_hz()).round();
         state.outcome = None;
-        state.said_clear = said_clear;
+        state.ground = ground;
         state.averaging = Some(Averaging::new(samples as u32));
     }
 
@@ -257,8 +253,7 @@ impl WrenchConditioner {
             let outcome = match refusal {
                 Some(refusal) => Some(Err(refusal)),
                 None => {
-                    let said_clear = state.said_clear;
-                    let reference = state.reference.as_ref().filter(|_| !said_clear);
+                    let (ground, before) = (state.ground, state.reference.as_ref());
                     let taken = averaging.take(
                         &self.tare,
                         &(reading.wrench - self.payload_wrench(reading)),
@@ -266,9 +261,9 @@ impl WrenchConditioner {
                         reading.time_s,
                     );
                     taken.map(|outcome| {
-                        outcome.and_then(|tare| match said_clear {
-                            true => Ok(Tare { said_clear, ..tare }),
-                            false => self.tare.judge(&tare, reference).map(|()| tare),
+                        outcome.and_then(|tare| {
+                            self.tare.judge(&tare, ground, before)?;
+                            Ok(tare.following(ground, before))
                         })
                     })
                 }
@@ -293,11 +288,16 @@ impl WrenchConditioner {
             delay_s: self.filter.delay_s(),
             bias: state.bias(),
             bias_age_s: state.bias_age_s(reading.time_s),
-            said_clear: state.tare.is_some_and(|tare| tare.said_clear),
+            said_clear: state
+                .tare
+                .is_some_and(|t| t.ground == TareGround::SaidClear),
             untared: Wrench::from_vector(&state.output) + state.bias(),
-            reference: state
-                .reference
-                .map(|last| (last.bias, (reading.time_s - last.time_s).max(0.0))),
+            reference: state.reference.map(|last| {
+                (
+                    last.shown.bias,
+                    (reading.time_s - last.shown.time_s).max(0.0),
+                )
+            }),
         }
     }
 

@@ -5,85 +5,89 @@ use tangent_mechanics::{Sensor, Wrench};
 
 use crate::Payload;
 
-/// Fewest poses: four unknowns per force row, and some left to check with.
+/// Smallest number of poses: four unknowns per force row, and some redundancy for a check.
 pub const POSES_MIN: usize = 6;
 
-/// Turn between two poses that counts as coming back to the first, rad.
+/// Rotation between the first and the last pose below which they count as the same pose, rad.
 const SAME_POSE_RAD: f64 = 0.01;
 
-/// Least spread of the gravity directions: smallest standard deviation along any axis, as a share of gravity.
+/// Smallest spread of the gravity directions: standard deviation along the axis of least variation,
+/// as a share of gravity.
 const SPREAD_MIN: f64 = 0.15;
 
-/// The arm at rest and untouched, and what the sensor reads then.
+/// A pose of the arm at rest and without contact, and the sensor's reading there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StaticPose {
-    /// Turns flange axes to base axes, as measured.
+    /// Rotation from flange axes to base axes, as measured.
     pub base_from_flange: UnitQuaternion<f64>,
     /// Mean reading, before tare: N and Nm, sensor axes.
     pub wrench: Wrench<Sensor>,
 }
 
-/// What static poses say about the payload and the sensor.
+/// Payload and sensor parameters identified from static poses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IdentifiedPayload {
-    /// Mass and centre of mass (inertia cannot be seen at rest).
+    /// Mass and centre of mass. Readings at rest do not contain the inertia.
     pub payload: Payload,
-    /// Turns sensor axes to flange axes.
+    /// Rotation from sensor axes to flange axes.
     pub flange_from_sensor: UnitQuaternion<f64>,
-    /// Standard error of the mass, kg: jackknife over the poses. Infinite when a pose cannot be spared.
+    /// Standard error of the mass, kg: jackknife over the poses. Infinite if a fit without one of
+    /// the poses is not possible.
     pub mass_sd_kg: f64,
-    /// The same of the centre of mass, per sensor axis, m.
+    /// Standard error of the centre of mass, per sensor axis, m: jackknife over the poses.
     pub com_sd_m: [f64; 3],
-    /// The sensor's zero over these poses.
+    /// The sensor's zero over these poses, N and Nm.
     pub bias: Wrench<Sensor>,
-    /// How far the free 3×3 fit is from a rotation times a mass: spread of its singular values, relative. Large: wrong
-    /// units, a wrong calibration, or something touched the tool.
+    /// Deviation of the free 3×3 fit from a rotation times a mass: spread of its singular values,
+    /// relative. A large value means wrong units, a wrong calibration, or contact with the tool.
     pub anisotropy: f64,
-    /// Each pose predicted from a fit of all others: rms force, N.
+    /// Root mean square error of the force that a fit of all other poses predicts for each pose, N.
     pub left_out_force_rms_n: f64,
-    /// The same of the torque, Nm.
+    /// Root mean square error of the torque that a fit of all other poses predicts for each pose,
+    /// Nm.
     pub left_out_torque_rms_nm: f64,
-    /// Reading of the last pose less that of the first, when it is the same pose: the drift meanwhile.
+    /// Reading of the last pose minus that of the first: the drift in between. `None` if they are
+    /// not the same pose.
     pub drift: Option<Wrench<Sensor>>,
 }
 
-/// Why static poses say nothing.
+/// Why the payload cannot be identified from the poses.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum IdentificationError {
-    /// Too few.
+    /// There are too few poses.
     #[error(
         "{found} poses are too few: take at least {POSES_MIN}, well spread, and the first once more at the end"
     )]
     TooFew {
-        /// Poses given.
+        /// Number of poses given.
         found: usize,
     },
-    /// A reading or an orientation that is NaN or infinite.
+    /// A reading or an orientation is NaN or infinite.
     #[error("pose {index} (from 0) has a number that is not finite")]
     NotFinite {
-        /// Which.
+        /// Index of the pose, from 0.
         index: usize,
     },
-    /// The directions of gravity do not fill space.
+    /// The directions of gravity vary too little along some axis.
     #[error(
         "the poses are too much alike: gravity varies by {spread:.3} of itself along its least axis, {SPREAD_MIN} is needed; turn the tool up, down and to all sides"
     )]
     TooMuchAlike {
-        /// Standard deviation along the least axis, of gravity.
+        /// Standard deviation along the axis of least variation, as a share of gravity.
         spread: f64,
     },
-    /// The fit is a mirror image.
+    /// The fit is a reflection.
     #[error(
         "the readings fit a mirrored sensor (determinant {determinant:.3}): an axis of the sensor has the wrong sign, or the poses are of another arm"
     )]
     Mirrored {
-        /// Of the free 3×3 fit.
+        /// Determinant of the orthogonal part of the free 3×3 fit.
         determinant: f64,
     },
-    /// Next to no mass.
+    /// The mass is too small to be measured.
     #[error("the payload weighs {mass_kg:.4} kg, too little to be seen")]
     NoMass {
-        /// kg
+        /// Mass of the fit, kg.
         mass_kg: f64,
     },
 }
@@ -141,13 +145,14 @@ pub fn identify_payload(
             .enumerate()
             .filter(|(i, _)| *i != left_out)
             .map(|(_, row)| row);
-        // A pose without which the others are too much alike says nothing about the fit's quality.
+        // Without this pose, the others are too much alike for a fit: the pose does not enter the
+        // errors.
         let Ok(fit) = fit(others) else { continue };
         let residual = *reading - fit.predict(gravity);
         force += residual.force.norm_squared();
         torque += residual.torque.norm_squared();
         n += 1.0;
-        // Relative to the fit of all, so that squares do not swallow the scatter.
+        // Relative to the fit of all poses, so that the squares do not drown the scatter.
         let off = (fit.com - all.com).insert_row(0, fit.mass - all.mass);
         sum += off;
         squares += off.component_mul(&off);
@@ -343,7 +348,7 @@ mod tests {
         }
     }
 
-    /// Over many draws of noise, the errors are as large as the standard errors say.
+    /// Over many draws of noise, the errors are as large as the standard errors state.
     #[test]
     fn standard_errors_are_honest() {
         use rand::{RngExt, SeedableRng};

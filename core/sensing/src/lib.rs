@@ -38,6 +38,6 @@ pub use sensor_watch::{
     JumpVerdict, JumpWatch, JumpWatchState, RecordVerdict, RecordWatch, RecordWatchConfig,
     RecordWatchState, SensorRecord, SensorWatch, SensorWatchState, Watched, pressing_at,
 };
-pub use tare::{Tare, TareConfig, TareRefusal};
+pub use tare::{Tare, TareConfig, TareGround, TareRefusal, ZeroPoint};
 pub use target_detector::{GreyImage, TargetDetector, TargetDetectorError};
 pub use validity::Validity;

@@ -6,39 +6,51 @@ use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
 
 use crate::{SensingError, Validity};
 
-/// When an average may be taken for the sensor's zero.
+/// Conditions under which an average is accepted as the sensor's zero.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TareConfig {
-    /// Time averaged, s.
+    /// Averaging time, s.
     pub duration_s: f64,
-    /// Standard deviation of any force within that time, N: above, something shakes.
+    /// Largest standard deviation of any force during the averaging, N; above it, something shakes
+    /// the tool.
     pub force_std_max_n: f64,
-    /// The same of any torque, Nm.
+    /// Largest standard deviation of any torque during the averaging, Nm; above it, something
+    /// shakes the tool.
     pub torque_std_max_nm: f64,
-    /// Change of any mean force from the first half to the second, N: above, something pulls or the arm still settles.
+    /// Largest change of any mean force from the first half of the averaging to the second, N;
+    /// above it, something pulls at the tool, or the arm has not settled.
     pub force_change_max_n: f64,
-    /// The same of any torque, Nm.
+    /// Largest change of any mean torque from the first half of the averaging to the second, Nm;
+    /// above it, something pulls at the tool, or the arm has not settled.
     pub torque_change_max_nm: f64,
-    /// Motion of the tool's origin within that time, m.
+    /// Largest motion of the tool's origin during the averaging, m.
     pub travel_max_m: f64,
-    /// Turn of the tool within that time, rad.
+    /// Largest rotation of the tool during the averaging, rad.
     pub turn_max_rad: f64,
-    /// Farthest that a new zero may be from the last good one, N in any axis, besides what drifts in between: a zero taken
-    /// under a load is refused.
+    /// Largest difference between a new zero and the last good one, besides the drift in between, N
+    /// in any axis. It refuses a zero that was taken under a load.
     pub jump_max_n: f64,
-    /// The same, Nm.
+    /// Largest difference between a new zero and the last good one, besides the drift in between,
+    /// Nm in any axis.
     pub jump_max_nm: f64,
-    /// Stated drift of the sensor's zero, N per minute: bounds the error of a zero of some age.
+    /// Stated drift of the sensor's zero, N per minute. It bounds the error of a zero by its age.
     pub drift_n_per_min: f64,
-    /// The same, Nm per minute.
+    /// Stated drift of the sensor's zero, Nm per minute.
     pub drift_nm_per_min: f64,
+    /// Most that this drift may explain of a jump where nothing has shown that the tool hangs free, N.
+    pub drift_max_n: f64,
+    /// Most that the torque's drift may explain there, Nm.
+    pub drift_max_nm: f64,
     /// A last good zero that is older says nothing about a new one, s.
     pub reference_age_max_s: f64,
-    /// What the sensor is rated for: N, then Nm; x, y, z. None: not known.
+    /// Rated loads of the sensor: N, then Nm; x, y, z. `None`: not known.
     pub rated: Option<[f64; 6]>,
-    /// Largest share of that which a zero may take in any axis.
+    /// Largest share of the rated load that a zero may take in any axis.
     pub rated_share_max: f64,
+    /// Largest force that can be a zero, N, also on a person's word: of a reading that is known to be near zero without a load.
+    /// None: any, as a sensor's strain gauges read.
+    pub zero_max_n: Option<f64>,
 }
 
 impl Default for TareConfig {
@@ -55,16 +67,19 @@ impl Default for TareConfig {
             jump_max_nm: 0.05,
             drift_n_per_min: 0.05,
             drift_nm_per_min: 0.005,
+            drift_max_n: 1.0,
+            drift_max_nm: 0.1,
             reference_age_max_s: 12.0 * 3600.0,
             rated: None,
             rated_share_max: 0.5,
+            zero_max_n: None,
         }
     }
 }
 
 impl TareConfig {
     /// # Errors
-    /// A number that is not positive and finite.
+    /// A number is not positive and finite.
     pub fn check(&self) -> Result<(), SensingError> {
         for (key, value) in [
             ("tare.duration_s", self.duration_s),
@@ -78,10 +93,16 @@ impl TareConfig {
             ("tare.jump_max_nm", self.jump_max_nm),
             ("tare.drift_n_per_min", self.drift_n_per_min),
             ("tare.drift_nm_per_min", self.drift_nm_per_min),
+            ("tare.drift_max_n", self.drift_max_n),
+            ("tare.drift_max_nm", self.drift_max_nm),
             ("tare.reference_age_max_s", self.reference_age_max_s),
             ("tare.rated_share_max", self.rated_share_max),
         ] {
             SensingError::unless(value.is_finite() && value > 0.0, key, value, "positive")?;
+        }
+        if let Some(value) = self.zero_max_n {
+            let good = value.is_finite() && value > 0.0;
+            SensingError::unless(good, "tare.zero_max_n", value, "positive")?;
         }
         for value in self.rated.into_iter().flatten() {
             let good = value.is_finite() && value > 0.0;
@@ -90,29 +111,48 @@ impl TareConfig {
         Ok(())
     }
 
-    /// Error of a zero of this age that the sensor's stated drift implies, N.
+    /// Bound on the error of a zero of this age, by the sensor's stated drift, N.
     pub fn drift_bound_n(&self, age_s: f64) -> f64 {
         self.drift_n_per_min * age_s.max(0.0) / 60.0
     }
 
-    /// Largest share of the sensor's rating that a wrench takes in any axis; none where the rating is not known.
+    /// Largest share of the rated load that a wrench takes in any axis; `None` if the rating is not
+    /// known.
     pub fn rated_share(&self, wrench: &Wrench<Sensor>) -> Option<f64> {
         let rated = Vector6::from(self.rated?);
         Some(wrench.vector().component_div(&rated).amax())
     }
 
-    /// Whether a new zero can be one: against the last good zero as far as that still says something, and against the rating.
+    /// Whether a zero measured on this ground can be one: against the zero before as far as that still says something, and against
+    /// the rating. A person's word is not judged.
     ///
     /// # Errors
     /// [`TareRefusal::Jump`] or [`TareRefusal::Loaded`].
-    pub fn judge(&self, tare: &Tare, reference: Option<&Tare>) -> Result<(), TareRefusal> {
-        if let Some(last) = reference {
+    pub fn judge(
+        &self,
+        tare: &Tare,
+        ground: TareGround,
+        before: Option<&Tare>,
+    ) -> Result<(), TareRefusal> {
+        let (last, drift_max_n, drift_max_nm) = match (ground, before) {
+            (TareGround::SaidClear, _) => return Ok(()),
+            // What drifted away over hours cannot be told from a load: a person has to look.
+            (TareGround::Assumed, Some(before)) => {
+                (Some(before.vouched), self.drift_max_n, self.drift_max_nm)
+            }
+            (TareGround::Shown, Some(before)) => {
+                (Some(before.zero()), f64::INFINITY, f64::INFINITY)
+            }
+            (_, None) => (None, 0.0, 0.0),
+        };
+        if let Some(last) = last {
             let age_s = (tare.time_s - last.time_s).max(0.0);
             let jump = (tare.bias - last.bias).vector();
             let (force_n, torque_nm) = worst(&jump);
             let minutes = age_s / 60.0;
-            let force_max_n = self.jump_max_n + self.drift_n_per_min * minutes;
-            let torque_max_nm = self.jump_max_nm + self.drift_nm_per_min * minutes;
+            let force_max_n = self.jump_max_n + (self.drift_n_per_min * minutes).min(drift_max_n);
+            let torque_max_nm =
+                self.jump_max_nm + (self.drift_nm_per_min * minutes).min(drift_max_nm);
             // Written so that a NaN refuses.
             let near = force_n <= force_max_n && torque_nm <= torque_max_nm;
             if age_s <= self.reference_age_max_s && !near {
@@ -137,103 +177,181 @@ impl TareConfig {
     }
 }
 
-/// Largest force and torque in any axis.
+/// Largest force (N) and torque (Nm) in any axis.
 fn worst(v: &Vector6<f64>) -> (f64, f64) {
     (v.fixed_rows::<3>(0).amax(), v.fixed_rows::<3>(3).amax())
 }
 
-/// The sensor's zero as measured once: everything it reads beyond payload and contact.
+/// A measured zero of the sensor: its reading without payload and contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tare {
-    /// To be subtracted from every reading, besides the payload's wrench.
+    /// Wrench to subtract from every reading, besides that of the payload, N and Nm.
     pub bias: Wrench<Sensor>,
-    /// Standard deviation of the readings it is the mean of.
+    /// Standard deviation of the averaged readings, N and Nm.
     pub std: Wrench<Sensor>,
-    /// How many readings.
+    /// Number of readings averaged.
     pub samples: u32,
-    /// When it was finished, on the clock of [`crate::Reading::time_s`].
+    /// Time at which the average was complete, on the clock of [`crate::Reading::time_s`], s.
     pub time_s: f64,
-    /// It was taken on a person's word that the tool hangs free, and not judged.
-    pub said_clear: bool,
+    /// What says that nothing pressed meanwhile.
+    pub ground: TareGround,
+    /// The zero that later ones are judged against: this one where a person or a motion vouches for it, else the one before that
+    /// they vouched for. Small jumps do not add up.
+    pub vouched: ZeroPoint,
+    /// The last zero that was taken after a motion had shown that the tool hangs free, or the first one ever. The limit on the
+    /// untared reading counts from it: no zero that came later can hide a load from it.
+    pub shown: ZeroPoint,
 }
 
-/// Why no tare was made. The tare before it stays in force.
+impl Tare {
+    /// The first zero of a sensor: nothing is known to judge it by.
+    pub fn first(bias: Wrench<Sensor>, std: Wrench<Sensor>, samples: u32, time_s: f64) -> Self {
+        let zero = ZeroPoint { bias, time_s };
+        Self {
+            bias,
+            std,
+            samples,
+            time_s,
+            ground: TareGround::Assumed,
+            vouched: zero,
+            shown: zero,
+        }
+    }
+
+    /// This zero after the one before it.
+    pub fn following(self, ground: TareGround, before: Option<&Self>) -> Self {
+        let (vouched, shown) = match (ground, before) {
+            (TareGround::Shown, _) | (_, None) => (self.zero(), self.zero()),
+            (TareGround::SaidClear, Some(before)) => (self.zero(), before.shown),
+            (TareGround::Assumed, Some(before)) => (before.vouched, before.shown),
+        };
+        Self {
+            ground,
+            vouched,
+            shown,
+            ..self
+        }
+    }
+
+    /// Its bias and time.
+    pub fn zero(&self) -> ZeroPoint {
+        ZeroPoint {
+            bias: self.bias,
+            time_s: self.time_s,
+        }
+    }
+}
+
+/// What says that nothing presses while a zero is taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TareGround {
+    /// Nothing but that the zero is near the one before.
+    #[default]
+    Assumed,
+    /// A person has looked and says that the tool hangs free.
+    SaidClear,
+    /// A motion away from the surface has shown it.
+    Shown,
+}
+
+/// A zero, and when it was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ZeroPoint {
+    /// What the sensor read beyond the payload.
+    pub bias: Wrench<Sensor>,
+    /// On the clock of [`crate::Reading::time_s`].
+    pub time_s: f64,
+}
+
+/// Why a tare was refused. The zero before it stays in force.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TareRefusal {
-    /// A reading could not be used.
+    /// A reading was not usable.
     #[error("a reading was unusable ({}): clear that first", .0.reason())]
     BadReading(Validity),
-    /// There is a payload and nobody says how it hangs.
+    /// There is a payload, and the arm's orientation is not known.
     #[error(
         "the arm's orientation is {}: without it the payload's weight cannot be told from the zero; is the robot's bridge running?",
         .0.reason()
     )]
     NoOrientation(Validity),
-    /// The arm moved.
+    /// The tool moved.
     #[error(
         "the tool moved by {travel_m:.4} m and {turn_rad:.4} rad while averaging: hold it still"
     )]
     Moving {
-        /// m
+        /// Distance moved, m.
         travel_m: f64,
-        /// rad
+        /// Rotation, rad.
         turn_rad: f64,
     },
-    /// The readings scatter.
+    /// The standard deviation of the readings is too large.
     #[error(
         "the readings scatter by {force_n:.3} N and {torque_nm:.4} Nm (standard deviation, worst axis): something shakes or touches the tool"
     )]
     Scattered {
-        /// Worst axis, N.
+        /// Standard deviation in the worst axis, N.
         force_n: f64,
-        /// Worst axis, Nm.
+        /// Standard deviation in the worst axis, Nm.
         torque_nm: f64,
     },
-    /// The readings wander.
+    /// The mean changed from the first half to the second.
     #[error(
         "the readings moved by {force_n:.3} N and {torque_nm:.4} Nm while averaging: something pulls at the tool, or it has not settled"
     )]
     Wandering {
-        /// Worst axis, N.
+        /// Change of the mean in the worst axis, N.
         force_n: f64,
-        /// Worst axis, Nm.
+        /// Change of the mean in the worst axis, Nm.
         torque_nm: f64,
     },
-    /// The new zero is far from the last good one.
+    /// The new zero differs too much from the last good one.
     #[error(
         "the zero would jump by {force_n:.2} N and {torque_nm:.3} Nm against the last good one, {age_s:.0} s ago; drift explains {force_max_n:.2} N and {torque_max_nm:.3} Nm: the tool touches something, or the tool was changed. Look: if it hangs free, `tangent tare --clear`"
     )]
     Jump {
-        /// Worst axis, N.
+        /// Difference in the worst axis, N.
         force_n: f64,
-        /// Allowed at that age, N.
+        /// Largest difference allowed at that age, N.
         force_max_n: f64,
-        /// Worst axis, Nm.
+        /// Difference in the worst axis, Nm.
         torque_nm: f64,
-        /// Allowed at that age, Nm.
+        /// Largest difference allowed at that age, Nm.
         torque_max_nm: f64,
-        /// Of the last good zero, s.
+        /// Age of the last good zero, s.
         age_s: f64,
     },
-    /// What the sensor reads takes too much of its rating for a zero.
+    /// No zero is so large.
+    #[error(
+        "the mean force at rest is {force_n:.1} N, at most {force_max_n} N can be its zero: the tool touches something, or its mass is set wrong"
+    )]
+    TooLarge {
+        /// Size of the mean, N.
+        force_n: f64,
+        /// Allowed, N.
+        force_max_n: f64,
+    },
+    /// The zero would take too large a share of the sensor's rating.
     #[error(
         "the sensor reads {:.0} % of its rating beyond the payload, at most {:.0} % can be its zero: the tool touches something, or the payload is wrong. Look: if it hangs free, `tangent tare --clear`",
         100.0 * .share, 100.0 * .share_max
     )]
     Loaded {
-        /// Worst axis, 0 to 1 and beyond.
+        /// Share of the rating in the worst axis, from 0; above 1 beyond the rating.
         share: f64,
-        /// Allowed.
+        /// Largest share allowed.
         share_max: f64,
     },
 }
 
-/// An average being taken.
+/// An average in progress.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Averaging {
     wanted: u32,
     taken: u32,
-    /// First reading; sums are relative to it, so that squares of large zeros do not swallow the scatter.
+    /// First reading. Sums are relative to it, so that the squares of a large zero do not drown the
+    /// scatter.
     origin: Vector6<f64>,
     sum: Vector6<f64>,
     first_half: Vector6<f64>,
@@ -254,7 +372,7 @@ impl Averaging {
         }
     }
 
-    /// Takes one good reading less the payload; `Some` when the average is complete or refused.
+    /// Takes one good reading without the payload; `Some` when the average is complete or refused.
     pub(crate) fn take(
         &mut self,
         config: &TareConfig,
@@ -269,7 +387,7 @@ impl Averaging {
             let start = self.pose.get_or_insert(*now);
             let travel_m = (now.translation() - start.translation()).norm();
             let turn_rad = now.rotation().angle_to(&start.rotation());
-            // Written so that a NaN refuses.
+            // Written so that a NaN is refused.
             if !(travel_m <= config.travel_max_m && turn_rad <= config.turn_max_rad) {
                 return Some(Err(TareRefusal::Moving { travel_m, turn_rad }));
             }
@@ -299,12 +417,48 @@ impl Averaging {
         if !(force_n <= config.force_change_max_n && torque_nm <= config.torque_change_max_nm) {
             return Err(TareRefusal::Wandering { force_n, torque_nm });
         }
-        Ok(Tare {
-            bias: Wrench::from_vector(&(self.origin + mean)),
-            std: Wrench::from_vector(&std),
-            samples: self.taken,
+        let bias = Wrench::from_vector(&(self.origin + mean));
+        if let Some(force_max_n) = config.zero_max_n {
+            let force_n = bias.force.norm();
+            if force_n.is_nan() || force_n > force_max_n {
+                return Err(TareRefusal::TooLarge {
+                    force_n,
+                    force_max_n,
+                });
+            }
+        }
+        Ok(Tare::first(
+            bias,
+            Wrench::from_vector(&std),
+            self.taken,
             time_s,
-            said_clear: false,
-        })
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn averaged(config: &TareConfig, force_z: f64) -> Result<Tare, TareRefusal> {
+        let reading = Wrench::from_vector(&Vector6::new(0.5, 0.0, force_z, 0.0, 0.0, 0.0));
+        let mut averaging = Averaging::new(100);
+        (0..100)
+            .find_map(|i| averaging.take(config, &reading, None, f64::from(i) * 1e-3))
+            .unwrap()
+    }
+
+    #[test]
+    fn a_zero_beyond_the_largest_is_none() {
+        let config = TareConfig {
+            zero_max_n: Some(5.0),
+            ..TareConfig::default()
+        };
+        assert!(averaged(&config, -1.5).is_ok());
+        let refused = averaged(&config, -9.0);
+        assert!(matches!(refused, Err(TareRefusal::TooLarge { force_n, .. }) if force_n > 9.0));
+        // As strain gauges read.
+        assert!(averaged(&TareConfig::default(), -90.0).is_ok());
+        assert!(averaged(&config, f64::NAN).is_err());
     }
 }

@@ -1,7 +1,8 @@
-//! Plant, conditioning, estimators and controller in one thread: what `tangent evaluate` runs.
+//! Plant, conditioning, estimators and controller in one thread; `tangent evaluate` runs this.
 //!
-//! The parts are those of the live system, and so are the delays between them: samples of the period that ended, an
-//! estimate of the cycle before, a command that acts from the next period on.
+//! The parts are those of the live system, and so are the delays between them: samples of the
+//! period that ended, an estimate of the cycle before, and a command that takes effect in the next
+//! period.
 
 use serde::Serialize;
 use tangent_control::{
@@ -12,8 +13,8 @@ use tangent_control::{
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench, manipulability};
 use tangent_sensing::{
-    BasePose, BaseTracker, ConditionedWrench, Payload, TareConfig, Validity, WrenchConditioner,
-    WrenchConditionerState,
+    BasePose, BaseTracker, ConditionedWrench, Payload, TareConfig, TareGround, Validity,
+    WrenchConditioner, WrenchConditionerState,
 };
 
 use crate::digest::TrajectoryDigest;
@@ -21,16 +22,17 @@ use crate::measurement::{ArmMeasurement, VelocityCommand};
 use crate::metrics::object_pose::ObjectPoseFigures;
 use crate::metrics::tactile::TactileFigures;
 use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
+use crate::obstacle::Obstacle;
 use crate::plant::Plant;
 use crate::platform::OdometrySample;
 use crate::scenario::{PIPELINE_CYCLES_MAX, Scenario, ScenarioError};
 use crate::truth::Truth;
 use crate::watched_sensor::WatchedSensor;
 
-/// Time that a run goes on after its task has ended, s.
+/// Time for which a run continues after its task has ended, s.
 const AFTER_END_S: f64 = 0.2;
 
-/// What `evaluate --json` prints. The wall time is the caller's to add: `core/` has no clock.
+/// Result that `evaluate --json` prints. The caller adds the wall time, as `core/` has no clock.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Evaluation {
     /// Name of the scenario.
@@ -39,35 +41,35 @@ pub struct Evaluation {
     pub controller: String,
     /// Estimator in use at the end.
     pub estimator: String,
-    /// Seed.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Simulated, s.
+    /// Simulated time, s.
     pub duration_s: f64,
-    /// Arm periods.
+    /// Number of arm periods.
     pub steps: u64,
-    /// Time that the run took, s.
+    /// Wall time of the run, s.
     pub wall_s: Option<f64>,
     /// Simulated time over wall time.
     pub real_time_factor: Option<f64>,
-    /// Everything that follows from the samples.
+    /// Figures computed from the samples.
     #[serde(flatten)]
     pub figures: Figures,
-    /// Of scenarios of kind `object_pose` only.
+    /// Figures of scenarios of kind `object_pose` only.
     pub object_pose: Option<ObjectPoseFigures>,
-    /// Of scenarios of kind `visuo_tactile` only.
+    /// Figures of scenarios of kind `visuo_tactile` only.
     pub tactile: Option<TactileFigures>,
-    /// Live only.
+    /// Always null here; only a live run has it.
     pub r#loop: Option<()>,
     /// Phase at the end.
     pub phase: &'static str,
-    /// Why the task ended before its time; null when it did not.
+    /// Fault that ended the task early; null if there was none.
     pub fault: Option<&'static str>,
     /// Hash of the whole trajectory.
     pub state_digest: String,
 }
 
 impl Evaluation {
-    /// Adds how long it took.
+    /// Adds the wall time of the run.
     pub fn with_wall_time(mut self, wall_s: f64) -> Self {
         self.wall_s = Some(wall_s);
         self.real_time_factor = (wall_s > 0.0).then(|| self.duration_s / wall_s);
@@ -75,35 +77,35 @@ impl Evaluation {
     }
 }
 
-/// One cycle of the loop, for those who watch.
+/// One cycle of the loop, as shown to an observer.
 #[derive(Clone, Copy, Debug)]
 pub struct LoopCycle<'a> {
     /// What the arm reported.
     pub arm: &'a ArmMeasurement,
-    /// What the controller saw.
+    /// Inputs of the controller.
     pub input: &'a ControlInput,
-    /// What it answered.
+    /// Outputs of the controller.
     pub output: &'a ControlOutput,
     /// Newest estimate of the estimator in use.
     pub estimate: Option<&'a NormalEstimate>,
     /// Newest estimate of each of the task's estimators, in its order.
     pub estimates: &'a [Option<NormalEstimate>],
-    /// What really happened.
+    /// True state of the contact.
     pub truth: &'a Truth,
 }
 
 /// Runs a scenario to its end.
 ///
 /// # Errors
-/// What [`ClosedLoop::new`] says.
+/// As [`ClosedLoop::new`].
 pub fn evaluate(scenario: &Scenario) -> Result<Evaluation, ScenarioError> {
     evaluate_with(scenario, |_| ())
 }
 
-/// The same, showing every cycle to `watch`.
+/// Runs a scenario to its end and passes every cycle to `watch`.
 ///
 /// # Errors
-/// What [`ClosedLoop::new`] says.
+/// As [`ClosedLoop::new`].
 pub fn evaluate_with(
     scenario: &Scenario,
     mut watch: impl FnMut(&LoopCycle<'_>),
@@ -155,7 +157,7 @@ pub fn evaluate_with(
     })
 }
 
-/// The loop, cycle by cycle.
+/// The closed loop, stepped cycle by cycle.
 pub struct ClosedLoop {
     plant: Plant,
     conditioner: WrenchConditioner,
@@ -169,9 +171,9 @@ pub struct ClosedLoop {
     sensor: WatchedSensor,
     exchange_cycles: usize,
     estimate_cycles: usize,
-    /// Commands under way to the arm, oldest first.
+    /// Commands in transit to the arm, oldest first.
     commands: [VelocityCommand; PIPELINE_CYCLES_MAX + 1],
-    /// Estimates under way to the controller, newest first.
+    /// Estimates in transit to the controller, newest first.
     estimates: [[Option<NormalEstimate>; MAX_ESTIMATORS]; PIPELINE_CYCLES_MAX + 1],
     conditioned: Option<ConditionedWrench>,
     wrench_time: f64,
@@ -179,15 +181,15 @@ pub struct ClosedLoop {
     digest: TrajectoryDigest,
     config: ControllerConfig,
     limits: Limits,
-    /// The robot takes commands.
+    /// Whether the robot accepts commands.
     arm_ready: bool,
 }
 
 impl ClosedLoop {
-    /// Builds the cell, starts the task.
+    /// Builds the cell and starts the task.
     ///
     /// # Errors
-    /// A scenario whose cell cannot be built, or whose task, law or estimators are not usable.
+    /// The cell of the scenario cannot be built, or its task, law or estimators are not usable.
     pub fn new(scenario: &Scenario) -> Result<Self, ScenarioError> {
         let plant = Plant::new(&scenario.plant, scenario.seed)?;
         let (flange_from_tool, flange_from_sensor) =
@@ -204,7 +206,7 @@ impl ClosedLoop {
             scenario.plant.sensor.rate_hz,
         )?;
         let config = scenario.controller_config()?;
-        // The preset is already in `config`, together with the scenario's own parameters.
+        // The preset is already part of `config`, together with the scenario's own parameters.
         let mut task = scenario.task.clone();
         task.controller = None;
         let mut controller =
@@ -240,10 +242,11 @@ impl ClosedLoop {
         })
     }
 
-    /// Starts a task as the service does: refused where the tool may touch and which way is away is not known.
+    /// Starts a task as the service does. It is refused if the tool may touch something and the
+    /// direction away from it is not known.
     ///
     /// # Errors
-    /// Why not.
+    /// Why the task cannot start.
     pub fn start(&mut self, task: &Task) -> Result<(), ControlError> {
         let program = Program::new(task, &self.config)?;
         self.controller
@@ -251,15 +254,16 @@ impl ClosedLoop {
         self.controller.start(program, 0).map(drop)
     }
 
-    /// The robot takes commands, or is in a protective stop.
+    /// Sets whether the robot accepts commands or is in a protective stop.
     pub fn set_arm_ready(&mut self, ready: bool) {
         self.arm_ready = ready;
     }
 
-    /// The controller dies and another takes its place. It knows of the one before what the service keeps: where the tool may touch.
+    /// Replaces the controller by a new one, as after a crash. The new one knows only what the
+    /// service stores: where the tool may touch something.
     ///
     /// # Errors
-    /// Never with the parameters of the one before.
+    /// None with the parameters of the controller before.
     pub fn restart_controller(&mut self) -> Result<(), ControlError> {
         let mut fresh = Controller::new(
             *self.plant.model(),
@@ -276,43 +280,31 @@ impl ClosedLoop {
         Ok(())
     }
 
-    /// The sensor's service dies and another takes its place. It keeps the last good zero.
+    /// Replaces the sensor service by a new one, as after a crash. The last good zero is kept.
     pub fn restart_sensor(&mut self) {
-        let zero = self.conditioning.reference().copied();
-        self.conditioning = WrenchConditionerState::default();
-        self.conditioning.set_tare(zero);
+        restart(&mut self.conditioning);
     }
 
-    /// The sensor's service loses what it kept.
+    /// Removes the zeros that the sensor service has stored.
     pub fn forget_zeros(&mut self) {
         self.conditioning.forget_reference();
         self.conditioning.set_tare(None);
     }
 
-    /// A person asks for a tare; `said_clear`: who has looked and says that the tool hangs free.
+    /// Requests a tare as an operator does; `said_clear`: the operator states that the tool hangs
+    /// free.
     ///
     /// # Errors
-    /// What the controller's word says against it.
+    /// The sign of contact in the controller's state for which the tare is refused.
     pub fn ask_for_tare(&mut self, said_clear: bool) -> Result<(), ContactSign> {
         let word = ControllerWord {
             phase: self.controller.phase(),
             contact_possible: !self.controller.clearance().is_free(),
         };
-        if let Some(sign) = ContactSign::of(Some(word), None)
-            && !(said_clear && sign.can_be_waived())
-        {
-            return Err(sign);
-        }
-        if said_clear {
-            self.conditioner
-                .start_tare_said_clear(&mut self.conditioning);
-        } else {
-            self.conditioner.start_tare(&mut self.conditioning);
-        }
-        Ok(())
+        take_tare(&self.conditioner, &mut self.conditioning, word, said_clear)
     }
 
-    /// The wrench as it is shown now; none before the first sample.
+    /// Newest conditioned wrench; `None` before the first sample.
     pub fn shown(&self) -> Option<&ConditionedWrench> {
         self.conditioned.as_ref()
     }
@@ -322,12 +314,18 @@ impl ClosedLoop {
         &self.plant
     }
 
+    /// Puts something in the way of a tool that leaves the surface under it.
+    pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
+        self.plant.put_in_the_way(obstacle);
+    }
+
     /// The controller, for pausing, switching and stopping.
     pub fn controller(&mut self) -> &mut Controller {
         &mut self.controller
     }
 
-    /// One arm period: the plant moves, then everybody answers to what it reports.
+    /// Runs one arm period: the plant moves, then sensors, estimators and controller process what
+    /// it reports.
     pub fn step(&mut self, watch: &mut impl FnMut(&LoopCycle<'_>)) -> CycleSample {
         self.plant.step(&self.commands[0]);
         let arm = self.plant.arm();
@@ -338,7 +336,8 @@ impl ClosedLoop {
         let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * arm.qd));
 
         for sample in self.plant.sensor_samples() {
-            // The arm's packet of this period comes after these samples: they know the pose of the one before.
+            // The arm's packet of this period comes after these samples: they refer to the pose of
+            // the period before.
             let (pose, at) = self.pose_before;
             let felt = self.conditioned.as_ref().filter(|c| c.bias_age_s.is_some());
             let Some(mut reading) = self.sensor.take(sample, &pose.translation(), felt) else {
@@ -368,7 +367,7 @@ impl ClosedLoop {
         }
 
         for sample in self.plant.odometry() {
-            // What is refused counts in the tracker, as silence.
+            // A refused pose counts in the tracker, as silence.
             let _ = self.base.take(&base_pose(sample));
         }
         input.base = self.base.at(input.time_s);
@@ -400,13 +399,15 @@ impl ClosedLoop {
 
         self.output = self.controller.step(&input);
         if self.output.tare_requested && !self.conditioning.is_taring() {
-            self.conditioner.start_tare(&mut self.conditioning);
+            let ground = self.output.clearance.tare_ground();
+            self.conditioner
+                .start_tare_on(&mut self.conditioning, ground);
         }
         if self.output.zero_withdrawn {
             self.conditioning.withdraw_tare();
         }
         let command = match self.output.kind {
-            // A velocity-controlled arm takes no torques.
+            // A velocity-controlled arm accepts no torques.
             CommandKind::Hold | CommandKind::JointTorque => VelocityCommand::hold(),
             CommandKind::JointVelocity if !self.arm_ready => VelocityCommand::hold(),
             CommandKind::JointVelocity => VelocityCommand {
@@ -414,7 +415,8 @@ impl ClosedLoop {
                 acceleration: self.output.acceleration,
             },
         };
-        // Without an exchange the command acts in the period that begins now, with it so many periods later.
+        // Without an exchange, the command takes effect in the period that begins now; otherwise as
+        // many periods later.
         self.commands[..=self.exchange_cycles].rotate_left(1);
         self.commands[self.exchange_cycles] = command;
 
@@ -479,6 +481,37 @@ impl ClosedLoop {
     }
 }
 
+/// A tare that a person asks for, as the sensor's service decides it.
+///
+/// # Errors
+/// What the controller's word says against it.
+pub(crate) fn take_tare(
+    conditioner: &WrenchConditioner,
+    conditioning: &mut WrenchConditionerState,
+    word: ControllerWord,
+    said_clear: bool,
+) -> Result<(), ContactSign> {
+    if let Some(sign) = ContactSign::of(Some(word), None)
+        && !(said_clear && sign.can_be_waived())
+    {
+        return Err(sign);
+    }
+    let ground = if said_clear {
+        TareGround::SaidClear
+    } else {
+        TareGround::Assumed
+    };
+    conditioner.start_tare_on(conditioning, ground);
+    Ok(())
+}
+
+/// The sensor's service dies and another takes its place, which knows the last good zero.
+pub(crate) fn restart(conditioning: &mut WrenchConditionerState) {
+    let zero = conditioning.reference().copied();
+    *conditioning = WrenchConditionerState::default();
+    conditioning.set_tare(zero);
+}
+
 /// What the reading says before any zero is taken off, as the sensor's service tells it.
 pub(crate) fn untared_load(tare: &TareConfig, conditioned: &ConditionedWrench) -> UntaredLoad {
     UntaredLoad {
@@ -489,7 +522,7 @@ pub(crate) fn untared_load(tare: &TareConfig, conditioned: &ConditionedWrench) -
     }
 }
 
-/// The arm's part of an input; nothing felt, nothing estimated.
+/// The arm's part of a controller input, without a wrench and without estimates.
 fn blank_input(plant: &Plant) -> ControlInput {
     let arm = plant.arm();
     ControlInput {
@@ -513,7 +546,7 @@ fn blank_input(plant: &Plant) -> ControlInput {
     }
 }
 
-/// As it comes from the platform.
+/// Pose message of the platform for an odometry sample.
 fn base_pose(sample: &OdometrySample) -> BasePose {
     let pose = &sample.world_from_base;
     let mut variances = nalgebra::Vector6::repeat(sample.position_variance_m2);

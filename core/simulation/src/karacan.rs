@@ -1,4 +1,5 @@
-//! The figures that `tangent reproduce karacan` states: the published law and ours over the same seeds, and what to read off their runs.
+//! The figures that `tangent reproduce karacan` prints: the published law and ours over the same
+//! seeds, and how each figure is taken from their runs.
 
 use serde::Serialize;
 use tangent_control::{ControlError, Phase, UnifiedInput};
@@ -6,29 +7,29 @@ use tangent_control::{ControlError, Phase, UnifiedInput};
 use crate::tactile_plant::TactilePlant;
 use crate::{Calm, Evaluation, ScenarioError, TactileScenario, evaluate_tactile_with};
 
-/// The scenario that is reproduced.
+/// Scenario that is reproduced.
 pub const SCENARIO: &str = "karacan_wave";
-/// The same with depth images drawn and read.
+/// Scenario with rendered depth images, from which the normals are estimated.
 pub const DEPTH_SCENARIO: &str = "karacan_depth";
 
-/// What is run.
+/// A law and a source of normals to compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum System {
-    /// The published law with Table I.
+    /// The published law with the parameters of Table I.
     Paper,
-    /// Ours.
+    /// Our law.
     Ours,
-    /// The published law, with the camera's images drawn and read.
+    /// The published law, with normals from rendered depth images.
     PaperDepth,
-    /// Ours, with the camera's images drawn and read.
+    /// Our law, with normals from rendered depth images.
     OursDepth,
 }
 
 impl System {
-    /// All of them.
+    /// All systems.
     pub const ALL: [Self; 4] = [Self::Paper, Self::Ours, Self::PaperDepth, Self::OursDepth];
 
-    /// In words.
+    /// Name as text.
     pub fn name(self) -> &'static str {
         match self {
             Self::Paper => "preset paper",
@@ -38,7 +39,7 @@ impl System {
         }
     }
 
-    /// Which scenario.
+    /// Name of the scenario that it runs.
     pub fn scenario(self) -> &'static str {
         if self.draws() {
             DEPTH_SCENARIO
@@ -47,7 +48,7 @@ impl System {
         }
     }
 
-    /// Overrides of it.
+    /// Overrides of the scenario.
     pub fn overrides(self) -> Vec<String> {
         let preset = if self.is_published() {
             "paper"
@@ -57,18 +58,19 @@ impl System {
         vec![format!("controller=\"{preset}\"")]
     }
 
-    /// The camera's images are drawn and read: that takes about as long as the run lasts.
+    /// Whether it uses rendered depth images. These take about as long to process as the simulated
+    /// run lasts.
     pub fn draws(self) -> bool {
         matches!(self, Self::PaperDepth | Self::OursDepth)
     }
 
-    /// Table I.
+    /// Whether it is the published law with Table I.
     pub fn is_published(self) -> bool {
         matches!(self, Self::Paper | Self::PaperDepth)
     }
 }
 
-/// Which side of a goal is good.
+/// Goal of a figure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Goal {
     AtMost(f64),
@@ -76,40 +78,42 @@ enum Goal {
     None,
 }
 
-/// One figure. `here` is the mean over the seeds.
+/// One figure of one system. `here` is the mean over the seeds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct KaracanFigure {
-    /// Which system.
+    /// Name of the system.
     pub row: &'static str,
-    /// What is measured; `least` in it means that the goal is a lower bound.
+    /// What is measured. `least` in the name means that the goal is a lower bound.
     pub metric: &'static str,
     /// Its unit.
     pub unit: &'static str,
-    /// In the paper.
+    /// Value in the paper.
     pub published: Option<f64>,
-    /// Mean over the seeds; null where a run has no such figure.
+    /// Mean over the seeds; null if a run lacks the figure.
     pub here: Option<f64>,
-    /// The worst of the seeds.
+    /// Worst value over the seeds.
     pub worst: Option<f64>,
-    /// What `here` is held to; tanks are held to it in every seed.
+    /// Goal that `here` must meet. For tanks, every seed must meet it.
     pub goal: Option<f64>,
-    /// Whether it is.
+    /// Whether the goal is met.
     pub met: Option<bool>,
 }
 
-/// The runs of one system, one per seed, and what a step of the law took there, µs: the median and the 99th percentile.
+/// The runs of one system, one per seed, and the time of a step of the law there.
 pub struct Runs {
-    /// Which system.
+    /// System of the runs.
     pub system: System,
-    /// In order of the seeds.
+    /// Result of each run, in order of the seeds.
     pub runs: Vec<Evaluation>,
-    /// From [`step_inputs`], by who has a clock.
+    /// Median and 99th percentile of a step's time, µs, measured with [`step_inputs`] by a caller
+    /// that has a clock.
     pub step_us: Option<[f64; 2]>,
 }
 
 type Pick = fn(&Evaluation) -> Option<f64>;
 
-/// Metric, unit, published, goals of the presets `paper` and `default`, and the figure.
+/// Metric, unit, published value, goals of the presets `paper` and `default`, and how the figure is
+/// taken from a run.
 type Line = (&'static str, &'static str, Option<f64>, f64, f64, Pick);
 
 const LINES: [Line; 8] = [
@@ -158,7 +162,8 @@ const LINES: [Line; 8] = [
     ("path z, RMSE", "mm", Some(6.0), 6.0, 1.5, |e| rmse(e, 2)),
 ];
 
-/// Metric, its goal, and the figure: held in every seed.
+/// Metric, unit, published value, goal, and how the figure is taken from a run. Every seed must
+/// meet the goal.
 const HELD: [(&str, &str, Option<f64>, Goal, Pick); 6] = [
     (
         "motion tank, most",
@@ -221,7 +226,7 @@ fn rmse(e: &Evaluation, axis: usize) -> Option<f64> {
     Some(e.figures.path.rmse_xyz_m?[axis] * 1e3)
 }
 
-/// All figures, in the order of [`System::ALL`].
+/// All figures, in the order of `runs`.
 pub fn figures(runs: &[Runs]) -> Vec<KaracanFigure> {
     let mut table = Vec::new();
     for Runs {
@@ -295,7 +300,7 @@ pub fn figures(runs: &[Runs]) -> Vec<KaracanFigure> {
     table
 }
 
-/// None as soon as one run lacks the figure: it must not make the others look good.
+/// Value of each run; `None` if any run lacks it, so that the others do not hide that.
 fn picked(runs: &[Evaluation], pick: Pick) -> Option<Vec<f64>> {
     let values: Option<Vec<f64>> = runs.iter().map(pick).collect();
     values.filter(|v| !v.is_empty())
@@ -333,20 +338,20 @@ fn figure(
     }
 }
 
-/// What the law saw in a run, cycle by cycle: to time its steps by.
+/// Inputs of the law in every cycle of a run, for timing its steps.
 ///
 /// # Errors
-/// A scenario that cannot be run.
+/// The scenario cannot be run.
 pub fn step_inputs(scenario: &TactileScenario) -> Result<Vec<UnifiedInput>, ScenarioError> {
     let mut inputs = Vec::new();
     evaluate_tactile_with(scenario, &mut Calm, |c| inputs.push(*c.input))?;
     Ok(inputs)
 }
 
-/// Steps a fresh law through `inputs`, handing each step to `timed`, which calls it once.
+/// Steps a new law through `inputs` and passes each step to `timed`, which calls it once.
 ///
 /// # Errors
-/// A scenario that cannot be run.
+/// The scenario cannot be run.
 pub fn replay(
     scenario: &TactileScenario,
     inputs: &[UnifiedInput],

@@ -21,7 +21,9 @@ mod object_loop;
 mod object_plant;
 mod object_plant_config;
 mod object_scenario;
+mod obstacle;
 mod overrides;
+mod own_hold;
 mod plant;
 mod plant_config;
 mod plant_error;
@@ -58,6 +60,7 @@ pub use object_loop::{
 pub use object_plant::ObjectPlant;
 pub use object_plant_config::{ObjectMotionConfig, ObjectPlantConfig};
 pub use object_scenario::{ObjectKind, ObjectScenario};
+pub use obstacle::Obstacle;
 pub use overrides::OverrideError;
 pub use plant::Plant;
 pub use plant_config::{

@@ -1,9 +1,9 @@
-//! Plant, camera, conditioning, pose estimator and `hybrid_dynamics` in one thread: what `tangent evaluate` runs for scenarios of
-//! kind `object_pose`.
+//! Plant, camera, conditioning, pose estimator and `hybrid_dynamics` in one thread;
+//! `tangent evaluate` runs this for scenarios of kind `object_pose`.
 
 use nalgebra::Vector3;
-use tangent_control::Phase;
 use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
+use tangent_control::{ContactSign, ControllerWord, Phase};
 use tangent_estimation::object_pose::{
     CameraFrame, CameraModel, ObjectEstimate, ObjectPoseEstimator, ObjectSample, ObjectShape,
     build_object_estimator,
@@ -13,7 +13,7 @@ use tangent_sensing::{
     ConditionedWrench, Payload, Validity, WrenchConditioner, WrenchConditionerState,
 };
 
-use crate::closed_loop::{Evaluation, untared_load};
+use crate::closed_loop::{Evaluation, restart, take_tare, untared_load};
 use crate::digest::TrajectoryDigest;
 use crate::loaded_arm::loaded_arm;
 use crate::measurement::ArmMeasurement;
@@ -23,42 +23,45 @@ use crate::metrics::object_pose::{
 use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
 use crate::object_plant::ObjectPlant;
 use crate::object_scenario::ObjectScenario;
+use crate::obstacle::Obstacle;
+use crate::own_hold::OwnHold;
 use crate::scenario::ScenarioError;
 use crate::truth::Truth;
 use crate::watched_sensor::WatchedSensor;
 
-/// Time that a run goes on after its task has ended, s.
+/// Time for which a run continues after its task has ended, s.
 const AFTER_END_S: f64 = 0.2;
-/// Cycles between two looks at the estimator's consistency.
+/// Number of cycles between two samples of the estimator's consistency.
 const NEES_EVERY: u64 = 50;
 
-/// One cycle of the loop, for those who watch.
+/// One cycle of the loop, as shown to an observer.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectCycle<'a> {
     /// What the arm reported.
     pub arm: &'a ArmMeasurement,
-    /// What the controller saw.
+    /// Inputs of the controller.
     pub input: &'a HybridInput,
-    /// What it answered.
+    /// Outputs of the controller.
     pub output: &'a HybridOutput,
-    /// What really happened.
+    /// True state of the contact.
     pub truth: &'a Truth,
-    /// The same, as the figures take it.
+    /// True state and estimate of the cycle, in the form that the figures are computed from.
     pub sample: &'a ObjectSampleTruth,
 }
 
-/// Something done to the inputs on their way, for tests of what fails: frames and wrenches may be changed or taken away.
+/// Changes the inputs before they arrive, to test failures: frames and wrenches can be altered or
+/// removed.
 pub trait Disturbance {
-    /// A frame before the estimator sees it; none for one that never comes.
+    /// A frame before the estimator receives it; `None` for a lost one.
     fn frame(&mut self, _time_s: f64, frame: Option<CameraFrame>) -> Option<CameraFrame> {
         frame
     }
 
-    /// The conditioned wrench before anybody sees it.
+    /// Alters the conditioned wrench before estimator and controller receive it.
     fn wrench(&mut self, _time_s: f64, _input: &mut ConditionedWrench, _age_s: &mut f64) {}
 }
 
-/// Nothing is disturbed.
+/// A disturbance that changes nothing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Undisturbed;
 
@@ -67,15 +70,15 @@ impl Disturbance for Undisturbed {}
 /// Runs a scenario to its end.
 ///
 /// # Errors
-/// What [`ObjectLoop::new`] says.
+/// As [`ObjectLoop::new`].
 pub fn evaluate_object(scenario: &ObjectScenario) -> Result<Evaluation, ScenarioError> {
     evaluate_object_with(scenario, &mut Undisturbed, |_| ())
 }
 
-/// The same, disturbed, and showing every cycle to `watch`.
+/// Runs a scenario to its end with a disturbance and passes every cycle to `watch`.
 ///
 /// # Errors
-/// What [`ObjectLoop::new`] says.
+/// As [`ObjectLoop::new`].
 pub fn evaluate_object_with(
     scenario: &ObjectScenario,
     disturbance: &mut dyn Disturbance,
@@ -135,7 +138,7 @@ pub fn evaluate_object_with(
     })
 }
 
-/// The loop, period by period.
+/// The closed loop, stepped period by period.
 pub struct ObjectLoop {
     plant: ObjectPlant,
     model: Arm<6>,
@@ -154,13 +157,15 @@ pub struct ObjectLoop {
     digest: TrajectoryDigest,
     limited_cycles: u64,
     torque_share_max: f64,
+    /// The robot does not take torques: it holds itself.
+    stopped: Option<OwnHold<6>>,
 }
 
 impl ObjectLoop {
     /// Builds the cell and starts the task.
     ///
     /// # Errors
-    /// A scenario whose cell cannot be built, or whose task, law or estimator is not usable.
+    /// The cell of the scenario cannot be built, or its task, law or estimator is not usable.
     pub fn new(scenario: &ObjectScenario) -> Result<Self, ScenarioError> {
         let corners = scenario.estimation.target.corners();
         let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed)?;
@@ -205,12 +210,18 @@ impl ObjectLoop {
             digest: TrajectoryDigest::default(),
             limited_cycles: 0,
             torque_share_max: 0.0,
+            stopped: None,
         })
     }
 
     /// The cell.
     pub fn plant(&self) -> &ObjectPlant {
         &self.plant
+    }
+
+    /// Puts something in the way of a tool that leaves the surface under it.
+    pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
+        self.plant.put_in_the_way(obstacle);
     }
 
     /// The estimator's squared error over covariance and degrees of freedom, now.
@@ -221,7 +232,7 @@ impl ObjectLoop {
         )
     }
 
-    /// Errors of the stated and of the estimated calibration, now.
+    /// Current errors of the stated and of the estimated calibration.
     pub fn calibration(&self) -> Option<(CalibrationError, Option<CalibrationError>)> {
         let truth = self.plant.truth();
         let flange = truth.base_from_tool * self.flange_from_tool.inverse();
@@ -232,9 +243,36 @@ impl ObjectLoop {
         Some((of(&self.stated), estimated))
     }
 
-    /// The law, for those who ask something of it between two periods.
+    /// The law, for requests between two periods.
     pub fn controller(&mut self) -> &mut HybridDynamics {
         &mut self.controller
+    }
+
+    /// The robot takes torques, or is in a protective stop and holds itself.
+    pub fn set_arm_ready(&mut self, ready: bool) {
+        self.stopped = (!ready).then(OwnHold::default);
+    }
+
+    /// The sensor's service dies and another takes its place. It keeps the last good zero.
+    pub fn restart_sensor(&mut self) {
+        restart(&mut self.conditioning);
+    }
+
+    /// A person asks for a tare; `said_clear`: who has looked and says that the tool hangs free.
+    ///
+    /// # Errors
+    /// What the controller's word says against it.
+    pub fn ask_for_tare(&mut self, said_clear: bool) -> Result<(), ContactSign> {
+        let word = ControllerWord {
+            phase: self.controller.phase(),
+            contact_possible: !self.controller.clearance().is_free(),
+        };
+        take_tare(&self.conditioner, &mut self.conditioning, word, said_clear)
+    }
+
+    /// The wrench as it is shown now; none before the first sample.
+    pub fn shown(&self) -> Option<&ConditionedWrench> {
+        self.conditioned.as_ref()
     }
 
     /// One period: the plant moves, then everybody answers to what it reports.
@@ -264,7 +302,7 @@ impl ObjectLoop {
             dt_s: self.plant.period_s(),
             q: arm.q,
             qd: arm.qd,
-            arm_ready: true,
+            arm_ready: self.stopped.is_none(),
             wrench: Wrench::zero(),
             wrench_validity: Validity::Missing,
             wrench_age_s: f64::INFINITY,
@@ -303,12 +341,16 @@ impl ObjectLoop {
         input.estimate = Some(estimate);
         let output = self.controller.step(&input);
         if output.tare_requested && !self.conditioning.is_taring() {
-            self.conditioner.start_tare(&mut self.conditioning);
+            self.conditioner
+                .start_tare_on(&mut self.conditioning, output.clearance.tare_ground());
         }
         if output.zero_withdrawn {
             self.conditioning.withdraw_tare();
         }
-        self.torque = output.torque;
+        self.torque = match &mut self.stopped {
+            Some(hold) => hold.torque(&self.model, &arm.q, &arm.qd, &self.torque, input.dt_s),
+            None => output.torque,
+        };
         self.output = Some(output);
         let truth = self.plant.truth();
         let object = self.object_sample(&output, &estimate, &truth);

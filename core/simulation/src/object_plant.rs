@@ -12,6 +12,7 @@ use crate::contact::{Pad, PadContact, PadMotion};
 use crate::loaded_arm::loaded_arm;
 use crate::measurement::{ArmMeasurement, SensorSample};
 use crate::object_plant_config::{ObjectPlantConfig, check};
+use crate::obstacle::{Obstacle, Placed};
 use crate::plant_error::PlantError;
 use crate::pose_config::PoseConfig;
 use crate::sensor_load::{Body, SensorLoad};
@@ -39,6 +40,7 @@ pub struct ObjectPlant {
     body: Body,
     motion: PadMotion,
     contact: PadContact,
+    obstacle: Option<Placed>,
     joint_wrench: Joints<6>,
     flange: Pose<Base, Flange>,
     torque_applied: Joints<6>,
@@ -91,6 +93,7 @@ impl ObjectPlant {
                 angular: Vector3::zeros(),
             },
             contact: PadContact::none(),
+            obstacle: None,
             joint_wrench: Joints::<6>::zeros(),
             flange,
             torque_applied: gravity,
@@ -144,6 +147,9 @@ impl ObjectPlant {
             angular: twist.fixed_rows::<3>(3).into_owned(),
         };
         self.contact = self.pad.step(&self.surface, &self.motion, dt, None);
+        if let Some(obstacle) = &self.obstacle {
+            obstacle.push(&self.motion.origin, &mut self.contact);
+        }
         let (f, t) = (&self.contact.force, &self.contact.torque);
         self.joint_wrench = jacobian.tr_mul(&Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z));
 
@@ -165,6 +171,13 @@ impl ObjectPlant {
             &self.motion.origin,
         );
         self.sensor.advance(time_before, dt, wrench);
+    }
+
+    /// Puts something in the way of a tool that leaves the surface under it.
+    pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
+        let at = self.motion.origin;
+        let (_, normal) = self.surface.distance_and_normal(&at);
+        self.obstacle = Some(Placed::new(obstacle, at, normal));
     }
 
     fn expose(&mut self) {

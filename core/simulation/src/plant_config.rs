@@ -1,4 +1,4 @@
-//! The `[plant]` table of a scenario: what the simulated cell is made of.
+//! The `[plant]` table of a scenario: configuration of the simulated cell.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,11 +7,11 @@ use crate::pose_config::PoseConfig;
 use crate::sensor_fault::SensorFault;
 use crate::surfaces::ShapeConfig;
 
-/// Everything the plant is made of. One arm period per step.
+/// Configuration of the plant. It is stepped once per arm period.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlantConfig {
-    /// Built-in arm model, `ur5` unless given.
+    /// Built-in arm model; `ur5` by default.
     #[serde(default = "default_robot")]
     pub robot: String,
     /// Velocity servo and encoders.
@@ -20,9 +20,9 @@ pub struct PlantConfig {
     /// Longest sub-step of contact, s.
     #[serde(default = "default_substep")]
     pub substep_max_s: f64,
-    /// The surface and where it stands.
+    /// The surface and its pose.
     pub surface: SurfaceConfig,
-    /// Pad, compliance and what hangs on the sensor.
+    /// Pad, compliance and payload on the sensor.
     #[serde(default)]
     pub tool: ToolConfig,
     /// Normal force and friction.
@@ -31,9 +31,9 @@ pub struct PlantConfig {
     /// Force/torque sensor.
     #[serde(default)]
     pub sensor: SensorConfig,
-    /// Where the arm stands at the start.
+    /// Start pose of the arm.
     pub start: StartConfig,
-    /// The platform that it stands on, if it moves.
+    /// The mobile platform under the arm; a fixed base when absent.
     #[serde(default)]
     pub base: Option<PlatformConfig>,
 }
@@ -46,7 +46,7 @@ fn default_substep() -> f64 {
     0.001
 }
 
-/// The arm's velocity servo: a delay, a limit on acceleration, a lag.
+/// Velocity servo of the arm: a delay, an acceleration limit and a lag.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ServoConfig {
@@ -54,9 +54,9 @@ pub struct ServoConfig {
     pub period_s: f64,
     /// Whole periods between a command's arrival and the target velocity that follows it.
     pub input_delay_cycles: usize,
-    /// From target velocity to velocity.
+    /// Lag from target velocity to velocity.
     pub lag: Lag,
-    /// Highest joint acceleration whatever the command asks for, rad/s².
+    /// Highest joint acceleration, whatever the command requests, rad/s².
     pub acceleration_max_rad_per_s2: f64,
     /// Resolution of measured joint positions, rad; 0 for none.
     pub encoder_resolution_rad: f64,
@@ -71,7 +71,8 @@ impl Default for ServoConfig {
 }
 
 impl ServoConfig {
-    /// CB3: with the one cycle that a command waits for the program to read it, 24-40 ms from command to measurable velocity.
+    /// CB3: 24-40 ms from command to measurable velocity, including the one cycle that a command
+    /// waits for the program to read it.
     pub fn cb3() -> Self {
         Self {
             period_s: 0.008,
@@ -85,7 +86,7 @@ impl ServoConfig {
         }
     }
 
-    /// e-Series: 6-12 ms in all.
+    /// e-Series: 6-12 ms from command to measurable velocity in all.
     pub fn e_series() -> Self {
         Self {
             period_s: 0.002,
@@ -100,7 +101,7 @@ impl ServoConfig {
     }
 }
 
-/// How velocity follows its target.
+/// Dynamics from target velocity to velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Lag {
@@ -118,7 +119,7 @@ pub enum Lag {
     },
 }
 
-/// The surface and where it stands.
+/// The surface and its pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceConfig {
     /// `base_from_surface`: origin, m.
@@ -132,21 +133,21 @@ pub struct SurfaceConfig {
     pub shape: ShapeConfig,
 }
 
-/// What is mounted on the flange.
+/// Tool and sensor on the flange.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ToolConfig {
-    /// The sensor's frame.
+    /// Pose of the sensor on the flange.
     pub flange_from_sensor: PoseConfig,
-    /// The tool's frame: origin at the middle of the pad, z out of the tool.
+    /// Pose of the tool on the flange: origin at the middle of the pad, z out of the tool.
     pub flange_from_tool: PoseConfig,
-    /// Pad that touches.
+    /// Contact pad.
     pub pad: PadConfig,
     /// Spring between flange and pad; rigid when absent.
     pub compliance: Option<ComplianceConfig>,
-    /// What hangs on the sensor, as the cell file has it.
+    /// Payload on the sensor, as stated in the cell file.
     pub payload: PayloadConfig,
-    /// What the true payload has more than `payload`: mass, kg, and centre of mass, m.
+    /// True payload minus `payload`: mass, kg, and centre of mass, m.
     pub payload_error: PayloadErrorConfig,
 }
 
@@ -173,13 +174,13 @@ impl Default for ToolConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PadConfig {
-    /// m
+    /// Radius of the disk, m.
     pub radius_m: f64,
     /// Rings of points around the middle one: ring `i` has `6 i` points. 0 is a single point.
     pub rings: usize,
-    /// Only the outermost ring touches.
+    /// Whether only the outermost ring touches.
     pub hollow: bool,
-    /// Radius of the pad's crown, m: the rim stands back. Flat when absent.
+    /// Radius of the pad's crown, m: the rim is set back. Flat when absent.
     pub crown_radius_m: Option<f64>,
 }
 
@@ -198,11 +199,11 @@ impl Default for PadConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ComplianceConfig {
-    /// `[x, y, z]`, N/m.
+    /// Translational stiffness `[x, y, z]`, N/m.
     pub stiffness_n_per_m: [f64; 3],
-    /// `[x, y, z]`, Nm/rad.
+    /// Rotational stiffness `[x, y, z]`, Nm/rad.
     pub stiffness_nm_per_rad: [f64; 3],
-    /// Damping over stiffness: time in which a deflection fades, s.
+    /// Damping over stiffness: time constant with which a deflection decays, s.
     pub relaxation_s: f64,
 }
 
@@ -216,11 +217,11 @@ impl Default for ComplianceConfig {
     }
 }
 
-/// Mass that the sensor carries.
+/// Payload on the sensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PayloadConfig {
-    /// kg
+    /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass, sensor axes, m.
     pub com_in_sensor_m: [f64; 3],
@@ -242,9 +243,9 @@ impl Default for PayloadConfig {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PayloadErrorConfig {
-    /// kg
+    /// Error of the mass, kg.
     pub mass_kg: f64,
-    /// Sensor axes, m.
+    /// Error of the centre of mass, sensor axes, m.
     pub com_in_sensor_m: [f64; 3],
 }
 
@@ -252,10 +253,11 @@ pub struct PayloadErrorConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ContactConfig {
-    /// Stiffness along the normal as the flange feels it with the pad flat on the surface: pad and tool compliance in
-    /// series, N/m.
+    /// Stiffness along the normal with the pad flat on the surface, as seen from the flange: pad
+    /// and tool compliance in series, N/m.
     pub stiffness_n_per_m: f64,
-    /// Hunt-Crossley exponent; 1 for a layer that is thin against the pad. With another one, `stiffness_n_per_m` holds at 1 mm.
+    /// Hunt-Crossley exponent; 1 for a layer that is thin compared to the pad. With another
+    /// exponent, `stiffness_n_per_m` holds at a depth of 1 mm.
     pub exponent: f64,
     /// Hunt-Crossley damping factor, s/m: `F = k x^e (1 + 1.5 a x')`.
     pub dissipation_s_per_m: f64,
@@ -321,41 +323,43 @@ pub enum FrictionModel {
     Lugre,
 }
 
-/// Force/torque sensor. All errors off is ideal sensing, which is the default.
+/// Force/torque sensor. The default has no errors: ideal sensing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorConfig {
     /// Samples per second: 1000 in `evaluate`, 7000 live.
     pub rate_hz: f64,
-    /// Counts per N and per Nm, as `cfgcpf` and `cfgcpt`.
+    /// Counts per N, as in `cfgcpf` of the sensor box.
     pub counts_per_n: f64,
-    /// Counts per Nm.
+    /// Counts per Nm, as in `cfgcpt` of the sensor box.
     pub counts_per_nm: f64,
-    /// Rated loads `[Fx, Fy, Fz]`, N. Gauges end a little beyond; `[0, 0, 0]` never saturates.
+    /// Rated forces `[Fx, Fy, Fz]`, N. The gauges saturate slightly above; `[0, 0, 0]` never
+    /// saturates.
     pub range_n: [f64; 3],
-    /// Rated loads `[Tx, Ty, Tz]`, Nm.
+    /// Rated torques `[Tx, Ty, Tz]`, Nm. The gauges saturate slightly above; `[0, 0, 0]` never
+    /// saturates.
     pub range_nm: [f64; 3],
-    /// Smallest step of the reading, N; 0 for that of the counts.
+    /// Smallest step of the force readings, N; 0 for that of the counts.
     pub resolution_n: [f64; 3],
-    /// Smallest step of the reading, Nm.
+    /// Smallest step of the torque readings, Nm; 0 for that of the counts.
     pub resolution_nm: [f64; 3],
     /// White noise of the forces, N/√Hz, one-sided: `σ = density √(rate/2)`.
     pub noise_n_per_sqrt_hz: f64,
-    /// White noise of the torques, Nm/√Hz.
+    /// White noise of the torques, Nm/√Hz, one-sided: `σ = density √(rate/2)`.
     pub noise_nm_per_sqrt_hz: f64,
-    /// Zero of the untared sensor: standard deviation over seeds, N.
+    /// Force zero of the untared sensor: standard deviation over seeds, N.
     pub bias_n: f64,
-    /// The same of the torques, Nm.
+    /// Torque zero of the untared sensor: standard deviation over seeds, Nm.
     pub bias_nm: f64,
-    /// Warm-up: the zero moves this far in a direction drawn from the seed, N.
+    /// Warm-up drift of the force zero, in a direction drawn from the seed, N.
     pub drift_n: f64,
-    /// The same of the torques, Nm.
+    /// Warm-up drift of the torque zero, in a direction drawn from the seed, Nm.
     pub drift_nm: f64,
     /// Time constant of the warm-up, s.
     pub drift_time_constant_s: f64,
     /// Random walk of the force zero, N/√s.
     pub walk_n_per_sqrt_s: f64,
-    /// What it does wrong, and since when.
+    /// Fault of the sensor and its start time; none when absent.
     pub fault: Option<SensorFault>,
 }
 
@@ -366,7 +370,8 @@ impl Default for SensorConfig {
 }
 
 impl SensorConfig {
-    /// No noise, no drift, no ranges; quantised only by the counts of the wire format.
+    /// Ideal sensor: no noise, no drift, no ranges, quantised only by the counts of the wire
+    /// format.
     pub fn ideal() -> Self {
         Self {
             rate_hz: 1000.0,
@@ -411,11 +416,11 @@ impl SensorConfig {
     }
 }
 
-/// Where the tool is at the start, given by the surface.
+/// Start pose of the tool, relative to the surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StartConfig {
-    /// The tool starts over the surface's closest point to this one, base axes, m.
+    /// The tool starts above the surface point closest to this point, base axes, m.
     pub near_m: [f64; 3],
     /// Gap between the tool's origin and the surface, m.
     #[serde(default = "default_clearance")]
@@ -426,10 +431,12 @@ pub struct StartConfig {
     /// Direction of the tilt, about the tool's z axis from its x axis, rad.
     #[serde(default)]
     pub tilt_direction_rad: f64,
-    /// Turn of the tool about its own z axis, rad; at 0 its x axis is as near the base's as it can be.
+    /// Rotation of the tool about its own z axis, rad; at 0 its x axis is as close to the base's as
+    /// possible.
     #[serde(default)]
     pub yaw_rad: f64,
-    /// Joint positions from which inverse kinematics starts, one per joint, rad; the model's home when absent.
+    /// Joint positions from which inverse kinematics starts, one per joint, rad; the model's home
+    /// position when absent.
     #[serde(default)]
     pub seed_rad: Option<Vec<f64>>,
 }

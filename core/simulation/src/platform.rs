@@ -1,6 +1,7 @@
-//! The mobile platform under the arm: how it moves, and what its odometry says of that.
+//! The mobile platform under the arm: its motion and its odometry.
 //!
-//! Called by the plant. The floor's axes are those of the arm's base at time zero; the surface stands in them.
+//! Called by the plant. The floor's axes are those of the arm's base at time zero; the surface is
+//! fixed to the floor.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
@@ -10,21 +11,23 @@ use serde::{Deserialize, Serialize};
 
 use crate::pose_config::PoseConfig;
 
-/// `[plant.base]`: a base that moves.
+/// `[plant.base]`: a moving base.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlatformConfig {
-    /// Velocity of the base's origin, floor axes, m/s: the peak of a swing, or what it comes to.
+    /// Velocity of the base's origin, floor axes, m/s: the peak of an oscillation, or the final
+    /// value of a motion in one direction.
     pub velocity_m_per_s: [f64; 3],
-    /// Turn rate about the base's origin, floor axes, rad/s; the same.
+    /// Turn rate about the base's origin, floor axes, rad/s: the peak of an oscillation, or the
+    /// final value of a rotation in one direction.
     pub turn_rate_rad_per_s: [f64; 3],
-    /// There and back in this time, as a sine, s; 0: straight on for ever.
+    /// Period of a sinusoidal motion there and back, s; 0: motion in one direction without end.
     pub period_s: f64,
-    /// Stands until then, s.
+    /// Time at which the motion begins, s.
     pub start_s: f64,
-    /// Straight on: time in which it comes to its speed, s.
+    /// Time in which a motion in one direction reaches its final velocity, s.
     pub ramp_s: f64,
-    /// What it publishes.
+    /// Odometry that the platform publishes.
     pub odometry: OdometryConfig,
 }
 
@@ -41,31 +44,31 @@ impl Default for PlatformConfig {
     }
 }
 
-/// The platform's odometry. All errors off is ideal.
+/// Odometry of the platform. It is ideal if all errors are zero.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OdometryConfig {
-    /// Poses per second; 0: it says nothing.
+    /// Poses per second; 0: none are published.
     pub rate_hz: f64,
-    /// From measurement to publication, s.
+    /// Time from measurement to publication, s.
     pub latency_s: f64,
-    /// White noise of each axis, m.
+    /// White noise of the position per axis, m.
     pub position_noise_m: f64,
-    /// The same, rad.
+    /// White noise of the orientation per axis, rad.
     pub orientation_noise_rad: f64,
-    /// Random walk of each axis, from slip, m/√s.
+    /// Random walk of the position per axis, as from slip, m/√s.
     pub position_walk_m_per_sqrt_s: f64,
-    /// The same, rad/√s.
+    /// Random walk of the orientation per axis, as from slip, rad/√s.
     pub orientation_walk_rad_per_sqrt_s: f64,
-    /// `world_from_base` at time zero: where the map has the floor's axes.
+    /// `world_from_base` at time zero: pose of the floor's axes in the map.
     pub world_from_start: PoseConfig,
-    /// Falls silent at this time, s.
+    /// Time from which no poses are published, s.
     pub silent_from_s: Option<f64>,
-    /// And speaks again at this, s.
+    /// Time at which publication resumes, s.
     pub silent_until_s: Option<f64>,
-    /// Relocalises at this time, s.
+    /// Time at which the map jumps (relocalisation), s.
     pub jump_at_s: Option<f64>,
-    /// By so much, world axes, m.
+    /// Jump of the map, world axes, m.
     pub jump_m: [f64; 3],
 }
 
@@ -88,7 +91,7 @@ impl Default for OdometryConfig {
 }
 
 impl PlatformConfig {
-    /// The key, its value and what is allowed, of the first number out of its range.
+    /// The first setting out of its range: its key, its value and what is allowed.
     pub(crate) fn wrong(&self) -> Option<(&'static str, f64, &'static str)> {
         let o = &self.odometry;
         let checks = [
@@ -153,14 +156,14 @@ impl PlatformConfig {
     }
 }
 
-/// One pose as the platform publishes it.
+/// One pose, as published by the platform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OdometrySample {
     /// Time of measurement, s.
     pub stamp_s: f64,
     /// Time of publication, s.
     pub published_s: f64,
-    /// `world_from_base`.
+    /// Measured pose of the base, `world_from_base`.
     pub world_from_base: Isometry3<f64>,
     /// Variance of each position axis, m².
     pub position_variance_m2: f64,
@@ -168,7 +171,7 @@ pub struct OdometrySample {
     pub orientation_variance_rad2: f64,
 }
 
-/// The platform with its odometry's state.
+/// The platform and the state of its odometry.
 #[derive(Clone, Debug)]
 pub struct Platform {
     config: PlatformConfig,
@@ -176,13 +179,13 @@ pub struct Platform {
     position_walk: Vector3<f64>,
     orientation_walk: Vector3<f64>,
     measured: u64,
-    /// Measured, not published yet; oldest first.
+    /// Poses measured but not yet published, oldest first.
     under_way: Vec<OdometrySample>,
     published: Vec<OdometrySample>,
 }
 
 impl Platform {
-    /// Standing at the floor's origin.
+    /// Platform at rest at the floor's origin.
     pub fn new(config: &PlatformConfig, seed: u64) -> Self {
         Self {
             rng: Pcg64Mcg::seed_from_u64(seed ^ 0xba5e_0d0e_7a11_c0de),
@@ -195,11 +198,11 @@ impl Platform {
         }
     }
 
-    /// `floor_from_base` at a time, exactly.
+    /// True pose of the base on the floor, `floor_from_base`, at `time_s`.
     pub fn pose(&self, time_s: f64) -> Isometry3<f64> {
         let c = &self.config;
         let t = (time_s - c.start_s).max(0.0);
-        // The way over the peak speed, s.
+        // Distance divided by the peak speed, s.
         let way = if c.period_s > 0.0 {
             let rate = std::f64::consts::TAU / c.period_s;
             (1.0 - (rate * t).cos()) / rate
@@ -272,7 +275,7 @@ impl Platform {
         }
     }
 
-    /// What was published in the last step, oldest first.
+    /// Poses published in the last step, oldest first.
     pub fn published(&self) -> &[OdometrySample] {
         &self.published
     }

@@ -1,4 +1,4 @@
-//! A pose as scenario files write it.
+//! A pose as it is written in scenario files.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ pub struct PoseConfig {
 }
 
 impl PoseConfig {
-    /// The same as an isometry.
+    /// The pose as an isometry.
     pub fn isometry(&self) -> Isometry3<f64> {
         let [roll, pitch, yaw] = self.roll_pitch_yaw_rad;
         Isometry3::from_parts(

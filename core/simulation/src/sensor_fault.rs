@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use nalgebra::Vector6;
 use serde::{Deserialize, Serialize};
 
 use crate::measurement::SensorSample;
@@ -36,6 +37,18 @@ pub enum SensorFault {
         /// Since when.
         from_s: f64,
     },
+    /// The reading no longer answers to load: it stays at what was felt at `from_s`, and the noise, the drift and the steps of a living
+    /// sensor go on.
+    Deaf {
+        /// The axis that does not answer, 0 Fx to 5 Tz; all of them where none is named.
+        #[serde(default)]
+        axis: Option<usize>,
+        /// Beside what was felt, N on x, y and z: the level at which it stays.
+        #[serde(default)]
+        offset_n: [f64; 3],
+        /// Since when.
+        from_s: f64,
+    },
 }
 
 impl SensorFault {
@@ -45,6 +58,13 @@ impl SensorFault {
             Self::StuckAxis { axis, .. } if axis > 5 => {
                 Some(("sensor.fault.axis", axis as f64, "0 (Fx) to 5 (Tz)"))
             }
+            Self::Deaf {
+                axis: Some(axis), ..
+            } if axis > 5 => Some(("sensor.fault.axis", axis as f64, "0 (Fx) to 5 (Tz)")),
+            Self::Deaf { offset_n, .. } => offset_n
+                .into_iter()
+                .find(|n| !(-1000.0..=1000.0).contains(n))
+                .map(|n| ("sensor.fault.offset_n", n, "-1000 to 1000 N")),
             Self::Slow { delay_s, .. } if !(0.0..=10.0).contains(&delay_s) => {
                 Some(("sensor.fault.delay_s", delay_s, "0 to 10 s"))
             }
@@ -57,7 +77,8 @@ impl SensorFault {
             Self::Frozen { from_s }
             | Self::StuckAxis { from_s, .. }
             | Self::Slow { from_s, .. }
-            | Self::BiasStep { from_s, .. } => from_s,
+            | Self::BiasStep { from_s, .. }
+            | Self::Deaf { from_s, .. } => from_s,
         }
     }
 }
@@ -70,6 +91,8 @@ pub(crate) struct FaultySensor {
     last: Option<SensorSample>,
     /// Samples of the last `delay_s`, oldest first.
     past: VecDeque<SensorSample>,
+    /// What a deaf sensor feels for ever, N and Nm.
+    held: Option<Vector6<f64>>,
 }
 
 impl FaultySensor {
@@ -82,6 +105,32 @@ impl FaultySensor {
             fault,
             last: None,
             past: VecDeque::with_capacity(kept),
+            held: None,
+        }
+    }
+
+    /// What reaches the gauges in place of the load `wrench` (N, Nm) at `time_s`: noise, drift and steps come on top.
+    pub fn load(&mut self, time_s: f64, wrench: &Vector6<f64>) -> Vector6<f64> {
+        match self.fault {
+            SensorFault::Deaf {
+                axis,
+                offset_n,
+                from_s,
+            } if time_s >= from_s => {
+                let [x, y, z] = offset_n;
+                let held = *self
+                    .held
+                    .get_or_insert(wrench + Vector6::new(x, y, z, 0.0, 0.0, 0.0));
+                match axis {
+                    None => held,
+                    Some(axis) => {
+                        let mut felt = *wrench;
+                        felt[axis] = held[axis];
+                        felt
+                    }
+                }
+            }
+            _ => *wrench,
         }
     }
 
@@ -107,6 +156,7 @@ impl FaultySensor {
             SensorFault::StuckAxis { axis, .. } => {
                 counts[axis] = self.last.map_or(counts, |last| last.counts)[axis];
             }
+            SensorFault::Deaf { .. } => {}
             SensorFault::Slow { .. } => {
                 counts = self.past.front().map_or(counts, |old| old.counts);
             }
@@ -152,6 +202,22 @@ mod tests {
             from_s,
         });
         assert_eq!(at(&slow, 0)[5..], [2, 3, 4, 5, 6]);
+        let deaf = |axis| {
+            let fault = SensorFault::Deaf {
+                axis,
+                offset_n: [0.0, 0.0, -1.0],
+                from_s,
+            };
+            let mut faulty = FaultySensor::new(fault, 1000.0);
+            (0..10)
+                .map(|k| faulty.load(f64::from(k) * 1e-3, &Vector6::repeat(f64::from(k))))
+                .collect::<Vec<_>>()
+        };
+        let z = |all: &[Vector6<f64>]| all.iter().map(|load| load[2]).collect::<Vec<_>>();
+        let stays = [0.0, 1.0, 2.0, 3.0, 4.0, 4.0, 4.0, 4.0, 4.0, 4.0];
+        assert_eq!(z(&deaf(None)), stays);
+        assert_eq!(z(&deaf(Some(2))), stays);
+        assert_eq!(deaf(Some(2))[9][1], 9.0);
         let step = read(SensorFault::BiasStep {
             counts: [0, 0, -100, 0, 0, 0],
             from_s,

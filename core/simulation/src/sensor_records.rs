@@ -50,10 +50,12 @@ impl SensorRecords {
             let share = ((time - time_before) / dt).clamp(0.0, 1.0);
             let between = self.wrench + (wrench - self.wrench) * share;
             if self.records.len() < self.records.capacity() {
-                let sample = self.sensor.read(time, &between);
                 self.records.push(match &mut self.fault {
-                    Some(faulty) => faulty.distort(sample),
-                    None => sample,
+                    Some(faulty) => {
+                        let load = faulty.load(time, &between);
+                        faulty.distort(self.sensor.read(time, &load))
+                    }
+                    None => self.sensor.read(time, &between),
                 });
             }
             self.taken += 1;

@@ -1,57 +1,59 @@
-//! Plant, camera, touch estimator and `unified_force_impedance` in one thread: what `tangent evaluate` runs for scenarios of kind
-//! `visuo_tactile`.
+//! Plant, camera, touch estimator and `unified_force_impedance` in one thread; `tangent evaluate`
+//! runs this for scenarios of kind `visuo_tactile`.
 
 use nalgebra::{Vector3, Vector6};
 use tangent_control::{Phase, UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput};
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
-use tangent_mechanics::{Joints, Pose, Twist, Wrench};
+use tangent_mechanics::{Arm, Joints, Pose, Twist, Wrench};
 use tangent_sensing::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState, Validity};
 
 use crate::closed_loop::Evaluation;
 use crate::digest::TrajectoryDigest;
 use crate::metrics::tactile::{TactileFigures, TactileSample};
 use crate::metrics::{CycleSample, EstimateSample, Figures, TruthSample};
+use crate::obstacle::Obstacle;
+use crate::own_hold::OwnHold;
 use crate::scenario::ScenarioError;
 use crate::tactile_plant::{JOINTS, TactileMeasurement, TactilePlant};
 use crate::tactile_scenario::TactileScenario;
 use crate::truth::Truth;
 
-/// Time that a run goes on after its task has ended, s.
+/// Time for which a run continues after its task has ended, s.
 const AFTER_END_S: f64 = 0.2;
 
-/// One cycle of the loop, for those who watch.
+/// One cycle of the loop, as shown to an observer.
 pub struct TactileCycle<'a> {
-    /// What the controller saw.
+    /// Inputs of the controller.
     pub input: &'a UnifiedInput,
-    /// What it answered.
+    /// Outputs of the controller.
     pub output: &'a UnifiedOutput,
-    /// What really happened.
+    /// True state of the contact.
     pub truth: &'a Truth,
-    /// As the figures of every law take it.
+    /// Sample for the figures common to all laws.
     pub cycle: &'a CycleSample,
-    /// As those of this one do.
+    /// Sample for the figures of this law.
     pub sample: &'a TactileSample,
     /// The cell.
     pub plant: &'a TactilePlant,
 }
 
-/// Something done to the inputs on their way, for tests of what fails.
+/// Changes the inputs before they arrive, to test failures.
 pub trait TactileDisturbance {
-    /// A normal before the law sees it; none for a frame that never comes.
+    /// A normal before the law receives it; `None` for a lost frame.
     fn vision(&mut self, _time_s: f64, normal: VisionInput) -> Option<VisionInput> {
         Some(normal)
     }
 
-    /// Everything else that the law is about to see.
+    /// Alters all other inputs of the law.
     fn input(&mut self, _input: &mut UnifiedInput) {}
 
-    /// Somebody pushes the tool: a wrench in base axes, N and Nm.
+    /// External wrench on the tool, base axes, N and Nm.
     fn push(&mut self, _time_s: f64) -> Vector6<f64> {
         Vector6::zeros()
     }
 }
 
-/// Nothing is disturbed.
+/// A disturbance that changes nothing.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Calm;
 
@@ -60,15 +62,15 @@ impl TactileDisturbance for Calm {}
 /// Runs a scenario to its end.
 ///
 /// # Errors
-/// What [`TactileLoop::new`] says.
+/// As [`TactileLoop::new`].
 pub fn evaluate_tactile(scenario: &TactileScenario) -> Result<Evaluation, ScenarioError> {
     evaluate_tactile_with(scenario, &mut Calm, |_| ())
 }
 
-/// The same, disturbed, and showing every cycle to `watch`.
+/// Runs a scenario to its end with a disturbance and passes every cycle to `watch`.
 ///
 /// # Errors
-/// What [`TactileLoop::new`] says.
+/// As [`TactileLoop::new`].
 pub fn evaluate_tactile_with(
     scenario: &TactileScenario,
     disturbance: &mut dyn TactileDisturbance,
@@ -111,7 +113,7 @@ pub fn evaluate_tactile_with(
     })
 }
 
-/// The loop, period by period.
+/// The closed loop, stepped period by period.
 pub struct TactileLoop {
     plant: TactilePlant,
     touch: Box<dyn NormalEstimator>,
@@ -124,13 +126,17 @@ pub struct TactileLoop {
     torque: Joints<JOINTS>,
     output: Option<UnifiedOutput>,
     digest: TrajectoryDigest,
+    /// As the robot knows itself.
+    stated: Arm<JOINTS>,
+    /// The robot does not take torques: it holds itself.
+    stopped: Option<OwnHold<JOINTS>>,
 }
 
 impl TactileLoop {
     /// Builds the cell and starts the task.
     ///
     /// # Errors
-    /// A scenario whose cell cannot be built, or whose task, law or estimator is not usable.
+    /// The cell of the scenario cannot be built, or its task, law or estimator is not usable.
     pub fn new(scenario: &TactileScenario) -> Result<Self, ScenarioError> {
         let plant = TactilePlant::new(&scenario.plant, scenario.seed)?;
         let start = plant.truth().base_from_tool;
@@ -144,6 +150,8 @@ impl TactileLoop {
             wrench_lag_s: scenario.law()?.touch.wrench_lag_s,
             up: -scenario.task.approach.direction.in_base(&start),
             torque: plant.stated_model()?.gravity(&plant.measured().q),
+            stated: plant.stated_model()?,
+            stopped: None,
             plant,
             vision: None,
             felt: None,
@@ -157,9 +165,19 @@ impl TactileLoop {
         &self.plant
     }
 
+    /// Puts something in the way of a tool that leaves the surface under it.
+    pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
+        self.plant.put_in_the_way(obstacle);
+    }
+
     /// The law, for those who ask something of it between two periods.
     pub fn controller(&mut self) -> &mut UnifiedForceImpedance {
         &mut self.controller
+    }
+
+    /// The robot takes torques, or is in a protective stop and holds itself.
+    pub fn set_arm_ready(&mut self, ready: bool) {
+        self.stopped = (!ready).then(OwnHold::default);
     }
 
     /// One period: the plant moves, then everybody answers to what it reports.
@@ -180,10 +198,11 @@ impl TactileLoop {
             dt_s: self.plant.period_s(),
             q: arm.q,
             qd: arm.qd,
-            arm_ready: true,
+            arm_ready: self.stopped.is_none(),
             wrench: arm.wrench,
             wrench_validity: Validity::Valid,
             wrench_age_s: 0.0,
+            untared: None,
             vision: self.vision,
             touch: self.felt,
             touch_age_s: self.plant.period_s(),
@@ -191,7 +210,10 @@ impl TactileLoop {
         disturbance.input(&mut input);
         self.judge(&mut input);
         let output = self.controller.step(&input);
-        self.torque = output.torque;
+        self.torque = match &mut self.stopped {
+            Some(hold) => hold.torque(&self.stated, &arm.q, &arm.qd, &self.torque, input.dt_s),
+            None => output.torque,
+        };
         self.output = Some(output);
         self.feel(&input, &output);
         let truth = self.plant.truth();
@@ -208,7 +230,8 @@ impl TactileLoop {
         (cycle, sample)
     }
 
-    /// As the robot's bridge judges its estimate: by whether it lives.
+    /// Marks a wrench estimate as invalid once it, or one of its axes, no longer changes, as the
+    /// robot's bridge does.
     fn judge(&mut self, input: &mut UnifiedInput) {
         let wrench = input.wrench.vector();
         let counts = std::array::from_fn(|i| (wrench[i] * 1e6).round() as i32);
@@ -223,7 +246,7 @@ impl TactileLoop {
         }
     }
 
-    /// Touch's own normal for the next period, from the wrench that the law has cleaned.
+    /// Estimates the normal by touch for the next period, from the wrench as cleaned by the law.
     fn feel(&mut self, input: &UnifiedInput, output: &UnifiedOutput) {
         let jacobian = self
             .plant
@@ -241,7 +264,7 @@ impl TactileLoop {
             base_from_tool: output.base_from_tool,
             twist,
             twist_commanded: twist,
-            // Not used where it is not valid.
+            // Ignored while it is not valid.
             wrench: felt.unwrap_or(Wrench::zero()),
             wrench_delay_s: self.wrench_lag_s,
             wrench_validity: if felt.is_some() {
@@ -260,7 +283,8 @@ impl TactileLoop {
         output: &UnifiedOutput,
         truth: &Truth,
     ) -> (CycleSample, TactileSample) {
-        // What the policy wants is a place across the approach; its height is the surface, as the tool should touch it there.
+        // The reference is a position across the approach direction. Its height is that of the
+        // surface, where the tool should touch it.
         let wanted = self
             .plant
             .surface_along(&output.path_reference, &self.up)

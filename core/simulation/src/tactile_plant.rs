@@ -1,5 +1,5 @@
-//! The simulated cell of visuo-tactile scenarios: a torque-controlled arm with a soft pad and no force sensor, a stiff surface, a camera.
-//! One control period per step.
+//! The simulated cell of visuo-tactile scenarios: a torque-controlled arm with a soft pad and no
+//! force sensor, a stiff surface, and a camera. It is stepped once per control period.
 
 use nalgebra::{Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
@@ -11,6 +11,7 @@ use crate::contact::{Pad, PadContact, PadMotion};
 use crate::depth_source::DepthSource;
 use crate::loaded_arm::loaded_arm;
 use crate::normal_camera::NormalCamera;
+use crate::obstacle::{Obstacle, Placed};
 use crate::plant_config::StartConfig;
 use crate::plant_error::PlantError;
 use crate::pose_config::PoseConfig;
@@ -21,10 +22,10 @@ use crate::torque_arm::{DELAY_PERIODS_MAX, TorqueArm};
 use crate::truth::Truth;
 use crate::wrench_estimate::WrenchEstimate;
 
-/// Joints of the arm.
+/// Number of joints of the arm.
 pub const JOINTS: usize = 7;
 
-/// What the arm reports after a period.
+/// Measurements that the arm reports after a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TactileMeasurement {
     /// Time of measurement, s.
@@ -33,24 +34,25 @@ pub struct TactileMeasurement {
     pub q: Joints<JOINTS>,
     /// Measured joint velocities, rad/s.
     pub qd: Joints<JOINTS>,
-    /// The robot's own estimate of what the environment does to the tool.
+    /// Wrench of the environment on the tool, as estimated by the robot.
     pub wrench: Wrench<Tool>,
-    /// The same as torques on the joints, Nm.
+    /// Joint torques that correspond to the estimated wrench of the environment, Nm.
     pub external_torque: Joints<JOINTS>,
 }
 
-/// Energy that went through the arm's ports since the plant was made, J. What tests hold a law's own books against.
+/// Energy that has passed through the arm's ports since the plant was created, J. Tests compare a
+/// law's energy balance with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EnergyBooks {
-    /// By the motors.
+    /// Energy from the motors, J.
     pub motors_j: f64,
-    /// By the environment.
+    /// Energy from the environment, J.
     pub environment_j: f64,
-    /// Taken by the joints' friction.
+    /// Energy dissipated by the joints' friction, J.
     pub friction_j: f64,
 }
 
-/// The camera, by where its normals come from.
+/// The camera, by the source of its normals.
 enum Eye {
     Features(Box<NormalCamera>),
     Depth(Box<DepthSource>),
@@ -72,6 +74,7 @@ pub struct TactilePlant {
     torque_applied: Joints<JOINTS>,
     motion: PadMotion,
     contact: PadContact,
+    obstacle: Option<Placed>,
     joint_wrench: Joints<JOINTS>,
     push: Vector6<f64>,
     measured: TactileMeasurement,
@@ -79,10 +82,10 @@ pub struct TactilePlant {
 }
 
 impl TactilePlant {
-    /// Builds the cell at rest in its start pose, motors holding the arm.
+    /// Builds the cell at rest in its start pose, with the motors holding the arm.
     ///
     /// # Errors
-    /// Says which key is wrong and what is allowed, or why the start pose cannot be reached.
+    /// A key is wrong, with what is allowed, or the start pose cannot be reached, with the reason.
     pub fn new(config: &TactilePlantConfig, seed: u64) -> Result<Self, PlantError> {
         check(config)?;
         let model = loaded_arm::<JOINTS>(&config.robot, &config.tool, true)?;
@@ -130,6 +133,7 @@ impl TactilePlant {
                 angular: Vector3::zeros(),
             },
             contact: PadContact::none(),
+            obstacle: None,
             joint_wrench: Joints::zeros(),
             push: Vector6::zeros(),
             measured: TactileMeasurement {
@@ -147,7 +151,8 @@ impl TactilePlant {
         Ok(plant)
     }
 
-    /// One period under motor torques (Nm), from their delay line to the wrench estimate and the camera.
+    /// Runs one period under motor torques (Nm): from their delay line to the wrench estimate and
+    /// the camera.
     pub fn step(&mut self, torque: &Joints<JOINTS>) {
         let delay = self.config.arm.delay_periods;
         self.torques[..=delay].rotate_right(1);
@@ -163,7 +168,7 @@ impl TactilePlant {
         self.expose();
     }
 
-    /// The camera looks from where the arm measures it to be.
+    /// Exposes the camera at the arm's measured pose.
     fn expose(&mut self) {
         let time = self.time_s();
         match &mut self.camera {
@@ -195,6 +200,9 @@ impl TactilePlant {
             angular: twist.fixed_rows::<3>(3).into_owned(),
         };
         self.contact = self.pad.step(&self.surface, &self.motion, dt, None);
+        if let Some(obstacle) = &self.obstacle {
+            obstacle.push(&self.motion.origin, &mut self.contact);
+        }
         let (f, t) = (&self.contact.force, &self.contact.torque);
         let wrench = Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z) + self.push;
         self.joint_wrench = jacobian.tr_mul(&wrench);
@@ -223,17 +231,24 @@ impl TactilePlant {
         };
     }
 
+    /// Puts something in the way of a tool that leaves the surface under it.
+    pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
+        let at = self.motion.origin;
+        let (_, normal) = self.surface.distance_and_normal(&at);
+        self.obstacle = Some(Placed::new(obstacle, at, normal));
+    }
+
     /// Somebody pushes: a wrench on the tool, base axes (N, then Nm), until it is set again.
     pub fn push(&mut self, wrench: &Vector6<f64>) {
         self.push = *wrench;
     }
 
-    /// What the arm reports now.
+    /// Current measurements of the arm.
     pub fn measured(&self) -> TactileMeasurement {
         self.measured
     }
 
-    /// The newest of the camera's normals that has arrived since it was asked last.
+    /// The newest normal of the camera that has arrived since the last call.
     pub fn take_normal(&mut self) -> Option<VisionInput> {
         let time = self.time_s();
         match &mut self.camera {
@@ -242,7 +257,7 @@ impl TactilePlant {
         }
     }
 
-    /// Frames that the camera took.
+    /// Number of frames that the camera has taken.
     pub fn frames(&self) -> u64 {
         match &self.camera {
             Eye::Features(camera) => camera.frames(),
@@ -250,7 +265,7 @@ impl TactilePlant {
         }
     }
 
-    /// What really happens at the contact now.
+    /// Current true state of the contact.
     pub fn truth(&self) -> Truth {
         Truth::of(
             self.time_s(),
@@ -261,8 +276,8 @@ impl TactilePlant {
         )
     }
 
-    /// Height of the surface along `direction` (unit, against gravity) over the point `at`, base axes: where a tool that comes down
-    /// along `-direction` touches. None past the edges.
+    /// Point of the surface on the line through `at` along `direction` (unit, against gravity),
+    /// base axes: where a tool that moves down along `-direction` touches. `None` beyond the edges.
     pub fn surface_along(
         &self,
         at: &Vector3<f64>,
@@ -283,7 +298,7 @@ impl TactilePlant {
         None
     }
 
-    /// Time since the plant was made, s.
+    /// Time since the plant was created, s.
     pub fn time_s(&self) -> f64 {
         self.periods as f64 * self.config.arm.period_s
     }
@@ -293,15 +308,15 @@ impl TactilePlant {
         self.config.arm.period_s
     }
 
-    /// The arm, with what really hangs on it.
+    /// The arm with its true payload.
     pub fn arm(&self) -> &TorqueArm<JOINTS> {
         &self.arm
     }
 
-    /// The arm as its controller knows it.
+    /// Model of the arm as its controller knows it.
     ///
     /// # Errors
-    /// None for a plant that was built.
+    /// None for a plant that has been built.
     pub fn stated_model(&self) -> Result<Arm<JOINTS>, PlantError> {
         loaded_arm(&self.config.robot, &self.config.tool, false)
     }
@@ -316,18 +331,18 @@ impl TactilePlant {
         self.flange_from_tool
     }
 
-    /// What the motors gave in the last period, Nm.
+    /// Motor torques of the last period, Nm.
     pub fn torque_applied(&self) -> Joints<JOINTS> {
         self.torque_applied
     }
 
-    /// Energy through the ports until now.
+    /// Energy through the ports so far.
     pub fn energy(&self) -> EnergyBooks {
         self.books
     }
 }
 
-/// The start with what the seed changes about it.
+/// Start pose, varied by the seed.
 fn spread_start(config: &TactilePlantConfig, seed: u64) -> StartConfig {
     let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x57a2_7b3a_d0c1_f00d);
     let mut share = || -> f64 { rng.random_range(-1.0..=1.0) };

@@ -10,6 +10,7 @@ use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};
 use tangent_sensing::{MomentumObserver, MomentumObserverState, wrench_of_torques};
 
 use crate::plant_error::PlantError;
+use crate::sensor_fault::{FaultySensor, SensorFault};
 
 /// Longest delay, periods.
 const DELAY_PERIODS_MAX: usize = 16;
@@ -26,6 +27,8 @@ pub struct ExternalWrenchConfig {
     pub torque_noise_nm: f64,
     /// Zero error of a measured torque, standard deviation over seeds, Nm.
     pub torque_bias_nm: f64,
+    /// What goes wrong with the estimate, and since when: `deaf` only.
+    pub fault: Option<SensorFault>,
 }
 
 impl Default for ExternalWrenchConfig {
@@ -35,6 +38,7 @@ impl Default for ExternalWrenchConfig {
             delay_periods: 1,
             torque_noise_nm: 0.03,
             torque_bias_nm: 0.05,
+            fault: None,
         }
     }
 }
@@ -55,6 +59,13 @@ impl ExternalWrenchConfig {
             "0 to 16",
             self.delay_periods <= DELAY_PERIODS_MAX,
         )?;
+        if let Some(fault) = self.fault {
+            let known = matches!(fault, SensorFault::Deaf { .. });
+            value("external_wrench.fault", 0.0, "of kind deaf", known)?;
+            if let Some((_, x, allowed)) = fault.mistake() {
+                value("external_wrench.fault", x, allowed, false)?;
+            }
+        }
         for (key, x) in [
             ("external_wrench.torque_noise_nm", self.torque_noise_nm),
             ("external_wrench.torque_bias_nm", self.torque_bias_nm),
@@ -73,6 +84,9 @@ pub struct WrenchEstimate<const N: usize> {
     observer: MomentumObserver,
     state: MomentumObserverState<N>,
     bias: Joints<N>,
+    fault: Option<FaultySensor>,
+    /// Noise alone as the observer passes it on, Nm, and the periods so far.
+    hiss: (Joints<N>, u64),
     rng: Pcg64Mcg,
     under_way: ArrayVec<(Wrench<Tool>, Joints<N>), { DELAY_PERIODS_MAX + 1 }>,
 }
@@ -90,6 +104,8 @@ impl<const N: usize> WrenchEstimate<N> {
             },
             state: MomentumObserverState::default(),
             bias,
+            fault: config.fault.map(|fault| FaultySensor::new(fault, 1.0)),
+            hiss: (Joints::zeros(), 0),
             rng,
             under_way: ArrayVec::new(),
         }
@@ -111,8 +127,19 @@ impl<const N: usize> WrenchEstimate<N> {
         let external = self
             .observer
             .update(&mut self.state, &self.model, q, qd, &measured, dt_s);
-        let at_tool = wrench_of_torques(jacobian, &external);
-        let wrench = tool.unalign_wrench(&Wrench::from_vector(&at_tool));
+        let seen = |torque: &Joints<N>| {
+            tool.unalign_wrench(&Wrench::from_vector(&wrench_of_torques(jacobian, torque)))
+        };
+        let mut wrench = seen(&external);
+        if let Some(fault) = &mut self.fault {
+            let share = self.config.gain_per_s * dt_s;
+            let (hiss, periods) = &mut self.hiss;
+            *hiss -= (noise + *hiss) * (share / (1.0 + share));
+            *periods += 1;
+            let noise = seen(hiss).vector();
+            let time_s = *periods as f64 * dt_s;
+            wrench = Wrench::from_vector(&(fault.load(time_s, &(wrench.vector() - noise)) + noise));
+        }
         // Never full: one comes, and past the delay one goes.
         let _ = self.under_way.try_push((wrench, external));
         if self.under_way.len() > self.config.delay_periods {

@@ -5,8 +5,13 @@
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
+mod shown_force;
 mod tactile_cells;
 
+use nalgebra::Vector3;
+use shown_force::{
+    Action, Cell, Seen as Shown, Sequence, play, stands_or_slides, whatever_is_done,
+};
 use tangent_control::{Clearance, Fault, Phase};
 use tangent_simulation::{Calm, ObjectLoop, ObjectScenario, TactileLoop, Undisturbed};
 
@@ -124,4 +129,258 @@ fn hybrid_dynamics_moves_off_before_the_tare() {
     }
     eprintln!("shown off by {worst:.3} N");
     assert!(worst <= SHOWN_MAX_N, "{worst} N");
+}
+
+/// What the robot and the controller's service add to a law of torques. A stop ends the task to the robot: it holds itself until one is
+/// started anew, as it does while no task runs.
+#[derive(Clone, Copy, Debug, Default)]
+struct Service {
+    stopped: bool,
+    /// The controller died: what the next one knows of the tool. It runs no task.
+    died: Option<Clearance>,
+}
+
+/// A law of torques with what is asked of it alone.
+macro_rules! torque_cell {
+    ($name:ident, $cell:ty) => {
+        struct $name {
+            cell: $cell,
+            service: Service,
+            reference_n: f64,
+            delay_s: f64,
+        }
+
+        impl $name {
+            fn active_phase(&mut self) -> Phase {
+                if self.service.died.is_some() {
+                    return Phase::Idle;
+                }
+                self.cell.controller().phase()
+            }
+
+            fn start(&mut self) {
+                if self.active_phase().is_active() {
+                    return;
+                }
+                let known = self
+                    .service
+                    .died
+                    .unwrap_or(self.cell.controller().clearance());
+                let at = self.cell.plant().truth().base_from_tool.translation();
+                let law = self.cell.controller();
+                if law.check_start(&known, &at).is_ok() {
+                    law.begin(known);
+                    self.service = Service::default();
+                    self.cell.set_arm_ready(true);
+                }
+            }
+
+            /// What follows for the robot.
+            fn after(&mut self) {
+                if !self.service.stopped && !self.active_phase().is_active() {
+                    self.stop_arm();
+                }
+            }
+
+            fn stop_arm(&mut self) {
+                if !self.service.stopped {
+                    self.service.stopped = true;
+                    self.cell.set_arm_ready(false);
+                }
+            }
+
+            fn ask(&mut self, action: Action) {
+                let alive = self.service.died.is_none();
+                let law = self.cell.controller();
+                match action {
+                    Action::Start => self.start(),
+                    Action::Pause if alive => drop(law.pause(true)),
+                    Action::Resume if alive => drop(law.pause(false)),
+                    Action::Stop if alive => law.stop(),
+                    Action::ControllerDies if alive => {
+                        let known = law.clearance();
+                        // It takes no zero any more.
+                        law.stop();
+                        self.service.died = Some(known);
+                        self.stop_arm();
+                    }
+                    _ => {}
+                }
+            }
+        }
+    };
+}
+
+torque_cell!(UnifiedCell, TactileLoop);
+torque_cell!(HybridCell, ObjectLoop);
+
+impl Cell for UnifiedCell {
+    fn period_s(&self) -> f64 {
+        self.cell.plant().period_s()
+    }
+
+    fn delay_s(&self) -> f64 {
+        self.delay_s
+    }
+
+    fn compares(&self, phase: Phase) -> bool {
+        stands_or_slides(phase)
+    }
+
+    fn reference_n(&self) -> f64 {
+        self.reference_n
+    }
+
+    fn phase(&mut self) -> Phase {
+        self.active_phase()
+    }
+
+    fn step(&mut self) -> Shown {
+        let (alive, mut seen) = (self.service.died.is_none(), None);
+        self.cell.step(&mut Calm, &mut |c| {
+            let zeroed = alive && c.output.zero_age_s.is_some();
+            seen = Some(Shown {
+                phase: c.output.phase,
+                fault: c.output.fault,
+                force_n: c.truth.wrench.force.norm(),
+                truth: Vector3::z() * c.truth.wrench.force.dot(&c.truth.normal),
+                shown: c
+                    .output
+                    .force_n
+                    .filter(|_| zeroed)
+                    .map(|n| Vector3::z() * n),
+            });
+        });
+        self.after();
+        seen.unwrap()
+    }
+
+    fn set_arm_ready(&mut self, ready: bool) {
+        if !ready {
+            self.stop_arm();
+        }
+    }
+
+    fn act(&mut self, action: Action) {
+        // Its sensor is the robot itself, and its zero the law's.
+        self.ask(action);
+    }
+}
+
+impl Cell for HybridCell {
+    fn period_s(&self) -> f64 {
+        self.cell.plant().period_s()
+    }
+
+    fn delay_s(&self) -> f64 {
+        self.delay_s
+    }
+
+    fn compares(&self, phase: Phase) -> bool {
+        stands_or_slides(phase)
+    }
+
+    fn reference_n(&self) -> f64 {
+        self.reference_n
+    }
+
+    fn phase(&mut self) -> Phase {
+        self.active_phase()
+    }
+
+    fn step(&mut self) -> Shown {
+        let mut seen = None;
+        self.cell.step(&mut Undisturbed, &mut |c| {
+            let shown = c.output.base_from_tool.rotate(&c.input.wrench.force);
+            seen = Some(Shown {
+                phase: c.output.phase,
+                fault: c.output.fault,
+                force_n: c.truth.wrench.force.norm(),
+                truth: c.truth.wrench.force,
+                shown: c.input.bias_age_s.map(|_| shown),
+            });
+        });
+        self.after();
+        if let Some(shown) = self.cell.shown() {
+            self.delay_s = shown.delay_s;
+        }
+        seen.unwrap()
+    }
+
+    fn set_arm_ready(&mut self, ready: bool) {
+        if !ready {
+            self.stop_arm();
+        }
+    }
+
+    fn act(&mut self, action: Action) {
+        match action {
+            Action::SensorRestarts => self.cell.restart_sensor(),
+            Action::Tare => drop(self.cell.ask_for_tare(false)),
+            other => self.ask(other),
+        }
+    }
+}
+
+/// `zero_nm`: standard deviation of the zeros of the robot's own torque sensors.
+fn unified_cell(sequence: &Sequence, zero_nm: f64) -> UnifiedCell {
+    let scenario = tactile_cells::scenario(&[
+        &format!("plant.external_wrench.torque_bias_nm={zero_nm}"),
+        &format!("seed={}", sequence.seed),
+        &format!(
+            "plant.contact.stiffness_n_per_m={:.1}",
+            sequence.stiffness_n_per_m
+        ),
+        "plant.start.clearance_m=0.015",
+        "task.end.retract_distance_m=0.02",
+    ]);
+    UnifiedCell {
+        cell: TactileLoop::new(&scenario).unwrap(),
+        service: Service::default(),
+        reference_n: scenario.task.force.reference_n,
+        delay_s: scenario.law().unwrap().touch.wrench_lag_s,
+    }
+}
+
+fn hybrid_cell(sequence: &Sequence) -> HybridCell {
+    let text = include_str!("../../../scenarios/lippiello/lippiello_realistic.toml");
+    let set = [
+        format!("seed={}", sequence.seed),
+        format!(
+            "plant.contact.stiffness_n_per_m={:.1}",
+            sequence.stiffness_n_per_m
+        ),
+        "plant.start.clearance_m=0.03".to_owned(),
+        "task.end.retract_distance_m=0.02".to_owned(),
+    ];
+    let scenario = ObjectScenario::parse("truth", text, &set).unwrap();
+    HybridCell {
+        cell: ObjectLoop::new(&scenario).unwrap(),
+        service: Service::default(),
+        reference_n: scenario.task.force.reference_n,
+        delay_s: 0.0,
+    }
+}
+
+/// Without zero errors of its torque sensors: what they do is no matter of what was done to the cell.
+#[test]
+fn whatever_is_done_to_unified_force_impedance() {
+    whatever_is_done(8, &[2e4, 5e4], 4.0, |sequence| unified_cell(sequence, 0.0));
+}
+
+/// Nothing is done to it. A joint's constant error is another wrench in another posture than that of the zero.
+#[test]
+#[ignore = "0.56 N: 0.05 Nm of a joint's own zero, and friction that is told a fifth too low, are in the robot's estimate"]
+fn the_zeros_of_the_robots_own_torque_sensors_are_not_shown() {
+    let sequence = Sequence {
+        seed: 283_100,
+        stiffness_n_per_m: 2e4,
+        steps: Vec::new(),
+    };
+    play(&sequence, unified_cell(&sequence, 0.05)).is_true();
+}
+
+#[test]
+fn whatever_is_done_to_hybrid_dynamics() {
+    whatever_is_done(8, &[5e3, 1e4], 4.0, hybrid_cell);
 }

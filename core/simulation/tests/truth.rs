@@ -1,177 +1,164 @@
-//! The force shown is the true force: random sequences of starts, pauses, protective stops, deaths of the controller and of the
-//! sensor's service, and tares; by the simulator's truth.
+//! The force shown is the true force, under the law of the arms that take velocities; by the simulator's truth.
 
-// A test says what it found, and reads the scenarios that ship.
-#![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
-use std::collections::VecDeque;
+mod shown_force;
 
-use nalgebra::Vector3;
-use rand::{RngExt, SeedableRng};
-use rand_pcg::Pcg64Mcg;
+use shown_force::{Action, Cell, Seen, Watched, whatever_is_done};
 use tangent_control::{Clearance, Fault, Phase, Task};
 use tangent_simulation::{ClosedLoop, Scenario};
 
-/// Largest difference between the force shown and the true one, N.
-const SHOWN_MAX_N: f64 = 0.5;
-/// Shown and true are compared as means over so many cycles: the filter's delay is no lie.
-const MEAN_CYCLES: usize = 25;
-
 /// A cell in which everything that a person or a fault does can be done.
-struct Cell {
+struct VelocityCell {
     cell: ClosedLoop,
     task: Task,
-    peak_n: f64,
-    worst_n: f64,
-    differences: VecDeque<Vector3<f64>>,
-    phases: Vec<Phase>,
-    faults: Vec<Fault>,
 }
 
-impl Cell {
-    fn new(stiffness_n_per_m: f64, seed: u64) -> Self {
-        let text = include_str!("../../../scenarios/plane.toml");
-        let overrides = [
-            format!("seed={seed}"),
-            format!("plant.contact.stiffness_n_per_m={stiffness_n_per_m:.1}"),
-            "plant.sensor.bias_n=5.0".to_owned(),
-            "plant.sensor.bias_nm=0.2".to_owned(),
-            "plant.sensor.noise_n_per_sqrt_hz=0.002".to_owned(),
-            "plant.start.clearance_m=0.004".to_owned(),
-            "task.end.retract_distance_m=0.01".to_owned(),
-        ];
-        let scenario = Scenario::parse("truth", text, &overrides, &|_| Err(String::new())).unwrap();
-        Self {
-            cell: ClosedLoop::new(&scenario).unwrap(),
-            task: scenario.task,
-            peak_n: 0.0,
-            worst_n: 0.0,
-            differences: VecDeque::new(),
-            phases: Vec::new(),
-            faults: Vec::new(),
-        }
+fn velocity_cell(stiffness_n_per_m: f64, seed: u64) -> VelocityCell {
+    let text = include_str!("../../../scenarios/plane.toml");
+    let overrides = [
+        format!("seed={seed}"),
+        format!("plant.contact.stiffness_n_per_m={stiffness_n_per_m:.1}"),
+        "plant.sensor.bias_n=5.0".to_owned(),
+        "plant.sensor.bias_nm=0.2".to_owned(),
+        "plant.sensor.noise_n_per_sqrt_hz=0.002".to_owned(),
+        "plant.start.clearance_m=0.004".to_owned(),
+        "task.end.retract_distance_m=0.01".to_owned(),
+    ];
+    let scenario = Scenario::parse("truth", text, &overrides, &|_| Err(String::new())).unwrap();
+    VelocityCell {
+        cell: ClosedLoop::new(&scenario).unwrap(),
+        task: scenario.task,
+    }
+}
+
+fn watched(stiffness_n_per_m: f64, seed: u64) -> Watched<VelocityCell> {
+    Watched::new(velocity_cell(stiffness_n_per_m, seed))
+}
+
+impl Cell for VelocityCell {
+    fn period_s(&self) -> f64 {
+        self.cell.plant().period_s()
+    }
+
+    fn delay_s(&self) -> f64 {
+        self.cell.shown().map_or(0.0, |shown| shown.delay_s)
+    }
+
+    fn compares(&self, _: Phase) -> bool {
+        true
+    }
+
+    fn reference_n(&self) -> f64 {
+        self.task.force.reference_n
     }
 
     fn phase(&mut self) -> Phase {
         self.cell.controller().phase()
     }
 
-    fn step(&mut self) {
-        let (mut force, mut tool) = (Vector3::zeros(), None);
-        let (mut phase, mut fault) = (Phase::Idle, None);
+    fn step(&mut self) -> Seen {
+        let mut seen = None;
         let _ = self.cell.step(&mut |cycle| {
-            force = cycle.truth.wrench.force;
-            tool = Some(cycle.input.base_from_tool);
-            (phase, fault) = (cycle.output.phase, cycle.output.fault);
+            let shown = cycle.input.base_from_tool.rotate(&cycle.input.wrench.force);
+            seen = Some(Seen {
+                phase: cycle.output.phase,
+                fault: cycle.output.fault,
+                force_n: cycle.truth.wrench.force.norm(),
+                truth: cycle.truth.wrench.force,
+                shown: cycle.input.bias_age_s.map(|_| shown),
+            });
         });
-        self.peak_n = self.peak_n.max(force.norm());
-        if self.phases.last() != Some(&phase) {
-            self.phases.push(phase);
-        }
-        if let Some(fault) = fault
-            && self.faults.last() != Some(&fault)
-        {
-            self.faults.push(fault);
-        }
-        let shown = self.cell.shown().unwrap();
-        if shown.bias_age_s.is_none() {
-            // Nothing is shown without a zero.
-            self.differences.clear();
-            return;
-        }
-        let shown = tool.unwrap().rotate(&shown.wrench.force);
-        self.differences.push_back(shown - force);
-        if self.differences.len() > MEAN_CYCLES {
-            self.differences.pop_front();
-            let mean = self.differences.iter().sum::<Vector3<f64>>() / MEAN_CYCLES as f64;
-            self.worst_n = self.worst_n.max(mean.norm());
-        }
+        seen.unwrap()
     }
 
-    fn run(&mut self, seconds: f64) {
-        for _ in 0..(seconds / 0.008) as usize {
-            self.step();
-        }
+    fn set_arm_ready(&mut self, ready: bool) {
+        self.cell.set_arm_ready(ready);
     }
 
-    fn run_until(&mut self, wanted: Phase) {
-        for _ in 0..5000 {
-            self.step();
-            if self.phase() == wanted {
-                return;
+    fn act(&mut self, action: Action) {
+        match action {
+            Action::Start => {
+                // Refused while one runs.
+                let _ = self.cell.start(&self.task);
             }
+            Action::Pause => {
+                let _ = self.cell.controller().pause();
+            }
+            Action::Resume => {
+                let _ = self.cell.controller().resume();
+            }
+            Action::Stop => self.cell.controller().stop(),
+            Action::ControllerDies => self.cell.restart_controller().unwrap(),
+            Action::SensorRestarts => self.cell.restart_sensor(),
+            Action::Tare => {
+                let _ = self.cell.ask_for_tare(false);
+            }
+            Action::ProtectiveStop => {}
         }
-        panic!("never in {wanted:?}: {:?} {:?}", self.phases, self.faults);
-    }
-
-    /// A fault that leaves the tool on the surface: the robot takes no commands for a moment.
-    fn protective_stop(&mut self) {
-        self.cell.set_arm_ready(false);
-        self.run(0.3);
-        self.cell.set_arm_ready(true);
-    }
-
-    fn start(&mut self) {
-        let task = self.task.clone();
-        self.cell.start(&task).unwrap();
-    }
-
-    fn is_true(&self) {
-        let peak_max_n = (2.0 * self.task.force.reference_n).max(10.0);
-        let told = || format!("{:?} {:?}", self.phases, self.faults);
-        assert!(self.peak_n <= peak_max_n, "{} N: {}", self.peak_n, told());
-        assert!(
-            self.worst_n <= SHOWN_MAX_N,
-            "shown {} N off: {}",
-            self.worst_n,
-            told()
-        );
     }
 }
 
 /// The first start tares pressed, and the one after it on top of that: 3, 6, 9 N.
 #[test]
 fn a_start_after_a_stop_on_the_surface_moves_off_first() {
-    for death in [Cell::protective_stop, |cell: &mut Cell| {
-        cell.cell.restart_controller().unwrap();
-        cell.run(0.3);
-    }] {
-        let mut cell = Cell::new(5000.0, 1);
+    for death in [Action::ProtectiveStop, Action::ControllerDies] {
+        let mut cell = watched(5000.0, 1);
         for _ in 0..4 {
             cell.run_until(Phase::Slide);
             cell.run(1.0);
-            death(&mut cell);
+            cell.act(death);
             cell.run(0.3);
-            assert!(!cell.phase().is_active());
-            cell.start();
+            assert!(!cell.cell.phase().is_active());
+            cell.act(Action::Start);
             cell.step();
-            assert_eq!(cell.phase(), Phase::Clear);
+            assert_eq!(cell.cell.phase(), Phase::Clear);
         }
         cell.run_until(Phase::Slide);
         cell.run(1.0);
-        cell.cell.controller().stop();
+        cell.cell.cell.controller().stop();
         cell.run_until(Phase::Done);
-        assert_eq!(cell.cell.controller().clearance(), Clearance::Free);
+        assert_eq!(cell.cell.cell.controller().clearance(), Clearance::Free);
+        cell.is_true();
+    }
+}
+
+/// A controller that knows only what the one before wrote down moves off, and does nothing more.
+#[test]
+fn a_stop_after_a_restart_leaves_the_surface() {
+    for stiffness_n_per_m in [1000.0, 5000.0, 30_000.0] {
+        let mut cell = watched(stiffness_n_per_m, 4);
+        cell.run_until(Phase::Slide);
+        cell.run(1.0);
+        cell.act(Action::ControllerDies);
+        cell.run(0.3);
+        assert!(!cell.cell.cell.controller().clearance().is_free());
+        cell.cell.cell.start(&Task::leave(30.0)).unwrap();
+        cell.phases.clear();
+        cell.run_until(Phase::Done);
+        assert_eq!(cell.phases, [Phase::Clear, Phase::Done]);
+        assert_eq!(cell.cell.cell.controller().clearance(), Clearance::Free);
+        cell.run(0.3);
+        assert_eq!(cell.cell.step().force_n, 0.0);
         cell.is_true();
     }
 }
 
 #[test]
 fn a_tare_is_refused_while_pressing_sliding_or_paused_and_after() {
-    let mut cell = Cell::new(5000.0, 2);
+    let mut cell = watched(5000.0, 2);
     cell.run_until(Phase::Slide);
     for said_clear in [false, true] {
-        assert!(cell.cell.ask_for_tare(said_clear).is_err());
+        assert!(cell.cell.cell.ask_for_tare(said_clear).is_err());
     }
-    cell.cell.controller().pause().unwrap();
+    cell.cell.cell.controller().pause().unwrap();
     cell.run_until(Phase::Hold);
-    assert!(cell.cell.ask_for_tare(true).is_err());
+    assert!(cell.cell.cell.ask_for_tare(true).is_err());
     cell.run(1.0);
-    cell.protective_stop();
+    cell.act(Action::ProtectiveStop);
     // It stands pressed: a person may say that it hangs free, and nobody else.
-    assert!(cell.cell.ask_for_tare(false).is_err());
+    assert!(cell.cell.cell.ask_for_tare(false).is_err());
     cell.run(1.0);
     cell.is_true();
 }
@@ -179,34 +166,34 @@ fn a_tare_is_refused_while_pressing_sliding_or_paused_and_after() {
 /// Without any memory, the zero itself says so: it jumps against the last good one, or is touched at once.
 #[test]
 fn a_zero_taken_in_contact_is_found_out_without_any_memory() {
-    let mut cell = Cell::new(5000.0, 3);
+    let mut cell = watched(5000.0, 3);
     cell.run_until(Phase::Slide);
     cell.run(1.0);
-    cell.protective_stop();
+    cell.act(Action::ProtectiveStop);
     // The state folder was lost: it counts as free. The zero jumps against the last one, so there is none.
-    let forget = |cell: &mut Cell| {
+    let forget = |cell: &mut Watched<VelocityCell>| {
         cell.cell
+            .cell
             .controller()
-            .set_clearance(Clearance::Free)
+            .set_clearance(Clearance::Assumed)
             .unwrap();
     };
     forget(&mut cell);
-    cell.start();
+    cell.act(Action::Start);
     cell.run_until(Phase::Fault);
     assert_eq!(cell.faults.last(), Some(&Fault::NoTare));
     cell.is_true();
     // The last good zero is lost too: the approach touches at once, and the zero is taken back.
-    cell.cell.forget_zeros();
+    cell.cell.cell.forget_zeros();
     forget(&mut cell);
-    cell.start();
+    cell.act(Action::Start);
     cell.run_until(Phase::Fault);
     assert_eq!(cell.faults.last(), Some(&Fault::ZeroInContact));
-    assert!(cell.cell.shown().unwrap().bias_age_s.is_none());
+    assert!(cell.cell.cell.shown().unwrap().bias_age_s.is_none());
     assert!(cell.peak_n < 10.0, "{}", cell.peak_n);
     // That retraction ended in free space: the next start is a good one.
-    cell.differences.clear();
-    cell.worst_n = 0.0;
-    cell.start();
+    cell.forget();
+    cell.act(Action::Start);
     cell.run_until(Phase::Slide);
     cell.run(1.0);
     cell.is_true();
@@ -214,49 +201,7 @@ fn a_zero_taken_in_contact_is_found_out_without_any_memory() {
 
 #[test]
 fn whatever_the_sequence_of_stops_restarts_and_tares() {
-    let mut slid = 0;
-    let mut worst = (0.0_f64, 0.0_f64);
-    for seed in 0..60 {
-        let mut rng = Pcg64Mcg::seed_from_u64(seed);
-        let stiffness = [2e3, 5e3, 1e4, 2.5e4][rng.random_range(0..4)];
-        let mut cell = Cell::new(stiffness, seed);
-        for _ in 0..12 {
-            cell.run(rng.random_range(0.05..3.0));
-            match rng.random_range(0..8) {
-                0 | 1 => {
-                    let task = cell.task.clone();
-                    // Refused while one runs.
-                    let _ = cell.cell.start(&task);
-                }
-                2 => {
-                    let _ = cell.cell.controller().pause();
-                }
-                3 => {
-                    let _ = cell.cell.controller().resume();
-                }
-                4 => cell.protective_stop(),
-                5 => cell.cell.restart_controller().unwrap(),
-                6 => cell.cell.restart_sensor(),
-                _ => {
-                    let _ = cell.cell.ask_for_tare(false);
-                }
-            }
-        }
-        if !cell.phase().is_active() {
-            cell.start();
-        }
-        cell.run(8.0);
-        slid += usize::from(cell.phases.contains(&Phase::Slide));
-        worst = (worst.0.max(cell.peak_n), worst.1.max(cell.worst_n));
-        eprintln!(
-            "seed {seed}: peak {:.2} N, shown off by {:.3} N, {:?}",
-            cell.peak_n, cell.worst_n, cell.faults
-        );
-        cell.is_true();
-    }
-    eprintln!(
-        "worst: peak {:.2} N, shown off by {:.3} N",
-        worst.0, worst.1
-    );
-    assert!(slid > 50, "{slid} of 60 sequences slid");
+    whatever_is_done(60, &[2e3, 5e3, 1e4, 2.5e4], 3.0, |sequence| {
+        velocity_cell(sequence.stiffness_n_per_m, sequence.seed)
+    });
 }

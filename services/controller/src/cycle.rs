@@ -2,6 +2,7 @@
 //! published before it returns. Takes no lock and no memory.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use nalgebra::Vector3;
@@ -136,28 +137,25 @@ impl Cycle {
     fn deal_with(&mut self, mut letter: Letter<Program>) {
         let controller = &mut self.controller;
         let result = match letter.ask() {
-            Ask::Start(program) => {
-                if controller.phase().is_active() {
-                    Err(Outcome::Refused(ControlError::WrongPhase {
-                        request: "start a task",
-                        phase: controller.phase().name(),
-                        remedy: "stop the running task first",
-                    }))
-                } else if let Err(error) = controller.check_start(&self.position) {
-                    Err(Outcome::Refused(error))
-                } else if let Some(new) = program.take() {
-                    match controller.start(new, self.latched) {
-                        Ok(old) => {
-                            **program = old;
-                            self.show_parameters();
-                            Ok(())
-                        }
-                        Err(error) => Err(Outcome::Refused(error)),
-                    }
-                } else {
+            Ask::Start {
+                program,
+                said_clear,
+            } => match start(
+                controller,
+                program,
+                *said_clear,
+                &self.position,
+                self.latched,
+            ) {
+                Ok(()) => {
+                    self.mailbox
+                        .said_clear
+                        .store(*said_clear, Ordering::Release);
+                    self.show_parameters();
                     Ok(())
                 }
-            }
+                Err(error) => Err(Outcome::Refused(error)),
+            },
             Ask::Pause => controller.pause().map_err(Outcome::Refused),
             Ask::Resume => controller.resume().map_err(Outcome::Refused),
             Ask::Stop if controller.is_left_on_surface() => {
@@ -168,13 +166,13 @@ impl Cycle {
                     Err(Outcome::Refused(cannot_leave(controller.phase())))
                 }
             }
+            Ask::Stop if !controller.phase().is_active() && !controller.clearance().is_free() => {
+                Err(Outcome::MayTouch)
+            }
             Ask::Stop => {
                 controller.stop();
                 Ok(())
             }
-            Ask::Clear => controller
-                .set_clearance(Clearance::Free)
-                .map_err(Outcome::Refused),
             Ask::Select { name, force } => {
                 controller.listen_to(*name);
                 controller
@@ -230,4 +228,39 @@ impl Cycle {
             other,
         });
     }
+}
+
+/// Starts a program; what a person says of the tool counts only where the start does.
+fn start(
+    controller: &mut Controller,
+    program: &mut Option<Program>,
+    said_clear: bool,
+    position: &Vector3<f64>,
+    latched: u64,
+) -> Result<(), ControlError> {
+    if controller.phase().is_active() {
+        return Err(ControlError::WrongPhase {
+            request: "start a task",
+            phase: controller.phase().name(),
+            remedy: "stop the running task first",
+        });
+    }
+    let known = controller.clearance();
+    if said_clear {
+        controller.set_clearance(Clearance::Assumed)?;
+    }
+    let started = controller
+        .check_start(position)
+        .and_then(|()| match program.take() {
+            Some(new) => controller.start(new, latched),
+            None => Ok(None),
+        });
+    match started {
+        Ok(old) => *program = old,
+        Err(error) => {
+            controller.set_clearance(known)?;
+            return Err(error);
+        }
+    }
+    Ok(())
 }

@@ -1,6 +1,5 @@
 //! Answers people and programs: `control/task`, `control/stop`, `control/select`. Runs in the askers' threads.
 
-use std::sync::atomic::Ordering;
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -16,7 +15,7 @@ use tangent_schemas::topics::{self, Topic, queries};
 use tangent_sensing::Validity;
 
 use crate::inputs::driven_by_another;
-use crate::mailbox::{Ask, Mailbox, Outcome, Silence, Time};
+use crate::mailbox::{Ask, Mailbox, Outcome, Silence, Time, cannot_leave};
 use crate::memory::Memory;
 
 /// Older than this, an input does not count as there when a task is to start.
@@ -33,6 +32,9 @@ pub trait Kind: Send + Sync + 'static {
 
     /// The task of this text with its name; or why it cannot be run.
     fn prepare(&self, text: &str) -> Result<(String, Self::Program), String>;
+
+    /// Moves a tool that may touch off the surface along the last known normal; or why it cannot.
+    fn leave(&self) -> Result<Self::Program, String>;
 
     /// Whether what is known of the surface comes in, now; or why not.
     fn check_estimates(
@@ -125,7 +127,7 @@ impl<K: Kind> Desk<K> {
                 queries::CONTROL_TASK,
                 |request| match request.action.as_str() {
                     "pause" | "stop" => Lane::Urgent,
-                    "start" | "resume" => Lane::Slow,
+                    "start" | "start_clear" | "resume" => Lane::Slow,
                     _ => Lane::Prompt,
                 },
                 move |asked| task.task(&asked).into(),
@@ -152,8 +154,8 @@ impl<K: Kind> Desk<K> {
     fn task(&self, asked: &Asked) -> Answer {
         let time = time(asked);
         match asked.request.action.as_str() {
-            "start" => self.start(&asked.request.argument, time),
-            "start_clear" => self.start_clear(&asked.request.argument, time),
+            "start" => self.start(&asked.request.argument, time, false),
+            "start_clear" => self.start(&asked.request.argument, time, true),
             "pause" => self.ask(Ask::Pause, time, |phase| paused(phase).to_owned()),
             "resume" => self.ask(Ask::Resume, time, |_| "going on".to_owned()),
             "stop" => self.stop(time),
@@ -167,7 +169,11 @@ impl<K: Kind> Desk<K> {
     fn stop(&self, time: Time) -> Answer {
         // A start that is still being prepared does not come after it.
         self.mailbox.stop_asked(time.received);
-        let answer = self.ask(Ask::Stop, time, |phase| stopped(phase).to_owned());
+        let name = EstimatorName::new();
+        let answer = match self.mailbox.ask(Ask::Stop, time) {
+            Ok(Outcome::MayTouch) => self.leave(time),
+            outcome => told(outcome, &name, |phase| stopped(phase).to_owned()),
+        };
         let arm = self.seen().arm.fresh(FRESH).map(|arm| arm.message.clone());
         match arm {
             Some(arm) if !answer.done && !arm.ready => refused(format!(
@@ -178,7 +184,29 @@ impl<K: Kind> Desk<K> {
         }
     }
 
-    fn start(&self, text: &str, time: Time) -> Answer {
+    /// Off a surface that the tool may have touched before this controller started.
+    fn leave(&self, time: Time) -> Answer {
+        let ready = (self.seen().arm.fresh(FRESH)).is_some_and(|arm| arm.message.ready);
+        if !ready {
+            return refused(cannot_leave(self.mailbox.phase()).to_string());
+        }
+        match self.kind.leave() {
+            Ok(program) => {
+                let ask = Ask::Start {
+                    program: Box::new(Some(program)),
+                    said_clear: false,
+                };
+                self.ask(ask, time, |_| LEAVING.to_owned())
+            }
+            Err(reason) => refused(reason),
+        }
+    }
+
+    /// Starts a task; `said_clear`: a person has looked and says that the tool hangs free.
+    fn start(&self, text: &str, time: Time, said_clear: bool) -> Answer {
+        if said_clear {
+            tracing::warn!("a person says that the tool hangs free, and starts a task");
+        }
         let (name, program) = match self.kind.prepare(text) {
             Ok(prepared) => prepared,
             Err(reason) => return refused(reason),
@@ -191,12 +219,14 @@ impl<K: Kind> Desk<K> {
         }
         // Before anything can touch: who starts after a crash has to know.
         let known = self.memory.known();
-        let kept = self.expect_contact();
+        let kept = self.expect_contact(said_clear);
         // Before the start: the recorder asks as soon as it sees one.
         let before = std::mem::replace(&mut self.seen().task_toml, text.to_owned());
-        let mut answer = self.ask(Ask::Start(Box::new(Some(program))), time, |_| {
-            format!("task \"{name}\" started")
-        });
+        let ask = Ask::Start {
+            program: Box::new(Some(program)),
+            said_clear,
+        };
+        let mut answer = self.ask(ask, time, |_| format!("task \"{name}\" started"));
         if !answer.done {
             self.seen().task_toml = before;
             if !self.mailbox.phase().is_active() {
@@ -209,25 +239,9 @@ impl<K: Kind> Desk<K> {
         answer
     }
 
-    /// A start by a person who has looked and says that the tool hangs free.
-    fn start_clear(&self, text: &str, time: Time) -> Answer {
-        tracing::warn!("a person says that the tool hangs free, and starts a task");
-        let said = self.ask(Ask::Clear, time, |_| String::new());
-        if !said.done {
-            return said;
-        }
-        // It is written down as possible again before this start.
-        let _ = self.memory.set(Clearance::Free);
-        self.mailbox.said_clear.store(true, Ordering::Release);
-        let answer = self.start(text, time);
-        if !answer.done {
-            self.mailbox.said_clear.store(false, Ordering::Release);
-        }
-        answer
-    }
-
-    /// Writes down that the tool may touch something from now on, in front of it as it stands.
-    fn expect_contact(&self) -> Result<(), String> {
+    /// Writes down that the tool may touch something from now on, in front of it as it stands. What was known in doubt before stays,
+    /// unless a person has looked.
+    fn expect_contact(&self, said_clear: bool) -> Result<(), String> {
         let Some(arm) = self
             .seen()
             .arm
@@ -239,9 +253,13 @@ impl<K: Kind> Desk<K> {
         let Ok(pose) = Pose::<Base, Tool>::try_from(&arm) else {
             return Ok(());
         };
-        self.memory
-            .expect_contact(-pose.z_axis(), pose.translation())
-            .map_err(|error| error.to_string())
+        let (normal, position) = (-pose.z_axis(), pose.translation());
+        let written = if said_clear {
+            self.memory.set(Clearance::Possible { normal, position })
+        } else {
+            self.memory.expect_contact(normal, position)
+        };
+        written.map_err(|error| error.to_string())
     }
 
     /// The text of the task that was started last, for the recorder.
@@ -338,17 +356,7 @@ impl<K: Kind> Desk<K> {
             Ask::Select { name, .. } => *name,
             _ => EstimatorName::new(),
         };
-        match self.mailbox.ask(ask, time) {
-            Err(silence) => refused(silence_text(silence)),
-            Ok(Outcome::Refused(error)) => refused(error.to_string()),
-            Ok(Outcome::SwitchRefused(why)) => refused(why.error(&name).to_string()),
-            Ok(Outcome::TooLate) => refused(TOO_LATE),
-            Ok(Outcome::Stopped) => refused(STOPPED),
-            Ok(Outcome::Done { activation, phase }) => done_with(
-                done(phase),
-                &json!({"activation": activation, "phase": phase.name()}),
-            ),
-        }
+        told(self.mailbox.ask(ask, time), &name, done)
     }
 
     fn status(&self) -> Answer {
@@ -437,6 +445,26 @@ fn time(asked: &Asked) -> Time {
     }
 }
 
+/// An outcome in words; `name` is the estimator that a switch was about.
+fn told(
+    outcome: Result<Outcome, Silence>,
+    name: &EstimatorName,
+    done: impl Fn(Phase) -> String,
+) -> Answer {
+    match outcome {
+        Err(silence) => refused(silence_text(silence)),
+        Ok(Outcome::Refused(error)) => refused(error.to_string()),
+        Ok(Outcome::SwitchRefused(why)) => refused(why.error(name).to_string()),
+        Ok(Outcome::TooLate) => refused(TOO_LATE),
+        Ok(Outcome::Stopped) => refused(STOPPED),
+        Ok(Outcome::MayTouch) => refused(MAY_TOUCH),
+        Ok(Outcome::Done { activation, phase }) => done_with(
+            done(phase),
+            &json!({"activation": activation, "phase": phase.name()}),
+        ),
+    }
+}
+
 /// What a stop comes to, by the phase after the request was taken.
 fn stopped(phase: Phase) -> &'static str {
     match phase {
@@ -471,6 +499,9 @@ pub fn silence_text(silence: Silence) -> &'static str {
 }
 
 const TOO_LATE: &str = "the loop came to the request too late: nothing was done, ask again";
+const MAY_TOUCH: &str = "no task runs, and the tool may touch something: nothing was done";
+/// A stop after a restart, with the tool perhaps still pressed.
+const LEAVING: &str = "no task runs, but the tool may still touch what it touched before the controller started: moving off along the last known normal";
 const STOPPED: &str =
     "a stop came after this start, or the controller is ending: nothing was started, start again";
 

@@ -189,7 +189,12 @@ fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
         let said_clear = mailbox.said_clear.swap(false, Ordering::AcqRel);
         let request = Request {
             action: "tare".into(),
-            argument: if said_clear { "clear" } else { "" }.into(),
+            argument: match (said_clear, mailbox.shown_free.load(Ordering::Acquire)) {
+                (true, _) => "clear",
+                (false, true) => "shown",
+                (false, false) => "",
+            }
+            .into(),
         };
         mailbox.tare_refusal("");
         // Asked again until it is done, or the phase that waits for it is over.

@@ -1,8 +1,10 @@
-//! Requests from other threads to the loop, which answers each within a cycle and never waits.
+//! Requests from other threads to the control loop. The loop answers each within one cycle and
+//! never waits.
 //!
-//! A request is claimed by the loop or withdrawn by its asker, never both: either takes it out of its slot, which is one atomic
-//! operation. A claimed request is waited for until its real outcome is known; a withdrawn one has no effect. Whatever is allocated
-//! outside the loop is freed outside of it: a request comes back to its asker with the answer.
+//! A request is either claimed by the loop or withdrawn by its caller, never both: each takes it
+//! out of its slot in one atomic operation. The caller of a claimed request waits until its real
+//! outcome is known. A withdrawn request has no effect. Memory that is allocated outside the loop
+//! is also freed outside of it: a request returns to its caller with the answer.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,64 +18,69 @@ use tangent_schemas::convert::cut;
 
 use crate::inputs::EstimateReader;
 
-/// What the loop is asked. `P` is a task made ready for the loop's law.
+/// A request to the loop. `P` is a task prepared for the loop's law.
 pub enum Ask<P> {
     /// Start this program; the box comes back with the one before.
-    Start(Box<Option<P>>),
+    Start {
+        /// The program to start, and then the one before.
+        program: Box<Option<P>>,
+        /// A person has looked and says that the tool hangs free. Without effect where the start is refused.
+        said_clear: bool,
+    },
     /// Stand still.
     Pause,
-    /// Go on.
+    /// Resume the task.
     Resume,
-    /// Retract and end.
+    /// Retract and end the task.
     Stop,
-    /// Use this estimator; `force` waives its agreement.
+    /// Use this estimator.
     Select {
-        /// Which one.
+        /// Name of the estimator.
         name: EstimatorName,
-        /// Even if it disagrees.
+        /// Whether to use it even if it is invalid or disagrees with the normal in use.
         force: bool,
     },
-    /// A person has looked: the tool hangs free.
-    Clear,
     /// Read this estimator's topic too.
     Listen(Box<Option<EstimateReader>>),
 }
 
 impl<P> Ask<P> {
-    /// It brings the arm to rest, and has slots of its own.
+    /// Whether the request brings the arm to rest. Urgent requests have their own slots.
     fn is_urgent(&self) -> bool {
         matches!(self, Self::Pause | Self::Stop)
     }
 }
 
-/// What the loop answers.
+/// Answer of the loop to a request.
 #[derive(Debug)]
 pub enum Outcome {
-    /// Done.
+    /// The request was carried out.
     Done {
-        /// Counts task starts; a start says its own.
+        /// Counts the task starts; for a start, its own number.
         activation: u64,
-        /// Phase in which the request found the task; for a stop, the phase that it leads to.
+        /// Phase in which the request was received; for a stop, the phase that it leads to.
         phase: Phase,
     },
-    /// Not done.
+    /// The request was refused.
     Refused(ControlError),
-    /// The switch was refused.
+    /// The switch to another estimator was refused.
     SwitchRefused(SwitchRefusal),
-    /// Not done: its deadline had passed when the loop came to it.
+    /// Not carried out: its deadline had passed before the loop claimed it.
     TooLate,
-    /// Not done: a stop was asked for after this start.
+    /// Not carried out: a stop was requested after this start.
     Stopped,
+    /// A stop where no task runs: the tool may still touch what it touched before this controller started.
+    MayTouch,
 }
 
-/// Why the loop has not answered.
+/// Why there is no answer from the loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Silence {
-    /// Nobody took the request in time. It is withdrawn and has no effect.
+    /// The loop did not claim the request in time. It was withdrawn and has no effect.
     Withdrawn,
-    /// All slots are in use. It has no effect.
+    /// All slots are in use. The request has no effect.
     Full,
-    /// The loop ended with the request in its hands.
+    /// The loop ended after it had claimed the request.
     Lost,
 }
 
@@ -88,33 +95,33 @@ pub struct Letter<P> {
 }
 
 impl<P> Letter<P> {
-    /// The request, to be dealt with in the loop.
+    /// The request, to be carried out in the loop.
     pub fn ask(&mut self) -> &mut Ask<P> {
         &mut self.ask
     }
 
-    /// Sends it back with its answer. No lock, no memory.
+    /// Returns the request to its caller with the outcome. Takes no lock and allocates nothing.
     pub fn answer(mut self, outcome: Outcome) {
         self.outcome = Some(outcome);
         let back = Arc::clone(&self.back);
         let asker = self.asker.clone();
-        // One letter per return queue: there is room.
+        // Each return queue receives one request only: there is room.
         let _ = back.push(self);
         asker.unpark();
     }
 }
 
-/// When a request was asked, and until when it may be carried out.
+/// When a request was received, and until when it may be carried out.
 #[derive(Clone, Copy, Debug)]
 pub struct Time {
-    /// When it came to this process.
+    /// Time at which it arrived in this process.
     pub received: Instant,
-    /// It has no effect after this.
+    /// Time after which it has no effect.
     pub deadline: Instant,
 }
 
 impl Time {
-    /// Asked now by this process itself: the loop has its usual time.
+    /// A request made now by this process itself, with the usual time for the loop.
     pub fn now() -> Self {
         let received = Instant::now();
         Self {
@@ -124,7 +131,7 @@ impl Time {
     }
 }
 
-/// The tool may be on the surface, and the arm does not take commands.
+/// The error for a tool that may be on the surface while the arm accepts no commands.
 pub fn cannot_leave(phase: Phase) -> ControlError {
     ControlError::WrongPhase {
         request: "retract",
@@ -133,7 +140,7 @@ pub fn cannot_leave(phase: Phase) -> ControlError {
     }
 }
 
-/// A line for the log, written outside the loop.
+/// A log line from the loop, written by another thread.
 #[derive(Clone, Copy, Debug)]
 pub enum Note {
     /// The phase changed.
@@ -142,46 +149,51 @@ pub enum Note {
     Estimator(EstimatorName, Text),
 }
 
-/// Where one request waits for the loop.
+/// Place in which one request waits for the loop.
 struct Slot<P> {
-    /// An asker has this slot until its request has an outcome.
+    /// Whether a caller holds this slot; it does so until its request has an outcome.
     taken: AtomicBool,
     letter: ArrayQueue<Letter<P>>,
 }
 
-/// What the loop and the others share.
+/// State that the loop shares with other threads.
 pub struct Mailbox<P> {
-    /// The urgent ones last: within a cycle, a stop has the last word.
+    /// Slots of the requests. The urgent ones come last, so that a stop is handled after all others
+    /// of a cycle.
     slots: [Slot<P>; SLOTS],
-    /// One bit per slot that may hold a request.
+    /// One bit for each slot that may hold a request.
     waiting: AtomicU32,
-    /// From the loop, for the log.
+    /// Log lines from the loop.
     pub notes: ArrayQueue<Note>,
-    /// A tare is due.
+    /// Whether a tare is due.
     pub tare_due: AtomicBool,
-    /// Why the tare that the loop waits for was refused, for the loop; empty when it was not.
+    /// Why the tare that the loop waits for was refused, for the loop; an empty text if it was not.
     pub tare_refused: ArrayQueue<Text>,
-    /// The same for those who ask how the task stands.
+    /// Why the last tare was refused, for answers about the state of the task; empty if it was not.
     tare_reason: Mutex<String>,
-    /// Newest stop, ns since `epoch`.
+    /// Time of the newest stop request, ns since `epoch`; 0: none.
     stopped_ns: AtomicU64,
     epoch: Instant,
-    /// A person has looked before this start: the tare that is due goes by it.
+    /// Whether the operator stated before this start that the tool hangs free. The next tare is
+    /// requested accordingly.
     pub said_clear: AtomicBool,
+    /// A motion has shown that the tool hangs free: the tare that is due goes by it.
+    pub shown_free: AtomicBool,
     /// The zero in force was taken in contact: the sensor's service has to take it back.
     pub withdraw_due: AtomicBool,
-    /// From the loop, to be kept over restarts: whether the tool may touch something. The newest counts.
+    /// Whether the tool may touch something, from the loop, to be stored across restarts. Only the
+    /// newest counts.
     pub clearance: ArrayQueue<Clearance>,
     phase: AtomicU64,
     cycles: AtomicU64,
 }
 
-/// Requests that can wait at once: these, and as many more that are urgent.
+/// Number of requests that can wait at once: these, and further ones that are urgent.
 const ORDINARY: usize = 16;
 const SLOTS: usize = ORDINARY + 8;
-/// How long a request waits for the loop: several packets of the slowest robot.
+/// Longest time that a request waits for the loop: several packets of the slowest robot.
 pub const PATIENCE: Duration = Duration::from_millis(500);
-/// An asker whose request was claimed looks so often whether the loop is still there.
+/// Interval at which the caller of a claimed request checks whether the loop still exists.
 const LOOK: Duration = Duration::from_millis(50);
 
 impl<P> Default for Mailbox<P> {
@@ -199,6 +211,7 @@ impl<P> Default for Mailbox<P> {
             stopped_ns: AtomicU64::new(0),
             epoch: Instant::now(),
             said_clear: AtomicBool::new(false),
+            shown_free: AtomicBool::new(false),
             withdraw_due: AtomicBool::new(false),
             clearance: ArrayQueue::new(1),
             phase: AtomicU64::new(Phase::Idle as u64),
@@ -208,16 +221,17 @@ impl<P> Default for Mailbox<P> {
 }
 
 impl<P> Mailbox<P> {
-    /// Asks the loop and waits for its answer. Not for the loop's thread.
+    /// Sends a request to the loop and waits for the answer. Not for the loop's thread.
     ///
     /// # Errors
-    /// [`Silence`]; the request has no effect but for [`Silence::Lost`], of which nobody knows.
+    /// [`Silence`]. The request has no effect, except after [`Silence::Lost`], where that is
+    /// unknown.
     pub fn ask(&self, ask: Ask<P>, time: Time) -> Result<Outcome, Silence> {
         let deadline = time.deadline.min(Instant::now() + PATIENCE);
         let index = loop {
             match self.reserve(&ask) {
                 Some(index) => break index,
-                // A slot for what is urgent is free again within a cycle.
+                // A slot for urgent requests is free again within a cycle.
                 None if ask.is_urgent() && Instant::now() < deadline => {
                     std::thread::park_timeout(Duration::from_millis(1));
                 }
@@ -236,7 +250,7 @@ impl<P> Mailbox<P> {
         }
     }
 
-    /// A slot for this asker alone.
+    /// Reserves a free slot for one request, if there is one.
     fn reserve(&self, ask: &Ask<P>) -> Option<usize> {
         let mut range = if ask.is_urgent() {
             ORDINARY..SLOTS
@@ -246,7 +260,7 @@ impl<P> Mailbox<P> {
         range.find(|index| !self.slots[*index].taken.swap(true, Ordering::AcqRel))
     }
 
-    /// Puts a request into a slot that its asker has reserved.
+    /// Puts a request into a slot that its caller has reserved.
     fn post(&self, index: usize, ask: Ask<P>, time: Time) -> Posted<'_, P> {
         let slot = &self.slots[index];
         let back = Arc::new(ArrayQueue::new(1));
@@ -258,7 +272,7 @@ impl<P> Mailbox<P> {
             back: Arc::clone(&back),
             asker: std::thread::current(),
         };
-        // The slot is this asker's: it is empty.
+        // The slot is reserved for this request: it is empty.
         let _ = slot.letter.push(letter);
         self.waiting.fetch_or(1 << index, Ordering::AcqRel);
         Posted {
@@ -269,7 +283,8 @@ impl<P> Mailbox<P> {
         }
     }
 
-    /// The slots that may hold a request now, to be [taken](Self::take) from in this order. For the loop; no lock, no memory.
+    /// The slots that may hold a request now, to be passed to [`take`](Self::take) in this order.
+    /// For the loop; takes no lock and allocates nothing.
     pub fn waiting(&self) -> impl Iterator<Item = usize> + use<P> {
         let mut bits = match self.waiting.load(Ordering::Acquire) {
             0 => 0,
@@ -284,44 +299,45 @@ impl<P> Mailbox<P> {
         })
     }
 
-    /// Claims the request in this slot, unless its asker has withdrawn it or it may no longer be carried out: that one is answered
-    /// here. For the loop.
+    /// Claims the request in this slot, unless its caller has withdrawn it. A request that must no
+    /// longer be carried out is answered here. For the loop.
     pub fn take(&self, index: usize, now: Instant) -> Option<Letter<P>> {
         let letter = self.slots.get(index)?.letter.pop()?;
         if now > letter.deadline {
             letter.answer(Outcome::TooLate);
             return None;
         }
-        if matches!(letter.ask, Ask::Start(_)) && self.stopped_after(letter.received) {
+        if matches!(letter.ask, Ask::Start { .. }) && self.stopped_after(letter.received) {
             letter.answer(Outcome::Stopped);
             return None;
         }
         Some(letter)
     }
 
-    /// A stop was asked for at `received`: a start from before it is refused from now on, wherever it waits.
+    /// Records a stop request that arrived at `received`. Starts from before it are refused from
+    /// now on, wherever they wait.
     pub fn stop_asked(&self, received: Instant) {
         self.stopped_ns
             .fetch_max(self.since_epoch(received), Ordering::AcqRel);
     }
 
-    /// The service ends: no task is started any more.
+    /// Refuses all further starts, as the service ends.
     pub fn close(&self) {
         self.stopped_ns.store(u64::MAX, Ordering::Release);
     }
 
-    /// A stop was asked for after a request that came at `received`.
+    /// Whether a stop was requested after a request that arrived at `received`.
     pub fn stopped_after(&self, received: Instant) -> bool {
         self.stopped_ns.load(Ordering::Acquire) > self.since_epoch(received)
     }
 
-    /// Never 0, which means no stop.
+    /// Time since `epoch`, ns. It is never 0, which means no stop.
     fn since_epoch(&self, at: Instant) -> u64 {
         let since = at.saturating_duration_since(self.epoch);
         u64::try_from(since.as_nanos()).unwrap_or(u64::MAX - 1) + 1
     }
 
-    /// Says why a tare was refused; empty once there is nothing to say. Not for the loop's thread.
+    /// Stores why a tare was refused; an empty text removes the reason. Not for the loop's thread.
     pub fn tare_refusal(&self, reason: &str) {
         self.tare_refused.force_push(cut(reason));
         let mut told = self
@@ -331,7 +347,7 @@ impl<P> Mailbox<P> {
         reason.clone_into(&mut told);
     }
 
-    /// Why the last tare was refused; empty when it was not. Not for the loop's thread.
+    /// Why the last tare was refused; empty if it was not. Not for the loop's thread.
     pub fn tare_reason(&self) -> String {
         self.tare_reason
             .lock()
@@ -339,7 +355,7 @@ impl<P> Mailbox<P> {
             .clone()
     }
 
-    /// The loop has run once more and is in this phase.
+    /// Counts a cycle of the loop and stores its phase.
     pub fn tick(&self, phase: Phase) {
         self.phase.store(phase as u64, Ordering::Release);
         self.cycles.fetch_add(1, Ordering::Release);
@@ -354,25 +370,25 @@ impl<P> Mailbox<P> {
             .unwrap_or_default()
     }
 
-    /// Cycles since the start.
+    /// Number of cycles since the start.
     pub fn cycles(&self) -> u64 {
         self.cycles.load(Ordering::Acquire)
     }
 }
 
-/// A request in its slot, on its asker's side.
+/// A request in its slot, as held by its caller.
 struct Posted<'a, P> {
     slot: &'a Slot<P>,
     back: Arc<ArrayQueue<Letter<P>>>,
     deadline: Instant,
-    /// The loop has it: it can no longer be withdrawn.
+    /// Whether the loop has claimed it: it can no longer be withdrawn.
     claimed: bool,
 }
 
 impl<P> Posted<'_, P> {
-    /// Its outcome, where there is one at `now`; withdraws it at its deadline.
+    /// The outcome, if there is one at `now`. Withdraws the request at its deadline.
     fn poll(&mut self, now: Instant) -> Option<Result<Outcome, Silence>> {
-        // Before the queue is looked at: an answer that comes in between is still found.
+        // Counted before the queue is read: an answer that arrives in between is still found.
         let alone = self.claimed && Arc::strong_count(&self.back) == 1;
         if let Some(answered) = self.back.pop() {
             return Some(answered.outcome.ok_or(Silence::Lost));

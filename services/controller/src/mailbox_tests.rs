@@ -27,7 +27,10 @@ fn ask(number: Number, kind: u64) -> Ask<Number> {
     match kind {
         0 => Ask::Pause,
         1 => Ask::Stop,
-        _ => Ask::Start(Box::new(Some(number))),
+        _ => Ask::Start {
+            program: Box::new(Some(number)),
+            said_clear: false,
+        },
     }
 }
 
@@ -148,7 +151,7 @@ fn refused_means_no_effect_between_threads() {
             while !ended.load(Ordering::Acquire) {
                 for index in mailbox.waiting() {
                     if let Some(mut letter) = mailbox.take(index, Instant::now()) {
-                        if let Ask::Start(program) = letter.ask() {
+                        if let Ask::Start { program, .. } = letter.ask() {
                             effects.insert(program.take().unwrap());
                         }
                         let (activation, phase) = (1, Phase::Slide);

@@ -39,7 +39,7 @@ impl Kept {
                 Clearance::Possible { normal, position } => {
                     Some(((*normal).into(), (*position).into()))
                 }
-                Clearance::Free | Clearance::Unknown => None,
+                Clearance::Assumed | Clearance::Free | Clearance::Unknown => None,
             },
         }
     }
@@ -49,7 +49,7 @@ impl Kept {
             return if self.contact_possible {
                 Clearance::Unknown
             } else {
-                Clearance::Free
+                Clearance::Assumed
             };
         };
         let normal = Vector3::from(normal);
@@ -85,7 +85,7 @@ impl Memory {
             .as_ref()
             .map_or(Ok(None), |folder| folder.read::<Kept>(FILE));
         let (clearance, since_ns) = match read {
-            Ok(None) => (Clearance::Free, now_ns()),
+            Ok(None) => (Clearance::Assumed, now_ns()),
             Ok(Some(kept)) => (kept.clearance(), kept.since_ns),
             Err(error) => {
                 tracing::warn!("{error}: the tool may touch something, as far as is known");
@@ -193,7 +193,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let state = || Some(StateFolder::new(folder.path()));
         let memory = Memory::open(state());
-        assert_eq!(memory.known(), Clearance::Free);
+        assert_eq!(memory.known(), Clearance::Assumed);
         let possible = Clearance::Possible {
             normal: Vector3::z(),
             position: Vector3::new(0.4, -0.1, 0.2),
@@ -208,7 +208,7 @@ mod tests {
             .unwrap();
         assert_eq!(Memory::open(state()).known(), possible);
         memory.set(Clearance::Free).unwrap();
-        assert_eq!(Memory::open(state()).known(), Clearance::Free);
+        assert_eq!(Memory::open(state()).known(), Clearance::Assumed);
         for text in ["{\"contact_possible\":", "", "{}"] {
             std::fs::write(folder.path().join("controller.json"), text).unwrap();
             assert_eq!(Memory::open(state()).known(), Clearance::Unknown);

@@ -1,4 +1,4 @@
-//! Tasks of the hybrid admittance: made ready for the loop, with the normal estimators that they name.
+//! Prepares tasks of the hybrid admittance for the loop, with the normal estimators that they name.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -13,7 +13,7 @@ use crate::inputs::EstimateReader;
 use crate::mailbox::{Ask, Mailbox, Time};
 use crate::start_check::StartCheck;
 
-/// See the module.
+/// Prepares tasks of the hybrid admittance, and keeps the loop subscribed to their estimators.
 pub struct Normals {
     bus: Bus,
     config: ControllerConfig,
@@ -22,7 +22,7 @@ pub struct Normals {
 }
 
 impl Normals {
-    /// Listens to the cell's estimators.
+    /// Subscribes to the estimators of the cell's configuration.
     pub fn new(bus: &Bus, config: &Config) -> Result<Self, BusError> {
         let estimates = config
             .estimators
@@ -49,7 +49,8 @@ impl Normals {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Has the desk and the loop read this estimator's topic; false where they do already.
+    /// Subscribes this service and the loop to the estimator's topic; false if they are already
+    /// subscribed.
     fn listen(
         &self,
         name: &EstimatorName,
@@ -66,7 +67,7 @@ impl Normals {
         mailbox
             .ask(Ask::Listen(Box::new(Some(reader))), time)
             .map_err(|silence| silence_text(silence).to_owned())?;
-        // Only once the loop reads it: a request that was withdrawn is made again.
+        // Only after the loop reads it: if the request was withdrawn, a later call repeats it.
         let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
         let mut estimates = self.estimates();
         if !known(&estimates) {
@@ -89,6 +90,10 @@ impl Kind for Normals {
         self.check
             .estimators(&self.bus, &task.estimators, topics::estimate_normal)?;
         Ok((task.name.clone(), program))
+    }
+
+    fn leave(&self) -> Result<Program, String> {
+        Program::new(&self.check.leave(), &self.config).map_err(|error| error.to_string())
     }
 
     fn check_estimates(
@@ -116,7 +121,8 @@ impl Kind for Normals {
         Ok(())
     }
 
-    /// Has the desk and the loop read this estimator's topic, and waits for its first word.
+    /// Subscribes this service and the loop to the estimator's topic, and waits for its first
+    /// estimate.
     fn hear(
         &self,
         name: &EstimatorName,
@@ -124,7 +130,7 @@ impl Kind for Normals {
         time: Time,
     ) -> Result<(), String> {
         if self.listen(name, mailbox, time)? {
-            // Nobody there is no error here: the loop says so.
+            // An estimator without a publisher is no error here: the loop reports it.
             one_speaks(&self.bus, std::iter::once(topics::estimate_normal(name)))?;
         }
         Ok(())

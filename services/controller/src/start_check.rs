@@ -51,6 +51,11 @@ impl<const N: usize> StartCheck<N> {
         })
     }
 
+    /// Moves a tool that may touch off the surface, and nothing more.
+    pub fn leave(&self) -> Task {
+        Task::leave(self.limits.force_max_n)
+    }
+
     /// The task's numbers, and its path from where the arm stands now. Where no arm is seen only the numbers are checked: the start is
     /// then refused for the missing arm.
     ///

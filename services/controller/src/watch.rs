@@ -1,4 +1,5 @@
-//! What every loop tells the others about itself, whatever its law: phases, faults, tares, who drives the arm.
+//! What every loop reports about itself, independent of its law: phases, faults, tares, and who
+//! drives the arm.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -7,45 +8,48 @@ use tangent_control::{Clearance, EstimatorName, Fault, Phase};
 use tangent_runtime::{Counter, Gauge, HealthReporter, State};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::{Name, Text};
+use tangent_sensing::TareGround;
 
 use crate::mailbox::{Mailbox, Note};
 
-/// A place within this of the one kept is not kept anew, m: a small part of the distance within which a start believes it.
+/// Distance from the stored position within which a new one is not stored, m. It is a small part of
+/// the distance within which a start accepts the stored position.
 const KEPT_WITHIN_M: f64 = 0.002;
-/// The same of its normal: 2 degrees.
+/// Cosine of the angle to the stored normal, 2 degrees, within which a new one is not stored.
 const KEPT_WITHIN_COS: f64 = 0.9994;
 
-/// How the controller stands towards the arm.
+/// Relation of the controller to the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standing {
-    /// Nothing to say.
+    /// Nothing to report.
     Well,
-    /// Another controller has the arm.
+    /// Another controller drives the arm.
     Second(Name),
-    /// Its state makes no sense.
+    /// The state of the arm is not usable.
     Unusable,
 }
 
-/// What a cycle came to.
+/// Result of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct Told {
-    /// Phase after it.
+    /// Phase after the cycle.
     pub phase: Phase,
-    /// The last fault of the task, and in words.
+    /// The last fault of the task.
     pub fault: Option<Fault>,
-    /// Empty when there is none.
+    /// The fault as text; empty if there is none.
     pub fault_text: Text,
-    /// A tare is due.
+    /// Whether a tare is due.
     pub tare_requested: bool,
     /// Whether the tool may touch something.
     pub clearance: Clearance,
-    /// The zero in force was taken in contact.
+    /// Whether the zero in force was taken in contact.
     pub zero_withdrawn: bool,
-    /// Who else drives the arm.
+    /// Another controller that drives the arm.
     pub other: Option<Name>,
 }
 
-/// Compares each cycle with the one before, and speaks of what is new. Takes no lock and no memory.
+/// Compares each cycle with the one before and reports changes. Takes no lock and allocates
+/// nothing.
 pub struct Watch<P> {
     mailbox: Arc<Mailbox<P>>,
     health: Arc<HealthReporter>,
@@ -55,18 +59,18 @@ pub struct Watch<P> {
     phase: Phase,
     fault: Option<Fault>,
     tare: bool,
-    /// Why the tare that is waited for was refused; empty when it was not.
+    /// Why the tare that the task waits for was refused; empty if it was not.
     tare_refused: Text,
     withdrawn: bool,
-    /// What was told last of whether the tool may touch something.
+    /// Last stored value of whether the tool may touch something.
     clearance: Option<Clearance>,
-    /// Estimator, and how often it changed.
+    /// Estimator in use, and how often it changed.
     used: Option<(EstimatorName, u32)>,
     said: Option<Standing>,
 }
 
 impl<P> Watch<P> {
-    /// Tells these.
+    /// A watch that reports to the mailbox and the health message.
     pub fn new(mailbox: &Arc<Mailbox<P>>, health: &Arc<HealthReporter>) -> Self {
         Self {
             mailbox: Arc::clone(mailbox),
@@ -85,7 +89,7 @@ impl<P> Watch<P> {
         }
     }
 
-    /// Counts the robot's packets that never came here.
+    /// Counts the robot's packets that did not arrive here.
     pub fn count_missed(&mut self, cycle: u64) {
         if let Some(last) = self.cycle
             && cycle > last
@@ -95,13 +99,13 @@ impl<P> Watch<P> {
         self.cycle = Some(cycle);
     }
 
-    /// The arm's state makes no sense; nothing is answered.
+    /// Counts a state of the arm that is not usable and therefore not answered.
     pub fn unusable(&mut self) {
         self.unusable.set(self.unusable.get() + 1.0);
         self.say(Standing::Unusable);
     }
 
-    /// The estimator in use, why, and how often it changed.
+    /// Reports the estimator in use, and the cause of a change.
     pub fn estimator(&mut self, name: EstimatorName, switches: u32, cause: Text) {
         if self.used != Some((name, switches)) {
             self.used = Some((name, switches));
@@ -109,7 +113,7 @@ impl<P> Watch<P> {
         }
     }
 
-    /// A fault in words: a task that got no tare says why it was refused.
+    /// The fault as text. If a tare is missing, the text says why it was refused.
     pub fn fault_text(&mut self, fault: Option<Fault>, text: Text) -> Text {
         if let Some(reason) = self.mailbox.tare_refused.pop() {
             self.tare_refused = reason;
@@ -120,9 +124,11 @@ impl<P> Watch<P> {
         text
     }
 
-    /// At the cycle's end.
+    /// Reports what has changed, at the end of a cycle.
     pub fn after(&mut self, told: &Told) {
         if told.tare_requested && !self.tare {
+            let shown = told.clearance.tare_ground() == TareGround::Shown;
+            self.mailbox.shown_free.store(shown, Ordering::Release);
             self.mailbox.tare_due.store(true, Ordering::Release);
         }
         self.tare = told.tare_requested;
@@ -148,7 +154,8 @@ impl<P> Watch<P> {
         self.mailbox.tick(told.phase);
     }
 
-    /// What outlasts this process. While the tool is on its way off and tared, what was kept at the start stands: that it may touch.
+    /// Stores what must outlast this process. In phases `Tare` and `Clear`, in which the tool moves
+    /// off and is tared, the value stored at the start stays: that it may touch something.
     fn keep_in_mind(&mut self, told: &Told) {
         if matches!(told.phase, Phase::Tare | Phase::Clear) {
             self.clearance = None;

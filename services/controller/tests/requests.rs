@@ -9,6 +9,8 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use common::{Cell, PATIENCE, TASK, long_task};
+use nalgebra::Vector3;
+use tangent_runtime::StateFolder;
 use tangent_schemas::tangent::{Answer, Request};
 use tangent_schemas::topics::queries;
 
@@ -167,6 +169,72 @@ fn a_stop_takes_the_tool_off_after_a_fault_or_says_why_it_cannot() {
         "{}",
         answer.message
     );
+    cell.end();
+}
+
+/// State of a controller that was killed while the tool pressed where it stands now.
+fn killed_while_pressing(folder: &tempfile::TempDir, at: Vector3<f64>) -> Option<StateFolder> {
+    let state = StateFolder::new(folder.path());
+    let kept = serde_json::json!({
+        "contact_possible": true, "since_ns": 0, "way_out": [[0.0, 0.0, 1.0], [at.x, at.y, at.z]],
+    });
+    state.write("controller", &kept).unwrap();
+    Some(state)
+}
+
+#[test]
+fn a_stop_after_a_restart_takes_the_tool_off_or_says_why_it_cannot() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut cell = Cell::with_state(|at| killed_while_pressing(&folder, at));
+    let stop = |cell: &mut Cell| cell.ask(queries::CONTROL_STOP, "stop", "").unwrap();
+    let pressing = height(&cell);
+    cell.ready = false;
+    cell.packet(true);
+    let answer = stop(&mut cell);
+    assert!(!answer.done, "{}", answer.message);
+    assert!(
+        answer.message.contains("protective stop"),
+        "{}",
+        answer.message
+    );
+    assert_eq!(height(&cell), pressing);
+    cell.ready = true;
+    cell.packet(true);
+    let answer = stop(&mut cell);
+    assert!(answer.done, "{}", answer.message);
+    assert!(answer.message.contains("moving off"), "{}", answer.message);
+    cell.run_until("done");
+    let gone_m = height(&cell) - pressing;
+    assert!((0.005..0.02).contains(&gone_m), "{gone_m} m");
+    let answer = stop(&mut cell);
+    assert!(
+        answer.message.contains("nothing to do"),
+        "{}",
+        answer.message
+    );
+    cell.end();
+}
+
+#[test]
+fn a_refused_start_that_says_clear_leaves_the_doubt() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut cell = Cell::with_state(|at| killed_while_pressing(&folder, at));
+    let start = |cell: &mut Cell, action| cell.ask(queries::CONTROL_TASK, action, TASK).unwrap();
+    cell.ready = false;
+    cell.packet(true);
+    let answer = start(&mut cell, "start_clear");
+    assert!(!answer.done, "{}", answer.message);
+    cell.ready = true;
+    cell.packet(true);
+    assert!(cell.said().contact_possible);
+    let kept = std::fs::read_to_string(folder.path().join("controller.json")).unwrap();
+    assert!(
+        kept.contains("\"contact_possible\": true") || kept.contains("\"contact_possible\":true"),
+        "{kept}"
+    );
+    let answer = start(&mut cell, "start");
+    assert!(answer.done, "{}", answer.message);
+    cell.run_until("clear");
     cell.end();
 }
 

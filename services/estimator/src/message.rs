@@ -1,4 +1,4 @@
-//! An estimate as it travels on the bus.
+//! Estimates as messages on the bus.
 
 use tangent_estimation::{NormalEstimate, ObjectEstimate};
 use tangent_schemas::Covariance;
@@ -8,7 +8,8 @@ use tangent_schemas::tangent::{
     ArmState, NormalEstimate as NormalEstimateMessage, ObjectEstimate as ObjectEstimateMessage,
 };
 
-/// Of the arm state it rests on; `update_s` is the time the update took. No allocation.
+/// Message for an estimate of the normal; `arm` is the state that it is based on, `update_s` the
+/// time of the update, s. No allocation.
 pub(crate) fn message(
     name: &str,
     estimate: &NormalEstimate,
@@ -37,7 +38,8 @@ pub(crate) fn message(
     }
 }
 
-/// The same of an object's pose.
+/// Message for an estimate of an object's pose; `arm` is the state that it is based on, `update_s`
+/// the time of the update, s. No allocation.
 pub(crate) fn object_message(
     name: &str,
     estimate: &ObjectEstimate,

@@ -1,11 +1,13 @@
-//! The bridge as a state machine: states and replies of the robot and commands of the controller go in with the time, bytes
-//! for the robot come out. It owns the session, the guard, the lease and the counters.
+//! The bridge as a state machine. Inputs are states and replies of the robot, commands of the
+//! controller, and the time; outputs are bytes for the robot. It owns the session, the guard, the
+//! lease and the counters.
 //!
 //! The cycle is: [`Bridge::state`] takes a state, the caller publishes it, and [`Bridge::command`] writes the answer. Neither
 //! allocates while a motion runs.
 //!
-//! The torque motion runs while somebody commands, moving the arm or not: so a task starts without the wait for a motion, and
-//! between tasks the arm is held. With nobody there the motion ends, and the robot holds itself.
+//! The torque motion runs while a controller sends commands, whether the arm moves or not. A task
+//! therefore starts without waiting for a motion, and between tasks the arm is held. Without a
+//! controller the motion ends, and the robot holds itself.
 
 use nalgebra::Vector3;
 use tangent_mechanics::Joints;
@@ -15,39 +17,40 @@ use crate::fci::{PERIOD_S, Reply, Request, RobotCommand, RobotState};
 use crate::guard::{Guard, GuardLimits, Permission, Posture, Wanted};
 use crate::session::{Reason, Session, SessionError};
 
-/// A commander that says nothing for so long has gone, s.
+/// Time without commands after which the controller counts as gone, s.
 const COMMANDER_GONE_S: f64 = 1.0;
-/// Below this joint speed the arm rests, rad/s: a real arm's measured speed is never quite zero.
+/// Joint speed below which the arm counts as at rest, rad/s: the measured speed of a real arm is
+/// never exactly zero.
 const AT_REST_RAD_PER_S: f64 = 0.02;
-/// At shutdown so long is waited for the arm to rest, s.
+/// Time allowed at shutdown for the arm to come to rest, s.
 const REST_S: f64 = 2.0;
-/// And so long for the motion's end, s.
+/// Time allowed at shutdown for the motion to end, s.
 const END_S: f64 = 2.0;
 
-/// What the bridge has to know; everything else it learns from the robot.
+/// Configuration of the bridge. It learns everything else from the robot.
 #[derive(Clone, Debug)]
 pub struct BridgeConfig {
-    /// What the robot is set to before its first motion.
+    /// Settings to send to the robot before its first motion.
     pub settings: Vec<Request>,
-    /// For the guard.
+    /// Limits of the guard.
     pub limits: GuardLimits,
 }
 
-/// A robot that cannot be gone on with.
+/// Errors after which the connection cannot continue.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BridgeError {
-    /// What it answers.
+    /// A reply of the robot, or a missing one, ends the session.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// A state with a value that is not a number.
+    /// A state has a value that is not finite or not plausible.
     #[error("the robot sends a value that is no finite number, or that no arm has")]
     NotFinite,
-    /// Its clock went back.
+    /// The robot's message counter went back.
     #[error("the robot counts anew (from {before} to {now}): it was restarted")]
     Restarted {
-        /// Last message.
+        /// Counter of the last message.
         before: u64,
-        /// This one.
+        /// Counter of this message.
         now: u64,
     },
 }
@@ -60,7 +63,7 @@ enum Shutdown {
     Done,
 }
 
-/// See the module.
+/// The bridge as a state machine, without sockets and clock.
 #[derive(Debug)]
 pub struct Bridge {
     session: Session,
@@ -71,7 +74,8 @@ pub struct Bridge {
     cycle: u64,
     packets_lost: u64,
     heard_s: Option<f64>,
-    /// The activation that asked the robot to leave its reflex: kept for the motion after it.
+    /// Activation for which the robot was asked to leave a reflex; kept for the motion that
+    /// follows.
     recovering_for: Option<u64>,
     recover_asked: bool,
     stop_asked: bool,
@@ -81,7 +85,7 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// Not connected.
+    /// A bridge without a connection.
     pub fn new(config: BridgeConfig) -> Self {
         Self {
             session: Session::new(config.settings),
@@ -101,13 +105,14 @@ impl Bridge {
         }
     }
 
-    /// The TCP connection is made; states come to `udp_port`.
+    /// Starts a session on a new TCP connection; the robot sends its states to `udp_port`.
     pub fn open(&mut self, udp_port: u16, now_s: f64, tcp: &mut Vec<u8>) {
         self.close();
         self.session.open(udp_port, now_s, tcp);
     }
 
-    /// The connection is gone, or is given up. Whatever was commanded is latched out.
+    /// Ends the session, as the connection is lost or given up. The current activation and all
+    /// older ones are rejected from now on.
     pub fn close(&mut self) {
         self.session.close();
         self.guard.latch();
@@ -121,19 +126,19 @@ impl Bridge {
         }
     }
 
-    /// A reply came.
+    /// Takes a reply of the robot.
     ///
     /// # Errors
-    /// The conversation cannot go on.
+    /// The session cannot continue.
     pub fn reply(&mut self, reply: &Reply, now_s: f64) -> Result<(), BridgeError> {
         Ok(self.session.reply(reply, now_s)?)
     }
 
-    /// A state came, after `skipped` others that it made old. False when it is older than one before, which is not to be
-    /// answered.
+    /// Takes a state of the robot, received after `skipped` older ones that were discarded. Returns
+    /// false for a state that is not newer than the last; it must not be answered.
     ///
     /// # Errors
-    /// It cannot be gone on with.
+    /// The connection cannot continue.
     pub fn state(
         &mut self,
         state: &RobotState,
@@ -172,15 +177,17 @@ impl Bridge {
         self.session.state(state, wanted, now_s, tcp);
         self.session.check(now_s)?;
         if self.guard.is_commanded() && !(self.session.is_running() && state.in_torque_motion()) {
-            // Whoever moved the arm when its motion ended starts anew: at once, or that task would ask for the recovery.
+            // The activation that moved the arm when its motion ended is rejected at once.
+            // Otherwise that task would request the recovery.
             self.guard.latch();
         }
         self.advance_shutdown(now_s);
         Ok(true)
     }
 
-    /// Whether a command from `source` may be given to [`Bridge::command`]: only one source at a time commands the arm.
-    /// `activation`: what it brings; a source that was not heard before has to start a task anew.
+    /// Whether a command from `source` may be passed to [`Bridge::command`]: only one source at a
+    /// time commands the arm. When the lease changes hands, `activation` of the new source and all
+    /// older ones are rejected, so that a task has to be started again.
     pub fn admit(&mut self, source: &Source, activation: u64, now_s: f64) -> bool {
         let rests = !self.guard.is_commanded() && self.rests();
         let admission = self.lease.admit(source, now_s, rests);
@@ -194,8 +201,8 @@ impl Bridge {
         admission != Admission::Refused
     }
 
-    /// Writes the answer to the last state into `udp`, if it is to be answered. `posture`: of that state. `arrived`: a command
-    /// not given before.
+    /// Writes the answer to the last state into `udp`, if that state is to be answered. `posture`
+    /// is of that state; `arrived` is a command that was not passed before.
     pub fn command(
         &mut self,
         posture: &Posture,
@@ -232,18 +239,18 @@ impl Bridge {
         self.sent = Some((allowed.torque, now_s));
     }
 
-    /// A person asks to leave a reflex.
+    /// Requests to leave a reflex, on behalf of an operator.
     pub fn recover(&mut self) {
         self.recover_asked = true;
     }
 
-    /// The robot ends the motion by itself; moving needs a newer activation.
+    /// Has the robot end the motion by itself. The arm moves again only for a newer activation.
     pub fn stop(&mut self) {
         self.guard.latch();
         self.stop_asked = true;
     }
 
-    /// Begins the orderly end: hold, end the motion.
+    /// Begins the orderly shutdown: hold the arm, then end the motion.
     pub fn end(&mut self, now_s: f64) {
         if self.shutdown == Shutdown::No {
             self.shutdown = if self.session.is_at_rest() {
@@ -254,7 +261,7 @@ impl Bridge {
         }
     }
 
-    /// The orderly end is done.
+    /// Whether the orderly shutdown is complete.
     pub fn is_finished(&self) -> bool {
         self.shutdown == Shutdown::Done
     }
@@ -264,17 +271,18 @@ impl Bridge {
         &self.state
     }
 
-    /// States of the robot since the bridge started.
+    /// Number of states received from the robot since the bridge started.
     pub fn cycle(&self) -> u64 {
         self.cycle
     }
 
-    /// States lost since the start, by the robot's own count.
+    /// Number of states lost since the start, by the robot's message counter.
     pub fn packets_lost(&self) -> u64 {
         self.packets_lost
     }
 
-    /// From sending a torque to the robot's word that it goes by it, s; `None` where the last state says nothing new.
+    /// Time from sending a torque until the robot reports it in use, s; `None` if the last state
+    /// does not show it.
     pub fn latency_s(&self) -> Option<f64> {
         self.latency_s
     }
@@ -284,17 +292,17 @@ impl Bridge {
         &self.guard
     }
 
-    /// Who commands.
+    /// The lease: which source commands the arm.
     pub fn lease(&self) -> &Lease {
         &self.lease
     }
 
-    /// The conversation with the robot.
+    /// The session with the robot.
     pub fn session(&self) -> &Session {
         &self.session
     }
 
-    /// Why a command of a fresh activation would not move the arm now.
+    /// Why a command with a new activation would not move the arm now.
     pub fn reason(&self, now_s: f64) -> Option<Reason> {
         if !self.has_state {
             Some(Reason::NoLink)
@@ -316,8 +324,9 @@ impl Bridge {
         self.state.dq.iter().all(|v| v.abs() < AT_REST_RAD_PER_S)
     }
 
-    /// A torque of a fresh activation in front of a reflex: the robot is asked to leave it, once, and the activation is kept for
-    /// the motion that follows. Everything else that does not move the arm goes to the guard.
+    /// Handles a torque command with a new activation while the robot is in a reflex: asks the
+    /// robot once to leave it, and keeps the activation for the motion that follows. Returns false
+    /// for a command that goes to the guard.
     fn waits_for_recovery(&mut self, wanted: &Wanted<'_>, now_s: f64, tcp: &mut Vec<u8>) -> bool {
         if wanted.kind != 2 || self.shutdown != Shutdown::No {
             return false;
@@ -368,7 +377,7 @@ impl Bridge {
 }
 
 impl Posture {
-    /// Of a state; tool pose and Jacobian come from the caller's model.
+    /// Posture from a state; tool position and Jacobian come from the caller's model.
     pub fn of(
         state: &RobotState,
         tool_m: Vector3<f64>,

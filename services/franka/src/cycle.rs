@@ -10,9 +10,8 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
-use tangent_mechanics::{Aligned, Base, Joints, Tool, Twist, Wrench};
+use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist};
 use tangent_runtime::lease::{self, Source};
-use tangent_runtime::ticket::Order;
 use tangent_runtime::watchdog::TURN;
 use tangent_runtime::{Beat, Publisher, State, Stop, Subscription, clock};
 use tangent_schemas::convert::{cut_format, joint_array};
@@ -20,6 +19,7 @@ use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmCommand, ArmState, WrenchStatus};
 
 use crate::bridge::{Bridge, BridgeError};
+use crate::estimate::Estimate;
 use crate::fci::{COMMAND_BYTES, CodecError, FrameError, PERIOD_S, Reply, RobotMode, RobotState};
 use crate::guard::{Posture, Trip, Wanted};
 use crate::link::{Link, LinkError, is_nothing_yet};
@@ -27,9 +27,7 @@ use crate::meters::Meters;
 use crate::session::Reason;
 use crate::settings::Config;
 use crate::shared::{Note, Shared};
-use crate::tare::Tare;
 use crate::wrench::tool_wrench;
-use crate::wrench_watch::WrenchWatch;
 
 /// First and longest pause between attempts to connect.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
@@ -81,8 +79,9 @@ pub(crate) struct Cycle {
     posture: Posture,
     state: ArmState,
     wrench_status: WrenchStatus,
-    tare: Tare,
-    watch: WrenchWatch,
+    /// Of the last state.
+    base_from_tool: Pose<Base, Tool>,
+    estimate: Estimate,
     tcp_out: Vec<u8>,
     udp_out: Vec<u8>,
     /// Commands refused by the guard and by the lease, as in the state.
@@ -98,6 +97,7 @@ impl Cycle {
         config: Arc<Config>,
         outlets: Outlets,
         commands: Subscription<ArmCommand>,
+        estimate: Estimate,
         shared: Arc<Shared>,
         health: Arc<tangent_runtime::HealthReporter>,
         stop: Stop,
@@ -119,8 +119,8 @@ impl Cycle {
             ),
             state: ArmState::default(),
             wrench_status: WrenchStatus::default(),
-            tare: Tare::default(),
-            watch: WrenchWatch::default(),
+            base_from_tool: Pose::identity(),
+            estimate,
             tcp_out: Vec::with_capacity(1024),
             udp_out: Vec::with_capacity(COMMAND_BYTES),
             refused: (0, 0),
@@ -268,11 +268,6 @@ impl Cycle {
         if self.shared.stop_asked.swap(false, Ordering::AcqRel) {
             self.bridge.stop();
         }
-        match self.shared.tare.order() {
-            Order::Begin => self.tare.start(),
-            Order::Forget => self.tare.cancel(),
-            Order::None => {}
-        }
         self.fill_state(arrival);
         // The wrench first: a controller is called when the state is published, and wants the wrench of this cycle.
         self.publish_wrench(arrival);
@@ -312,35 +307,20 @@ impl Cycle {
     fn publish_wrench(&mut self, arrival: Instant) {
         let now_s = self.now_s(arrival);
         let raw = tool_wrench(self.bridge.robot(), &self.config.flange_from_tool);
-        let validity = self.watch.take(&raw.vector());
-        if let Some(ended) = self.tare.take(&raw.vector(), now_s) {
-            self.shared.tared.force_push(ended);
-            self.shared.tare.done();
-        }
-        let wrench: Wrench<Tool> = Wrench::from_vector(&(raw.vector() - self.tare.bias()));
-        let bias: Wrench<Tool> = Wrench::from_vector(self.tare.bias());
+        let felt = self.estimate.take(&raw, &self.base_from_tool, now_s);
         let header = Header::in_frame::<Tool>(clock::stamp_ns(arrival));
         let status = &mut self.wrench_status;
         status.header = header.clone();
-        // A state with what is no number never comes so far.
-        status.validity = validity as u8;
-        status.stuck_axes = self.watch.stuck_axes();
+        self.estimate.tell(&felt, status);
         status.records = self.bridge.cycle();
         status.records_lost = self.bridge.packets_lost();
         status.reconnects = u64::from(self.connections.saturating_sub(1));
         status.rdt_sequence = self.bridge.robot().message_id as u32;
         status.rate_hz = 1.0 / PERIOD_S;
-        status.bias_age_s = self.tare.age_s(now_s);
-        status.bias = (&bias).into();
-        status.untared = (&raw).into();
-        // Neither a zero that outlasts the service nor a rating or drift is known of the robot's own estimate.
-        status.reference_age_s = -1.0;
-        status.rated_share = -1.0;
-        status.bias_bound_n = -1.0;
         self.outlets.wrench_status.publish(status);
         self.outlets.wrench.publish(&WrenchStamped {
             header,
-            wrench: (&wrench).into(),
+            wrench: (&felt.wrench).into(),
         });
     }
 
@@ -354,6 +334,7 @@ impl Cycle {
             .arm
             .tool_and_jacobian(&q, &self.config.flange_from_tool);
         self.posture = Posture::of(robot, base_from_tool.translation(), jacobian);
+        self.base_from_tool = base_from_tool;
         let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * qd));
         let reason = self.bridge.reason(now_s);
         let guard = self.bridge.guard();

@@ -9,6 +9,7 @@ pub mod bridge;
 #[cfg(test)]
 mod bridge_tests;
 mod cycle;
+mod estimate;
 pub mod fci;
 #[cfg(test)]
 mod fci_tests;
@@ -23,34 +24,28 @@ mod refusal;
 pub mod session;
 pub mod settings;
 mod shared;
-pub mod tare;
 pub mod wrench;
 mod wrench_watch;
 
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use tangent_control::{ContactSign, ControllerWord, Phase};
-use tangent_runtime::bus::answer::{done, refused};
+use tangent_runtime::bus::answer::done;
 use tangent_runtime::realtime::{RealtimeReport, setup_thread_on};
-use tangent_runtime::{Bus, BusError, Handle, HealthReporter, Lane, Latest, Received, Stop};
-use tangent_schemas::tangent::{Answer, ControlState, Request};
+use tangent_runtime::{Bus, BusError, Handle, HealthReporter, Lane, Stop};
 use tangent_schemas::topics;
+use tangent_sensing::SensingError;
+use tangent_tare::TareSetup;
 
 use cycle::{COMMANDS_MAX, Cycle, Outlets};
+use estimate::Estimate;
 use shared::{Note, Shared};
 
 pub use settings::{Config, SettingsError};
 
 /// Name of the service in topics, health and parameters.
 pub const SERVICE: &str = "franka";
-
-/// A tare takes a quarter of a second of states; longer, and there are none.
-const TARE_PATIENCE: Duration = Duration::from_secs(1);
-
-/// A controller that says nothing for so long is silent.
-const CONTROLLER_FRESH: Duration = Duration::from_millis(500);
 
 /// Keys of what can be asked of this service; none takes an argument. It answers `netft/tare` too, for its own wrench.
 pub mod queries {
@@ -76,6 +71,9 @@ pub enum Error {
     /// A topic or query could not be declared.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// What a tare is judged by is out of range.
+    #[error("[robot.franka]: {0}")]
+    Tare(#[from] SensingError),
     /// A thread could not be started.
     #[error("starting a thread: {0}")]
     Thread(#[from] std::io::Error),
@@ -99,11 +97,20 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     };
     let commands = bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?;
     let _answers = answers(&bus, &shared)?;
+    let setup = TareSetup {
+        service: SERVICE,
+        state: config.state.clone(),
+        duration_s: config.tare.duration_s,
+        silence: "the robot sends no states to take the zero from",
+    };
+    let (taring, _keeper) = tangent_tare::open(&bus, &setup)?.start()?;
+    let estimate = Estimate::new(&config.tare, taring, zero_of(&config))?;
     let _modes = modes::answers(&bus)?;
     let cycle = Cycle::new(
         Arc::clone(&config),
         outlets,
         commands,
+        estimate,
         Arc::clone(&shared),
         Arc::clone(&health),
         stop,
@@ -122,6 +129,16 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
         write_notes(&shared);
         running.join().map_err(|_| Error::Panicked)
     })
+}
+
+/// What a zero belongs to: FCI names no serial number, and the zero is given at the tool.
+fn zero_of(config: &Config) -> String {
+    let tool = config.flange_from_tool;
+    let (at, turn) = (tool.translation(), tool.rotation().scaled_axis());
+    format!(
+        "{}:{}, tool at {:.4} {:.4} {:.4} m, {:.3} {:.3} {:.3} rad",
+        config.host, config.port, at.x, at.y, at.z, turn.x, turn.y, turn.z
+    )
 }
 
 fn realtime(config: &Config) -> RealtimeReport {
@@ -144,8 +161,7 @@ fn write_notes(shared: &Shared) {
 }
 
 fn answers(bus: &Bus, shared: &Arc<Shared>) -> Result<Vec<Handle>, BusError> {
-    let [recovering, stopping, taring] = [(); 3].map(|()| Arc::clone(shared));
-    let control = Mutex::new(bus.latest(&topics::CONTROL_STATE)?);
+    let [recovering, stopping] = [(); 2].map(|()| Arc::clone(shared));
     Ok(vec![
         bus.answer(queries::RECOVER, move |_, _| {
             recovering.recover_asked.store(true, Ordering::Release);
@@ -161,63 +177,5 @@ fn answers(bus: &Bus, shared: &Arc<Shared>) -> Result<Vec<Handle>, BusError> {
                 done("the motion is ended; start a task to move again").into()
             },
         )?,
-        bus.answer_in(
-            topics::queries::NETFT_TARE,
-            |_| Lane::Slow,
-            move |asked| tare(&taring, &control, &asked.request, asked.deadline).into(),
-        )?,
     ])
-}
-
-/// Bus keys are asked by one thread each; another asker of this process waits for its turn.
-fn tare(
-    shared: &Shared,
-    control: &Mutex<Latest<ControlState>>,
-    request: &Request,
-    deadline: Instant,
-) -> Answer {
-    let said_clear = match (request.action.as_str(), request.argument.as_str()) {
-        ("" | "tare", "") => false,
-        ("" | "tare", "clear") => true,
-        (action, argument) => {
-            return refused(format!(
-                "unknown action `{action}` with `{argument}`: tare, or tare with `clear` (a person has looked: the tool hangs free)"
-            ));
-        }
-    };
-    let _turn = shared
-        .tare_turn
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner);
-    let mut control = control.lock().unwrap_or_else(PoisonError::into_inner);
-    let word = |heard: &Received<ControlState>| {
-        Some(ControllerWord {
-            phase: Phase::from_code(heard.message.phase)?,
-            contact_possible: heard.message.contact_possible,
-        })
-    };
-    let now = control.fresh(CONTROLLER_FRESH).and_then(word);
-    let last = control.get().and_then(word);
-    if let Some(sign) = ContactSign::of(now, last) {
-        if !(said_clear && sign.can_be_waived()) {
-            return refused(format!("not tared: {sign}; the zero before stays in force"));
-        }
-        tracing::warn!("tared on a person's word that the tool hangs free, against this: {sign}");
-    }
-    while shared.tared.pop().is_some() {}
-    let deadline = deadline.min(Instant::now() + TARE_PATIENCE);
-    let ended = shared
-        .tare
-        .ask_and_wait(deadline)
-        .then(|| shared.tared.pop())
-        .flatten();
-    match ended {
-        Some(Ok(())) => done("the robot's present estimate of the wrench is its zero"),
-        Some(Err(refusal)) => refused(format!(
-            "not tared: {refusal}; the zero before stays in force"
-        )),
-        None => refused(
-            "not tared: the robot sends no states to take the zero from; the zero before stays in force",
-        ),
-    }
 }

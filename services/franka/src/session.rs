@@ -1,7 +1,9 @@
-//! The conversation with the robot as a state machine: replies and states go in, requests come out; no sockets, no clock.
+//! The session with the robot as a state machine, without sockets and clock. Inputs are replies and
+//! states, outputs are requests.
 //!
-//! It connects, sets the robot up, starts and ends the torque motion, stops it, and recovers from a reflex when it is told to.
-//! At most one request waits for its reply, except the motion's own, whose second reply says how the motion ended.
+//! It connects, sets the robot up, starts, ends and stops the torque motion, and recovers from a
+//! reflex on request. At most one request waits for its reply, apart from the motion's own, whose
+//! second reply reports how the motion ended.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -11,56 +13,56 @@ use crate::fci::{
     RecoveryStatus, Reply, ReplyBody, Request, RobotMode, RobotState, SetterStatus, VERSION,
 };
 
-/// A reply that takes longer will not come, s. A recovery may take some seconds.
+/// Time after which a reply counts as missing, s. A recovery may take some seconds.
 const REPLY_S: f64 = 10.0;
-/// What the robot refused is tried again after this time, s.
+/// Time after which a refused setting or motion is tried again, s.
 const RETRY_S: f64 = 1.0;
 
-/// A conversation that cannot go on.
+/// Errors after which the session cannot continue.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SessionError {
-    /// The robot speaks another version.
+    /// The robot uses another protocol version.
     #[error(
         "the robot speaks FCI version {theirs}, this bridge version 5 (Franka Emika Robot with system 4.2 or newer); an FR3 has \
          another one and is not driven"
     )]
     Version {
-        /// What it speaks.
+        /// Version of the robot.
         theirs: u16,
     },
     /// The robot does not answer.
     #[error("the robot has not answered {0:?} for {REPLY_S} s")]
     Silent(Command),
-    /// The robot does not take a setting.
+    /// The robot refuses a setting.
     #[error("the robot refuses {0:?}: its values are out of range; see [robot.franka] and [tool]")]
     Setting(Command),
-    /// An answer to nothing that was asked.
+    /// The robot replied to a request that was not made.
     #[error("the robot answers {0:?}, which was not asked")]
     Unexpected(Command),
 }
 
-/// Why a torque would not move the arm now.
+/// Why a torque command would not move the arm now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
     /// No connection, or no state yet.
     NoLink,
-    /// The robot is being set up.
+    /// The robot is receiving its settings.
     SettingUp,
-    /// The robot is in a mode in which nobody may move it.
+    /// The robot is in a mode in which it cannot be moved.
     Mode(RobotMode),
-    /// It stopped by itself.
+    /// The robot stopped by itself.
     Reflex(ErrorFlags),
-    /// The reflex needs a person at the robot.
+    /// The reflex can be left only by an operator at the robot.
     ManualRecovery(ErrorFlags),
-    /// It is leaving the reflex.
+    /// The robot is leaving the reflex.
     Recovering,
     /// The torque motion is starting.
     Starting,
     /// The motion is ending.
     Ending,
-    /// The robot would not start the motion.
+    /// The robot refused to start the motion.
     Refused(MoveStatus),
-    /// The bridge ends.
+    /// The bridge is shutting down.
     ShuttingDown,
 }
 
@@ -98,30 +100,30 @@ impl fmt::Display for Reason {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Motion {
     None,
-    /// Asked for; the reply that it runs has come or not.
+    /// Requested; `started`: the reply that it runs has arrived.
     Asked {
         id: u32,
         started: bool,
     },
-    /// The state shows it.
+    /// The robot's state shows that it runs.
     Running {
         id: u32,
     },
-    /// It ends: because the answers say so (`finishing`), or because a stop was asked for.
+    /// It is ending: by the flag in the answers (`finishing`), or by a stop request.
     Ending {
         id: u32,
         finishing: bool,
     },
 }
 
-/// See the module.
+/// State machine of the session with the robot.
 #[derive(Debug)]
 pub struct Session {
     settings: Vec<Request>,
     to_set: VecDeque<Request>,
     connected: bool,
     next_id: u32,
-    /// The request that waits for its reply, and since when, s.
+    /// Request that waits for its reply, and the time since when it does, s.
     waiting: Option<(u32, Request, f64)>,
     motion: Motion,
     not_before_s: f64,
@@ -135,7 +137,8 @@ pub struct Session {
 }
 
 impl Session {
-    /// `settings`: what the robot is set to before its first motion, in order.
+    /// A session without a connection. `settings` are sent to the robot before its first motion, in
+    /// order.
     pub fn new(settings: Vec<Request>) -> Self {
         Self {
             settings,
@@ -155,7 +158,7 @@ impl Session {
         }
     }
 
-    /// The TCP connection is made; states shall come to `udp_port`.
+    /// Starts the session on a new TCP connection; the robot is to send its states to `udp_port`.
     pub fn open(&mut self, udp_port: u16, now_s: f64, out: &mut Vec<u8>) {
         self.close();
         self.to_set.extend(self.settings.iter().copied());
@@ -166,7 +169,7 @@ impl Session {
         self.ask(request, now_s, out);
     }
 
-    /// The connection is gone.
+    /// Ends the session, as the connection is gone.
     pub fn close(&mut self) {
         self.to_set.clear();
         self.connected = false;
@@ -179,10 +182,10 @@ impl Session {
         self.errors = ErrorFlags::default();
     }
 
-    /// A reply came.
+    /// Takes a reply of the robot.
     ///
     /// # Errors
-    /// The conversation cannot go on.
+    /// The session cannot continue.
     pub fn reply(&mut self, reply: &Reply, now_s: f64) -> Result<(), SessionError> {
         let motion_id = match self.motion {
             Motion::None => None,
@@ -198,7 +201,7 @@ impl Session {
             .waiting
             .take_if(|(id, request, _)| *id == reply.id && request.command() == reply.command)
         else {
-            // What a stop has made pointless may still be answered.
+            // A motion that has ended may still get a reply.
             return if reply.command == Command::Move {
                 Ok(())
             } else {
@@ -231,7 +234,8 @@ impl Session {
         Ok(())
     }
 
-    /// A state came; `wanted`: somebody is there to command, so the torque motion shall run.
+    /// Takes a state of the robot. `wanted`: a controller sends commands, so the torque motion is
+    /// to run.
     pub fn state(&mut self, state: &RobotState, wanted: bool, now_s: f64, out: &mut Vec<u8>) {
         let before = self.mode;
         self.mode = state.mode();
@@ -278,10 +282,10 @@ impl Session {
         }
     }
 
-    /// Says when a reply is overdue.
+    /// Checks whether a reply is overdue.
     ///
     /// # Errors
-    /// It is.
+    /// A reply is overdue.
     pub fn check(&self, now_s: f64) -> Result<(), SessionError> {
         match &self.waiting {
             Some((_, request, since_s)) if now_s - since_s > REPLY_S => {
@@ -291,7 +295,7 @@ impl Session {
         }
     }
 
-    /// Leaves a reflex, if there is one. True when the robot was asked.
+    /// Requests to leave a reflex, if there is one. Returns whether the request was sent.
     pub fn recover(&mut self, now_s: f64, out: &mut Vec<u8>) -> bool {
         let can = self.connected
             && self.waiting.is_none()
@@ -303,7 +307,7 @@ impl Session {
         can
     }
 
-    /// The robot ends the motion by itself, now.
+    /// Has the robot end the motion by itself, now.
     pub fn stop(&mut self, now_s: f64, out: &mut Vec<u8>) {
         if let Motion::Running { id } = self.motion
             && self.waiting.is_none()
@@ -316,7 +320,7 @@ impl Session {
         }
     }
 
-    /// The answers from now on say that the motion shall end.
+    /// From now on the answers ask the robot to end the motion.
     pub fn finish(&mut self) {
         if let Motion::Running { id } = self.motion {
             self.motion = Motion::Ending {
@@ -326,12 +330,12 @@ impl Session {
         }
     }
 
-    /// The torque motion runs and each state is answered with torques.
+    /// Whether the torque motion runs and each state is answered with torques.
     pub fn is_running(&self) -> bool {
         matches!(self.motion, Motion::Running { .. })
     }
 
-    /// The motion is ending by what the answers say: they still go out.
+    /// Whether the motion is ending by the flag in the answers, which are still sent.
     pub fn is_finishing(&self) -> bool {
         matches!(
             self.motion,
@@ -342,17 +346,18 @@ impl Session {
         )
     }
 
-    /// There is no motion, nor is one asked for.
+    /// Whether no motion runs or is requested.
     pub fn is_at_rest(&self) -> bool {
         self.motion == Motion::None
     }
 
-    /// The robot took the connection.
+    /// Whether the robot has accepted the connection.
     pub fn is_connected(&self) -> bool {
         self.connected
     }
 
-    /// Why torques would not move the arm now. `wanted` as for [`Session::state`].
+    /// Why a torque command would not move the arm now; `None` if it would. `wanted` as for
+    /// [`Session::state`].
     pub fn reason(&self, wanted: bool) -> Option<Reason> {
         if !self.connected {
             return Some(Reason::NoLink);
@@ -379,17 +384,17 @@ impl Session {
         }
     }
 
-    /// Reflexes that were left, since the start.
+    /// Number of reflexes that were left on request, since the start.
     pub fn recoveries(&self) -> u64 {
         self.recoveries
     }
 
-    /// Reflexes since the start.
+    /// Number of reflexes since the start.
     pub fn reflexes(&self) -> u64 {
         self.reflexes
     }
 
-    /// Of these, for answers that came too late.
+    /// Number of reflexes since the start that were due to late or missing answers.
     pub fn constraint_violations(&self) -> u64 {
         self.constraint_violations
     }

@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 use tangent_mechanics::{Arm, Flange, Joints, ModelData, ModelError, Pose, Tool};
-use tangent_runtime::CellConfig;
-use tangent_runtime::config::{RealtimeConfig, RobotDriver};
+use tangent_runtime::config::{FrankaConfig, RealtimeConfig, RobotDriver};
+use tangent_runtime::{CellConfig, StateFolder};
 use tangent_schemas::JointArray;
+use tangent_sensing::TareConfig;
 
 use crate::bridge::BridgeConfig;
 use crate::fci::{CollisionBehavior, Load, Request};
@@ -84,6 +85,10 @@ pub struct Config {
     pub arm: Arm<7>,
     /// The cell's tcp.
     pub flange_from_tool: Pose<Flange, Tool>,
+    /// When the zero of the wrench estimate may be taken.
+    pub tare: TareConfig,
+    /// Where the last good zero and the controller's last word are kept over restarts; none: nowhere.
+    pub state: Option<StateFolder>,
     /// Scheduling of the loop's thread.
     pub realtime: RealtimeConfig,
 }
@@ -132,8 +137,29 @@ impl Config {
             },
             arm,
             flange_from_tool: cell.tool.flange_from_tool(),
+            tare: tare(&franka),
+            state: StateFolder::of_cell(cell),
             realtime: cell.realtime.clone(),
         })
+    }
+}
+
+/// The estimate is noisier than a sensor, and off differently in every pose rather than with time.
+fn tare(franka: &FrankaConfig) -> TareConfig {
+    TareConfig {
+        duration_s: 0.25,
+        force_std_max_n: 1.0,
+        torque_std_max_nm: 0.2,
+        force_change_max_n: 0.5,
+        torque_change_max_nm: 0.1,
+        jump_max_n: franka.zero_jump_max_n,
+        jump_max_nm: franka.zero_jump_max_nm,
+        drift_n_per_min: 0.01,
+        drift_nm_per_min: 0.001,
+        // Beyond it the robot stops by itself.
+        rated: Some(franka.collision_force_n_nm),
+        zero_max_n: Some(franka.zero_max_n),
+        ..TareConfig::default()
     }
 }
 
@@ -215,7 +241,6 @@ fn limits(cell: &CellConfig, arm: &Arm<7>) -> Result<GuardLimits, SettingsError>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tangent_runtime::config::FrankaConfig;
 
     fn cell() -> CellConfig {
         let mut cell = CellConfig::default_cell();

@@ -1,7 +1,9 @@
 //! Whether the robot's wrench estimate lives: it rests on torques that are measured with noise, so it never repeats by chance.
 
 use nalgebra::Vector6;
-use tangent_sensing::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState, Validity};
+use tangent_sensing::{
+    RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState, SensorCondition,
+};
 
 use crate::fci::PERIOD_S;
 
@@ -26,13 +28,13 @@ impl Default for WrenchWatch {
 
 impl WrenchWatch {
     /// One estimate before its zero is taken off, N and Nm.
-    pub(crate) fn take(&mut self, wrench: &Vector6<f64>) -> Validity {
+    pub(crate) fn take(&mut self, wrench: &Vector6<f64>) -> SensorCondition {
         // `as` ends at the integers' ends, far beyond any load.
         let counts = std::array::from_fn(|i| (wrench[i] * COUNTS_PER_UNIT).round() as i32);
         match self.watch.take(&mut self.state, &counts, None) {
-            RecordVerdict::Plausible => Validity::Valid,
-            RecordVerdict::Frozen => Validity::Frozen,
-            RecordVerdict::AxisStuck(_) => Validity::AxisStuck,
+            RecordVerdict::Plausible => SensorCondition::Good,
+            RecordVerdict::Frozen => SensorCondition::Frozen,
+            RecordVerdict::AxisStuck(_) => SensorCondition::AxisStuck,
         }
     }
 
@@ -57,10 +59,10 @@ mod tests {
     fn an_estimate_that_stands_still_is_noticed_within_two_cycles_of_a_controller() {
         let mut watch = WrenchWatch::default();
         for k in 0..3000 {
-            assert_eq!(watch.take(&estimate(k)), Validity::Valid);
+            assert_eq!(watch.take(&estimate(k)), SensorCondition::Good);
         }
         let last = estimate(2999);
-        let states = (1..100).find(|_| watch.take(&last) == Validity::Frozen);
+        let states = (1..100).find(|_| watch.take(&last) == SensorCondition::Frozen);
         assert!(states.is_some_and(|n| n <= 4), "{states:?}");
         assert_eq!(watch.stuck_axes(), 0x3f);
     }
@@ -69,7 +71,7 @@ mod tests {
     fn a_robot_whose_estimate_is_always_zero_is_not_judged() {
         let mut watch = WrenchWatch::default();
         for _ in 0..5000 {
-            assert_eq!(watch.take(&Vector6::zeros()), Validity::Valid);
+            assert_eq!(watch.take(&Vector6::zeros()), SensorCondition::Good);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! One connection to a box, and what is said of its newest record.
+//! One connection to a sensor box, and the status of its newest record.
 
 use std::time::Duration;
 
@@ -12,33 +12,34 @@ use crate::clock::ClockRecovery;
 use crate::codec::{Record, Status};
 use crate::stream::Stream;
 
-/// One connection: what lasts from the box's answer to its loss.
+/// One connection: from the box's first answer until it is lost.
 pub(crate) struct Connection {
     pub(crate) scales: [f64; 6],
     pub(crate) stream: Stream,
     pub(crate) clock: ClockRecovery,
-    /// Counts of the box's clock between two publications.
+    /// Interval between two publications of the wrench, counts of the box's clock.
     pub(crate) interval: i64,
     pub(crate) published: i64,
-    /// The same for raw records; `None`: every one is published.
+    /// Interval between two publications of raw records, counts of the box's clock; `None`: every
+    /// one is published.
     pub(crate) raw_interval: Option<i64>,
     pub(crate) raw_published: i64,
     pub(crate) newest: Option<Newest>,
     pub(crate) restarted: bool,
     pub(crate) rate_hz: f64,
-    /// What the health message says of the wrench.
+    /// Validity of the wrench that the health message reports.
     pub(crate) told: Option<Validity>,
-    /// How the zero drifts, and what the sensor is rated for.
+    /// Drift of the zero and rating of the sensor.
     pub(crate) tare: TareConfig,
 }
 
 impl Connection {
-    /// The raw record of this sequence is due, and with that taken as published.
+    /// Whether the raw record of this sequence is due; if so, it counts as published.
     pub(crate) fn raw_is_due(&mut self, sequence: i64) -> bool {
         let Some(interval) = self.raw_interval else {
             return true;
         };
-        // A step back is a restart, or a late record among published ones.
+        // A step back is a restart, or a late record among those published.
         let since = sequence.saturating_sub(self.raw_published);
         if (0..interval).contains(&since) {
             return false;
@@ -47,12 +48,12 @@ impl Connection {
         true
     }
 
-    /// Records per second by this host's clock, Hz.
+    /// Records per second, measured with this host's clock, Hz.
     pub(crate) fn rate_measured_hz(&self) -> f64 {
         self.clock.rate_hz() / self.stream.step() as f64
     }
 
-    /// What is to be said of a wrench.
+    /// Status message for a wrench.
     pub(crate) fn status(
         &self,
         newest: &Newest,
@@ -99,7 +100,7 @@ impl Connection {
     }
 }
 
-/// The newest record, conditioned.
+/// The newest record, with its conditioned wrench.
 #[derive(Clone, Copy)]
 pub(crate) struct Newest {
     pub(crate) sequence: i64,
@@ -107,12 +108,13 @@ pub(crate) struct Newest {
     pub(crate) stamp_ns: i64,
     pub(crate) wrench: ConditionedWrench,
     pub(crate) arrival: Duration,
-    /// Records left out so far, and axes that stand still, as the watch says.
+    /// Number of records left out so far, and axes whose value stands still, according to the
+    /// sensor watch.
     pub(crate) implausible: u64,
     pub(crate) stuck_axes: u8,
 }
 
-/// The names of the bits that are set, as many as fit.
+/// Names of the bits that are set, as many as fit.
 fn status_text(status: Status) -> Text {
     let mut text = Text::new();
     for name in status.names() {

@@ -12,27 +12,23 @@ pub mod codec;
 mod config;
 mod connection;
 mod error;
-mod memory;
 mod meters;
 mod receiver;
 mod socket;
 pub mod stream;
-mod tare;
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use tangent_runtime::watchdog::TURN;
-use tangent_runtime::{Beat, Bus, HealthReporter, Lane, Parameters, Stop};
-use tangent_schemas::topics::queries;
+use tangent_runtime::{Beat, Bus, HealthReporter, Parameters, Stop};
+use tangent_tare::TareSetup;
 
 pub use box_config::BoxConfig;
 pub use config::{Config, SOCKET_BUFFER_BYTES, TOOL_RATE_DEFAULT_HZ};
 pub use error::NetftError;
 pub use socket::RdtSocket;
 
-use memory::Memory;
-use receiver::{Ended, Kept, Receiver};
+use receiver::{Ended, Receiver};
 
 /// Name of the service in topics, health and parameters.
 pub const SERVICE: &str = "netft";
@@ -52,27 +48,17 @@ const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
     let health = HealthReporter::start_only(&bus, SERVICE)?;
     let parameters = Parameters::new(&bus, SERVICE)?;
-    let (memory, zeros) = Memory::open(&bus, config.state.clone())?;
-    let memory = Arc::new(memory);
-    let (desk, work) = tare::tare_desk(config.conditioning.tare.duration_s, &memory);
-    let _answering = bus.answer_in(
-        queries::NETFT_TARE,
-        |_| Lane::Slow,
-        move |asked| desk.respond(&asked.request, asked.deadline).into(),
-    )?;
-    let kept = Kept {
-        zero: memory.zero(),
-        notes: zeros,
-    };
-    let mut receiver = Receiver::new(config, &bus, &parameters, health, work, kept)?;
-    // A write waits for the disk: a thread of its own.
-    let ending = Stop::new();
-    let (keeper, until) = (Arc::clone(&memory), ending.clone());
     let system = |action| move |source| NetftError::System { action, source };
-    let keeping = std::thread::Builder::new()
-        .name("netft-memory".into())
-        .spawn(move || keeper.follow(&until))
+    let setup = TareSetup {
+        service: SERVICE,
+        state: config.state.clone(),
+        duration_s: config.conditioning.tare.duration_s,
+        silence: "no records came to average; see the sensor's health",
+    };
+    let (taring, keeper) = tangent_tare::open(&bus, &setup)?
+        .start()
         .map_err(system("starting the thread that writes state"))?;
+    let mut receiver = Receiver::new(config, &bus, &parameters, health, taring)?;
     // A thread of its own: real-time scheduling must not spread to whoever called.
     let ended = std::thread::Builder::new()
         .name(SERVICE.into())
@@ -82,10 +68,8 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
         })
         .map_err(system("starting the receiving thread"))?
         .join();
-    ending.trigger();
-    keeping
-        .join()
-        .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    // After the last zero, which it writes down.
+    drop(keeper);
     ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     Ok(())
 }

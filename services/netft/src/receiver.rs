@@ -15,17 +15,16 @@ use tangent_sensing::{
     Reading, RecordWatchConfig, SensorCondition, SensorRecord, SensorWatch, SensorWatchState,
     Validity, Watched, WrenchConditioner, WrenchConditionerState, pressing_at,
 };
+use tangent_tare::{Outcome, Taring, Wanted};
 
 use crate::box_config::BoxConfig;
 use crate::clock::ClockRecovery;
 use crate::codec::{self, Command, DATAGRAM_MAX, FT_RATE_HZ, Record};
 use crate::config::Config;
 use crate::connection::{Connection, Newest};
-use crate::memory::{KeptZero, ZeroNotes};
 use crate::meters::Meters;
 use crate::socket::RdtSocket;
 use crate::stream::{Kind, Stream, StreamCounts};
-use crate::tare::{Outcome, TareWork, Wanted};
 use crate::{NetftError, SERVICE};
 
 /// Datagrams taken at once before the newest is published: after a stall the backlog must not hide the present for long.
@@ -36,12 +35,6 @@ const GONE: Duration = Duration::from_secs(2);
 const SILENCE_PERIOD: Duration = Duration::from_millis(50);
 /// How fast a new cut-off is approached, Hz per second.
 const CUTOFF_RATE_HZ_PER_S: f64 = 100.0;
-
-/// The zero that the service before left, and where the next one is written down.
-pub(crate) struct Kept {
-    pub(crate) zero: Option<KeptZero>,
-    pub(crate) notes: ZeroNotes,
-}
 
 /// Why receiving ended.
 pub(crate) enum Ended {
@@ -64,8 +57,7 @@ pub(crate) struct Receiver {
     state: WrenchConditionerState,
     cutoff: Parameter,
     cutoff_ramp: Ramp,
-    tare: TareWork,
-    kept: Kept,
+    taring: Taring,
     /// Of the box that the last good zero belongs to.
     serial: String,
     epoch: Instant,
@@ -80,8 +72,7 @@ impl Receiver {
         bus: &Bus,
         parameters: &Parameters,
         health: HealthReporter,
-        tare: TareWork,
-        kept: Kept,
+        taring: Taring,
     ) -> Result<Self, NetftError> {
         let conditioner = WrenchConditioner::new(
             &config.conditioning,
@@ -108,8 +99,7 @@ impl Receiver {
                 "Cut-off of the low-pass on the wrench; approached at 100 Hz per second.",
             ),
             cutoff_ramp: Ramp::new(cutoff_hz, CUTOFF_RATE_HZ_PER_S),
-            tare,
-            kept,
+            taring,
             serial: String::new(),
             epoch: Instant::now(),
             counts: StreamCounts::default(),
@@ -226,12 +216,12 @@ impl Receiver {
             tracing::warn!("another sensor: the zero of {} does not hold", self.serial);
             self.state.set_tare(None);
             self.state.forget_reference();
-            self.kept.notes.forget();
+            self.taring.notes.forget();
         }
         self.serial = serial.to_owned();
         let now_s = self.epoch.elapsed().as_secs_f64();
         let age_max_s = self.config.conditioning.tare.reference_age_max_s;
-        let zero = self.kept.zero.take();
+        let zero = self.taring.zero.take();
         if let Some(tare) = zero.and_then(|zero| zero.tare(serial, now_s, age_max_s)) {
             tracing::info!(
                 "the last good zero, {:.0} s old, is in force",
@@ -243,26 +233,25 @@ impl Receiver {
 
     /// What was asked of the zero.
     fn serve_tare(&mut self) {
-        match self.tare.order() {
+        match self.taring.work.order() {
             Order::None => return,
             Order::Forget => return self.state.cancel_tare(),
             Order::Begin => {}
         }
-        match self.tare.wanted() {
-            Wanted::Tare => self.conditioner.start_tare(&mut self.state),
-            Wanted::TareSaidClear => self.conditioner.start_tare_said_clear(&mut self.state),
+        match self.taring.work.wanted() {
+            Wanted::Tare(ground) => self.conditioner.start_tare_on(&mut self.state, ground),
             Wanted::Withdraw => {
                 let had = self.state.tare().is_some();
                 self.state.withdraw_tare();
                 let now_s = self.epoch.elapsed().as_secs_f64();
                 match self.state.reference() {
                     Some(zero) => self
-                        .kept
+                        .taring
                         .notes
                         .keep(&self.serial, zero, now_s - zero.time_s),
-                    None => self.kept.notes.forget(),
+                    None => self.taring.notes.forget(),
                 }
-                self.tare.answer(Outcome::Withdrawn(had));
+                self.taring.work.answer(Outcome::Withdrawn(had));
             }
         }
     }
@@ -434,9 +423,9 @@ impl Receiver {
         };
         let wrench = self.conditioner.update(&mut self.state, &reading);
         if let Some(outcome) = self.state.take_tare_outcome() {
-            self.tare.answer(match outcome {
+            self.taring.work.answer(match outcome {
                 Ok(tare) => {
-                    self.kept.notes.keep(&self.serial, &tare, 0.0);
+                    self.taring.notes.keep(&self.serial, &tare, 0.0);
                     Outcome::Tared(tare)
                 }
                 Err(refusal) => Outcome::Refused(refusal),

@@ -3,8 +3,6 @@
 //! A sensor counts in steps of a decimal fraction of its unit, so that a force is a whole number of steps. A wrench that does not come
 //! out of the arrays bit for bit as it went in stays a message of its own.
 
-use std::collections::BTreeMap;
-
 use tangent_schemas::standard::{Header, Time, Vector3, Wrench, WrenchStamped};
 use tangent_schemas::tangent::WrenchBatch;
 use tangent_schemas::{Message, cdr, topics};
@@ -33,10 +31,12 @@ const KILOGRAM_FORCE_N: f64 = 9.806_65;
 /// A topic and who publishes on it.
 type Place = (String, [u8; 16]);
 
-/// Wrenches that wait for the rest of their batch.
+/// Wrenches that wait for the rest of their batch: a list, since few publish them, and empty again after each flush, since strangers may.
 #[derive(Default)]
 pub(crate) struct Packer {
-    waiting: BTreeMap<Place, Waiting>,
+    waiting: Vec<(Place, Waiting)>,
+    /// N and Nm, as they fitted last.
+    steps: (f64, f64),
 }
 
 /// What became of a record.
@@ -63,17 +63,24 @@ impl Packer {
         if !is_packable(record) {
             return Packed::Not(None);
         }
-        let place = (record.topic.to_owned(), record.publisher);
+        let known = self.waiting.iter().position(|((topic, publisher), _)| {
+            topic == record.topic && *publisher == record.publisher
+        });
+        let at = known.unwrap_or_else(|| {
+            let place = (record.topic.to_owned(), record.publisher);
+            self.waiting.push((place, Waiting::new(self.steps)));
+            self.waiting.len() - 1
+        });
+        let (place, waiting) = &mut self.waiting[at];
         let Some(one) = One::of(record) else {
-            return Packed::Not(self.end(&place));
+            return Packed::Not(waiting.end(place));
         };
-        let waiting = self.waiting.entry(place.clone()).or_default();
         if waiting.push(&one) {
             return Packed::Taken(None);
         }
-        let ended = self.end(&place);
-        let waiting = self.waiting.entry(place).or_default();
+        let ended = waiting.end(place);
         if waiting.push(&one) || (waiting.find_steps(&one) && waiting.push(&one)) {
+            self.steps = waiting.steps();
             Packed::Taken(ended)
         } else {
             Packed::Not(ended)
@@ -82,12 +89,10 @@ impl Packer {
 
     /// Everything that waits.
     pub fn end_all(&mut self) -> Vec<Whole> {
-        let places: Vec<Place> = self.waiting.keys().cloned().collect();
-        places.iter().filter_map(|place| self.end(place)).collect()
-    }
-
-    fn end(&mut self, place: &Place) -> Option<Whole> {
-        self.waiting.get_mut(place)?.end(place)
+        let waiting = self.waiting.drain(..);
+        waiting
+            .filter_map(|(place, mut waiting)| waiting.end(&place))
+            .collect()
     }
 }
 
@@ -142,6 +147,21 @@ struct Last {
 }
 
 impl Waiting {
+    fn new((force_step_n, torque_step_nm): (f64, f64)) -> Self {
+        Self {
+            batch: WrenchBatch {
+                force_step_n,
+                torque_step_nm,
+                ..WrenchBatch::default()
+            },
+            ..Self::default()
+        }
+    }
+
+    fn steps(&self) -> (f64, f64) {
+        (self.batch.force_step_n, self.batch.torque_step_nm)
+    }
+
     /// False when the wrench does not go on where the batch ends, or not come out as it went in.
     fn push(&mut self, one: &One<'_>) -> bool {
         let size = self.batch.force_x.len();
@@ -149,15 +169,9 @@ impl Waiting {
             return false;
         }
         if size == 0 {
-            let steps = (self.batch.force_step_n, self.batch.torque_step_nm);
-            self.batch = WrenchBatch {
-                header: one.wrench.header.clone(),
-                sequence: one.record.sequence,
-                received_ns: one.record.log_time_ns,
-                force_step_n: steps.0,
-                torque_step_nm: steps.1,
-                ..WrenchBatch::default()
-            };
+            self.batch.header = one.wrench.header.clone();
+            self.batch.sequence = one.record.sequence;
+            self.batch.received_ns = one.record.log_time_ns;
             self.last = Last {
                 stamp_ns: one.stamp_ns,
                 received_ns: one.record.log_time_ns,
@@ -179,16 +193,10 @@ impl Waiting {
         let stamp_step = narrow(one.stamp_ns.checked_sub(self.last.stamp_ns)?)?;
         let received_step = record.log_time_ns.wrapping_sub(self.last.received_ns) as i64;
         let received_step = narrow(received_step)?;
-        let wrench = &one.wrench.wrench;
-        let force = numbers(&wrench.force, batch.force_step_n)?;
-        let torque = numbers(&wrench.torque, batch.torque_step_nm)?;
-        let again = WrenchStamped {
-            header: header_at(one.stamp_ns, &batch.header),
-            wrench: Wrench {
-                force: times(force, batch.force_step_n),
-                torque: times(torque, batch.torque_step_nm),
-            },
-        };
+        let felt = &one.wrench.wrench;
+        let force = numbers(&felt.force, batch.force_step_n)?;
+        let torque = numbers(&felt.torque, batch.torque_step_nm)?;
+        let again = wrench(batch, one.stamp_ns, force, torque);
         self.bytes.clear();
         cdr::encode(&again, &mut self.bytes).ok()?;
         if self.bytes != record.bytes {
@@ -211,14 +219,14 @@ impl Waiting {
         Some(())
     }
 
-    /// The coarsest steps of which this wrench has whole numbers; for an empty batch.
+    /// The coarsest steps of which this wrench has whole numbers, for an empty batch; false where there are none.
     fn find_steps(&mut self, one: &One<'_>) -> bool {
-        let wrench = &one.wrench.wrench;
-        let force = step(&wrench.force, &FORCE_UNITS);
-        let torque = step(&wrench.torque, &TORQUE_UNITS);
-        (self.batch.force_step_n, self.batch.torque_step_nm) =
-            (force.unwrap_or(0.0), torque.unwrap_or(0.0));
-        force.is_some() && torque.is_some()
+        let felt = &one.wrench.wrench;
+        let steps = step(&felt.force, &FORCE_UNITS).zip(step(&felt.torque, &TORQUE_UNITS));
+        if let Some(steps) = steps {
+            *self = Self::new(steps);
+        }
+        steps.is_some()
     }
 
     /// What waits; the steps stay for the next batch.
@@ -237,11 +245,7 @@ impl Waiting {
             publish_time_ns: self.last.published_ns,
             bytes,
         };
-        self.batch = WrenchBatch {
-            force_step_n: self.batch.force_step_n,
-            torque_step_nm: self.batch.torque_step_nm,
-            ..WrenchBatch::default()
-        };
+        *self = Self::new(self.steps());
         Some(whole)
     }
 }
@@ -271,16 +275,30 @@ fn times([x, y, z]: [i32; 3], step: f64) -> Vector3 {
     }
 }
 
-fn header_at(stamp_ns: i64, first: &Header) -> Header {
-    Header {
-        stamp: Time::from_ns(stamp_ns),
-        frame_id: first.frame_id,
+/// A wrench of the batch as it comes out of the arrays.
+fn wrench(batch: &WrenchBatch, stamp_ns: i64, force: [i32; 3], torque: [i32; 3]) -> WrenchStamped {
+    WrenchStamped {
+        header: Header {
+            stamp: Time::from_ns(stamp_ns),
+            frame_id: batch.header.frame_id,
+        },
+        wrench: Wrench {
+            force: times(force, batch.force_step_n),
+            torque: times(torque, batch.torque_step_nm),
+        },
     }
 }
 
 /// The topic whose messages stand in arrays on this one.
 pub(crate) fn packed_topic(topic: &str) -> Option<&str> {
     topic.strip_suffix(SUFFIX)
+}
+
+/// A batch, where a message of this type is a whole one.
+fn batch_of(topic: &str, type_name: &str, bytes: &[u8]) -> Option<WrenchBatch> {
+    (type_name == WrenchBatch::NAME)
+        .then(|| batch(topic, bytes))
+        .flatten()
 }
 
 /// A batch, where these bytes are one.
@@ -303,10 +321,7 @@ pub(crate) fn batch(topic: &str, bytes: &[u8]) -> Option<WrenchBatch> {
 
 /// Messages in a message of a recording: 1 in all that are no batch.
 pub(crate) fn count(topic: &str, type_name: &str, bytes: &[u8]) -> u64 {
-    let batch = (type_name == WrenchBatch::NAME)
-        .then(|| batch(topic, bytes))
-        .flatten();
-    batch.map_or(1, |batch| batch.force_x.len() as u64)
+    batch_of(topic, type_name, bytes).map_or(1, |batch| batch.force_x.len() as u64)
 }
 
 /// A message as it came from the bus.
@@ -318,9 +333,7 @@ pub(crate) struct Unpacked {
 
 /// The messages of a batch as they came from the bus; any other message as it is.
 pub(crate) fn unpack(message: RecordedMessage) -> Vec<Unpacked> {
-    let found = (message.type_name == WrenchBatch::NAME)
-        .then(|| batch(&message.topic, &message.bytes))
-        .flatten();
+    let found = batch_of(&message.topic, &message.type_name, &message.bytes);
     let (Some(batch), Some(topic)) = (found, packed_topic(&message.topic)) else {
         return vec![Unpacked {
             message,
@@ -336,15 +349,9 @@ pub(crate) fn unpack(message: RecordedMessage) -> Vec<Unpacked> {
         let after_ns = i64::from(batch.published_after_ns[i]);
         let force = [batch.force_x[i], batch.force_y[i], batch.force_z[i]];
         let torque = [batch.torque_x[i], batch.torque_y[i], batch.torque_z[i]];
-        let wrench = WrenchStamped {
-            header: header_at(stamp_ns, &batch.header),
-            wrench: Wrench {
-                force: times(force, batch.force_step_n),
-                torque: times(torque, batch.torque_step_nm),
-            },
-        };
         let mut bytes = Vec::new();
-        cdr::encode(&wrench, &mut bytes).expect("a wrench can be written");
+        cdr::encode(&wrench(&batch, stamp_ns, force, torque), &mut bytes)
+            .expect("a wrench can be written");
         messages.push(Unpacked {
             message: RecordedMessage {
                 topic: topic.to_owned(),

@@ -8,7 +8,6 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use proptest::prelude::*;
-use proptest::test_runner::RngSeed;
 
 use crate::disk::Disk;
 use crate::files::{Files, OpenFile};
@@ -156,7 +155,6 @@ fn a_power_cut_right_at_the_start_leaves_a_file_that_opens() {
 proptest! {
     #![proptest_config(ProptestConfig {
         cases: 200,
-        rng_seed: RngSeed::Fixed(13),
         failure_persistence: None,
         ..ProptestConfig::default()
     })]

@@ -1,4 +1,4 @@
-//! A recording read back, whole or torn.
+//! Reads a recording, complete or truncated.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,7 +15,7 @@ use crate::order::Ordered;
 use crate::packing::unpack;
 use crate::writer::PUBLISHERS;
 
-/// A file's bytes, and how far they are whole.
+/// The bytes of a file, and up to where its records are complete.
 pub(crate) struct WholeFile {
     bytes: Vec<u8>,
     whole: usize,
@@ -32,12 +32,12 @@ impl WholeFile {
         &self.bytes
     }
 
-    /// Bytes up to the end of the last whole record.
+    /// Number of bytes up to the end of the last complete record.
     pub(crate) fn whole_bytes(&self) -> u64 {
         self.whole as u64
     }
 
-    /// Every message up to the first damage, and the damage as the last item.
+    /// All messages up to the first damage, which is then the last item.
     pub(crate) fn messages(&self) -> Messages<'_> {
         Messages {
             left: &self.bytes[..self.whole],
@@ -46,10 +46,11 @@ impl WholeFile {
     }
 }
 
-/// A longer record is damage: without a limit a single flipped bit can ask for all memory there is.
+/// Largest record, bytes. A longer one is damage: without a limit, a single flipped bit could
+/// request all memory.
 const RECORD_BYTES_MAX: usize = 256 << 20;
 
-/// For a file that may lack its end.
+/// Options for a file that may lack its end.
 pub(crate) fn reader_options() -> LinearReaderOptions {
     LinearReaderOptions::default()
         .with_skip_end_magic(true)
@@ -61,7 +62,7 @@ pub(crate) fn message_reader() -> MessageReader {
     MessageReader::new_with_options(reader_options())
 }
 
-/// The messages of a file's bytes.
+/// Iterator over the messages in a file's bytes.
 pub(crate) struct Messages<'a> {
     left: &'a [u8],
     reader: MessageReader,
@@ -80,7 +81,8 @@ impl Iterator for Messages<'_> {
                     self.left = later;
                 }
                 Ok(MessageReadEvent::Message(message)) => return Some(Ok(message)),
-                // A file that just ends between two records is torn, not damaged; that is known already.
+                // A file that ends between two records is truncated, not damaged; that is already
+                // known.
                 Err(McapError::UnexpectedEof) => return None,
                 Err(error) => return Some(Err(error)),
             }
@@ -88,7 +90,7 @@ impl Iterator for Messages<'_> {
     }
 }
 
-/// Length of the longest prefix that ends with a whole record.
+/// Length of the longest prefix that ends with a complete record.
 fn whole_length(bytes: &[u8]) -> usize {
     const RECORD_HEADER: usize = 9;
     let magic = mcap::MAGIC.len();
@@ -118,7 +120,7 @@ fn whole_length(bytes: &[u8]) -> usize {
     }
 }
 
-/// Everything a recording holds.
+/// A recording and its contents.
 pub struct Recording {
     path: PathBuf,
     whole: WholeFile,
@@ -128,10 +130,10 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Reads a file; a torn one is read up to its last whole chunk.
+    /// Reads a file; a truncated one up to its last complete chunk.
     ///
     /// # Errors
-    /// When it cannot be read or is no MCAP file at all.
+    /// The file cannot be read, or is not an MCAP file.
     pub fn open(path: &Path) -> Result<Self, RecorderError> {
         let whole = WholeFile::read(path)?;
         if whole.whole_bytes() == 0 {
@@ -149,7 +151,7 @@ impl Recording {
                 McapRecord::Attachment { header, data, .. } => {
                     attachments.insert(header.name, String::from_utf8_lossy(&data).into_owned());
                 }
-                // The messages say it themselves.
+                // The messages contain this themselves.
                 McapRecord::Metadata(m) if m.name == PUBLISHERS => {}
                 McapRecord::Metadata(m) => {
                     metadata.insert(m.name, m.metadata);
@@ -166,33 +168,35 @@ impl Recording {
         })
     }
 
-    /// Where it was read from.
+    /// Path that it was read from.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// True when the file lacks its end: the recorder was killed and has not been started since.
+    /// Whether the file lacks its end: the recorder was killed, and has not been started since.
     pub fn is_truncated(&self) -> bool {
         self.truncated
     }
 
-    /// Files stored inside, by name.
+    /// Attached files, by name.
     pub fn attachments(&self) -> &BTreeMap<String, String> {
         &self.attachments
     }
 
-    /// Tables stored inside, by name.
+    /// Metadata tables, by name.
     pub fn metadata(&self) -> &BTreeMap<String, BTreeMap<String, String>> {
         &self.metadata
     }
 
-    /// Every message up to the first damage, in the order in which they came. What its publisher was asked for again
-    /// stands where it would have come, and what was packed is unpacked.
+    /// All messages up to the first damage, in the order of their arrival. A message that was
+    /// requested again from its publisher takes the place where it would have arrived. Packed
+    /// messages are unpacked.
     pub fn messages(&self) -> impl Iterator<Item = RecordedMessage> + '_ {
         self.try_messages().map_while(Result::ok)
     }
 
-    /// The same, with the damage as the last item.
+    /// All messages in the order of their arrival, as [`Recording::messages`]; damage, if any, is
+    /// the last item.
     pub fn try_messages(
         &self,
     ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + '_ {

@@ -1,4 +1,5 @@
-//! The service: takes every message from the bus and gives it to the disk, with what belongs beside the messages.
+//! The recorder service: takes every message from the bus, passes it to the disk, and stores task
+//! texts and parameters with the messages.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
@@ -26,60 +27,65 @@ use crate::pattern::matches_any;
 use crate::recall::Recaller;
 use crate::repair::Repair;
 
-/// Name in topics and health messages.
+/// Name of the service in topics and health messages.
 pub const SERVICE: &str = "recorder";
-/// How often the thread looks at the clock while nothing comes.
+/// Interval of the periodic work, and longest wait for a message.
 const LOOK: Duration = Duration::from_millis(50);
-/// A turn may take so long: new definitions are written, files are looked for, and a disk may be slow.
+/// Longest time of one iteration: it may write new definitions and look for files, and a disk may
+/// be slow.
 const TURN_MAX: Duration = Duration::from_secs(30);
-/// Services have this long to come up before they are asked for their parameters.
+/// Time that services have to start before they are asked for their parameters.
 const ASK_AFTER: Duration = Duration::from_secs(1);
-/// After a stop, messages that were under way still arrive for this long.
+/// Time after a stop during which messages in transit are still taken.
 const LATE: Duration = Duration::from_millis(200);
-/// After that, publishers have this long to say again what is missing.
+/// Time that publishers then have to send missing messages again.
 const LAST_QUESTION: Duration = Duration::from_millis(1000);
-/// Messages that were asked for, taken between two looks at those that come by themselves.
+/// Largest number of messages sent again that are taken between two checks for live messages.
 const RECALLED_MAX: usize = 4000;
-/// What a recorder was given last is on its disk but for these: it is asked for again, ns.
+/// Time span before the end of the former recording that is requested again, ns: the newest
+/// messages may not have reached its disk.
 const BEFORE_NS: i64 = 1_000_000_000;
 
-/// What was recorded.
+/// Result of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Summary {
     /// Files of this run, in order.
     pub files: Vec<PathBuf>,
-    /// Messages in them.
+    /// Number of messages in the files.
     pub recorded: u64,
-    /// Messages in them that had not come, and that their publishers were asked for again.
+    /// Number of messages in the files that were lost at first and requested again from their
+    /// publishers.
     pub recovered: u64,
-    /// Messages pushed out of the queue while the disk was slow. Each is missing, or recovered.
+    /// Number of messages dropped from a full queue while the disk was slow. Each is either
+    /// recovered or missing.
     pub queue_dropped: u64,
-    /// Messages that the disk refused.
+    /// Number of messages that the disk refused.
     pub disk_refused: u64,
-    /// Messages that never came, by their publishers' sequence numbers, and were asked for in vain.
+    /// Number of messages that never arrived, by their publishers' sequence numbers, although they
+    /// were requested again.
     pub missing: u64,
-    /// Torn files of the folder that were mended meanwhile.
+    /// Truncated files of the folder that were repaired in the meantime.
     pub mended: Vec<Repair>,
 }
 
 impl Summary {
-    /// Messages that should have been recorded and were not.
+    /// Number of messages that should have been recorded and were not.
     pub fn lost(&self) -> u64 {
         self.disk_refused + self.missing
     }
 }
 
-/// Records until `stop`, then writes what still waits and ends the file. Blocks.
+/// Records until `stop`, then writes what is still queued and closes the file. Blocks.
 ///
 /// # Errors
-/// A folder that can neither be found nor made, or a topic that the bus refuses. A disk that refuses later is no
-/// error: the service stands by, counts and tries again.
+/// The folder can neither be found nor created, or the bus refuses a topic. A disk that refuses
+/// later is no error: the service keeps running, counts the messages and tries again.
 pub fn run(config: RecorderConfig, bus: Bus, stop: Stop) -> Result<Summary, RecorderError> {
     run_for(config, bus.clone(), bus, stop)
 }
 
-/// The same for `config.cells`, which are heard on `network`, a bus outside any cell; `bus` is that of the recorder's
-/// own cell, where it says how it fares.
+/// Records the cells of `config.cells`, received on `network`, a bus outside any cell, until
+/// `stop`. `bus` is that of the recorder's own cell, where it publishes its health.
 ///
 /// # Errors
 /// As [`run`].
@@ -102,7 +108,7 @@ pub fn run_for(
     Ok(service.finish())
 }
 
-/// Goes on where the former recording of the cell ends, if that is not long ago.
+/// Continues the cell's former recording, if it ended recently.
 fn go_on_after(config: &RecorderConfig, now_ns: i64, ledger: &mut Ledger, recaller: &mut Recaller) {
     let now = Instant::now();
     let now_ns = u64::try_from(now_ns).unwrap_or(0);
@@ -120,11 +126,11 @@ fn go_on_after(config: &RecorderConfig, now_ns: i64, ledger: &mut Ledger, recall
 
 struct Service {
     messages: RawSubscription,
-    /// Messages that it holds.
+    /// Capacity of the message queue.
     queue: usize,
-    /// Patterns to look at one by one; empty when the subscription does it.
+    /// Patterns that each key is checked against; empty if the subscription itself selects.
     include: Vec<String>,
-    /// Patterns of what is recorded, for what the subscription has not looked at.
+    /// Patterns of what is recorded, for messages that did not come through the subscription.
     wanted: Vec<String>,
     exclude: Vec<String>,
     cells: Cells,
@@ -132,13 +138,13 @@ struct Service {
     ledger: Ledger,
     recaller: Recaller,
     keeper: Keeper,
-    /// Files ended when the keeper was last told.
+    /// Number of files closed when the keeper was last notified.
     ended: usize,
     definitions: Definitions,
     inquirer: Inquirer,
-    /// When to ask for parameters; none once asked.
+    /// Time at which to ask for parameters; `None` once asked.
     ask_at: Option<Instant>,
-    /// Newest, by what stands before the cell's keys.
+    /// Newest activation by cell; the key is the prefix of the cell's keys.
     activations: HashMap<String, u64>,
     mended: Vec<Repair>,
     health: HealthReporter,
@@ -156,7 +162,7 @@ struct Meters {
     said: Option<String>,
 }
 
-/// Text of each type's definition, put together once.
+/// Text of each message type's definition, composed once.
 #[derive(Default)]
 struct Definitions(HashMap<String, Option<String>>);
 
@@ -179,7 +185,7 @@ impl Service {
     fn new(config: RecorderConfig, bus: &Bus, network: &Bus) -> Result<Self, RecorderError> {
         let (pattern, include) = match config.include.as_slice() {
             [one] => (one.clone(), Vec::new()),
-            // Patterns may overlap; one subscription hears each message once.
+            // Patterns may overlap; a single subscription receives each message once.
             several => ("**".to_owned(), several.to_vec()),
         };
         let wanted = config.include.clone();
@@ -198,7 +204,7 @@ impl Service {
         let start_ns = clock::now_ns();
         let mut ledger = Ledger::new(start_ns);
         let mut recaller = Recaller::start(network.clone(), cells.prefixes())?;
-        // Before it is mended, and before this run writes a file.
+        // Before the former recording is repaired, and before this run writes a file.
         go_on_after(&config, start_ns, &mut ledger, &mut recaller);
         let keeper = Keeper::start(&config)?;
         let disk = Disk::open(config)?;
@@ -271,7 +277,7 @@ impl Service {
             },
             message.received.max(self.tended),
         );
-        // A task that is asked for is the present one.
+        // A task text that is requested is that of the current task, so only live messages count.
         if origin == Origin::Live
             && key == topics::CONTROL_STATE.key()
             && message.type_name == ControlState::NAME
@@ -281,7 +287,7 @@ impl Service {
         }
     }
 
-    /// A new activation is a new task: its text belongs into the recording.
+    /// Requests the text of the task when the activation changes, to store it in the recording.
     fn watch_task(&mut self, prefix: String, payload: &[u8]) {
         let Ok(state) = cdr::decode::<ControlState>(payload) else {
             return;
@@ -295,7 +301,8 @@ impl Service {
         }
     }
 
-    /// What is done now and then: flush, rotate, ask, say how it fares.
+    /// Periodic work: flush and rotate files, request missing messages and parameters, report
+    /// health.
     fn tend(&mut self) {
         let now = Instant::now();
         if now.duration_since(self.tended) < LOOK {
@@ -321,7 +328,7 @@ impl Service {
         self.say();
     }
 
-    /// Asks for what is missing, and records what is said again.
+    /// Requests missing messages, and records those that publishers have sent again.
     fn recall(&mut self, now: Instant) {
         for one in self.messages.pushed_out() {
             if self.records(&one.key) {
@@ -329,7 +336,7 @@ impl Service {
                     .pushed_out(&one.key, one.publisher, one.from, one.to, now);
             }
         }
-        // What comes now is lost when the queue is full; what comes again waits.
+        // Live messages are lost when the queue is full; messages that were sent again can wait.
         if self.messages.waiting() < (self.queue / 4).max(1) {
             for message in self.recaller.answers(RECALLED_MAX) {
                 self.take_again(&message);
@@ -339,14 +346,14 @@ impl Service {
     }
 
     fn take_again(&mut self, message: &RawMessage) {
-        // Publishers answer for every topic.
+        // Publishers send messages of all topics again.
         let (_, key) = self.cells.split(&message.key);
         if matches_any(&self.wanted, key) && self.messages.follows(&message.key) {
             self.take_from(message, Origin::Recalled);
         }
     }
 
-    /// Messages on this key are recorded.
+    /// Whether messages on this key are recorded.
     fn records(&self, key: &str) -> bool {
         let (_, key) = self.cells.split(key);
         (self.include.is_empty() || matches_any(&self.include, key))
@@ -411,7 +418,7 @@ impl Service {
         self.keeper.finish();
         self.mended.extend(self.keeper.mended());
         self.inquirer.ask_parameters();
-        // What was published before the stop may still be on its way here; what comes after it may go on for ever.
+        // Messages from before the stop may still be in transit; later ones may arrive without end.
         while let Some(message) = self
             .messages
             .recv_timeout(LATE.saturating_sub(stopped.elapsed()))
@@ -462,7 +469,7 @@ mod tests {
         }
     }
 
-    /// Waits for what another thread does; fails after half a minute.
+    /// Waits for another thread; fails after half a minute.
     fn until(what: &str, mut done: impl FnMut() -> bool) {
         let start = Instant::now();
         while !done() {
@@ -500,7 +507,7 @@ mod tests {
             activation: 3,
             ..ControlState::default()
         });
-        // 101 of ours, and the first health message.
+        // 101 messages of this test, and the first health message.
         until("messages arrive", || service.messages.waiting() >= 102);
         while let Some(message) = service.messages.try_recv() {
             service.take(&message);
@@ -550,7 +557,7 @@ mod tests {
             &bus,
         )
         .unwrap();
-        // Nobody takes anything: a disk that hangs.
+        // No message is taken from the queue, as with a disk that hangs.
         let arm = bus.publisher(&topics::ARM_STATE).unwrap();
         for i in 1..=100 {
             arm.publish(&ArmState::default());
@@ -594,7 +601,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let bus = Bus::in_process("cell1");
         let config = RecorderConfig {
-            // The recorder's own health is not what is counted here.
+            // The recorder's own health must not be counted here.
             include: vec!["arm/*".to_owned(), "control/*".to_owned()],
             exclude: vec!["control/*".to_owned()],
             ..config(folder.path())

@@ -1,8 +1,9 @@
-//! The bridge as a state machine: what came from the robot and from the controller goes in with the time, bytes for
-//! the robot come out. It owns the link, the watch over the robot's program, the guard, and the counters.
+//! The bridge as a state machine. Inputs are packages of the robot, commands of the controller, and
+//! the time; outputs are bytes for the robot. It owns the link, the supervisor of the robot's
+//! program, the guard, and the counters.
 //!
-//! The cycle is: [`Bridge::package`] says [`BridgeEvent::Cycle`], the caller publishes the state, and
-//! [`Bridge::command`] writes the answer. Neither allocates while streaming.
+//! One cycle: [`Bridge::package`] returns [`BridgeEvent::Cycle`], the caller publishes the state,
+//! and [`Bridge::command`] writes the answer. Neither allocates while streaming.
 
 use nalgebra::Vector6;
 
@@ -15,50 +16,51 @@ use crate::status::RUNTIME_PLAYING;
 use crate::supervisor::{Reason, Supervisor};
 use tangent_runtime::lease::{Admission, Lease, Source};
 
-/// Sequences wrap here.
+/// Value at which sequence numbers wrap.
 const SEQUENCE_MAX: i32 = 1 << 30;
-/// Sent sequences whose time is remembered.
+/// Number of sent sequence numbers whose time is stored.
 const REMEMBERED: usize = 256;
-/// A soft stop is repeated over so many packages at most.
+/// Largest number of packages in which a soft stop is repeated.
 const SOFT_STOP_PACKAGES: u32 = 25;
-/// Below this joint speed the arm rests, rad/s: a real arm's measured speed is never quite zero.
+/// Joint speed below which the arm counts as at rest, rad/s: the measured speed of a real arm is
+/// never exactly zero.
 const AT_REST_RAD_PER_S: f64 = 0.01;
-/// The end of the program is waited for so long at shutdown, s.
+/// Time allowed at shutdown for the program to end, s.
 const EXIT_S: f64 = 2.0;
-/// The ramp to rest is waited for so long at shutdown, s.
+/// Time allowed at shutdown for the ramp to rest, s.
 const REST_S: f64 = 3.0;
 
-/// What the bridge has to know; everything else it learns from the robot.
+/// Configuration of the bridge. It learns everything else from the robot.
 #[derive(Clone, Debug)]
 pub struct BridgeConfig {
-    /// Where its registers are.
+    /// Registers that the bridge uses.
     pub registers: RegisterMap,
-    /// The cell's model name, for messages.
+    /// Name of the cell's arm model, for messages.
     pub model: String,
-    /// What that model is, if known.
+    /// Series of that model, if known.
     pub series: Option<Series>,
-    /// States per second asked for, Hz; the controller's own without it.
+    /// Requested rate of states, Hz; `None`: the controller's own rate.
     pub rate_hz: Option<f64>,
-    /// For the guard.
+    /// Limits of the guard.
     pub limits: GuardLimits,
-    /// Least speed scaling at which the arm may move, 0 to 1.
+    /// Smallest speed scaling at which the arm may move, 0 to 1.
     pub speed_scaling_min: f64,
-    /// For session tokens; fresh at each start.
+    /// Seed of the session tokens; a new one at each start.
     pub seed: u64,
 }
 
-/// What a package meant to the caller.
+/// Meaning of a package for the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BridgeEvent {
     /// Nothing to do.
     None,
-    /// Which software runs there.
+    /// Software version of the robot's controller.
     Version(ControllerVersion),
-    /// A robot packet is in: publish the state, then [`Bridge::command`].
+    /// A robot packet has arrived: publish the state, then call [`Bridge::command`].
     Cycle,
     /// A line from the controller, for the log.
     Text(TextMessage),
-    /// The orderly end is done: close the connection.
+    /// The orderly shutdown is complete: close the connection.
     Finished,
 }
 
@@ -71,7 +73,7 @@ enum Ending {
     Finished,
 }
 
-/// See the module.
+/// The bridge as a state machine, without sockets and clock.
 #[derive(Debug)]
 pub struct Bridge {
     config: BridgeConfig,
@@ -94,7 +96,7 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// Not connected.
+    /// A bridge without a connection.
     pub fn new(config: BridgeConfig) -> Self {
         let period_s = config.series.unwrap_or(Series::Cb3).period_s();
         Self {
@@ -123,13 +125,14 @@ impl Bridge {
         }
     }
 
-    /// A connection was made.
+    /// Starts the link on a new connection.
     pub fn open(&mut self, now_s: f64, out: &mut Vec<u8>) -> Result<(), LinkError> {
         self.close();
         self.link.open(now_s, out)
     }
 
-    /// The connection is gone, or is given up. Whatever was commanded is latched out.
+    /// Ends the link, as the connection is lost or given up. The current activation and all older
+    /// ones are rejected from now on.
     pub fn close(&mut self) {
         self.link.close();
         self.supervisor.disconnected();
@@ -141,7 +144,7 @@ impl Bridge {
         }
     }
 
-    /// A package came.
+    /// Takes a package of the robot.
     pub fn package(
         &mut self,
         package: Package<'_>,
@@ -167,13 +170,14 @@ impl Bridge {
         }
     }
 
-    /// Says when the controller is overdue.
+    /// Checks whether an answer of the robot's controller is overdue.
     pub fn check(&self, now_s: f64) -> Result<(), LinkError> {
         self.link.check(now_s)
     }
 
-    /// Whether a command from `source` may be given to [`Bridge::command`]: only one source at a time commands the arm.
-    /// `activation`: what it brings; a source that was not heard before has to start a task anew.
+    /// Whether a command from `source` may be passed to [`Bridge::command`]: only one source at a
+    /// time commands the arm. When the lease changes hands, `activation` of the new source and all
+    /// older ones are rejected, so that a task has to be started again.
     pub fn admit(&mut self, source: &Source, activation: u64, now_s: f64) -> bool {
         let rests = *self.guard.qd() == Vector6::zeros()
             && self.sample.qd.iter().all(|v| v.abs() < AT_REST_RAD_PER_S);
@@ -187,8 +191,9 @@ impl Bridge {
         }
     }
 
-    /// Writes the package of this cycle: after each [`BridgeEvent::Cycle`], and when one is overdue, as a heartbeat.
-    /// `posture`: of the last state. `arrived`: a command not given before.
+    /// Writes the package of this cycle: after each [`BridgeEvent::Cycle`], and as a heartbeat when
+    /// one is overdue. `posture` is of the last state; `arrived` is a command that was not passed
+    /// before.
     pub fn command(
         &mut self,
         posture: &Posture,
@@ -238,30 +243,31 @@ impl Bridge {
         Ok(())
     }
 
-    /// True once for each time that the program has to be sent, with the session's token compiled in.
+    /// The session token with which to send the program, once for each time that it has to be sent.
     pub fn take_upload(&mut self) -> Option<i32> {
         self.supervisor
             .take_upload()
             .then(|| self.supervisor.session())
     }
 
-    /// The program goes on the robot again, also where another runs, and a latched stop may be left.
+    /// Allows the program to be sent to the robot again, even in place of another program, and a
+    /// latched stop to be left.
     pub fn reset(&mut self) {
         self.supervisor.reset();
     }
 
-    /// The robot's word on its model is in.
+    /// Sets whether the robot is another model than the cell's.
     pub fn set_wrong_model(&mut self, wrong: bool) {
         self.supervisor.set_wrong_model(wrong);
     }
 
-    /// The robot decelerates and latches; motion needs a newer activation.
+    /// Has the robot decelerate and latch. The arm moves again only for a newer activation.
     pub fn stop(&mut self) {
         self.guard.latch();
         self.soft_stop = 1;
     }
 
-    /// Begins the orderly end: ramp to rest, end the program, pause the stream.
+    /// Begins the orderly shutdown: ramp to rest, end the program, pause the stream.
     pub fn end(&mut self, now_s: f64) {
         if self.ending == Ending::No {
             self.ending = if self.link.is_streaming() && self.has_sample {
@@ -272,7 +278,7 @@ impl Bridge {
         }
     }
 
-    /// The orderly end is done.
+    /// Whether the orderly shutdown is complete.
     pub fn is_finished(&self) -> bool {
         self.ending == Ending::Finished
     }
@@ -282,7 +288,7 @@ impl Bridge {
         &self.sample
     }
 
-    /// Robot packets since the bridge started.
+    /// Number of robot packets since the bridge started.
     pub fn cycle(&self) -> u64 {
         self.cycle
     }
@@ -292,17 +298,18 @@ impl Bridge {
         self.period_s
     }
 
-    /// Packets lost since start, by the robot's own clock.
+    /// Number of packets lost since the start, by the robot's clock.
     pub fn packets_lost(&self) -> u64 {
         self.packets_lost
     }
 
-    /// From sending a sequence to the robot's word that it used it, s; of the newest one used.
+    /// Time from sending a sequence number until the robot reports it in use, s; of the newest one
+    /// in use.
     pub fn latency_s(&self) -> f64 {
         self.latency_s
     }
 
-    /// The latency was measured anew in this cycle.
+    /// Whether the latency was measured in this cycle.
     pub fn latency_is_new(&self) -> bool {
         self.latency_is_new
     }
@@ -312,32 +319,32 @@ impl Bridge {
         &self.guard
     }
 
-    /// Who commands.
+    /// The lease: which source commands the arm.
     pub fn lease(&self) -> &Lease {
         &self.lease
     }
 
-    /// The link with its version.
+    /// The link, which knows the version of the robot's controller.
     pub fn link(&self) -> &Link {
         &self.link
     }
 
-    /// What runs on the robot.
+    /// The supervisor of the robot's program.
     pub fn supervisor(&self) -> &Supervisor {
         &self.supervisor
     }
 
-    /// The cell's side of it.
+    /// Configuration of the bridge.
     pub fn config(&self) -> &BridgeConfig {
         &self.config
     }
 
-    /// A command of a fresh activation would move the arm now.
+    /// Whether a command with a new activation would move the arm now.
     pub fn is_ready(&self) -> bool {
         self.reason().is_none()
     }
 
-    /// Why it would not.
+    /// Why a command with a new activation would not move the arm now; `None` if it would.
     pub fn reason(&self) -> Option<Reason> {
         if !self.link.is_streaming() || !self.has_sample {
             Some(Reason::NoLink)
@@ -421,7 +428,7 @@ impl Bridge {
 }
 
 impl Permission {
-    /// The stricter of the two.
+    /// The stricter of two permissions.
     fn min_with(self, other: Self) -> Self {
         match (self, other) {
             (Self::Off, _) | (_, Self::Off) => Self::Off,

@@ -1,11 +1,12 @@
-//! A controller for tests, with just enough behaviour: set-up, one state per cycle, and the register protocol of the
-//! program that the bridge sends. It speaks through the codec's other side.
+//! A robot controller for tests, with only the behaviour that they need: set-up, one state per
+//! cycle, and the register protocol of the program that the bridge sends. It uses the robot's side
+//! of the codec.
 
 use crate::codec::*;
 use crate::program::IDENT;
 use crate::sample::{Sample, input_types, output_types};
 
-/// What the program on the scripted robot is doing.
+/// State of the program on the scripted robot.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Program {
     None,
@@ -13,7 +14,7 @@ pub(crate) enum Program {
     Running,
 }
 
-/// See the module.
+/// The scripted robot controller.
 pub(crate) struct Robot {
     pub version: ControllerVersion,
     pub v2: bool,
@@ -153,7 +154,7 @@ impl Robot {
         self.sample.runtime_state = 1;
     }
 
-    /// One control cycle: the program's step, then a state package.
+    /// Runs one control cycle: a step of the program, then a state package.
     pub fn cycle(&mut self, out: &mut Vec<u8>) {
         self.sample.timestamp_s += self.version.series().period_s();
         match self.program {

@@ -1,4 +1,5 @@
-//! What the service's threads tell each other: only atomics and bounded lock-free queues, so the loop never waits.
+//! State shared by the service's threads: only atomics and bounded lock-free queues, so the loop
+//! never waits.
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
@@ -9,41 +10,41 @@ use tangent_schemas::Text;
 
 use crate::codec::{Series, TextMessage};
 
-/// The program has to go to the robot.
+/// Request to send the program to the robot.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Upload {
     pub session: i32,
     pub series: Series,
 }
 
-/// A line for the log, written by another thread than the one it comes from.
+/// A log line that another thread writes.
 #[derive(Clone, Debug)]
 pub(crate) enum Note {
-    /// What the robot says.
+    /// A message of the robot.
     Robot(TextMessage),
     Info(Text),
     Warning(Text),
     Refused(Text),
 }
 
-/// See the module.
+/// Requests to the loop, its log lines, program uploads, and the state of the robot.
 #[derive(Debug)]
 pub(crate) struct Shared {
-    /// A person asks for [`crate::bridge::Bridge::reset`].
+    /// An operator has requested [`crate::bridge::Bridge::reset`].
     pub reset_asked: AtomicBool,
-    /// A person asks for [`crate::bridge::Bridge::stop`].
+    /// An operator has requested [`crate::bridge::Bridge::stop`].
     pub stop_asked: AtomicBool,
     pub uploads: ArrayQueue<Upload>,
     pub notes: ArrayQueue<Note>,
-    /// Thread of the set-up; woken when there is an upload.
+    /// Set-up thread, woken when there is an upload.
     pub setup: OnceLock<Thread>,
-    /// Counts connections whose version is known and good.
+    /// Number of connections whose version is known and supported.
     pub links: AtomicU64,
     pub robot_mode: AtomicI32,
     pub safety_mode: AtomicI32,
     pub wrong_model: AtomicBool,
     pub power_on_asked: AtomicBool,
-    /// The loop's thread has ended.
+    /// Whether the loop's thread has ended.
     pub ended: AtomicBool,
 }
 

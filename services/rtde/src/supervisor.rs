@@ -1,8 +1,9 @@
-//! Watches the robot and our program on it: what runs there, whether it is alive, whether the arm may move, and when
-//! the program has to be sent again.
+//! Supervises the robot and the bridge's program on it: what runs there, whether it is alive,
+//! whether the arm may move, and when the program has to be sent again.
 //!
-//! "Connected" says nothing about motion: the socket stays open while the program is dead, replaced or paused. So
-//! presence (identity and session), life (its loop counts) and readiness are told apart, and each has its reason.
+//! A connection does not imply that the arm can move: the socket stays open while the program is
+//! dead, replaced or paused. Presence (identity and session), liveness (its loop counter advances)
+//! and readiness are therefore distinguished, each with its reason.
 
 use std::fmt;
 
@@ -14,15 +15,17 @@ use crate::status::{
     safety_allows_motion, safety_mode_text,
 };
 
-/// States through which the program's loop counter may stand still.
+/// Number of states for which the program's loop counter may stand still.
 const STUCK_CYCLES: u32 = 5;
-/// How long a program that was sent may take until it is ready, s.
+/// Time that a program may take to become ready after it was sent, s.
 const START_S: f64 = 4.0;
-/// A program that hangs this long is given up, s.
+/// Time for which a program may hang before it is given up, s.
 const HUNG_S: f64 = 2.0;
-/// A program that does not go on by itself this long after a safety stop is dead, s.
+/// Time after a safety stop within which a program must continue by itself; otherwise it counts as
+/// dead, s.
 const HALTED_S: f64 = 1.0;
-/// First and longest pause between attempts to start the program, s.
+/// Pause after the program has ended, and longest pause between attempts to start it, which doubles
+/// with each failure, s.
 const RETRY_S: (f64, f64) = (1.0, 16.0);
 
 /// Why the arm does not follow commands now.
@@ -30,55 +33,55 @@ const RETRY_S: (f64, f64) = (1.0, 16.0);
 pub enum Reason {
     /// No state from the controller.
     NoLink,
-    /// `robot_mode`.
+    /// Value of `robot_mode` in which the robot does not run.
     RobotMode(i32),
-    /// `safety_mode`.
+    /// Value of `safety_mode` in which the robot must not move.
     Safety(i32),
-    /// `runtime_state` while our program should run.
+    /// Value of `runtime_state` although the bridge's program should run.
     Runtime(u32),
-    /// A program that is not ours runs.
+    /// A program that is not the bridge's runs.
     OtherProgram,
-    /// Ours ran, and another took its place.
+    /// The bridge's program ran, and another has replaced it.
     Replaced,
-    /// Ours was sent and is not ready yet.
+    /// The bridge's program was sent and is not ready yet.
     Starting,
-    /// Ours was sent and never became ready.
+    /// The bridge's program was sent and did not become ready.
     NotStarting {
-        /// How often that was tried.
+        /// Number of attempts.
         attempts: u32,
     },
-    /// Ours is there, but its loop stands still.
+    /// The bridge's program is present, but its loop stands still.
     Hung,
-    /// Ours decelerates or is latched, with its cause.
+    /// The bridge's program decelerates or is latched.
     Stopped {
-        /// See [`cause_text`].
+        /// Cause, as for [`cause_text`].
         cause: i32,
     },
-    /// Ours ended, with its cause.
+    /// The bridge's program has ended.
     Ended {
-        /// See [`cause_text`].
+        /// Cause, as for [`cause_text`].
         cause: i32,
     },
-    /// Needs `rtde/reset`.
+    /// The robot needs `rtde/reset` before it moves again.
     ResetNeeded {
-        /// See [`cause_text`].
+        /// Cause, as for [`cause_text`].
         cause: i32,
     },
-    /// The robot runs slower than the cell allows.
+    /// The robot's speed scaling is below the cell's minimum.
     Scaling {
-        /// Limiter times slider.
+        /// Product of limiter and speed slider.
         scaling: f64,
     },
-    /// The robot's clock jumped over so many cycles.
+    /// The robot's clock skipped several cycles.
     Gap {
-        /// Cycles.
+        /// Number of cycles skipped.
         lost: u64,
     },
-    /// Another arm than the cell's model: what is computed from it would be wrong.
+    /// The arm is not the cell's model: anything computed from that model would be wrong.
     WrongModel,
-    /// `rtde` was asked to stop.
+    /// A stop of `rtde` was requested.
     StopAsked,
-    /// `rtde` ends.
+    /// `rtde` is shutting down.
     ShuttingDown,
 }
 
@@ -130,15 +133,15 @@ impl fmt::Display for Reason {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Stage {
-    /// Not there, and not sent.
+    /// Not present, and not sent.
     Absent,
     /// Sent, not ready yet.
     Starting { since_s: f64 },
-    /// Was ready with the present session.
+    /// It was ready with the current session.
     Running,
 }
 
-/// See the module.
+/// Supervisor of the robot and of the bridge's program on it.
 #[derive(Clone, Debug)]
 pub struct Supervisor {
     scaling_min: f64,
@@ -147,12 +150,12 @@ pub struct Supervisor {
     random: u64,
     attempts: u32,
     next_attempt_s: f64,
-    /// Wants `rtde/reset` before the program is sent or re-armed.
+    /// Reason for which `rtde/reset` is needed before the program is sent or re-armed.
     reset_needed: Option<Reason>,
     take_over: bool,
     wrong_model: bool,
     loops: Option<i32>,
-    /// States since a program with our identity was last seen counting.
+    /// Number of states since the loop counter of a program with our identity last advanced.
     still: u32,
     stuck: u32,
     hung_since_s: Option<f64>,
@@ -165,7 +168,8 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// `scaling_min`: least speed scaling at which the arm may move. `seed`: for session tokens, fresh at each start.
+    /// `scaling_min`: smallest speed scaling at which the arm may move. `seed`: for session tokens,
+    /// a new one at each start.
     pub fn new(scaling_min: f64, seed: u64) -> Self {
         Self {
             scaling_min,
@@ -190,7 +194,8 @@ impl Supervisor {
         }
     }
 
-    /// The connection was lost or is new: the program has to be sent again, with a fresh session.
+    /// Resets the state for a lost or new connection: the program has to be sent again, with a new
+    /// session.
     pub fn disconnected(&mut self) {
         self.stage = Stage::Absent;
         self.loops = None;
@@ -203,7 +208,8 @@ impl Supervisor {
         self.renew_session();
     }
 
-    /// A person looked into it: the program may be sent, also in another's place, and re-armed.
+    /// An operator has acknowledged the cause: the program may be sent again, even in place of
+    /// another one, and re-armed.
     pub fn reset(&mut self) {
         self.reset_needed = None;
         self.take_over = true;
@@ -211,48 +217,49 @@ impl Supervisor {
         self.next_attempt_s = 0.0;
     }
 
-    /// The robot's word on its model is in.
+    /// Sets whether the robot is another model than the cell's.
     pub fn set_wrong_model(&mut self, wrong: bool) {
         self.wrong_model = wrong;
     }
 
-    /// Goes into every package, and into the program when it is sent.
+    /// Session token: part of every package, and of the program when it is sent.
     pub fn session(&self) -> i32 {
         self.session
     }
 
-    /// True once for each time that the program has to be sent, with [`Supervisor::session`] compiled in.
+    /// True once for each time that the program has to be sent with [`Supervisor::session`].
     pub fn take_upload(&mut self) -> bool {
         std::mem::take(&mut self.upload_due)
     }
 
-    /// May the arm move.
+    /// Whether the arm may move.
     pub fn permission(&self) -> Permission {
         self.permission
     }
 
-    /// Why it may not; `None` when it may.
+    /// Why the arm may not move; `None` if it may.
     pub fn reason(&self) -> Option<Reason> {
         self.reason
     }
 
-    /// Our program is there with our session, and its loop counts.
+    /// Whether the bridge's program is present with the current session, and its loop counter
+    /// advances.
     pub fn is_alive(&self) -> bool {
         self.stage == Stage::Running && self.stuck <= STUCK_CYCLES
     }
 
-    /// Our program was seen ready, and no other has taken its place.
+    /// Whether the bridge's program was seen ready, and has not been replaced or ended since.
     pub fn is_present(&self) -> bool {
         self.stage == Stage::Running
     }
 
-    /// Flag register for the next package: raised for a while, low for a while, as long as the program is latched and
-    /// may be armed again. The program wants to see it low first.
+    /// Flag register for the next package. While the program is latched and may be re-armed, the
+    /// flag alternates between low and high, as the program has to see it low first.
     pub fn flags(&self) -> i32 {
         i32::from(self.rearm % 16 >= 4)
     }
 
-    /// A state came. `lost`: cycles that the robot's clock jumped over.
+    /// Takes a state of the robot. `lost` is the number of cycles that the robot's clock skipped.
     pub fn observe(&mut self, sample: &Sample, lost: u64, now_s: f64) {
         let ours = sample.ident == IDENT && sample.session == self.session;
         let advanced = self.loops.is_some_and(|before| before != sample.loops);
@@ -268,7 +275,7 @@ impl Supervisor {
         (self.permission, self.reason) = self.verdict(sample, lost);
     }
 
-    /// Brings the stage up to date.
+    /// Updates the stage of the program.
     fn follow(&mut self, sample: &Sample, ours: bool, advanced: bool, now_s: f64) {
         match self.stage {
             Stage::Absent => {}
@@ -308,8 +315,9 @@ impl Supervisor {
         }
     }
 
-    /// After a protective or safeguard stop the program may go on by itself, or stay paused for ever. The second is
-    /// known when the stop is over and nothing plays for a while; then ours is replaced by a fresh one.
+    /// Whether a safety stop has left the program paused for good. After a protective or safeguard
+    /// stop the program may continue by itself. If the stop is over and it still does not run after
+    /// some time, it is to be replaced by a new one.
     fn died_in_a_safety_stop(&mut self, sample: &Sample, now_s: f64) -> bool {
         let safe = safety_allows_motion(sample.safety_mode) && sample.robot_mode == ROBOT_RUNNING;
         if !safe {
@@ -328,7 +336,7 @@ impl Supervisor {
     }
 
     fn watch_loop(&mut self, sample: &Sample, advanced: bool, now_s: f64) {
-        // stopj blocks, and a paused program counts no loops either.
+        // The program does not count loops during `stopj`, or while it is paused.
         let stopping = sample.program_state == i32::from(ProgramState::Stopping.number());
         if advanced || stopping || sample.runtime_state != RUNTIME_PLAYING {
             self.stuck = 0;
@@ -336,7 +344,7 @@ impl Supervisor {
             return;
         }
         self.stuck = self.stuck.saturating_add(1);
-        // A slider below 100 % stretches each motion call, so the loop counts slower.
+        // A speed slider below 100 % stretches each motion call, so the loop counts more slowly.
         let patience = f64::from(STUCK_CYCLES) / sample.scaling().max(0.05);
         if f64::from(self.stuck) > patience {
             let since = *self.hung_since_s.get_or_insert(now_s);
@@ -355,7 +363,7 @@ impl Supervisor {
         self.next_attempt_s = now_s + pause.min(RETRY_S.1);
     }
 
-    /// Decides on motion.
+    /// Determines whether the arm may move, and if not, why.
     fn verdict(&self, sample: &Sample, lost: u64) -> (Permission, Option<Reason>) {
         let off = |reason| (Permission::Off, Some(reason));
         let ramp = |reason| (Permission::RampDown, Some(reason));
@@ -416,14 +424,17 @@ impl Supervisor {
         (Permission::Move, None)
     }
 
-    /// Registers outlive the program that wrote them: one that runs under our identity and does not count is another.
+    /// Whether a program that is not the bridge's runs. Registers keep their values after the
+    /// program that wrote them, so a running program with our identity whose counter stands still
+    /// is a different one.
     fn foreign_program_runs(&self, sample: &Sample) -> bool {
         let playing = sample.runtime_state == RUNTIME_PLAYING;
         sample.runtime_state != RUNTIME_STOPPED
             && (sample.ident != IDENT || playing && self.still > STUCK_CYCLES)
     }
 
-    /// A latched program is armed again while it may be: it only holds still then; motion needs a newer activation.
+    /// Re-arms a latched program where that is allowed. It then only holds still; motion needs a
+    /// newer activation.
     fn plan_rearm(&mut self, sample: &Sample) {
         let latched = self.stage == Stage::Running
             && sample.program_state == i32::from(ProgramState::Stopped.number())
@@ -444,7 +455,8 @@ impl Supervisor {
         }
     }
 
-    /// The program is sent only to a robot that is up, in no stop, and runs nobody else's program.
+    /// Marks the program to be sent, if the robot is running, is in no stop, and runs no other
+    /// program, or one that may be replaced.
     fn plan_upload(&mut self, sample: &Sample, now_s: f64) {
         let may = self.stage == Stage::Absent
             && self.reset_needed.is_none()
@@ -460,7 +472,7 @@ impl Supervisor {
         }
     }
 
-    /// Another positive number than before: splitmix64 over a counter.
+    /// Draws a new positive number that differs from the one before: splitmix64 over a counter.
     fn renew_session(&mut self) {
         let before = self.session;
         while self.session == before || self.session == 0 {

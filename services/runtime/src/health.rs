@@ -1,4 +1,5 @@
-//! How a service fares, told once a second and at once when its state changes; its liveliness token too.
+//! Health of a service, published once a second and at once when its state changes, and its
+//! liveliness token.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -24,22 +25,23 @@ use crate::usage::ProcessUsage;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum State {
-    /// Not ready yet: connecting, waiting.
+    /// Not ready yet: connecting or waiting.
     Starting = 0,
-    /// All is well.
+    /// Works without restrictions.
     Running = 1,
-    /// Works, but something is wrong.
+    /// Works, but with a problem.
     Degraded = 2,
     /// Does not work.
     Fault = 3,
-    /// On its way out.
+    /// Is shutting down.
     Stopping = 4,
 }
 
 /// Interval between two health messages.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// Tells how one service fares until it is dropped. Clones of its meters may go to real-time threads.
+/// Publishes the health of one service until it is dropped. Clones of its meters may be passed to
+/// real-time threads.
 pub struct HealthReporter {
     shared: Arc<Shared>,
     thread: Option<Thread>,
@@ -53,7 +55,7 @@ struct Shared {
     service: String,
     instance: String,
     host: String,
-    /// State changes on their way to the reporting thread.
+    /// State changes in transit to the reporting thread.
     changes: ArrayQueue<(State, Text)>,
     stopping: AtomicBool,
     missed_cycles: Counter,
@@ -70,12 +72,12 @@ struct Figures {
     realtime: String,
 }
 
-/// Host and process: tells instances of a service apart.
+/// Host and process, which distinguish the instances of a service.
 pub fn instance_name() -> String {
     format!("{}-{}", host_name(), std::process::id())
 }
 
-/// This host's name; `localhost` when it has none that can stand in a key.
+/// Name of this host; `localhost` if it has none that is valid in a key.
 pub fn host_name() -> String {
     let name = nix::unistd::gethostname()
         .ok()
@@ -94,7 +96,7 @@ pub fn host_name() -> String {
 }
 
 impl HealthReporter {
-    /// Declares the service alive and begins to report, in state [`State::Starting`].
+    /// Declares the service as running and begins to report, in state [`State::Starting`].
     ///
     /// # Errors
     /// The bus refused the topic or the token.
@@ -104,10 +106,11 @@ impl HealthReporter {
         Self::with_token(bus, service, instance, token)
     }
 
-    /// The same for a service of which a cell has one.
+    /// Starts the health reports of a service that may run only once in a cell.
     ///
     /// # Errors
-    /// [`BusError::Taken`] when it runs already, with where; see also [`HealthReporter::start`].
+    /// [`BusError::Taken`], with the place where it already runs; see also
+    /// [`HealthReporter::start`].
     pub fn start_only(bus: &Bus, service: &str) -> Result<Self, BusError> {
         let instance = instance_name();
         let token = bus.claim_alive(service, &instance)?;
@@ -159,7 +162,7 @@ impl HealthReporter {
         &self.shared.instance
     }
 
-    /// A rate by name, in Hz in the message.
+    /// Adds a rate with this name, Hz in the message.
     pub fn rate(&self, name: &str) -> Rate {
         let rate = Rate::default();
         self.figures()
@@ -168,21 +171,22 @@ impl HealthReporter {
         rate
     }
 
-    /// An age by name.
+    /// Adds an age with this name, s in the message.
     pub fn age(&self, name: &str) -> Age {
         let age = Age::default();
         self.figures().ages.push((name.to_owned(), age.clone()));
         age
     }
 
-    /// A number by name (unit in the name).
+    /// Adds a number with this name, which includes the unit.
     pub fn gauge(&self, name: &str) -> Gauge {
         let gauge = Gauge::default();
         self.figures().gauges.push((name.to_owned(), gauge.clone()));
         gauge
     }
 
-    /// A distribution by name; the message has `NAME_p50_us`, `_p99_us`, `_p999_us`, `_max_us` and `_n`.
+    /// Adds a distribution with this name; the message has `NAME_p50_us`, `_p99_us`, `_p999_us`,
+    /// `_max_us` and `_n`.
     pub fn histogram(&self, name: &str) -> Histogram {
         let histogram = Histogram::default();
         self.figures()
@@ -191,17 +195,17 @@ impl HealthReporter {
         histogram
     }
 
-    /// Cycles in which the service could not do what was due.
+    /// Counter of the cycles in which the service could not do what was due.
     pub fn missed_cycles(&self) -> Counter {
         self.shared.missed_cycles.clone()
     }
 
-    /// Inputs or outputs that were lost.
+    /// Counter of inputs or outputs that were lost.
     pub fn lost(&self) -> Counter {
         self.shared.lost.clone()
     }
 
-    /// What the real-time set-up got; several reports stand beside each other.
+    /// Adds the result of a real-time set-up; several results are listed together.
     pub fn realtime(&self, report: &RealtimeReport) {
         let mut figures = self.figures();
         if !figures.realtime.is_empty() {
@@ -210,13 +214,14 @@ impl HealthReporter {
         figures.realtime.push_str(&report.words);
     }
 
-    /// All is well now. No lock, no memory: for real-time threads. Told at once when it is a change.
+    /// Reports that the service works without restrictions, at once if that is a change. Takes no
+    /// lock and allocates nothing: for real-time threads.
     pub fn running(&self) {
         self.set(State::Running, Text::new());
     }
 
-    /// The state, and why, cut off at 128 bytes. No lock, no memory: for real-time threads. Told at once when it is
-    /// a change.
+    /// Reports the state and its reason, cut off at 128 bytes, at once if they have changed. Takes
+    /// no lock and allocates nothing: for real-time threads.
     pub fn set(&self, state: State, reason: Text) {
         self.shared.changes.force_push((state, reason));
         if let Some(thread) = &self.thread {
@@ -224,12 +229,13 @@ impl HealthReporter {
         }
     }
 
-    /// The service does not work, and why: `health.fault(format_args!("no packet for {age} s"))`. No lock, no memory.
+    /// Reports that the service does not work, and why:
+    /// `health.fault(format_args!("no packet for {age} s"))`. Takes no lock and allocates nothing.
     pub fn fault(&self, reason: std::fmt::Arguments<'_>) {
         self.set(State::Fault, cut_format(reason));
     }
 
-    /// The service works, but something is wrong. No lock, no memory.
+    /// Reports that the service works, but with a problem. Takes no lock and allocates nothing.
     pub fn degraded(&self, reason: std::fmt::Arguments<'_>) {
         self.set(State::Degraded, cut_format(reason));
     }
@@ -263,7 +269,7 @@ fn report(shared: &Shared, bus: &Bus, publisher: &Publisher<Health>) {
     let mut rates_hz = Vec::new();
     let (mut usage, mut cpu_percent) = (ProcessUsage::new(), 0.0);
     let mut due = Instant::now();
-    // The session's opening has said these.
+    // The session has logged these when it was opened.
     let mut remarks = bus.remarks();
     loop {
         let stopping = shared.stopping.load(Ordering::Acquire);
@@ -355,7 +361,7 @@ fn message(
         instance: cut(&shared.instance),
         host: cut(&shared.host),
         state: state.0 as u8,
-        // A rate that was added since the last measurement has none yet.
+        // A rate that was added since the last measurement has no value yet.
         rate_names: names(&figures.rates[..rates_hz.len()], |(name, ..)| name),
         rates_hz: rates_hz.to_vec(),
         age_names: names(&figures.ages, |(name, _)| name),
@@ -374,7 +380,8 @@ fn refused_name(refused: &Refused) -> String {
     format!("{}_refused", refused.topic)
 }
 
-/// A second publisher of what this service acts on is no fault of its own, and nothing that may stay.
+/// Adds refused publishers to the message. A second publisher of an input of this service is not
+/// its own fault, but must not persist.
 fn tell_of(refused: &[Refused], told: &mut Health) {
     for refused in refused.iter().filter(|refused| refused.who.is_some()) {
         if told.state == State::Running as u8 {

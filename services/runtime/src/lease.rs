@@ -1,22 +1,24 @@
-//! Who may command the arm: one source at a time, whatever the others send.
+//! Lease on the arm: which source may command it, one at a time, whatever the others send.
 //!
-//! Pure; a robot bridge asks it for every command that arrives, before its guard sees it. The first
-//! source heard holds the lease and keeps it while it speaks, holding still or moving. Others are refused by name and
-//! counted. The lease passes on only when its holder has been silent and the arm rests; the bridge then latches out what
-//! the new holder brings, so that a task has to be started anew.
+//! A pure state machine; a robot bridge consults it for every command that arrives, before the
+//! guard. The first source that sends a command takes the lease, and keeps it while it sends
+//! commands, whether the arm moves or not. Other sources are refused, by name, and counted. The
+//! lease changes hands only when its holder has been silent and the arm is at rest. The bridge then
+//! rejects the activation of the new holder, so that a task has to be started again.
 
 use std::fmt;
 
 use sha2::{Digest, Sha256};
 use tangent_schemas::Name;
 
-/// A holder that says nothing for so long has gone, s: well beyond a late packet, well below a person's patience.
+/// Time without commands after which the holder counts as gone, s: well above the delay of a late
+/// packet, well below a person's patience.
 pub const SILENCE_S: f64 = 0.5;
-/// A refused source is told about for so long after it was heard, s.
+/// Time for which a refused source is reported after its last command, s.
 const REMEMBERED_S: f64 = 2.0;
 
-/// What `arm/state` shows of the holder's publisher: by it the holder knows itself, and nobody learns the id that the
-/// lease is judged by. All zero for an id of zeros.
+/// Mark of the holder's publisher that `arm/state` shows. The holder recognises itself by it, while
+/// the id that the lease is judged by stays secret. All zero for an id of zeros.
 pub fn mark(publisher: &[u8; 16]) -> [u8; 16] {
     let mut mark = [0; 16];
     if *publisher != mark {
@@ -26,12 +28,13 @@ pub fn mark(publisher: &[u8; 16]) -> [u8; 16] {
     mark
 }
 
-/// Who sends commands: the name that it gives, and its publisher's id, which no two publishers share.
+/// Source of commands: the name that it states, and the id of its publisher, which no two
+/// publishers share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Source {
     /// `SERVICE/INSTANCE`.
     pub name: Name,
-    /// From the message's attachment; all zero for a publisher that does not say.
+    /// Id from the message's attachment; all zero for a publisher without one.
     pub publisher: [u8; 16],
 }
 
@@ -45,28 +48,28 @@ impl fmt::Display for Source {
     }
 }
 
-/// What becomes of a command.
+/// Decision on a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Admission {
-    /// It is the holder's.
+    /// The command is from the holder.
     Held,
-    /// Its source holds the lease from now on.
+    /// The source of the command holds the lease from now on.
     Taken,
-    /// Somebody else holds it.
+    /// Another source holds the lease, or the arm is not at rest.
     Refused,
 }
 
-/// See the module.
+/// Lease on the arm and its current or last holder.
 #[derive(Clone, Debug, Default)]
 pub struct Lease {
-    /// And when it was last heard, s.
+    /// Holder, and the time of its last command, s.
     holder: Option<(Source, f64)>,
     rival: Option<(Source, f64)>,
     refused: u64,
 }
 
 impl Lease {
-    /// Judges one command by who sent it. `rests`: the arm neither moves nor is about to.
+    /// Decides on one command by its source. `rests`: the arm neither moves nor is about to.
     pub fn admit(&mut self, source: &Source, now_s: f64, rests: bool) -> Admission {
         match &mut self.holder {
             Some((holder, heard_s)) if holder == source => {
@@ -92,12 +95,12 @@ impl Lease {
         Admission::Taken
     }
 
-    /// Who holds it, or held it last.
+    /// The source that holds the lease, or held it last.
     pub fn holder(&self) -> Option<&Source> {
         self.holder.as_ref().map(|(source, _)| source)
     }
 
-    /// Who was refused in the last seconds.
+    /// The source that was refused last, if that was within the last seconds.
     pub fn rival(&self, now_s: f64) -> Option<&Source> {
         self.rival
             .as_ref()
@@ -105,7 +108,7 @@ impl Lease {
             .map(|(source, _)| source)
     }
 
-    /// Commands refused since the start.
+    /// Number of commands refused since the start.
     pub fn refused(&self) -> u64 {
         self.refused
     }
@@ -148,7 +151,7 @@ mod tests {
         assert_eq!(lease.admit(&b, SILENCE_S + 0.01, false), Admission::Refused);
         assert_eq!(lease.admit(&b, SILENCE_S + 0.02, true), Admission::Taken);
         assert_eq!(lease.rival(SILENCE_S + 0.02), None);
-        // The first comes back: it is the second now.
+        // The first source returns: it is now the second one.
         assert_eq!(lease.admit(&a, SILENCE_S + 0.03, true), Admission::Refused);
         assert_eq!(lease.holder(), Some(&b));
     }

@@ -4,9 +4,10 @@
 mod common;
 
 use std::net::TcpListener;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use common::{PATIENCE, cell, client, until};
 use tangent_runtime::bus::answer;
@@ -315,6 +316,69 @@ fn a_stop_is_answered_while_slow_requests_are_still_under_way() {
     for start in starting {
         assert!(start.join().unwrap().unwrap().done);
     }
+}
+
+/// A refusal waited behind whatever was under way on the same key.
+#[test]
+fn what_is_not_allowed_is_refused_while_a_slow_request_of_the_same_key_is_under_way() {
+    let config = cell();
+    let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+    let service = client(&config);
+    let allowed = Arc::new(AtomicBool::new(true));
+    let (begun, began) = channel();
+    let (go, gone) = channel::<()>();
+    let judged = Arc::new(AtomicUsize::new(0));
+    let (permission, count, gone) = (Arc::clone(&allowed), Arc::clone(&judged), Mutex::new(gone));
+    let _handle = service
+        .answer_judged(
+            queries::NETFT_TARE,
+            move |asked| {
+                count.fetch_add(
+                    usize::from(asked.request.action == "tare"),
+                    Ordering::SeqCst,
+                );
+                (!permission.load(Ordering::SeqCst)).then(|| answer::refused("it touches"))
+            },
+            move |asked| {
+                if asked.request.action == "status" {
+                    return answer::done("here").into();
+                }
+                begun.send(()).unwrap();
+                gone.lock().unwrap().recv_timeout(PATIENCE).unwrap();
+                answer::done("tared").into()
+            },
+        )
+        .unwrap();
+    let person = client(&config);
+    until("the service", || {
+        person
+            .ask(queries::NETFT_TARE, &asks("status", ""), PATIENCE)
+            .is_ok()
+    });
+    let taring: Vec<_> = (0..2)
+        .map(|_| {
+            let bus = client(&config);
+            std::thread::spawn(move || bus.ask(queries::NETFT_TARE, &asks("tare", ""), PATIENCE))
+        })
+        .collect();
+    began.recv_timeout(PATIENCE).unwrap();
+    // The one under way at its arrival and at its turn, the other at its arrival.
+    until("both are judged", || judged.load(Ordering::SeqCst) == 3);
+    allowed.store(false, Ordering::SeqCst);
+    let asked = Instant::now();
+    let refused = person.ask(queries::NETFT_TARE, &asks("tare", ""), PATIENCE);
+    println!("refused after {:?}", asked.elapsed());
+    let refused = refused.unwrap();
+    assert!(!refused.done && refused.message == "it touches");
+    assert!(taring.iter().all(|tare| !tare.is_finished()));
+    go.send(()).unwrap();
+    // The one that waited for its turn is judged once more then.
+    let mut done: Vec<bool> = taring
+        .into_iter()
+        .map(|tare| tare.join().unwrap().unwrap().done)
+        .collect();
+    done.sort_unstable();
+    assert_eq!(done, [false, true]);
 }
 
 /// The job was carried out long after its asker had gone.

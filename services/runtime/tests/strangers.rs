@@ -6,7 +6,7 @@ mod common;
 use common::{PATIENCE, cell, client, until};
 use tangent_runtime::{Bus, HealthReporter, Role};
 use tangent_schemas::standard::WrenchStamped;
-use tangent_schemas::tangent::ArmCommand;
+use tangent_schemas::tangent::{ArmCommand, ControlState};
 use tangent_schemas::topics;
 use tangent_schemas::{Message, cdr};
 
@@ -69,6 +69,50 @@ fn the_second_is_refused_and_named_by_its_health() {
         reader
             .take_new()
             .is_some_and(|taken| taken.message.wrench.force.z == 0.0)
+    });
+}
+
+/// Anybody could say that the tool hangs free, and whoever judged a tare believed it.
+#[test]
+fn a_strangers_control_state_is_refused_and_a_restarted_controllers_is_not() {
+    let config = cell();
+    let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+    let (controller, visitor, sensor) = (client(&config), client(&config), client(&config));
+    let _health = HealthReporter::start(&sensor, "netft").unwrap();
+    let mut reader = sensor.latest(&topics::CONTROL_STATE).unwrap();
+    let says = |contact_possible| ControlState {
+        contact_possible,
+        ..ControlState::default()
+    };
+    let truth = controller.publisher(&topics::CONTROL_STATE).unwrap();
+    until("the controller is heard", || {
+        truth.publish(&says(true));
+        reader.take_new().is_some()
+    });
+    let _visits = HealthReporter::start(&visitor, "visitor").unwrap();
+    let lie = visitor.publisher(&topics::CONTROL_STATE).unwrap();
+    until("the stranger is named", || {
+        truth.publish(&says(true));
+        lie.publish(&says(false));
+        assert!(reader.get().unwrap().message.contact_possible);
+        sensor.refused().iter().any(|refused| {
+            let who = refused.who.as_deref().unwrap_or_default();
+            refused.topic == "control/state" && who.starts_with("visitor/")
+        })
+    });
+    assert!(reader.counts().second_source > 0);
+    // Another process takes the controller's place.
+    drop((truth, lie));
+    controller.close();
+    let again = client(&config);
+    let restarted = again.publisher(&topics::CONTROL_STATE).unwrap();
+    until("the restarted controller is heard", || {
+        restarted.publish(&says(false));
+        !reader.get().unwrap().message.contact_possible
+    });
+    until("nobody is refused any more", || {
+        restarted.publish(&says(false));
+        sensor.refused().iter().all(|refused| refused.who.is_none())
     });
 }
 

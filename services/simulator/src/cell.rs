@@ -1,8 +1,10 @@
-//! The running cell: one thread that paces controller, plant and all TCP servers by absolute deadlines.
+//! The simulated cell: one thread that paces controller, plant and all TCP servers by absolute
+//! deadlines.
 //!
-//! A cycle sends the state, leaves clients a moment to answer it, takes in what they sent, and steps controller and plant
-//! by one period. So an answer in time acts in the very period it answers, as in the closed loop of `evaluate`. A cycle that
-//! comes late is not made up for: simulated time then runs slow, but no client ever sees two states in a burst.
+//! A cycle sends the state, waits a moment for the clients' answers, reads what they have sent, and
+//! steps controller and plant by one period. An answer in time therefore takes effect in the period
+//! that it answers, as in the closed loop of `evaluate`. A late cycle is not made up for: simulated
+//! time then runs slowly, but no client ever gets two states in a burst.
 
 mod disturbance;
 mod listeners;
@@ -41,60 +43,60 @@ pub enum StartError {
     /// The robot's model is wrong.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// A port cannot be had.
+    /// A port is not available.
     #[error(
         "cannot listen on {address} for {server}: {reason}; another simulator may hold it: use another address or port offset"
     )]
     Port {
         /// Address and port.
         address: String,
-        /// Which server.
+        /// Name of the server.
         server: &'static str,
-        /// The system's reason.
+        /// Reason given by the system.
         reason: io::Error,
     },
     /// The sensor box cannot start.
     #[error(transparent)]
     SensorBox(#[from] NetbError),
-    /// The offset leads past the last port.
+    /// The port offset leads beyond the last port.
     #[error("port offset {offset} leads past port 65535; the most is 16383")]
     Offset {
-        /// As configured.
+        /// Offset as configured.
         offset: u16,
     },
-    /// No thread to be had.
+    /// A thread could not be started.
     #[error("cannot start the cell's thread: {0}")]
     Thread(io::Error),
-    /// Periods of plant and controller differ.
+    /// The periods of plant and controller differ.
     #[error(
         "the plant steps {plant_s} s, but this controller's period is {controller_s} s; set plant.arm.period_s or controller.flavour"
     )]
     Period {
-        /// As configured.
+        /// Period of the plant as configured, s.
         plant_s: f64,
-        /// Of the flavour.
+        /// Period of the controller's flavour, s.
         controller_s: f64,
     },
 }
 
-/// What the cell is doing, once per cycle.
+/// State of the cell, updated once per cycle.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    /// Cycles since the start.
+    /// Number of cycles since the start.
     pub cycles: u64,
-    /// Deadlines that passed without a cycle.
+    /// Number of deadlines that passed without a cycle.
     pub missed: u64,
-    /// The controller.
+    /// State of the controller.
     pub summary: Summary,
-    /// Name of the program that runs.
+    /// Name of the running program.
     pub program: Option<String>,
-    /// RTDE clients.
+    /// Number of RTDE clients.
     pub rtde_clients: usize,
-    /// The contact, if there is a surface.
+    /// True state of the contact, if there is a surface.
     pub truth: Option<Truth>,
 }
 
-/// A cell under way. Dropping it stops it.
+/// A running simulated cell. Dropping it stops it.
 pub struct SimulatedCell {
     endpoints: Endpoints,
     controls: Sender<Control>,
@@ -118,15 +120,16 @@ enum Control {
 }
 
 impl SimulatedCell {
-    /// Builds the plant and starts everything.
+    /// Builds the plant and starts all threads and servers.
     ///
     /// # Errors
-    /// Says which part of the configuration is wrong, or which port is taken.
+    /// A part of the configuration is wrong, or a port is taken; the error says which.
     pub fn start(config: &Config) -> Result<Self, StartError> {
         Self::start_with(config, Listeners::default())
     }
 
-    /// The same, with listeners.
+    /// Builds the plant and starts all threads and servers. `listeners` get the state of every
+    /// cycle.
     ///
     /// # Errors
     /// As [`SimulatedCell::start`].
@@ -157,10 +160,11 @@ impl SimulatedCell {
         )
     }
 
-    /// Around any plant, without a sensor box; `robot` names the built-in model that the controller knows.
+    /// Starts a cell with any plant, without a sensor box. `robot` names the built-in model that
+    /// the controller uses.
     ///
     /// # Errors
-    /// The model is unknown or a port is taken.
+    /// The model is unknown, or a port is taken.
     pub fn start_with_plant(
         address: std::net::IpAddr,
         ports: Ports,
@@ -235,18 +239,18 @@ impl SimulatedCell {
         })
     }
 
-    /// Where the servers listen.
+    /// Endpoints of the servers.
     pub fn endpoints(&self) -> &Endpoints {
         &self.endpoints
     }
 
-    /// Provokes (or ends) a fault in the next cycle.
+    /// Provokes or ends a fault in the next cycle.
     pub fn fault(&self, fault: Fault) {
-        // A cell that has ended has no faults left.
+        // A cell that has ended ignores faults.
         let _ = self.controls.send(Control::Fault(fault));
     }
 
-    /// A sender of faults for other threads.
+    /// A function that provokes faults, for other threads.
     pub fn faults(&self) -> impl Fn(Fault) + Send + Sync + use<> {
         let controls = self.controls.clone();
         move |fault| {
@@ -263,7 +267,7 @@ impl SimulatedCell {
             .unwrap_or_default()
     }
 
-    /// What the cell was doing in its last cycle; `None` before the first.
+    /// State of the cell in its last cycle; `None` before the first.
     pub fn snapshot(&self) -> Option<Snapshot> {
         self.snapshot
             .lock()
@@ -271,7 +275,8 @@ impl SimulatedCell {
             .clone()
     }
 
-    /// Waits until `condition` holds, looking once per millisecond; false when it does not within `at_most`.
+    /// Waits until `condition` holds, with one check per millisecond; false if it does not within
+    /// `at_most`.
     pub fn wait_for(&self, at_most: Duration, condition: impl Fn(&Snapshot) -> bool) -> bool {
         let deadline = Instant::now() + at_most;
         loop {
@@ -285,17 +290,17 @@ impl SimulatedCell {
         }
     }
 
-    /// The force/torque box; `None` around a plant of one's own.
+    /// The force/torque sensor box; `None` for a cell started with a plant of the caller.
     pub fn sensor_box(&self) -> Option<&NetbBox> {
         self.sensor_box.as_ref()
     }
 
-    /// The cell's thread has ended by itself, which it never should.
+    /// Whether the cell's thread has ended by itself, which it never should.
     pub fn has_ended(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Ends the cell and waits for it.
+    /// Stops the cell and waits for its thread.
     pub fn stop(&mut self) {
         self.stop.store(true, Ordering::Release);
         if let Some(thread) = self.thread.take()
@@ -316,7 +321,7 @@ struct Cell {
     controller: Controller,
     plant: Box<dyn ArmPlant>,
     geometry: Geometry,
-    /// `None` while the controller boots.
+    /// Servers; `None` while the controller boots.
     servers: Option<Servers>,
     wanted: Wanted,
     booted: Option<Instant>,
@@ -347,7 +352,7 @@ impl Cell {
         }
     }
 
-    /// Sends what the last period came to.
+    /// Applies requests, then publishes the state after the last period.
     fn tell(&mut self, now: Instant) {
         while let Ok(control) = self.controls.try_recv() {
             match control {
@@ -378,7 +383,7 @@ impl Cell {
         self.show(truth);
     }
 
-    /// Takes in what clients sent.
+    /// Reads what clients have sent.
     fn hear(&mut self) {
         let now = Instant::now();
         if let Some(servers) = &mut self.servers {
@@ -390,7 +395,7 @@ impl Cell {
         }
     }
 
-    /// The period that began at `start`; its sensor records are played out at the times they belong to.
+    /// Steps the period that began at `start`. Its sensor records are sent at their own times.
     fn step(&mut self, start: Instant) {
         let command = self.controller.act();
         let before = self.plant.arm().time_s;
@@ -462,7 +467,7 @@ impl Cell {
             rtde_clients: self.servers.as_ref().map_or(0, |s| s.rtde.clients()),
             truth,
         };
-        // Whoever reads the last one must not hold the robot up: it sees the next.
+        // A thread that reads the last snapshot must not delay the robot; it gets the next one.
         match self.snapshot.try_lock() {
             Ok(mut shown) => *shown = Some(snapshot),
             Err(TryLockError::Poisoned(shown)) => *shown.into_inner() = Some(snapshot),

@@ -2,16 +2,18 @@
 
 #![allow(clippy::unwrap_used)]
 
+use std::path::Path;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use tangent_control::Phase;
 use tangent_franka::fci::RobotMode;
 use tangent_franka::{Config, queries};
 use tangent_runtime::config::{FrankaConfig, RobotDriver};
-use tangent_runtime::{Bus, CellConfig, Handle, Stop, Subscription};
-use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, Request};
+use tangent_runtime::{Bus, CellConfig, Handle, StateFolder, Stop, Subscription};
+use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, ControlState, Request, WrenchStatus};
 use tangent_schemas::topics;
 use tangent_simulator::Ports;
 use tangent_simulator::fci::{FciConfig, FciFault, PlantConfig, SimulatedFranka, Snapshot};
@@ -28,7 +30,10 @@ const NAN: u8 = 3;
 const STEPS: u8 = 4;
 
 struct Cell {
-    simulated: SimulatedFranka,
+    simulated: Arc<SimulatedFranka>,
+    /// What the tool is pushed up with, where something pushes it.
+    push: Option<Push>,
+    config: Config,
     bus: Bus,
     stop: Stop,
     states: Subscription<ArmState>,
@@ -65,17 +70,26 @@ fn config(simulated: &SimulatedFranka) -> Config {
 
 impl Cell {
     fn new() -> Self {
-        let simulated = simulated(PlantConfig::default());
+        Self::keeping(None)
+    }
+
+    /// With a folder for what outlasts the bridge.
+    fn keeping(folder: Option<&Path>) -> Self {
+        let simulated = Arc::new(simulated(PlantConfig::default()));
+        let mut config = config(&simulated);
+        config.state = folder.map(StateFolder::new);
+        let push = folder.map(|_| Push::start(&simulated));
         let bus = Bus::in_process("test");
         let states = bus.subscribe(&topics::ARM_STATE, 64).unwrap();
         let act = Arc::new(AtomicU8::new(STILL));
         let activation = Arc::new(AtomicU64::new(0));
         let controller = controller(&bus, &act, &activation);
         let stop = Stop::new();
-        let (b, s, c) = (bus.clone(), stop.clone(), config(&simulated));
-        let bridge = std::thread::spawn(move || tangent_franka::run(c, b, s));
+        let bridge = start_bridge(&config, &bus, &stop);
         Self {
             simulated,
+            push,
+            config,
             bus,
             stop,
             states,
@@ -84,6 +98,45 @@ impl Cell {
             _controller: controller,
             bridge: Some(bridge),
         }
+    }
+
+    /// Another bridge in place of this one, on a bus of its own: whoever spoke on the other is silent.
+    fn again(&mut self) {
+        self.stop.trigger();
+        self.bridge.take().unwrap().join().unwrap().unwrap();
+        self.bus = Bus::in_process("test");
+        self.states = self.bus.subscribe(&topics::ARM_STATE, 64).unwrap();
+        self._controller = controller(&self.bus, &self.act, &self.activation);
+        self.stop = Stop::new();
+        self.bridge = Some(start_bridge(&self.config, &self.bus, &self.stop));
+    }
+
+    /// Pushes the tool up with so many newtons from now on, and lets the arm settle.
+    fn push(&self, force_n: f64) {
+        let push = self.push.as_ref().expect("the cell keeps something");
+        push.millinewtons
+            .store((force_n * 1e3) as u64, Ordering::Release);
+        self.states(1500);
+    }
+
+    fn tare(&self, action: &str, argument: &str) -> Answer {
+        let request = Request {
+            action: action.into(),
+            argument: argument.into(),
+        };
+        self.bus
+            .ask(topics::queries::NETFT_TARE, &request, PATIENCE)
+            .unwrap()
+    }
+
+    /// Force along z at the tool, N, and the status that belongs to it.
+    fn felt(&self) -> (f64, WrenchStatus) {
+        let wrenches = self.bus.subscribe(&topics::WRENCH_TOOL, 1).unwrap();
+        let statuses = self.bus.subscribe(&topics::WRENCH_STATUS, 1).unwrap();
+        self.states(5);
+        let wrench = wrenches.recv_timeout(PATIENCE).unwrap().message;
+        let status = statuses.recv_timeout(PATIENCE).unwrap().message;
+        (wrench.wrench.force.z, status)
     }
 
     fn until(&self, what: &str, condition: impl Fn(&ArmState) -> bool) -> ArmState {
@@ -145,6 +198,54 @@ impl Drop for Cell {
             assert!(std::thread::panicking() || ended.unwrap().is_ok());
         }
     }
+}
+
+/// Pushes the tool with a force that is never quite steady: an estimate that stands still has no zero.
+struct Push {
+    millinewtons: Arc<AtomicU64>,
+    stop: Stop,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Push {
+    fn start(simulated: &Arc<SimulatedFranka>) -> Self {
+        let (millinewtons, stop) = (Arc::new(AtomicU64::new(0)), Stop::new());
+        let (force, until, robot) = (
+            Arc::clone(&millinewtons),
+            stop.clone(),
+            Arc::clone(simulated),
+        );
+        let thread = std::thread::spawn(move || {
+            let mut turn = 0;
+            while !until.wait(Duration::from_millis(1)) {
+                turn = (turn + 617) % 1009;
+                let tremble_n = 0.05 * (f64::from(turn) / 1009.0 - 0.5);
+                let force_n = force.load(Ordering::Acquire) as f64 * 1e-3;
+                robot.fault(FciFault::Push([tremble_n, tremble_n, force_n + tremble_n]));
+            }
+        });
+        Self {
+            millinewtons,
+            stop,
+            thread: Some(thread),
+        }
+    }
+}
+
+impl Drop for Push {
+    fn drop(&mut self) {
+        self.stop.trigger();
+        let _ = self.thread.take().unwrap().join();
+    }
+}
+
+fn start_bridge(
+    config: &Config,
+    bus: &Bus,
+    stop: &Stop,
+) -> JoinHandle<Result<(), tangent_franka::Error>> {
+    let (config, bus, stop) = (config.clone(), bus.clone(), stop.clone());
+    std::thread::spawn(move || tangent_franka::run(config, bus, stop))
 }
 
 /// Turns the first joint to 0.2 rad and back, slowly, for ever; or what else a test wants.
@@ -429,6 +530,108 @@ fn its_wrench_is_the_environments_and_can_be_tared() {
     let tared = wrenches.get().unwrap().message.wrench.force.clone();
     assert!(tared.z.abs() < 0.2, "{tared:?}");
     assert!(statuses.get().unwrap().message.bias_age_s >= 0.0);
+}
+
+/// A bridge that was started anew knew nothing of the controller's last word: it took the force of a pressing tool for its zero.
+#[test]
+fn a_tare_after_a_restart_is_refused_while_the_tool_presses() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut cell = Cell::keeping(Some(folder.path()));
+    cell.ready();
+    cell.push(3.0);
+    let control = cell.bus.publisher(&topics::CONTROL_STATE).unwrap();
+    let deadline = Instant::now() + PATIENCE;
+    // On the disk while the task runs: a crash writes nothing.
+    let file = folder.path().join("franka.json");
+    while !std::fs::read_to_string(&file)
+        .unwrap_or_default()
+        .contains("\"contact_possible\": true")
+    {
+        assert!(Instant::now() < deadline, "nothing is written down");
+        control.publish(&ControlState {
+            phase: Phase::Slide as u8,
+            contact_possible: true,
+            ..ControlState::default()
+        });
+        std::thread::park_timeout(Duration::from_millis(5));
+    }
+    cell.again();
+    cell.ready();
+    cell.states(1500);
+    let refused = cell.tare("tare", "");
+    assert!(!refused.done, "{}", refused.message);
+    for words in ["silent", "slide", "tare --clear"] {
+        assert!(refused.message.contains(words), "{}", refused.message);
+    }
+    let (force_n, status) = cell.felt();
+    assert!((force_n + 3.0).abs() < 0.5, "{force_n} N of 3 N are left");
+    assert!(status.bias_age_s < 0.0);
+    // A person has looked: the tool hangs free.
+    cell.push(0.0);
+    let tared = cell.tare("tare", "clear");
+    assert!(tared.done, "{}", tared.message);
+    assert!(cell.felt().1.bias_said_clear);
+}
+
+/// 3 N passed for a zero: only 5 N were too many.
+#[test]
+fn a_zero_that_jumps_is_refused_over_a_restart_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut cell = Cell::keeping(Some(folder.path()));
+    cell.ready();
+    cell.states(1500);
+    let (_, status) = cell.felt();
+    assert!(status.reference_age_s < 0.0 && status.rated_share >= 0.0);
+    let tared = cell.tare("tare", "");
+    assert!(tared.done, "{}", tared.message);
+    let (_, status) = cell.felt();
+    assert!(status.bias_age_s >= 0.0 && status.reference_age_s >= 0.0);
+    assert_eq!(status.reference, status.bias);
+    let jumps = |cell: &Cell| {
+        cell.push(3.0);
+        let refused = cell.tare("tare", "");
+        assert!(!refused.done, "{}", refused.message);
+        assert!(refused.message.contains("jump"), "{}", refused.message);
+        let (force_n, status) = cell.felt();
+        assert!((force_n + 3.0).abs() < 0.5, "{force_n} N of 3 N are left");
+        // What a zero could hide is in the reading before it.
+        let beyond_n = status.untared.force.z - status.reference.force.z;
+        assert!((beyond_n + 3.0).abs() < 0.5, "{beyond_n} N");
+        assert!(
+            (0.04..0.1).contains(&status.rated_share),
+            "{}",
+            status.rated_share
+        );
+    };
+    jumps(&cell);
+    cell.again();
+    cell.ready();
+    let (_, status) = cell.felt();
+    assert!(status.bias_age_s > 1.0, "{} s", status.bias_age_s);
+    jumps(&cell);
+    cell.push(0.0);
+    let tared = cell.tare("tare", "");
+    assert!(tared.done, "{}", tared.message);
+    // In contact after all: it is taken back, and so is what was written down.
+    assert!(cell.tare("withdraw", "").done);
+    let (_, status) = cell.felt();
+    assert!(status.bias_age_s < 0.0 && status.reference_age_s > 1.0);
+}
+
+/// The mean of a moving arm's estimate is nobody's zero.
+#[test]
+fn an_arm_that_moves_is_not_tared() {
+    let cell = Cell::new();
+    cell.ready();
+    cell.start(IMPEDANCE);
+    cell.until("motion", |s| s.qd[0] > 0.1);
+    let refused = cell.tare("tare", "");
+    assert!(
+        !refused.done && refused.message.contains("moved"),
+        "{}",
+        refused.message
+    );
+    assert!(cell.felt().1.bias_age_s < 0.0);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! A request has one outcome, whatever stops or dies meanwhile; and a stop has a lane of its own.
+//! A request has one outcome, whatever stops or dies meanwhile, and a stop has its own lane.
 
 mod history;
 mod nemesis;
@@ -29,14 +29,15 @@ const APART: [&str; 6] = [
     "controller",
     "estimator",
 ];
-/// An asker waits so long; its request may be carried out within four fifths of it.
+/// Time that a client waits for an answer. Its request may be carried out within four fifths of
+/// that.
 const ASK: Duration = Duration::from_millis(1500);
-/// Clients that ask over sessions of their own.
+/// Number of clients, each with its own session.
 const CLIENTS: usize = 6;
-/// Requests of a run at the least.
+/// Smallest number of requests of a run.
 const REQUESTS_MIN: usize = 1000;
 
-/// A small generator with a seed (xorshift64*, Vigna, 2016).
+/// A small random generator with a seed (xorshift64*, Vigna, 2016).
 pub struct Draw(u64);
 
 impl Draw {
@@ -44,7 +45,7 @@ impl Draw {
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
     }
 
-    /// Evenly from 0 to below `bound`.
+    /// A random number, uniform from 0 to below `bound`.
     pub fn below(&mut self, bound: u64) -> u64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
@@ -60,7 +61,7 @@ fn request(action: &str, argument: impl Into<String>) -> Request {
     }
 }
 
-/// A task that outlasts the run, under the name of its request.
+/// A task that outlasts the run, named after its request.
 fn long_task(number: usize) -> String {
     format!(
         "name = \"{}\"\ntare = false\nforce.reference_n = 3.0\nend.retract_distance_m = 0.003\n\
@@ -81,7 +82,7 @@ fn drawn(draw: &mut Draw) -> Kind {
     }
 }
 
-/// Key and request; some that are to be refused whatever happens.
+/// Key and request; some must be refused in any case.
 fn asked(kind: Kind, number: usize, draw: &mut Draw) -> (String, Request) {
     let task = |action: &str| (queries::CONTROL_TASK.to_owned(), request(action, ""));
     match kind {
@@ -128,12 +129,13 @@ fn outcome(answer: Result<Answer, BusError>) -> Outcome {
 
 type Log = Arc<Mutex<Vec<Operation>>>;
 
-/// Clients ask for two of every three seconds: in the third, what was asked last can be seen.
+/// Whether clients send requests: in two of every three seconds. In the third, the effect of the
+/// last request can be seen.
 fn is_busy(began: Instant) -> bool {
     began.elapsed().as_millis() % 3000 < 2000
 }
 
-/// A client with a session of its own.
+/// A client with its own session.
 fn ask_until(
     until: Instant,
     began: Instant,
@@ -163,7 +165,7 @@ fn ask_until(
     }
 }
 
-/// Clients of one request each, some of which hang or are killed in the middle of it.
+/// Client processes with one request each, some of which are stopped or killed in the middle of it.
 fn ask_by_processes(
     until: Instant,
     began: Instant,
@@ -218,13 +220,13 @@ fn ask_by_processes(
             asked_ns,
             told_ns: now_ns(),
             outcome,
-            // To reach the router, and the budget of `tangent task`.
+            // Time to reach the router, plus the budget of `tangent task`.
             budget_ns: 7_000_000_000,
         });
     }
 }
 
-/// Moments at which the sensor's zero became another.
+/// Times at which the sensor's zero changed.
 fn watch_zero(bus: &Bus) -> (Arc<Mutex<Vec<i64>>>, tangent_runtime::Handle) {
     let zeros = Arc::<Mutex<Vec<i64>>>::default();
     let log = Arc::clone(&zeros);
@@ -251,7 +253,7 @@ fn run_history(seed: u64, time: Duration) {
     let config = CellConfig::load(&cell.file()).unwrap();
     let join = || Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
     let zero_bus = join();
-    // A zero to begin with: tares in contact are another test's matter.
+    // An initial zero; tares in contact are covered by another test.
     cell.start_task(&cell.task(
         true,
         "kind = \"line\"\nto_m = [0.01, 0.0]\nspeed_m_per_s = 0.02",
@@ -279,7 +281,7 @@ fn run_history(seed: u64, time: Duration) {
         });
         nemesis::torment(&mut cell, &mut Draw::new(seed + 2), until)
     });
-    // What is still under way comes to its end: then nothing is asked any more.
+    // Waits for the requests in progress; no further ones are sent.
     nemesis::pause(ASK);
     let history = History {
         operations: std::mem::take(&mut log.lock().unwrap()),
@@ -292,18 +294,19 @@ fn run_history(seed: u64, time: Duration) {
     println!("{checked:?} with {} faults", history.faults.len());
     assert!(wrong.is_empty(), "seed {seed}: {wrong:#?}");
     assert!(checked.operations >= REQUESTS_MIN);
-    // All outcomes were really met, and most effects could be seen.
+    // All outcomes occurred, and most effects could be observed.
     assert!(checked.done > 50 && checked.refused > 50 && checked.unknown > 5);
     assert!(checked.effects > 10 && checked.excused < checked.effects);
 }
 
-/// The router stood for 0.75 s, the start was answered with a refusal, and then the arm moved.
+/// The bug: the router was stopped for 0.75 s, the start was answered with a refusal, and then the
+/// arm moved.
 #[test]
 fn what_was_refused_has_no_effect_and_what_was_done_has_one() {
     run_history(20_261_122, Duration::from_secs(40));
 }
 
-/// The same for as long as wanted: `TANGENT_REQUESTS_SEED` and `TANGENT_REQUESTS_S`.
+/// Runs random requests for `TANGENT_REQUESTS_S` seconds, with the seed `TANGENT_REQUESTS_SEED`.
 #[test]
 #[ignore = "takes as long as it is told to"]
 fn what_was_refused_has_no_effect_for_long() {
@@ -317,7 +320,7 @@ fn what_was_refused_has_no_effect_for_long() {
     );
 }
 
-/// The router stands while a start is on its way between bridge and controller: whatever the answer is, it is true.
+/// The router is stopped while a start is in transit: the answer must agree with what happens.
 #[test]
 fn a_start_while_the_router_stands_does_what_its_answer_says() {
     let mut cell = Cell::new(|_| {});
@@ -338,14 +341,14 @@ fn a_start_while_the_router_stands_does_what_its_answer_says() {
                 bus.ask(queries::CONTROL_TASK, &start, Duration::from_secs(5))
             })
         };
-        // At another moment of the request each time.
+        // At a different moment of the request each time.
         nemesis::pause(Duration::from_millis(2 * number as u64));
         cell.process("router").signal("STOP");
         nemesis::pause(Duration::from_millis(750));
         cell.process("router").signal("CONT");
         let answer = asking.join().unwrap().unwrap();
         let after = now_ns();
-        // States from well after the answer are here.
+        // Waits for states from well after the answer.
         wait_for("states", PATIENCE, || {
             let last = observer.controls(after).last()?.at_ns;
             (last > after + 300_000_000).then_some(())
@@ -368,14 +371,15 @@ fn a_start_while_the_router_stands_does_what_its_answer_says() {
     }
 }
 
-/// The robot's dashboard server behind a wire that can fall silent: then a command waits for its answer.
+/// A proxy of the robot's dashboard server that can be silenced; a command then waits for its
+/// answer.
 struct Dashboard {
     port: u16,
     silent: Arc<AtomicBool>,
 }
 
 impl Dashboard {
-    /// Passes on to the server at `port` of this host.
+    /// A proxy of the server at `port` of this host.
     fn before(port: u16) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let own = listener.local_addr().unwrap().port();
@@ -406,7 +410,8 @@ impl Dashboard {
     }
 }
 
-/// One thread answered everything: a stop waited for 2.8 s behind a start that named seven unknown estimators.
+/// The bug: one thread answered all requests, and a stop waited 2.8 s behind a start that named
+/// seven unknown estimators.
 #[test]
 #[ignore = "counts the slow requests that end meanwhile, which depends on the machine; `tangent bench requests` measures a stop under a flood"]
 fn a_stop_comes_through_a_flood_of_everything_else() {
@@ -434,7 +439,7 @@ fn a_stop_comes_through_a_flood_of_everything_else() {
         observer.slide(&cell, &cell.long_task());
         silent.store(true, Ordering::Release);
         let flooding = AtomicBool::new(true);
-        // Slow requests that were asked, by kind, and how many of each have come back.
+        // Number of slow requests begun, per kind, and number of all slow requests ended.
         let (begun, ended) = ([(); 3].map(|()| AtomicUsize::new(0)), AtomicUsize::new(0));
         std::thread::scope(|scope| {
             for flood in 0..5 {
@@ -469,7 +474,8 @@ fn a_stop_comes_through_a_flood_of_everything_else() {
             let meanwhile = ended.load(Ordering::Acquire) - before;
             flooding.store(false, Ordering::Release);
             assert!(answer.unwrap().done, "round {round}");
-            // Three slow requests were under way: it did not wait for all of them, as it did behind one thread.
+            // Three slow requests were in progress: the stop did not wait for all of them, as it
+            // did behind one thread.
             assert!(
                 meanwhile < 3,
                 "round {round}: after {meanwhile} slow requests"
@@ -486,7 +492,8 @@ fn a_stop_comes_through_a_flood_of_everything_else() {
     println!(
         "answers to stop, ms: {answers_ms:.1?}; until the tool slowed down, ms: {falls_ms:.1?}"
     );
-    // The times themselves are figures of `tangent bench requests`. Half of them are far below the shortest wait in the flood, 400 ms.
+    // The times themselves are figures of `tangent bench requests`. Half of them must be far below
+    // the shortest wait in the flood, 400 ms.
     answers_ms.sort_by(f64::total_cmp);
     assert!(answers_ms[answers_ms.len() / 2] < 400.0, "{answers_ms:?}");
 }

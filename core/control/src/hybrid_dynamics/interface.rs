@@ -1,4 +1,4 @@
-//! What `hybrid_dynamics` takes and gives, once per control period.
+//! Inputs and outputs of `hybrid_dynamics`, once per control period.
 
 use nalgebra::Vector3;
 use tangent_estimation::ObjectEstimate;
@@ -7,7 +7,7 @@ use tangent_sensing::Validity;
 
 use crate::{Clearance, Fault, Phase, UntaredLoad};
 
-/// One period as the controller sees it. The wrench is what the environment does to the tool.
+/// Inputs of one control period. The wrench is that of the environment on the tool.
 #[derive(Clone, Copy, Debug)]
 pub struct HybridInput {
     /// Time of this period, s, on any clock that does not jump.
@@ -22,23 +22,23 @@ pub struct HybridInput {
     pub arm_ready: bool,
     /// Conditioned wrench at the tool.
     pub wrench: Wrench<Tool>,
-    /// Whether to use it.
+    /// Whether the wrench can be used.
     pub wrench_validity: Validity,
-    /// How old it is now, s.
+    /// Age of the wrench, s.
     pub wrench_age_s: f64,
-    /// Age of the tare in force, s; none if there was never one.
+    /// Age of the tare in force, s; `None` if there is none.
     pub bias_age_s: Option<f64>,
-    /// Error of the zero that its age implies, N; none where that is not known.
+    /// Bound on the error of the zero, by its age, N; `None` if it is not known.
     pub zero_bound_n: Option<f64>,
-    /// The reading before any zero was taken off; none where the sensor's service does not tell.
+    /// Reading before any zero is subtracted; `None` if the sensor service does not provide it.
     pub untared: Option<UntaredLoad>,
     /// Newest estimate of the object's pose.
     pub estimate: Option<ObjectEstimate>,
-    /// How old it is now, s.
+    /// Age of the newest estimate, s.
     pub estimate_age_s: f64,
 }
 
-/// One period's command and what it was made of.
+/// Command of one control period, and the quantities behind it.
 #[derive(Clone, Copy, Debug)]
 pub struct HybridOutput {
     /// Motor torques, Nm, within the arm's limits.
@@ -47,36 +47,38 @@ pub struct HybridOutput {
     pub phase: Phase,
     /// The last fault since the task started.
     pub fault: Option<Fault>,
-    /// A tare is due now.
+    /// Whether a tare is due.
     pub tare_requested: bool,
-    /// The tool touches, by the force.
+    /// Whether the phase is one in which the tool presses on the surface.
     pub in_contact: bool,
     /// Contact losses since the task started.
     pub contact_lost_count: u32,
     /// Normal in use, base axes, out of the material.
     pub normal: Vector3<f64>,
-    /// Pressing force asked for along the normal, N; the paper's -λ_d.
+    /// Desired pressing force along the normal, N; the paper's -λ_d.
     pub force_reference_n: f64,
     /// Pressing force measured along the normal in use, N; the paper's -λ. None where no wrench can be used.
     pub force_n: Option<f64>,
-    /// Whether the tool may touch something. The next start goes by it.
+    /// Whether the tool may touch something. The next start depends on it.
     pub clearance: Clearance,
-    /// The zero in force turned out to be taken in contact: the caller has the sensor's service take it back.
+    /// Whether the zero in force turned out to have been taken in contact. The caller then has the
+    /// sensor service withdraw it.
     pub zero_withdrawn: bool,
     /// Measured tool pose.
     pub base_from_tool: Pose<Base, Tool>,
-    /// Where the path wants the tool's origin, base axes, m.
+    /// Reference position of the tool's origin on the path, base axes, m.
     pub path_reference: Vector3<f64>,
-    /// The same in object axes, where the path was drawn on the object, m.
+    /// Reference position of the tool's origin in object axes, m; `None` if the path was not
+    /// planned on the object.
     pub reference_in_object: Option<Vector3<f64>>,
-    /// Distance from it in the tangent plane, m.
+    /// Distance of the tool's origin from the reference in the tangent plane, m.
     pub path_error_m: f64,
-    /// 0 to 1.
+    /// Progress along the path, 0 to 1.
     pub path_progress: f64,
     /// Angle between the normal in use and `-z_tool`, rad.
     pub alignment_error_rad: f64,
     /// `sqrt(det(J Jᵀ))` at the tool.
     pub manipulability: f64,
-    /// A torque or joint limit cut the command.
+    /// Whether a torque or joint limit cut the command.
     pub limited: bool,
 }

@@ -1,4 +1,5 @@
-//! Where the tool is wanted, in object axes: down to the surface along its normal, then along the path on it.
+//! Reference of the tool in object axes: down to the surface along its normal, then along the path
+//! on it.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_estimation::object_pose::ImplicitSurface;
@@ -8,14 +9,15 @@ use super::estimate_follower::EstimateFollower;
 use super::law::MotionReference;
 use crate::{Path, Profile};
 
-/// Half the time over which the path is differentiated, s: its own profile is smoother than that.
+/// Half the interval of the central differences along the path, s; the path's own profile is
+/// smoother than that.
 const DIFFERENCE_S: f64 = 0.004;
-/// Turning square to the surface during the approach.
+/// Limits of the rotation that aligns the tool with the normal during the approach.
 const TURN_SPEED_RAD_PER_S: f64 = 0.2;
 const TURN_ACCELERATION_RAD_PER_S2: f64 = 0.5;
 const TURN_JERK_RAD_PER_S3: f64 = 5.0;
 
-/// A wanted state in object axes.
+/// Reference state in object axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ObjectReference {
     pub position: Vector3<f64>,
@@ -26,7 +28,7 @@ pub(super) struct ObjectReference {
 }
 
 impl ObjectReference {
-    /// The same in base axes, moving with the pose in use.
+    /// Reference in base axes, including the motion of the pose in use.
     pub fn in_base(&self, object: &EstimateFollower) -> MotionReference {
         let pose = object.pose();
         MotionReference {
@@ -40,7 +42,8 @@ impl ObjectReference {
     }
 }
 
-/// The smallest turn that brings `rotation`'s z axis against `normal` (both object axes).
+/// `rotation` after the smallest rotation that points its z axis against `normal` (both in object
+/// axes).
 fn squared(rotation: &UnitQuaternion<f64>, normal: &Vector3<f64>) -> UnitQuaternion<f64> {
     let (z, wanted) = (rotation * Vector3::z(), -normal);
     let axis = z.cross(&wanted);
@@ -53,7 +56,7 @@ fn squared(rotation: &UnitQuaternion<f64>, normal: &Vector3<f64>) -> UnitQuatern
     turn * rotation
 }
 
-/// Straight down on the surface, turning square on the way.
+/// Motion straight down to the surface, during which the tool is aligned with the normal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Descent {
     start: Vector3<f64>,
@@ -63,15 +66,16 @@ pub(super) struct Descent {
     axis: Vector3<f64>,
     turn: Profile,
     time_s: f64,
-    /// Way beyond the profile's end, m, and its speed, m/s.
+    /// Distance beyond the end of the profile, m, and the speed there, m/s.
     further_m: f64,
     further_m_per_s: f64,
-    /// From the end of the profile to the estimated surface, m.
+    /// Distance from the end of the profile to the estimated surface, m.
     band_m: f64,
 }
 
 impl Descent {
-    /// From where the tool is (object axes) to `band_m` over the surface; `bounds` are acceleration and jerk.
+    /// Descent from the tool's pose (object axes) to `band_m` above the surface; `bounds` are
+    /// acceleration and jerk.
     pub fn new(
         surface: &dyn ImplicitSurface,
         object_from_tool: &Pose<Object, Tool>,
@@ -104,12 +108,13 @@ impl Descent {
         }
     }
 
-    /// How far beyond the estimated surface the reference has gone, m.
+    /// Distance by which the reference has passed the estimated surface, m.
     pub fn beyond_m(&self) -> f64 {
         self.further_m - self.band_m
     }
 
-    /// The time law, `share` of a period further; `seek_m_per_s` from the profile's end on.
+    /// Advances the time law by `share` of a period. After the end of the profile, the reference
+    /// moves on at up to `seek_m_per_s`.
     pub fn step(&mut self, share: f64, seek_m_per_s: f64, acceleration: f64, dt_s: f64) {
         let dt = share * dt_s;
         self.time_s += dt;
@@ -132,7 +137,8 @@ impl Descent {
     }
 }
 
-/// The path laid on the surface: drawn in the tangent plane at the touchdown, brought onto the surface along its gradient.
+/// Path on the surface: defined in the tangent plane at the touchdown, and projected onto the
+/// surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SurfacePath {
     start: Vector3<f64>,
@@ -142,7 +148,8 @@ pub(super) struct SurfacePath {
 }
 
 impl SurfacePath {
-    /// From a point on the surface, its x axis as near to `x` as it can be; `rotation` is the tool's. Object axes.
+    /// Path from the surface point closest to `start`, its x axis as close to `x` as possible;
+    /// `rotation` is the tool's. Object axes.
     pub fn new(
         surface: &dyn ImplicitSurface,
         start: &Vector3<f64>,
@@ -169,7 +176,7 @@ impl SurfacePath {
         surface.closest(&(self.start + self.x * p.x + self.y * p.y))
     }
 
-    /// At a time of the path that runs at `rate` of the real one.
+    /// Reference at `time_s` of the path, whose clock runs at `rate` of real time.
     pub fn at(
         &self,
         surface: &dyn ImplicitSurface,

@@ -5,7 +5,7 @@ use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Base, Joints, Pose, Tool, Wrench};
 use tangent_sensing::Validity;
 
-use crate::{Clearance, Fault, Phase};
+use crate::{Clearance, Fault, Phase, UntaredLoad};
 
 /// Joints of the arm.
 pub const JOINTS: usize = 7;
@@ -136,6 +136,8 @@ pub struct UnifiedInput {
     pub wrench_validity: Validity,
     /// How old it is now, s.
     pub wrench_age_s: f64,
+    /// The reading before the bridge took any zero off; none where it does not tell.
+    pub untared: Option<UntaredLoad>,
     /// Newest normal from the camera, as long as there is one.
     pub vision: Option<VisionInput>,
     /// Newest normal from touch, made from [`UnifiedOutput::wrench`].

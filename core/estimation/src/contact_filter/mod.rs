@@ -27,13 +27,13 @@ const WEIGHT: usize = 9;
 
 type Row = SVector<f64, STATES>;
 
-/// Correlation time of what disturbs the force in free space: inertia, cables, s.
+/// Correlation time of force disturbances in free space (inertia, cables), s.
 const FREE_CORRELATION_S: f64 = 0.5;
-/// What inertia and cables add to the force in free space, N.
+/// Standard deviation of force disturbances in free space (inertia, cables), N.
 const FREE_FORCE_SD_N: f64 = 0.05;
-/// How well the lag between wrench and motion is known, s.
+/// Standard deviation of the lag between wrench and motion, s.
 const LAG_SD_S: f64 = 0.008;
-/// Innovations beyond this many standard deviations count less.
+/// Number of standard deviations beyond which an innovation gets less weight.
 const HUBER_SD: f64 = 2.5;
 
 /// How the tool touches the surface in this cycle.
@@ -54,9 +54,9 @@ pub(crate) struct ContactFilter {
     weight_n: f64,
     /// Direction of gravity, base axes.
     gravity: Vector3<f64>,
-    /// The same in tool axes when the sensor was tared; none before the first sample.
+    /// Direction of gravity in tool axes when the sensor was tared; `None` before the first sample.
     gravity_at_tare: Option<Vector3<f64>>,
-    /// What a newton of wrong weight adds to the force now, tool axes.
+    /// Force that one newton of payload weight error adds now, tool axes.
     leverage: Vector3<f64>,
     covariance: SMatrix<f64, STATES, STATES>,
     state: ContactState,
@@ -75,9 +75,9 @@ pub(crate) struct ContactFilter {
     innovation_m2_per_s2: f64,
     expected_m2_per_s2: f64,
     velocity_noise: Residual,
-    /// Information of the best look at the pad's torque, 1/rad².
+    /// Information of the best tilt measurement from the pad's torque so far, 1/rad².
     flush_information: f64,
-    /// Point and pressing force at touchdown.
+    /// Point and pressing force (N) at touchdown.
     touch: (Vector3<f64>, f64),
     compliance_m_per_n: f64,
     compliance_known: bool,
@@ -133,7 +133,7 @@ impl ContactFilter {
         filter
     }
 
-    /// Takes one cycle's motion and force.
+    /// Updates the filter with the motion and force of one cycle.
     pub fn update(&mut self, motion: &Motion) {
         if motion.tared {
             *self = Self::new(&self.config);
@@ -145,7 +145,7 @@ impl ContactFilter {
         }
         self.drift(motion);
         let force = self.force(motion);
-        // Along the tool's axis, so that a sideways bias does not look like pressing.
+        // Along the tool's axis, so that a sideways bias does not count as pressing.
         let pressing_n = -self.force_in_tool(motion).z;
         let contact = &self.config.contact;
         let threshold = if self.state == ContactState::Free {
@@ -187,7 +187,8 @@ impl ContactFilter {
         }
     }
 
-    /// Bias walks, and a turn of the tool brings the payload's error out.
+    /// Adds the drift of the bias, and updates how the payload's error acts at the current
+    /// orientation.
     fn drift(&mut self, motion: &Motion) {
         let q = self.config.sensing.force_bias_drift_n_per_sqrt_s.powi(2) * motion.dt_s;
         for i in BIAS..BIAS + 3 {
@@ -197,17 +198,17 @@ impl ContactFilter {
         self.leverage = gravity - *self.gravity_at_tare.get_or_insert(gravity);
     }
 
-    /// Force on the tool without bias and wrong weight, tool axes.
+    /// Force on the tool without bias and payload weight error, tool axes, N.
     fn force_in_tool(&self, motion: &Motion) -> Vector3<f64> {
         motion.force_in_tool - self.bias - self.leverage * self.weight_n
     }
 
-    /// The same in base axes.
+    /// Force on the tool without bias and payload weight error, base axes, N.
     fn force(&self, motion: &Motion) -> Vector3<f64> {
         motion.rotation * self.force_in_tool(motion)
     }
 
-    /// Nothing touches, so all that the sensor reads is bias.
+    /// Update in free space, where the sensor reads only its bias and the payload's error.
     fn in_free_space(&mut self, motion: &Motion) {
         if self.state != ContactState::Free {
             self.state = ContactState::Free;
@@ -218,7 +219,7 @@ impl ContactFilter {
         self.free_time_s += motion.dt_s;
         self.slide_distance_m = 0.0;
         self.slide_direction = Vector3::zeros();
-        // Just after a contact the filter of the wrench still forgets it.
+        // Just after a contact, the filtered wrench still contains part of it.
         let settled = !self.touched || self.free_time_s > 0.2;
         let bias_sd =
             self.config.sensing.force_bias_sd_n + self.config.sensing.force_bias_drift_n_per_sqrt_s;
@@ -269,7 +270,8 @@ impl ContactFilter {
         self.covariance[(SHAPE + 2, SHAPE + 2)] = 0.5 * curvature;
     }
 
-    /// Where in the pad the force acts, from the torque: shrunk to the middle as far as the torque is in doubt.
+    /// Computes the centre of pressure on the pad from the torque. The more uncertain the torque,
+    /// the closer it is to the middle.
     fn centre_of_pressure(&mut self, motion: &Motion, pressing_n: f64) {
         let radius = self.config.contact.pad_radius_m;
         let spread = 0.5 * radius;
@@ -290,7 +292,7 @@ impl ContactFilter {
         self.centre = motion.rotation * centre;
     }
 
-    /// The normal turns with the surface under the tool: `dn = S dp`.
+    /// Turns the normal with the surface under the tool: `dn = S dp`.
     fn travel(&mut self, motion: &Motion) {
         let d = self.frame.project(&motion.step);
         let distance = d.norm();
@@ -322,8 +324,8 @@ impl ContactFilter {
 
     fn track_force(&mut self, force: &Vector3<f64>, dt_s: f64) {
         self.force_n = self.frame.normal.dot(force);
-        // 50 ms tell a touchdown from noise.
-        // Written without a division by the time, which may be next to nothing.
+        // A time constant of 50 ms distinguishes a touchdown from noise.
+        // Written without a division by `dt_s` alone, which may be close to zero.
         self.force_rate_n_per_s = (self.force_n - self.force_filtered_n) / (0.05 + dt_s);
         self.force_filtered_n += self.force_rate_n_per_s * dt_s;
     }
@@ -338,14 +340,14 @@ impl ContactFilter {
             return;
         }
         let direction = tangential / speed;
-        // How fast the direction of sliding turns, over 50 ms.
+        // Turn rate of the sliding direction, with a time constant of 50 ms.
         if self.slide_distance_m > 0.0 {
             let turn = direction.cross(&self.slide_direction).norm();
             self.turn_rate_rad_per_s += (turn - self.turn_rate_rad_per_s * dt_s) / (0.05 + dt_s);
         } else {
             self.turn_rate_rad_per_s = 0.0;
         }
-        // Sixty degrees: friction follows a gentle turn by itself.
+        // More than 60 degrees; friction follows a gentler turn by itself.
         if direction.dot(&self.slide_direction) < 0.5 {
             self.slide_distance_m = 0.0;
         }
@@ -353,11 +355,12 @@ impl ContactFilter {
         self.slide_distance_m += speed * dt_s;
     }
 
-    /// One scalar measurement. Outliers count less (Huber), so that a seam does not throw the state.
+    /// Updates the state with one scalar measurement. Outliers get less weight (Huber), so that a
+    /// seam does not upset the state.
     fn correct(&mut self, row: &Row, innovation: f64, variance: f64) {
         let gain = self.covariance * row;
         let mut total = row.dot(&gain) + variance;
-        // A measurement without any information, as after a step of next to no time.
+        // A measurement without information, as after a step of almost no time.
         if !total.is_finite() {
             return;
         }
@@ -368,7 +371,7 @@ impl ContactFilter {
         let gain = gain / total;
         let change = gain * innovation;
         self.covariance -= gain * gain.transpose() * total;
-        // Symmetric to the last bit, and never below zero on the diagonal.
+        // Keeps the covariance exactly symmetric, and its diagonal non-negative.
         for i in 0..STATES {
             for j in 0..i {
                 let mean = 0.5 * (self.covariance[(i, j)] + self.covariance[(j, i)]);
@@ -392,7 +395,7 @@ impl ContactFilter {
         self.state
     }
 
-    /// Tangent frame, and covariance in it, of the normal at the tool's origin at the wrench's time.
+    /// Tangent frame of the normal at the tool's origin, at the time of the wrench.
     pub fn frame(&self) -> &TangentFrame {
         &self.frame
     }
@@ -400,14 +403,16 @@ impl ContactFilter {
     /// Covariance of the normal in tangent axes, rad².
     pub fn normal_covariance(&self) -> Matrix2<f64> {
         let filtered = self.covariance.fixed_view::<2, 2>(0, 0).into_owned();
-        // Where in the pad the force acts is never averaged out: a torque bias stays.
+        // The error of the centre of pressure never averages out: a torque bias stays.
         let centre = self.shape * self.shape * self.centre_sd_m.powi(2);
-        // The wrench's lag is known to some milliseconds: what turns meanwhile stays too.
+        // The lag of the wrench is uncertain by some milliseconds; the turn in that time does not
+        // average out either.
         let ahead = self.frame.project(&self.slide_direction);
         let across = Vector2::new(-ahead.y, ahead.x);
         let turned = self.shape * ahead * (self.speed_m_per_s * LAG_SD_S);
         let leaked = across * (self.friction * self.turn_rate_rad_per_s * LAG_SD_S);
-        // The pad feels a mean over itself, which is the normal in its middle only where curvature is constant.
+        // The pad measures a mean over its area, which is the normal at its middle only where the
+        // curvature is constant.
         let s = &self.config.surface;
         let radius = self.config.contact.pad_radius_m;
         let change = s.curvature_change_per_m_per_sqrt_m * (self.unrest * radius).sqrt();
@@ -415,7 +420,7 @@ impl ContactFilter {
         filtered + centre + mean + turned * turned.transpose() + leaked * leaked.transpose()
     }
 
-    /// Unit direction of sliding, tangent; zero while there was none.
+    /// Unit direction of sliding in the tangent plane, base axes; zero before the tool has slid.
     pub fn slide_direction(&self) -> Vector3<f64> {
         self.slide_direction
     }
@@ -425,7 +430,7 @@ impl ContactFilter {
         self.centre
     }
 
-    /// Its standard deviation per axis, m.
+    /// Standard deviation of the centre of pressure per axis, m.
     pub fn centre_sd_m(&self) -> f64 {
         self.centre_sd_m
     }

@@ -1,4 +1,5 @@
-//! The map ahead of the tool: where the surface goes along a direction of travel, from the same frame, up to a horizon.
+//! Map ahead of the tool: the surface along a direction of travel, from the same frame, up to a
+//! horizon.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
@@ -7,51 +8,52 @@ use tangent_mechanics::{Base, Camera, Pose};
 use super::image::Intrinsics;
 use super::patch::{Ground, Patch, Place};
 
-/// Stations of a map, at most.
+/// Largest number of stations of a map.
 pub const STATIONS_MAX: usize = 64;
 
 /// One station of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceStation {
-    /// Along the surface from the tool, m.
+    /// Distance from the tool along the surface, m.
     pub distance_m: f64,
-    /// On the surface, m.
+    /// Point on the surface, m.
     pub point: Vector3<f64>,
     /// Unit normal, out of the material.
     pub normal: Vector3<f64>,
-    /// Of the normal, rad².
+    /// Covariance of the normal, rad².
     pub covariance: Matrix3<f64>,
-    /// Bend along the direction of travel, 1/m, positive where the surface falls away: the normal turns forward by this per metre.
+    /// Curvature along the direction of travel, 1/m, positive where the surface falls away: angle
+    /// by which the normal turns forward per metre, rad.
     pub bend_per_m: f64,
-    /// Standard deviation of the bend, 1/m.
+    /// Standard deviation of the curvature, 1/m.
     pub bend_sd_per_m: f64,
 }
 
-/// Why a map ends where it does.
+/// Why a map ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AheadEnd {
-    /// No direction of travel, or no surface at the tool.
+    /// There is no direction of travel, or no surface at the tool.
     #[default]
     NotAsked,
-    /// As far as was asked.
+    /// The map has reached the horizon, or its largest number of stations.
     Horizon,
-    /// The image ends.
+    /// The next station is outside the image.
     OutOfImage,
-    /// The surface ends, or is not seen further on.
+    /// The surface ends, or is not visible further on.
     NotSeen,
 }
 
-/// The map, in the axes of whoever holds it: the camera's from the step, the base's after [`SurfaceAhead::in_base`].
+/// The map: in camera axes as computed, in base axes after [`SurfaceAhead::in_base`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SurfaceAhead {
-    /// From the tool on.
+    /// Stations, from the tool on.
     pub stations: ArrayVec<SurfaceStation, STATIONS_MAX>,
-    /// Why there are no more.
+    /// Why the map ends after the last station.
     pub end: AheadEnd,
 }
 
 impl SurfaceAhead {
-    /// The same in base axes; `base_from_camera` of the time of exposure.
+    /// Map in base axes; `base_from_camera` is the pose at the time of exposure.
     pub fn in_base(&self, base_from_camera: &Pose<Base, Camera>) -> Self {
         let to: &Isometry3<f64> = base_from_camera.isometry();
         let turn = to.rotation.to_rotation_matrix();
@@ -64,7 +66,7 @@ impl SurfaceAhead {
         map
     }
 
-    /// Between the stations, at a distance along the surface, m; none beyond the ends.
+    /// Interpolated station at a distance along the surface, m; `None` beyond the ends.
     pub fn at(&self, distance_m: f64) -> Option<SurfaceStation> {
         let after = self
             .stations
@@ -88,7 +90,7 @@ impl SurfaceAhead {
     }
 }
 
-/// From the patch at the tool along `travel` (camera axes).
+/// Computes the map, starting with the patch at the tool, along `travel` (camera axes).
 pub(super) fn look_ahead(
     ground: &Ground<'_>,
     intrinsics: &Intrinsics,
@@ -111,14 +113,14 @@ pub(super) fn look_ahead(
             map.end = AheadEnd::Horizon;
             return map;
         }
-        // Along the circle that bends as the surface does here.
+        // Along a circle with the curvature of the surface at this station.
         let fall = station.normal * (0.5 * station.bend_per_m * step * step);
         let guess = Place {
             point: station.point + onward * step - fall,
             normal: (station.normal + onward * (station.bend_per_m * step)).normalize(),
             shape: patch.place.shape,
         };
-        // Where the patch reaches over the border, that is why it fails.
+        // If the patch extends beyond the image, that is why it fails.
         let [inside, clear] =
             [0.0, tool.radius_m].map(|r| in_image(intrinsics, size_px, &guess.point, r));
         let next = if inside {
@@ -126,7 +128,7 @@ pub(super) fn look_ahead(
         } else {
             None
         };
-        // A surface that is not where it was going to be is another one.
+        // A surface far from the predicted point is a different one.
         let next = next.filter(|next| (next.place.point - guess.point).norm() < 0.5 * step);
         let Some(next) = next else {
             map.end = if clear {
@@ -141,7 +143,7 @@ pub(super) fn look_ahead(
     }
 }
 
-/// Whether a ball around a point lies in the image.
+/// Whether a ball around a point lies within the image.
 fn in_image(
     intrinsics: &Intrinsics,
     size_px: [usize; 2],
@@ -157,14 +159,14 @@ fn in_image(
     })
 }
 
-/// What a patch says at its middle, and the direction of travel within the surface.
+/// Station at the middle of a patch, and the direction of travel within the surface.
 fn station(
     patch: &Patch,
     distance_m: f64,
     travel: &Vector3<f64>,
 ) -> Option<(SurfaceStation, Vector3<f64>)> {
     let along = patch.frame.project(travel).try_normalize(1e-6)?;
-    // xx, xy and yy of the shape along it.
+    // Weights of xx, xy and yy of the shape in the curvature along this direction.
     let by = Vector3::new(
         along.x * along.x,
         2.0 * along.x * along.y,

@@ -1,30 +1,33 @@
-//! The nodes' slopes once more, from cubics: a plane's slope is off by the surface's third derivative, a cubic's by the fifth, so
-//! its window may be several times larger.
+//! Refines the slopes of the nodes by fitting cubics. The slope of a plane is off by the surface's
+//! third derivative, that of a cubic by the fifth, so its window may be several times larger.
 //!
-//! On a whole rectangle of cells the least-squares cubic is a fixed sum over the cells' means (Savitzky and Golay), made of
-//! orthogonal polynomials along either axis. Its slope is the plane's and two corrections, of `u³` and of `u v²`; what of them
-//! does not stand out of the noise is left away, so that a plane stays one.
+//! On a complete rectangle of cells, the least-squares cubic is a fixed sum over the cells' means
+//! (Savitzky and Golay), built from orthogonal polynomials along each axis. Its slope is that of
+//! the plane plus two corrections, of `u³` and of `u v²`. A correction is used only as far as it
+//! exceeds its noise, so that a plane remains a plane.
 
 use super::cells::Cells;
 use super::config::DepthNormalConfig;
 use super::windows::Node;
 
-/// Reach of the rectangles that are tried, cells.
+/// Half widths of the rectangles that are tried, cells.
 const REACHES: [usize; 7] = [2, 3, 4, 6, 8, 10, 12];
 
-/// How moments of the cells' means along one axis, `Σ kⁿ m` with `k` from `-reach` to `reach`, become what a cubic needs.
+/// Coefficients that turn moments of the cells' means along one axis, `Σ kⁿ m` with `k` from
+/// `-reach` to `reach`, into the terms of a cubic.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     reach: usize,
     /// One over the number of cells.
     share: f64,
-    /// Slope of a straight line, of the first moment.
+    /// Slope of a straight line: coefficient of the first moment.
     line: f64,
-    /// What a cubic adds to it, of the third and the first.
+    /// Correction of the slope by a cubic: coefficients of the third and the first moment.
     third: [f64; 2],
-    /// Value of the second polynomial in the middle, over its norm, of the second moment and that of order zero.
+    /// Value of the second-order polynomial at the middle, over its norm: coefficients of the
+    /// second moment and that of order zero.
     second: [f64; 2],
-    /// Squares of these sums' kernels.
+    /// Sums of the squared kernels of these three terms.
     squares: [f64; 3],
 }
 
@@ -34,7 +37,7 @@ impl Axis {
         let moment = |power: i32| x().map(|x| x.powi(power)).sum::<f64>();
         let (m2, m4) = (moment(2), moment(4));
         let n = moment(0);
-        // x² - m2/n, and x³ - x m4/m2: orthogonal to all below.
+        // x² - m2/n, and x³ - x m4/m2: orthogonal to all polynomials of lower order.
         let (shift, slope3) = (m2 / n, m4 / m2);
         let norm2: f64 = x().map(|x| (x * x - shift).powi(2)).sum();
         let norm3: f64 = x().map(|x| (x * x * x - slope3 * x).powi(2)).sum();
@@ -51,22 +54,26 @@ impl Axis {
     }
 }
 
-/// The kernels and the grid they are laid over.
+/// Kernels of the cubic fits, and the grid that they are applied to.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Cubics {
-    /// One for each of [`REACHES`].
+    /// Coefficients for each of [`REACHES`].
     axes: Vec<Axis>,
-    /// Variances of each rectangle's slopes for unit noise of a cell: along both axes, the plane's and its corrections'.
+    /// Variances of the slopes for unit noise of a cell: per reach along both axes and per slope,
+    /// of the plane and of its two corrections.
     variances: [[[[f64; 3]; 2]; REACHES.len()]; REACHES.len()],
-    /// Their sums' square roots.
+    /// Standard deviations of the slopes for unit noise of a cell: per reach along both axes and
+    /// per slope.
     deviations: [[[f64; 2]; REACHES.len()]; REACHES.len()],
-    /// For each of them, cell by cell: sums along the row around the cell, as [`Axis`] has them, and without weights.
+    /// For each of [`REACHES`] and each cell: sums along its row, with the coefficients of [`Axis`]
+    /// and without.
     along_rows: Vec<Vec<[f64; 4]>>,
-    /// Of one row: the moments of each cell's surroundings, from order zero to three.
+    /// Moments around each cell of one row, of orders zero to three.
     moments: [Vec<f64>; 4],
-    /// Inverse depth at the cells' middles, 1/m.
+    /// Inverse depth at the middle of each cell, 1/m.
     means: Vec<f64>,
-    /// `(columns + 1) (rows + 1)`: cells above and to the left that have no mean, and that have one only from their neighbours.
+    /// Summed-area table, `(columns + 1) (rows + 1)`: number of cells above and to the left that
+    /// have no mean, and that have one only from their neighbours.
     missing: Vec<[u32; 2]>,
     columns: usize,
     rows: usize,
@@ -79,20 +86,21 @@ struct Slope {
     covariance: [f64; 3],
 }
 
-/// Moments of a rectangle across its rows, of their sums in `Cubics::along_rows`; rows are added in pairs around the middle.
+/// Moments across the rows of a rectangle, of the sums in `Cubics::along_rows`. Rows are added in
+/// pairs around the middle.
 #[derive(Clone, Copy)]
 struct Moments {
-    /// Of order zero: of `line` and `third`.
+    /// Order zero, of the sums for `line` and `third`.
     zeroth: [f64; 2],
-    /// Of order one: of `second` and of the sums without weights.
+    /// Order one, of the sums for `second` and of those without coefficients.
     first: [f64; 2],
-    /// Of order two, of `line`.
+    /// Order two, of the sums for `line`.
     second: f64,
-    /// Of order three, of the sums without weights.
+    /// Order three, of the sums without coefficients.
     third: f64,
 }
 
-/// One rectangle's slopes along both axes: the plane's, and its corrections.
+/// Slopes of one rectangle along both axes: those of the plane, and their corrections.
 struct Fit {
     plane: [f64; 2],
     corrections: [[f64; 2]; 2],
@@ -137,8 +145,8 @@ impl Cubics {
         self.slopes.resize(columns * rows, None);
     }
 
-    /// Replaces the slopes of the nodes around which there is room for a cubic. `variance` is that of a pixel's inverse depth,
-    /// correlation included.
+    /// Replaces the slopes of the nodes that have room for a cubic around them. `variance` is that
+    /// of a pixel's inverse depth, correlation included.
     pub fn refine(
         &mut self,
         config: &DepthNormalConfig,
@@ -170,7 +178,7 @@ impl Cubics {
         }
     }
 
-    /// Whether [`Cubics::refine`] has found this node's slope.
+    /// Whether [`Cubics::refine`] has replaced the slope of this node.
     pub fn has(&self, node: usize) -> bool {
         self.slopes[node].is_some()
     }
@@ -185,7 +193,8 @@ impl Cubics {
                 let whole = cell.sums[0] >= 0.3 * full && !cell.is_edge();
                 match cell.mean() {
                     Some(mean) if whole => {
-                        // To the cell's middle, from where its pixels' mean is.
+                        // Moves the value from the mean position of the cell's pixels to the cell's
+                        // middle.
                         let p = cell.sums[0];
                         let along = node.slope[0] * cell.sums[1] + node.slope[1] * cell.sums[2];
                         self.means[i] = mean - along / p;
@@ -206,7 +215,8 @@ impl Cubics {
         }
     }
 
-    /// Cells of a rectangle that have no mean, and that have one only from their neighbours; none where it is not on the grid.
+    /// Number of cells in a rectangle that have no mean, and that have one only from their
+    /// neighbours; `None` if the rectangle exceeds the grid.
     fn missing(&self, column: usize, row: usize, [x, y]: [usize; 2]) -> Option<[u32; 2]> {
         if column < x || row < y || column + x >= self.columns || row + y >= self.rows {
             return None;
@@ -219,7 +229,8 @@ impl Cubics {
         Some([0, 1].map(|k| d[k] + a[k] - c[k] - b[k]))
     }
 
-    /// Whether a rectangle has hardly any cell without a mean of its own.
+    /// Whether all cells of a rectangle have a mean, at most a tenth of them only from their
+    /// neighbours.
     fn is_whole(&self, column: usize, row: usize, reach: [usize; 2]) -> bool {
         let [x, y] = reach.map(|i| REACHES[i]);
         self.missing(column, row, [x, y])
@@ -228,8 +239,8 @@ impl Cubics {
             })
     }
 
-    /// The part along the rows of every rectangle's sums, for the first `tried` reaches. The moments of a reach are those of the one
-    /// before and a few cells more.
+    /// Computes the sums along the rows for the first `tried` reaches. The moments of a reach are
+    /// those of the reach before plus the added cells.
     fn sum_rows(&mut self, tried: usize) {
         let columns = self.columns;
         for row in 0..self.rows {
@@ -278,7 +289,7 @@ impl Cubics {
         }
     }
 
-    /// Moments of the middle row alone, with a reach along it by its number in [`REACHES`].
+    /// Moments of the middle row alone; `x` is the index of the reach along it in [`REACHES`].
     fn middle(&self, cell: usize, x: usize) -> Moments {
         let [line, third, _, _] = self.along_rows[x][cell];
         Moments {
@@ -289,7 +300,8 @@ impl Cubics {
         }
     }
 
-    /// The same with the rows from `from` to `to` cells away on either side.
+    /// Adds to `m` the rows from `from` to `to` cells away from the middle row, on either side; `x`
+    /// is the index of the reach along them in [`REACHES`].
     fn with_rows(&self, mut m: Moments, cell: usize, x: usize, from: usize, to: usize) -> Moments {
         let sums = &self.along_rows[x];
         for k in from..=to {
@@ -306,7 +318,7 @@ impl Cubics {
         m
     }
 
-    /// Of a rectangle with reaches by their number in [`REACHES`].
+    /// Fit of a rectangle; `x` and `y` are the indices of its reaches in [`REACHES`].
     fn fit(&self, m: &Moments, [x, y]: [usize; 2]) -> Fit {
         let (across, along) = (&self.axes[x], &self.axes[y]);
         Fit {
@@ -339,7 +351,7 @@ impl Cubics {
         if !self.is_whole(column, row, reach) {
             return None;
         }
-        // Where nothing is missing in the widest, no other needs a look.
+        // If nothing is missing in the largest rectangle, no smaller one needs a check.
         let widest = REACHES[tried - 1];
         let all_there = self.missing(column, row, [widest, widest]) == Some([0, 0]);
         let deviation = config.consistency_sd * per_cell.sqrt();
@@ -386,7 +398,7 @@ impl Cubics {
         let slope = [0, 1].map(|axis| {
             let kept = [0, 1].map(|k| {
                 let (t, v) = (best.corrections[axis][k], per_cell * variances[axis][k + 1]);
-                // Of a correction, what stands out of its noise.
+                // The part of a correction that exceeds its noise.
                 if t * t > v {
                     t * (1.0 - v / (t * t))
                 } else {

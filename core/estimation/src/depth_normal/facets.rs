@@ -1,4 +1,4 @@
-//! The grid's nodes in space: a point and a unit normal per cell, camera axes.
+//! Nodes of the grid in space: a point and a unit normal per cell, camera axes.
 
 use nalgebra::Vector3;
 
@@ -6,25 +6,26 @@ use super::image::Intrinsics;
 use super::inverse_depth::InverseDepth;
 use super::windows::Node;
 
-/// A cell's place and orientation in space.
+/// Position and orientation of a cell in space.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Facet {
-    /// Whether there is one: a node before the camera that is not steeper than allowed.
+    /// Whether the cell has a facet: a node in front of the camera that is not steeper than
+    /// allowed.
     pub valid: bool,
-    /// m
+    /// Point on the surface, m.
     pub point: Vector3<f64>,
-    /// Out of the material.
+    /// Unit normal, out of the material.
     pub normal: Vector3<f64>,
-    /// Standard deviation of the normal, the larger way, rad.
+    /// Standard deviation of the normal along its less certain axis, rad.
     pub sd_rad: f64,
 }
 
-/// From cells to lines of sight.
+/// Conversion between cells of the grid and rays of the camera.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Mesh {
-    /// `[x/z, y/z]` of the middle of cell (0, 0).
+    /// Ray through the middle of cell (0, 0), `[x/z, y/z]`.
     pub first: [f64; 2],
-    /// The same from cell to cell.
+    /// Difference between the rays of neighbouring cells, `[x/z, y/z]`.
     pub step: [f64; 2],
 }
 
@@ -40,7 +41,7 @@ impl Mesh {
         }
     }
 
-    /// Of a place in the grid, cells.
+    /// Ray through a place in the grid, given in cells.
     pub fn sight(&self, column: f64, row: f64) -> [f64; 2] {
         [
             self.first[0] + column * self.step[0],
@@ -48,12 +49,12 @@ impl Mesh {
         ]
     }
 
-    /// Place in the grid of a line of sight, cells.
+    /// Place in the grid that a ray passes through, cells.
     pub fn place(&self, sight: [f64; 2]) -> [f64; 2] {
         [0, 1].map(|i| (sight[i] - self.first[i]) / self.step[i])
     }
 
-    /// A node as what it says of the surface.
+    /// The surface around a node, as inverse depth.
     pub fn inverse_depth(&self, node: &Node, column: usize, row: usize) -> InverseDepth {
         InverseDepth {
             sight: self.sight(column as f64, row as f64),
@@ -63,7 +64,7 @@ impl Mesh {
         }
     }
 
-    /// Every node's facet.
+    /// Computes the facet of every node.
     pub fn facets(&self, nodes: &[Node], columns: usize, cos_steepest: f64, facets: &mut [Facet]) {
         for (i, (facet, node)) in facets.iter_mut().zip(nodes).enumerate() {
             *facet = Facet::default();

@@ -12,12 +12,12 @@ use crate::EstimationError;
 pub enum Measurements {
     /// Camera only: the paper's first simulation.
     Vision,
-    /// Camera, force and joints: its second.
+    /// Camera, force and joints: the paper's second simulation.
     #[default]
     All,
 }
 
-/// The target and the surface that carries it.
+/// The visual target, and the surface that it is on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TargetConfig {
@@ -49,29 +49,30 @@ impl TargetConfig {
     }
 }
 
-/// What is believed before anything is seen.
+/// Uncertainty before the first measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PriorConfig {
-    /// Error of the camera's position per axis, standard deviation, m: ±1 cm evenly is 5.8 mm.
+    /// Error of the camera's position per axis, standard deviation, m. A uniform ±1 cm is 5.8 mm.
     pub camera_position_sd_m: f64,
-    /// Error of its orientation per axis, rad: ±3° evenly is 30 mrad.
+    /// Error of the camera's orientation per axis, standard deviation, rad. A uniform ±3° is 30
+    /// mrad.
     pub camera_orientation_sd_rad: f64,
-    /// Error of the focal length, share.
+    /// Error of the focal length, standard deviation, share.
     pub focal_sd_share: f64,
-    /// Error of the principal point per axis, share of the focal length.
+    /// Error of the principal point per axis, standard deviation, share of the focal length.
     pub principal_sd_share: f64,
-    /// The object's compliance along its normal, m/N.
+    /// Compliance of the object along its normal, m/N.
     pub compliance_m_per_n: f64,
-    /// The same, standard deviation.
+    /// Standard deviation of the object's compliance along its normal, m/N.
     pub compliance_sd_m_per_n: f64,
-    /// The object's speed, per axis, m/s.
+    /// Standard deviation of the object's speed, per axis, m/s.
     pub speed_sd_m_per_s: f64,
-    /// The object's angular speed, per axis, rad/s.
+    /// Standard deviation of the object's angular speed, per axis, rad/s.
     pub turn_rate_sd_rad_per_s: f64,
-    /// How the object's speed may change, m/s/√s.
+    /// Random walk of the object's speed, m/s/√s.
     pub speed_change_m_per_s_per_sqrt_s: f64,
-    /// The same of its angular speed, rad/s/√s.
+    /// Random walk of the object's angular speed, rad/s/√s.
     pub turn_rate_change_rad_per_s_per_sqrt_s: f64,
 }
 
@@ -92,23 +93,24 @@ impl Default for PriorConfig {
     }
 }
 
-/// Noise of what touching tells.
+/// Noise of the measurements by contact.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ContactNoiseConfig {
-    /// Pressing force above which the tool touches, N.
+    /// Pressing force above which the tool is in contact, N.
     pub force_on_n: f64,
-    /// Pressing force below which it does not, N.
+    /// Pressing force below which contact is lost, N.
     pub force_off_n: f64,
-    /// Time between two looks at the force and the joints, s.
+    /// Time between two updates from force and joints, s.
     pub period_s: f64,
-    /// Error of a force component, N: noise and zero.
+    /// Error of a force component, standard deviation, N: noise and zero.
     pub force_sd_n: f64,
-    /// Error of the force's direction beyond that, rad.
+    /// Further error of the force's direction, standard deviation, rad.
     pub direction_sd_rad: f64,
-    /// Friction coefficient that cannot be excluded: tilts the force along the sliding, or anywhere at rest.
+    /// Standard deviation of the unknown friction coefficient. Friction tilts the force along the
+    /// sliding direction, or in any tangential direction at rest.
     pub friction_sd: f64,
-    /// Error of the tip's position, m.
+    /// Error of the tip's position, standard deviation, m.
     pub tip_sd_m: f64,
 }
 
@@ -130,25 +132,28 @@ impl Default for ContactNoiseConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectPoseConfig {
-    /// What is looked at and touched.
+    /// The visual target, and the surface that it is on.
     pub target: TargetConfig,
-    /// What is used.
+    /// Which measurements are used.
     pub measurements: Measurements,
-    /// Noise of a corner along each image axis, pixels.
+    /// Noise of a corner along each image axis, standard deviation, pixels.
     pub corner_sd_px: f64,
-    /// Weight of the second-order term that the linear model leaves out; above 1 because it does not change from frame to frame.
+    /// Weight of the second-order term that the linear model neglects. It is above 1 because this
+    /// error does not change from frame to frame.
     pub curvature_weight: f64,
-    /// Corners further than this many standard deviations from where they are expected are refused.
+    /// Corners further than this many standard deviations from their prediction are rejected.
     pub gate_sd: f64,
-    /// Root mean square left of the first frame, pixels: above, it is not the target.
+    /// Largest root mean square residual of the first frame, pixels. Above it, the image does not
+    /// show the target.
     pub start_rms_max_px: f64,
-    /// Frames refused in a row, without contact, after which the estimate is given up and begun anew.
+    /// Number of rejected frames in a row, without contact, after which the estimate is discarded
+    /// and started again.
     pub restart_frames: u32,
-    /// Without a frame for longer than this, the estimate is stale, s.
+    /// Time without a frame after which the estimate is stale, s.
     pub vision_patience_s: f64,
-    /// Beliefs at the start.
+    /// Uncertainty before the first measurement.
     pub prior: PriorConfig,
-    /// Touch.
+    /// Contact thresholds, and noise of the measurements by contact.
     pub contact: ContactNoiseConfig,
 }
 
@@ -171,7 +176,7 @@ impl Default for ObjectPoseConfig {
 
 impl ObjectPoseConfig {
     /// # Errors
-    /// Names the setting that is out of its range.
+    /// A setting is out of its range; the error names it.
     pub fn check(&self) -> Result<(), EstimationError> {
         let within = |key, value: f64, lower, upper| {
             if value >= lower && value <= upper {

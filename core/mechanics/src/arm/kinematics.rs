@@ -39,7 +39,8 @@ impl<const N: usize> Arm<N> {
         jacobian_of(&frames, &frames.flange.origin)
     }
 
-    /// The same for the origin of a tool fixed to the flange: `Aligned<Tool, Base>`.
+    /// Geometric Jacobian, 6 × N, at the origin of a tool fixed to the flange: `jacobian * qd` is
+    /// the twist of that origin in base axes, `Aligned<Tool, Base>` (rows 0-2 m/s, rows 3-5 rad/s).
     pub fn jacobian_at(
         &self,
         q: &Joints<N>,
@@ -49,7 +50,7 @@ impl<const N: usize> Arm<N> {
         jacobian_of(&frames, &tool_origin(&frames, flange_from_tool))
     }
 
-    /// Pose of a tool and its Jacobian (as [`Arm::jacobian_at`]) for the price of one pass.
+    /// Pose of a tool and its Jacobian (as [`Arm::jacobian_at`]), from one pass over the joints.
     pub fn tool_and_jacobian(
         &self,
         q: &Joints<N>,
@@ -82,8 +83,8 @@ impl<const N: usize> Arm<N> {
         jacobian_dot_of(&frames, qd, &tool_origin(&frames, flange_from_tool))
     }
 
-    /// The flange's acceleration that comes from `qd` alone: acceleration = `jacobian` qdd + this
-    /// (m/s², then rad/s², flange origin, base axes).
+    /// Acceleration of the flange due to the joint velocities alone: acceleration =
+    /// `jacobian * qdd` plus this (m/s², then rad/s², flange origin, base axes).
     pub fn jacobian_dot_qd(&self, q: &Joints<N>, qd: &Joints<N>) -> Vector6<f64> {
         self.jacobian_dot(q, qd) * qd
     }
@@ -134,7 +135,8 @@ fn jacobian_of<const N: usize>(frames: &Frames<N>, point: &Vector3<f64>) -> SMat
     jacobian
 }
 
-/// The same columns differentiated: axes turn with the links before them, origins move with them.
+/// Time derivative of the columns of `jacobian_of`: axes turn with the links before them, origins
+/// move with them.
 fn jacobian_dot_of<const N: usize>(
     frames: &Frames<N>,
     qd: &Joints<N>,
@@ -183,7 +185,7 @@ mod tests {
         )
     }
 
-    /// Central difference of the tool's pose along `qd`: what the Jacobian's columns are by definition.
+    /// Central difference of the tool's pose along `qd`, which defines the columns of the Jacobian.
     fn twist_by_difference<const N: usize>(
         arm: &Arm<N>,
         q: &Joints<N>,
@@ -219,7 +221,7 @@ mod tests {
         let difference = (arm.jacobian_dot_at(&q, &qd, &tool()) - by_difference).amax();
         prop_assert!(difference < 1e-8, "{name}: Jdot off by {difference}");
 
-        // A tool without length is the flange.
+        // A tool of zero length is the flange.
         let flange = Pose::identity();
         prop_assert_eq!(arm.jacobian(&q), arm.jacobian_at(&q, &flange));
         prop_assert_eq!(

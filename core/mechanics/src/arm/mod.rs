@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::Joints;
 use crate::model::{DhConvention, DhRow, ModelData, ModelError};
 
-/// A rotation and the origin it leads to: a fixed step of the chain, or a frame in base axes.
+/// A rotation and an origin: a fixed step of the chain, or a frame in base axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Step {
     rotation: Matrix3<f64>,
@@ -22,11 +22,11 @@ struct Step {
 struct Body {
     mass: f64,
     com: Vector3<f64>,
-    /// About `com`.
+    /// Inertia about `com`, kg m².
     inertia: Matrix3<f64>,
 }
 
-/// Limits of an arm's joints; all but position are symmetric. `None` was not published.
+/// Limits of an arm's joints; all but position are symmetric. `None`: not published.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits<const N: usize> {
     /// Lowest angle, rad.
@@ -70,8 +70,9 @@ pub struct Payload {
 
 /// Kinematics and dynamics of one arm. Joint vectors are ordered base to flange.
 ///
-/// Link `i`'s frame lies in joint `i`, z along its axis, and turns with it; both Denavit-Hartenberg conventions are
-/// brought to that form, so the rest of the code knows no convention.
+/// Link `i`'s frame lies in joint `i`, z along its axis, and turns with it. Both Denavit-Hartenberg
+/// conventions are converted to that form, so the rest of the code does not depend on the
+/// convention.
 ///
 /// ```
 /// use tangent_mechanics::{Arm, ModelData};
@@ -94,7 +95,7 @@ pub struct Arm<const N: usize> {
 }
 
 impl<const N: usize> Arm<N> {
-    /// Checks `model` and brings it to the form computed with; fails if it has not `N` joints.
+    /// Checks `model` and converts it to the form used here. Fails if it does not have `N` joints.
     pub fn new(model: &ModelData) -> Result<Self, ModelError> {
         model.validate()?;
         if model.dof != N {
@@ -151,7 +152,7 @@ impl<const N: usize> Arm<N> {
         })
     }
 
-    /// The same arm with a body fixed to its flange. Kinematics stay as they are.
+    /// Arm with a body fixed to its flange. The kinematics do not change.
     pub fn with_payload(mut self, payload: &Payload) -> Self {
         let body = Body {
             mass: payload.mass_kg,
@@ -165,18 +166,19 @@ impl<const N: usize> Arm<N> {
         self
     }
 
-    /// The same arm hung on a wall or a ceiling: `gravity` is its acceleration in base axes, m/s².
+    /// Arm in another direction of gravity, as when mounted on a wall or a ceiling: `gravity` is
+    /// its acceleration in base axes, m/s².
     pub fn with_gravity(mut self, gravity: Vector3<f64>) -> Self {
         self.gravity = gravity;
         self
     }
 
-    /// What the joints may do.
+    /// Limits of the joints.
     pub fn limits(&self) -> &Limits<N> {
         &self.limits
     }
 
-    /// The model's own starting pose, rad.
+    /// Default start pose of the model, rad.
     pub fn home(&self) -> Joints<N> {
         self.home
     }
@@ -231,7 +233,7 @@ impl Body {
         inertia: Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     };
 
-    /// The same body in the frame that `frame` is given in.
+    /// This body in the frame in which `frame` is given.
     fn seen_from(&self, frame: &Step) -> Self {
         Self {
             mass: self.mass,
@@ -240,7 +242,8 @@ impl Body {
         }
     }
 
-    /// Both bodies as one: parallel-axis theorem with the reduced mass, so nothing large cancels.
+    /// Both bodies as one. The parallel-axis theorem with the reduced mass avoids the cancellation
+    /// of large terms.
     fn joined_with(&self, other: &Self) -> Self {
         let mass = self.mass + other.mass;
         if mass <= 0.0 {

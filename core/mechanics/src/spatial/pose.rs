@@ -31,7 +31,7 @@ impl<A, B> Pose<A, B> {
         ))
     }
 
-    /// The same numbers as a plain nalgebra isometry.
+    /// Pose from a plain nalgebra isometry that takes coordinates in `B` to coordinates in `A` (m).
     pub fn from_isometry(isometry: Isometry3<f64>) -> Self {
         Self {
             isometry,
@@ -49,12 +49,12 @@ impl<A, B> Pose<A, B> {
         self.isometry.translation.vector
     }
 
-    /// Takes `B`'s axes to `A`'s.
+    /// Rotation that takes `B`'s axes to `A`'s.
     pub fn rotation(&self) -> UnitQuaternion<f64> {
         self.isometry.rotation
     }
 
-    /// The frame-less isometry.
+    /// The plain nalgebra isometry, without frames.
     pub fn isometry(&self) -> &Isometry3<f64> {
         &self.isometry
     }
@@ -91,7 +91,7 @@ impl<A, B> Pose<A, B> {
 }
 
 impl<A: Frame, B: Frame> Pose<A, B> {
-    /// The same wrench at `A`'s origin in `A`'s axes: torque gains `r × f`.
+    /// Moves a wrench to `A`'s origin and `A`'s axes: the torque gains `r × f`.
     pub fn transform_wrench(&self, wrench_in_b: &Wrench<B>) -> Wrench<A> {
         let force = self.rotate(&wrench_in_b.force);
         Wrench::new(
@@ -100,7 +100,8 @@ impl<A: Frame, B: Frame> Pose<A, B> {
         )
     }
 
-    /// The same rigid motion as a twist of `A`'s origin in `A`'s axes: velocity gains `r × ω`.
+    /// Twist of `A`'s origin in `A`'s axes for the rigid motion that `twist_in_b` describes: the
+    /// velocity gains `r × ω`.
     pub fn transform_twist(&self, twist_in_b: &Twist<B>) -> Twist<A> {
         let angular = self.rotate(&twist_in_b.angular);
         Twist::new(
@@ -144,7 +145,7 @@ impl<A, B, C> Mul<Pose<B, C>> for Pose<A, B> {
     }
 }
 
-// Derived impls would ask the frame markers for the same traits, for nothing.
+// Derived impls would needlessly require the same traits of the frame markers.
 impl<A, B> Clone for Pose<A, B> {
     fn clone(&self) -> Self {
         *self

@@ -1,35 +1,42 @@
-//! `[base]`: how the pose of a moving base is judged.
+//! `[base]`: how the poses of a moving base are checked and filtered.
 
 use serde::{Deserialize, Serialize};
 
 use crate::SensingError;
 
-/// `[base]` of a cell or scenario. Whether the base moves is not configured: it does where `base/pose` is published.
+/// `[base]` of a cell or scenario. Whether the base moves is not configured: it moves if
+/// `base/pose` is published.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BaseConfig {
-    /// The base is a mobile platform: no task runs without `base/pose`. False: without it, the base stands.
+    /// Whether the base is a mobile platform. If true, no task runs without `base/pose`. If false,
+    /// the base counts as fixed until a pose is received.
     pub required: bool,
-    /// From a pose's stamp to its publication on the platform, s, as far as it is known. An unknown latency leaves the path
-    /// behind by that time; the force does not see it while the velocity is steady.
+    /// Time from a pose's stamp to its publication by the platform, s, as far as it is known. A
+    /// latency that is not stated here makes the path lag by that time. It does not affect the
+    /// force while the velocity of the base is constant.
     pub latency_s: f64,
-    /// Silence after which the base is unknown, s.
+    /// Time without a pose after which the motion of the base counts as unknown, s.
     pub patience_s: f64,
-    /// Bandwidth of the filter that makes velocity out of poses, rad/s.
+    /// Bandwidth of the filter that estimates velocity from poses, rad/s.
     pub filter_rad_per_s: f64,
-    /// Poses must have been steady for so long to be worked with, s.
+    /// Time for which the poses must have been steady before they are used, s.
     pub settle_s: f64,
-    /// A step between two poses beyond the motion by more than this is a jump, m.
+    /// Largest deviation of the step between two poses from the estimated motion, m; a larger one
+    /// is a jump.
     pub jump_m: f64,
-    /// The same of the orientation, rad.
+    /// Largest deviation of the rotation between two poses from the estimated motion, rad; a larger
+    /// one is a jump.
     pub jump_rad: f64,
-    /// A pose with a larger standard deviation on one of its axes is refused, m.
+    /// Largest standard deviation of a pose's position in any axis, m; a pose with a larger one is
+    /// refused.
     pub position_sd_max_m: f64,
-    /// The same of the orientation, rad.
+    /// Largest standard deviation of a pose's orientation in any axis, rad; a pose with a larger
+    /// one is refused.
     pub orientation_sd_max_rad: f64,
-    /// Faster, and no tool is kept on a surface, m/s.
+    /// Largest speed of the base at which a tool is kept on a surface, m/s.
     pub speed_max_m_per_s: f64,
-    /// The same of its turning, rad/s.
+    /// Largest turn rate of the base at which a tool is kept on a surface, rad/s.
     pub turn_rate_max_rad_per_s: f64,
 }
 
@@ -53,7 +60,7 @@ impl Default for BaseConfig {
 
 impl BaseConfig {
     /// # Errors
-    /// Names the key, the value and what is allowed.
+    /// A setting is out of its range. The error names the key, the value and the allowed range.
     pub fn check(&self) -> Result<(), SensingError> {
         let range = |key, value: f64, lower: f64, upper: f64| {
             SensingError::unless(

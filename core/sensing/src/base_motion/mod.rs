@@ -1,9 +1,11 @@
-//! Where a moving base is and how it moves, out of the poses that its platform publishes (`base/pose`).
+//! Position and motion of a moving base, estimated from the poses that its platform publishes
+//! (`base/pose`).
 //!
-//! Called by the controller, the estimators' service and the closed loop of `evaluate`: `take` for every pose, `at` once
-//! per cycle. What comes out lives in a frame that is fixed to the floor and coincides with the base where it was first
-//! seen: `world` up to a constant. So numbers stay small on any map, and when the map jumps under the platform
-//! (relocalisation) the frame stays where the surface is.
+//! Called by the controller, the estimator service and the closed loop of `evaluate`: `take` for
+//! every pose, `at` once per cycle. The result is in a frame that is fixed to the floor and
+//! coincides with the base at its first pose: `world` up to a constant. Numbers therefore stay
+//! small on any map. When the map jumps under the platform (relocalisation), the frame stays fixed
+//! to the surface.
 
 mod config;
 mod pose_filter;
@@ -14,48 +16,49 @@ use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World};
 pub use config::BaseConfig;
 use pose_filter::PoseFilter;
 
-/// One message of the platform.
+/// One pose message of the platform.
 #[derive(Clone, Copy, Debug)]
 pub struct BasePose {
-    /// Who sent it: another publisher's poses begin anew.
+    /// Id of the publisher. Another publisher may have another clock and map.
     pub publisher: [u8; 16],
     /// Time of measurement on the platform's clock, s.
     pub stamp_s: f64,
     /// Time of arrival on the reader's clock, s. The two clocks need not agree.
     pub arrived_s: f64,
-    /// Position in world axes, m, and the quaternion as it came: x, y, z, w.
+    /// Position in world axes, m.
     pub position: Vector3<f64>,
-    /// Not normalised yet.
+    /// Orientation as received: x, y, z, w, not normalised.
     pub quaternion: [f64; 4],
-    /// Of position (m²), then of small turns about the fixed axes (rad²). All zero: not known.
+    /// Covariance of position (m²), then of small rotations about the fixed axes (rad²). All zero:
+    /// not known.
     pub covariance: Matrix6<f64>,
 }
 
-/// Why the base's motion cannot be relied on.
+/// Why the motion of the base is not reliable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BaseTrouble {
-    /// Nothing was received yet, and the cell says that the base moves.
+    /// No pose has been received, and the cell requires one.
     Missing,
-    /// No pose within the patience.
+    /// No pose has arrived within the patience.
     Silent,
-    /// The pose jumped or has only begun: not steady for long enough.
+    /// The pose has jumped or has only just begun: it has not been steady for long enough.
     Unsettled,
-    /// A number is not finite.
+    /// A number is not finite, or the position is implausibly far away.
     NotFinite,
-    /// The quaternion's length is not one.
+    /// The quaternion is not of unit length.
     NotUnit,
-    /// Not newer than the last one.
+    /// The pose is not newer than the last one.
     OutOfOrder,
-    /// It arrived long after its time.
+    /// The pose arrived too long after its measurement.
     Late,
-    /// Its covariance is too large.
+    /// A variance is too large, or negative.
     Uncertain,
-    /// Moves faster than a tool can be kept on a surface.
+    /// The base moves too fast to keep a tool on a surface.
     TooFast,
 }
 
 impl BaseTrouble {
-    /// What is wrong and what to do, in words.
+    /// What is wrong and what to do, as text.
     pub fn reason(self) -> &'static str {
         match self {
             Self::Missing => {
@@ -81,21 +84,21 @@ impl BaseTrouble {
     }
 }
 
-/// The base as believed at one moment.
+/// Estimated pose and motion of the base at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BaseMotion {
-    /// In the fixed frame.
+    /// Pose of the base in the fixed frame.
     pub world_from_base: Pose<World, Base>,
-    /// Of the base's origin against the floor, base axes.
+    /// Twist of the base's origin relative to the floor, base axes, m/s and rad/s.
     pub twist: Twist<Base>,
     /// Age of the newest pose in use, s; infinite without one.
     pub age_s: f64,
-    /// Why not to rely on it; the motion is then what was known last, fading.
+    /// Why the motion is not reliable; it is then the last known motion, decaying.
     pub trouble: Option<BaseTrouble>,
 }
 
 impl BaseMotion {
-    /// Standing, at the origin.
+    /// A base at rest at the origin of the fixed frame.
     pub fn still() -> Self {
         Self {
             world_from_base: Pose::identity(),
@@ -105,7 +108,7 @@ impl BaseMotion {
         }
     }
 
-    /// The same with the base at `origin` for the fixed frame.
+    /// Motion with the pose of the base relative to `origin`.
     pub fn seen_from(&self, origin: &Pose<World, Base>) -> Self {
         let origin_from_base = origin.inverse() * self.world_from_base;
         Self {
@@ -114,7 +117,7 @@ impl BaseMotion {
         }
     }
 
-    /// No number is NaN or infinite, but the age.
+    /// Whether all numbers are finite; the age need not be.
     pub fn is_finite(&self) -> bool {
         let pose = self.world_from_base.isometry();
         pose.translation.vector.iter().all(|x| x.is_finite())
@@ -122,7 +125,8 @@ impl BaseMotion {
             && self.twist.is_finite()
     }
 
-    /// Velocity against the floor of what is fixed to the base at `point` (base axes, m): linear, angular, base axes.
+    /// Velocity relative to the floor of a point that is fixed to the base at `point` (base axes,
+    /// m): linear, angular, base axes.
     pub fn carries(&self, point: &Vector3<f64>) -> Twist<Aligned<Tool, Base>> {
         Twist::new(
             self.twist.linear + self.twist.angular.cross(point),
@@ -130,7 +134,7 @@ impl BaseMotion {
         )
     }
 
-    /// The tool's velocity against the floor, in axes of the fixed frame.
+    /// Velocity of the tool relative to the floor, in axes of the fixed frame.
     pub fn over_ground(
         &self,
         base_from_tool: &Pose<Base, Tool>,
@@ -143,7 +147,7 @@ impl BaseMotion {
         )
     }
 
-    /// Undoes [`BaseMotion::over_ground`]: what the arm has to do for the tool to move so.
+    /// Inverse of [`BaseMotion::over_ground`]: velocity of the tool relative to the base.
     pub fn against_base(
         &self,
         base_from_tool: &Pose<Base, Tool>,
@@ -157,21 +161,25 @@ impl BaseMotion {
     }
 }
 
-/// A gap after which the motion is learnt anew, s.
+/// Gap between two stamps after which the velocity is estimated anew, s.
 const GAP_S: f64 = 0.5;
-/// Two clocks that disagree by more about the time between two messages: one of them was set, s.
+/// If the stamps of two messages differ by so much more than their arrivals, one of the clocks was
+/// set, s.
 const CLOCK_STEP_S: f64 = 0.5;
-/// A publisher whose stamps stay behind for so long has had its clock set back, s.
+/// Time for which stamps must stay behind before the publisher's clock counts as set back, s.
 const SET_BACK_S: f64 = 1.0;
-/// How fast the quickest arrival is forgotten, s/s: clocks drift by up to 100 ppm.
+/// Rate at which the smallest clock offset seen so far is relaxed, s/s: clocks drift by up to 100
+/// ppm.
 const CLOCK_DRIFT: f64 = 2e-4;
-/// A quaternion's length may be off by rounding to single precision, not more.
+/// Allowed deviation of a quaternion's length from one: rounding to single precision.
 const UNIT_TOLERANCE: f64 = 1e-3;
-/// Acceleration of a platform that carries an arm at work: what a step may differ by over a gap, m/s² and rad/s².
+/// Assumed acceleration of a platform that carries a working arm, m/s² and rad/s². It bounds how
+/// far the step between two poses may deviate from the estimated motion.
 const ACCELERATION: f64 = 0.2;
-/// A velocity that changes while the filter still learns it accounts for this share of the step.
+/// Share of the estimated motion by which a step may deviate besides, as the filter follows a
+/// changing velocity with a lag.
 const LEARNING_SHARE: f64 = 0.5;
-/// No platform and no map reaches further, m.
+/// Bound on the coordinates of a pose, m: no platform and no map is larger.
 const REACH_M: f64 = 1e8;
 
 #[derive(Clone, Copy, Debug)]
@@ -179,18 +187,18 @@ struct Track {
     publisher: [u8; 16],
     stamp_s: f64,
     arrived_s: f64,
-    /// From the platform's clock to the reader's, by the quickest message so far.
+    /// Offset from the platform's clock to the reader's: the smallest seen so far, s.
     clock_offset_s: f64,
-    /// The last pose as measured, and what takes the map to the fixed frame.
+    /// Last pose as measured in the map; `fixed_from_map` takes the map to the fixed frame.
     measured: Isometry3<f64>,
     fixed_from_map: Isometry3<f64>,
     filter: PoseFilter,
-    /// Since when it has been steady, on the reader's clock.
+    /// Time since which the pose has been steady, on the reader's clock, s.
     steady_since_s: f64,
     refused: Option<BaseTrouble>,
 }
 
-/// Follows one base. A fresh one has never heard of a platform.
+/// Tracks the motion of one base. A new tracker has received no pose.
 #[derive(Clone, Copy, Debug)]
 pub struct BaseTracker {
     config: BaseConfig,
@@ -199,7 +207,7 @@ pub struct BaseTracker {
 }
 
 impl BaseTracker {
-    /// The configuration must have passed [`BaseConfig::check`].
+    /// Creates a tracker. The configuration must have passed [`BaseConfig::check`].
     pub fn new(config: &BaseConfig) -> Self {
         Self {
             config: *config,
@@ -208,7 +216,7 @@ impl BaseTracker {
         }
     }
 
-    /// Poses refused so far.
+    /// Number of poses refused so far.
     pub fn refusals(&self) -> u64 {
         self.refusals
     }
@@ -216,7 +224,7 @@ impl BaseTracker {
     /// Takes a pose.
     ///
     /// # Errors
-    /// Why it is not used. It then counts as silence, with that reason.
+    /// Why the pose is refused. A refused pose counts as silence, with that reason.
     pub fn take(&mut self, pose: &BasePose) -> Result<(), BaseTrouble> {
         let result = self.accept(pose);
         if let Err(trouble) = result {
@@ -232,7 +240,7 @@ impl BaseTracker {
         let measured = self.read(pose)?;
         let config = self.config;
         let Some(track) = &mut self.track else {
-            // The fixed frame begins where the base is seen first.
+            // The fixed frame coincides with the base at its first pose.
             self.track = Some(Track {
                 publisher: pose.publisher,
                 stamp_s: pose.stamp_s,
@@ -263,14 +271,15 @@ impl BaseTracker {
         }
         let anew = anew || said_s <= 0.0;
         if anew {
-            // Its clock and its map may be others: the motion goes on as it was, until its poses tell more.
+            // The clock and the map may be different ones: the estimated motion continues until
+            // further poses correct it.
             track.clock_offset_s = pose.arrived_s - pose.stamp_s;
             let known = config.patience_s;
             track.filter = track.filter.after(since_s, known);
             track.fixed_from_map = track.filter.pose() * measured.inverse();
             track.steady_since_s = pose.arrived_s;
         } else if said_s > GAP_S {
-            // The map still holds, the velocity does not.
+            // The map is still valid, the velocity is not.
             track.filter = PoseFilter::at_rest(&(track.fixed_from_map * measured));
             track.steady_since_s = pose.arrived_s;
         } else {
@@ -293,7 +302,7 @@ impl BaseTracker {
         Ok(())
     }
 
-    /// The message as a pose, if it is one.
+    /// Checks the numbers of a message and converts it to a pose.
     fn read(&self, pose: &BasePose) -> Result<Isometry3<f64>, BaseTrouble> {
         let [x, y, z, w] = pose.quaternion;
         let quaternion = nalgebra::Quaternion::new(w, x, y, z);
@@ -327,7 +336,8 @@ impl BaseTracker {
         ))
     }
 
-    /// The base at `now_s` on the reader's clock; none where no platform was ever heard and none is required.
+    /// Motion of the base at `now_s` on the reader's clock; `None` if no pose was received and none
+    /// is required.
     pub fn at(&self, now_s: f64) -> Option<BaseMotion> {
         let Some(track) = &self.track else {
             return self.config.required.then(|| BaseMotion {
@@ -361,7 +371,7 @@ impl BaseTracker {
     }
 }
 
-/// More than the motion accounts for.
+/// Whether the step between two poses exceeds what the estimated motion explains.
 fn jumped(config: &BaseConfig, track: &Track, measured: &Isometry3<f64>, dt_s: f64) -> bool {
     let (before, after) = (
         track.fixed_from_map * track.measured,

@@ -1,4 +1,5 @@
-//! Pose, velocity and acceleration out of a row of poses: a critically damped filter of third order.
+//! Pose, velocity and acceleration from a sequence of poses: a critically damped filter of third
+//! order.
 //!
 //! The fading-memory polynomial filter of second degree (Brookner, *Tracking and Kalman Filtering Made Easy*, 1998, ch. 7):
 //! `θ = exp(-ω T)`, gains `1 - θ³`, `1.5 (1 - θ²)(1 - θ) / T`, `(1 - θ)³ / T²`. Its three poles are at `-ω`; a constant velocity
@@ -6,26 +7,26 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-/// Where a body is and how it moves, axes of the fixed frame.
+/// Pose and motion of a body, axes of the fixed frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PoseFilter {
     pub position: Vector3<f64>,
     pub rotation: UnitQuaternion<f64>,
-    /// m/s
+    /// Linear velocity, m/s.
     pub velocity: Vector3<f64>,
-    /// rad/s
+    /// Angular velocity, rad/s.
     pub turn_rate: Vector3<f64>,
     acceleration: Vector3<f64>,
     turn_acceleration: Vector3<f64>,
 }
 
-/// An acceleration is believed for so long, s: nothing accelerates for ever.
+/// Time for which an estimated acceleration is extrapolated, s.
 const ACCELERATION_LASTS_S: f64 = 0.1;
-/// From then on a velocity that nobody confirms fades with this time constant, s.
+/// Time constant with which an extrapolated velocity decays once it is no longer known, s.
 const VELOCITY_FADES_S: f64 = 0.3;
 
 impl PoseFilter {
-    /// Standing there.
+    /// A body at rest at `pose`.
     pub fn at_rest(pose: &Isometry3<f64>) -> Self {
         Self {
             position: pose.translation.vector,
@@ -41,7 +42,8 @@ impl PoseFilter {
         Isometry3::from_parts(Translation3::from(self.position), self.rotation)
     }
 
-    /// The same after `dt_s`. Beyond `known_s` the motion fades: nobody knows whether it went on.
+    /// State extrapolated by `dt_s`, s. Beyond `known_s` the velocity decays, as no measurement
+    /// confirms it.
     pub fn after(&self, dt_s: f64, known_s: f64) -> Self {
         let dt_s = dt_s.max(0.0);
         let bent = dt_s.min(ACCELERATION_LASTS_S);
@@ -67,7 +69,8 @@ impl PoseFilter {
         }
     }
 
-    /// Takes a pose measured `dt_s` (above 0) after the one before; `bandwidth` is `ω`, rad/s.
+    /// Updates the state with a pose measured `dt_s` (above 0) after the one before; `bandwidth` is
+    /// `ω`, rad/s.
     pub fn take(&mut self, measured: &Isometry3<f64>, dt_s: f64, bandwidth: f64) {
         let predicted = Self {
             position: self.position
@@ -134,7 +137,7 @@ mod tests {
         let long = filter.after(60.0, 0.2);
         assert!((long.position.x - 0.02 * (0.2 + VELOCITY_FADES_S)).abs() < 1e-12);
         assert!(long.velocity.norm() < 1e-12);
-        // In one leap or in steps of a cycle: the way is the same.
+        // One long step and many short ones cover the same distance.
         let step = (filter.after(0.5, 0.2).position - filter.after(0.492, 0.2).position).norm();
         assert!(step < 0.02 * 0.008);
     }

@@ -206,6 +206,80 @@ fn a_tare_while_moving_shaking_wandering_or_blind_is_refused_and_the_old_one_kep
     );
 }
 
+/// A tare on this ground under a load of `load_n` along z, from sample `start` on; what became of it, and the sample after.
+fn tare_under(
+    state: &mut WrenchConditionerState,
+    ground: TareGround,
+    load_n: f64,
+    start: usize,
+) -> (Result<Tare, TareRefusal>, usize) {
+    let conditioner = conditioner();
+    let load = Wrench::from_vector(&Vector6::new(0.0, 0.0, load_n, 0.0, 0.0, 0.0));
+    conditioner.start_tare_on(state, ground);
+    let mut i = start;
+    while state.is_taring() {
+        conditioner.update(state, &reading(i, turned([0.0; 3]), &load, &bias()));
+        i += 1;
+    }
+    (state.take_tare_outcome().unwrap(), i)
+}
+
+/// Force of the untared reading beyond the zero that the limit counts from, N, under a load along z.
+fn beyond_n(state: &mut WrenchConditionerState, load_n: f64, start: usize) -> f64 {
+    let load = Wrench::from_vector(&Vector6::new(0.0, 0.0, load_n, 0.0, 0.0, 0.0));
+    let mut out = None;
+    for i in start..start + 500 {
+        let loaded = reading(i, turned([0.0; 3]), &load, &bias());
+        out = Some(conditioner().update(state, &loaded));
+    }
+    let out = out.unwrap();
+    (out.untared - out.reference.unwrap().0).force.norm()
+}
+
+#[test]
+fn small_jumps_under_a_growing_load_do_not_add_up() {
+    let (mut state, mut i) = tared(turned([0.0; 3]), &bias());
+    let mut refused_at_n = None;
+    for step in 1..=20 {
+        let load_n = -0.25 * f64::from(step);
+        let (outcome, end) = tare_under(&mut state, TareGround::Assumed, load_n, i);
+        i = end;
+        if let Err(refusal) = outcome {
+            assert!(matches!(refusal, TareRefusal::Jump { .. }), "{refusal}");
+            refused_at_n = Some(-load_n);
+            break;
+        }
+    }
+    assert!(refused_at_n.unwrap() <= 0.5, "{refused_at_n:?}");
+}
+
+#[test]
+fn drift_over_hours_excuses_only_so_much_of_a_load() {
+    let (mut state, _) = tared(turned([0.0; 3]), &bias());
+    // Two hours later, at 0.05 N a minute: a load of 3 N.
+    let later = 7200 * RATE as usize;
+    let (outcome, end) = tare_under(&mut state, TareGround::Assumed, -3.0, later);
+    assert!(matches!(outcome, Err(TareRefusal::Jump { .. })));
+    let (outcome, _) = tare_under(&mut state, TareGround::Shown, -3.0, end);
+    assert!(outcome.is_ok());
+}
+
+#[test]
+fn a_zero_on_a_persons_word_hides_no_load_from_the_untared_limit() {
+    let (mut state, start) = tared(turned([0.0; 3]), &bias());
+    let (outcome, i) = tare_under(&mut state, TareGround::SaidClear, -20.0, start);
+    assert!(outcome.is_ok());
+    assert!((beyond_n(&mut state, -40.0, i) - 40.0).abs() < 1e-6);
+    // Nor does one after it that nothing speaks against.
+    let (outcome, i) = tare_under(&mut state, TareGround::Assumed, -20.2, i + 500);
+    assert!(outcome.is_ok());
+    assert!((beyond_n(&mut state, -40.0, i) - 40.0).abs() < 1e-6);
+    // Where a motion has shown that nothing presses, it is a zero to count from: a tool was changed.
+    let (outcome, i) = tare_under(&mut state, TareGround::Shown, -20.2, i + 500);
+    assert!(outcome.is_ok());
+    assert!((beyond_n(&mut state, -40.0, i) - 19.8).abs() < 1e-6);
+}
+
 #[test]
 fn a_new_zero_makes_no_swing() {
     let conditioner = conditioner();

@@ -1,4 +1,5 @@
-//! Whether a sensor's records can be what a load did to it: a record watch for what stands still, a jump watch for what leaps.
+//! Whether a sensor's records can be the effect of a load: a record watch for values that stand
+//! still, a jump watch for values that jump.
 //!
 //! Called for every record before tare and filter: by `netft`, `franka`, and the closed loops of `evaluate`.
 
@@ -12,14 +13,14 @@ use nalgebra::Vector3;
 
 use crate::SensorCondition;
 
-/// Both watches of one sensor; all memory is in [`SensorWatchState`].
+/// Both watches of one sensor. Their state is in [`SensorWatchState`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorWatch {
     records: RecordWatch,
     jumps: JumpWatch,
 }
 
-/// Memory of a [`SensorWatch`]. A new one is the reset.
+/// State of a [`SensorWatch`]. A new one is the reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SensorWatchState {
     records: RecordWatchState,
@@ -28,45 +29,48 @@ pub struct SensorWatchState {
     implausible: u64,
 }
 
-/// One record as it is judged.
+/// One record to be judged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorRecord {
-    /// As the sensor sends them: Fx, Fy, Fz, Tx, Ty, Tz.
+    /// Counts as the sensor sends them: Fx, Fy, Fz, Tx, Ty, Tz.
     pub counts: [i32; 6],
-    /// The same in N and Nm.
+    /// Wrench of these counts: Fx, Fy, Fz, N, then Tx, Ty, Tz, Nm.
     pub wrench: [f64; 6],
-    /// What the sensor says of it.
+    /// Condition that the sensor itself reports.
     pub condition: SensorCondition,
-    /// Records before it that never came.
+    /// Number of records lost before this one.
     pub missed: u32,
-    /// Where the tool is (m, axes that rest) as long as it is known to press.
+    /// Position of the tool while it is known to press, m, axes at rest; `None` otherwise.
     pub pressing_at: Option<Vector3<f64>>,
 }
 
-/// Force from which on a tool is known to press, N: above any zero, payload error or inertia of a cell that is set up.
+/// Force above which a tool is known to press, N. It exceeds any zero, payload error or inertial
+/// force of a commissioned cell.
 const PRESSING_N: f64 = 1.0;
 
-/// Where a tool presses that was at `position` (m) and felt `force` (N, tared) just now; none where it may be in the air.
+/// `position` (m) of a tool that is known to press, by the last `force` (N, tared); `None` if it
+/// may be in free space.
 pub fn pressing_at(position: Option<Vector3<f64>>, force: &Vector3<f64>) -> Option<Vector3<f64>> {
     position.filter(|_| force.norm() >= PRESSING_N)
 }
 
-/// What is to be done with one record.
+/// What to do with one record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Watched {
-    /// A reading in this condition, after so many records that were left out or never came.
+    /// The record is to be used, in this condition.
     Take {
-        /// The sensor's own word, or what the watch found.
+        /// Condition that the sensor reports, or that the watch has found.
         condition: SensorCondition,
-        /// Readings lost between the one before and this one.
+        /// Number of readings lost or left out since the one before.
         missed: u32,
     },
-    /// Damaged, as far as can be told yet: it counts as lost.
+    /// The record is probably damaged, and counts as lost.
     LeaveOut,
 }
 
 impl SensorWatch {
-    /// For `rate_hz` records per second of a sensor rated for `range` (N, then Nm; a range of 0 or infinity has no bound).
+    /// Watch of a sensor with `rate_hz` records per second, rated for `range` (N, then Nm; a range
+    /// of 0 or infinity has no bound).
     pub fn new(config: &RecordWatchConfig, rate_hz: f64, range: [f64; 6]) -> Self {
         Self {
             records: RecordWatch::new(config, rate_hz),
@@ -74,7 +78,7 @@ impl SensorWatch {
         }
     }
 
-    /// One record.
+    /// Judges one record.
     pub fn take(&self, state: &mut SensorWatchState, record: &SensorRecord) -> Watched {
         let SensorRecord {
             counts,
@@ -86,7 +90,7 @@ impl SensorWatch {
         let (condition, missed) = (*condition, *missed);
         let missed = missed.saturating_add(state.left_out);
         if condition != SensorCondition::Good {
-            // A gauge at its end reads the same again and again, and comes back with a jump.
+            // A saturated gauge repeats the same reading, and returns with a jump.
             state.records.interrupt();
             state.jumps = JumpWatchState::default();
             state.left_out = 0;
@@ -115,17 +119,17 @@ impl SensorWatch {
 }
 
 impl SensorWatchState {
-    /// Axes that stand still: bit 0 Fx to bit 5 Tz.
+    /// Axes whose value stands still: bit 0 is Fx, bit 5 is Tz.
     pub fn stuck_axes(&self) -> u8 {
         self.records.stuck_axes()
     }
 
-    /// Records that leapt as no load can, since the state was made.
+    /// Number of records since the state was created whose jump no load can cause.
     pub fn implausible(&self) -> u64 {
         self.implausible
     }
 
-    /// The records begin anew; the count of implausible ones goes on.
+    /// Restarts both watches. The count of implausible records continues.
     pub fn restart(&mut self) {
         *self = Self {
             implausible: self.implausible,

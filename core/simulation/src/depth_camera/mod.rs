@@ -1,7 +1,8 @@
-//! A depth camera on the flange, like a D435i: what it sees of the surface, with the errors of stereo and the delay of its driver.
+//! A simulated depth camera on the flange, such as a D435i: depth images of the surface, with the
+//! errors of stereo and the delay of the driver.
 //!
-//! Called by the simulator and by the closed loop of `evaluate`. Equal configuration and seed give equal frames, in whatever
-//! order poses come.
+//! Called by the simulator and by the closed loop of `evaluate`. Equal configuration and seed give
+//! equal frames, in whatever order the poses come.
 
 mod config;
 mod noise;
@@ -25,11 +26,12 @@ use crate::surfaces::Surface;
 use noise::StereoNoise;
 use render::Renderer;
 
-/// Frames that can be under way at once; the oldest gives way.
+/// Largest number of frames in transit at once; beyond it the oldest is dropped.
 const FRAMES_MAX: usize = 32;
-/// Of the rendering against the truth, in standard deviations of a pixel.
+/// Tolerance of the rendering, in standard deviations of a pixel.
 const TOLERANCE_SD: f64 = 0.03;
-/// The same where there is no noise, 1/m: a twentieth of a millimetre at half a metre.
+/// Smallest tolerance of the rendering, for a camera without noise, 1/m: a twentieth of a
+/// millimetre at half a metre.
 const TOLERANCE_MIN: f64 = 2e-4;
 
 /// One depth image, as `sensor_msgs/Image` in 16UC1 would carry it.
@@ -37,21 +39,21 @@ const TOLERANCE_MIN: f64 = 2e-4;
 pub struct DepthFrame {
     /// Time of exposure, s.
     pub time_s: f64,
-    /// When the driver hands it over, s.
+    /// Time at which the driver delivers the frame, s.
     pub arrives_s: f64,
-    /// Counts the camera's frames.
+    /// Number of the frame, counted from 0.
     pub sequence: u64,
-    /// Pixels along a row.
+    /// Width, pixels.
     pub width: usize,
-    /// Rows.
+    /// Height, pixels.
     pub height: usize,
-    /// Of this image.
+    /// Intrinsics of this image.
     pub intrinsics: Intrinsics,
-    /// Row by row, mm; 0 for no reading.
+    /// Depth, row by row, mm; 0 for no reading.
     pub depth_mm: Vec<u16>,
 }
 
-/// The camera and its frames under way.
+/// The camera and its frames in transit.
 pub struct DepthCamera {
     config: DepthCameraConfig,
     flange_from_camera: Isometry3<f64>,
@@ -59,7 +61,7 @@ pub struct DepthCamera {
     intrinsics: Intrinsics,
     renderer: Renderer,
     noise: StereoNoise,
-    /// Inverse depth of the tool, 1/m, the same in every frame: both are fixed to the flange.
+    /// Inverse depth of the tool, 1/m, equal in every frame, as both are fixed to the flange.
     tool: Option<Vec<f32>>,
     truth: Vec<f32>,
     frames_taken: u64,
@@ -67,10 +69,11 @@ pub struct DepthCamera {
 }
 
 impl DepthCamera {
-    /// `flange_from_tool` places the tool before the lens, if the configuration has one.
+    /// Creates a camera. `flange_from_tool` places the tool in front of the lens, if the
+    /// configuration has one.
     ///
     /// # Errors
-    /// A setting out of its range.
+    /// A setting is out of its range.
     pub fn new(
         config: &DepthCameraConfig,
         flange_from_tool: &Pose<Flange, Tool>,
@@ -103,17 +106,17 @@ impl DepthCamera {
         })
     }
 
-    /// Of the images sent.
+    /// Intrinsics of the images sent.
     pub fn intrinsics(&self) -> Intrinsics {
         self.intrinsics
     }
 
-    /// As configured; the simulated camera's calibration is exact.
+    /// Pose of the camera on the flange as configured; the simulated camera's calibration is exact.
     pub fn flange_from_camera(&self) -> Pose<Flange, tangent_mechanics::Camera> {
         Pose::from_isometry(self.flange_from_camera)
     }
 
-    /// What the camera looks at from a flange pose, for the truth behind a frame.
+    /// Scene that the camera sees from a flange pose: the truth behind a frame.
     pub fn scene<'a>(
         &self,
         base_from_flange: &Pose<Base, Flange>,
@@ -128,7 +131,7 @@ impl DepthCamera {
         )
     }
 
-    /// Exposes a frame if one is due at `time_s`; says whether it did.
+    /// Exposes a frame if one is due at `time_s`; returns whether it did.
     pub fn expose(
         &mut self,
         time_s: f64,
@@ -142,7 +145,7 @@ impl DepthCamera {
         }
         let sequence = self.frames_taken;
         let frame = self.picture(time_s, sequence, base_from_flange, surface);
-        // The next frame is due one period on, however late this one was asked for.
+        // The next frame is due one period later, however late this one was requested.
         let due = (time_s * self.config.rate_hz + 1e-6).floor() as u64;
         self.frames_taken = sequence.max(due) + 1;
         if self.under_way.len() == FRAMES_MAX {
@@ -152,7 +155,7 @@ impl DepthCamera {
         true
     }
 
-    /// The frame with this number, whatever was exposed before.
+    /// Renders the frame with this number, independent of earlier exposures.
     pub fn picture(
         &mut self,
         time_s: f64,
@@ -189,12 +192,12 @@ impl DepthCamera {
         }
     }
 
-    /// True inverse depth of the last frame, 1/m, 0 where nothing is: what the noise was laid over.
+    /// True inverse depth of the last frame before noise, 1/m; 0 where nothing is visible.
     pub fn truth(&self) -> &[f32] {
         &self.truth
     }
 
-    /// The next frame that has arrived by `time_s`, in the order of exposure.
+    /// The next frame, in the order of exposure, if it has arrived by `time_s`.
     pub fn take(&mut self, time_s: f64) -> Option<DepthFrame> {
         let arrived = self.under_way.front()?.arrives_s <= time_s + 1e-9;
         if arrived {
@@ -205,7 +208,8 @@ impl DepthCamera {
     }
 }
 
-/// Of the rod along the tool's z axis from its origin backwards, seen along `[x/z, y/z]`; 0 beside it.
+/// Inverse depth of the rod along the tool's z axis, from its origin backwards, on the ray
+/// `[x/z, y/z]`; 0 beside it.
 fn rod_inverse_depth(
     camera_from_tool: &Isometry3<f64>,
     tool: &ToolInViewConfig,

@@ -1,4 +1,5 @@
-//! The figures of a run, from plain per-cycle samples. Used by `evaluate` and by `report` on a recording.
+//! The figures of a run, computed from plain per-cycle samples. Used by `evaluate`, and by `report`
+//! on a recording.
 //!
 //! Every figure's definition is in `docs/evaluate.md`; the two commands agree because both call this.
 
@@ -9,32 +10,32 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use tangent_control::Phase;
 
-/// After first contact, figures called settled leave out this long, s.
+/// Time after first contact that figures called settled leave out, s.
 pub const SETTLING_LEFT_OUT_S: f64 = 1.0;
-/// Force counts as settled within this share of the reference...
+/// Deviation within which the force counts as settled, share of the reference.
 const SETTLED_SHARE: f64 = 0.10;
-/// ...for this long, s.
+/// Time for which the force must stay within that deviation, s.
 const SETTLED_FOR_S: f64 = 0.5;
 
-/// What the estimator in use said in one cycle.
+/// Output of the estimator in use in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EstimateSample {
-    /// Unit, out of the material, base axes.
+    /// Unit normal, out of the material, base axes.
     pub normal: Vector3<f64>,
-    /// Of the normal, base axes, rad².
+    /// Covariance of the normal, base axes, rad².
     pub covariance: Matrix3<f64>,
-    /// Whether it said it may be used.
+    /// Whether the estimator reports it as valid.
     pub valid: bool,
 }
 
-/// The truth in one cycle.
+/// True state in one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TruthSample {
-    /// Unit, out of the material, base axes.
+    /// Unit normal, out of the material, base axes.
     pub normal: Vector3<f64>,
     /// The tool's true z axis, base axes.
     pub tool_z: Vector3<f64>,
-    /// Some pad point carries load.
+    /// Whether any point of the pad carries load.
     pub in_contact: bool,
     /// Pressing force along the true normal, N.
     pub force_n: f64,
@@ -43,45 +44,46 @@ pub struct TruthSample {
 /// One cycle of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CycleSample {
-    /// s
+    /// Time of the cycle, s.
     pub time_s: f64,
     /// The task's phase.
     pub phase: Phase,
     /// Newest estimate of the estimator in use.
     pub estimate: Option<EstimateSample>,
-    /// Only with a simulator.
+    /// True state; only with a simulator.
     pub truth: Option<TruthSample>,
     /// Tool's origin as measured, base axes, m.
     pub tool_position: Vector3<f64>,
     /// Tool's z axis as measured, base axes.
     pub tool_z: Vector3<f64>,
-    /// Pressing force as measured along the normal in use, N; none where no wrench could be used.
+    /// Measured pressing force along the normal in use, N; `None` without a usable wrench.
     pub force_n: Option<f64>,
-    /// What it should be, N.
+    /// Reference of the pressing force, N.
     pub force_reference_n: f64,
-    /// The controller holds that the tool touches.
+    /// Whether the tool is in contact according to the controller.
     pub in_contact: bool,
-    /// Where the path wants the tool, base axes, m.
+    /// Reference position of the tool on the path, base axes, m.
     pub path_reference: Vector3<f64>,
-    /// Distance from it in the tangent plane, m.
+    /// Distance of the tool from the reference in the tangent plane, m.
     pub path_error_m: f64,
     /// Largest joint speed, rad/s.
     pub joint_speed_rad_per_s: f64,
     /// `sqrt(det(J Jᵀ))` at the tool.
     pub manipulability: f64,
-    /// Energy in the motion tank, J; none where the law has no tanks.
+    /// Energy in the motion tank, J; `None` if the law has no such tank.
     pub motion_tank_j: Option<f64>,
-    /// Energy in the force tank, J.
+    /// Energy in the force tank, J; `None` if the law has no such tank.
     pub force_tank_j: Option<f64>,
 }
 
 impl CycleSample {
-    /// In contact by the truth if there is one, else as the controller holds.
+    /// Whether the tool is in contact: by the truth if it is known, otherwise by the controller.
     fn touches(&self) -> bool {
         self.truth.map_or(self.in_contact, |t| t.in_contact)
     }
 
-    /// Pressing force by the truth if there is one, else as measured; none where neither is known.
+    /// Pressing force, N: the true one if it is known, otherwise the measured one; `None` if
+    /// neither is.
     fn pressing_n(&self) -> Option<f64> {
         self.truth.map_or(self.force_n, |t| Some(t.force_n))
     }
@@ -92,7 +94,7 @@ impl CycleSample {
 pub struct Spread {
     /// Arithmetic mean.
     pub mean: f64,
-    /// The middle one; between the two middle ones for an even count.
+    /// Median; the mean of the two middle values for an even count.
     pub median: f64,
     /// Standard deviation about the mean, divided by `n`.
     pub std: f64,
@@ -100,14 +102,14 @@ pub struct Spread {
     pub rmse: f64,
     /// Smallest value that 95 % of them do not exceed.
     pub p95: f64,
-    /// The largest.
+    /// Largest value.
     pub max: f64,
-    /// How many.
+    /// Number of values.
     pub n: usize,
 }
 
 impl Spread {
-    /// None of an empty list. Sorts `values`.
+    /// Summary of `values`, which are sorted in place; `None` if there are none.
     pub fn of(values: &mut [f64]) -> Option<Self> {
         let n = values.len();
         if n == 0 {
@@ -129,7 +131,7 @@ impl Spread {
     }
 }
 
-/// Nearest rank, of a sorted list that is not empty.
+/// 95th percentile by nearest rank of a sorted list that is not empty.
 fn percentile_95(sorted: &[f64]) -> f64 {
     let rank = (0.95 * sorted.len() as f64).ceil() as usize;
     sorted[rank.clamp(1, sorted.len()) - 1]
@@ -140,32 +142,37 @@ fn percentile_95(sorted: &[f64]) -> f64 {
 pub struct ForceFigures {
     /// Highest reference, N.
     pub reference_n: f64,
-    /// From 1 s after first contact, sliding and holding.
+    /// Mean pressing force while sliding and holding, from 1 s after first contact, N.
     pub mean_n: Option<f64>,
-    /// The same cycles, against the reference.
+    /// Root mean square deviation from the reference while sliding and holding, from 1 s after
+    /// first contact, N.
     pub rmse_n: Option<f64>,
-    /// Mean absolute deviation from the reference, the same cycles.
+    /// Mean absolute deviation from the reference while sliding and holding, from 1 s after first
+    /// contact, N.
     pub mad_n: Option<f64>,
-    /// 95th percentile of the absolute error, the same cycles.
+    /// 95th percentile of the absolute deviation from the reference while sliding and holding, from
+    /// 1 s after first contact, N.
     pub p95_abs_error_n: Option<f64>,
-    /// Highest of the whole run.
+    /// Highest pressing force from first contact to the retraction, N.
     pub peak_n: Option<f64>,
-    /// Peak of the whole touchdown, bounces and all, above the reference, in percent of it; 0 when it stays below.
+    /// Peak of the whole touchdown, bounces included, above the reference, in percent of the
+    /// reference; 0 if it stays below.
     pub overshoot_percent: Option<f64>,
-    /// From first contact until it stays within 10 % for half a second.
+    /// Time from first contact until the force stays within 10 % of the reference for half a
+    /// second, s.
     pub settling_s: Option<f64>,
 }
 
 /// Figures of the path, in the sliding phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PathFigures {
-    /// In the tangent plane, m.
+    /// Root mean square error in the tangent plane, m.
     pub rmse_m: Option<f64>,
-    /// m
+    /// Largest error in the tangent plane, m.
     pub max_m: Option<f64>,
-    /// Mean absolute deviation per axis, base axes, m.
+    /// Mean absolute error per axis, base axes, m.
     pub mad_xyz_m: Option<[f64; 3]>,
-    /// Root mean square per axis, base axes, m.
+    /// Root mean square error per axis, base axes, m.
     pub rmse_xyz_m: Option<[f64; 3]>,
 }
 
@@ -174,24 +181,24 @@ pub struct PathFigures {
 pub struct ContactFigures {
     /// Time of first contact, s.
     pub first_s: Option<f64>,
-    /// Times that contact ended before the retraction.
+    /// Number of times that contact was lost before the retraction.
     pub lost_count: usize,
     /// Time without contact between first contact and the retraction, s.
     pub lost_s: f64,
-    /// Share of that span in contact.
+    /// Share of the cycles between first contact and the retraction that are in contact.
     pub fraction: Option<f64>,
 }
 
 /// Figures of the joints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointFigures {
-    /// Of any joint, rad/s.
+    /// Highest speed of any joint, rad/s.
     pub speed_peak_rad_per_s: Option<f64>,
-    /// Least manipulability of the run.
+    /// Lowest manipulability of the run.
     pub manipulability_min: Option<f64>,
 }
 
-/// Energy in the tanks, J. A velocity-controlled arm has one for force alone.
+/// Energy in the tanks, J. The law of a velocity-controlled arm has a force tank only.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)]
 pub struct TankFigures {
@@ -204,37 +211,38 @@ pub struct TankFigures {
 /// All figures that follow from the samples alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Figures {
-    /// Estimate against truth, in contact, degrees.
+    /// Angle between the estimated and the true normal, in contact, degrees.
     pub normal_error_deg: Option<Spread>,
-    /// The same from 1 s after first contact.
+    /// Angle between the estimated and the true normal, in contact, from 1 s after first contact,
+    /// degrees.
     pub normal_error_settled_deg: Option<Spread>,
-    /// Estimate against `-z_tool` as measured, in contact, degrees.
+    /// Angle between the estimated normal and the measured `-z_tool`, in contact, degrees.
     pub alignment_error_deg: Option<Spread>,
-    /// Truth against the true `-z_tool`, in contact, degrees.
+    /// Angle between the true normal and the true `-z_tool`, in contact, degrees.
     pub tool_error_deg: Option<Spread>,
-    /// Mean of `eᵀ P⁻¹ e / 2` over valid estimates in contact; 1 for a covariance that tells the truth.
+    /// Mean of `eᵀ P⁻¹ e / 2` over valid estimates in contact; 1 if the covariance is consistent.
     pub normal_nees_per_dof: Option<f64>,
-    /// Force.
+    /// Figures of the force.
     pub force: ForceFigures,
-    /// Path.
+    /// Figures of the path.
     pub path: PathFigures,
-    /// Contact.
+    /// Figures of the contact.
     pub contact: ContactFigures,
-    /// Joints.
+    /// Figures of the joints.
     pub joints: JointFigures,
-    /// None for laws without tanks.
+    /// Energy in the tanks; `None` for laws without tanks.
     pub tanks: Option<TankFigures>,
 }
 
-/// Angle between two unit vectors, degrees; exact for small angles, where an arc cosine is not.
+/// Angle between two unit vectors, degrees; accurate for small angles, unlike an arc cosine.
 pub fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b)).to_degrees()
 }
 
 impl Figures {
-    /// From the cycles of one task, in order of time.
+    /// Figures from the cycles of one task, in order of time.
     pub fn of(samples: &[CycleSample]) -> Self {
-        // A figure is about pressing: from first contact to the retraction.
+        // The figures are about pressing: from first contact to the retraction.
         let first = samples.iter().position(CycleSample::touches);
         let span = first.map_or(&samples[..0], |first| {
             let from_first = &samples[first..];
@@ -295,8 +303,8 @@ fn nees_per_dof(sample: &CycleSample) -> Option<f64> {
     )
 }
 
-/// Normalised squared error of a normal in its tangent plane, over its two degrees of freedom; none where the
-/// covariance (rad²) is singular there.
+/// Normalised squared error of a normal in its tangent plane, per degree of freedom (two); `None`
+/// if the covariance (rad²) is singular there.
 pub fn nees_of_normal(
     n: &Vector3<f64>,
     covariance: &Matrix3<f64>,
@@ -360,8 +368,9 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
     }
 }
 
-/// The touchdown: from first contact until the force has settled or the tool slides for good, whatever contacts are lost and
-/// found again between; the whole span where neither ever comes.
+/// The touchdown: from first contact until the force has settled or the tool slides without loss of
+/// contact for long enough, including contacts lost and regained in between. The whole span if
+/// neither happens.
 fn touchdown(span: &[CycleSample], settled: Option<f64>) -> &[CycleSample] {
     let mut sliding_from = None;
     let mut end = span.len();
@@ -383,7 +392,7 @@ fn touchdown(span: &[CycleSample], settled: Option<f64>) -> &[CycleSample] {
     &span[..end.max(1).min(span.len())]
 }
 
-/// Time from which the force stays within its band for long enough.
+/// Time from which the force stays within its band for `SETTLED_FOR_S`.
 fn settling(span: &[CycleSample], reference_n: f64) -> Option<f64> {
     let mut since: Option<f64> = None;
     for sample in span {

@@ -1,4 +1,5 @@
-//! The figures of an object-pose run: pose errors, forces and moments, what the camera's calibration became.
+//! The figures of an object-pose run: pose errors, forces and moments, and the errors of the
+//! camera's calibration.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -8,49 +9,49 @@ use tangent_mechanics::{Base, Flange, Object, Pose};
 
 use super::SETTLING_LEFT_OUT_S;
 
-/// The touchdown's peak is looked for so long after first contact, s.
+/// Time after first contact within which the peak of the touchdown is taken, s.
 const TOUCHDOWN_S: f64 = 2.0;
 
 /// One cycle of an object-pose run.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectSampleTruth {
-    /// s
+    /// Time of the cycle, s.
     pub time_s: f64,
     /// The task's phase.
     pub phase: Phase,
-    /// True object pose, as pressed.
+    /// True pose of the object, including its deflection under the tool.
     pub object: Pose<Base, Object>,
-    /// Estimated one; none while there is none.
+    /// Estimated pose of the object; `None` if there is none.
     pub estimated: Option<Pose<Base, Object>>,
-    /// The tip's true position, base axes, m.
+    /// True position of the tip, base axes, m.
     pub tip: Vector3<f64>,
-    /// Where the path wants the tip on the object, object axes, m.
+    /// Reference position of the tip on the object, object axes, m.
     pub reference_in_object: Option<Vector3<f64>>,
     /// Pressing force along the true normal, N.
     pub force_n: f64,
-    /// True force and moment on the sensor, sensor axes.
+    /// True force (N) and moment (Nm) on the sensor, sensor axes.
     pub sensor: (Vector3<f64>, Vector3<f64>),
-    /// The tip carries load.
+    /// Whether the tip carries load.
     pub in_contact: bool,
 }
 
-/// Errors of the camera's calibration, true against known.
+/// Errors of the camera's calibration against the true one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationError {
-    /// Of the camera's position along the object's normal, m: what touching observes.
+    /// Error of the camera's position along the object's normal, m: observable by contact.
     pub along_normal_m: f64,
-    /// Of its position across it, m.
+    /// Error of the camera's position across the object's normal, m.
     pub across_normal_m: f64,
-    /// Of its orientation about the surface's axes, degrees: what touching observes.
+    /// Error of the camera's orientation about axes in the surface, degrees: observable by contact.
     pub about_surface_deg: f64,
-    /// Of its orientation about the normal, degrees.
+    /// Error of the camera's orientation about the normal, degrees.
     pub about_normal_deg: f64,
-    /// Of the focal length, share.
+    /// Error of the focal length, share.
     pub focal_share: f64,
 }
 
 impl CalibrationError {
-    /// `known` against `truth`; the normal in flange axes.
+    /// Errors of `known` against `truth`; the normal is in flange axes.
     pub fn of(known: &CameraModel, truth: &CameraModel, normal_in_flange: &Vector3<f64>) -> Self {
         let n = normal_in_flange;
         let position =
@@ -74,7 +75,7 @@ impl CalibrationError {
     }
 }
 
-/// The normal in flange axes, for [`CalibrationError::of`].
+/// Transforms a normal to flange axes, for [`CalibrationError::of`].
 pub fn normal_in_flange(
     base_from_flange: &Pose<Base, Flange>,
     normal: &Vector3<f64>,
@@ -82,58 +83,64 @@ pub fn normal_in_flange(
     base_from_flange.unrotate(normal)
 }
 
-/// Figures of one run. Positions in the true object's axes, m; rotations as vectors, degrees. None where it never touched.
+/// Figures of one run. Positions are in axes of the true object, m; rotations are vectors, degrees.
+/// `None` if the tip was never in contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ObjectPoseFigures {
-    /// Root mean square of the position's error from first contact on.
+    /// Root mean square of the position error from first contact on, m.
     pub position_rmse_m: Option<f64>,
-    /// The same of the orientation's.
+    /// Root mean square of the orientation error from first contact on, degrees.
     pub orientation_rmse_deg: Option<f64>,
-    /// Last error of the position before the retraction.
+    /// Last position error before the retraction, m.
     pub final_position_m: Option<f64>,
-    /// The same of the orientation.
+    /// Last orientation error before the retraction, degrees.
     pub final_orientation_deg: Option<f64>,
-    /// Error of the position along the normal, 1 s after first contact.
+    /// Position error along the normal, 1 s after first contact, m.
     pub along_normal_settled_m: Option<f64>,
-    /// Error of the orientation about the surface's axes, 1 s after first contact.
+    /// Orientation error about axes in the surface, 1 s after first contact, degrees.
     pub about_surface_settled_deg: Option<f64>,
-    /// Error of the position across the normal, 1 s after first contact: the camera's share.
+    /// Position error across the normal, 1 s after first contact, m; it comes from the camera.
     pub across_normal_settled_m: Option<f64>,
     /// Highest pressing force within 2 s of first contact, N.
     pub peak_at_contact_n: Option<f64>,
-    /// Pressing force in the sliding phase against the reference, N, root mean square.
+    /// Root mean square deviation of the pressing force from the reference while sliding, N.
     pub sliding_force_rmse_n: Option<f64>,
-    /// Largest force across the tool's axis, from 1 s after contact to the path's end, N.
+    /// Largest force across the tool's axis, from 1 s after first contact to the retraction, N.
     pub lateral_force_max_n: Option<f64>,
-    /// The same, root mean square.
+    /// Root mean square force across the tool's axis, from 1 s after first contact to the
+    /// retraction, N.
     pub lateral_force_rms_n: Option<f64>,
-    /// Largest moment at the wrist in that time, Nm.
+    /// Largest moment at the wrist, from 1 s after first contact to the retraction, Nm.
     pub moment_max_nm: Option<f64>,
-    /// The same, root mean square.
+    /// Root mean square moment at the wrist, from 1 s after first contact to the retraction, Nm.
     pub moment_rms_nm: Option<f64>,
-    /// Tip against the path drawn on the true object, in its surface, sliding: the camera's error is in it.
+    /// Root mean square distance of the tip from the path on the true object, in its surface, while
+    /// sliding, m. It contains the error of the camera.
     pub path_on_object_rmse_m: Option<f64>,
-    /// The same after the estimate's own offset is taken off: what control leaves.
+    /// Root mean square distance of the tip from the path on the estimated object, in its surface,
+    /// while sliding, m. It is the error of the control alone.
     pub path_on_estimate_rmse_m: Option<f64>,
-    /// Squared error over covariance and degrees of freedom, pose and camera, mean from first contact.
+    /// Squared error of pose and camera over covariance and degrees of freedom, mean while
+    /// pressing.
     pub nees_per_dof: Option<f64>,
-    /// The same, at the end.
+    /// Last squared error of pose and camera over covariance and degrees of freedom while pressing.
     pub nees_per_dof_final: Option<f64>,
-    /// Stated calibration against the truth.
+    /// Errors of the stated calibration.
     pub calibration_stated: Option<CalibrationError>,
-    /// Calibration as estimated at the end against the truth.
+    /// Errors of the last calibration estimated while pressing.
     pub calibration_final: Option<CalibrationError>,
-    /// Object's compliance as estimated, m/N.
+    /// Estimated compliance of the object, m/N.
     pub compliance_m_per_n: Option<f64>,
-    /// What became of the frames and corners: used, out of order, out of time, corners refused, starts refused, restarts.
+    /// Counts of frames and corners: used, out of order, out of time, corners refused, starts
+    /// refused, restarts.
     pub frames: [u64; 6],
-    /// Periods in which a joint or torque limit cut the command.
+    /// Number of periods in which a joint or torque limit cut the command.
     pub limited_cycles: u64,
-    /// Highest share of a joint's torque limit.
+    /// Highest torque of any joint, share of its limit.
     pub torque_share_max: f64,
 }
 
-/// The counters as they stand in the figures.
+/// The counters in the order of [`ObjectPoseFigures::frames`].
 pub fn frame_counts(counts: &FrameCounts) -> [u64; 6] {
     [
         counts.used,
@@ -145,7 +152,8 @@ pub fn frame_counts(counts: &FrameCounts) -> [u64; 6] {
     ]
 }
 
-/// Position error in the true object's axes, m, and the rotation vector from the estimate to the truth, same axes, rad.
+/// Position error in axes of the true object, m, and rotation vector from the estimate to the
+/// truth, in the same axes, rad.
 pub fn pose_error(
     truth: &Pose<Base, Object>,
     estimated: &Pose<Base, Object>,
@@ -156,7 +164,8 @@ pub fn pose_error(
 }
 
 impl ObjectPoseFigures {
-    /// From the cycles of one run, in order of time. What is not in them (calibration, consistency, limits) stays as it was.
+    /// Figures from the cycles of one run, in order of time. Those that do not follow from them
+    /// (calibration, consistency, limits) keep their default.
     pub fn of(samples: &[ObjectSampleTruth], reference_n: f64) -> Self {
         let mut figures = Self::default();
         let Some(first) = samples.iter().position(|s| s.in_contact) else {

@@ -10,6 +10,7 @@ use tangent_mechanics::{
 use crate::compliance::Compliance;
 use crate::contact::{Pad, PadContact, PadMotion};
 use crate::measurement::{ArmMeasurement, SensorSample, VelocityCommand};
+use crate::obstacle::{Obstacle, Placed};
 use crate::plant_config::PlantConfig;
 use crate::plant_error::PlantError;
 use crate::platform::{OdometrySample, Platform};
@@ -40,6 +41,7 @@ pub struct Plant {
     body: Body,
     motion: PadMotion,
     contact: PadContact,
+    obstacle: Option<Placed>,
 }
 
 impl Plant {
@@ -86,6 +88,7 @@ impl Plant {
                 angular: Vector3::zeros(),
             },
             contact: PadContact::none(),
+            obstacle: None,
             config: config.clone(),
             arm,
             surface,
@@ -141,10 +144,14 @@ impl Plant {
             linear: body.linear + body.angular.cross(&lever),
             angular: body.angular,
         };
-        (self.contact, self.motion) = match &mut self.compliance {
+        let (mut contact, motion) = match &mut self.compliance {
             None => (self.pad.step(&self.surface, &rigid, dt, None), rigid),
             Some(compliance) => compliance.step(&mut self.pad, &self.surface, &rigid, dt),
         };
+        if let Some(obstacle) = &self.obstacle {
+            obstacle.push(&motion.origin, &mut contact);
+        }
+        (self.contact, self.motion) = (contact, motion);
         self.body = body;
         let wrench = self.sensor_wrench(&body, &acceleration, &angular_acceleration);
         self.sensor.advance(time_before, dt, wrench);
@@ -164,6 +171,13 @@ impl Plant {
             &self.contact,
             &self.motion.origin,
         )
+    }
+
+    /// Puts something in the way of a tool that leaves the surface under it.
+    pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
+        let at = self.motion.origin;
+        let (_, normal) = self.surface.distance_and_normal(&at);
+        self.obstacle = Some(Placed::new(obstacle, at, normal));
     }
 
     /// All sensor records of the last period, oldest first.

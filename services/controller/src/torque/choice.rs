@@ -1,4 +1,5 @@
-//! Which of a task's estimators a torque law goes by: the rules of every law, with the names of the task's list.
+//! Choice of the estimator that a torque law uses: the rules common to all laws, applied to the
+//! names of the task's list.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
@@ -10,10 +11,10 @@ use tangent_sensing::Validity;
 
 use crate::inputs::age_told;
 
-/// Normals that differ by more are not switched between without force, where the task says nothing else, rad.
+/// Largest angle between two normals for a switch without force, if the task does not set one, rad.
 const SWITCH_GATE_RAD: f64 = 0.2;
 
-/// The rules of a torque law. `felt_by_sliding`: see [`ChoiceRules`].
+/// Rules of a torque law. For `felt_by_sliding`, see [`ChoiceRules`].
 pub fn rules(
     patience: &PatienceConfig,
     switching: &SwitchingSpec,
@@ -29,20 +30,21 @@ pub fn rules(
     }
 }
 
-/// See the module. The law itself moves over to another estimate at its bounded speed, whatever is chosen here.
+/// Chooses which estimator of a task a torque law uses. The law itself moves to the new estimate at
+/// its bounded speed.
 #[derive(Clone, Debug)]
 pub struct Choice {
     names: ArrayVec<EstimatorName, MAX_ESTIMATORS>,
     rules: ChoiceRules,
     choice: EstimatorChoice,
-    /// As said in this cycle, in the order of the names.
+    /// Estimates of this cycle, in the order of the names.
     estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
-    /// In use in the cycle before, base axes; none before the first.
+    /// Normal in use in the cycle before, base axes; `None` before the first.
     normal: Option<Vector3<f64>>,
 }
 
 impl Choice {
-    /// In the order of the task's list.
+    /// Choice among `names`, in the order of the task's list.
     pub fn new(names: impl IntoIterator<Item = EstimatorName>, rules: ChoiceRules) -> Self {
         Self {
             names: names.into_iter().take(MAX_ESTIMATORS).collect(),
@@ -53,8 +55,9 @@ impl Choice {
         }
     }
 
-    /// One cycle: what each of the list says. `normal` is the one in use, base axes; `way_m` was slid since the cycle before, `dt_s` ago. What
-    /// is not to be used although it says that it can be comes back with the reason.
+    /// Runs one cycle with the estimates of the list. `normal` is the one in use, base axes;
+    /// `way_m` is the distance slid since the cycle before, `dt_s` ago. An estimate that reports
+    /// itself valid but must not be used is returned with the reason.
     pub fn step(
         &mut self,
         estimates: impl IntoIterator<Item = Option<EstimateInput>>,
@@ -67,7 +70,7 @@ impl Choice {
             *place = said;
         }
         self.normal = normal.filter(|n| n.iter().all(|x| x.is_finite()));
-        // Neither is a number that the rules may go by where the arm's state is none: `max` takes the other.
+        // Either can be NaN if the arm's state is invalid. `max` then returns the other argument.
         #[expect(
             clippy::manual_clamp,
             reason = "NaN becomes 0 here; `clamp` would keep it"
@@ -84,10 +87,11 @@ impl Choice {
         }
     }
 
-    /// Takes another of the list; `force` waives its validity and its nearness.
+    /// Switches to another estimator of the list; `force` waives the checks of validity and
+    /// agreement.
     ///
     /// # Errors
-    /// Unknown, silent, invalid, or too far from the one in use.
+    /// The estimator is unknown, silent, invalid, or too far from the normal in use.
     pub fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
         let index = self
             .names
@@ -99,14 +103,16 @@ impl Choice {
             .select(&rules, &self.estimates, &normal, index, force)
     }
 
-    /// Name of the one in use, changes since the task started, and why this one.
+    /// Name of the estimator in use, number of changes since the task started, and cause of the
+    /// last one.
     pub fn in_use(&self) -> (EstimatorName, u32, SwitchCause) {
         let name = self.names.get(self.choice.index).copied();
         let choice = &self.choice;
         (name.unwrap_or_default(), choice.switches, choice.cause)
     }
 
-    /// All of the list, each with its newest estimate's age in this cycle, s; -1 without one.
+    /// All estimators of the list, each with the age of its newest estimate in this cycle, s; -1
+    /// without one.
     pub fn ages(&self) -> impl Iterator<Item = (EstimatorName, f64)> {
         let told = self
             .estimates
@@ -115,12 +121,12 @@ impl Choice {
         self.names.iter().copied().zip(told)
     }
 
-    /// Place of the one in use.
+    /// Index of the estimator in use.
     pub fn active(&self) -> usize {
         self.choice.index
     }
 
-    /// Before there is a normal in use nothing can be far from it.
+    /// The rules and the normal in use. Before there is a normal in use, no angle is limited.
     fn rules_now(&self) -> (ChoiceRules, Vector3<f64>) {
         match self.normal {
             Some(normal) => (self.rules, normal),
@@ -135,7 +141,7 @@ impl Choice {
         }
     }
 
-    /// What the active one says, but not as something to go by.
+    /// The estimate of the active estimator, marked as invalid for `reason`.
     fn withheld(&self, reason: Validity) -> Option<EstimateInput> {
         let mut said = self.estimates[self.choice.index]?;
         if said.estimate.validity.is_valid() {
@@ -175,7 +181,7 @@ mod tests {
         choice.step(estimates, Some(Vector3::z()), 0.0, DT_S)
     }
 
-    /// Cycles until `index` is in use.
+    /// Number of cycles until `index` is in use.
     fn cycles_until(
         choice: &mut Choice,
         index: usize,
@@ -221,9 +227,9 @@ mod tests {
         assert_eq!(used.estimate.validity, Validity::Disagrees);
         assert_eq!(choice.active(), 0);
         let cycles = cycles_until(&mut choice, 1, [far, near, None]);
-        // Borne for the estimate's patience of 0.1 s.
+        // Tolerated for the patience of an estimate, 0.1 s.
         assert!((98..=102).contains(&cycles), "{cycles}");
-        // The task's gate, 0.2 rad without one, for whoever is taken anew.
+        // Largest angle for a switch to another estimator: that of the task, otherwise 0.2 rad.
         let half = said(Validity::Valid, 0.3);
         step(&mut choice, [half, None, None]);
         assert_eq!(choice.active(), 1);

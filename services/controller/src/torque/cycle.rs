@@ -2,6 +2,7 @@
 //! Takes no lock and no memory.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use nalgebra::Vector3;
@@ -225,23 +226,38 @@ impl TorqueCycle {
             })
         };
         let result = match (letter.ask(), &mut self.program) {
-            (Ask::Start(_), _) if phase.is_active() => {
+            (Ask::Start { .. }, _) if phase.is_active() => {
                 Err(Outcome::Refused(ControlError::WrongPhase {
                     request: "start a task",
                     phase: phase.name(),
                     remedy: "stop the running task first",
                 }))
             }
-            (Ask::Start(program), _) => {
+            (
+                Ask::Start {
+                    program,
+                    said_clear,
+                },
+                _,
+            ) => {
                 let position = &self.position;
+                let clearance = if *said_clear {
+                    Clearance::Assumed
+                } else {
+                    self.clearance
+                };
                 let allowed = program
                     .as_ref()
                     .as_ref()
-                    .map_or(Ok(()), |new| new.check_start(&self.clearance, position));
+                    .map_or(Ok(()), |new| new.check_start(&clearance, position));
                 if let Err(error) = allowed {
                     Err(Outcome::Refused(error))
                 } else if let Some(mut new) = program.take() {
-                    new.begin(self.clearance);
+                    self.clearance = clearance;
+                    self.mailbox
+                        .said_clear
+                        .store(*said_clear, Ordering::Release);
+                    new.begin(clearance);
                     let force_n = new.task().force.reference_n;
                     **program = self.program.replace(new);
                     self.activation = self.activation.max(self.latched).saturating_add(1);
@@ -251,20 +267,6 @@ impl TorqueCycle {
                 } else {
                     Ok(())
                 }
-            }
-            (Ask::Clear, _) if phase.is_active() => {
-                Err(Outcome::Refused(ControlError::WrongPhase {
-                    request: "say that the tool hangs free",
-                    phase: phase.name(),
-                    remedy: "stop the task first",
-                }))
-            }
-            (Ask::Clear, program) => {
-                self.clearance = Clearance::Free;
-                if let Some(program) = program {
-                    program.say_clear();
-                }
-                Ok(())
             }
             (Ask::Pause, Some(program)) => program.pause(true).map_err(Outcome::Refused),
             (Ask::Resume, Some(program)) => program.pause(false).map_err(Outcome::Refused),
@@ -278,6 +280,9 @@ impl TorqueCycle {
                 } else {
                     Err(Outcome::Refused(cannot_leave(phase)))
                 }
+            }
+            (Ask::Stop, _) if !phase.is_active() && !self.clearance.is_free() => {
+                Err(Outcome::MayTouch)
             }
             (Ask::Stop, program) => {
                 if let Some(program) = program {

@@ -1,4 +1,5 @@
-//! The estimates of an object's pose that a task may go by: which one is used, when the next is taken, when a switch is refused.
+//! Estimates of an object's pose that a task may use: which one is used, when the next is chosen,
+//! when a switch is refused.
 
 use std::time::Duration;
 
@@ -20,11 +21,12 @@ use crate::age::CycleAge;
 struct Reader {
     newest: Latest<Message>,
     age: CycleAge,
-    /// As read this cycle, with its age, s.
+    /// Estimate as read in this cycle, with its age, s.
     now: Option<(ObjectEstimate, f64)>,
 }
 
-/// See the module. The pose in use moves on to another estimate at the law's bounded speed, whatever is chosen here.
+/// Reads the estimates of an object's pose and chooses which one a torque law uses. The pose in use
+/// moves to the new estimate at the law's bounded speed.
 pub struct ObjectReaders {
     readers: ArrayVec<Reader, MAX_ESTIMATORS>,
     shape: ObjectShape,
@@ -32,7 +34,7 @@ pub struct ObjectReaders {
 }
 
 impl ObjectReaders {
-    /// In the order of the task's list, chosen from by `rules`.
+    /// Readers in the order of the task's list, with the rules of the choice.
     pub fn new(
         readers: impl IntoIterator<Item = (EstimatorName, Latest<Message>)>,
         shape: ObjectShape,
@@ -57,8 +59,9 @@ impl ObjectReaders {
         }
     }
 
-    /// The estimate to use in this cycle, `since_packet` after the robot's newest packet `arm` came, and its age, s; with the reason where it
-    /// is not to be gone by. `normal` is the one in use, base axes; `way_m` was slid since the cycle before.
+    /// The estimate to use in this cycle, and its age, s; marked as invalid if it must not be used.
+    /// `since_packet` is the time since the robot's newest packet `arm` arrived. `normal` is the
+    /// one in use, base axes; `way_m` is the distance slid since the cycle before.
     pub fn read(
         &mut self,
         arm: &ArmState,
@@ -76,7 +79,7 @@ impl ObjectReaders {
                 (estimate(message), age_s)
             });
         }
-        // Two estimates are compared by their normals at the tip.
+        // Estimates are compared by their normals at the tip.
         let tip = (&arm.tool_pose.position).into();
         let shape = &self.shape;
         let normals = self.readers.iter().map(|reader| {
@@ -91,26 +94,28 @@ impl ObjectReaders {
         Some((estimate, age_s))
     }
 
-    /// Every estimator of the list, with its newest estimate's age in this cycle, s; -1 without one.
+    /// All estimators of the list, each with the age of its newest estimate in this cycle, s; -1
+    /// without one.
     pub fn ages(&self) -> impl Iterator<Item = (EstimatorName, f64)> {
         self.choice.ages()
     }
 
-    /// Takes another of the list.
+    /// Switches to another estimator of the list.
     ///
     /// # Errors
-    /// Unknown, silent, invalid, or too far from the one in use.
+    /// The estimator is unknown, silent, invalid, or too far from the normal in use.
     pub fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
         self.choice.select(name, force)
     }
 
-    /// Name of the one in use, changes since the task started, and why this one.
+    /// Name of the estimator in use, number of changes since the task started, and cause of the
+    /// last one.
     pub fn in_use(&self) -> (EstimatorName, u32, SwitchCause) {
         self.choice.in_use()
     }
 }
 
-/// What an estimate of the object says of the surface's normal at `tip`, base axes, m.
+/// Normal of the surface at `tip` (base axes, m) according to an estimate of the object.
 fn normal_at(estimate: &ObjectEstimate, shape: &ObjectShape, tip: &Vector3<f64>) -> NormalEstimate {
     let pose = &estimate.base_from_object;
     NormalEstimate {
@@ -123,7 +128,7 @@ fn normal_at(estimate: &ObjectEstimate, shape: &ObjectShape, tip: &Vector3<f64>)
     }
 }
 
-/// A pose that is none makes the estimate one that says so.
+/// Estimate from a message; invalid if its pose or another number is not valid.
 fn estimate(message: &Message) -> ObjectEstimate {
     let pose: Result<Pose<Base, Object>, _> = (&message.pose).try_into();
     let twist = Twist::from(&message.twist);
@@ -204,7 +209,7 @@ mod tests {
             }
         }
 
-        /// Turned about x by `tilt`.
+        /// Publishes an estimate that is rotated about x by `tilt`.
         fn say(&self, who: usize, tilt: f64, validity: Validity) {
             let mut message = Message {
                 header: Header::new(self.arm.cycle as i64, "base"),
@@ -227,7 +232,7 @@ mod tests {
                 .map(|(e, _)| e.base_from_object.rotation().angle())
         }
 
-        /// Cycles in which both say this until `name` is in use.
+        /// Number of cycles with these validities until `name` is in use.
         fn until(&mut self, name: &str, said: [Validity; 2]) -> f64 {
             for cycle in 0..10_000 {
                 if self.readers.in_use().0.as_str() == name {
@@ -253,7 +258,7 @@ mod tests {
         bench.say(0, 0.01, Validity::Valid);
         bench.say(1, 0.02, Validity::Valid);
         assert!((bench.next().unwrap() - 0.01).abs() < 1e-12);
-        // One frame that disagrees is no reason to leave.
+        // One estimate that disagrees does not cause a switch.
         bench.say(0, 0.01, Validity::Disagrees);
         assert_eq!(bench.next(), None);
         assert_eq!(bench.readers.in_use().1, 0);

@@ -60,6 +60,13 @@ impl Objects {
         self.check.task(&task, &path.map_err(words)?)?;
         self.check
             .estimators(&self.bus, &task.estimators, topics::estimate_object)?;
+        self.program_of(&task)
+    }
+
+    /// The law with what it reads; nothing is checked that depends on where the arm stands.
+    fn program_of(&self, task: &Task) -> Result<ObjectProgram, String> {
+        let words = |e: ControlError| e.to_string();
+        let law = self.config.law(task.controller.as_deref()).map_err(words)?;
         let mut readers = Vec::new();
         for name in &task.estimators {
             let short = EstimatorName::from(name)
@@ -76,7 +83,7 @@ impl Objects {
                 self.config.flange_from_tool,
                 self.config.limits,
                 &law,
-                &task,
+                task,
                 Box::new(self.config.shape),
             )
             .map_err(words)?,
@@ -90,6 +97,10 @@ impl Kind for Objects {
     fn prepare(&self, text: &str) -> Result<(String, Boxed), String> {
         let program = self.program(text)?;
         Ok((program.law.task().name.clone(), Box::new(program)))
+    }
+
+    fn leave(&self) -> Result<Boxed, String> {
+        Ok(Box::new(self.program_of(&self.check.leave())?))
     }
 
     fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>, _: Time) -> Result<(), String> {
@@ -128,10 +139,6 @@ impl TorqueProgram for ObjectProgram {
 
     fn begin(&mut self, clearance: Clearance) {
         self.law.begin(clearance);
-    }
-
-    fn say_clear(&mut self) {
-        self.law.say_clear();
     }
 
     fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer> {

@@ -78,9 +78,6 @@ pub trait TorqueProgram: Send {
     /// Begins with what is known of the tool.
     fn begin(&mut self, clearance: Clearance);
 
-    /// A person has looked: the tool hangs free. Only while no task runs.
-    fn say_clear(&mut self);
-
     /// Answers one packet; none when the arm's state makes no sense.
     fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer>;
 

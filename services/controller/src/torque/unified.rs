@@ -63,6 +63,13 @@ impl Unified {
         self.check.task(&task, &path.map_err(words)?)?;
         self.check
             .estimators(&self.bus, &task.estimators, topics::estimate_normal)?;
+        self.program_of(&task)
+    }
+
+    /// The law with what it reads; nothing is checked that depends on where the arm stands.
+    fn program_of(&self, task: &Task) -> Result<UnifiedProgram, String> {
+        let words = |e: ControlError| e.to_string();
+        let law = self.config.law(task.controller.as_deref()).map_err(words)?;
         let (mut names, mut readers) = (Vec::new(), ArrayVec::new());
         for name in task.estimators.iter().take(MAX_ESTIMATORS) {
             let short = EstimatorName::from(name)
@@ -93,7 +100,7 @@ impl Unified {
                 self.config.flange_from_tool,
                 self.config.limits,
                 &law,
-                &task,
+                task,
                 self.config.interface,
             )
             .map_err(words)?,
@@ -107,6 +114,10 @@ impl Kind for Unified {
     fn prepare(&self, text: &str) -> Result<(String, Boxed), String> {
         let program = self.program(text)?;
         Ok((program.law.task().name.clone(), Box::new(program)))
+    }
+
+    fn leave(&self) -> Result<Boxed, String> {
+        Ok(Box::new(self.program_of(&self.check.leave())?))
     }
 
     fn check_estimates(&self, program: &Boxed, _: &Mailbox<Boxed>, _: Time) -> Result<(), String> {
@@ -186,10 +197,6 @@ impl TorqueProgram for UnifiedProgram {
         self.law.begin(clearance);
     }
 
-    fn say_clear(&mut self) {
-        self.law.say_clear();
-    }
-
     fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer> {
         let way_m = input.slid_m(self.law.phase());
         let said = self
@@ -210,6 +217,7 @@ impl TorqueProgram for UnifiedProgram {
             wrench: wrench.wrench,
             wrench_validity: wrench.validity,
             wrench_age_s: wrench.age_s,
+            untared: wrench.untared,
             vision,
             touch: touch.map(|t| t.estimate),
             touch_age_s: touch.map_or(f64::INFINITY, |t| t.age_s),

@@ -19,7 +19,7 @@ use tangent_controller::{Config, ControllerError, run};
 use tangent_mechanics::{Arm, Joints, ModelData, Wrench};
 use tangent_runtime::bus::answer::{done, refused};
 use tangent_runtime::clock::now_ns;
-use tangent_runtime::{Bus, CellConfig, Handle, Latest, Publisher, Stop};
+use tangent_runtime::{Bus, CellConfig, Handle, Latest, Publisher, StateFolder, Stop};
 use tangent_schemas::convert::{cut, joint_array};
 use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, ControlState, Request, WrenchStatus};
@@ -81,12 +81,18 @@ pub struct Cell {
 
 impl Cell {
     pub fn new() -> Self {
+        Self::with_state(|_| None)
+    }
+
+    /// The controller begins with the state that is made for a tool that stands there, base axes, m.
+    pub fn with_state(state: impl FnOnce(Vector3<f64>) -> Option<StateFolder>) -> Self {
         let bus = Bus::in_process("test");
         let model = ModelData::builtin("ur5").unwrap();
-        let config = Config::from_cell(&CellConfig::default_cell(), model).unwrap();
+        let mut config = Config::from_cell(&CellConfig::default_cell(), model).unwrap();
         let arm = config.arm;
         let q = Joints::<6>::from([0.3, -1.6, 1.7, -1.67, -std::f64::consts::FRAC_PI_2, 0.0]);
         let tool = arm.base_from_flange(&q) * config.flange_from_tool;
+        config.state = state(tool.translation());
         let (tares, tared) = (
             Arc::new(AtomicU64::new(0)),
             Arc::new(AtomicBool::new(false)),

@@ -1,7 +1,7 @@
-//! Who is here: liveliness tokens `alive/SERVICE/INSTANCE`.
+//! Which services are running: liveliness tokens `alive/SERVICE/INSTANCE`.
 //!
-//! A token says that a process's session is connected, not that its thread still works: silence of data is what loops
-//! judge by.
+//! A token shows that a process's session is connected, not that its threads still work. Control
+//! loops therefore rely on the age of data.
 
 use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
@@ -13,25 +13,25 @@ use super::error::BusError;
 use super::registry::parse_concrete_key;
 use super::session::Session;
 
-/// Between two looks at who is here.
+/// Interval between two checks for other instances.
 const LOOK: Duration = Duration::from_millis(100);
-/// The router answers who is here at once; it has this long.
+/// Longest time to wait for the router's list of tokens; it normally replies at once.
 const ASK_PATIENCE: Duration = Duration::from_secs(1);
-/// One that lost the race for a name is gone by then.
+/// Time within which an instance that lost the race for a name has gone.
 const RIVAL_PATIENCE: Duration = Duration::from_secs(1);
 
-/// A service that is here.
+/// A running service.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 pub struct Alive {
-    /// Cell; the bus's own, or the one in the key on a bus outside any cell.
+    /// Cell: that of the bus, or the one in the key on a bus outside any cell.
     pub cell: String,
-    /// For instance `netft`.
+    /// Name of the service, such as `netft`.
     pub service: String,
-    /// Tells several of a kind apart: host and process.
+    /// Host and process, which distinguish several instances of a service.
     pub instance: String,
 }
 
-/// Says that a service is here until it is dropped.
+/// Declares a service as running until it is dropped.
 #[must_use = "dropping the token says that the service has gone"]
 pub struct AliveToken {
     alive: Alive,
@@ -74,8 +74,8 @@ pub(crate) fn declare(
     })
 }
 
-/// The same for a service of which a cell has one. A token that is there is given time to go: its process may have been
-/// cut off a moment ago.
+/// Declares a service as running that may run only once in a cell. An existing token is given time
+/// to expire, as its process may just have been cut off; after that the claim is refused.
 pub(crate) fn claim(
     bus: &Arc<Inner>,
     service: &str,
@@ -96,8 +96,9 @@ pub(crate) fn claim(
         }
     }
     let token = declare(bus, service, instance)?;
-    // Two that start in the same moment see each other only now. The greater name goes; the lesser waits to see whether
-    // the other is one that goes, or one that was there first.
+    // Two instances that start at the same moment see each other only now. The one with the greater
+    // name gives up. The other one waits, to find out whether its rival gives up or was there
+    // first.
     let mut rival = others(bus, service, Some(instance))?.into_iter().next();
     let wait = Instant::now();
     while let Some(other) = rival {
@@ -117,7 +118,7 @@ fn others(bus: &Arc<Inner>, service: &str, own: Option<&str>) -> Result<Vec<Aliv
 }
 
 fn taken(other: Alive) -> BusError {
-    // HOST-PROCESS, as health::instance_name writes it.
+    // HOST-PROCESS, as from `health::instance_name`.
     let host = match other.instance.rsplit_once('-') {
         Some((host, _)) => host.to_owned(),
         None => other.instance.clone(),
@@ -130,7 +131,7 @@ fn taken(other: Alive) -> BusError {
     }
 }
 
-/// `service` is `*`, or a [`topics::estimator_service`] of `*`.
+/// Lists the tokens of `service`, which is `*`, or a [`topics::estimator_service`] of `*`.
 pub(crate) fn list(
     bus: &Arc<Inner>,
     service: &str,
@@ -153,7 +154,7 @@ pub(crate) fn list(
     Ok(all)
 }
 
-/// `[CELL/]alive/SERVICE/INSTANCE`, or `[CELL/]alive/estimate/NAME/INSTANCE`.
+/// Parses `[CELL/]alive/SERVICE/INSTANCE`, or `[CELL/]alive/estimate/NAME/INSTANCE`.
 fn parse(key: &str, cell: &str) -> Option<Alive> {
     let mut parts = key.rsplit('/');
     let (instance, name) = (parts.next()?, parts.next()?);

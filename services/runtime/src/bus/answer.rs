@@ -91,6 +91,9 @@ impl From<Answer> for Reply {
 
 pub(crate) type Handler = Arc<dyn Fn(Asked) -> Reply + Send + Sync>;
 
+/// Says at once why a request is refused; none where it may be carried out.
+pub(crate) type Judge = Arc<dyn Fn(&Asked) -> Option<Answer> + Send + Sync>;
+
 /// The key an answer goes out under: the one asked, or for a question to many the answerer's own.
 pub(super) fn reply_key(asked: &str, pattern: &OwnedKeyExpr) -> String {
     if asked.contains('*') {

@@ -9,8 +9,9 @@ use tangent_schemas::{Message, cdr};
 use zenoh::key_expr::OwnedKeyExpr;
 use zenoh::query::Query;
 
-use super::answer::{Asked, Handler, Reply, reply_key};
+use super::answer::{Asked, Handler, Judge, Reply, reply_key};
 use super::budget::{BUDGET_UNNAMED, Budget};
+use super::requests::LaneOf;
 use super::session;
 use crate::realtime::setup_thread;
 
@@ -24,7 +25,8 @@ pub enum Lane {
     Prompt,
     /// May wait for a device, the loop or another service: a thread for this key alone.
     Slow,
-    /// Brings the arm to rest: a thread for this key alone, with the bus's real-time priority. Waits for the loop at most.
+    /// Brings the arm to rest, or judges whether a request is allowed: a thread for this key alone, with the bus's real-time
+    /// priority. Waits for the loop at most.
     Urgent,
 }
 
@@ -36,6 +38,8 @@ pub(super) struct Job {
     request: Request,
     received: Instant,
     deadline: Instant,
+    /// Judges the request first, and where it goes when it is allowed.
+    judged: Option<(Judge, Jobs)>,
 }
 
 /// Takes jobs to the thread of one lane; the thread ends with the last of these.
@@ -63,7 +67,9 @@ pub(super) fn start(name: &str, priority: Option<u8>) -> Jobs {
 pub(super) struct Entrance {
     pub pattern: OwnedKeyExpr,
     pub handler: Handler,
-    pub lane: Arc<dyn Fn(&Request) -> Lane + Send + Sync>,
+    pub lane: LaneOf,
+    /// Judges each request in the urgent lane before it goes to its own.
+    pub judge: Option<Judge>,
     pub prompt: Jobs,
     pub slow: std::sync::OnceLock<Jobs>,
     pub urgent: std::sync::OnceLock<Jobs>,
@@ -87,55 +93,85 @@ impl Entrance {
             .attachment()
             .and_then(|bytes| Budget::from_bytes(&bytes.to_bytes()));
         let deadline = budget.map_or(received + BUDGET_UNNAMED, |b| b.deadline(received));
-        let jobs = match (self.lane)(&request) {
+        let lane = self.jobs((self.lane)(&request));
+        let judged = self.judge.clone().map(|judge| (judge, lane.clone()));
+        let jobs = match judged {
+            Some(_) => self.jobs(Lane::Urgent),
+            None => lane,
+        };
+        hand_on(
+            jobs,
+            Job {
+                query,
+                pattern: self.pattern.clone(),
+                handler: Arc::clone(&self.handler),
+                request,
+                received,
+                deadline,
+                judged,
+            },
+        );
+    }
+
+    fn jobs(&self, lane: Lane) -> &Jobs {
+        match lane {
             Lane::Prompt => &self.prompt,
             Lane::Slow => self.slow.get_or_init(|| start("bus-slow", None)),
             Lane::Urgent => self
                 .urgent
                 .get_or_init(|| start("bus-urgent", self.priority)),
-        };
-        let sent = jobs.try_send(Job {
-            query,
-            pattern: self.pattern.clone(),
-            handler: Arc::clone(&self.handler),
-            request,
-            received,
-            deadline,
-        });
-        match sent {
-            Ok(()) => {}
-            Err(TrySendError::Full(job)) => self.refuse(
-                &job.query,
-                format!(
-                    "{WAITING_MAX} requests wait on {} already: nothing was done, ask again",
-                    self.pattern
-                ),
-            ),
-            Err(TrySendError::Disconnected(job)) => {
-                self.refuse(&job.query, "the service has no answering thread".to_owned());
-            }
         }
     }
 
     fn refuse(&self, query: &Query, reason: String) {
-        tracing::warn!("{}: {reason}", self.pattern);
-        let reply = super::answer::refused(reason).into();
-        send(query, &self.pattern, &reply, &mut Vec::new());
+        refuse(query, &self.pattern, reason);
     }
+}
+
+/// Puts a job into a lane, or refuses it. Never waits.
+fn hand_on(jobs: &Jobs, job: Job) {
+    match jobs.try_send(job) {
+        Ok(()) => {}
+        Err(TrySendError::Full(job)) => {
+            let reason = format!(
+                "{WAITING_MAX} requests wait on {} already: nothing was done, ask again",
+                job.pattern
+            );
+            refuse(&job.query, &job.pattern, reason);
+        }
+        Err(TrySendError::Disconnected(job)) => {
+            let reason = "the service has no answering thread".to_owned();
+            refuse(&job.query, &job.pattern, reason);
+        }
+    }
+}
+
+fn refuse(query: &Query, pattern: &OwnedKeyExpr, reason: String) {
+    tracing::warn!("{pattern}: {reason}");
+    let reply = super::answer::refused(reason).into();
+    send(query, pattern, &reply, &mut Vec::new());
 }
 
 fn answer_all(jobs: &Receiver<Job>) {
     let mut scratch = Vec::new();
-    for job in jobs {
+    for mut job in jobs {
         let asked = Asked {
             key: job.query.key_expr().to_string(),
-            request: job.request,
+            request: std::mem::take(&mut job.request),
             received: job.received,
             deadline: job.deadline,
         };
-        let reply = match asked.late() {
-            Some(answer) => answer.into(),
-            None => (job.handler)(asked),
+        let reply = match (asked.late(), job.judged.take()) {
+            (Some(answer), _) => answer.into(),
+            (None, None) => (job.handler)(asked),
+            (None, Some((judge, lane))) => match judge(&asked) {
+                Some(answer) => answer.into(),
+                None => {
+                    job.request = asked.request;
+                    hand_on(&lane, job);
+                    continue;
+                }
+            },
         };
         send(&job.query, &job.pattern, &reply, &mut scratch);
     }

@@ -1,8 +1,9 @@
-//! The bus: typed publish, latest, subscribe and ask, whatever lies beneath.
+//! The bus: typed publish, latest, subscribe and request, independent of the transport.
 //!
-//! Two lanes. Readers in the same process get a message inside `publish`, in the sender's thread, through lock-free
-//! slots or a direct call. Everybody else gets it from a publishing thread, which encodes it as CDR and calls Zenoh; a
-//! Zenoh `put` can take milliseconds and drop without a word, so a control loop must never call it.
+//! There are two paths. Readers in the same process get a message inside `publish`, in the sender's
+//! thread, through lock-free slots or a direct call. Readers in other processes get it from a
+//! publishing thread, which encodes it as CDR and calls Zenoh. A Zenoh `put` can take milliseconds
+//! and drop a message silently, so a control loop must never call it.
 
 mod alive;
 pub mod answer;
@@ -57,12 +58,12 @@ use registry::Registry;
 use session::{Opening, Session};
 use source::Admission;
 
-/// What a session is to the others on the network.
+/// Role of a session on the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Dials the cell's router.
+    /// Connects to the cell's router.
     Client,
-    /// Is the cell's router: listens, and passes everybody's messages on.
+    /// Is the cell's router: listens, and forwards the messages of all sessions.
     Router,
 }
 
@@ -90,18 +91,21 @@ impl Bus {
         Self::assemble(name, None, None)
     }
 
-    /// Joins the cell's network, and waits for the router for as long as it takes, with a log line each second.
+    /// Joins the cell's network. Waits for the router without a time limit, with a log line each
+    /// second.
     ///
     /// # Errors
-    /// A busy or bad endpoint. See also [`Bus::open_within`].
+    /// The endpoint is invalid or in use. See also [`Bus::open_within`].
     pub fn open(config: &CellConfig, role: Role) -> Result<Self, BusError> {
         Self::open_until(config, role, None, &Stop::new())
     }
 
-    /// The same, for at most `patience` (for commands that a person waits for).
+    /// Joins the cell's network. Waits for the router for at most `patience`, for commands that a
+    /// person waits for.
     ///
     /// # Errors
-    /// [`BusError::NoRouter`] when nobody answers in time; [`BusError::PortBusy`] for a router whose port is taken.
+    /// [`BusError::NoRouter`] if no router answers in time; [`BusError::PortBusy`] for a router
+    /// whose port is taken.
     pub fn open_within(
         config: &CellConfig,
         role: Role,
@@ -110,8 +114,9 @@ impl Bus {
         Self::join(config, role, Some(patience), &Stop::new(), None)
     }
 
-    /// The same for a service, given up when `stop` is triggered: where the cell asks for real-time scheduling, the
-    /// bus's own threads get it too, since a message waits for them under load.
+    /// Joins the cell's network for a service. Waits for the router for at most `patience`, or
+    /// until `stop` is triggered. If the cell asks for real-time scheduling, the threads of the bus
+    /// get it too, as messages wait for them under load.
     ///
     /// # Errors
     /// As [`Bus::open_within`], and [`BusError::Stopped`].
@@ -144,7 +149,8 @@ impl Bus {
         Ok(Self::assemble(&config.cell.name, Some(session), priority))
     }
 
-    /// Joins the network outside any cell: keys begin with the cell's name, `*/health/*` reads every cell's health.
+    /// Joins the network outside any cell: keys begin with the cell's name, and `*/health/*` reads
+    /// the health of every cell.
     ///
     /// # Errors
     /// As [`Bus::open_within`].
@@ -160,11 +166,11 @@ impl Bus {
         Ok(Self::assemble("", Some(session), None))
     }
 
-    /// That a router with certificates would take the cell's access rules as they stand now; without certificates there
-    /// are none.
+    /// Checks that a router with certificates would accept the cell's current access rules. Without
+    /// certificates there are none.
     ///
     /// # Errors
-    /// What is wrong with the file, and what to do.
+    /// What is wrong with the file, and what to do about it.
     pub fn check_access(config: &ZenohConfig) -> Result<(), BusError> {
         match config.tls {
             Some(_) => session_config::check_access(config),
@@ -195,18 +201,18 @@ impl Bus {
         &self.inner.name
     }
 
-    /// A publisher for one topic. Each counts its own sequence under its own id.
+    /// Creates a publisher for one topic. Each has its own id and counts its own sequence.
     ///
     /// # Errors
-    /// A key with wildcards, or one that is in use with another message type.
+    /// The key has wildcards, or is in use with another message type.
     pub fn publisher<M: Message>(&self, topic: &Topic<M>) -> Result<Publisher<M>, BusError> {
         Publisher::declare(&self.inner, topic)
     }
 
-    /// The newest message of a topic, and nothing before it.
+    /// Reads only the newest message of a topic.
     ///
     /// # Errors
-    /// A bad key, or one that is in use with another message type.
+    /// The key is not valid, or is in use with another message type.
     pub fn latest<M: Message>(&self, topic: &Topic<M>) -> Result<Latest<M>, BusError> {
         let (core, output) = ReaderCore::newest(self.admission(topic));
         let core = Arc::new(core);
@@ -214,10 +220,11 @@ impl Bus {
         Ok(Latest::new(core, output, handle))
     }
 
-    /// Every message of a topic, in a queue that holds `capacity`: when it is full the oldest goes, counted.
+    /// Reads every message of a topic through a queue of `capacity`. When it is full, the oldest
+    /// message is dropped and counted.
     ///
     /// # Errors
-    /// A bad key, or one that is in use with another message type.
+    /// The key is not valid, or is in use with another message type.
     pub fn subscribe<M: Message>(
         &self,
         topic: &Topic<M>,
@@ -231,13 +238,13 @@ impl Bus {
         Ok(Subscription::new(core, handle))
     }
 
-    /// Calls `callback` for every message: from the same process inside `publish`, in the publisher's thread, in the
-    /// order of registration; from elsewhere in a Zenoh thread. It must be short and must not wait. It ends with the
-    /// handle. A callback that publishes what it listens to is not called again from within itself: that message is
-    /// counted as dropped.
+    /// Calls `callback` for every message until the handle is dropped. For messages of the same
+    /// process it runs inside `publish`, in the publisher's thread, in the order of registration;
+    /// for others, in a Zenoh thread. It must be short and must not wait. A callback that publishes
+    /// on its own topic is not called recursively: that message is counted as dropped.
     ///
     /// # Errors
-    /// A bad key, or one that is in use with another message type.
+    /// The key is not valid, or is in use with another message type.
     pub fn on<M: Message>(
         &self,
         topic: &Topic<M>,
@@ -254,12 +261,14 @@ impl Bus {
         Admission::new(topic.sources(), self.inner.ids.clone())
     }
 
-    /// Publishers that readers of this bus refuse now, and what they refused before: one per topic.
+    /// Publishers that readers of this bus refuse now, and the number of samples refused so far:
+    /// one entry per topic.
     pub fn refused(&self) -> Vec<Refused> {
         refused::list(&self.inner)
     }
 
-    /// Learns who is behind each publisher's id, for [`Bus::refused`]. [`crate::HealthReporter`] does it for services.
+    /// Learns the name behind each publisher's id, for [`Bus::refused`]. [`crate::HealthReporter`]
+    /// calls this for services.
     ///
     /// # Errors
     /// The bus refused the topic.
@@ -279,10 +288,11 @@ impl Bus {
         Ok(handle)
     }
 
-    /// Every message on keys that match `pattern`, encoded, from this process and from others. For the recorder.
+    /// Reads every message on keys that match `pattern`, encoded, from this process and from
+    /// others. For the recorder.
     ///
     /// # Errors
-    /// A bad pattern.
+    /// The pattern is not valid.
     pub fn subscribe_raw(
         &self,
         pattern: &str,
@@ -291,10 +301,11 @@ impl Bus {
         self.subscribe_raw_all(&[pattern.to_owned()], capacity)
     }
 
-    /// The same for several patterns through one queue. A message that two of them match comes twice.
+    /// Reads every message on keys that match any of `patterns`, encoded, through one queue. A
+    /// message that matches two of them arrives twice.
     ///
     /// # Errors
-    /// A bad pattern.
+    /// A pattern is not valid.
     pub fn subscribe_raw_all(
         &self,
         patterns: &[String],
@@ -303,20 +314,22 @@ impl Bus {
         raw_reader::subscribe(&self.inner, patterns, capacity)
     }
 
-    /// Publishes bytes that are encoded already, for replay. Not for real-time threads.
+    /// Creates a publisher of messages that are already encoded, for replay. Not for real-time
+    /// threads.
     ///
     /// # Errors
-    /// A key with wildcards.
+    /// The key has wildcards.
     pub fn raw_publisher(&self, key: &str, type_name: &str) -> Result<RawPublisher, BusError> {
         RawPublisher::declare(&self.inner, key, type_name)
     }
 
-    /// Answers requests on `key`, which may hold wildcards; the handler gets the key that was asked, and must not wait for
-    /// anything. Requests from this process run it in the asker's thread, others in the bus's answering thread, one after another.
-    /// A request whose time is up is refused before it comes to the handler.
+    /// Answers requests on `key`, which may contain wildcards. The handler gets the requested key,
+    /// and must not wait for anything. Requests from this process run in the caller's thread;
+    /// others run in the answering thread of the bus, one after another. A request whose time is up
+    /// is refused before it reaches the handler.
     ///
     /// # Errors
-    /// A bad key.
+    /// The key is not valid.
     pub fn answer(
         &self,
         key: &str,
@@ -329,34 +342,59 @@ impl Bus {
         )
     }
 
-    /// Answers requests on `key`, each in the thread of the lane that `lane` says, and with its deadline: the handler has no
-    /// effect after it. It is for requests that wait for something, and for those that must never wait.
+    /// Answers requests on `key`, each in the thread of the lane that `lane` selects, with its
+    /// deadline; after that the handler must have no effect. For requests that wait for something,
+    /// and for those that must never wait.
     ///
     /// # Errors
-    /// A bad key.
+    /// The key is not valid.
     pub fn answer_in(
         &self,
         key: &str,
         lane: impl Fn(&Request) -> Lane + Send + Sync + 'static,
         handler: impl Fn(Asked) -> Reply + Send + Sync + 'static,
     ) -> Result<Handle, BusError> {
-        requests::declare(&self.inner, key, Arc::new(lane), Arc::new(handler))
+        requests::declare(&self.inner, key, Arc::new(lane), None, Arc::new(handler))
     }
 
-    /// Asks and waits for the first answer. The request may be carried out within four fifths of `timeout`, less at most 1 s before its
-    /// end; later it is refused.
+    /// Answers requests on `key` that take time, and may be refused at once. `judge` says why a request is refused, in the urgent
+    /// lane: it does not wait for requests that are under way. What it allows goes on to the slow lane, where it is judged
+    /// once more when its turn comes, and then handled.
     ///
     /// # Errors
-    /// [`BusError::NoAnswer`] when nobody answers in time, [`BusError::Unknown`] when the service cannot tell: either way it may have
-    /// been done.
+    /// A bad key.
+    pub fn answer_judged(
+        &self,
+        key: &str,
+        judge: impl Fn(&Asked) -> Option<Answer> + Send + Sync + 'static,
+        handler: impl Fn(Asked) -> Reply + Send + Sync + 'static,
+    ) -> Result<Handle, BusError> {
+        let judge: answer::Judge = Arc::new(judge);
+        let first = Arc::clone(&judge);
+        let handler = move |asked: Asked| match judge(&asked) {
+            Some(answer) => answer.into(),
+            None => handler(asked),
+        };
+        let lane = Arc::new(|_: &Request| Lane::Slow);
+        requests::declare(&self.inner, key, lane, Some(first), Arc::new(handler))
+    }
+
+    /// Sends a request and waits for the first answer. The request may be carried out only within
+    /// the first four fifths of `timeout`, or up to 1 s before its end if that is later. After that
+    /// it is refused.
+    ///
+    /// # Errors
+    /// [`BusError::NoAnswer`] if there is no answer in time, [`BusError::Unknown`] if the service
+    /// does not know the outcome. In both cases the request may have been carried out.
     pub fn ask(&self, key: &str, request: &Request, timeout: Duration) -> Result<Answer, BusError> {
         requests::ask(&self.inner, key, request, timeout)
     }
 
-    /// Asks everybody whose key matches, and waits until all have answered or the time is up.
+    /// Sends a request to all services whose key matches, and waits until all have answered or the
+    /// time is up.
     ///
     /// # Errors
-    /// A bad key, or a closed session.
+    /// The key is not valid, or the session is closed.
     pub fn ask_all(
         &self,
         key: &str,
@@ -366,36 +404,38 @@ impl Bus {
         requests::ask_all(&self.inner, key, request, timeout)
     }
 
-    /// Says that a service is here, until the token is dropped. [`crate::HealthReporter`] does it for services.
+    /// Declares a service as running until the token is dropped. [`crate::HealthReporter`] calls
+    /// this for services.
     ///
     /// # Errors
-    /// A name that cannot stand in a key.
+    /// A name is not valid in a key.
     pub fn declare_alive(&self, service: &str, instance: &str) -> Result<AliveToken, BusError> {
         alive::declare(&self.inner, service, instance)
     }
 
-    /// The same for a service of which a cell has one: refused when it runs already, here or elsewhere.
-    /// [`crate::HealthReporter::start_only`] does it for services.
+    /// Declares a service as running that may run only once in a cell; refused if it already runs,
+    /// here or elsewhere. [`crate::HealthReporter::start_only`] calls this for services.
     ///
     /// # Errors
-    /// [`BusError::Taken`] with where it runs; see also [`Bus::declare_alive`].
+    /// [`BusError::Taken`], with the place where it runs; see also [`Bus::declare_alive`].
     pub fn claim_alive(&self, service: &str, instance: &str) -> Result<AliveToken, BusError> {
         alive::claim(&self.inner, service, instance)
     }
 
-    /// Who is here now, in this process and on the network, sorted.
+    /// All services running now, in this process and on the network, sorted.
     ///
     /// # Errors
-    /// A closed session.
+    /// The session is closed.
     pub fn alive(&self, timeout: Duration) -> Result<Vec<Alive>, BusError> {
         alive::list(&self.inner, "*", timeout)
     }
 
-    /// Who publishes normals: the estimator's name and its process, sorted. By liveliness tokens, as
-    /// [`Bus::declare_alive`] makes them of a [`tangent_schemas::topics::estimator_service`].
+    /// Estimators that publish normals: name and process of each, sorted. They are found by
+    /// liveliness tokens, which [`Bus::declare_alive`] creates for a
+    /// [`tangent_schemas::topics::estimator_service`].
     ///
     /// # Errors
-    /// A closed session.
+    /// The session is closed.
     pub fn alive_estimators(&self, timeout: Duration) -> Result<Vec<(String, String)>, BusError> {
         let service = tangent_schemas::topics::estimator_service("*");
         let alive = alive::list(&self.inner, &service, timeout)?;
@@ -406,13 +446,14 @@ impl Bus {
         Ok(named.collect())
     }
 
-    /// True when there is a network session; false for [`Bus::in_process`].
+    /// Whether there is a network session; false for [`Bus::in_process`].
     pub fn is_networked(&self) -> bool {
         self.inner.session.is_some()
     }
 
-    /// What a person should know about this process's place on the network though nothing has failed: a router that is open
-    /// to anybody, a certificate that ends soon. [`crate::HealthReporter`] passes it on.
+    /// Remarks about this process's place on the network that are not faults, such as a router that
+    /// is open to anybody or a certificate that expires soon. [`crate::HealthReporter`] publishes
+    /// them.
     pub fn remarks(&self) -> Vec<String> {
         let session = self.inner.session.as_ref().map(Session::remarks);
         let mut all = session.unwrap_or_default();
@@ -420,12 +461,13 @@ impl Bus {
         all
     }
 
-    /// Messages for other processes that were dropped before the wire because the publishing thread fell behind.
+    /// Number of messages for other processes that were dropped before they were sent, as the
+    /// publishing thread fell behind.
     pub fn dropped(&self) -> u64 {
         self.inner.pump.dropped()
     }
 
-    /// Sends what waits, then leaves the network. Without it, the last clone's end does the same.
+    /// Sends what is queued, then leaves the network. Dropping the last clone does the same.
     pub fn close(&self) {
         self.inner.shut_down();
     }
@@ -439,7 +481,7 @@ impl Inner {
         }
     }
 
-    /// It is a service of this process's own.
+    /// Whether it is a service of this process.
     fn is_local(&self, alive: &Alive) -> bool {
         self.lock_tokens().contains(alive)
     }

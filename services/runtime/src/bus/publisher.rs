@@ -1,4 +1,4 @@
-//! The sending ends.
+//! Publishers of typed and of encoded messages.
 
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
@@ -22,9 +22,9 @@ use crate::lease;
 
 /// Publishes one topic from one thread at a time.
 ///
-/// `publish` takes no lock, no memory and never calls Zenoh, except that the first call after readers in this process
-/// came or went looks them up anew. Messages that own memory (`Vec`, `String`) allocate when they are copied; those of
-/// the control loop own none.
+/// `publish` takes no lock, allocates nothing and never calls Zenoh. The exception is the first
+/// call after the readers in this process have changed, which looks them up again. Messages that
+/// own memory (`Vec`, `String`) allocate when they are copied; those of the control loop own none.
 pub struct Publisher<M: Message> {
     channel: Arc<Channel<M>>,
     known: RefCell<(u64, Readers<M>)>,
@@ -33,7 +33,7 @@ pub struct Publisher<M: Message> {
     mark: [u8; 16],
     outlet: Arc<Outlet<M>>,
     pump: Option<Thread>,
-    // The bus lives as long as its publishers.
+    // Keeps the bus alive as long as its publishers.
     _bus: Arc<Inner>,
 }
 
@@ -45,7 +45,7 @@ impl<M: Message> Publisher<M> {
         let pump = bus.pump.thread(topic.delivery());
         let remote = match &bus.session {
             Some(session) => {
-                // Images are too much to keep.
+                // Images are too large to be kept.
                 let kept = topic.delivery() != Delivery::Bulk;
                 let entrance = kept
                     .then(|| bus.entrance(key.as_str(), M::NAME, id, pump.clone()))
@@ -75,8 +75,9 @@ impl<M: Message> Publisher<M> {
         })
     }
 
-    /// Delivers to every reader in this process, callbacks first and in this thread, then leaves the message for the
-    /// publishing thread if anybody else wants it. Returns the message's sequence.
+    /// Delivers to every reader in this process, callbacks first and in this thread. Then queues
+    /// the message for the publishing thread, if there are other readers. Returns the sequence
+    /// number of the message.
     pub fn publish(&self, message: &M) -> u64 {
         let sequence = self.sequence.get() + 1;
         self.sequence.set(sequence);
@@ -104,7 +105,7 @@ impl<M: Message> Publisher<M> {
         sequence
     }
 
-    /// The readers as last looked up; looked up again when they changed.
+    /// The readers as last looked up. They are looked up again after a change.
     fn readers(&self) -> Readers<M> {
         let generation = self.channel.generation();
         let mut known = self.known.borrow_mut();
@@ -124,17 +125,17 @@ impl<M: Message> Publisher<M> {
         self.mark
     }
 
-    /// Sequence of the last message; 0 before the first.
+    /// Sequence number of the last message; 0 before the first.
     pub fn sequence(&self) -> u64 {
         self.sequence.get()
     }
 
-    /// Somebody in another process reads this topic now.
+    /// Whether another process reads this topic now.
     pub fn is_read_remotely(&self) -> bool {
         self.outlet.is_wanted_remotely()
     }
 
-    /// Somebody anywhere reads this topic now.
+    /// Whether this or another process reads this topic now.
     pub fn is_read(&self) -> bool {
         !self.readers().is_empty() || self.outlet.is_wanted()
     }
@@ -149,7 +150,7 @@ impl<M: Message> Drop for Publisher<M> {
     }
 }
 
-/// Publishes messages that are encoded already.
+/// Publishes messages that are already encoded.
 pub struct RawPublisher {
     key: OwnedKeyExpr,
     type_name: String,
@@ -176,14 +177,15 @@ impl RawPublisher {
         })
     }
 
-    /// Sends CDR bytes (with their encapsulation header) to everybody who reads the key, in this thread.
+    /// Sends CDR bytes (with their encapsulation header) to all readers of the key, in this thread.
     pub fn publish(&self, payload: &[u8]) {
         let sequence = self.sequence.get() + 1;
         self.sequence.set(sequence);
         self.publish_as(payload, self.id, sequence);
     }
 
-    /// The same in the name and count of another publisher: what a tool says that stands in for it.
+    /// Sends CDR bytes (with their encapsulation header) under the id and sequence number of
+    /// another publisher, for a tool that stands in for it.
     pub fn publish_as(&self, payload: &[u8], publisher: [u8; 16], sequence: u64) {
         let attachment = Attachment {
             sequence,
@@ -209,7 +211,7 @@ impl RawPublisher {
         }
     }
 
-    /// Somebody in another process reads this topic now.
+    /// Whether another process reads this topic now.
     pub fn is_read_remotely(&self) -> bool {
         self.remote.as_ref().is_some_and(RemotePublisher::matches)
     }

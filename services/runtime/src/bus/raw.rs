@@ -1,4 +1,4 @@
-//! Encoded messages of every kind, and where a reader's wait.
+//! Encoded messages of any type, and the queue of a reader of such messages.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -13,27 +13,27 @@ use super::keys::Keys;
 use super::reader::Arrival;
 use super::sleeper::Sleeper;
 
-/// Publishers of a whole cell that can be told apart at once.
+/// Largest number of publishers of a cell that are distinguished at once.
 const PUBLISHERS: usize = 256;
 
-/// One message as it is on the wire.
+/// One message in its encoded form.
 #[derive(Clone, Debug)]
 pub struct RawMessage {
-    /// Relative to the cell's namespace.
+    /// Key, relative to the cell's namespace.
     pub key: Arc<str>,
-    /// `PACKAGE/msg/NAME`; empty when the publisher does not say.
+    /// `PACKAGE/msg/NAME`; empty if the publisher does not state it.
     pub type_name: Cow<'static, str>,
     /// CDR with its encapsulation header.
     pub payload: Arc<[u8]>,
-    /// Counts its publisher's messages from 1; 0 when the publisher does not say.
+    /// Sequence number, counted by its publisher from 1; 0 if the publisher does not state it.
     pub sequence: u64,
-    /// When it was published, ns since the Unix epoch on the publisher's host.
+    /// Time of publication, ns since the Unix epoch on the publisher's host.
     pub source_time_ns: i64,
-    /// Its publisher's id.
+    /// Id of its publisher.
     pub publisher: [u8; 16],
-    /// When it arrived here.
+    /// Time of arrival here.
     pub received: Instant,
-    /// The same in ns since the Unix epoch.
+    /// Time of arrival here, ns since the Unix epoch.
     pub received_ns: i64,
 }
 
@@ -64,21 +64,22 @@ pub(crate) struct RawCore {
     pushed_out: Mutex<HashMap<[u8; 16], PushedOut>>,
 }
 
-/// Messages of one publisher that went from a full queue unread.
+/// Messages of one publisher that were dropped unread from a full queue.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PushedOut {
-    /// Their key.
+    /// Key of the messages.
     pub key: Arc<str>,
-    /// The publisher's id.
+    /// Id of the publisher.
     pub publisher: [u8; 16],
-    /// The first one's sequence.
+    /// Sequence number of the first one.
     pub from: u64,
-    /// The last one's.
+    /// Sequence number of the last one.
     pub to: u64,
 }
 
 impl RawCore {
-    /// Holds `capacity` messages; `whole_cells` where keys begin with cells' names.
+    /// A reader whose queue holds `capacity` messages; `whole_cells` if keys begin with names of
+    /// cells.
     pub(super) fn new(capacity: usize, whole_cells: bool) -> Self {
         Self {
             queue: ArrayQueue::new(capacity.max(1)),
@@ -136,7 +137,7 @@ impl RawCore {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .judge(&attachment, message.received_ns, None);
-        // A recording keeps what came, in the order it came; it only counts what is odd.
+        // A recording keeps what arrived, in that order, and only counts irregularities.
         match verdict {
             Verdict::Accept { missing } => self.missing.fetch_add(missing, Ordering::Relaxed),
             _ => self.overtaken.fetch_add(1, Ordering::Relaxed),

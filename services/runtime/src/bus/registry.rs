@@ -1,4 +1,4 @@
-//! Who reads what within this process: the near lane.
+//! Readers and publishers within this process: the path that does not use the network.
 
 use std::any::{Any, TypeId};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -13,7 +13,7 @@ use super::raw::RawCore;
 use super::reader::{Arrival, ErasedReader, Handle, ReaderCore};
 use super::source::Rival;
 
-/// Checks a key, or a pattern, by Zenoh's rules.
+/// Checks a key or a pattern by Zenoh's rules.
 pub(crate) fn parse_key(key: &str) -> Result<OwnedKeyExpr, BusError> {
     OwnedKeyExpr::new(key).map_err(|error| BusError::Key {
         key: key.to_owned(),
@@ -21,7 +21,7 @@ pub(crate) fn parse_key(key: &str) -> Result<OwnedKeyExpr, BusError> {
     })
 }
 
-/// The same for something that publishes: no wildcards.
+/// Checks a key to publish on by Zenoh's rules; wildcards are refused.
 pub(crate) fn parse_concrete_key(key: &str) -> Result<OwnedKeyExpr, BusError> {
     let parsed = parse_key(key)?;
     if parsed.is_wild() {
@@ -44,12 +44,12 @@ struct ReaderEntry {
 /// One concrete key and its readers in this process.
 pub(crate) struct Channel<M: Message> {
     key: OwnedKeyExpr,
-    /// Changes with the set of readers.
+    /// Changes whenever the set of readers changes.
     generation: AtomicU64,
     readers: Mutex<Readers<M>>,
 }
 
-/// Readers of one channel; replaced as a whole.
+/// Readers of one channel; always replaced as a whole.
 pub(crate) type Readers<M> = Arc<[Arc<ReaderCore<M>>]>;
 
 impl<M: Message> Channel<M> {
@@ -77,7 +77,8 @@ impl<M: Message> AnyChannel for Channel<M> {
         M::NAME
     }
 
-    /// Callbacks before slots, each in the order of registration: the loop comes first.
+    /// Puts callbacks before slots, each in the order of registration, so that the control loop
+    /// comes first.
     fn rebuild(&self, entries: &[ReaderEntry]) {
         let matching = |first: bool| {
             entries
@@ -123,7 +124,7 @@ impl Registry {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The channel of a key, made when it is new.
+    /// The channel of a key, created if it does not exist.
     pub(crate) fn channel<M: Message>(
         &self,
         key: &OwnedKeyExpr,
@@ -165,7 +166,7 @@ impl Registry {
         drop(entry);
     }
 
-    /// Hands an encoded message to the typed readers of its key.
+    /// Delivers an encoded message to the typed readers of its key.
     pub(crate) fn deliver_encoded(&self, key: &OwnedKeyExpr, type_name: &str, at: Arrival<'_>) {
         let readers: Vec<Arc<dyn ErasedReader>> = self
             .lock()
@@ -179,7 +180,8 @@ impl Registry {
         }
     }
 
-    /// Readers that refused a publisher: their topic, whom they refuse now, and how many samples they did.
+    /// Readers that have refused a publisher: their topic, the publisher that they refuse now, and
+    /// the number of samples refused.
     pub(crate) fn rivals(&self, now: Instant) -> Vec<(String, Option<Rival>, u64)> {
         let state = self.lock();
         let judged = state.readers.iter().map(|entry| {
@@ -189,12 +191,12 @@ impl Registry {
         judged.filter(|(.., refused)| *refused > 0).collect()
     }
 
-    /// True when somebody in this process wants encoded messages. No lock.
+    /// Whether this process has readers of encoded messages. Takes no lock.
     pub(crate) fn has_raw_readers(&self) -> bool {
         self.raw_readers.load(Ordering::Acquire) > 0
     }
 
-    /// Encoded readers of a key.
+    /// Readers of encoded messages of a key.
     pub(crate) fn raw_readers(&self, key: &OwnedKeyExpr) -> Vec<Arc<RawCore>> {
         self.lock()
             .raw
@@ -204,7 +206,7 @@ impl Registry {
             .collect()
     }
 
-    /// What there is to say of the encoded readers.
+    /// Remarks of the readers of encoded messages.
     pub(crate) fn raw_remarks(&self) -> Vec<String> {
         let mut all: Vec<String> = {
             let state = self.lock();
@@ -214,7 +216,7 @@ impl Registry {
                 .filter_map(|entry| entry.core.remark())
                 .collect()
         };
-        // A reader of several patterns stands there once for each.
+        // A reader of several patterns is listed once for each.
         all.sort();
         all.dedup();
         all
@@ -256,7 +258,7 @@ fn rebuild_matching(state: &State, pattern: &OwnedKeyExpr) {
     }
 }
 
-/// Adds a typed reader; it reads until the handle is dropped.
+/// Adds a typed reader, which is removed when the handle is dropped.
 pub(crate) fn add_reader<M: Message>(
     registry: &Arc<Registry>,
     pattern: &str,

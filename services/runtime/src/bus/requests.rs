@@ -10,7 +10,7 @@ use tangent_schemas::topics::queries;
 use zenoh::key_expr::OwnedKeyExpr;
 
 use super::Inner;
-use super::answer::{Asked, Handler, Reply, reply_key};
+use super::answer::{Asked, Handler, Judge, Reply, reply_key};
 use super::attachment::Attachment;
 use super::budget::Budget;
 use super::error::BusError;
@@ -74,6 +74,7 @@ pub(crate) fn declare(
     bus: &Arc<Inner>,
     key: &str,
     lane: LaneOf,
+    judge: Option<Judge>,
     handler: Handler,
 ) -> Result<Handle, BusError> {
     let pattern = parse_key(key)?;
@@ -109,6 +110,7 @@ pub(crate) fn declare(
             pattern,
             handler,
             lane,
+            judge,
             prompt,
             slow: OnceLock::new(),
             urgent: OnceLock::new(),

@@ -1,5 +1,5 @@
-//! A Panda with a tool in front of a plane: full rigid-body dynamics, a spring and damper for the contact, and a momentum
-//! observer for what the robot feels. Stands in where no scenario is asked for.
+//! A Panda with a tool in front of a plane: full rigid-body dynamics, a spring and damper for the
+//! contact, and a momentum observer for the robot's wrench estimate. Used if no scenario is given.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -17,15 +17,15 @@ const STICK_SPEED_M_PER_S: f64 = 0.002;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plane {
-    /// Some point of it, base axes, m.
+    /// A point of the plane, base axes, m.
     pub point_m: [f64; 3],
-    /// Out of the material, base axes; need not be unit.
+    /// Normal of the plane, out of the material, base axes; need not be of unit length.
     pub normal: [f64; 3],
-    /// N/m.
+    /// Stiffness of the contact, N/m.
     pub stiffness_n_per_m: f64,
-    /// N s/m.
+    /// Damping of the contact, N s/m.
     pub damping_n_s_per_m: f64,
-    /// Coefficient.
+    /// Friction coefficient.
     pub friction: f64,
 }
 
@@ -35,21 +35,21 @@ pub struct Plane {
 pub struct PlantConfig {
     /// Position of the tool's origin on the flange, m.
     pub tool_m: [f64; 3],
-    /// Its turn, rotation vector, rad.
+    /// Rotation of the tool on the flange, rotation vector, rad.
     pub tool_rotation_rad: [f64; 3],
-    /// kg.
+    /// Mass of the tool, kg.
     pub tool_mass_kg: f64,
     /// Centre of mass of the tool on the flange, m.
     pub tool_com_m: [f64; 3],
-    /// At the start, rad.
+    /// Joint positions at the start, rad.
     pub q_rad: [f64; 7],
-    /// Nothing to touch without one.
+    /// Plane that the tool can touch; none if absent.
     pub plane: Option<Plane>,
     /// Viscous friction of all joints, Nm s/rad.
     pub viscous_nm_s_per_rad: f64,
     /// Bandwidth of the robot's estimate of external torque, rad/s.
     pub observer_rad_per_s: f64,
-    /// Steps of integration per period.
+    /// Number of integration steps per period.
     pub sub_steps: usize,
 }
 
@@ -77,7 +77,7 @@ impl Default for PlantConfig {
     }
 }
 
-/// See the module.
+/// The simulated Panda with its tool and plane.
 #[derive(Clone, Debug)]
 pub struct BenchPlant {
     config: PlantConfig,
@@ -96,10 +96,10 @@ struct Touch {
 }
 
 impl BenchPlant {
-    /// At rest.
+    /// Creates the plant at rest.
     ///
     /// # Errors
-    /// The model that ships is broken.
+    /// The built-in model is not valid.
     pub fn new(config: &PlantConfig) -> Result<Self, ModelError> {
         let model = Arm::<7>::new(&ModelData::builtin("panda")?)?.with_payload(&Payload {
             mass_kg: config.tool_mass_kg,
@@ -123,14 +123,14 @@ impl BenchPlant {
         })
     }
 
-    /// What the plane does to the tool at `tool` (m) with velocity `v` (m/s), base axes.
+    /// Contact of the plane with the tool at `tool` (m), which moves at `v` (m/s), base axes.
     fn touch(&self, tool: &Vector3<f64>, v: &Vector3<f64>) -> Option<Touch> {
         let plane = self.config.plane?;
         let normal = Vector3::from(plane.normal).try_normalize(1e-9)?;
         let depth_m = -(tool - Vector3::from(plane.point_m)).dot(&normal);
         let (along, mut force, mut pressing) = (v.dot(&normal), Vector3::zeros(), 0.0);
         if depth_m > 0.0 {
-            // A surface pushes and never pulls.
+            // A surface can push, but not pull.
             pressing =
                 (plane.stiffness_n_per_m * depth_m - plane.damping_n_s_per_m * along).max(0.0);
             let slide = v - normal * along;
@@ -168,7 +168,8 @@ impl TorquePlant for BenchPlant {
                 .model()
                 .mass_matrix_and_bias(&self.arm.q, &self.arm.qd);
             self.arm.step(torque, &external, dt);
-            // What the motion says beyond motor and weight, through the observer's low-pass.
+            // External torque inferred from the motion and the motor torque, low-pass filtered by
+            // the observer.
             let seen = mass * (self.arm.qd - before) / dt + bias - motor;
             let share = 1.0 - (-self.config.observer_rad_per_s * dt).exp();
             self.external_estimate += (seen - self.external_estimate) * share;
@@ -234,7 +235,7 @@ mod tests {
         plant.push([3.0, -2.0, 5.0]);
         let q = plant.arm.q;
         for _ in 0..3000 {
-            // Held where it is by a stiff controller.
+            // Held in place by a stiff controller.
             let mass = model.mass_matrix(&plant.arm.q);
             let hold = mass * ((q - plant.arm.q) * 900.0 - plant.arm.qd * 60.0);
             let torque = model.gravity(&plant.arm.q) + hold;

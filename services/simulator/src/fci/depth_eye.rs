@@ -1,5 +1,5 @@
-//! The depth camera on the simulated arm's flange, as its driver would give its images: drawn in a thread of its own, late as a
-//! camera's are.
+//! The depth camera on the simulated arm's flange, with images as from its driver: rendered in a
+//! thread of its own, and published with a camera's delay.
 
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
@@ -14,23 +14,23 @@ use tangent_simulation::depth_camera::{
     DepthCamera, DepthCameraConfig, DepthCameraError, DepthFrame,
 };
 
-/// Looks that may wait to be drawn: a camera that is behind leaves one out.
+/// Number of exposures that may wait to be rendered; further ones are left out.
 const WAITING: usize = 2;
-/// SCHED_FIFO priority of the drawing thread: behind everything that is in a hurry.
+/// SCHED_FIFO priority of the rendering thread: below all time-critical threads.
 const PRIORITY: u8 = 20;
 
-/// Where the flange was when the shutter opened.
+/// One exposure: time, and pose of the flange.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
     /// Simulated time, s.
     pub time_s: f64,
-    /// The same on the wall clock, ns since the Unix epoch.
+    /// Time of the exposure on the wall clock, ns since the Unix epoch.
     pub stamp_ns: i64,
-    /// As the arm measures it.
+    /// Pose of the flange, as measured by the arm.
     pub base_from_flange: Pose<Base, Flange>,
 }
 
-/// What is drawn, and for whom.
+/// The camera, the surface that it sees, and the publisher of its images.
 pub struct DepthEye {
     camera: DepthCamera,
     surface: Surface,
@@ -38,10 +38,10 @@ pub struct DepthEye {
 }
 
 impl DepthEye {
-    /// A camera that looks at `surface`; the tool is in its view where the configuration has one.
+    /// A camera that sees `surface`, and the tool if the configuration has one.
     ///
     /// # Errors
-    /// A setting of the camera out of its range.
+    /// A setting of the camera is out of its range.
     pub fn new(
         config: &DepthCameraConfig,
         flange_from_tool: &Pose<Flange, Tool>,
@@ -56,10 +56,11 @@ impl DepthEye {
         })
     }
 
-    /// Draws in a thread of its own until the sender returned is dropped. `hurried`: with a real-time priority.
+    /// Renders in a thread of its own until the returned sender is dropped. `hurried`: with a
+    /// real-time priority.
     ///
     /// # Errors
-    /// No thread to be had.
+    /// A thread could not be started.
     pub fn start(self, hurried: bool) -> std::io::Result<SyncSender<Look>> {
         let (sender, looks) = sync_channel(WAITING);
         std::thread::Builder::new()

@@ -1,7 +1,8 @@
-//! The robot's controller: modes, motions, reflexes and its own hold, one millisecond per step, without sockets and clock.
+//! The simulated robot controller: modes, motions, reflexes and its own position hold, one
+//! millisecond per step, without sockets and clock.
 //!
-//! [`super::server`] gives it requests and answers as they come, sends the [`FciRobot::state`] of every cycle and calls
-//! [`FciRobot::step`].
+//! [`super::server`] passes requests and answers to it as they arrive, sends the
+//! [`FciRobot::state`] of every cycle and calls [`FciRobot::step`].
 
 use nalgebra::{Matrix4, UnitQuaternion, Vector6};
 use tangent_franka::fci::{
@@ -16,12 +17,13 @@ use super::plant::TorquePlant;
 use super::protection::{Felt, commanded, moving, wrench_of};
 use super::settings::{RobotSettings, column_major, matrix};
 
-/// Bandwidth and damping ratio of the robot's own hold, rad/s. Acts on accelerations, so it is the same for every joint.
+/// Bandwidth, rad/s, and damping ratio of the robot's own position hold. It acts on accelerations,
+/// so they are equal for all joints.
 const HOLD_RAD_PER_S: f64 = 60.0;
 const HOLD_DAMPING: f64 = 1.0;
-/// A hand that guides feels so much damping, 1/s.
+/// Damping while the arm is guided by hand, 1/s.
 const GUIDING_DAMPING_PER_S: f64 = 5.0;
-/// Answers over which the success rate is taken.
+/// Number of answers over which the success rate is computed.
 const RATE_WINDOW: u32 = 100;
 
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +34,7 @@ struct Motion {
     age_cycles: u32,
 }
 
-/// See the module.
+/// The simulated robot controller, with the arm that it moves.
 pub struct FciRobot {
     plant: Box<dyn TorquePlant>,
     model: Arm<7>,
@@ -52,7 +54,7 @@ pub struct FciRobot {
     tau_motor: Joints<7>,
     tau_motor_rate: Joints<7>,
     lost_in_row: u32,
-    /// The last answers, newest lowest: 1 in time.
+    /// The last answers, one bit each, the newest in the lowest bit: 1 if it was in time.
     answered: u128,
     settings: RobotSettings,
     felt: Felt,
@@ -62,10 +64,10 @@ pub struct FciRobot {
 }
 
 impl FciRobot {
-    /// At rest, idle, nobody connected.
+    /// A robot at rest, idle, without a client.
     ///
     /// # Errors
-    /// The model that ships is broken.
+    /// The built-in model is not valid.
     pub fn new(config: &FciConfig, plant: Box<dyn TorquePlant>) -> Result<Self, ModelError> {
         let model = Arm::<7>::new(&ModelData::builtin("panda")?)?;
         let q = plant.reading().q;
@@ -97,7 +99,7 @@ impl FciRobot {
         })
     }
 
-    /// What it does now.
+    /// Current mode of the robot.
     pub fn mode(&self) -> RobotMode {
         if self.user_stop {
             RobotMode::UserStopped
@@ -114,12 +116,12 @@ impl FciRobot {
         }
     }
 
-    /// A motion runs that the state shows: each state is to be answered.
+    /// Whether the state shows a motion, so that each state must be answered.
     pub fn wants_answer(&self) -> bool {
         self.moving().is_some()
     }
 
-    /// The arm and what it touches.
+    /// The simulated arm and its environment.
     pub fn plant(&self) -> &dyn TorquePlant {
         &*self.plant
     }
@@ -129,7 +131,7 @@ impl FciRobot {
         std::mem::take(&mut self.replies)
     }
 
-    /// The client is gone: what it moved is held.
+    /// Ends the motion of a client that has gone, and holds the arm.
     pub fn disconnect(&mut self) {
         if self.motion.take().is_some() {
             self.hold_here();
@@ -145,18 +147,18 @@ impl FciRobot {
         }
     }
 
-    /// A hand takes the arm, or lets go; not during a motion.
+    /// Begins or ends guiding by hand; not possible during a motion.
     pub fn set_guiding(&mut self, guiding: bool) {
         self.guiding = guiding && self.motion.is_none();
         self.hold_here();
     }
 
-    /// Something pushes the tool, N, base axes.
+    /// Applies an external force to the tool, N, base axes.
     pub fn push(&mut self, force_n: [f64; 3]) {
         self.plant.push(force_n);
     }
 
-    /// A request of the client.
+    /// Handles a request of the client.
     pub fn request(&mut self, id: u32, request: &Request) {
         let command = request.command();
         let body = match request {
@@ -181,7 +183,7 @@ impl FciRobot {
                 column_major(&Matrix4::identity()),
                 false,
             )),
-            // The code is the vendor's; there is none here.
+            // The model library is the vendor's code; there is none here.
             Request::LoadModelLibrary(..) => Some(ReplyBody::Model(false)),
             setter => Some(ReplyBody::Setter(self.set(setter))),
         };
@@ -190,7 +192,7 @@ impl FciRobot {
         }
     }
 
-    /// The state of this cycle.
+    /// State of the robot in this cycle.
     pub fn state(&self) -> RobotState {
         let reading = self.plant.reading();
         let base_from_flange = self.model.base_from_flange(&reading.q).matrix();
@@ -240,7 +242,7 @@ impl FciRobot {
             cartesian_contact: self.felt.cartesian_contact,
             joint_collision: self.felt.joint_collision,
             cartesian_collision: self.felt.cartesian_collision,
-            // The vendor's sign: what the robot does to the environment.
+            // The vendor's sign: wrench of the robot on the environment.
             tau_ext_hat_filtered: (-reading.external).into(),
             o_f_ext_hat_k: (-self.wrench_o).into(),
             k_f_ext_hat_k: (-self.wrench_k).into(),
@@ -261,7 +263,7 @@ impl FciRobot {
         }
     }
 
-    /// One cycle: the answer to its state, if one came.
+    /// Runs one cycle with the answer to its state, if there is one.
     pub fn step(&mut self, answer: Option<&RobotCommand>) {
         let gravity = self.loaded.gravity(&self.plant.reading().q);
         if let Some(motion) = &mut self.motion {
@@ -290,7 +292,7 @@ impl FciRobot {
         self.message_id += 1;
     }
 
-    /// The motion that the state shows.
+    /// The motion, once the state shows it.
     fn moving(&self) -> Option<&Motion> {
         self.motion
             .as_ref()
@@ -310,7 +312,7 @@ impl FciRobot {
             generator,
             MoveGenerator::JointPosition | MoveGenerator::JointVelocity
         );
-        // Its own Cartesian motions are the vendor's planning, and no part of this simulation.
+        // The robot's own Cartesian motions need the vendor's planning, which is not simulated.
         if controller != MoveController::External && !joints {
             return MoveStatus::InvalidArgument;
         }
@@ -417,7 +419,7 @@ impl FciRobot {
         }
     }
 
-    /// Torque beyond gravity, Nm.
+    /// Torque besides gravity compensation, Nm.
     fn torque(&mut self) -> Joints<7> {
         let reading = self.plant.reading();
         let external = |m: &Motion| m.controller == MoveController::External;
@@ -438,7 +440,7 @@ impl FciRobot {
         }
     }
 
-    /// What the arm feels after the step, and whether that ends the motion.
+    /// Computes the external wrench after the step, and ends the motion if a limit is exceeded.
     fn feel(&mut self) {
         let reading = self.plant.reading();
         let flange_from_k = matrix(&self.settings.ne_t_ee) * matrix(&self.settings.ee_t_k);

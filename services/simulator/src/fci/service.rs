@@ -1,4 +1,4 @@
-//! The simulated Franka as a service: the robot, its truth on the bus, and faults by query.
+//! The simulated Franka as a service: the robot, its true state on the bus, and faults on request.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use super::plant::TorquePlant;
 use super::server::{FciStartError, SimulatedFranka};
 use crate::service::truth_message;
 
-/// Key of the query that provokes faults: action is the fault's name, argument its value.
+/// Key of requests that provoke faults: the action is the fault's name, the argument its value.
 pub const FAULT_KEY: &str = crate::service::FAULT_KEY;
 
 /// Why the service ended.
@@ -25,24 +25,24 @@ pub enum FciServiceError {
     /// The bus refused a topic or key.
     #[error("simulator: {0}")]
     Bus(#[from] BusError),
-    /// The robot's thread died.
+    /// The thread of the robot has ended.
     #[error("simulator: the simulated robot stopped by itself; the log says why")]
     Ended,
 }
 
-/// Runs a robot until it is stopped.
+/// Runs the simulated robot in front of a plane until it is stopped.
 ///
 /// # Errors
-/// A port is taken, or the bus refuses.
+/// A port is taken, or the bus refuses a topic or key.
 pub fn run(config: FciConfig, bus: Bus, stop: Stop) -> Result<(), FciServiceError> {
     let plant = BenchPlant::new(&config.plant).map_err(FciStartError::from)?;
     run_with(&config, Box::new(plant), &bus, &stop)
 }
 
-/// The same around another plant.
+/// Runs the simulated robot with any plant until it is stopped.
 ///
 /// # Errors
-/// A port is taken, or the bus refuses.
+/// A port is taken, or the bus refuses a topic or key.
 pub fn run_with(
     config: &FciConfig,
     plant: Box<dyn TorquePlant>,

@@ -1,17 +1,17 @@
-//! What a client has set at the robot, each within what the robot takes.
+//! Settings that a client has made at the robot, each checked against the robot's limits.
 
 use nalgebra::{Matrix3, Matrix4, Vector3};
 use tangent_franka::fci::{CollisionBehavior, Load, Request};
 use tangent_mechanics::Payload;
 
-/// See the module.
+/// Settings of the simulated robot.
 #[derive(Clone, Debug)]
 pub(super) struct RobotSettings {
     pub behavior: CollisionBehavior,
     pub load: Load,
-    /// End effector on the nominal one, which is the flange.
+    /// Pose of the end effector relative to the nominal one, which is the flange.
     pub ne_t_ee: [f64; 16],
-    /// Stiffness frame on the end effector.
+    /// Pose of the stiffness frame relative to the end effector.
     pub ee_t_k: [f64; 16],
 }
 
@@ -41,7 +41,7 @@ impl Default for RobotSettings {
 }
 
 impl RobotSettings {
-    /// Takes one setting; false for values that the robot refuses, and nothing is changed.
+    /// Applies one setting. Returns false, and changes nothing, for values that the robot refuses.
     pub fn set(&mut self, request: &Request) -> bool {
         match request {
             Request::SetCollisionBehavior(behavior) => {
@@ -68,7 +68,7 @@ impl RobotSettings {
         }
     }
 
-    /// The load as a body on the flange.
+    /// The load as a body fixed to the flange.
     pub fn payload(&self) -> Payload {
         Payload {
             mass_kg: self.load.mass_kg,
@@ -106,7 +106,7 @@ fn is_load(load: &Load) -> bool {
         && load.inertia_kg_m2.iter().all(|x| x.is_finite())
 }
 
-/// A rotation and a translation, as far as rounding goes.
+/// Whether the matrix is a rotation and a translation, up to rounding.
 fn is_pose(columns: &[f64; 16]) -> bool {
     let pose = matrix(columns);
     let rotation = pose.fixed_view::<3, 3>(0, 0).into_owned();
@@ -117,12 +117,12 @@ fn is_pose(columns: &[f64; 16]) -> bool {
         && last.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| *a == b)
 }
 
-/// As the wire has it, column by column.
+/// Matrix from the column-major order of the protocol.
 pub(super) fn matrix(columns: &[f64; 16]) -> Matrix4<f64> {
     Matrix4::from_column_slice(columns)
 }
 
-/// For the wire, column by column.
+/// Matrix in the column-major order of the protocol.
 pub(super) fn column_major(matrix: &Matrix4<f64>) -> [f64; 16] {
     let mut columns = [0.0; 16];
     columns.copy_from_slice(matrix.as_slice());

@@ -1,4 +1,5 @@
-//! The cell of `visuo_tactile` scenarios behind the simulated robot's interface: a Panda, its pad and the surface under it.
+//! The cell of `visuo_tactile` scenarios behind the interface of the simulated robot: a Panda, its
+//! pad and the surface under it.
 
 use std::sync::mpsc::SyncSender;
 
@@ -12,13 +13,13 @@ use tangent_simulation::{
 use super::depth_eye::Look;
 use super::plant::{ArmReading, TorquePlant};
 
-/// See the module.
+/// The plant of a `visuo_tactile` scenario as the simulated robot's arm.
 pub struct TactileArm {
     plant: TactilePlant,
     eye: Option<Eye>,
 }
 
-/// Where the camera's shutter goes to, and how often.
+/// Destination and rate of the camera's exposures.
 struct Eye {
     looks: SyncSender<Look>,
     rate_hz: f64,
@@ -26,10 +27,12 @@ struct Eye {
 }
 
 impl TactileArm {
-    /// At rest where the scenario starts; `delay_periods` pass before an answer acts, beyond the one that the interface itself takes. The camera is not part of the arm: no frame is taken here.
+    /// Creates the arm at rest in the start pose of the scenario. An answer takes effect after
+    /// `delay_periods`, besides the one period of the interface itself. The camera is not part of
+    /// the arm: no frame is taken here.
     ///
     /// # Errors
-    /// A key out of its range, or a start that the arm cannot reach.
+    /// A key is out of its range, or the arm cannot reach the start pose.
     pub fn new(
         config: &TactilePlantConfig,
         delay_periods: usize,
@@ -45,12 +48,12 @@ impl TactileArm {
         })
     }
 
-    /// The surface, for the camera that looks at it.
+    /// The surface, for the camera that sees it.
     pub fn surface(&self) -> &Surface {
         self.plant.surface()
     }
 
-    /// From now on the camera's shutter opens `rate_hz` times a second.
+    /// From now on exposes the camera `rate_hz` times a second.
     pub fn watched_by(&mut self, looks: SyncSender<Look>, rate_hz: f64) {
         self.eye = Some(Eye {
             looks,
@@ -59,7 +62,7 @@ impl TactileArm {
         });
     }
 
-    /// Opens the shutter where it is due.
+    /// Exposes the camera if an exposure is due.
     fn look(&mut self) {
         let Some(eye) = &mut self.eye else {
             return;
@@ -70,7 +73,7 @@ impl TactileArm {
         }
         eye.taken = (time_s * eye.rate_hz + 1e-6).floor() as u64 + 1;
         let q = self.plant.measured().q;
-        // A painter that is behind leaves one out, as a camera does.
+        // If the renderer is behind, the exposure is left out, as with a real camera.
         let _ = eye.looks.try_send(Look {
             time_s,
             stamp_ns: now_ns(),

@@ -4,7 +4,7 @@
 use nalgebra::Vector6;
 use tangent_control::{
     CommandKind, ControlInput, ControlOutput, Controller as Law, EstimateInput, MAX_ESTIMATORS,
-    Phase, Program,
+    Phase, Program, UntaredLoad,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench};
@@ -15,13 +15,16 @@ use tangent_runtime::CellConfig;
 use tangent_runtime::lease::{SILENCE_S, Source};
 use tangent_schemas::Name;
 use tangent_sensing::{
-    ConditionedWrench, Payload, Reading, SensorCondition, Validity, WrenchConditioner,
-    WrenchConditionerState,
+    ConditionedWrench, Payload, Reading, RecordWatchConfig, SensorCondition, SensorRecord,
+    SensorWatch, SensorWatchState, Validity, Watched, WrenchConditioner, WrenchConditionerState,
+    pressing_at,
 };
 use tangent_simulation::{Plant, Scenario, Truth, VelocityCommand};
 use tangent_simulator::controller::Controller as Robot;
 use tangent_simulator::rtde_server::{Effect, Ownership, Session};
 use tangent_simulator::{ControllerConfig, Flavour};
+
+use crate::fault::Fault;
 
 /// A table a millimetre under the tool, wiped with 3 N.
 const TABLE: &str = r#"
@@ -32,6 +35,12 @@ const TABLE: &str = r#"
     [plant.surface]
     shape = "plane"
     position_m = [0.0, 0.0, 0.1]
+    [plant.sensor]
+    noise_n_per_sqrt_hz = 0.002
+    noise_nm_per_sqrt_hz = 6e-5
+    bias_n = 2.0
+    range_n = [130.0, 130.0, 400.0]
+    range_nm = [10.0, 10.0, 10.0]
     [plant.start]
     near_m = [0.4, -0.05, 0.1]
     clearance_m = 0.001
@@ -54,53 +63,6 @@ const PATIENCE: u64 = 10_000;
 /// Longest package, bytes.
 const PACKAGE_BYTES_MAX: usize = 4096;
 
-/// What is wrong in a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// The bridge's process is gone, and the controller in it: nothing reaches the robot.
-    BridgeDead,
-    /// The controller does not answer.
-    NoCommand,
-    /// Its answer is not a number.
-    CommandNan,
-    /// Its answer is beyond the cell's limits.
-    CommandFast,
-    /// Its answer is to a packet of a second ago.
-    CommandOld,
-    /// Somebody else commands too, in the same cycle and before it.
-    SecondSource,
-    /// No record of the sensor comes.
-    SensorSilent,
-    /// Its records are not numbers.
-    SensorNan,
-    /// A gauge is at its end.
-    SensorSaturated,
-    /// It reports an error.
-    SensorError,
-    /// No estimate comes.
-    EstimateSilent,
-    /// Nothing is felt any more.
-    ContactLost,
-}
-
-impl Fault {
-    /// All of them.
-    pub const ALL: [Self; 12] = [
-        Self::BridgeDead,
-        Self::NoCommand,
-        Self::CommandNan,
-        Self::CommandFast,
-        Self::CommandOld,
-        Self::SecondSource,
-        Self::SensorSilent,
-        Self::SensorNan,
-        Self::SensorSaturated,
-        Self::SensorError,
-        Self::EstimateSilent,
-        Self::ContactLost,
-    ];
-}
-
 /// The cell.
 pub struct Cell {
     robot: Robot,
@@ -116,6 +78,10 @@ pub struct Cell {
     starts: u64,
     conditioner: WrenchConditioner,
     conditioning: WrenchConditionerState,
+    watch: SensorWatch,
+    watching: SensorWatchState,
+    /// The last record before a sensor's fault, counts, and records since.
+    frozen: ([i32; 6], u64),
     wrench: Option<(ConditionedWrench, f64)>,
     scale: [f64; 6],
     pose_before: (Pose<Base, Tool>, f64),
@@ -132,6 +98,8 @@ pub struct Cell {
     pub cycle: u64,
     /// What is wrong now.
     pub faults: Vec<Fault>,
+    /// What was in the cycle before.
+    faults_before: Vec<Fault>,
     /// Largest true force since it was set to zero, N.
     pub peak_n: f64,
 }
@@ -186,6 +154,7 @@ impl Cell {
         let config = scenario.controller_config().unwrap();
         let law = law(&scenario, &plant);
         let sensor = &scenario.plant.sensor;
+        let (range, range_nm) = (sensor.range_n, sensor.range_nm);
         let (n, nm) = (1.0 / sensor.counts_per_n, 1.0 / sensor.counts_per_nm);
         let mut cell = Self {
             session: Session::new(1, flavour.version()),
@@ -199,6 +168,20 @@ impl Cell {
             starts: 0,
             conditioning: WrenchConditionerState::default(),
             conditioner,
+            watch: SensorWatch::new(
+                &RecordWatchConfig::default(),
+                sensor.rate_hz,
+                [
+                    range[0],
+                    range[1],
+                    range[2],
+                    range_nm[0],
+                    range_nm[1],
+                    range_nm[2],
+                ],
+            ),
+            watching: SensorWatchState::default(),
+            frozen: ([0; 6], 0),
             wrench: None,
             scale: [n, n, n, nm, nm, nm],
             pose_before: (plant.truth().base_from_tool, 0.0),
@@ -211,6 +194,7 @@ impl Cell {
             output: None,
             cycle: 0,
             faults: Vec::new(),
+            faults_before: Vec::new(),
             peak_n: 0.0,
             robot,
             scenario,
@@ -222,7 +206,7 @@ impl Cell {
     }
 
     /// The bridge's process starts, anew if there was one; the controller in it too.
-    pub fn start_bridge(&mut self) {
+    fn start_bridge(&mut self) {
         self.starts += 1;
         // What the service keeps over restarts: whether the tool may touch.
         let known = self.law.clearance();
@@ -235,19 +219,51 @@ impl Cell {
             seed: self.starts,
             ..self.settings.bridge.clone()
         });
-        self.at_bridge = Framer::new(PACKAGE_BYTES_MAX);
-        self.at_robot = Framer::new(PACKAGE_BYTES_MAX);
-        self.session = Session::new(self.starts, self.robot.config().flavour.version());
-        self.ownership = Ownership::default();
-        self.to_robot.clear();
-        let now_s = self.now_s();
-        self.bridge.open(now_s, &mut self.to_robot).unwrap();
+        self.connect();
     }
 
     /// Starts the task.
     pub fn start_task(&mut self) {
         let latched = self.bridge.guard().activation_latched();
+        let at = self.tool().0.translation();
+        self.law.check_start(&at).unwrap();
         self.law.start(self.program.clone(), latched).unwrap();
+    }
+
+    /// A person looks after a robot that does not move, and has the bridge send its program again.
+    pub fn reset_bridge(&mut self) {
+        self.bridge.reset();
+    }
+
+    /// Ends the task.
+    pub fn stop_task(&mut self) {
+        self.law.stop();
+    }
+
+    /// A task in this phase, as far as it has come in the first cycle of it.
+    pub fn in_phase(flavour: Flavour, phase: Phase) -> Self {
+        let mut cell = match phase {
+            Phase::Slide => return Self::sliding(flavour),
+            Phase::Hold | Phase::Retract | Phase::Clear => Self::sliding(flavour),
+            _ => Self::new(flavour),
+        };
+        match phase {
+            Phase::Hold => cell.law.pause().unwrap(),
+            Phase::Retract => cell.law.stop(),
+            Phase::Clear => {
+                // A task that ended on the surface.
+                cell.faults = vec![Fault::NoCommand];
+                cell.steps((0.4 / cell.period_s()) as u64);
+                cell.faults.clear();
+                cell.until("the task is over", |c| !c.phase().is_active());
+                cell.until("the bridge is ready", |c| c.bridge.is_ready());
+                cell.start_task();
+            }
+            _ => cell.start_task(),
+        }
+        cell.until("it is in the phase", |c| c.phase() == phase);
+        cell.peak_n = 0.0;
+        cell
     }
 
     /// On the path.
@@ -333,12 +349,19 @@ impl Cell {
     /// One period of the robot: it moves, reports, is answered, and acts on the answer in the next.
     pub fn step(&mut self) {
         self.cycle += 1;
+        self.begin_and_end();
         self.plant.step(&self.velocity);
         let truth = self.plant.truth();
         self.peak_n = self.peak_n.max(truth.wrench.force.norm());
         self.robot
             .observe(self.plant.arm(), truth.wrench.vector().into());
         self.sense();
+        if self.has(Fault::RobotRestart) {
+            // It is not up yet, and its brakes hold it.
+            self.to_robot.clear();
+            self.velocity = VelocityCommand::hold();
+            return;
+        }
         let package = self
             .session
             .package(self.cycle, &self.robot, &self.robot.summary());
@@ -350,6 +373,65 @@ impl Cell {
         }
         self.robot_hears();
         self.velocity = self.robot.act();
+    }
+
+    /// What faults do when they begin, and people when they are over.
+    fn begin_and_end(&mut self) {
+        if self.faults == self.faults_before {
+            self.look_after_robot();
+            return;
+        }
+        let before = std::mem::replace(&mut self.faults_before, self.faults.clone());
+        let now = self.faults.clone();
+        for fault in now.iter().filter(|fault| !before.contains(fault)) {
+            match fault {
+                Fault::ProtectiveStop => self.robot.protective_stop(0, 0, "test"),
+                Fault::EmergencyStop => self.robot.emergency_stop(true, true),
+                Fault::RobotRestart => {
+                    self.robot.restart();
+                    self.bridge.close();
+                }
+                Fault::SensorRestart => {
+                    let zero = self.conditioning.reference().copied();
+                    self.conditioning = WrenchConditionerState::default();
+                    self.conditioning.set_tare(zero);
+                    self.watching = SensorWatchState::default();
+                }
+                Fault::SensorCorrupt => self.frozen.1 = 0,
+                _ => {}
+            }
+        }
+        for fault in before.iter().filter(|fault| !now.contains(fault)) {
+            match fault {
+                Fault::EmergencyStop => {
+                    self.robot.emergency_stop(true, false);
+                    self.robot.power_on();
+                    self.robot.release_brakes();
+                }
+                Fault::RobotRestart if !now.contains(&Fault::BridgeDead) => self.connect(),
+                Fault::BridgeDead => self.start_bridge(),
+                _ => {}
+            }
+        }
+    }
+
+    /// Somebody unlocks a robot that stopped protectively, as soon as it lets them.
+    fn look_after_robot(&mut self) {
+        if !self.has(Fault::ProtectiveStop) {
+            let _ = self.robot.unlock();
+        }
+    }
+
+    /// Bridge and robot have a connection of their own from here on.
+    fn connect(&mut self) {
+        self.at_bridge = Framer::new(PACKAGE_BYTES_MAX);
+        self.at_robot = Framer::new(PACKAGE_BYTES_MAX);
+        self.starts += 1;
+        self.session = Session::new(self.starts, self.robot.config().flavour.version());
+        self.ownership = Ownership::default();
+        self.to_robot.clear();
+        let now_s = self.now_s();
+        self.bridge.open(now_s, &mut self.to_robot).unwrap();
     }
 
     fn bridge_cycle(&mut self) {
@@ -390,25 +472,39 @@ impl Cell {
         }
     }
 
-    /// The records of the period through conditioning, as the service does it.
+    /// The records of the period through watch and conditioning, as the service does it.
     fn sense(&mut self) {
         let (pose, at) = self.pose_before;
         let tool = self.tool();
         self.pose_before = (tool.0, self.now_s());
-        if self.has(Fault::SensorSilent) {
+        if self.has(Fault::SensorSilent) || self.has(Fault::SensorRestart) {
             return;
         }
         for sample in self.plant.sensor_samples().to_vec() {
-            let mut raw = Vector6::from_fn(|i, _| f64::from(sample.counts[i]) * self.scale[i]);
+            let counts = self.spoilt(sample.counts);
+            let mut raw = Vector6::from_fn(|i, _| f64::from(counts[i]) * self.scale[i]);
             if self.has(Fault::SensorNan) {
                 raw.fill(f64::NAN);
             }
-            let condition = if self.has(Fault::SensorError) {
+            let said = if self.has(Fault::SensorError) {
                 SensorCondition::Error
             } else if sample.saturated || self.has(Fault::SensorSaturated) {
                 SensorCondition::Saturated
             } else {
                 SensorCondition::Good
+            };
+            let felt = self.wrench.filter(|(w, _)| w.bias_age_s.is_some());
+            let record = SensorRecord {
+                counts,
+                wrench: raw.into(),
+                condition: said,
+                missed: 0,
+                pressing_at: felt
+                    .and_then(|(w, _)| pressing_at(Some(pose.translation()), &w.wrench.force)),
+            };
+            let taken = self.watch.take(&mut self.watching, &record);
+            let Watched::Take { condition, missed } = taken else {
+                continue;
             };
             let mut conditioned = self.conditioner.update(
                 &mut self.conditioning,
@@ -416,7 +512,7 @@ impl Cell {
                     time_s: sample.time_s,
                     wrench: Wrench::from_vector(&raw),
                     condition,
-                    missed: 0,
+                    missed,
                     base_from_tool: Some((pose, sample.time_s - at)),
                     motion: None,
                 },
@@ -426,6 +522,25 @@ impl Cell {
             }
             self.wrench = Some((conditioned, sample.time_s));
         }
+    }
+
+    /// What comes of a record by a fault of the sensor.
+    fn spoilt(&mut self, mut counts: [i32; 6]) -> [i32; 6] {
+        let (last, since) = &mut self.frozen;
+        if self.faults.contains(&Fault::SensorFrozen) {
+            counts = *last;
+        } else if self.faults.contains(&Fault::SensorDead) {
+            counts = [0; 6];
+        } else if self.faults.contains(&Fault::AxisStuck) {
+            counts[2] = last[2];
+        } else {
+            *last = counts;
+        }
+        *since += 1;
+        if self.faults.contains(&Fault::SensorCorrupt) && since.is_multiple_of(4) {
+            counts[2] += (30.0 / self.scale[2]) as i32;
+        }
+        counts
     }
 
     fn tool(&self) -> (Pose<Base, Tool>, nalgebra::Matrix6<f64>) {
@@ -499,7 +614,7 @@ impl Cell {
     ) -> ControlOutput {
         let arm = self.plant.arm();
         let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * arm.qd));
-        let wrench = self.wrench;
+        let (wrench, tare) = (self.wrench, self.conditioner.tare_config());
         let mut estimates = [None; MAX_ESTIMATORS];
         estimates[0] = self.estimate.map(|(estimate, at)| EstimateInput {
             estimate,
@@ -522,14 +637,23 @@ impl Cell {
             wrench_age_s: wrench.map_or(f64::INFINITY, |(_, at)| now_s - at),
             wrench_delay_s: wrench.map_or(0.0, |(w, _)| w.delay_s),
             bias_age_s: wrench.and_then(|(w, _)| w.bias_age_s),
-            zero_bound_n: None,
-            untared: None,
+            zero_bound_n: wrench
+                .and_then(|(w, _)| w.bias_age_s)
+                .map(|age_s| tare.drift_bound_n(age_s)),
+            untared: wrench.map(|(w, _)| UntaredLoad {
+                beyond_reference_n: w.reference.map(|(zero, _)| (w.untared - zero).force.norm()),
+                rated_share: tare.rated_share(&w.untared),
+            }),
             estimates,
             base: None,
         };
         let output = self.law.step(&input);
         if output.tare_requested && !self.conditioning.is_taring() {
-            self.conditioner.start_tare(&mut self.conditioning);
+            self.conditioner
+                .start_tare_on(&mut self.conditioning, output.clearance.tare_ground());
+        }
+        if output.zero_withdrawn {
+            self.conditioning.withdraw_tare();
         }
         // The estimator answers to the next cycle.
         if !self.has(Fault::EstimateSilent) {

@@ -2,9 +2,10 @@
 //!
 //! Called by `advance`; the motion itself is that of `departure`.
 
+use super::super::HybridInput;
 use super::super::law::{ArmNow, MotionReference};
 use super::{Felt, HybridDynamics, Wanted};
-use crate::departure::{Clearing, Load, Retracting, Rules, Step, Way};
+use crate::departure::{Clearing, Load, LoadFelt, Retracting, Rules, Step, Way};
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Fault, Phase};
 
@@ -12,23 +13,34 @@ impl HybridDynamics {
     /// Phase `clear`: [`crate::departure::Departure::clear`] from where the tool stood.
     pub(super) fn clear(
         &mut self,
+        input: &HybridInput,
         now: &ArmNow,
         felt: Option<&Felt>,
         verdict: WrenchVerdict,
-        dt: f64,
     ) -> Wanted {
+        let dt = input.dt_s;
         let pose = *self.run.held.get_or_insert(now.tool);
         let way = Way {
             from: pose.translation(),
             at: now.tool.translation(),
         };
-        let rules = self.leave_rules();
+        let rules = Rules::new(
+            self.config.leave,
+            self.config.path,
+            &self.task,
+            &self.limits,
+        );
+        let load = self.load(input, felt);
         let departure = &mut self.run.departure;
-        match departure.clear(&rules, &way, (verdict, load(felt)), self.paused, dt) {
+        match departure.clear(&rules, &way, (verdict, load), self.paused, dt) {
             Clearing::Going(step) => moved(MotionReference::at_rest(&pose), &step),
             Clearing::Free => {
                 self.run.held = None;
-                self.enter(Phase::Tare);
+                self.enter(if self.task.only_leaves {
+                    Phase::Done
+                } else {
+                    Phase::Tare
+                });
                 self.hold(now)
             }
             Clearing::Failed(fault) => {
@@ -39,16 +51,28 @@ impl HybridDynamics {
     }
 
     /// The retraction: [`crate::departure::Departure::retract`] from where the tool stood.
-    pub(super) fn retract(&mut self, now: &ArmNow, felt: Option<&Felt>, dt: f64) -> Wanted {
+    pub(super) fn retract(
+        &mut self,
+        input: &HybridInput,
+        now: &ArmNow,
+        felt: Option<&Felt>,
+    ) -> Wanted {
+        let dt = input.dt_s;
         let away = self.constraint(now).normal;
         let pose = *self.run.held.get_or_insert(now.tool);
         let way = Way {
             from: pose.translation(),
             at: now.tool.translation(),
         };
-        let rules = self.leave_rules();
+        let rules = Rules::new(
+            self.config.leave,
+            self.config.path,
+            &self.task,
+            &self.limits,
+        );
+        let load = self.load(input, felt);
         let departure = &mut self.run.departure;
-        let step = match departure.retract(&rules, away, &way, load(felt), dt) {
+        let step = match departure.retract(&rules, away, &way, load, dt) {
             Retracting::Going(step) => step,
             Retracting::Ended(step, then) => {
                 self.run.held = None;
@@ -65,18 +89,15 @@ impl HybridDynamics {
         moved(MotionReference::at_rest(&pose), &step)
     }
 
-    fn leave_rules(&self) -> Rules {
-        Rules {
-            leave: self.config.leave,
-            path: self.config.path,
-            end: self.task.end,
-            reference_n: self.task.force.reference_n,
-        }
+    fn load(&self, input: &HybridInput, felt: Option<&Felt>) -> Load {
+        let hidden = |load| self.limits.is_untared_beyond(load);
+        felt.map(|felt| LoadFelt {
+            force: felt.force,
+            torque_nm: felt.moment.norm(),
+            hidden: input.untared.as_ref().is_some_and(hidden),
+            zeroed: !self.run.zero_withdrawn && (input.bias_age_s.is_some() || !self.task.tare),
+        })
     }
-}
-
-fn load(felt: Option<&Felt>) -> Load {
-    felt.map(|felt| (felt.force, felt.moment.norm()))
 }
 
 /// The reference, moved by this step.

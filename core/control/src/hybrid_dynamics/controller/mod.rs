@@ -1,5 +1,5 @@
-//! The law in its period: what is felt and seen, what ends a task, which torques follow. The phases themselves are in
-//! `phase_steps`.
+//! One control period of the law: evaluation of the inputs, the conditions that end a task, and the
+//! resulting torques. The phases are in `phase_steps`.
 
 mod leaving;
 mod phase_steps;
@@ -24,7 +24,8 @@ use crate::response_guard::{Doing, ResponseGuard, Touch};
 use crate::wrench_guard::{WrenchGuard, WrenchVerdict};
 use crate::{Clearance, ControlError, Fault, Limits, Path, Phase, Task};
 
-/// Time in which the last torques fade into what holds the arm, where its state is no number, s.
+/// Time constant with which the torques fade to gravity compensation after the arm's state becomes
+/// invalid, s.
 const FADE_S: f64 = 0.025;
 
 /// The controller. One [`HybridDynamics::step`] per control period; nothing in it allocates.
@@ -41,32 +42,33 @@ pub struct HybridDynamics {
     run: Run,
 }
 
-/// Memory of one task.
+/// State of one task; reset when a task begins.
 #[derive(Clone, Copy, Debug, Default)]
 struct Run {
     phase: Phase,
     fault: Option<Fault>,
     since_s: f64,
-    /// Part of it that was spent paused, s.
+    /// Part of `since_s` that was spent paused, s.
     paused_s: f64,
-    /// In this phase, s.
+    /// Time in the current phase without pauses, s.
     phase_s: f64,
     guard: WrenchGuard,
     response: ResponseGuard,
     departure: Departure,
-    /// Where the zero in force was taken, until something is touched.
+    /// Position of the tool at which the zero in force was taken, base axes, m; `None` after
+    /// contact.
     tared_at: Option<Vector3<f64>>,
-    /// The zero turned out to be taken in contact.
+    /// Whether the zero in force turned out to have been taken in contact.
     zero_withdrawn: bool,
     /// The last usable wrench, base axes.
     felt: Option<Felt>,
     object: Option<EstimateFollower>,
-    /// Where the tool is kept while nothing else is wanted.
+    /// Pose that the tool holds while no motion is commanded.
     held: Option<Pose<Base, Tool>>,
     descent: Option<Descent>,
     lay: Option<SurfacePath>,
     path_s: f64,
-    /// Rate of the reference's clock, 0 to 1.
+    /// Rate of the reference's clock relative to real time, 0 to 1.
     rate: f64,
     motion: MotionIntegral,
     force: ForceIntegral,
@@ -76,11 +78,11 @@ struct Run {
     sought_m: f64,
     blind_s: f64,
     torque: Joints<6>,
-    /// Joints, rad, and period, s, of the last cycle that could be computed with.
+    /// Joint positions, rad, and period, s, of the last cycle with a valid arm state.
     last_good: Option<(Joints<6>, f64)>,
 }
 
-/// The wrench at the tool's origin, base axes, and what of it presses, N.
+/// Wrench at the tool's origin, base axes, N and Nm, and its pressing component, N.
 #[derive(Clone, Copy, Debug)]
 struct Felt {
     force: Vector3<f64>,
@@ -88,21 +90,21 @@ struct Felt {
     pressing_n: f64,
 }
 
-/// What one phase wants.
+/// Reference of one phase for one period.
 struct Wanted {
     reference: MotionReference,
-    /// The same point in object axes, where it was planned there.
+    /// Position of the reference in object axes, m; `None` if it was not planned on the object.
     in_object: Option<Vector3<f64>>,
     pressing: bool,
-    /// Speed against the normal while seeking, m/s; none while not.
+    /// Speed against the normal while seeking contact, m/s; `None` in other phases.
     seek_m_per_s: Option<f64>,
 }
 
 impl HybridDynamics {
-    /// For an arm with what it carries, a task, and the object's surface.
+    /// Controller for an arm with its payload, a task, and the surface of the object.
     ///
     /// # Errors
-    /// A parameter, limit or task out of its range.
+    /// A parameter, limit or task is out of its range.
     pub fn new(
         model: Arm<6>,
         flange_from_tool: Pose<Flange, Tool>,
@@ -136,41 +138,36 @@ impl HybridDynamics {
         })
     }
 
-    /// Begins the task anew.
+    /// Restarts the task with the current clearance.
     pub fn restart(&mut self) {
         self.begin(self.run.departure.clearance);
     }
 
-    /// Begins the task with what is known of the tool. In doubt whether it hangs free, it moves off first.
+    /// Begins the task with `clearance`. Unless the tool is known to hang free, it first moves off
+    /// the surface (phase `Clear`).
     pub fn begin(&mut self, clearance: Clearance) {
         self.paused = false;
         self.run = Run {
-            phase: if clearance.is_free() {
-                Phase::Tare
-            } else {
-                Phase::Clear
+            phase: match (clearance.is_free(), self.task.only_leaves) {
+                (false, _) => Phase::Clear,
+                (true, false) => Phase::Tare,
+                (true, true) => Phase::Done,
             },
             departure: Departure::new(clearance),
             ..Run::default()
         };
     }
 
-    /// Whether the tool may touch something: what the next start goes by.
+    /// Whether the tool may touch something. The next start depends on it.
     pub fn clearance(&self) -> Clearance {
         self.run.departure.clearance
-    }
-
-    /// A person has looked: the tool hangs free. Says nothing while a task runs.
-    pub fn say_clear(&mut self) {
-        if !self.run.phase.is_active() {
-            self.run.departure.clearance = Clearance::Free;
-        }
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m) after what is known of it.
     ///
     /// # Errors
-    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not known.
+    /// [`ControlError::MayTouch`] if the tool may touch something and the direction away from it is
+    /// not known.
     pub fn check_start(
         &self,
         clearance: &Clearance,
@@ -179,17 +176,24 @@ impl HybridDynamics {
         clearance.way_out(&self.config.leave, position).map(drop)
     }
 
-    /// Ends the task: the tool leaves the surface.
+    /// Ends the task: the tool retracts from the surface.
     pub fn stop(&mut self) {
         if self.run.phase.is_active() {
             self.leave(Phase::Done);
         }
     }
 
+    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal: for tests of what a wrong one does.
+    #[doc(hidden)]
+    pub fn stop_along(&mut self, away: Vector3<f64>) {
+        self.run.departure.way_off = Some(away);
+        self.stop();
+    }
+
     /// Stands still in every phase: the path stops where it is, what presses keeps its force; false resumes.
     ///
     /// # Errors
-    /// When no task runs, or it is leaving the surface.
+    /// No task runs, or it is retracting.
     pub fn pause(&mut self, paused: bool) -> Result<(), ControlError> {
         if !self.run.phase.is_active() || self.run.phase == Phase::Retract {
             return Err(ControlError::WrongPhase {
@@ -202,19 +206,20 @@ impl HybridDynamics {
         Ok(())
     }
 
-    /// The task has ended, and the tool may still be where it touched.
+    /// Whether the task has ended with the tool possibly still on the surface.
     pub fn is_left_on_surface(&self) -> bool {
         !self.run.phase.is_active()
             && self.run.lay.is_some()
             && self.run.departure.may_be_on_surface()
     }
 
-    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), over the way of the task's end.
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), by the retraction
+    /// distance of the task.
     pub fn leave_surface(&mut self) {
         if !self.is_left_on_surface() {
             return;
         }
-        // Nothing of what moved or pushed before is left: the arm may have been moved since.
+        // The arm may have been moved since the task ended: no integral of it is kept.
         self.paused = false;
         self.run.motion = MotionIntegral::default();
         self.run.force = ForceIntegral::default();
@@ -226,12 +231,12 @@ impl HybridDynamics {
         self.leave(ended);
     }
 
-    /// The task is paused.
+    /// Whether the task is paused.
     pub fn is_paused(&self) -> bool {
         self.paused && self.run.phase.is_active() && self.run.phase != Phase::Retract
     }
 
-    /// Pressing force asked for from now on, N; the reference goes there at its rate.
+    /// Sets the desired pressing force, N. The reference moves there at its limited rate.
     pub fn set_force_reference(&mut self, force_n: f64) {
         if force_n.is_finite() {
             self.task.force.reference_n = force_n.max(0.0);
@@ -248,7 +253,7 @@ impl HybridDynamics {
         &self.task
     }
 
-    /// One control period.
+    /// Runs one control period.
     pub fn step(&mut self, input: &HybridInput) -> HybridOutput {
         let dt = input.dt_s;
         if !is_time(input.time_s, dt) || !is_arm_state(&input.q, &input.qd) {
@@ -281,7 +286,8 @@ impl HybridDynamics {
                 moment: now.tool.rotate(&input.wrench.torque),
                 pressing_n: match self.config.force.channel {
                     ForceChannel::Torque => pressing_force(&now, &constraint.normal, &force),
-                    // The pseudo-inverse lets friction into the force; the normal alone does not.
+                    // Computed with the pseudo-inverse, the force would contain friction; along the
+                    // normal it does not.
                     ForceChannel::Acceleration => constraint.normal.dot(&force),
                 },
             }
@@ -303,9 +309,9 @@ impl HybridDynamics {
             dt,
         );
         let mut constraint = constraint;
-        // While seeking, the surface's own speed is what the damping holds against.
+        // While seeking, the damping acts relative to the seek speed along the normal.
         constraint.velocity -= constraint.normal * wanted.seek_m_per_s.unwrap_or(0.0);
-        // A bad sample is waited out with the last good one.
+        // While the wrench is bad, the last good one is used.
         let (acceleration, push) = if let (true, Some(used)) = (wanted.pressing, self.run.felt) {
             self.run.motion.forget_along(&constraint.normal);
             let wrench = stacked(&used.force, &used.moment);
@@ -318,7 +324,7 @@ impl HybridDynamics {
             };
             let mut gains = self.config.force;
             if seeking {
-                // The published law has no damping to hold a speed with.
+                // The published law has no damping with which to hold a speed.
                 gains.damping_per_s = self.config.motion.position_damping_per_s;
             }
             let command = hybrid(
@@ -380,8 +386,9 @@ impl HybridDynamics {
         }
     }
 
-    /// The arm's state or its period is no number, or nothing finite follows from them: what holds the arm against gravity where it was last
-    /// is the best guess, and what moved it or pushed fades.
+    /// Output for a period in which the arm's state or the period is invalid, or in which the
+    /// torques would not be finite. The torques fade to gravity compensation at the last valid
+    /// joint positions.
     fn blind_output(&mut self, input: &HybridInput) -> HybridOutput {
         self.run.fault = Some(Fault::ArmState);
         self.run.phase = Phase::Fault;
@@ -414,7 +421,8 @@ impl HybridDynamics {
         }
     }
 
-    /// What the wrench says of itself, or what its answer to the tool's motion says of it.
+    /// Validity of the wrench: as the input states it, or by how the wrench responds to the tool's
+    /// motion.
     fn answering(&mut self, input: &HybridInput, now: &ArmNow, normal: &Vector3<f64>) -> Validity {
         if !input.wrench_validity.is_valid() {
             return input.wrench_validity;
@@ -429,10 +437,14 @@ impl HybridDynamics {
             stiffness_n_per_m: None,
             rests: true,
             fresh: input.wrench_age_s <= input.dt_s,
+            settling: self.run.phase == Phase::Contact,
+            slope: None,
+            blind_max_m: self.limits.blind_distance_max_m,
+            dt_s: input.dt_s,
         })
     }
 
-    /// The estimate if it may be used now.
+    /// The estimate, if it can be used in this period.
     fn usable(&self, input: &HybridInput) -> Option<ObjectEstimate> {
         let patience = self.config.patience.estimate_s;
         input.estimate.filter(|e| {
@@ -443,7 +455,7 @@ impl HybridDynamics {
         })
     }
 
-    /// Takes the estimate over, about the point under the tool.
+    /// Moves the pose in use towards the estimate, with the tool's origin as the pivot.
     fn follow(&mut self, estimate: Option<&ObjectEstimate>, now: &ArmNow, dt: f64) {
         match (&mut self.run.object, estimate) {
             (None, Some(e)) => {
@@ -481,12 +493,13 @@ impl HybridDynamics {
         Constraint {
             normal: rotation * self.surface.normal(&tip),
             hessian: rotation * (self.surface.hessian(&tip) / size) * rotation.transpose(),
-            // The pose in use moves for its own reasons; the object itself stands or creeps.
+            // The pose in use moves because the estimate changes. The object itself is at rest, or
+            // nearly.
             velocity: Vector3::zeros(),
         }
     }
 
-    /// Everything that ends or stops a task.
+    /// Checks all conditions under which a task ends with a fault.
     fn judge(
         &mut self,
         input: &HybridInput,
@@ -557,7 +570,8 @@ impl HybridDynamics {
         }
     }
 
-    /// Off the surface, then `then`; straight there where the tool stands as it did at the start, or moves off already.
+    /// Retracts from the surface, then enters phase `then`. Enters it at once from `Tare`, before
+    /// the tool has approached, and from `Clear`, which moves it off already.
     fn leave(&mut self, then: Phase) {
         if matches!(self.run.phase, Phase::Tare | Phase::Clear) {
             self.run.held = None;
@@ -568,7 +582,7 @@ impl HybridDynamics {
         self.enter(Phase::Retract);
     }
 
-    /// Back to where an interruption found the task.
+    /// Returns to the phase that was interrupted: `Slide` once the path has begun, else `Contact`.
     fn resume(&mut self) {
         self.run.rate = 0.0;
         self.enter(if self.run.path_s > 0.0 {

@@ -51,7 +51,7 @@ impl HybridDynamics {
                 }
                 self.hold(now)
             }
-            Phase::Clear => self.clear(now, felt, verdict, dt),
+            Phase::Clear => self.clear(input, now, felt, verdict),
             Phase::Approach => self.approach(now, felt, dt),
             Phase::Contact | Phase::Slide | Phase::Hold | Phase::Seek => {
                 if stopped {
@@ -62,7 +62,7 @@ impl HybridDynamics {
                 self.run.held = None;
                 self.press(now, estimate.is_some() && !self.paused, felt, dt)
             }
-            Phase::Retract => self.retract(now, felt, dt),
+            Phase::Retract => self.retract(input, now, felt),
             Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
         }
     }

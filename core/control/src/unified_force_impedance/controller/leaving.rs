@@ -4,7 +4,7 @@
 
 use super::super::law::ArmNow;
 use super::{Felt, UnifiedForceImpedance, Wanted};
-use crate::departure::{Clearing, Load, Retracting, Rules, Step, Way};
+use crate::departure::{Clearing, Load, LoadFelt, Retracting, Rules, Step, Way};
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Fault, Phase};
 
@@ -26,14 +26,23 @@ impl UnifiedForceImpedance {
             from: *self.run.held.get_or_insert(now.tool.translation()),
             at: now.tool.translation(),
         };
-        let rules = self.leave_rules();
-        let felt = (felt.verdict, load(now, felt));
+        let rules = Rules::new(
+            self.config.leave,
+            self.config.path,
+            &self.task,
+            &self.limits,
+        );
+        let felt = (felt.verdict, self.load(now, felt));
         let departure = &mut self.run.departure;
         match departure.clear(&rules, &way, felt, self.run.paused, dt) {
             Clearing::Going(step) => moved(self.hold(now), &step),
             Clearing::Free => {
                 self.run.held = None;
-                self.enter(Phase::Tare);
+                self.enter(if self.task.only_leaves {
+                    Phase::Done
+                } else {
+                    Phase::Tare
+                });
                 self.hold(now)
             }
             Clearing::Failed(fault) => {
@@ -51,8 +60,13 @@ impl UnifiedForceImpedance {
             from: start.reference.position,
             at: now.tool.translation(),
         };
-        let rules = self.leave_rules();
-        let load = load(now, felt);
+        let rules = Rules::new(
+            self.config.leave,
+            self.config.path,
+            &self.task,
+            &self.limits,
+        );
+        let load = self.load(now, felt);
         match self.run.departure.retract(&rules, away, &way, load, dt) {
             Retracting::Going(step) => moved(start, &step),
             Retracting::Ended(step, then) => {
@@ -71,22 +85,17 @@ impl UnifiedForceImpedance {
         }
     }
 
-    fn leave_rules(&self) -> Rules {
-        Rules {
-            leave: self.config.leave,
-            path: self.config.path,
-            end: self.task.end,
-            reference_n: self.task.force.reference_n,
-        }
+    /// What a good wrench says; a bad sample is not waited out here. The robot's estimate has no untared reading beside it.
+    fn load(&self, now: &ArmNow, felt: &Felt) -> Load {
+        let good = felt.verdict == WrenchVerdict::Good;
+        let wrench = felt.wrench.filter(|_| good)?;
+        Some(LoadFelt {
+            force: now.tool.rotate(&wrench.fixed_rows::<3>(0).into_owned()),
+            torque_nm: wrench.fixed_rows::<3>(3).norm(),
+            hidden: false,
+            zeroed: self.run.fault != Some(Fault::ZeroInContact),
+        })
     }
-}
-
-/// What a good wrench says; a bad sample is not waited out here.
-fn load(now: &ArmNow, felt: &Felt) -> Load {
-    let good = felt.verdict == WrenchVerdict::Good;
-    let wrench = felt.wrench.filter(|_| good)?;
-    let force = now.tool.rotate(&wrench.fixed_rows::<3>(0).into_owned());
-    Some((force, wrench.fixed_rows::<3>(3).norm()))
 }
 
 /// The reference, moved by this step.

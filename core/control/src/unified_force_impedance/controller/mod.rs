@@ -200,19 +200,14 @@ impl UnifiedForceImpedance {
         self.run.departure = Departure::new(clearance);
         if !clearance.is_free() {
             self.run.phase = Phase::Clear;
+        } else if self.task.only_leaves {
+            self.run.phase = Phase::Done;
         }
     }
 
     /// Whether the tool may touch something: what the next start goes by.
     pub fn clearance(&self) -> Clearance {
         self.run.departure.clearance
-    }
-
-    /// A person has looked: the tool hangs free. Says nothing while a task runs.
-    pub fn say_clear(&mut self) {
-        if !self.run.phase.is_active() {
-            self.run.departure.clearance = Clearance::Free;
-        }
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m) after what is known of it.
@@ -232,6 +227,13 @@ impl UnifiedForceImpedance {
         if self.run.phase.is_active() {
             self.leave(Phase::Done);
         }
+    }
+
+    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal: for tests of what a wrong one does.
+    #[doc(hidden)]
+    pub fn stop_along(&mut self, away: Vector3<f64>) {
+        self.run.departure.way_off = Some(away);
+        self.stop();
     }
 
     /// Stands still in every phase: the policy stops where it is, what presses keeps its force; false goes on.

@@ -72,7 +72,9 @@ impl UnifiedForceImpedance {
             Vector6::zeros()
         };
         let wrench = input.wrench.vector() - zero;
-        let force = wrench.fixed_rows::<3>(0).into_owned();
+        // What presses, as the law has it: the joints' friction comes and goes with the tool's motion like a load.
+        let pressing = wrench + now.in_tool(&self.run.rubbing);
+        let force = pressing.fixed_rows::<3>(0).into_owned();
         self.run.response.step(&Touch {
             doing: Doing::of(self.run.phase),
             position: now.tool.translation(),
@@ -83,6 +85,10 @@ impl UnifiedForceImpedance {
             stiffness_n_per_m: None,
             rests: true,
             fresh: input.wrench_age_s <= input.dt_s,
+            settling: self.run.phase == Phase::Contact,
+            slope: None,
+            blind_max_m: self.limits.blind_distance_max_m,
+            dt_s: input.dt_s,
         })
     }
 
@@ -157,6 +163,12 @@ impl UnifiedForceImpedance {
             let size = felt.wrench.map(|w| w.fixed_rows::<3>(row).norm());
             size.is_some_and(|size| size > most)
         };
+        // Before the law's own zero, and before the bridge's: neither hides a load.
+        let good = felt.verdict == WrenchVerdict::Good;
+        let raw_n = input.wrench.force.norm();
+        let hidden = |load| self.limits.is_untared_beyond(load);
+        let untared = good
+            && (raw_n > self.limits.untared_max_n() || input.untared.as_ref().is_some_and(hidden));
         let sliding = matches!(self.run.phase, Phase::Slide | Phase::Hold);
         let bound_n = self.zero_bound_n();
         let is_old = |most_n| bound_n.is_none_or(|bound_n| bound_n > most_n);
@@ -169,6 +181,7 @@ impl UnifiedForceImpedance {
             WrenchVerdict::Retract(validity) if begun => Some(Fault::Wrench(validity)),
             _ if begun && beyond(0, self.limits.force_max_n) => Some(Fault::ForceLimit),
             _ if begun && beyond(3, self.limits.torque_max_nm) => Some(Fault::TorqueLimit),
+            _ if begun && untared => Some(Fault::UntaredLimit),
             _ if sliding && self.task.zero.error_max_n.is_some_and(is_old) => Some(Fault::ZeroOld),
             _ if outside && begun => Some(Fault::Workspace),
             _ if !input.arm_ready && begun => Some(Fault::ArmNotReady),

@@ -38,6 +38,12 @@ pub struct FrankaConfig {
     pub hold_stiffness_nm_per_rad: [f64; 7],
     /// Damping of the same, Nm s/rad.
     pub hold_damping_nm_s_per_rad: [f64; 7],
+    /// Largest force that a tare may take for the zero of the robot's wrench estimate, N.
+    pub zero_max_n: f64,
+    /// Farthest that a new zero may be from the last good one, N in any axis: the estimate is off differently in every pose.
+    pub zero_jump_max_n: f64,
+    /// Farthest that a new zero may be from the last good one, Nm about any axis.
+    pub zero_jump_max_nm: f64,
 }
 
 impl Default for FrankaConfig {
@@ -54,6 +60,9 @@ impl Default for FrankaConfig {
             delay_periods: 0,
             hold_stiffness_nm_per_rad: [200.0, 200.0, 200.0, 200.0, 50.0, 30.0, 10.0],
             hold_damping_nm_s_per_rad: [20.0, 20.0, 20.0, 20.0, 4.0, 3.0, 1.0],
+            zero_max_n: 5.0,
+            zero_jump_max_n: 2.0,
+            zero_jump_max_nm: 0.5,
         }
     }
 }
@@ -141,6 +150,13 @@ impl FrankaConfig {
             0.05..=1.0,
             "",
         )?;
+        for (key, value, most, unit) in [
+            ("zero_max_n", self.zero_max_n, 20.0, "N"),
+            ("zero_jump_max_n", self.zero_jump_max_n, 20.0, "N"),
+            ("zero_jump_max_nm", self.zero_jump_max_nm, 5.0, "Nm"),
+        ] {
+            checker.range(&format!("robot.franka.{key}"), value, 0.1..=most, unit)?;
+        }
         checker.require(
             self.delay_periods <= DELAY_PERIODS_MAX,
             "robot.franka.delay_periods",

@@ -1,4 +1,4 @@
-//! `[limits]`: what the arm may never exceed.
+//! `[limits]`: limits that the arm must never exceed.
 
 use serde::Deserialize;
 use tangent_schemas::JointArray;
@@ -6,30 +6,32 @@ use tangent_schemas::JointArray;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
-/// `[limits]`: the last guard, in `rtde`; the controller keeps inside them too.
+/// `[limits]`: the controller stays within them, and the guard of the robot's bridge checks its
+/// commands as the last stage.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LimitsConfig {
-    /// rad/s; one number for all joints, or one per joint.
+    /// Largest joint speed, rad/s; one number for all joints, or one per joint.
     pub joint_speed_max_rad_per_s: Vec<f64>,
-    /// rad/s²; one number for all joints, or one per joint.
+    /// Largest joint acceleration, rad/s²; one number for all joints, or one per joint.
     pub joint_acceleration_max_rad_per_s2: Vec<f64>,
-    /// Speed of the tool's origin, m/s.
+    /// Largest speed of the tool's origin, m/s.
     pub tool_speed_max_m_per_s: f64,
-    /// Turn rate of the tool, rad/s.
+    /// Largest turn rate of the tool, rad/s.
     pub tool_turn_rate_max_rad_per_s: f64,
-    /// The controller stops and retracts beyond this force, N.
+    /// Force at the tool beyond which the controller stops and retracts, N.
     pub force_max_n: f64,
-    /// The same for torque at the tool, Nm.
+    /// Torque at the tool beyond which the controller stops and retracts, Nm.
     pub torque_max_nm: f64,
-    /// Force beyond which the controller retracts whatever the sensor's zero, N: the untared reading against the last good zero.
-    /// None: `force_max_n` and 5 N.
+    /// Force beyond which the controller retracts whatever the sensor's zero is, N: the untared
+    /// reading compared with the last good zero. `None`: `force_max_n` plus 5 N.
     pub untared_force_max_n: Option<f64>,
-    /// Where no good zero is known: largest share of the sensor's range that the untared reading may take in any axis, 0 to 1.
+    /// Largest share of the sensor's range that the untared reading may take in any axis, 0 to 1;
+    /// applies if no good zero is known.
     pub untared_share_max: f64,
-    /// The tool's origin stays inside this box: lower corner, base axes, m.
+    /// Lower corner of the box in which the tool's origin must stay, base axes, m.
     pub workspace_min_m: [f64; 3],
-    /// Upper corner, base axes, m.
+    /// Upper corner of the box in which the tool's origin must stay, base axes, m.
     pub workspace_max_m: [f64; 3],
 }
 
@@ -51,12 +53,14 @@ impl Default for LimitsConfig {
 }
 
 impl LimitsConfig {
-    /// rad/s for an arm of `joints` joints; `None` when the list has another length.
+    /// Largest joint speeds of an arm with `joints` joints, rad/s; `None` if the list has another
+    /// length.
     pub fn joint_speed_max(&self, joints: usize) -> Option<JointArray> {
         per_joint(&self.joint_speed_max_rad_per_s, joints)
     }
 
-    /// rad/s² for an arm of `joints` joints; `None` when the list has another length.
+    /// Largest joint accelerations of an arm with `joints` joints, rad/s²; `None` if the list has
+    /// another length.
     pub fn joint_acceleration_max(&self, joints: usize) -> Option<JointArray> {
         per_joint(&self.joint_acceleration_max_rad_per_s2, joints)
     }

@@ -1,8 +1,9 @@
-//! `[realtime]`: scheduling of the threads that must be in time, and which of them goes first.
+//! `[realtime]`: scheduling of the real-time threads, and the order of their priorities.
 //!
-//! The order is checked: robot and box (where they are simulated), loop, sensor, bus, estimator, camera. What only carries data goes before
-//! what computes with it: an estimator that takes long is late itself, which the controller notices and bridges; a bus that waits for it
-//! would take the wrench from a loop in another process, which ends the task.
+//! The order is checked: simulated robot and sensor box, loop, sensor, bus, estimator, camera. A
+//! thread that carries data has priority over one that computes with it. A slow estimator then only
+//! delays its own estimates, which the controller detects and bridges. If the bus had to wait for
+//! the estimator, a loop in another process would miss the wrench, which ends the task.
 
 use serde::Deserialize;
 
@@ -13,21 +14,23 @@ use crate::config::load::ConfigError;
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RealtimeConfig {
-    /// Ask for SCHED_FIFO and locked memory.
+    /// Whether to ask for SCHED_FIFO and locked memory.
     pub enabled: bool,
     /// SCHED_FIFO priority of the control loop's thread, 1 to 99.
     pub loop_priority: u8,
-    /// The same for the sensor's thread.
+    /// SCHED_FIFO priority of the sensor's thread, 1 to 99.
     pub sensor_priority: u8,
-    /// The same for the estimator's thread.
+    /// SCHED_FIFO priority of the estimator's thread, 1 to 99.
     pub estimator_priority: u8,
-    /// The same for the camera's thread, which finds the target in each image.
+    /// SCHED_FIFO priority of the camera's thread, which finds the target in each image, 1 to 99.
     pub camera_priority: u8,
-    /// The same for the threads of the bus: publishing to other processes, and Zenoh's own.
+    /// SCHED_FIFO priority of the bus threads, which publish to other processes, and of Zenoh's
+    /// own, 1 to 99.
     pub bus_priority: u8,
-    /// The same for the simulated robot and sensor box: no load on this machine would delay the real ones.
+    /// SCHED_FIFO priority of the simulated robot and sensor box, 1 to 99. It is the highest, as
+    /// load on this machine would not delay real devices.
     pub simulator_priority: u8,
-    /// CPU that the control loop keeps to.
+    /// CPU that the control loop runs on; any if absent.
     pub loop_cpu: Option<usize>,
 }
 
@@ -70,7 +73,7 @@ impl RealtimeConfig {
         Ok(())
     }
 
-    /// Key and priority, the most urgent first.
+    /// Key and priority of each thread, the highest first.
     pub fn order(&self) -> [(&'static str, u8); 6] {
         [
             ("realtime.simulator_priority", self.simulator_priority),

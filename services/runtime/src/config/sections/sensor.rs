@@ -1,4 +1,4 @@
-//! `[sensor]`: the force/torque sensor and its box.
+//! `[sensor]`: the force/torque sensor and its sensor box.
 
 use serde::Deserialize;
 use tangent_mechanics::{Flange, Pose, Sensor};
@@ -7,14 +7,14 @@ use super::{PoseConfig, check_port};
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
-/// How the sensor box sends.
+/// Transmission mode of the sensor box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SensorMode {
-    /// One record per datagram: least delay.
+    /// One record per datagram: smallest delay.
     #[default]
     Realtime,
-    /// Several records per datagram: least load.
+    /// Several records per datagram: smallest load.
     Buffered,
 }
 
@@ -24,56 +24,58 @@ pub enum SensorMode {
 pub struct SensorConfig {
     /// Host name or IP address of the Net F/T box.
     pub address: String,
-    /// Added to both ports below.
+    /// Offset that is added to both ports below.
     #[serde(default)]
     pub port_offset: u16,
-    /// RDT, UDP.
+    /// UDP port of RDT.
     #[serde(default = "rdt_port")]
     pub rdt_port: u16,
-    /// Its web server, for units and scales.
+    /// Port of the box's web server, which provides units and scales.
     #[serde(default = "http_port")]
     pub http_port: u16,
-    /// Records per second, 1 to 7000.
+    /// Number of records per second, 1 to 7000.
     #[serde(default = "sensor_rate")]
     pub rate_hz: f64,
-    /// How it sends.
+    /// Transmission mode.
     #[serde(default)]
     pub mode: SensorMode,
-    /// Records per datagram when buffered, 1 to 40.
+    /// Number of records per datagram in buffered mode, 1 to 40.
     #[serde(default = "buffer_records")]
     pub buffer_records: u8,
-    /// `wrench/raw` is published this often, Hz; 0: every record. Each message costs every process on its way a few
-    /// microseconds; conditioning sees every record all the same.
+    /// Rate of `wrench/raw`, Hz; 0: every record. Each message costs every process on its way a few
+    /// microseconds. Conditioning uses every record in any case.
     #[serde(default)]
     pub raw_rate_hz: f64,
-    /// `wrench/tool` is published this often, Hz; 0: 1000, so that no reader finds it older than about 1 ms.
+    /// Rate of `wrench/tool`, Hz; 0: 1000, so that it is never older than about 1 ms when read.
     #[serde(default)]
     pub tool_rate_hz: f64,
     /// Cut-off of the low-pass filter, Hz.
     #[serde(default = "filter_cutoff")]
     pub filter_cutoff_hz: f64,
-    /// Silence for this long is reported, and the stream asked for again, s.
+    /// Time without records after which this is reported and the stream is requested again, s.
     #[serde(default = "sensor_patience")]
     pub patience_s: f64,
-    /// Where the sensor sits on the flange.
+    /// Pose of the sensor on the flange.
     #[serde(default)]
     pub flange_from_sensor: PoseConfig,
-    /// Forces beyond are taken for saturation, N; x, y, z.
+    /// Forces beyond which the sensor counts as saturated, N; x, y, z.
     #[serde(default = "force_range")]
     pub force_range_n: [f64; 3],
-    /// Torques beyond are taken for saturation, Nm; x, y, z.
+    /// Torques beyond which the sensor counts as saturated, Nm; x, y, z.
     #[serde(default = "torque_range")]
     pub torque_range_nm: [f64; 3],
-    /// A tare whose zero is farther from the last good one is refused, N in any axis, besides the drift in between.
+    /// Largest difference between the zero of a tare and the last good one, N in any axis, besides
+    /// the drift in between. A tare beyond it is refused.
     #[serde(default = "zero_jump")]
     pub zero_jump_max_n: f64,
-    /// The same, Nm.
+    /// Largest difference between the zero of a tare and the last good one, Nm in any axis, besides
+    /// the drift in between. A tare beyond it is refused.
     #[serde(default = "zero_jump_nm")]
     pub zero_jump_max_nm: f64,
-    /// Drift of the zero, N per minute: bounds the error of a zero of some age.
+    /// Drift of the zero, N per minute. It bounds the error of a zero by its age.
     #[serde(default = "zero_drift")]
     pub zero_drift_n_per_min: f64,
-    /// The same, Nm per minute.
+    /// Drift of the zero, Nm per minute. It bounds the error of a zero by its age.
     #[serde(default = "zero_drift_nm")]
     pub zero_drift_nm_per_min: f64,
     /// Largest share of the sensor's range that a zero may take in any axis, 0 to 1.
@@ -134,7 +136,7 @@ fn torque_range() -> [f64; 3] {
 }
 
 impl SensorConfig {
-    /// Where the sensor sits on the flange.
+    /// Pose of the sensor on the flange.
     pub fn flange_from_sensor(&self) -> Pose<Flange, Sensor> {
         self.flange_from_sensor.pose()
     }
@@ -172,7 +174,8 @@ impl SensorConfig {
             self.tool_rate_hz,
             "0 (1000 Hz) or from 1 to 7000 Hz",
         )?;
-        // A filter above half the rate does nothing and below 1 Hz the loop cannot be stable.
+        // A filter above half the rate has no effect, and below 1 Hz the control loop cannot be
+        // stable.
         checker.range(
             "sensor.filter_cutoff_hz",
             self.filter_cutoff_hz,

@@ -13,39 +13,41 @@ use crate::config::load::ConfigError;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ZenohConfig {
-    /// Routers to dial, tried in turn.
+    /// Endpoints of routers to connect to, tried in turn.
     pub connect: Vec<String>,
-    /// Where `up` and `run router` listen.
+    /// Endpoints on which `up` and `run router` listen.
     pub listen: Vec<String>,
-    /// A neighbour that is silent this long is gone, ms.
+    /// Time without messages after which a peer counts as gone, ms.
     pub lease_ms: u32,
-    /// Keep-alives per lease.
+    /// Number of keep-alive messages per lease.
     pub keep_alive: u8,
-    /// A larger message is not taken by any process of the cell, MB.
+    /// Largest message that any process of the cell accepts, MB.
     pub message_max_mb: f64,
-    /// Sessions that the router takes at a time.
+    /// Largest number of sessions that the router accepts at a time.
     pub sessions_max: u16,
-    /// A Zenoh file (JSON5) to start from, for what has no key here.
+    /// Zenoh configuration file (JSON5) to start from, for settings that have no key here.
     pub file: Option<PathBuf>,
-    /// The router's access rules, as `tangent keys new` writes them.
+    /// Access rules of the router, as `tangent keys new` writes them.
     pub access: Option<PathBuf>,
-    /// A router may listen beyond this host without certificates: whoever reaches it may say anything.
+    /// Whether a router may listen beyond this host without certificates. Anybody who reaches it
+    /// may then send anything.
     pub insecure: bool,
-    /// Certificates; without them everything travels in the clear and everybody may say anything.
+    /// Certificates. Without them, messages are not encrypted, and anybody may send anything.
     pub tls: Option<TlsConfig>,
 }
 
-/// `[zenoh.tls]`. `{identity}` in a path stands for who the process is, for instance `controller.cell1` or `operator`.
+/// `[zenoh.tls]`. `{identity}` in a path stands for the identity of the process, such as
+/// `controller.cell1` or `operator`.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TlsConfig {
-    /// Certificate of the authority that made all others.
+    /// Certificate of the authority that has signed all others.
     pub ca: PathBuf,
     /// This process's certificate.
     pub certificate: PathBuf,
-    /// Its private key.
+    /// Private key of this process.
     pub key: PathBuf,
-    /// Who this process is; set by the program, not in the file.
+    /// Identity of this process; set by the program, not in the file.
     #[serde(skip)]
     pub identity: Option<String>,
 }
@@ -68,19 +70,20 @@ impl Default for ZenohConfig {
 }
 
 impl ZenohConfig {
-    /// A process that was cut off is known to be gone after this.
+    /// Time after which a process that was cut off is known to be gone.
     pub fn stale_after(&self) -> Duration {
         Duration::from_millis(u64::from(self.lease_ms) + 500)
     }
 
-    /// Says who this process is, unless that was said before.
+    /// Sets the identity of this process, unless it is already set.
     pub fn identify(&mut self, identity: &str) {
         if let Some(tls) = &mut self.tls {
             tls.identity.get_or_insert_with(|| identity.to_owned());
         }
     }
 
-    /// Where a router of this file listens beyond this host without certificates.
+    /// The first endpoint on which a router of this file listens beyond this host without
+    /// certificates; `None` if there is none.
     pub fn open_to_anybody(&self) -> Option<&str> {
         if self.tls.is_some() {
             return None;
@@ -89,7 +92,7 @@ impl ZenohConfig {
         beyond.map(String::as_str)
     }
 
-    /// The same in bytes.
+    /// Largest message that any process of the cell accepts, bytes.
     pub fn message_max_bytes(&self) -> usize {
         (self.message_max_mb * 1e6) as usize
     }
@@ -99,7 +102,8 @@ impl ZenohConfig {
             ("zenoh.connect", &self.connect),
             ("zenoh.listen", &self.listen),
         ] {
-            // Zenoh 1.10 reads and writes one TLS connection from two threads at once (its issue 2557): processes die of it.
+            // Zenoh 1.10 reads and writes one TLS connection from two threads at once (its issue
+            // 2557), which crashes processes.
             let unsound = endpoints.iter().find(|e| e.starts_with("tls/"));
             checker.require(
                 unsound.is_none(),
@@ -114,7 +118,7 @@ impl ZenohConfig {
                 format!("{endpoints:?}"),
                 "a list of endpoints such as \"tcp/127.0.0.1:7447\"",
             )?;
-            // A link in the clear beside those with certificates would let anybody in.
+            // An unencrypted endpoint beside those with certificates would admit anybody.
             let clear = endpoints.iter().find(|e| !e.starts_with("quic/"));
             checker.require(
                 self.tls.is_none() || clear.is_none(),
@@ -157,7 +161,8 @@ impl ZenohConfig {
     }
 }
 
-/// Only processes of this host reach it. A name other than `localhost` may stand for any address.
+/// Whether only processes of this host reach the endpoint. A name other than `localhost` may stand
+/// for any address.
 fn is_loopback(endpoint: &str) -> bool {
     let address = endpoint.split_once('/').map_or(endpoint, |(_, rest)| rest);
     let address = address.split(['?', '#']).next().unwrap_or_default();
@@ -169,7 +174,7 @@ fn is_loopback(endpoint: &str) -> bool {
             .is_ok_and(|ip| ip.to_canonical().is_loopback())
 }
 
-/// `PROTOCOL/ADDRESS:PORT`, options behind it allowed.
+/// Whether the text is `PROTOCOL/ADDRESS:PORT`, which options may follow.
 fn is_endpoint(endpoint: &str) -> bool {
     let Some((protocol, address)) = endpoint.split_once('/') else {
         return false;

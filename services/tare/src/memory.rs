@@ -1,22 +1,21 @@
 //! What outlasts the service: the controller's last word on contact, and the sensor's last good zero.
 //!
-//! The tare's desk asks it for signs of contact, a side thread writes it down, and the receiving thread begins with its zero.
+//! The tare's desk asks it for signs of contact, a side thread writes it down, and the service's loop begins with its zero.
 
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use crossbeam_queue::ArrayQueue;
 use serde::{Deserialize, Serialize};
 use tangent_control::{ContactSign, ControllerWord, Phase};
 use tangent_mechanics::Wrench;
 use tangent_runtime::clock::now_ns;
-use tangent_runtime::{Bus, BusError, Latest, StateFolder, Stop};
+use tangent_runtime::{Bus, BusError, Latest, Refused, StateFolder, Stop};
+use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::ControlState;
-use tangent_schemas::topics;
-use tangent_sensing::Tare;
+use tangent_schemas::{Text, topics};
+use tangent_sensing::{Tare, TareGround, ZeroPoint};
 
-/// Name of the file.
-const FILE: &str = "netft";
 /// A controller that says nothing for so long is silent.
 const FRESH: Duration = Duration::from_millis(500);
 /// Between two looks at what is to be written down.
@@ -37,8 +36,8 @@ struct Kept {
 /// A zero with the sensor that it belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct KeptZero {
-    /// As the box tells it.
+pub struct KeptZero {
+    /// As the sensor tells it, or what else tells one from another.
     serial: String,
     /// N and Nm, sensor axes.
     bias: [f64; 6],
@@ -47,8 +46,36 @@ pub(crate) struct KeptZero {
     samples: u32,
     /// When it was taken, ns since the Unix epoch on this host.
     taken_ns: i64,
-    /// On a person's word that the tool hung free.
-    said_clear: bool,
+    /// What said that nothing pressed meanwhile.
+    ground: TareGround,
+    /// As in [`Tare::vouched`] and [`Tare::shown`].
+    vouched: KeptPoint,
+    shown: KeptPoint,
+}
+
+/// A zero of N and Nm, sensor axes, and when it was taken, ns since the Unix epoch on this host.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeptPoint {
+    bias: [f64; 6],
+    taken_ns: i64,
+}
+
+impl KeptPoint {
+    /// `taken_ns` is the tare's own time; both of the tare's times are on one clock.
+    fn of(point: &ZeroPoint, tare: &Tare, taken_ns: i64) -> Self {
+        Self {
+            bias: point.bias.vector().into(),
+            taken_ns: taken_ns - ((tare.time_s - point.time_s) * 1e9) as i64,
+        }
+    }
+
+    fn point(&self, zero: &KeptZero, time_s: f64) -> ZeroPoint {
+        ZeroPoint {
+            bias: Wrench::from_vector(&self.bias.into()),
+            time_s: time_s - (zero.taken_ns - self.taken_ns) as f64 * 1e-9,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,19 +87,29 @@ struct KeptWord {
 }
 
 impl KeptWord {
-    fn word(self) -> Option<ControllerWord> {
-        Some(ControllerWord {
-            phase: Phase::from_code(self.phase)?,
-            contact_possible: self.contact_possible,
-        })
+    /// A phase that is not known here, from a controller of another version, may be one that presses.
+    fn word(self) -> ControllerWord {
+        match Phase::from_code(self.phase) {
+            Some(phase) => ControllerWord {
+                phase,
+                contact_possible: self.contact_possible,
+            },
+            None => ControllerWord {
+                phase: Phase::Fault,
+                contact_possible: true,
+            },
+        }
     }
 }
 
 /// The file, and what stands in it.
 pub(crate) struct Memory {
+    /// Its name.
+    file: &'static str,
     folder: Option<StateFolder>,
+    bus: Bus,
     inner: Mutex<Inner>,
-    zeros: Mutex<Receiver<Option<KeptZero>>>,
+    zeros: Arc<ArrayQueue<Option<Note>>>,
 }
 
 struct Inner {
@@ -81,42 +118,71 @@ struct Inner {
     failed: bool,
 }
 
-/// For the receiving thread, which does not wait for the disk.
-pub(crate) struct ZeroNotes(SyncSender<Option<KeptZero>>);
+/// The last good zero, as the loop tells of it.
+#[derive(Clone, Copy, Debug)]
+struct Note {
+    serial: Text,
+    tare: Tare,
+    taken_ns: i64,
+}
+
+/// For the service's loop, which neither waits for the disk nor allocates.
+pub struct ZeroNotes(Arc<ArrayQueue<Option<Note>>>);
 
 impl ZeroNotes {
-    /// This zero is the last good one from now on.
-    pub(crate) fn keep(&self, serial: &str, tare: &Tare, age_s: f64) {
-        // The side thread takes them ten times a second: there is room.
-        let _ = self.0.try_send(Some(KeptZero {
-            serial: serial.to_owned(),
-            bias: tare.bias.vector().into(),
-            std: tare.std.vector().into(),
-            samples: tare.samples,
+    /// This zero of the sensor `serial`, taken `age_s` seconds ago, is the last good one from now on.
+    pub fn keep(&self, serial: &str, tare: &Tare, age_s: f64) {
+        self.say(Some(Note {
+            serial: cut(serial),
+            tare: *tare,
             taken_ns: now_ns() - (age_s * 1e9) as i64,
-            said_clear: tare.said_clear,
         }));
     }
 
     /// There is no good zero any more.
-    pub(crate) fn forget(&self) {
-        let _ = self.0.try_send(None);
+    pub fn forget(&self) {
+        self.say(None);
+    }
+
+    fn say(&self, note: Option<Note>) {
+        // The side thread takes them ten times a second: there is room, and the newest counts.
+        self.0.force_push(note);
+    }
+}
+
+impl From<Note> for KeptZero {
+    fn from(note: Note) -> Self {
+        Self {
+            serial: note.serial.to_string(),
+            bias: note.tare.bias.vector().into(),
+            std: note.tare.std.vector().into(),
+            samples: note.tare.samples,
+            taken_ns: note.taken_ns,
+            ground: note.tare.ground,
+            vouched: KeptPoint::of(&note.tare.vouched, &note.tare, note.taken_ns),
+            shown: KeptPoint::of(&note.tare.shown, &note.tare, note.taken_ns),
+        }
     }
 }
 
 impl KeptZero {
     /// On the clock of [`tangent_sensing::Reading::time_s`], which says `now_s` now; none of another sensor, or older than
     /// `age_max_s`.
-    pub(crate) fn tare(&self, serial: &str, now_s: f64, age_max_s: f64) -> Option<Tare> {
+    pub fn tare(&self, serial: &str, now_s: f64, age_max_s: f64) -> Option<Tare> {
         let age_s = (now_ns() - self.taken_ns) as f64 * 1e-9;
-        let finite = self.bias.iter().chain(&self.std).all(|x| x.is_finite());
-        (self.serial == serial && finite && (0.0..=age_max_s).contains(&age_s)).then(|| Tare {
-            bias: Wrench::from_vector(&self.bias.into()),
-            std: Wrench::from_vector(&self.std.into()),
-            samples: self.samples,
-            time_s: now_s - age_s,
-            said_clear: self.said_clear,
-        })
+        let numbers = [&self.bias, &self.std, &self.vouched.bias, &self.shown.bias];
+        let finite = numbers.into_iter().flatten().all(|x| x.is_finite());
+        let time_s = now_s - age_s;
+        (self.serial == cut::<128>(serial).as_str() && finite && (0.0..=age_max_s).contains(&age_s))
+            .then(|| Tare {
+                bias: Wrench::from_vector(&self.bias.into()),
+                std: Wrench::from_vector(&self.std.into()),
+                samples: self.samples,
+                time_s,
+                ground: self.ground,
+                vouched: self.vouched.point(self, time_s),
+                shown: self.shown.point(self, time_s),
+            })
     }
 }
 
@@ -124,11 +190,12 @@ impl Memory {
     /// Reads what the service before knew. A file that cannot be read is said, and counts as a controller that pressed.
     pub(crate) fn open(
         bus: &Bus,
+        file: &'static str,
         folder: Option<StateFolder>,
     ) -> Result<(Self, ZeroNotes), BusError> {
         let read = folder
             .as_ref()
-            .map_or(Ok(None), |folder| folder.read::<Kept>(FILE));
+            .map_or(Ok(None), |folder| folder.read::<Kept>(file));
         let kept = match read {
             Ok(kept) => kept.unwrap_or_default(),
             Err(error) => {
@@ -144,17 +211,19 @@ impl Memory {
                 }
             }
         };
-        let (sender, receiver) = sync_channel(ZEROS);
+        let zeros = Arc::new(ArrayQueue::new(ZEROS));
         let memory = Self {
+            file,
             folder,
+            bus: bus.clone(),
             inner: Mutex::new(Inner {
                 control: bus.latest(&topics::CONTROL_STATE)?,
                 kept,
                 failed: false,
             }),
-            zeros: Mutex::new(receiver),
+            zeros: Arc::clone(&zeros),
         };
-        Ok((memory, ZeroNotes(sender)))
+        Ok((memory, ZeroNotes(zeros)))
     }
 
     /// The last good zero that was written down.
@@ -166,8 +235,17 @@ impl Memory {
     pub(crate) fn contact_sign(&self) -> Option<ContactSign> {
         let mut inner = self.lock();
         let now = inner.listen();
-        let last = inner.kept.controller.and_then(KeptWord::word);
-        ContactSign::of(now.and_then(KeptWord::word), last)
+        let last = inner.kept.controller.map(KeptWord::word);
+        ContactSign::of(now.map(KeptWord::word), last)
+    }
+
+    /// Who else says what the controller does, in words: which of them is the controller cannot be known.
+    pub(crate) fn second_controller(&self) -> Option<String> {
+        let refused = self.bus.refused();
+        let second = |refused: &&Refused| {
+            refused.topic == topics::CONTROL_STATE.key() && refused.who.is_some()
+        };
+        refused.iter().find(second).map(Refused::to_string)
     }
 
     /// Writes down what changes, until `stop`.
@@ -178,7 +256,7 @@ impl Memory {
             let kept = self.gather();
             // What stands and what moves: the phases in between say no more.
             let word = |kept: &Kept| {
-                let word = kept.controller?.word()?;
+                let word = kept.controller?.word();
                 Some(ContactSign::of(Some(word), None).is_some())
             };
             if kept.zero != written.zero || word(&kept) != word(&written) {
@@ -192,10 +270,9 @@ impl Memory {
     }
 
     fn gather(&self) -> Kept {
-        let zeros = self.zeros.lock().unwrap_or_else(PoisonError::into_inner);
         let mut inner = self.lock();
-        while let Ok(zero) = zeros.try_recv() {
-            inner.kept.zero = zero;
+        while let Some(note) = self.zeros.pop() {
+            inner.kept.zero = note.map(KeptZero::from);
         }
         inner.listen();
         inner.kept.clone()
@@ -205,7 +282,7 @@ impl Memory {
         let Some(folder) = &self.folder else {
             return;
         };
-        let written = folder.write(FILE, kept);
+        let written = folder.write(self.file, kept);
         let before = std::mem::replace(&mut self.lock().failed, written.is_err());
         if let (Err(error), false) = (written, before) {
             tracing::warn!("a restart would not know the last good zero: {error}");
@@ -234,6 +311,7 @@ impl Inner {
 mod tests {
     use super::*;
 
+    const FILE: &str = "netft";
     const SERIAL: &str = "FT12345";
 
     fn zero(taken_ns: i64) -> KeptZero {
@@ -243,7 +321,15 @@ mod tests {
             std: [0.01; 6],
             samples: 500,
             taken_ns,
-            said_clear: false,
+            ground: TareGround::Assumed,
+            vouched: KeptPoint {
+                bias: [0.9, -2.0, 3.0, 0.1, 0.2, 0.3],
+                taken_ns: taken_ns - 5_000_000_000,
+            },
+            shown: KeptPoint {
+                bias: [0.0; 6],
+                taken_ns: taken_ns - 60_000_000_000,
+            },
         }
     }
 
@@ -253,6 +339,9 @@ mod tests {
         let tare = kept.tare(SERIAL, 10.0, 3600.0).unwrap();
         assert!((tare.time_s - (10.0 - 90.0)).abs() < 1.0);
         assert_eq!(tare.bias.force.z, 3.0);
+        assert_eq!(tare.vouched.bias.force.x, 0.9);
+        assert!((tare.time_s - tare.vouched.time_s - 5.0).abs() < 1e-6);
+        assert!((tare.time_s - tare.shown.time_s - 60.0).abs() < 1e-6);
         assert!(kept.tare("FT99999", 10.0, 3600.0).is_none());
         assert!(kept.tare(SERIAL, 10.0, 60.0).is_none());
     }
@@ -262,7 +351,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let state = StateFolder::new(folder.path());
         let bus = Bus::in_process("test");
-        let open = || Memory::open(&bus, Some(state.clone())).unwrap().0;
+        let open = || Memory::open(&bus, FILE, Some(state.clone())).unwrap().0;
         assert_eq!(open().contact_sign(), None);
         state
             .write(
@@ -290,5 +379,18 @@ mod tests {
         std::fs::write(folder.path().join("netft.json"), "{").unwrap();
         let torn = ContactSign::Remembered(Phase::Fault);
         assert_eq!(open().contact_sign(), Some(torn));
+    }
+
+    #[test]
+    fn a_phase_that_is_not_known_may_press() {
+        let bus = Bus::in_process("test");
+        let memory = Memory::open(&bus, FILE, None).unwrap().0;
+        let control = bus.publisher(&topics::CONTROL_STATE).unwrap();
+        control.publish(&ControlState {
+            phase: 200,
+            ..ControlState::default()
+        });
+        let sign = Some(ContactSign::Possible(Phase::Fault));
+        assert_eq!(memory.contact_sign(), sign);
     }
 }

@@ -1,0 +1,241 @@
+//! A sensor whose reading no longer answers to load and still carries its noise: how far the true force goes under each law, by the
+//! simulator's own truth, and that no living sensor is taken for one.
+
+// A test says what it found, and reads the scenarios that ship.
+#![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
+// A whole file of tests: what fails here is the test.
+#![allow(clippy::unwrap_used)]
+
+mod three_laws;
+
+use tangent_control::{Fault, Phase};
+use tangent_sensing::Validity;
+use three_laws::{Cell, Law};
+
+const DEAF: Option<Fault> = Some(Fault::Wrench(Validity::Unresponsive));
+/// Beyond this nothing more is to be learnt, N.
+const ENOUGH_N: f64 = 300.0;
+/// As long a run is watched after the fault, s.
+const WATCHED_S: f64 = 5.0;
+
+/// Name, scenario and keys of a surface under a law.
+type World = (&'static str, &'static str, &'static [&'static str]);
+
+const NOISE: &[&str] = &[
+    "plant.sensor.noise_n_per_sqrt_hz=0.002",
+    "plant.sensor.noise_nm_per_sqrt_hz=6e-5",
+];
+const FLAT: &[&str] = &["plant.surface.amplitude_m=0.0001"];
+const RIPPLED: &[&str] = &[
+    "plant.surface.amplitude_m=0.004",
+    "plant.surface.wavelength_m=0.15",
+];
+
+fn worlds(law: Law) -> [World; 3] {
+    match law {
+        Law::Velocity => [
+            ("pipe", "pipe_ideal", NOISE),
+            ("sphere", "sphere", NOISE),
+            ("plane", "plane", NOISE),
+        ],
+        Law::Hybrid => [
+            ("plane", "lippiello/lippiello_plane", &[]),
+            ("sphere", "lippiello/lippiello_sphere", &[]),
+            ("cylinder", "lippiello/lippiello_cylinder", &[]),
+        ],
+        Law::Unified => [
+            ("wave", "karacan/karacan_wave", &[]),
+            ("flat", "karacan/karacan_wave", FLAT),
+            ("ripple", "karacan/karacan_wave", RIPPLED),
+        ],
+    }
+}
+
+fn keys(world: &World, stiffness: f64) -> Vec<String> {
+    let mut set: Vec<String> = world.2.iter().map(|s| (*s).to_owned()).collect();
+    set.push(format!("plant.contact.stiffness_n_per_m={stiffness:.1}"));
+    set
+}
+
+/// When the tool touched and when it began to slide, s.
+fn calm(law: Law, world: &World, stiffness: f64) -> (f64, f64) {
+    let mut cell = Cell::new(law, world.1, &keys(world, stiffness));
+    let mut contact_s = None;
+    loop {
+        let seen = cell.step();
+        assert!(
+            seen.fault.is_none() && seen.time_s < cell.duration_s,
+            "{seen:?}"
+        );
+        if seen.phase == Phase::Contact {
+            contact_s.get_or_insert(seen.time_s);
+        }
+        if seen.phase == Phase::Slide {
+            return (contact_s.unwrap(), seen.time_s);
+        }
+    }
+}
+
+/// The largest true pressing force from the fault on, N, what bounds it, why the task ended, and how long that took, s.
+fn deaf(
+    law: Law,
+    world: &World,
+    stiffness: f64,
+    from_s: f64,
+    kind: &str,
+) -> (f64, f64, Option<Fault>, f64) {
+    let mut set = keys(world, stiffness);
+    let table = match law {
+        Law::Unified => "external_wrench",
+        _ => "sensor",
+    };
+    set.push(format!(
+        "plant.{table}.fault={{ kind = \"deaf\", {kind}, from_s = {from_s:.4} }}"
+    ));
+    let mut cell = Cell::new(law, world.1, &set);
+    let (mut peak_n, mut fault, mut ended_s) = (0.0_f64, None, f64::INFINITY);
+    loop {
+        let seen = cell.step();
+        if seen.time_s >= from_s {
+            peak_n = peak_n.max(seen.pressing_n);
+        }
+        if fault.is_none() && seen.fault.is_some() {
+            (fault, ended_s) = (seen.fault, seen.time_s - from_s);
+        }
+        let over_s = seen.time_s - from_s;
+        if over_s > WATCHED_S
+            || over_s > ended_s + 0.5
+            || peak_n > ENOUGH_N
+            || !seen.phase.is_active()
+        {
+            return (peak_n, cell.bound_n(), fault, ended_s);
+        }
+    }
+}
+
+fn level(law: Law) -> &'static str {
+    match law {
+        Law::Velocity => "offset_n = [0.0, 0.0, 1.0]",
+        _ => "offset_n = [0.0, 0.0, 6.0]",
+    }
+}
+
+/// Rows on this many of the surfaces; those that are not held are printed only, where `all` are wanted.
+fn table(law: Law, surfaces: usize, all: bool, is_held: impl Fn(&str, f64, bool) -> bool) {
+    let mut wrong = Vec::new();
+    for world in worlds(law).into_iter().take(surfaces) {
+        for stiffness in [1e3, 5e3, 1e4, 5e4] {
+            let (contact_s, slide_s) = calm(law, &world, stiffness);
+            for (moment, from_s) in [
+                ("builds up", contact_s + 0.1),
+                ("slides", slide_s + 0.2),
+                ("slides on", slide_s + 2.5),
+            ] {
+                for kind in ["axis = 2", "offset_n = [0.0, 0.0, 0.0]", level(law)] {
+                    let lower = kind == level(law);
+                    // That would read as no contact at all.
+                    if lower && moment == "builds up" {
+                        continue;
+                    }
+                    if !all && !is_held(moment, stiffness, lower) {
+                        continue;
+                    }
+                    let (peak_n, bound_n, fault, after_s) =
+                        deaf(law, &world, stiffness, from_s, kind);
+                    let within = if peak_n <= bound_n {
+                        "within"
+                    } else {
+                        "BEYOND"
+                    };
+                    println!(
+                        "{law:?} | {} | {} kN/m | {moment} | {kind} | {peak_n:.1} N | {within} {bound_n} N | {fault:?} after {after_s:.2} s",
+                        world.0,
+                        1e-3 * stiffness
+                    );
+                    if peak_n > bound_n && is_held(moment, stiffness, lower) {
+                        wrong.push((world.0, stiffness, moment, kind, peak_n, fault));
+                    }
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{law:?}: {wrong:#?}");
+}
+
+/// Touch alone finds the normal: while it slides, a deaf sensor is a surface that recedes. On 50 kN/m the stiffness is not known yet when the
+/// sensor dies.
+#[test]
+fn under_the_velocity_law() {
+    table(Law::Velocity, 3, false, velocity_holds);
+}
+
+fn velocity_holds(moment: &str, stiffness: f64, _: bool) -> bool {
+    moment == "builds up" && stiffness < 2e4
+}
+
+/// A tool that is driven into 50 kN/m by a reading that stays too low sinks less steeply than the normal may be off, or less than would be
+/// felt on a soft surface.
+#[test]
+#[ignore = "not judged by the laws of torques: their published gains let the force lag the depth, and a living sensor would be refused"]
+fn under_hybrid_dynamics() {
+    table(Law::Hybrid, 3, false, hybrid_holds);
+}
+
+fn hybrid_holds(_: &str, stiffness: f64, _: bool) -> bool {
+    stiffness < 2e4
+}
+
+/// As under `hybrid_dynamics`; a reading that stays too low while it slides is a slope for longer.
+#[test]
+#[ignore = "not judged by the laws of torques, as above"]
+fn under_unified_force_impedance() {
+    table(Law::Unified, 1, false, unified_holds);
+}
+
+fn unified_holds(_: &str, stiffness: f64, lower: bool) -> bool {
+    stiffness < 2e4 && !lower
+}
+
+#[test]
+#[ignore = "minutes, in .ci/search: the rows that are not held as well, on every surface"]
+fn the_whole_table() {
+    table(Law::Velocity, 3, true, velocity_holds);
+}
+
+/// Soft and stiff, on surfaces that recede and rise under the tool.
+#[test]
+fn a_living_sensor_is_never_taken_for_a_deaf_one() {
+    let more: [(Law, World); 4] = [
+        (Law::Velocity, ("sheet", "sheet", NOISE)),
+        (Law::Velocity, ("cone", "cone_realistic", &[])),
+        (Law::Velocity, ("real pipe", "pipe_realistic", &[])),
+        (Law::Hybrid, ("real", "lippiello/lippiello_realistic", &[])),
+    ];
+    let all = [Law::Velocity, Law::Hybrid, Law::Unified]
+        .into_iter()
+        .flat_map(|law| worlds(law).map(|world| (law, world)))
+        .chain(more);
+    for (law, world) in all {
+        for stiffness in [500.0, 1e3, 5e3, 2.5e4, 5e4] {
+            // In series with the tool there is nothing stiffer.
+            if world.1.ends_with("_realistic") && law == Law::Velocity && stiffness > 3e4 {
+                continue;
+            }
+            let mut cell = Cell::new(law, world.1, &keys(&world, stiffness));
+            let (mut ended, mut slid) = (None, false);
+            for _ in 0..(cell.duration_s / cell.period_s) as usize {
+                let seen = cell.step();
+                slid |= seen.phase == Phase::Slide;
+                ended = seen.fault.or(ended);
+                if !seen.phase.is_active() {
+                    break;
+                }
+            }
+            println!(
+                "{law:?} | {} | {stiffness} N/m | slid {slid} | {ended:?}",
+                world.0
+            );
+            assert_ne!(ended, DEAF, "{law:?} {} {stiffness}", world.0);
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! A retraction that meets something, under each law: it stops, and the true force stays bounded where physics lets it.
+
+// A test says what it found, and reads the scenarios that ship.
+#![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
+// A whole file of tests: what fails here is the test.
+#![allow(clippy::unwrap_used)]
+
+mod three_laws;
+
+use nalgebra::Vector3;
+use tangent_control::{Clearance, Fault, Phase};
+use tangent_simulation::Obstacle;
+use three_laws::{Cell, Law};
+
+const STIFFNESSES: [f64; 4] = [5e3, 1e4, 2.5e4, 5e4];
+const CELLS: [(Law, &str); 3] = [
+    (Law::Velocity, "plane"),
+    (Law::Hybrid, "lippiello/lippiello_realistic"),
+    (Law::Unified, "karacan/karacan_wave"),
+];
+
+/// What a retraction meets.
+#[derive(Clone, Copy, Debug)]
+enum Met {
+    /// A wall as stiff as the surface, 3 mm behind the tool.
+    Wall,
+    /// The normal that it goes off along points into the surface.
+    WrongNormal,
+}
+
+/// Slides for a second, is stopped, and meets something from there on. The largest true force since, N, how the task ended, and what is
+/// known of the way out.
+fn retract(law: Law, path: &str, stiffness: f64, met: Met) -> (f64, Cell, Option<Fault>) {
+    let mut set = vec![format!("plant.contact.stiffness_n_per_m={stiffness:.1}")];
+    if law == Law::Velocity {
+        set.push("plant.sensor.noise_n_per_sqrt_hz=0.002".to_owned());
+        set.push("plant.sensor.noise_nm_per_sqrt_hz=6e-5".to_owned());
+    }
+    let mut cell = Cell::new(law, path, &set);
+    let (mut slid_s, mut normal) = (0.0, Vector3::z());
+    while slid_s < 1.0 {
+        let seen = cell.step();
+        assert!(
+            seen.time_s < cell.duration_s && seen.fault.is_none(),
+            "{seen:?}"
+        );
+        normal = seen.normal;
+        slid_s += f64::from(u8::from(seen.phase == Phase::Slide)) * cell.period_s;
+    }
+    match met {
+        Met::Wall => {
+            cell.stop();
+            cell.put_in_the_way(Obstacle {
+                gap_m: 0.003,
+                stiffness_n_per_m: stiffness,
+            });
+        }
+        Met::WrongNormal => cell.stop_along(-normal),
+    }
+    let mut peak_n = 0.0_f64;
+    for _ in 0..(8.0 / cell.period_s) as usize {
+        let seen = cell.step();
+        peak_n = peak_n.max(seen.force_n);
+        if !seen.phase.is_active() {
+            let known = seen.clearance == Clearance::Unknown;
+            assert!(
+                known || seen.fault.is_none(),
+                "{law:?}: {:?}",
+                seen.clearance
+            );
+            // An arm that still moves shows itself.
+            for _ in 0..(0.5 / cell.period_s) as usize {
+                peak_n = peak_n.max(cell.step().force_n);
+            }
+            return (peak_n, cell, seen.fault);
+        }
+    }
+    panic!("{law:?}: still on its way");
+}
+
+/// What the force comes to while an arm whose velocity is commanded takes 50 ms to feel and to stand, from 20 mm/s, N. No judgement of the
+/// force makes it less: only a slower retraction does.
+fn until_it_stands_n(law: Law, stiffness: f64) -> f64 {
+    match law {
+        Law::Velocity => 3.0 + 5.0 + 0.02 * 0.05 * stiffness,
+        Law::Hybrid | Law::Unified => 0.0,
+    }
+}
+
+fn table(met: Met) {
+    let mut wrong = Vec::new();
+    for (law, path) in CELLS {
+        for stiffness in STIFFNESSES {
+            let (peak_n, cell, fault) = retract(law, path, stiffness, met);
+            let bound_n = cell.bound_n();
+            println!("{met:?} {law:?} {stiffness} N/m: {peak_n:.1} N of {bound_n} N, {fault:?}");
+            if fault != Some(Fault::RetractOpposed)
+                || peak_n > until_it_stands_n(law, stiffness).max(bound_n)
+            {
+                wrong.push((law, stiffness, peak_n, fault));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{met:?}: {wrong:?}");
+}
+
+#[test]
+fn a_wall_behind_the_tool_stops_it() {
+    table(Met::Wall);
+}
+
+#[test]
+fn a_wrong_normal_stops_at_once() {
+    table(Met::WrongNormal);
+}

@@ -1,0 +1,189 @@
+//! One cell of each law, stepped alike, with what really happens in each period.
+
+use nalgebra::Vector3;
+use tangent_control::{Clearance, Fault, Phase};
+use tangent_simulation::{
+    Calm, ClosedLoop, ObjectLoop, ObjectScenario, Obstacle, Scenario, TactileLoop, TactileScenario,
+    Undisturbed,
+};
+
+/// What runs the cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Law {
+    /// Hybrid admittance: joint velocities, a force sensor at the wrist.
+    Velocity,
+    /// `hybrid_dynamics`: torques, a force sensor at the wrist.
+    Hybrid,
+    /// `unified_force_impedance`: torques, and the robot's own estimate of the wrench.
+    Unified,
+}
+
+/// One period.
+#[derive(Clone, Copy, Debug)]
+#[allow(dead_code)] // Not every test asks for everything.
+pub struct Seen {
+    pub time_s: f64,
+    pub phase: Phase,
+    pub fault: Option<Fault>,
+    pub clearance: Clearance,
+    /// True force on the tool, N: along the surface's normal, and all of it.
+    pub pressing_n: f64,
+    pub force_n: f64,
+    /// As the law reads it, N.
+    pub read_n: Option<f64>,
+    /// The tool's origin as measured, and the normal in use, base axes.
+    pub at: Vector3<f64>,
+    pub normal: Vector3<f64>,
+    /// Of the contact, as the law has it, N/m; 0 where it has none.
+    pub stiffness_n_per_m: f64,
+}
+
+enum Loop {
+    Velocity(Box<ClosedLoop>),
+    Hybrid(Box<ObjectLoop>),
+    Unified(Box<TactileLoop>),
+}
+
+/// A cell, its period and what its task asks for.
+pub struct Cell {
+    inner: Loop,
+    pub period_s: f64,
+    pub reference_n: f64,
+    pub duration_s: f64,
+}
+
+fn text(path: &str) -> String {
+    let file = format!("{}/../../scenarios/{path}.toml", env!("CARGO_MANIFEST_DIR"));
+    std::fs::read_to_string(&file).unwrap()
+}
+
+impl Cell {
+    /// Of the scenario at `path` (below `scenarios`, without its ending), with single keys changed.
+    pub fn new(law: Law, path: &str, set: &[String]) -> Self {
+        let text = text(path);
+        match law {
+            Law::Velocity => {
+                let s = Scenario::parse(path, &text, set, &|_| Err("no other file".to_owned()));
+                let s = s.unwrap();
+                let cell = ClosedLoop::new(&s).unwrap();
+                Self {
+                    period_s: cell.plant().period_s(),
+                    reference_n: s.task.force.reference_n,
+                    duration_s: s.duration_s,
+                    inner: Loop::Velocity(Box::new(cell)),
+                }
+            }
+            Law::Hybrid => {
+                let s = ObjectScenario::parse(path, &text, set).unwrap();
+                let cell = ObjectLoop::new(&s).unwrap();
+                Self {
+                    period_s: cell.plant().period_s(),
+                    reference_n: s.task.force.reference_n,
+                    duration_s: s.duration_s,
+                    inner: Loop::Hybrid(Box::new(cell)),
+                }
+            }
+            Law::Unified => {
+                let s = TactileScenario::parse(path, &text, set).unwrap();
+                let cell = TactileLoop::new(&s).unwrap();
+                Self {
+                    period_s: cell.plant().period_s(),
+                    reference_n: s.task.force.reference_n,
+                    duration_s: s.duration_s,
+                    inner: Loop::Unified(Box::new(cell)),
+                }
+            }
+        }
+    }
+
+    /// What no true force is to exceed, N.
+    pub fn bound_n(&self) -> f64 {
+        (2.0 * self.reference_n).max(10.0)
+    }
+
+    /// One period.
+    pub fn step(&mut self) -> Seen {
+        let mut seen = None;
+        match &mut self.inner {
+            Loop::Velocity(cell) => {
+                let _ = cell.step(&mut |c| {
+                    seen = Some(Seen {
+                        time_s: c.input.time_s,
+                        phase: c.output.phase,
+                        fault: c.output.fault,
+                        clearance: c.output.clearance,
+                        pressing_n: c.truth.wrench.force.dot(&c.truth.normal),
+                        force_n: c.truth.wrench.force.norm(),
+                        read_n: c.output.force_n,
+                        at: c.input.base_from_tool.translation(),
+                        normal: c.output.normal,
+                        stiffness_n_per_m: c.output.stiffness_n_per_m,
+                    });
+                });
+            }
+            Loop::Hybrid(cell) => {
+                let _ = cell.step(&mut Undisturbed, &mut |c| {
+                    seen = Some(Seen {
+                        time_s: c.input.time_s,
+                        phase: c.output.phase,
+                        fault: c.output.fault,
+                        clearance: c.output.clearance,
+                        pressing_n: c.truth.wrench.force.dot(&c.truth.normal),
+                        force_n: c.truth.wrench.force.norm(),
+                        read_n: c.output.force_n,
+                        at: c.output.base_from_tool.translation(),
+                        normal: c.output.normal,
+                        stiffness_n_per_m: 0.0,
+                    });
+                });
+            }
+            Loop::Unified(cell) => {
+                let _ = cell.step(&mut Calm, &mut |c| {
+                    seen = Some(Seen {
+                        time_s: c.input.time_s,
+                        phase: c.output.phase,
+                        fault: c.output.fault,
+                        clearance: c.output.clearance,
+                        pressing_n: c.truth.wrench.force.dot(&c.truth.normal),
+                        force_n: c.truth.wrench.force.norm(),
+                        read_n: c.output.force_n,
+                        at: c.output.base_from_tool.translation(),
+                        normal: c.output.normal,
+                        stiffness_n_per_m: 0.0,
+                    });
+                });
+            }
+        }
+        seen.unwrap()
+    }
+
+    /// Ends the task: the tool leaves the surface.
+    #[allow(dead_code)]
+    pub fn stop(&mut self) {
+        match &mut self.inner {
+            Loop::Velocity(cell) => cell.controller().stop(),
+            Loop::Hybrid(cell) => cell.controller().stop(),
+            Loop::Unified(cell) => cell.controller().stop(),
+        }
+    }
+
+    /// Ends the task with a retraction that goes the wrong way.
+    #[allow(dead_code)]
+    pub fn stop_along(&mut self, away: Vector3<f64>) {
+        match &mut self.inner {
+            Loop::Velocity(cell) => cell.controller().stop_along(away),
+            Loop::Hybrid(cell) => cell.controller().stop_along(away),
+            Loop::Unified(cell) => cell.controller().stop_along(away),
+        }
+    }
+
+    /// Puts something in the way of the tool as it leaves.
+    #[allow(dead_code)]
+    pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
+        match &mut self.inner {
+            Loop::Velocity(cell) => cell.put_in_the_way(obstacle),
+            Loop::Hybrid(cell) => cell.put_in_the_way(obstacle),
+            Loop::Unified(cell) => cell.put_in_the_way(obstacle),
+        }
+    }
+}

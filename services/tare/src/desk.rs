@@ -1,0 +1,230 @@
+//! Between the tare query, answered in threads of the bus, and the service's loop, which averages.
+
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use crossbeam_queue::ArrayQueue;
+use tangent_mechanics::Sensor;
+use tangent_runtime::Asked;
+use tangent_runtime::bus::answer::{done, done_with, refused};
+use tangent_runtime::ticket::{Order, Ticket};
+use tangent_schemas::tangent::{Answer, Request};
+use tangent_sensing::{Tare, TareGround, TareRefusal};
+
+use crate::TareSetup;
+use crate::memory::Memory;
+
+/// Time beyond the average itself that an answer may take.
+const SLACK: Duration = Duration::from_secs(1);
+
+/// What the loop made of a request.
+#[derive(Clone, Copy, Debug)]
+pub enum Outcome {
+    /// The zero is in force.
+    Tared(Tare),
+    /// The zero before stays in force.
+    Refused(TareRefusal),
+    /// The zero in force was taken back; false: there was none.
+    Withdrawn(bool),
+}
+
+/// What is asked of the loop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// A zero, and what says that nothing presses.
+    Tare(TareGround),
+    /// The zero in force was taken in contact.
+    Withdraw,
+}
+
+impl Wanted {
+    fn code(self) -> u8 {
+        match self {
+            Self::Tare(TareGround::Assumed) => 0,
+            Self::Tare(TareGround::SaidClear) => 1,
+            Self::Tare(TareGround::Shown) => 2,
+            Self::Withdraw => 3,
+        }
+    }
+
+    fn from_code(code: u8) -> Self {
+        match code {
+            1 => Self::Tare(TareGround::SaidClear),
+            2 => Self::Tare(TareGround::Shown),
+            3 => Self::Withdraw,
+            _ => Self::Tare(TareGround::Assumed),
+        }
+    }
+
+    fn of(request: &Request) -> Result<Self, Answer> {
+        match (request.action.as_str(), request.argument.as_str()) {
+            ("" | "tare", "") => Ok(Self::Tare(TareGround::Assumed)),
+            ("" | "tare", "clear") => Ok(Self::Tare(TareGround::SaidClear)),
+            ("" | "tare", "shown") => Ok(Self::Tare(TareGround::Shown)),
+            ("withdraw", "") => Ok(Self::Withdraw),
+            (action, argument) => Err(refused(format!(
+                "unknown action `{action}` with `{argument}`: tare, tare with `clear` (a person has looked: the tool hangs free) or `shown` (by the controller: a motion has shown it), or withdraw"
+            ))),
+        }
+    }
+}
+
+/// Between the desk and the loop. No lock and no memory in the loop.
+#[derive(Debug)]
+struct Counter {
+    ticket: Ticket,
+    wanted: AtomicU8,
+    outcomes: ArrayQueue<Outcome>,
+    /// Held by the one that asks.
+    turn: Mutex<()>,
+}
+
+/// The asking end.
+#[derive(Clone)]
+pub(crate) struct TareDesk {
+    counter: Arc<Counter>,
+    memory: Arc<Memory>,
+    patience: Duration,
+    silence: &'static str,
+}
+
+/// The averaging end, in the service's loop.
+#[derive(Debug)]
+pub struct TareWork(Arc<Counter>);
+
+/// For programs: N and Nm, sensor axes.
+#[derive(serde::Serialize)]
+struct TareFigures {
+    bias: [f64; 6],
+    std: [f64; 6],
+    samples: u32,
+}
+
+pub(crate) fn tare_desk(setup: &TareSetup, memory: &Arc<Memory>) -> (TareDesk, TareWork) {
+    let counter = Arc::new(Counter {
+        ticket: Ticket::default(),
+        wanted: AtomicU8::new(0),
+        outcomes: ArrayQueue::new(1),
+        turn: Mutex::new(()),
+    });
+    let desk = TareDesk {
+        counter: Arc::clone(&counter),
+        memory: Arc::clone(memory),
+        patience: Duration::from_secs_f64(setup.duration_s) + SLACK,
+        silence: setup.silence,
+    };
+    (desk, TareWork(counter))
+}
+
+impl TareWork {
+    /// What to do before the next reading.
+    pub fn order(&self) -> Order {
+        self.0.ticket.order()
+    }
+
+    /// What the order that began is about.
+    pub fn wanted(&self) -> Wanted {
+        Wanted::from_code(self.0.wanted.load(Ordering::Acquire))
+    }
+
+    /// How the order that began has ended.
+    pub fn answer(&self, outcome: Outcome) {
+        self.0.outcomes.force_push(outcome);
+        self.0.ticket.done();
+    }
+}
+
+impl TareDesk {
+    /// Why a request is refused without asking the loop; none where it may be carried out. Waits for nothing.
+    pub(crate) fn judge(&self, request: &Request) -> Option<Answer> {
+        let wanted = match Wanted::of(request) {
+            Ok(wanted) => wanted,
+            Err(answer) => return Some(answer),
+        };
+        let not = |why: String| Some(refused(format!("not tared: {why}{STAYS}")));
+        if wanted == Wanted::Withdraw {
+            return None;
+        }
+        let said_clear = wanted == Wanted::Tare(TareGround::SaidClear);
+        if let Some(sign) = self.memory.contact_sign()
+            && !(said_clear && sign.can_be_waived())
+        {
+            return not(sign.to_string());
+        }
+        if said_clear {
+            return None;
+        }
+        let second = self.memory.second_controller()?;
+        not(format!(
+            "{second}: end the one that does not belong to this cell, or look: if the tool hangs free, `tangent tare --clear`"
+        ))
+    }
+
+    /// Answers one request that was judged; waits for its turn and the average, until the request's deadline at most.
+    pub(crate) fn respond(&self, asked: &Asked) -> Answer {
+        let wanted = match Wanted::of(&asked.request) {
+            Ok(wanted) => wanted,
+            Err(answer) => return answer,
+        };
+        let counter = &self.counter;
+        let _turn = counter.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        // Another average may have been waited for, and the tool may touch since.
+        if let Some(refusal) = asked.late().or_else(|| self.judge(&asked.request)) {
+            return refusal;
+        }
+        if wanted == Wanted::Tare(TareGround::SaidClear) {
+            let against = match self.memory.contact_sign() {
+                Some(sign) => format!(", against this: {sign}"),
+                None => String::new(),
+            };
+            tracing::warn!("tared on a person's word that the tool hangs free{against}");
+        }
+        while counter.outcomes.pop().is_some() {}
+        counter.wanted.store(wanted.code(), Ordering::Release);
+        let deadline = asked.deadline.min(Instant::now() + self.patience);
+        let outcome = if counter.ticket.ask_and_wait(deadline) {
+            counter.outcomes.pop()
+        } else {
+            None
+        };
+        match outcome {
+            Some(Outcome::Tared(tare)) => {
+                let (bias, std) = (tare.bias, tare.std);
+                done_with(
+                    words(&tare),
+                    &TareFigures {
+                        bias: bias.vector().into(),
+                        std: std.vector().into(),
+                        samples: tare.samples,
+                    },
+                )
+            }
+            Some(Outcome::Withdrawn(true)) => done(
+                "the zero was taken in contact and is taken back: the wrench has none until the next tare",
+            ),
+            Some(Outcome::Withdrawn(false)) => refused("there is no zero to take back"),
+            Some(Outcome::Refused(refusal)) => refused(format!("not tared: {refusal}{STAYS}")),
+            None => refused(format!("not tared: {}{STAYS}", self.silence)),
+        }
+    }
+}
+
+/// Ends every refusal.
+const STAYS: &str = "; the zero before stays in force";
+
+fn words(tare: &Tare) -> String {
+    let show = |wrench: &tangent_mechanics::Wrench<Sensor>| {
+        let (f, t) = (wrench.force, wrench.torque);
+        format!(
+            "[{:.3}, {:.3}, {:.3}] N, [{:.4}, {:.4}, {:.4}] Nm",
+            f.x, f.y, f.z, t.x, t.y, t.z
+        )
+    };
+    format!(
+        "tared over {} readings: zero {}, scatter {}",
+        tare.samples,
+        show(&tare.bias),
+        show(&tare.std)
+    )
+}

@@ -1,0 +1,86 @@
+//! The answer to `netft/tare`, shared by the services that publish a wrench: `netft` and `franka`.
+//!
+//! [`open`] answers the query. Whether a tare is allowed is judged at once, in the bus's urgent lane, by what the controller says
+//! of contact; the average is taken by the service's loop through its [`TareWork`], and waited for in the slow lane. What a
+//! restart must not forget (the last good zero, the controller's last word) stands in one file of the cell's state folder.
+
+#![deny(missing_docs)]
+
+mod desk;
+mod keeper;
+mod memory;
+
+use std::sync::Arc;
+
+use tangent_runtime::{Bus, BusError, Handle, StateFolder};
+use tangent_schemas::topics::queries;
+
+pub use desk::{Outcome, TareWork, Wanted};
+pub use keeper::Keeper;
+pub use memory::{KeptZero, ZeroNotes};
+
+use desk::tare_desk;
+use memory::Memory;
+
+/// What differs from service to service.
+#[derive(Clone, Debug)]
+pub struct TareSetup {
+    /// The service's name, and that of its file in the state folder.
+    pub service: &'static str,
+    /// Where the file is; none: nothing is kept.
+    pub state: Option<StateFolder>,
+    /// Time over which the zero is averaged, s.
+    pub duration_s: f64,
+    /// What is wrong when no reading comes to average, and where to look.
+    pub silence: &'static str,
+}
+
+/// For the service's loop.
+pub struct Taring {
+    /// What is asked of the zero.
+    pub work: TareWork,
+    /// Where the next zero is written down.
+    pub notes: ZeroNotes,
+    /// The last good zero of the service before.
+    pub zero: Option<KeptZero>,
+}
+
+/// The query is answered, and nothing is written down yet.
+pub struct Opened {
+    taring: Taring,
+    memory: Arc<Memory>,
+    answering: Handle,
+}
+
+/// Reads the memory and begins to answer `netft/tare`.
+///
+/// # Errors
+/// The bus refuses the query or the controller's topic.
+pub fn open(bus: &Bus, setup: &TareSetup) -> Result<Opened, BusError> {
+    let (memory, notes) = Memory::open(bus, setup.service, setup.state.clone())?;
+    let memory = Arc::new(memory);
+    let (desk, work) = tare_desk(setup, &memory);
+    let judge = desk.clone();
+    let answering = bus.answer_judged(
+        queries::NETFT_TARE,
+        move |asked| judge.judge(&asked.request),
+        move |asked| desk.respond(&asked).into(),
+    )?;
+    let zero = memory.zero();
+    Ok(Opened {
+        taring: Taring { work, notes, zero },
+        memory,
+        answering,
+    })
+}
+
+impl Opened {
+    /// Starts the thread that writes the memory down. The query is answered while the second part is kept.
+    ///
+    /// # Errors
+    /// No thread can be started.
+    pub fn start(self) -> std::io::Result<(Taring, Keeper)> {
+        let keeper = Keeper::start(self.memory, self.answering)?;
+        Ok((self.taring, keeper))
+    }
+}
