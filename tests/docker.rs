@@ -11,13 +11,13 @@ mod common;
 #[path = "docker/engine.rs"]
 mod engine;
 
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use serde_json::Value;
 
 use common::{number, wait_for};
 use engine::{Project, Said, engine};
+use tangent_live::alone;
 
 /// Longest wait for a step that takes seconds on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -108,13 +108,10 @@ fn use_estimator(project: &Project, name: &str) -> bool {
     })
 }
 
-/// One cell at a time: two cells and an engine are too much for a small machine.
-static MACHINE: Mutex<()> = Mutex::new(());
-
 #[test]
 fn the_compose_file_runs_a_cell() {
     let Some(engine) = engine() else { return };
-    let _alone = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let project = Project::new(engine, false);
     project.up();
     it_wipes_and_records(&project);
@@ -130,7 +127,7 @@ fn the_compose_file_runs_a_cell() {
 #[test]
 fn the_compose_files_run_a_secured_cell() {
     let Some(engine) = engine() else { return };
-    let _alone = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let project = Project::new(engine, true);
     project.up();
     it_wipes_and_records(&project);

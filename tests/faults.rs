@@ -8,6 +8,7 @@
 mod common;
 
 use common::{json, number, port_offset, run, stderr};
+use tangent_live::live;
 
 /// Beyond every bound, ms.
 const ALLOWED_MS: &str = "1500";
@@ -28,16 +29,20 @@ const HERE: [&str; 9] = [
 
 #[test]
 fn a_fault_of_each_kind_is_answered() {
-    let rows = answered(&HERE);
-    assert_eq!(rows, HERE.len());
+    live(|| {
+        let rows = answered(&HERE);
+        assert_eq!(rows, HERE.len());
+    });
 }
 
 /// All of them, eight minutes.
 #[test]
 #[ignore = "a benchmark's length: `tangent faults` does the same"]
 fn every_fault_is_answered() {
-    let rows = answered(&[]);
-    assert!(rows >= 46, "{rows}");
+    live(|| {
+        let rows = answered(&[]);
+        assert!(rows >= 46, "{rows}");
+    });
 }
 
 /// Provokes these, or all; how many there were.

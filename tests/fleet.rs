@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use common::{Process, json, port_offset, root, run, stderr, wait_for};
 use serde_json::Value;
+use tangent_live::live;
 use tangent_runtime::{Bus, CellConfig, Latest, Role};
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, NormalEstimate};
 use tangent_schemas::topics;
@@ -135,195 +136,197 @@ fn newest<M: tangent_schemas::Message>(reader: &mut Latest<M>) -> M {
 
 #[test]
 fn two_cells_share_a_router_and_nothing_else() {
-    let mut fleet = Fleet::start();
-    let viewers = [fleet.join(0, "viewer"), fleet.join(1, "viewer")];
-    let mut arms = viewers
-        .each_ref()
-        .map(|bus| bus.latest(&topics::ARM_STATE).unwrap());
-    let mut controls = viewers
-        .each_ref()
-        .map(|bus| bus.latest(&topics::CONTROL_STATE).unwrap());
-    for (name, arm) in CELLS.iter().zip(&mut arms) {
-        let state: ArmState = wait_for(&format!("{name} is ready"), PATIENCE, || {
-            let state = newest(arm);
-            state.ready.then_some(state)
-        });
-        assert!(
-            state.commanded_by.starts_with("controller/"),
-            "{}",
-            state.commanded_by
+    live(|| {
+        let mut fleet = Fleet::start();
+        let viewers = [fleet.join(0, "viewer"), fleet.join(1, "viewer")];
+        let mut arms = viewers
+            .each_ref()
+            .map(|bus| bus.latest(&topics::ARM_STATE).unwrap());
+        let mut controls = viewers
+            .each_ref()
+            .map(|bus| bus.latest(&topics::CONTROL_STATE).unwrap());
+        for (name, arm) in CELLS.iter().zip(&mut arms) {
+            let state: ArmState = wait_for(&format!("{name} is ready"), PATIENCE, || {
+                let state = newest(arm);
+                state.ready.then_some(state)
+            });
+            assert!(
+                state.commanded_by.starts_with("controller/"),
+                "{}",
+                state.commanded_by
+            );
+        }
+
+        // One recorder for both.
+        let recordings = fleet.folder.path().join("recordings");
+        let text = fs::read_to_string(fleet.file(0))
+            .unwrap()
+            .replace("cells = [] ", &format!("cells = {CELLS:?} "));
+        let text = text.replace(
+            "folder = \"recordings\"",
+            &format!("folder = {recordings:?}"),
         );
-    }
+        let recorder_file = fleet.folder.path().join("recorder.toml");
+        fs::write(&recorder_file, text).unwrap();
+        let mut recorder = Process::start(
+            "recorder",
+            &["run", "recorder", "--cell", recorder_file.to_str().unwrap()],
+        );
 
-    // One recorder for both.
-    let recordings = fleet.folder.path().join("recordings");
-    let text = fs::read_to_string(fleet.file(0))
-        .unwrap()
-        .replace("cells = [] ", &format!("cells = {CELLS:?} "));
-    let text = text.replace(
-        "folder = \"recordings\"",
-        &format!("folder = {recordings:?}"),
-    );
-    let recorder_file = fleet.folder.path().join("recorder.toml");
-    fs::write(&recorder_file, text).unwrap();
-    let mut recorder = Process::start(
-        "recorder",
-        &["run", "recorder", "--cell", recorder_file.to_str().unwrap()],
-    );
-
-    // A stranger to both: same words, not an operator.
-    let task = root().join("deploy/tasks/line.toml");
-    let task = task.to_str().unwrap();
-    let refused = run(&[
-        "task",
-        "start",
-        task,
-        "--cell",
-        &fleet.files[0],
-        "--identity",
-        "viewer",
-    ]);
-    assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
-    assert!(
-        stderr(&refused).contains("nobody answered"),
-        "{}",
-        stderr(&refused)
-    );
-    // One controller's identity is nobody in the other cell.
-    let mut config = CellConfig::load(fleet.file(1)).unwrap();
-    config.zenoh.identify("controller.left");
-    let intruder = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
-    let commands = intruder
-        .raw_publisher(
-            topics::ARM_COMMAND.key(),
-            topics::ARM_COMMAND.message_name(),
-        )
-        .unwrap();
-
-    let rest = newest(&mut arms[1]);
-    let started = wait_for("the left task starts", PATIENCE, || {
-        let started = json(&run(&[
+        // A stranger to both: same words, not an operator.
+        let task = root().join("deploy/tasks/line.toml");
+        let task = task.to_str().unwrap();
+        let refused = run(&[
             "task",
             "start",
             task,
+            "--cell",
+            &fleet.files[0],
+            "--identity",
+            "viewer",
+        ]);
+        assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
+        assert!(
+            stderr(&refused).contains("nobody answered"),
+            "{}",
+            stderr(&refused)
+        );
+        // One controller's identity is nobody in the other cell.
+        let mut config = CellConfig::load(fleet.file(1)).unwrap();
+        config.zenoh.identify("controller.left");
+        let intruder = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
+        let commands = intruder
+            .raw_publisher(
+                topics::ARM_COMMAND.key(),
+                topics::ARM_COMMAND.message_name(),
+            )
+            .unwrap();
+
+        let rest = newest(&mut arms[1]);
+        let started = wait_for("the left task starts", PATIENCE, || {
+            let started = json(&run(&[
+                "task",
+                "start",
+                task,
+                "--json",
+                "--cell",
+                &fleet.files[0],
+            ]));
+            (started["done"] == true).then_some(started)
+        });
+        assert!(
+            started["data"]["activation"].as_u64().unwrap() > 0,
+            "{started}"
+        );
+        let mut slid = false;
+        let until = Instant::now() + PATIENCE;
+        while !slid {
+            assert!(
+                Instant::now() < until,
+                "the left arm never slid: {}",
+                fleet.task_status(0)
+            );
+            let state: ControlState = newest(&mut controls[0]);
+            assert_ne!(state.phase_text.as_str(), "fault", "{}", state.fault);
+            slid = state.phase_text.as_str() == "slide" && state.force_n > 1.0;
+            // Meanwhile somebody shakes at the right one.
+            let right = newest(&mut arms[1]);
+            let mut bytes = Vec::new();
+            let command = ArmCommand {
+                cycle: right.cycle,
+                kind: 1,
+                values: right.q.iter().map(|_| 0.5).collect(),
+                activation: 99,
+                ..ArmCommand::default()
+            };
+            tangent_schemas::cdr::encode(&command, &mut bytes).unwrap();
+            commands.publish(&bytes);
+            assert_eq!(right.commanded_by, rest.commanded_by);
+            assert!(
+                !right.refusal_reason.contains("drives this arm"),
+                "{}",
+                right.refusal_reason
+            );
+            for (now, then) in right.q.iter().zip(&rest.q) {
+                assert!(
+                    (now - then).abs() < 1e-3,
+                    "the right arm moved: {:?}",
+                    right.q
+                );
+            }
+            assert_eq!(newest(&mut controls[1]).phase_text.as_str(), "idle");
+        }
+
+        // Everybody is seen, by cell.
+        let status = json(&run(&[
+            "status",
+            "--all",
             "--json",
             "--cell",
             &fleet.files[0],
         ]));
-        (started["done"] == true).then_some(started)
-    });
-    assert!(
-        started["data"]["activation"].as_u64().unwrap() > 0,
-        "{started}"
-    );
-    let mut slid = false;
-    let until = Instant::now() + PATIENCE;
-    while !slid {
-        assert!(
-            Instant::now() < until,
-            "the left arm never slid: {}",
-            fleet.task_status(0)
-        );
-        let state: ControlState = newest(&mut controls[0]);
-        assert_ne!(state.phase_text.as_str(), "fault", "{}", state.fault);
-        slid = state.phase_text.as_str() == "slide" && state.force_n > 1.0;
-        // Meanwhile somebody shakes at the right one.
-        let right = newest(&mut arms[1]);
-        let mut bytes = Vec::new();
-        let command = ArmCommand {
-            cycle: right.cycle,
-            kind: 1,
-            values: right.q.iter().map(|_| 0.5).collect(),
-            activation: 99,
-            ..ArmCommand::default()
-        };
-        tangent_schemas::cdr::encode(&command, &mut bytes).unwrap();
-        commands.publish(&bytes);
-        assert_eq!(right.commanded_by, rest.commanded_by);
-        assert!(
-            !right.refusal_reason.contains("drives this arm"),
-            "{}",
-            right.refusal_reason
-        );
-        for (now, then) in right.q.iter().zip(&rest.q) {
-            assert!(
-                (now - then).abs() < 1e-3,
-                "the right arm moved: {:?}",
-                right.q
-            );
-        }
-        assert_eq!(newest(&mut controls[1]).phase_text.as_str(), "idle");
-    }
-
-    // Everybody is seen, by cell.
-    let status = json(&run(&[
-        "status",
-        "--all",
-        "--json",
-        "--cell",
-        &fleet.files[0],
-    ]));
-    for name in CELLS {
-        let cell = status["cells"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .find(|c| c["cell"] == name);
-        let cell = cell.unwrap_or_else(|| panic!("{name} is not in {status}"));
-        for service in ["rtde", "controller", "netft", "estimator", "simulator"] {
-            let there = cell["services"]
+        for name in CELLS {
+            let cell = status["cells"]
                 .as_array()
                 .unwrap()
                 .iter()
-                .any(|s| s["name"] == service);
-            assert!(there, "{name}/{service} is not in {cell}");
+                .find(|c| c["cell"] == name);
+            let cell = cell.unwrap_or_else(|| panic!("{name} is not in {status}"));
+            for service in ["rtde", "controller", "netft", "estimator", "simulator"] {
+                let there = cell["services"]
+                    .as_array()
+                    .unwrap()
+                    .iter()
+                    .any(|s| s["name"] == service);
+                assert!(there, "{name}/{service} is not in {cell}");
+            }
         }
-    }
 
-    // A second of the same name says where the first is, and goes.
-    let second = run(&["run", "netft", "--cell", &fleet.files[1]]);
-    assert_eq!(second.status.code(), Some(1));
-    let said = stderr(&second);
-    assert!(said.contains("netft runs already in cell right"), "{said}");
-    assert!(said.contains("on host"), "{said}");
+        // A second of the same name says where the first is, and goes.
+        let second = run(&["run", "netft", "--cell", &fleet.files[1]]);
+        assert_eq!(second.status.code(), Some(1));
+        let said = stderr(&second);
+        assert!(said.contains("netft runs already in cell right"), "{said}");
+        assert!(said.contains("on host"), "{said}");
 
-    let stopped = run(&["task", "stop", "--cell", &fleet.files[0]]);
-    assert!(stopped.status.success(), "{}", stderr(&stopped));
-    wait_for("the left arm retracts", PATIENCE, || {
-        let phase = fleet.task_status(0)["data"]["phase"].as_str()?.to_owned();
-        (phase != "retract" && phase != "slide").then_some(())
+        let stopped = run(&["task", "stop", "--cell", &fleet.files[0]]);
+        assert!(stopped.status.success(), "{}", stderr(&stopped));
+        wait_for("the left arm retracts", PATIENCE, || {
+            let phase = fleet.task_status(0)["data"]["phase"].as_str()?.to_owned();
+            (phase != "retract" && phase != "slide").then_some(())
+        });
+        assert_eq!(recorder.terminate(PATIENCE), Some(0));
+        fleet.processes.iter_mut().rev().for_each(Process::kill);
+
+        // One recording, two cells.
+        let file = fs::read_dir(&recordings)
+            .unwrap()
+            .next()
+            .unwrap()
+            .unwrap()
+            .path();
+        let file = file.to_str().unwrap();
+        let undecided = run(&["report", file, "--no-html"]);
+        assert_eq!(undecided.status.code(), Some(1));
+        assert!(
+            stderr(&undecided).contains("left, right"),
+            "{}",
+            stderr(&undecided)
+        );
+        let of = |cell: &str| {
+            json(&run(&[
+                "report",
+                file,
+                "--no-html",
+                "--json",
+                "--cell",
+                cell,
+            ]))
+        };
+        let (left, right) = (of("left"), of("right"));
+        assert!(left["force"]["mean_n"].as_f64().unwrap() > 1.0, "{left}");
+        assert!(right["force"]["mean_n"].is_null(), "{right}");
     });
-    assert_eq!(recorder.terminate(PATIENCE), Some(0));
-    fleet.processes.iter_mut().rev().for_each(Process::kill);
-
-    // One recording, two cells.
-    let file = fs::read_dir(&recordings)
-        .unwrap()
-        .next()
-        .unwrap()
-        .unwrap()
-        .path();
-    let file = file.to_str().unwrap();
-    let undecided = run(&["report", file, "--no-html"]);
-    assert_eq!(undecided.status.code(), Some(1));
-    assert!(
-        stderr(&undecided).contains("left, right"),
-        "{}",
-        stderr(&undecided)
-    );
-    let of = |cell: &str| {
-        json(&run(&[
-            "report",
-            file,
-            "--no-html",
-            "--json",
-            "--cell",
-            cell,
-        ]))
-    };
-    let (left, right) = (of("left"), of("right"));
-    assert!(left["force"]["mean_n"].as_f64().unwrap() > 1.0, "{left}");
-    assert!(right["force"]["mean_n"].is_null(), "{right}");
 }
 
 /// The router runs on; the one host whose key was lost is silenced within seconds, and nobody else.

@@ -11,11 +11,13 @@
 mod common;
 mod remote;
 
+use std::cell::RefCell;
 use std::time::Duration;
 
 use common::{Process, json, number, port_offset, root, run, wait_for};
 use remote::{Host, Wire};
 use serde_json::Value;
+use tangent_live::live;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -82,51 +84,55 @@ const TASK: &str = r#"
 
 #[test]
 fn delay_jitter_loss_and_reordering_are_borne() {
-    let mut host = Host::new();
-    eprintln!("the other host is {}", host.describe());
+    let mut host = RefCell::new(Host::new());
+    eprintln!("the other host is {}", host.get_mut().describe());
     eprintln!(
         "| way there, and back | age of the normals from there, mean / p95 | share of the time in use; fallen back | normal error, RMSE | tool off square, mean | force RMSE |"
     );
     eprintln!("|---|---|---|---|---|---|");
     for case in CASES {
-        let (report, clock_ms) = wipe(&mut host, case);
-        let figure = |path: &str| number(&report, path);
-        let age = "/estimators/blend/age_ms";
-        let used = share_in_use(&report);
-        let fallen = report["estimator_switches"].as_array().unwrap().iter();
-        let fallen = fallen.filter(|s| s["from"] == "blend").count();
-        eprintln!(
-            "| {} | {:.0} / {:.0} ms | {:.0} %; {} times | {:.2} deg | {:.2} deg | {:.3} N |",
-            case.name,
-            figure(&format!("{age}/mean")),
-            figure(&format!("{age}/p95")),
-            100.0 * used,
-            fallen,
-            figure("/normal_error_settled_deg/rmse"),
-            figure("/tool_error_deg/mean"),
-            figure("/force/rmse_n"),
-        );
-        assert_eq!(
-            report["phase"], "done",
-            "{}: {}",
-            case.name, report["fault"]
-        );
-        assert_eq!(figure("/contact/lost_count"), 0.0, "{}", case.name);
-        assert!(
-            figure("/force/rmse_n") < 0.3,
-            "{}: {}",
-            case.name,
-            report["force"]
-        );
-        // Both processes are on one machine: their clocks are one, whatever lies between them.
-        assert!(
-            clock_ms.abs() < 2.0 * case.wire.delay_ms + 20.0,
-            "{}: {clock_ms}",
-            case.name
-        );
-        if let Some(wanted) = case.used {
-            assert_eq!(used > 0.5, wanted, "{}: {used}", case.name);
-        }
+        live(|| is_borne(&mut host.borrow_mut(), case));
+    }
+}
+
+fn is_borne(host: &mut Host, case: &Case) {
+    let (report, clock_ms) = wipe(host, case);
+    let figure = |path: &str| number(&report, path);
+    let age = "/estimators/blend/age_ms";
+    let used = share_in_use(&report);
+    let fallen = report["estimator_switches"].as_array().unwrap().iter();
+    let fallen = fallen.filter(|s| s["from"] == "blend").count();
+    eprintln!(
+        "| {} | {:.0} / {:.0} ms | {:.0} %; {} times | {:.2} deg | {:.2} deg | {:.3} N |",
+        case.name,
+        figure(&format!("{age}/mean")),
+        figure(&format!("{age}/p95")),
+        100.0 * used,
+        fallen,
+        figure("/normal_error_settled_deg/rmse"),
+        figure("/tool_error_deg/mean"),
+        figure("/force/rmse_n"),
+    );
+    assert_eq!(
+        report["phase"], "done",
+        "{}: {}",
+        case.name, report["fault"]
+    );
+    assert_eq!(figure("/contact/lost_count"), 0.0, "{}", case.name);
+    assert!(
+        figure("/force/rmse_n") < 0.3,
+        "{}: {}",
+        case.name,
+        report["force"]
+    );
+    // Both processes are on one machine: their clocks are one, whatever lies between them.
+    assert!(
+        clock_ms.abs() < 2.0 * case.wire.delay_ms + 20.0,
+        "{}: {clock_ms}",
+        case.name
+    );
+    if let Some(wanted) = case.used {
+        assert_eq!(used > 0.5, wanted, "{}: {used}", case.name);
     }
 }
 

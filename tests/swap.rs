@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use common::{json, number, port_offset, root, run, tangent, wait_for};
 use serde_json::Value;
+use tangent_live::live;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 /// As the shipped cell has it.
@@ -66,8 +67,10 @@ impl Up {
         serde_json::from_slice(&output.stdout).ok()
     }
 
-    fn wait_until_sliding(&self) {
+    fn wait_until_sliding(&mut self) {
         wait_for("sliding", PATIENCE, || {
+            let ended = self.child.as_mut().unwrap().try_wait().unwrap();
+            assert!(ended.is_none(), "it has ended with {ended:?}");
             let answer = self.ask(&["task", "status"])?;
             (answer["data"]["phase"] == "slide").then_some(())
         });
@@ -174,67 +177,71 @@ fn python() -> Option<PathBuf> {
 
 #[test]
 fn an_estimator_in_python_is_swapped_in_and_the_wipe_ends_done() {
-    let Some(python) = python() else { return };
-    let up = Up::start();
-    up.wait_until_sliding();
-    let script = |name: &str| root().join("examples/python").join(name);
-    let own = Command::new(&python)
-        .arg(script("estimator.py"))
-        .args(["--router", &up.router, "--name", "my_python"])
-        .spawn();
-    let _own = Own(own.unwrap());
-    up.swap_in("my_python");
-    let client = |args: &[&str]| {
-        let output = Command::new(&python)
-            .arg(script("client.py"))
-            .args(["--router", &up.router])
-            .args(args)
-            .output()
-            .unwrap();
-        String::from_utf8(output.stdout).unwrap()
-    };
-    // Both listen for a fixed time: on a busy machine they are asked until somebody was heard in it.
-    for (args, word) in [
-        (&["status"][..], "controller"),
-        (&["plot", "--seconds", "1"][..], " N |"),
-    ] {
-        wait_for(word, PATIENCE, || client(args).contains(word).then_some(()));
-    }
-    let report = up.report();
-    // A busy machine may have kept it from answering in time later on; then the next took over, and it came back.
-    assert_eq!(
-        switches(&report)[0],
-        ("my_python".to_owned(), "asked for".to_owned())
-    );
-    assert_force_held(&report);
+    live(|| {
+        let Some(python) = python() else { return };
+        let mut up = Up::start();
+        up.wait_until_sliding();
+        let script = |name: &str| root().join("examples/python").join(name);
+        let own = Command::new(&python)
+            .arg(script("estimator.py"))
+            .args(["--router", &up.router, "--name", "my_python"])
+            .spawn();
+        let _own = Own(own.unwrap());
+        up.swap_in("my_python");
+        let client = |args: &[&str]| {
+            let output = Command::new(&python)
+                .arg(script("client.py"))
+                .args(["--router", &up.router])
+                .args(args)
+                .output()
+                .unwrap();
+            String::from_utf8(output.stdout).unwrap()
+        };
+        // Both listen for a fixed time: on a busy machine they are asked until somebody was heard in it.
+        for (args, word) in [
+            (&["status"][..], "controller"),
+            (&["plot", "--seconds", "1"][..], " N |"),
+        ] {
+            wait_for(word, PATIENCE, || client(args).contains(word).then_some(()));
+        }
+        let report = up.report();
+        // A busy machine may have kept it from answering in time later on; then the next took over, and it came back.
+        assert_eq!(
+            switches(&report)[0],
+            ("my_python".to_owned(), "asked for".to_owned())
+        );
+        assert_force_held(&report);
+    });
 }
 
 #[test]
 fn an_estimator_in_rust_is_swapped_in_and_when_it_is_killed_the_next_takes_over() {
-    let program = Path::new(env!("CARGO_BIN_EXE_tangent")).parent().unwrap();
-    let program = program.join("examples/own_estimator");
-    if !program.exists() {
-        // `cargo test` builds the examples; `cargo test --test swap` does not.
-        let mut cargo = Command::new(env!("CARGO"));
-        cargo.args(["build", "--release", "--example", "own_estimator"]);
-        assert!(cargo.current_dir(root()).status().unwrap().success());
-    }
-    let up = Up::start();
-    up.wait_until_sliding();
-    let mut own = Own(Command::new(program)
-        .args(["my_rust", &up.cell])
-        .spawn()
-        .unwrap());
-    up.swap_in("my_rust");
-    own.0.kill().unwrap();
-    let report = up.report();
-    assert_eq!(report["estimator"], "blend");
-    let found = switches(&report);
-    assert_eq!(found[0], ("my_rust".to_owned(), "asked for".to_owned()));
-    let last = found.last().unwrap();
-    assert!(
-        last.0 == "blend" && last.1.starts_with("fell back"),
-        "{found:?}"
-    );
-    assert_force_held(&report);
+    live(|| {
+        let program = Path::new(env!("CARGO_BIN_EXE_tangent")).parent().unwrap();
+        let program = program.join("examples/own_estimator");
+        if !program.exists() {
+            // `cargo test` builds the examples; `cargo test --test swap` does not.
+            let mut cargo = Command::new(env!("CARGO"));
+            cargo.args(["build", "--release", "--example", "own_estimator"]);
+            assert!(cargo.current_dir(root()).status().unwrap().success());
+        }
+        let mut up = Up::start();
+        up.wait_until_sliding();
+        let mut own = Own(Command::new(program)
+            .args(["my_rust", &up.cell])
+            .spawn()
+            .unwrap());
+        up.swap_in("my_rust");
+        own.0.kill().unwrap();
+        let report = up.report();
+        assert_eq!(report["estimator"], "blend");
+        let found = switches(&report);
+        assert_eq!(found[0], ("my_rust".to_owned(), "asked for".to_owned()));
+        let last = found.last().unwrap();
+        assert!(
+            last.0 == "blend" && last.1.starts_with("fell back"),
+            "{found:?}"
+        );
+        assert_force_held(&report);
+    });
 }

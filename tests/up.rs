@@ -6,137 +6,133 @@ mod common;
 
 use std::fs;
 use std::path::Path;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use common::{json, number, run, up, up_system};
+use tangent_live::live;
 
 const SCENARIO: &str = "pipe_realistic";
-
-/// One system at a time: what is measured is a system, not how three of them share a small machine.
-static MACHINE: Mutex<()> = Mutex::new(());
-
-fn alone() -> MutexGuard<'static, ()> {
-    MACHINE.lock().unwrap_or_else(PoisonError::into_inner)
-}
 
 /// The whole system wipes the pipe, leaves a recording and a report, and its figures are those of `evaluate`.
 #[test]
 fn up_wipes_the_pipe_as_evaluate_does() {
-    let _alone = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let live = up(SCENARIO, folder.path());
-    let evaluation = json(&run(&["evaluate", SCENARIO, "--json"]));
+    live(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let live = up(SCENARIO, folder.path());
+        let evaluation = json(&run(&["evaluate", SCENARIO, "--json"]));
 
-    // Figure, and the difference that is too small to speak of.
-    for (path, small) in [
-        ("/normal_error_deg/mean", 0.3),
-        ("/normal_error_settled_deg/rmse", 0.3),
-        ("/alignment_error_deg/mean", 0.3),
-        ("/tool_error_deg/mean", 0.3),
-        ("/force/mean_n", 0.02),
-        ("/force/rmse_n", 0.03),
-        ("/force/peak_n", 0.1),
-        ("/path/rmse_m", 5e-4),
-    ] {
-        let (here, there) = (number(&live, path), number(&evaluation, path));
+        // Figure, and the difference that is too small to speak of.
+        for (path, small) in [
+            ("/normal_error_deg/mean", 0.3),
+            ("/normal_error_settled_deg/rmse", 0.3),
+            ("/alignment_error_deg/mean", 0.3),
+            ("/tool_error_deg/mean", 0.3),
+            ("/force/mean_n", 0.02),
+            ("/force/rmse_n", 0.03),
+            ("/force/peak_n", 0.1),
+            ("/path/rmse_m", 5e-4),
+        ] {
+            let (here, there) = (number(&live, path), number(&evaluation, path));
+            assert!(
+                (here - there).abs() <= (0.2 * there.abs()).max(small),
+                "{path}: live {here}, evaluate {there}"
+            );
+        }
+        assert_eq!(number(&live, "/contact/lost_count"), 0.0);
+        assert_eq!(live["scenario"], SCENARIO);
+
+        let names: Vec<String> = fs::read_dir(folder.path())
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        let recording = names
+            .iter()
+            .find(|n| n.ends_with(".mcap"))
+            .expect("a recording");
         assert!(
-            (here - there).abs() <= (0.2 * there.abs()).max(small),
-            "{path}: live {here}, evaluate {there}"
+            names.iter().any(|n| n.ends_with(".html")),
+            "no report in {names:?}"
         );
-    }
-    assert_eq!(number(&live, "/contact/lost_count"), 0.0);
-    assert_eq!(live["scenario"], SCENARIO);
 
-    let names: Vec<String> = fs::read_dir(folder.path())
-        .unwrap()
-        .map(|e| e.unwrap().file_name().into_string().unwrap())
-        .collect();
-    let recording = names
-        .iter()
-        .find(|n| n.ends_with(".mcap"))
-        .expect("a recording");
-    assert!(
-        names.iter().any(|n| n.ends_with(".html")),
-        "no report in {names:?}"
-    );
-
-    // `report` on the recording says the same again.
-    let path = folder.path().join(recording);
-    let report = run(&["report", path.to_str().unwrap(), "--json", "--no-html"]);
-    let again = json(&report);
-    assert_eq!(again["force"], live["force"]);
-    assert_eq!(again["normal_error_deg"], live["normal_error_deg"]);
-    assert!(number(&again, "/loop/packet_to_command_us/p50") > 0.0);
+        // `report` on the recording says the same again.
+        let path = folder.path().join(recording);
+        let report = run(&["report", path.to_str().unwrap(), "--json", "--no-html"]);
+        let again = json(&report);
+        assert_eq!(again["force"], live["force"]);
+        assert_eq!(again["normal_error_deg"], live["normal_error_deg"]);
+        assert!(number(&again, "/loop/packet_to_command_us/p50") > 0.0);
+    });
 }
 
 /// The torque-controlled arm with its camera wipes the object, and the figures are those of `evaluate`.
 #[test]
 fn up_lippiello_wipes_the_object_as_evaluate_does() {
-    let _alone = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let live = up_system("lippiello", folder.path());
-    let evaluation = json(&run(&["evaluate", "lippiello_realistic", "--json"]));
-    for (path, small) in [
-        ("/normal_error_deg/mean", 0.3),
-        ("/force/mean_n", 0.3),
-        ("/object_pose/sliding_force_rmse_n", 0.3),
-        ("/object_pose/position_rmse_m", 2e-3),
-        ("/object_pose/orientation_rmse_deg", 0.5),
-        ("/object_pose/path_on_object_rmse_m", 2e-3),
-        ("/path/rmse_m", 3e-4),
-    ] {
-        let (here, there) = (number(&live, path), number(&evaluation, path));
-        assert!(
-            (here - there).abs() <= (0.3 * there.abs()).max(small),
-            "{path}: live {here}, evaluate {there}"
-        );
-    }
-    assert_eq!(live["phase"], "done");
-    assert!(number(&live, "/loop/packet_to_command_us/p50") > 0.0);
-    let page = page(folder.path());
-    for title in [
-        "Position error in object axes",
-        "Orientation error in object axes",
-        "Force at the wrist",
-        "Moment at the wrist",
-    ] {
-        assert!(page.contains(title), "the page lacks: {title}");
-    }
+    live(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let live = up_system("lippiello", folder.path());
+        let evaluation = json(&run(&["evaluate", "lippiello_realistic", "--json"]));
+        for (path, small) in [
+            ("/normal_error_deg/mean", 0.3),
+            ("/force/mean_n", 0.3),
+            ("/object_pose/sliding_force_rmse_n", 0.3),
+            ("/object_pose/position_rmse_m", 2e-3),
+            ("/object_pose/orientation_rmse_deg", 0.5),
+            ("/object_pose/path_on_object_rmse_m", 2e-3),
+            ("/path/rmse_m", 3e-4),
+        ] {
+            let (here, there) = (number(&live, path), number(&evaluation, path));
+            assert!(
+                (here - there).abs() <= (0.3 * there.abs()).max(small),
+                "{path}: live {here}, evaluate {there}"
+            );
+        }
+        assert_eq!(live["phase"], "done");
+        assert!(number(&live, "/loop/packet_to_command_us/p50") > 0.0);
+        let page = page(folder.path());
+        for title in [
+            "Position error in object axes",
+            "Orientation error in object axes",
+            "Force at the wrist",
+            "Moment at the wrist",
+        ] {
+            assert!(page.contains(title), "the page lacks: {title}");
+        }
+    });
 }
 
 /// The Franka wipes the wave over its own interface, by a depth camera and by what it feels through its joints, as in `evaluate`.
 #[test]
 fn up_karacan_wipes_the_wave_as_evaluate_does() {
-    let _alone = alone();
-    let folder = tempfile::tempdir().unwrap();
-    let live = up_system("karacan", folder.path());
-    let evaluation = json(&run(&["evaluate", "karacan_depth", "--json"]));
-    for (path, small) in [
-        ("/force/mean_n", 0.5),
-        ("/force/rmse_n", 0.4),
-        // What touch alone makes of it is beside what the camera sees.
-        ("/normal_error_deg/mean", 1.5),
-        ("/path/rmse_m", 1e-3),
-    ] {
-        let (here, there) = (number(&live, path), number(&evaluation, path));
-        assert!(
-            (here - there).abs() <= (0.3 * there.abs()).max(small),
-            "{path}: live {here}, evaluate {there}"
-        );
-    }
-    assert_eq!(live["phase"], "done");
-    assert_eq!(live["scenario"], "karacan_depth");
-    assert!(live["estimators"]["depth_normal"].is_object());
-    for (path, low, high) in [
-        ("/tanks/motion_min_j", 1.0, 32.0),
-        ("/tanks/motion_max_j", 1.0, 32.0),
-        ("/tanks/force_min_j", 1.0, 2.0 + 1e-9),
-        ("/tanks/force_max_j", 1.0, 2.0 + 1e-9),
-    ] {
-        let joules = number(&live, path);
-        assert!((low..=high).contains(&joules), "{path}: {joules} J");
-    }
-    assert!(page(folder.path()).contains("Energy tanks"));
+    live(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let live = up_system("karacan", folder.path());
+        let evaluation = json(&run(&["evaluate", "karacan_depth", "--json"]));
+        for (path, small) in [
+            ("/force/mean_n", 0.5),
+            ("/force/rmse_n", 0.4),
+            // What touch alone makes of it is beside what the camera sees.
+            ("/normal_error_deg/mean", 1.5),
+            ("/path/rmse_m", 1e-3),
+        ] {
+            let (here, there) = (number(&live, path), number(&evaluation, path));
+            assert!(
+                (here - there).abs() <= (0.3 * there.abs()).max(small),
+                "{path}: live {here}, evaluate {there}"
+            );
+        }
+        assert_eq!(live["phase"], "done");
+        assert_eq!(live["scenario"], "karacan_depth");
+        assert!(live["estimators"]["depth_normal"].is_object());
+        for (path, low, high) in [
+            ("/tanks/motion_min_j", 1.0, 32.0),
+            ("/tanks/motion_max_j", 1.0, 32.0),
+            ("/tanks/force_min_j", 1.0, 2.0 + 1e-9),
+            ("/tanks/force_max_j", 1.0, 2.0 + 1e-9),
+        ] {
+            let joules = number(&live, path);
+            assert!((low..=high).contains(&joules), "{path}: {joules} J");
+        }
+        assert!(page(folder.path()).contains("Energy tanks"));
+    });
 }
 
 /// The report's page.

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::{json, number, stderr, tangent, wait_for};
+use tangent_live::live;
 
 /// The wrist turned up, down and to all sides, well above the surface; the first again at the end. rad.
 const POSES: [[f64; 3]; 9] = [
@@ -107,49 +108,51 @@ fn assert_true(found: &Value, what: &str) {
 
 #[test]
 fn the_payload_is_found_live_and_from_the_recording() {
-    let mut cell = Cell::new(|_| {});
-    cell.start_all(&["router simulator netft rtde recorder"]);
-    let observer = Observer::join(&cell);
-    wait_for("the arm is ready", PATIENCE, || {
-        observer.arm().filter(|arm| arm.ready)
+    live(|| {
+        let mut cell = Cell::new(|_| {});
+        cell.start_all(&["router simulator netft rtde recorder"]);
+        let observer = Observer::join(&cell);
+        wait_for("the arm is ready", PATIENCE, || {
+            observer.arm().filter(|arm| arm.ready)
+        });
+        move_to(&cell, &observer, POSES[0]);
+
+        let mut person = Person::start(&cell, &["--poses", "9"]);
+        for pose in POSES {
+            person.asked();
+            move_to(&cell, &observer, pose);
+            person.enter();
+        }
+        let (output, said) = person.ended();
+        assert_eq!(output.status.code(), Some(0), "{said}");
+        let found = json(&output);
+        assert_eq!(found["poses"], 9);
+        assert_true(&found, "live");
+
+        // Six times the same: refused, and it says why.
+        let mut person = Person::start(&cell, &["--poses", "6"]);
+        for _ in 0..6 {
+            person.asked();
+            person.enter();
+        }
+        let (output, said) = person.ended();
+        assert_eq!(output.status.code(), Some(1));
+        assert!(said.contains("too much alike"), "{said}");
+
+        let name = "router simulator netft rtde recorder";
+        assert_eq!(cell.process(name).terminate(PATIENCE), Some(0));
+        let file = cell.files().remove(0);
+        let args = ["calibrate", "payload", "--from", file.to_str().unwrap()];
+        assert_true(&cell.cli_json(&args, 0), "recorded");
+        let words = cell.cli(&args);
+        let words = String::from_utf8_lossy(&words.stdout).into_owned();
+        for line in ["[tool]", "mass_kg = 0.3", "com_in_sensor_m = [0.0"] {
+            assert!(words.contains(line), "no {line} in {words}");
+        }
+        let tool: toml::Table = words.parse().expect("lines for the cell file");
+        assert!(tool["tool"]["mass_kg"].is_float());
+        nothing_to_find(&cell, &file);
     });
-    move_to(&cell, &observer, POSES[0]);
-
-    let mut person = Person::start(&cell, &["--poses", "9"]);
-    for pose in POSES {
-        person.asked();
-        move_to(&cell, &observer, pose);
-        person.enter();
-    }
-    let (output, said) = person.ended();
-    assert_eq!(output.status.code(), Some(0), "{said}");
-    let found = json(&output);
-    assert_eq!(found["poses"], 9);
-    assert_true(&found, "live");
-
-    // Six times the same: refused, and it says why.
-    let mut person = Person::start(&cell, &["--poses", "6"]);
-    for _ in 0..6 {
-        person.asked();
-        person.enter();
-    }
-    let (output, said) = person.ended();
-    assert_eq!(output.status.code(), Some(1));
-    assert!(said.contains("too much alike"), "{said}");
-
-    let name = "router simulator netft rtde recorder";
-    assert_eq!(cell.process(name).terminate(PATIENCE), Some(0));
-    let file = cell.files().remove(0);
-    let args = ["calibrate", "payload", "--from", file.to_str().unwrap()];
-    assert_true(&cell.cli_json(&args, 0), "recorded");
-    let words = cell.cli(&args);
-    let words = String::from_utf8_lossy(&words.stdout).into_owned();
-    for line in ["[tool]", "mass_kg = 0.3", "com_in_sensor_m = [0.0"] {
-        assert!(words.contains(line), "no {line} in {words}");
-    }
-    let tool: toml::Table = words.parse().expect("lines for the cell file");
-    assert!(tool["tool"]["mass_kg"].is_float());
-    nothing_to_find(&cell, &file);
 }
 
 fn nothing_to_find(cell: &Cell, file: &Path) {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use serde_json::Value;
@@ -14,14 +14,11 @@ use tangent_schemas::topics;
 use tempfile::TempDir;
 
 use crate::common::{Process, json, port_offset, root, run, stderr, wait_for};
+use tangent_live::{Alone, alone};
 
 /// Longest wait for any step that takes seconds at most on an idle machine; a machine that also
 /// builds is slow.
 pub const PATIENCE: Duration = Duration::from_secs(40);
-
-/// One cell at a time: the tests measure the response of one cell, not how two share a small
-/// machine.
-static MACHINE: Mutex<()> = Mutex::new(());
 
 /// A cell's processes by name, and its files.
 pub struct Cell {
@@ -29,7 +26,7 @@ pub struct Cell {
     port_offset: u16,
     processes: BTreeMap<String, Process>,
     // Released after the processes have ended.
-    _alone: MutexGuard<'static, ()>,
+    _alone: Alone,
 }
 
 impl Cell {
@@ -71,7 +68,7 @@ impl Cell {
         replaced: (&str, &str),
         change: impl FnOnce(&mut toml::Table),
     ) -> Self {
-        let alone = MACHINE.lock().unwrap_or_else(PoisonError::into_inner);
+        let alone = alone();
         let folder = tempfile::tempdir().unwrap();
         let port_offset = port_offset();
         let offset = i64::from(port_offset);

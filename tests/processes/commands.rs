@@ -6,6 +6,7 @@ use serde_json::Value;
 
 use crate::cell::{Cell, Observer, PATIENCE, mcap_files};
 use crate::common::{Process, json, number, run, wait_for};
+use tangent_live::live;
 
 const PROCESSES: [&str; 6] = [
     "router",
@@ -28,137 +29,139 @@ fn service<'a>(status: &'a Value, name: &str) -> &'a Value {
 /// A person starts the cell, looks at it, wipes, changes things meanwhile, and reads the recording.
 #[test]
 fn a_cell_is_run_from_the_command_line() {
-    let mut cell = Cell::new(|_| {});
-    cell.start_all(&PROCESSES);
-    let observer = Observer::join(&cell);
-    let ready = || observer.arm().filter(|arm| arm.ready);
-    wait_for("the arm is ready", PATIENCE, ready);
+    live(|| {
+        let mut cell = Cell::new(|_| {});
+        cell.start_all(&PROCESSES);
+        let observer = Observer::join(&cell);
+        let ready = || observer.arm().filter(|arm| arm.ready);
+        wait_for("the arm is ready", PATIENCE, ready);
 
-    // Health comes once a second: everybody has told its rates before long.
-    let status = wait_for("everybody tells rates", PATIENCE, || {
-        let output = cell.cli(&["status", "--json"]);
-        let status = json(&output);
-        let told = |name: &str, rate: &str| {
-            let services = status["services"].as_array().unwrap();
-            services
-                .iter()
-                .any(|s| s["name"] == name && s["rates_hz"][rate].as_f64() > Some(50.0))
-        };
-        [
-            ("netft", "wrench/tool"),
-            ("rtde", "arm_state"),
-            ("controller", "arm_state"),
-            ("estimator", "arm_state"),
-            ("recorder", "messages"),
-            ("simulator", "cycles"),
-        ]
-        .iter()
-        .all(|(name, rate)| told(name, rate))
-        .then_some(status)
-    });
-    let ids = cell.ids();
-    for (name, process) in [
-        ("netft", "netft"),
-        ("rtde", "rtde controller"),
-        ("controller", "rtde controller"),
-        ("estimator", "estimator"),
-        ("recorder", "recorder"),
-        ("simulator", "simulator"),
-    ] {
-        let service = service(&status, name);
-        assert_eq!(service["alive"], true, "{service}");
-        let instance = service["instance"].as_str().unwrap();
-        assert!(
-            instance.ends_with(&format!("-{}", ids[process])),
-            "{instance}"
-        );
-    }
-    for (name, age) in [
-        ("netft", "record"),
-        ("rtde", "robot_packet"),
-        ("controller", "arm_state"),
-    ] {
-        let ms = number(&service(&status, name)["ages_ms"], &format!("/{age}"));
-        assert!((0.0..1000.0).contains(&ms), "{name}: {age} {ms} ms");
-    }
-
-    let tared = cell.cli_json(&["tare"], 0);
-    assert_eq!(tared["done"], true, "{tared}");
-    // The simulated sensor's zero is some newtons off, and that is what the tare has found.
-    let bias: Vec<f64> = (0..3)
-        .map(|i| number(&tared, &format!("/data/bias/{i}")))
-        .collect();
-    assert!(bias.iter().any(|b| b.abs() > 0.1), "{bias:?}");
-
-    let task = cell.long_task();
-    observer.slide(&cell, &task);
-    let again = cell.cli_json(&["task", "start", task.to_str().unwrap()], 1);
-    assert!(again["message"].as_str().unwrap().contains("slide"));
-    let running = cell.cli_json(&["task", "status"], 0);
-    assert_eq!(running["data"]["phase"], "slide", "{running}");
-    assert_eq!(running["data"]["task"], "test");
-
-    parameters(&cell, &observer);
-    estimators(&cell);
-
-    let before = tangent_runtime::clock::now_ns();
-    assert_eq!(cell.cli_json(&["task", "pause"], 0)["done"], true);
-    observer.phase("hold", before);
-    observer.at_rest(before);
-    let before = tangent_runtime::clock::now_ns();
-    assert_eq!(cell.cli_json(&["task", "resume"], 0)["done"], true);
-    observer.sliding(before);
-
-    // A second recorder, of a person's own.
-    let own = tempfile::tempdir().unwrap();
-    let file = cell.file();
-    let mut record = Process::start(
-        "record",
-        &[
-            "record",
-            "--folder",
-            own.path().to_str().unwrap(),
-            "--cell",
-            file.to_str().unwrap(),
-        ],
-    );
-    wait_for("it writes", PATIENCE, || {
-        let files = mcap_files(own.path());
-        let size = files.first()?.metadata().ok()?.len();
-        (size > 10_000).then_some(())
-    });
-
-    let before = tangent_runtime::clock::now_ns();
-    assert_eq!(cell.cli_json(&["task", "stop"], 0)["done"], true);
-    observer.phase("done", before);
-    record.signal("INT");
-    assert_eq!(record.ended(PATIENCE), Some(0));
-
-    let names = PROCESSES;
-    cell.assert_running(&names);
-    for name in names.iter().rev() {
-        let code = cell.process(name).terminate(PATIENCE);
-        assert_eq!(code, Some(0), "{name}");
-    }
-    // What the recorder of the cell has kept is the whole task; the person's own has its end.
-    for (path, whole) in [
-        (&cell.files()[0], true),
-        (&mcap_files(own.path())[0], false),
-    ] {
-        let output = run(&["report", path.to_str().unwrap(), "--json", "--no-html"]);
-        assert!(
-            matches!(output.status.code(), Some(0 | 3)),
-            "{:?}",
-            output.status
-        );
-        let figures = json(&output);
-        assert_eq!(figures["phase"], "done", "{figures}");
-        assert_eq!(figures["recording"]["truncated"], false);
-        if whole {
-            let force = number(&figures, "/force/mean_n");
-            assert!((force - 3.0).abs() < 0.5, "{force} N");
+        // Health comes once a second: everybody has told its rates before long.
+        let status = wait_for("everybody tells rates", PATIENCE, || {
+            let output = cell.cli(&["status", "--json"]);
+            let status = json(&output);
+            let told = |name: &str, rate: &str| {
+                let services = status["services"].as_array().unwrap();
+                services
+                    .iter()
+                    .any(|s| s["name"] == name && s["rates_hz"][rate].as_f64() > Some(50.0))
+            };
+            [
+                ("netft", "wrench/tool"),
+                ("rtde", "arm_state"),
+                ("controller", "arm_state"),
+                ("estimator", "arm_state"),
+                ("recorder", "messages"),
+                ("simulator", "cycles"),
+            ]
+            .iter()
+            .all(|(name, rate)| told(name, rate))
+            .then_some(status)
+        });
+        let ids = cell.ids();
+        for (name, process) in [
+            ("netft", "netft"),
+            ("rtde", "rtde controller"),
+            ("controller", "rtde controller"),
+            ("estimator", "estimator"),
+            ("recorder", "recorder"),
+            ("simulator", "simulator"),
+        ] {
+            let service = service(&status, name);
+            assert_eq!(service["alive"], true, "{service}");
+            let instance = service["instance"].as_str().unwrap();
+            assert!(
+                instance.ends_with(&format!("-{}", ids[process])),
+                "{instance}"
+            );
         }
-    }
+        for (name, age) in [
+            ("netft", "record"),
+            ("rtde", "robot_packet"),
+            ("controller", "arm_state"),
+        ] {
+            let ms = number(&service(&status, name)["ages_ms"], &format!("/{age}"));
+            assert!((0.0..1000.0).contains(&ms), "{name}: {age} {ms} ms");
+        }
+
+        let tared = cell.cli_json(&["tare"], 0);
+        assert_eq!(tared["done"], true, "{tared}");
+        // The simulated sensor's zero is some newtons off, and that is what the tare has found.
+        let bias: Vec<f64> = (0..3)
+            .map(|i| number(&tared, &format!("/data/bias/{i}")))
+            .collect();
+        assert!(bias.iter().any(|b| b.abs() > 0.1), "{bias:?}");
+
+        let task = cell.long_task();
+        observer.slide(&cell, &task);
+        let again = cell.cli_json(&["task", "start", task.to_str().unwrap()], 1);
+        assert!(again["message"].as_str().unwrap().contains("slide"));
+        let running = cell.cli_json(&["task", "status"], 0);
+        assert_eq!(running["data"]["phase"], "slide", "{running}");
+        assert_eq!(running["data"]["task"], "test");
+
+        parameters(&cell, &observer);
+        estimators(&cell);
+
+        let before = tangent_runtime::clock::now_ns();
+        assert_eq!(cell.cli_json(&["task", "pause"], 0)["done"], true);
+        observer.phase("hold", before);
+        observer.at_rest(before);
+        let before = tangent_runtime::clock::now_ns();
+        assert_eq!(cell.cli_json(&["task", "resume"], 0)["done"], true);
+        observer.sliding(before);
+
+        // A second recorder, of a person's own.
+        let own = tempfile::tempdir().unwrap();
+        let file = cell.file();
+        let mut record = Process::start(
+            "record",
+            &[
+                "record",
+                "--folder",
+                own.path().to_str().unwrap(),
+                "--cell",
+                file.to_str().unwrap(),
+            ],
+        );
+        wait_for("it writes", PATIENCE, || {
+            let files = mcap_files(own.path());
+            let size = files.first()?.metadata().ok()?.len();
+            (size > 10_000).then_some(())
+        });
+
+        let before = tangent_runtime::clock::now_ns();
+        assert_eq!(cell.cli_json(&["task", "stop"], 0)["done"], true);
+        observer.phase("done", before);
+        record.signal("INT");
+        assert_eq!(record.ended(PATIENCE), Some(0));
+
+        let names = PROCESSES;
+        cell.assert_running(&names);
+        for name in names.iter().rev() {
+            let code = cell.process(name).terminate(PATIENCE);
+            assert_eq!(code, Some(0), "{name}");
+        }
+        // What the recorder of the cell has kept is the whole task; the person's own has its end.
+        for (path, whole) in [
+            (&cell.files()[0], true),
+            (&mcap_files(own.path())[0], false),
+        ] {
+            let output = run(&["report", path.to_str().unwrap(), "--json", "--no-html"]);
+            assert!(
+                matches!(output.status.code(), Some(0 | 3)),
+                "{:?}",
+                output.status
+            );
+            let figures = json(&output);
+            assert_eq!(figures["phase"], "done", "{figures}");
+            assert_eq!(figures["recording"]["truncated"], false);
+            if whole {
+                let force = number(&figures, "/force/mean_n");
+                assert!((force - 3.0).abs() < 0.5, "{force} N");
+            }
+        }
+    });
 }
 
 fn parameters(cell: &Cell, observer: &Observer) {
@@ -216,44 +219,46 @@ fn estimators(cell: &Cell) {
 /// Ctrl-C of `up` in the middle of the path: off the surface, everybody ends in order, and there is a report.
 #[test]
 fn ctrl_c_of_up_retracts_and_reports() {
-    let folder = tempfile::tempdir().unwrap();
-    let offset = crate::common::port_offset().to_string();
-    let path = folder.path().to_str().unwrap();
-    let log = std::fs::File::create(folder.path().join("up.log")).unwrap();
-    let mut up = Process::start_with_log(
-        "up",
-        &["up", "--folder", path, "--port-offset", &offset],
-        log,
-    );
-    let said = || std::fs::read_to_string(folder.path().join("up.log")).unwrap();
-    wait_for("it slides", PATIENCE, || {
-        assert_eq!(up.code(), None, "{}", said());
-        said().contains("slide").then_some(())
+    live(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let offset = crate::common::port_offset().to_string();
+        let path = folder.path().to_str().unwrap();
+        let log = std::fs::File::create(folder.path().join("up.log")).unwrap();
+        let mut up = Process::start_with_log(
+            "up",
+            &["up", "--folder", path, "--port-offset", &offset],
+            log,
+        );
+        let said = || std::fs::read_to_string(folder.path().join("up.log")).unwrap();
+        wait_for("it slides", PATIENCE, || {
+            assert_eq!(up.code(), None, "{}", said());
+            said().contains("slide").then_some(())
+        });
+        up.signal("INT");
+        let code = up.ended(Duration::from_secs(60));
+        // 3: a busy machine may miss a cycle.
+        assert!(matches!(code, Some(0 | 3)), "{code:?}: {}", said());
+        assert!(said().contains("retracting"), "{}", said());
+        let files = mcap_files(folder.path());
+        assert_eq!(files.len(), 1);
+        assert!(files[0].with_extension("html").exists());
+        let figures = json(&run(&[
+            "report",
+            files[0].to_str().unwrap(),
+            "--json",
+            "--no-html",
+        ]));
+        assert_eq!(figures["phase"], "done", "{figures}");
+        assert_eq!(figures["recording"]["truncated"], false);
+        // It came off: the last truth is out of contact.
+        let recording = tangent_recorder::Recording::open(&files[0]).unwrap();
+        let last = recording
+            .messages()
+            .filter(|m| m.topic == "/truth/contact")
+            .last()
+            .unwrap();
+        let truth: tangent_schemas::tangent::ContactTruth =
+            tangent_schemas::cdr::decode(&last.bytes).unwrap();
+        assert!(!truth.in_contact);
     });
-    up.signal("INT");
-    let code = up.ended(Duration::from_secs(60));
-    // 3: a busy machine may miss a cycle.
-    assert!(matches!(code, Some(0 | 3)), "{code:?}: {}", said());
-    assert!(said().contains("retracting"), "{}", said());
-    let files = mcap_files(folder.path());
-    assert_eq!(files.len(), 1);
-    assert!(files[0].with_extension("html").exists());
-    let figures = json(&run(&[
-        "report",
-        files[0].to_str().unwrap(),
-        "--json",
-        "--no-html",
-    ]));
-    assert_eq!(figures["phase"], "done", "{figures}");
-    assert_eq!(figures["recording"]["truncated"], false);
-    // It came off: the last truth is out of contact.
-    let recording = tangent_recorder::Recording::open(&files[0]).unwrap();
-    let last = recording
-        .messages()
-        .filter(|m| m.topic == "/truth/contact")
-        .last()
-        .unwrap();
-    let truth: tangent_schemas::tangent::ContactTruth =
-        tangent_schemas::cdr::decode(&last.bytes).unwrap();
-    assert!(!truth.in_contact);
 }

@@ -8,6 +8,7 @@ use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::wait_for;
+use tangent_live::live;
 
 /// A box whose web server answers `rate` for its records per second, as long as the process lives.
 fn box_with_rate(port: u16, rate: &'static str) {
@@ -32,53 +33,57 @@ fn box_with_rate(port: u16, rate: &'static str) {
 /// The rate went into a duration of 3e30 s, and the thread was gone: `status` showed nothing, for ever.
 #[test]
 fn a_box_with_an_impossible_rate_is_refused_by_name_and_tried_again() {
-    let mut cell = Cell::new(|_| {});
-    box_with_rate(8080 + cell.port_offset(), "1e-30");
-    cell.start_all(&["router netft"]);
-    let fault = wait_for("status names what is wrong", PATIENCE, || {
-        let output = cell.cli(&["status", "--json"]);
-        let status: serde_json::Value = serde_json::from_slice(&output.stdout).ok()?;
-        let services = status["services"].as_array()?;
-        let netft = services.iter().find(|s| s["name"] == "netft")?;
-        let fault = netft["fault"].as_str()?;
-        fault.contains("comrdtrate").then(|| fault.to_owned())
+    live(|| {
+        let mut cell = Cell::new(|_| {});
+        box_with_rate(8080 + cell.port_offset(), "1e-30");
+        cell.start_all(&["router netft"]);
+        let fault = wait_for("status names what is wrong", PATIENCE, || {
+            let output = cell.cli(&["status", "--json"]);
+            let status: serde_json::Value = serde_json::from_slice(&output.stdout).ok()?;
+            let services = status["services"].as_array()?;
+            let netft = services.iter().find(|s| s["name"] == "netft")?;
+            let fault = netft["fault"].as_str()?;
+            fault.contains("comrdtrate").then(|| fault.to_owned())
+        });
+        assert!(
+            fault.contains("from 1 to 7000 records per second"),
+            "{fault}"
+        );
+        cell.assert_running(&["router netft"]);
+        let names = ["router netft"];
+        let code = cell.process(names[0]).terminate(PATIENCE);
+        assert_eq!(code, Some(0));
     });
-    assert!(
-        fault.contains("from 1 to 7000 records per second"),
-        "{fault}"
-    );
-    cell.assert_running(&["router netft"]);
-    let names = ["router netft"];
-    let code = cell.process(names[0]).terminate(PATIENCE);
-    assert_eq!(code, Some(0));
 }
 
 /// With a pipe for its log that is full and that nobody reads, the loop stood for as long as the pipe was full.
 #[test]
 fn a_log_that_nobody_reads_holds_nothing_up() {
-    let (reader, writer) = std::io::pipe().unwrap();
-    let mut filler = writer.try_clone().unwrap();
-    // Writes until the pipe is full, and then until the reader is gone.
-    let filling = std::thread::spawn(move || while filler.write_all(&[b'.'; 4096]).is_ok() {});
-    let mut cell = Cell::new(|_| {});
-    cell.start_all(&["router simulator netft", "estimator"]);
-    cell.start_into("rtde controller", writer);
-    let observer = Observer::join(&cell);
-    observer.slide(&cell, &cell.long_task());
-    // A fault, which is much to tell about, and the task after it.
-    let before = now_ns();
-    cell.process("estimator").kill();
-    observer.phase("fault", before);
-    let cycles = observer.arm().map_or(0, |arm| arm.cycle);
-    let later = wait_for("cycles go on", PATIENCE, || {
-        let now = observer.arm().map_or(0, |arm| arm.cycle);
-        (now > cycles + 500).then_some(now)
+    live(|| {
+        let (reader, writer) = std::io::pipe().unwrap();
+        let mut filler = writer.try_clone().unwrap();
+        // Writes until the pipe is full, and then until the reader is gone.
+        let filling = std::thread::spawn(move || while filler.write_all(&[b'.'; 4096]).is_ok() {});
+        let mut cell = Cell::new(|_| {});
+        cell.start_all(&["router simulator netft", "estimator"]);
+        cell.start_into("rtde controller", writer);
+        let observer = Observer::join(&cell);
+        observer.slide(&cell, &cell.long_task());
+        // A fault, which is much to tell about, and the task after it.
+        let before = now_ns();
+        cell.process("estimator").kill();
+        observer.phase("fault", before);
+        let cycles = observer.arm().map_or(0, |arm| arm.cycle);
+        let later = wait_for("cycles go on", PATIENCE, || {
+            let now = observer.arm().map_or(0, |arm| arm.cycle);
+            (now > cycles + 500).then_some(now)
+        });
+        assert!(later > cycles);
+        let ended = cell
+            .process("rtde controller")
+            .terminate(Duration::from_secs(60));
+        assert_eq!(ended, Some(0));
+        drop(reader);
+        filling.join().unwrap();
     });
-    assert!(later > cycles);
-    let ended = cell
-        .process("rtde controller")
-        .terminate(Duration::from_secs(60));
-    assert_eq!(ended, Some(0));
-    drop(reader);
-    filling.join().unwrap();
 }

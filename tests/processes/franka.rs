@@ -5,6 +5,7 @@ use tangent_runtime::clock::now_ns;
 use crate::cell::{Cell, Observer, PATIENCE, seconds};
 use crate::common::{root, stderr, wait_for};
 use crate::failures::shown_is_true;
+use tangent_live::live;
 
 /// A loaded machine's share of any time measured here, s.
 const SLACK_S: f64 = 1.5;
@@ -59,143 +60,157 @@ fn wipes_again(cell: &Cell, observer: &Observer) {
 /// Its last answers are gone: the arm stops by a reflex and leans on the wave. The next loop moves off before it takes a zero.
 #[test]
 fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
-    let (mut cell, observer) = sliding(&APART);
-    for _ in 0..2 {
-        let killed = now_ns();
-        cell.process(LOOP).kill();
-        observer.at_rest(killed);
-        safe(&observer, killed);
-        cell.start(LOOP);
-        wipes_again(&cell, &observer);
-        // And once more, from a task that slides.
-        observer.slide(&cell, &root().join("deploy/tasks/loops.toml"));
-    }
+    live(|| {
+        let (mut cell, observer) = sliding(&APART);
+        for _ in 0..2 {
+            let killed = now_ns();
+            cell.process(LOOP).kill();
+            observer.at_rest(killed);
+            safe(&observer, killed);
+            cell.start(LOOP);
+            wipes_again(&cell, &observer);
+            // And once more, from a task that slides.
+            observer.slide(&cell, &root().join("deploy/tasks/loops.toml"));
+        }
+    });
 }
 
 /// The bridge that came after the crash knew nothing of the task: the force with which the arm leans on the wave became its zero.
 #[test]
 fn a_bridge_of_the_franka_that_starts_anew_is_not_tared_while_the_tool_leans() {
-    let (mut cell, observer) = sliding(&APART);
-    let killed = now_ns();
-    cell.process(LOOP).kill();
-    observer.at_rest(killed);
-    cell.start("franka");
-    let refused = wait_for("the bridge answers", PATIENCE, || {
-        let output = cell.cli(&["tare"]);
-        let said = String::from_utf8_lossy(&output.stdout).into_owned() + &stderr(&output);
-        assert!(!output.status.success(), "{said}");
-        said.contains("not tared").then_some(said)
+    live(|| {
+        let (mut cell, observer) = sliding(&APART);
+        let killed = now_ns();
+        cell.process(LOOP).kill();
+        observer.at_rest(killed);
+        cell.start("franka");
+        let refused = wait_for("the bridge answers", PATIENCE, || {
+            let output = cell.cli(&["tare"]);
+            let said = String::from_utf8_lossy(&output.stdout).into_owned() + &stderr(&output);
+            assert!(!output.status.success(), "{said}");
+            said.contains("not tared").then_some(said)
+        });
+        assert!(refused.contains("the controller is silent"), "{refused}");
+        let asked = now_ns();
+        let truth = wait_for("the truth", PATIENCE, || observer.truths(asked).pop());
+        assert!(
+            truth.message.in_contact,
+            "it leans on nothing: nothing was tested"
+        );
     });
-    assert!(refused.contains("the controller is silent"), "{refused}");
-    let asked = now_ns();
-    let truth = wait_for("the truth", PATIENCE, || observer.truths(asked).pop());
-    assert!(
-        truth.message.in_contact,
-        "it leans on nothing: nothing was tested"
-    );
 }
 
 /// The robot ends a motion whose answers stay away with a reflex. When the loop goes on, nothing moves by itself; a person unlocks the
 /// robot, and the next task moves off before it takes a zero.
 #[test]
 fn a_hard_loop_of_the_franka_that_hangs() {
-    let (mut cell, observer) = sliding(&APART);
-    let stopped = now_ns();
-    cell.process(LOOP).signal("STOP");
-    observer.at_rest(stopped);
-    cell.process(LOOP).signal("CONT");
-    observer.phase("fault", stopped);
-    observer.stays_slower_than(0.01, 1.0);
-    safe(&observer, stopped);
-    wait_for("the robot is unlocked", PATIENCE, || {
-        let output = cell.cli(&["robot", "unlock"]);
-        eprintln!("{}", String::from_utf8_lossy(&output.stdout).trim());
-        output.status.success().then_some(())
+    live(|| {
+        let (mut cell, observer) = sliding(&APART);
+        let stopped = now_ns();
+        cell.process(LOOP).signal("STOP");
+        observer.at_rest(stopped);
+        cell.process(LOOP).signal("CONT");
+        observer.phase("fault", stopped);
+        observer.stays_slower_than(0.01, 1.0);
+        safe(&observer, stopped);
+        wait_for("the robot is unlocked", PATIENCE, || {
+            let output = cell.cli(&["robot", "unlock"]);
+            eprintln!("{}", String::from_utf8_lossy(&output.stdout).trim());
+            output.status.success().then_some(())
+        });
+        observer.stays_slower_than(0.01, 1.0);
+        wipes_again(&cell, &observer);
+        cell.assert_running(&APART);
     });
-    observer.stays_slower_than(0.01, 1.0);
-    wipes_again(&cell, &observer);
-    cell.assert_running(&APART);
 }
 
 /// The hard loop has what it needs in its own process; only the estimates pass the router. Without them for two seconds, the tool leaves.
 #[test]
 fn the_router_of_the_franka_dies() {
-    let names = [
-        "router",
-        "simulator",
-        "franka controller",
-        "camera estimator",
-    ];
-    let (mut cell, observer) = sliding(&names);
-    let killed = now_ns();
-    cell.process("router").kill();
-    std::thread::sleep(std::time::Duration::from_secs(4));
-    cell.start("router");
-    let back = now_ns();
-    let last = wait_for("the controller is heard again", PATIENCE, || {
-        observer.controls(back).pop()
+    live(|| {
+        let names = [
+            "router",
+            "simulator",
+            "franka controller",
+            "camera estimator",
+        ];
+        let (mut cell, observer) = sliding(&names);
+        let killed = now_ns();
+        cell.process("router").kill();
+        std::thread::sleep(std::time::Duration::from_secs(4));
+        cell.start("router");
+        let back = now_ns();
+        let last = wait_for("the controller is heard again", PATIENCE, || {
+            observer.controls(back).pop()
+        });
+        assert_eq!(last.message.phase_text.as_str(), "fault", "{last:?}");
+        assert!(
+            last.message.fault.contains("estimate"),
+            "{}",
+            last.message.fault
+        );
+        observer.at_rest(back);
+        safe(&observer, killed);
+        wipes_again(&cell, &observer);
+        cell.assert_running(&names);
     });
-    assert_eq!(last.message.phase_text.as_str(), "fault", "{last:?}");
-    assert!(
-        last.message.fault.contains("estimate"),
-        "{}",
-        last.message.fault
-    );
-    observer.at_rest(back);
-    safe(&observer, killed);
-    wipes_again(&cell, &observer);
-    cell.assert_running(&names);
 }
 
 /// Touch alone goes on where the camera is dead.
 #[test]
 fn the_depth_camera_dies_and_touch_goes_on() {
-    let (mut cell, observer) = sliding(&SERVICES);
-    let killed = now_ns();
-    cell.process("camera").kill();
-    wait_for("it wipes on without a camera", PATIENCE, || {
-        let controls = observer.controls(killed);
-        let last = controls.last()?;
-        assert!(last.message.fault.is_empty(), "{}", last.message.fault);
-        (seconds(last.at_ns - killed) > 4.0 && last.message.phase_text.as_str() == "slide")
-            .then_some(())
+    live(|| {
+        let (mut cell, observer) = sliding(&SERVICES);
+        let killed = now_ns();
+        cell.process("camera").kill();
+        wait_for("it wipes on without a camera", PATIENCE, || {
+            let controls = observer.controls(killed);
+            let last = controls.last()?;
+            assert!(last.message.fault.is_empty(), "{}", last.message.fault);
+            (seconds(last.at_ns - killed) > 4.0 && last.message.phase_text.as_str() == "slide")
+                .then_some(())
+        });
+        safe(&observer, killed);
+        cell.start("camera");
+        observer.phase("done", killed);
+        safe(&observer, killed);
     });
-    safe(&observer, killed);
-    cell.start("camera");
-    observer.phase("done", killed);
-    safe(&observer, killed);
 }
 
 /// Without any normal the policy stands, the force is kept, and after a second the tool leaves.
 #[test]
 fn the_estimator_of_the_franka_dies() {
-    let (mut cell, observer) = sliding(&SERVICES);
-    let killed = now_ns();
-    cell.process("estimator").kill();
-    let fault = observer.phase("fault", killed);
-    assert!(seconds(fault.at_ns - killed) < 4.0 + SLACK_S);
-    assert!(
-        fault.message.fault.contains("estimate"),
-        "{}",
-        fault.message.fault
-    );
-    observer.at_rest(killed);
-    safe(&observer, killed);
-    cell.start("estimator");
-    wipes_again(&cell, &observer);
+    live(|| {
+        let (mut cell, observer) = sliding(&SERVICES);
+        let killed = now_ns();
+        cell.process("estimator").kill();
+        let fault = observer.phase("fault", killed);
+        assert!(seconds(fault.at_ns - killed) < 4.0 + SLACK_S);
+        assert!(
+            fault.message.fault.contains("estimate"),
+            "{}",
+            fault.message.fault
+        );
+        observer.at_rest(killed);
+        safe(&observer, killed);
+        cell.start("estimator");
+        wipes_again(&cell, &observer);
+    });
 }
 
 /// The robot's user stop ends the task; nothing moves by itself when it is released.
 #[test]
 fn the_user_stop_of_the_franka_is_pressed() {
-    let (cell, observer) = sliding(&SERVICES);
-    let stopped = now_ns();
-    cell.provoke("user_stop", "on");
-    observer.phase("fault", stopped);
-    observer.at_rest(stopped);
-    cell.provoke("user_stop", "off");
-    // Soft as it is held, the arm still creeps where it leans on the wave.
-    observer.stays_slower_than(0.01, 1.0);
-    safe(&observer, stopped);
-    wipes_again(&cell, &observer);
+    live(|| {
+        let (cell, observer) = sliding(&SERVICES);
+        let stopped = now_ns();
+        cell.provoke("user_stop", "on");
+        observer.phase("fault", stopped);
+        observer.at_rest(stopped);
+        cell.provoke("user_stop", "off");
+        // Soft as it is held, the arm still creeps where it leans on the wave.
+        observer.stays_slower_than(0.01, 1.0);
+        safe(&observer, stopped);
+        wipes_again(&cell, &observer);
+    });
 }

@@ -13,6 +13,7 @@ use tangent_runtime::realtime::{in_scheduled_thread, try_schedule};
 
 use crate::cell::{Cell, Observer, PATIENCE, set};
 use crate::common::wait_for;
+use tangent_live::live;
 
 const NAMES: [&str; 5] = [
     "router",
@@ -47,73 +48,75 @@ fn take_the_processor(priority: u8, cpus: CpuSet) -> (i64, i64) {
 
 #[test]
 fn what_stands_above_a_program_that_takes_the_processor_does_not_notice() {
-    let order = RealtimeConfig::default()
-        .order()
-        .map(|(_, priority)| priority);
-    let [_, the_loop, sensor, bus, estimator, camera] = order;
-    if let Err(why) = try_schedule(order[0]) {
-        eprintln!("skipped, because SCHED_FIFO is not granted: {why}");
-        return;
-    }
-    let all = sched_getaffinity(Pid::from_raw(0)).unwrap();
-    let first = (0..CpuSet::count())
-        .find(|&i| all.is_set(i).unwrap())
-        .unwrap();
-    let mut one = CpuSet::new();
-    one.set(first).unwrap();
-
-    keep_to(&one);
-    // One core has to have room for all of it.
-    let mut cell = Cell::new(|cell| set(cell, "sensor.rate_hz", 500.0));
-    cell.start_all(&NAMES);
-    keep_to(&all);
-    let observer = Observer::join(&cell);
-    observer.slide(&cell, &cell.long_task());
-
-    // Everything of ours stands above these.
-    for priority in [camera + 5, 60, estimator - 1] {
-        let (began, ended) = take_the_processor(priority, one);
-        wait_for("the controller speaks again", PATIENCE, || {
-            observer.controls(ended).len().gt(&10).then_some(())
-        });
-        let seen = observer.controls(began);
-        let goes_on = seen.iter().filter(|seen| {
-            let fault = seen.message.fault;
-            assert!(fault.is_empty(), "priority {priority}: {fault}");
-            // A contact lost for 24 ms is the surface's doing.
-            matches!(seen.message.phase_text.as_str(), "slide" | "seek")
-        });
-        // A machine that is shared may stand still for some cycles by itself.
-        let share = goes_on.count() as f64 / seen.len() as f64;
-        assert!(
-            share > 0.9,
-            "priority {priority}: slides {share} of the time"
-        );
-        observer.pressed_at_most(FORCE_MAX_N, began);
-    }
-
-    // Between two of ours: the arm is safe, nobody ends, and a task can be started again.
-    for priority in [estimator + 1, bus + 1, sensor + 1, the_loop + 1] {
-        let (began, ended) = take_the_processor(priority, one);
-        wait_for("the controller speaks again", PATIENCE, || {
-            observer.controls(ended).len().gt(&10).then_some(())
-        });
-        observer.pressed_at_most(FORCE_MAX_N, began);
-        cell.assert_running(&NAMES);
-        let still = wait_for("it slides on, or the task has ended", PATIENCE, || {
-            let last = observer.controls(ended).pop()?;
-            match last.message.phase_text.as_str() {
-                "slide" => Some(true),
-                "fault" | "done" | "idle" => Some(false),
-                _ => None,
-            }
-        });
-        if !still {
-            let task = cell.task(
-                false,
-                "kind = \"line\"\nto_m = [0.1, 0.0]\nspeed_m_per_s = 0.02\nstrokes = 20",
-            );
-            observer.slide(&cell, &task);
+    live(|| {
+        let order = RealtimeConfig::default()
+            .order()
+            .map(|(_, priority)| priority);
+        let [_, the_loop, sensor, bus, estimator, camera] = order;
+        if let Err(why) = try_schedule(order[0]) {
+            eprintln!("skipped, because SCHED_FIFO is not granted: {why}");
+            return;
         }
-    }
+        let all = sched_getaffinity(Pid::from_raw(0)).unwrap();
+        let first = (0..CpuSet::count())
+            .find(|&i| all.is_set(i).unwrap())
+            .unwrap();
+        let mut one = CpuSet::new();
+        one.set(first).unwrap();
+
+        keep_to(&one);
+        // One core has to have room for all of it.
+        let mut cell = Cell::new(|cell| set(cell, "sensor.rate_hz", 500.0));
+        cell.start_all(&NAMES);
+        keep_to(&all);
+        let observer = Observer::join(&cell);
+        observer.slide(&cell, &cell.long_task());
+
+        // Everything of ours stands above these.
+        for priority in [camera + 5, 60, estimator - 1] {
+            let (began, ended) = take_the_processor(priority, one);
+            wait_for("the controller speaks again", PATIENCE, || {
+                observer.controls(ended).len().gt(&10).then_some(())
+            });
+            let seen = observer.controls(began);
+            let goes_on = seen.iter().filter(|seen| {
+                let fault = seen.message.fault;
+                assert!(fault.is_empty(), "priority {priority}: {fault}");
+                // A contact lost for 24 ms is the surface's doing.
+                matches!(seen.message.phase_text.as_str(), "slide" | "seek")
+            });
+            // A machine that is shared may stand still for some cycles by itself.
+            let share = goes_on.count() as f64 / seen.len() as f64;
+            assert!(
+                share > 0.9,
+                "priority {priority}: slides {share} of the time"
+            );
+            observer.pressed_at_most(FORCE_MAX_N, began);
+        }
+
+        // Between two of ours: the arm is safe, nobody ends, and a task can be started again.
+        for priority in [estimator + 1, bus + 1, sensor + 1, the_loop + 1] {
+            let (began, ended) = take_the_processor(priority, one);
+            wait_for("the controller speaks again", PATIENCE, || {
+                observer.controls(ended).len().gt(&10).then_some(())
+            });
+            observer.pressed_at_most(FORCE_MAX_N, began);
+            cell.assert_running(&NAMES);
+            let still = wait_for("it slides on, or the task has ended", PATIENCE, || {
+                let last = observer.controls(ended).pop()?;
+                match last.message.phase_text.as_str() {
+                    "slide" => Some(true),
+                    "fault" | "done" | "idle" => Some(false),
+                    _ => None,
+                }
+            });
+            if !still {
+                let task = cell.task(
+                    false,
+                    "kind = \"line\"\nto_m = [0.1, 0.0]\nspeed_m_per_s = 0.02\nstrokes = 20",
+                );
+                observer.slide(&cell, &task);
+            }
+        }
+    });
 }

@@ -9,6 +9,7 @@ use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::wait_for;
+use tangent_live::live;
 
 const PROCESSES: [&str; 6] = [
     "router",
@@ -96,62 +97,68 @@ fn recording(cell: &Cell, files: usize) {
 
 #[test]
 fn a_recorder_that_is_killed_and_back_within_seconds_misses_nothing() {
-    let mut cell = Cell::new(|_| {});
-    cell.start_all(&PROCESSES);
-    let observer = Observer::join(&cell);
-    cell.start_task(&cell.long_task());
-    observer.sliding(0);
-    for (files, seconds) in [(2, 2.0), (3, 8.0)] {
-        goes_on(&observer, 3.0);
-        cell.process("recorder").kill();
-        goes_on(&observer, seconds);
-        cell.start("recorder");
-        recording(&cell, files);
-    }
-    goes_on(&observer, 8.0);
-    assert_eq!(cell.process("recorder").terminate(PATIENCE), Some(0));
-    let recorded = recorded(&cell.files());
-    recorded.assert_whole();
-    // Ten seconds of some thousand messages each.
-    assert!(recorded.recovered > 10_000, "{}", recorded.recovered);
+    live(|| {
+        let mut cell = Cell::new(|_| {});
+        cell.start_all(&PROCESSES);
+        let observer = Observer::join(&cell);
+        cell.start_task(&cell.long_task());
+        observer.sliding(0);
+        for (files, seconds) in [(2, 2.0), (3, 8.0)] {
+            goes_on(&observer, 3.0);
+            cell.process("recorder").kill();
+            goes_on(&observer, seconds);
+            cell.start("recorder");
+            recording(&cell, files);
+        }
+        goes_on(&observer, 8.0);
+        assert_eq!(cell.process("recorder").terminate(PATIENCE), Some(0));
+        let recorded = recorded(&cell.files());
+        recorded.assert_whole();
+        // Ten seconds of some thousand messages each.
+        assert!(recorded.recovered > 10_000, "{}", recorded.recovered);
+    });
 }
 
 #[test]
 fn a_router_that_is_killed_and_back_within_seconds_costs_no_record() {
-    let mut cell = Cell::new(|_| {});
-    cell.start_all(&PROCESSES);
-    let observer = Observer::join(&cell);
-    cell.start_task(&cell.long_task());
-    observer.sliding(0);
-    goes_on(&observer, 2.0);
-    // The loop ends its task for lack of wrench, and is right.
-    cell.process("router").kill();
-    std::thread::sleep(Duration::from_secs(3));
-    cell.start("router");
-    goes_on(&observer, 8.0);
-    assert_eq!(cell.process("recorder").terminate(PATIENCE), Some(0));
-    let recorded = recorded(&cell.files());
-    recorded.assert_whole();
-    assert!(recorded.recovered > 3000, "{}", recorded.recovered);
+    live(|| {
+        let mut cell = Cell::new(|_| {});
+        cell.start_all(&PROCESSES);
+        let observer = Observer::join(&cell);
+        cell.start_task(&cell.long_task());
+        observer.sliding(0);
+        goes_on(&observer, 2.0);
+        // The loop ends its task for lack of wrench, and is right.
+        cell.process("router").kill();
+        std::thread::sleep(Duration::from_secs(3));
+        cell.start("router");
+        goes_on(&observer, 8.0);
+        assert_eq!(cell.process("recorder").terminate(PATIENCE), Some(0));
+        let recorded = recorded(&cell.files());
+        recorded.assert_whole();
+        assert!(recorded.recovered > 3000, "{}", recorded.recovered);
+    });
 }
 
 #[test]
 fn recorder_and_router_stopped_and_started_cost_no_record() {
-    let mut cell = Cell::new(|_| {});
-    cell.start_all(&PROCESSES);
-    let observer = Observer::join(&cell);
-    cell.start_task(&cell.long_task());
-    observer.sliding(0);
-    goes_on(&observer, 2.0);
-    assert_eq!(cell.process("router").terminate(PATIENCE), Some(0));
-    assert_eq!(cell.process("recorder").terminate(PATIENCE), Some(0));
-    std::thread::sleep(Duration::from_secs(3));
-    cell.start("router");
-    cell.start("recorder");
-    recording(&cell, 2);
-    goes_on(&observer, 8.0);
-    assert_eq!(cell.process("recorder").terminate(PATIENCE), Some(0));
-    let recorded = recorded(&cell.files());
-    recorded.assert_whole();
-    assert!(recorded.recovered > 3000, "{}", recorded.recovered);
+    live(|| {
+        let mut cell = Cell::new(|_| {});
+        cell.start_all(&PROCESSES);
+        let observer = Observer::join(&cell);
+        cell.start_task(&cell.long_task());
+        observer.sliding(0);
+        goes_on(&observer, 2.0);
+        assert_eq!(cell.process("router").terminate(PATIENCE), Some(0));
+        assert_eq!(cell.process("recorder").terminate(PATIENCE), Some(0));
+        std::thread::sleep(Duration::from_secs(3));
+        cell.start("router");
+        cell.start("recorder");
+        recording(&cell, 2);
+        goes_on(&observer, 8.0);
+        assert_eq!(cell.process("recorder").terminate(PATIENCE), Some(0));
+        let recorded = recorded(&cell.files());
+        recorded.assert_whole();
+        assert!(recorded.recovered > 3000, "{}", recorded.recovered);
+    });
 }

@@ -12,6 +12,7 @@ use tangent_schemas::{Message, cdr};
 use crate::cell::{Cell, PATIENCE};
 use crate::common::{json, stderr, wait_for};
 use crate::failures::{APART, FORCE_MAX_N, sliding};
+use tangent_live::live;
 
 /// 1.9 kHz.
 const PERIOD: Duration = Duration::from_micros(526);
@@ -110,67 +111,72 @@ fn told(cell: &Cell, service: &str) -> Option<(String, f64)> {
 /// they are. A task is not started beside them.
 #[test]
 fn a_strangers_wrench_is_refused_by_name() {
-    let (mut cell, observer) = sliding(&APART);
-    let from = now_ns();
-    let stop = Stop::new();
-    let stranger = Stranger::join(&cell, false).speak(stop.clone());
-    for service in ["controller", "estimator"] {
-        wait_for(&format!("{service} names the stranger"), PATIENCE, || {
-            let (fault, refused) = told(&cell, service)?;
-            eprintln!("{service}: {refused} refused; {fault}");
-            (fault.contains("wrench/tool: a second publisher, visitor/") && refused > MANY as f64)
-                .then_some(())
+    live(|| {
+        let (mut cell, observer) = sliding(&APART);
+        let from = now_ns();
+        let stop = Stop::new();
+        let stranger = Stranger::join(&cell, false).speak(stop.clone());
+        for service in ["controller", "estimator"] {
+            wait_for(&format!("{service} names the stranger"), PATIENCE, || {
+                let (fault, refused) = told(&cell, service)?;
+                eprintln!("{service}: {refused} refused; {fault}");
+                (fault.contains("wrench/tool: a second publisher, visitor/")
+                    && refused > MANY as f64)
+                    .then_some(())
+            });
+        }
+        // All the while the true force was regulated.
+        for control in observer.controls(from) {
+            assert_eq!(control.message.fault.as_str(), "");
+            // A machine that stands still for some cycles makes it hold for as long.
+            let phase = control.message.phase_text;
+            assert!(matches!(phase.as_str(), "slide" | "hold"), "{phase}");
+        }
+        observer.pressed_at_most(FORCE_MAX_N, from);
+        let touching = observer.truths(from).iter().all(|t| t.message.in_contact);
+        assert!(touching, "the tool left the surface");
+
+        assert!(cell.cli(&["task", "stop"]).status.success());
+        observer.phase("done", from);
+        let task = cell.long_task();
+        let refused = cell.cli(&["task", "start", task.to_str().unwrap()]);
+        assert_eq!(refused.status.code(), Some(1));
+        let said = String::from_utf8_lossy(&refused.stdout).into_owned() + &stderr(&refused);
+        assert!(said.contains("a second publisher, visitor/"), "{said}");
+
+        stop.trigger();
+        assert!(stranger.join().unwrap() > MANY);
+        wait_for("the controller is well again", PATIENCE, || {
+            let (fault, _) = told(&cell, "controller")?;
+            fault.is_empty().then_some(())
         });
-    }
-    // All the while the true force was regulated.
-    for control in observer.controls(from) {
-        assert_eq!(control.message.fault.as_str(), "");
-        // A machine that stands still for some cycles makes it hold for as long.
-        let phase = control.message.phase_text;
-        assert!(matches!(phase.as_str(), "slide" | "hold"), "{phase}");
-    }
-    observer.pressed_at_most(FORCE_MAX_N, from);
-    let touching = observer.truths(from).iter().all(|t| t.message.in_contact);
-    assert!(touching, "the tool left the surface");
-
-    assert!(cell.cli(&["task", "stop"]).status.success());
-    observer.phase("done", from);
-    let task = cell.long_task();
-    let refused = cell.cli(&["task", "start", task.to_str().unwrap()]);
-    assert_eq!(refused.status.code(), Some(1));
-    let said = String::from_utf8_lossy(&refused.stdout).into_owned() + &stderr(&refused);
-    assert!(said.contains("a second publisher, visitor/"), "{said}");
-
-    stop.trigger();
-    assert!(stranger.join().unwrap() > MANY);
-    wait_for("the controller is well again", PATIENCE, || {
-        let (fault, _) = told(&cell, "controller")?;
-        fault.is_empty().then_some(())
+        cell.assert_running(&APART);
     });
-    cell.assert_running(&APART);
 }
 
 /// One that copies the ids it hears cannot be told from the sensor: neither is believed, and the arm leaves the surface.
 #[test]
 fn a_copied_id_stops_the_task_and_steers_nothing() {
-    let (mut cell, observer) = sliding(&APART);
-    let from = now_ns();
-    let stop = Stop::new();
-    let stranger = Stranger::join(&cell, true).speak(stop.clone());
-    let faulted = observer.phase("fault", from);
-    assert!(
-        faulted.message.fault.contains("wrench"),
-        "{}",
-        faulted.message.fault
-    );
-    wait_for("the controller says why", PATIENCE, || {
-        let (fault, _) = told(&cell, "controller")?;
-        fault.contains("in the name of netft/").then_some(())
+    live(|| {
+        let (mut cell, observer) = sliding(&APART);
+        let from = now_ns();
+        let stop = Stop::new();
+        let stranger = Stranger::join(&cell, true).speak(stop.clone());
+        let faulted = observer.phase("fault", from);
+        assert!(
+            faulted.message.fault.contains("wrench"),
+            "{}",
+            faulted.message.fault
+        );
+        wait_for("the controller says why", PATIENCE, || {
+            let (fault, _) = told(&cell, "controller")?;
+            fault.contains("in the name of netft/").then_some(())
+        });
+        observer.pressed_at_most(FORCE_MAX_N, from);
+        stop.trigger();
+        stranger.join().unwrap();
+        cell.assert_running(&APART);
     });
-    observer.pressed_at_most(FORCE_MAX_N, from);
-    stop.trigger();
-    stranger.join().unwrap();
-    cell.assert_running(&APART);
 }
 
 /// Large messages sent.
@@ -191,39 +197,41 @@ fn most_memory_mb(id: u32) -> f64 {
 /// A stranger without a bound sends messages of 100 MB to another one who would take them.
 #[test]
 fn large_messages_do_not_fill_the_router() {
-    const LARGE: Topic<Image> = Topic::new("camera/large", Delivery::Bulk);
-    let mut cell = Cell::new(|_| {});
-    cell.start("router");
-    let mut config = CellConfig::load(&cell.file()).unwrap();
-    assert_eq!(config.zenoh.message_max_mb, 8.0);
-    config.zenoh.message_max_mb = 1000.0;
-    let join = || Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
-    let (reader, sender) = (join(), join());
-    let heard = reader.subscribe(&LARGE, 1).unwrap();
-    let publisher = sender.publisher(&LARGE).unwrap();
-    let image = |bytes: usize| Image {
-        data: vec![7; bytes],
-        ..Image::default()
-    };
-    let small_passes = || {
-        let small = image(1000);
-        wait_for("a small one passes", PATIENCE, || {
-            publisher.publish(&small);
-            let received = heard.try_recv()?;
-            assert_eq!(received.message.data.len(), small.data.len());
-            Some(())
-        });
-    };
-    small_passes();
-    let router = cell.process("router").id();
-    let before = most_memory_mb(router);
-    let large = image(100_000_000);
-    for _ in 0..MESSAGES {
-        publisher.publish(&large);
+    live(|| {
+        const LARGE: Topic<Image> = Topic::new("camera/large", Delivery::Bulk);
+        let mut cell = Cell::new(|_| {});
+        cell.start("router");
+        let mut config = CellConfig::load(&cell.file()).unwrap();
+        assert_eq!(config.zenoh.message_max_mb, 8.0);
+        config.zenoh.message_max_mb = 1000.0;
+        let join = || Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
+        let (reader, sender) = (join(), join());
+        let heard = reader.subscribe(&LARGE, 1).unwrap();
+        let publisher = sender.publisher(&LARGE).unwrap();
+        let image = |bytes: usize| Image {
+            data: vec![7; bytes],
+            ..Image::default()
+        };
+        let small_passes = || {
+            let small = image(1000);
+            wait_for("a small one passes", PATIENCE, || {
+                publisher.publish(&small);
+                let received = heard.try_recv()?;
+                assert_eq!(received.message.data.len(), small.data.len());
+                Some(())
+            });
+        };
         small_passes();
-    }
-    let grown = most_memory_mb(router) - before;
-    println!("the router grew by {grown:.0} MB");
-    assert!(grown < GROWTH_MAX_MB, "{grown} MB");
-    cell.assert_running(&["router"]);
+        let router = cell.process("router").id();
+        let before = most_memory_mb(router);
+        let large = image(100_000_000);
+        for _ in 0..MESSAGES {
+            publisher.publish(&large);
+            small_passes();
+        }
+        let grown = most_memory_mb(router) - before;
+        println!("the router grew by {grown:.0} MB");
+        assert!(grown < GROWTH_MAX_MB, "{grown} MB");
+        cell.assert_running(&["router"]);
+    });
 }

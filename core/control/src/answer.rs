@@ -6,6 +6,8 @@
 //! While the tool slides, a normal that is off makes a depth of the way along the surface. So that much of the way counts as slope, and what
 //! sinks less steeply is not judged: a surface that recedes at constant force cannot be told from a sensor that is deaf.
 
+use crate::response_guard::DepthRule;
+
 /// Time constant over which force and depth are averaged, s.
 const MEAN_S: f64 = 0.04;
 /// Delay of a reading behind the tool, s: filter, cycle, servo.
@@ -43,12 +45,7 @@ pub(crate) struct Pressed {
     pub force_n: f64,
     /// Asked for, N.
     pub reference_n: f64,
-    /// The tool stands and the force builds up: depth and force show the stiffness.
-    pub settling: bool,
-    /// Slope that the normal in use may be off by.
-    pub slope: f64,
-    /// Depth without an answer that the cell allows, m.
-    pub blind_max_m: f64,
+    pub rule: DepthRule,
     /// s
     pub dt_s: f64,
 }
@@ -92,7 +89,7 @@ impl Answer {
             late_m: 0.0,
             now: mark,
             moved: mark,
-            touched: pressed.settling.then_some(mark),
+            touched: pressed.rule.settling.then_some(mark),
             last_n: pressed.force_n,
             variance: 0.0,
             stiffness_n_per_m,
@@ -117,10 +114,10 @@ impl Answer {
             return false;
         }
         let across_m = self.now.across_m - self.moved.across_m;
-        let depth_m = self.now.depth_m - self.moved.depth_m - pressed.slope * across_m;
+        let depth_m = self.now.depth_m - self.moved.depth_m - pressed.rule.slope * across_m;
         // The softest contact would have moved the mean by now, whatever its noise.
         let telling_m = RISE_M + MOVED_TIMES * moved_n / SOFTEST_N_PER_M;
-        if depth_m > telling_m.max(BEYOND_M).min(pressed.blind_max_m) {
+        if depth_m > telling_m.max(BEYOND_M).min(pressed.rule.blind_max_m) {
             return true;
         }
         let Some(stiffness) = self.stiffness_n_per_m else {
@@ -146,7 +143,7 @@ impl Answer {
 
     /// The stiffest that the build-up of the force has shown: a reading that stops to follow does not make the contact softer.
     fn learn(&mut self, pressed: &Pressed) {
-        if !pressed.settling {
+        if !pressed.rule.settling {
             self.touched = None;
         }
         let Some(touched) = &self.touched else {
@@ -177,9 +174,11 @@ mod tests {
             across_m: 0.0,
             force_n: read(0.0, 0),
             reference_n: 10.0,
-            settling: false,
-            slope: 0.1,
-            blind_max_m: 0.03,
+            rule: DepthRule {
+                settling: false,
+                slope: 0.1,
+                blind_max_m: 0.03,
+            },
             dt_s: 1e-3,
         };
         let mut answer = Answer::new(&pressed, known.then_some(stiffness));
@@ -225,9 +224,11 @@ mod tests {
             across_m: 1e-4,
             force_n: 10.0,
             reference_n: 10.0,
-            settling: false,
-            slope: 0.1,
-            blind_max_m: 0.03,
+            rule: DepthRule {
+                settling: false,
+                slope: 0.1,
+                blind_max_m: 0.03,
+            },
             dt_s: 1e-3,
         };
         let mut answer = Answer::new(&pressed, Some(5e4));
@@ -244,9 +245,11 @@ mod tests {
             across_m: 0.0,
             force_n: 1.0,
             reference_n: 10.0,
-            settling: true,
-            slope: 0.1,
-            blind_max_m: 0.03,
+            rule: DepthRule {
+                settling: true,
+                slope: 0.1,
+                blind_max_m: 0.03,
+            },
             dt_s: 1e-3,
         };
         let mut answer = Answer::new(&pressed, None);

@@ -79,14 +79,21 @@ pub(crate) struct Touch {
     pub rests: bool,
     /// It came since the cycle before: a reading that is used again says nothing new.
     pub fresh: bool,
-    /// The tool stands and the force builds up.
-    pub settling: bool,
-    /// Slope that the normal may be off by; none: the mean of the reading is not held against the depth.
-    pub slope: Option<f64>,
-    /// Depth without an answer that the cell allows, m.
-    pub blind_max_m: f64,
+    /// How the mean of the reading is held against the depth; none: it is not.
+    pub depth: Option<DepthRule>,
     /// s
     pub dt_s: f64,
+}
+
+/// What a reading's mean has to make of the tool's depth ([`crate::answer`]).
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DepthRule {
+    /// The tool stands and the force builds up: depth and force show the stiffness.
+    pub settling: bool,
+    /// Slope that the normal in use may be off by.
+    pub slope: f64,
+    /// Depth without an answer that the cell allows, m.
+    pub blind_max_m: f64,
 }
 
 impl Touch {
@@ -210,7 +217,7 @@ impl ResponseGuard {
             }
             return false;
         }
-        let Some(slope) = touch.slope else {
+        let Some(rule) = touch.depth else {
             return false;
         };
         let deeper_m = -step.dot(&touch.normal);
@@ -219,9 +226,7 @@ impl ResponseGuard {
             across_m: (step + touch.normal * deeper_m).norm(),
             force_n: touch.force_n,
             reference_n: touch.reference_n,
-            settling: touch.settling,
-            slope,
-            blind_max_m: touch.blind_max_m,
+            rule,
             dt_s: touch.dt_s,
         };
         match &mut self.answer {
@@ -263,9 +268,11 @@ mod tests {
             stiffness_n_per_m: None,
             rests: true,
             fresh: true,
-            settling: false,
-            slope: Some(0.36),
-            blind_max_m: 0.03,
+            depth: Some(DepthRule {
+                settling: false,
+                slope: 0.36,
+                blind_max_m: 0.03,
+            }),
             dt_s: 0.008,
         }
     }

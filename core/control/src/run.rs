@@ -11,7 +11,7 @@ use crate::force_law::ForceLaw;
 use crate::ground::Ground;
 use crate::interface::is_wrench;
 use crate::percept::{Percept, Requests};
-use crate::response_guard::{Doing, ResponseGuard, Touch};
+use crate::response_guard::{DepthRule, Doing, ResponseGuard, Touch};
 use crate::surface::Surface;
 use crate::switching::ChoiceRules;
 use crate::touchdown::{approach_speed, seek_speed, stiffness_expected};
@@ -252,9 +252,11 @@ impl Run {
             stiffness_n_per_m: self.force.stiffness_measured_n_per_m(),
             rests: input.base.is_none(),
             fresh: input.wrench_age_s <= input.dt_s,
-            settling: self.phase == Phase::Contact,
-            slope: Some(SLOPE),
-            blind_max_m,
+            depth: Some(DepthRule {
+                settling: self.phase == Phase::Contact,
+                slope: SLOPE,
+                blind_max_m,
+            }),
             dt_s: input.dt_s,
         })
     }

@@ -76,10 +76,18 @@ impl Task {
 
     /// Where the task goes on with a tool that hangs free.
     pub(crate) fn phase_when_free(&self) -> Phase {
-        match (self.only_leaves, self.tare) {
-            (true, _) => Phase::Done,
-            (false, true) => Phase::Tare,
-            (false, false) => Phase::Approach,
+        match self.phase_at_rest() {
+            Phase::Tare if !self.tare => Phase::Approach,
+            phase => phase,
+        }
+    }
+
+    /// As [`Task::phase_when_free`], of a law that waits in `tare` for a good wrench, with a new zero or without.
+    pub(crate) fn phase_at_rest(&self) -> Phase {
+        if self.only_leaves {
+            Phase::Done
+        } else {
+            Phase::Tare
         }
     }
 }

@@ -120,10 +120,10 @@ fn level(law: Law) -> &'static str {
     }
 }
 
-/// Rows on this many of the surfaces; those that are not held are printed only, where `all` are wanted.
-fn table(law: Law, surfaces: usize, all: bool, is_held: impl Fn(&str, f64, bool) -> bool) {
+/// Rows on every surface; those that are not held are printed only, where `all` are wanted.
+fn table(law: Law, all: bool, is_held: impl Fn(&str, f64, bool) -> bool) {
     let mut wrong = Vec::new();
-    for world in worlds(law).into_iter().take(surfaces) {
+    for world in worlds(law) {
         for stiffness in [1e3, 5e3, 1e4, 5e4] {
             let (contact_s, slide_s) = calm(law, &world, stiffness);
             for (moment, from_s) in [
@@ -166,40 +166,24 @@ fn table(law: Law, surfaces: usize, all: bool, is_held: impl Fn(&str, f64, bool)
 /// sensor dies.
 #[test]
 fn under_the_velocity_law() {
-    table(Law::Velocity, 3, false, velocity_holds);
+    table(Law::Velocity, false, velocity_holds);
 }
 
 fn velocity_holds(moment: &str, stiffness: f64, _: bool) -> bool {
     moment == "builds up" && stiffness < 2e4
 }
 
-/// A tool that is driven into 50 kN/m by a reading that stays too low sinks less steeply than the normal may be off, or less than would be
-/// felt on a soft surface.
-#[test]
-#[ignore = "not judged by the laws of torques: their published gains let the force lag the depth, and a living sensor would be refused"]
-fn under_hybrid_dynamics() {
-    table(Law::Hybrid, 3, false, hybrid_holds);
-}
-
-fn hybrid_holds(_: &str, stiffness: f64, _: bool) -> bool {
-    stiffness < 2e4
-}
-
-/// As under `hybrid_dynamics`; a reading that stays too low while it slides is a slope for longer.
-#[test]
-#[ignore = "not judged by the laws of torques, as above"]
-fn under_unified_force_impedance() {
-    table(Law::Unified, 1, false, unified_holds);
-}
-
-fn unified_holds(_: &str, stiffness: f64, lower: bool) -> bool {
-    stiffness < 2e4 && !lower
+/// The laws of torques do not judge the mean: their published gains let the force lag the depth, and a living sensor would be refused.
+fn torque_laws_hold(_: &str, _: f64, _: bool) -> bool {
+    false
 }
 
 #[test]
 #[ignore = "minutes, in .ci/search: the rows that are not held as well, on every surface"]
 fn the_whole_table() {
-    table(Law::Velocity, 3, true, velocity_holds);
+    table(Law::Velocity, true, velocity_holds);
+    table(Law::Hybrid, true, torque_laws_hold);
+    table(Law::Unified, true, torque_laws_hold);
 }
 
 /// Soft and stiff, on surfaces that recede and rise under the tool.

@@ -2,7 +2,6 @@
 //! published before it returns. Takes no lock and no memory.
 
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use nalgebra::Vector3;
@@ -148,9 +147,7 @@ impl Cycle {
                 self.latched,
             ) {
                 Ok(()) => {
-                    self.mailbox
-                        .said_clear
-                        .store(*said_clear, Ordering::Release);
+                    self.watch.said_clear = *said_clear;
                     self.show_parameters();
                     Ok(())
                 }

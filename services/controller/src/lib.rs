@@ -32,6 +32,7 @@ use tangent_runtime::{BaseReader, Beat, Bus, HealthReporter, Parameters, Stop};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::tangent::Request;
 use tangent_schemas::topics::{self, queries};
+use tangent_sensing::TareGround;
 
 pub use config::Config;
 pub use error::ControllerError;
@@ -183,16 +184,15 @@ fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
         if mailbox.withdraw_due.swap(false, Ordering::AcqRel) {
             withdraw_zero(bus);
         }
-        if !mailbox.tare_due.swap(false, Ordering::AcqRel) {
+        let Some(ground) = mailbox.tare_due.pop() else {
             continue;
-        }
-        let said_clear = mailbox.said_clear.swap(false, Ordering::AcqRel);
+        };
         let request = Request {
             action: "tare".into(),
-            argument: match (said_clear, mailbox.shown_free.load(Ordering::Acquire)) {
-                (true, _) => "clear",
-                (false, true) => "shown",
-                (false, false) => "",
+            argument: match ground {
+                TareGround::SaidClear => "clear",
+                TareGround::Shown => "shown",
+                TareGround::Assumed => "",
             }
             .into(),
         };

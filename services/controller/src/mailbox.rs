@@ -15,6 +15,7 @@ use crossbeam_queue::ArrayQueue;
 use tangent_control::{Clearance, ControlError, EstimatorName, Phase, SwitchRefusal};
 use tangent_schemas::Text;
 use tangent_schemas::convert::cut;
+use tangent_sensing::TareGround;
 
 use crate::inputs::EstimateReader;
 
@@ -165,8 +166,8 @@ pub struct Mailbox<P> {
     waiting: AtomicU32,
     /// Log lines from the loop.
     pub notes: ArrayQueue<Note>,
-    /// Whether a tare is due.
-    pub tare_due: AtomicBool,
+    /// The tare that is due, and what says that the tool hangs free. Only the newest counts.
+    pub tare_due: ArrayQueue<TareGround>,
     /// Why the tare that the loop waits for was refused, for the loop; an empty text if it was not.
     pub tare_refused: ArrayQueue<Text>,
     /// Why the last tare was refused, for answers about the state of the task; empty if it was not.
@@ -174,11 +175,6 @@ pub struct Mailbox<P> {
     /// Time of the newest stop request, ns since `epoch`; 0: none.
     stopped_ns: AtomicU64,
     epoch: Instant,
-    /// Whether the operator stated before this start that the tool hangs free. The next tare is
-    /// requested accordingly.
-    pub said_clear: AtomicBool,
-    /// A motion has shown that the tool hangs free: the tare that is due goes by it.
-    pub shown_free: AtomicBool,
     /// The zero in force was taken in contact: the sensor's service has to take it back.
     pub withdraw_due: AtomicBool,
     /// Whether the tool may touch something, from the loop, to be stored across restarts. Only the
@@ -205,13 +201,11 @@ impl<P> Default for Mailbox<P> {
             }),
             waiting: AtomicU32::new(0),
             notes: ArrayQueue::new(64),
-            tare_due: AtomicBool::new(false),
+            tare_due: ArrayQueue::new(1),
             tare_refused: ArrayQueue::new(1),
             tare_reason: Mutex::default(),
             stopped_ns: AtomicU64::new(0),
             epoch: Instant::now(),
-            said_clear: AtomicBool::new(false),
-            shown_free: AtomicBool::new(false),
             withdraw_due: AtomicBool::new(false),
             clearance: ArrayQueue::new(1),
             phase: AtomicU64::new(Phase::Idle as u64),

@@ -58,6 +58,8 @@ pub struct Watch<P> {
     cycle: Option<u64>,
     phase: Phase,
     fault: Option<Fault>,
+    /// A person said before this start that the tool hangs free: the next tare goes by it.
+    pub said_clear: bool,
     tare: bool,
     /// Why the tare that the task waits for was refused; empty if it was not.
     tare_refused: Text,
@@ -80,6 +82,7 @@ impl<P> Watch<P> {
             cycle: None,
             phase: Phase::default(),
             fault: None,
+            said_clear: false,
             tare: false,
             tare_refused: Text::new(),
             withdrawn: false,
@@ -127,9 +130,12 @@ impl<P> Watch<P> {
     /// Reports what has changed, at the end of a cycle.
     pub fn after(&mut self, told: &Told) {
         if told.tare_requested && !self.tare {
-            let shown = told.clearance.tare_ground() == TareGround::Shown;
-            self.mailbox.shown_free.store(shown, Ordering::Release);
-            self.mailbox.tare_due.store(true, Ordering::Release);
+            let said = std::mem::take(&mut self.said_clear);
+            self.mailbox.tare_due.force_push(if said {
+                TareGround::SaidClear
+            } else {
+                told.clearance.tare_ground()
+            });
         }
         self.tare = told.tare_requested;
         if told.zero_withdrawn && !self.withdrawn {

@@ -104,7 +104,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
         silence: "the robot sends no states to take the zero from",
     };
     let (taring, _keeper) = tangent_tare::open(&bus, &setup)?.start()?;
-    let estimate = Estimate::new(&config.tare, taring, zero_of(&config))?;
+    let estimate = Estimate::new(&config.tare, taring, &zero_of(&config))?;
     let _modes = modes::answers(&bus)?;
     let cycle = Cycle::new(
         Arc::clone(&config),

@@ -7,6 +7,7 @@ use tangent_schemas::Text;
 use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::WrenchStatus;
 use tangent_sensing::{ConditionedWrench, TareConfig, Validity};
+use tangent_tare::tell_zero;
 
 use crate::clock::ClockRecovery;
 use crate::codec::{Record, Status};
@@ -61,7 +62,7 @@ impl Connection {
         stamp_ns: i64,
     ) -> WrenchStatus {
         let counts = self.stream.counts();
-        WrenchStatus {
+        let mut status = WrenchStatus {
             header: Header::in_frame::<Tool>(stamp_ns),
             validity: validity as u8,
             status: newest.record.status.0,
@@ -74,29 +75,14 @@ impl Connection {
             restarts: counts.restarts,
             reconnects: counts.reconnects,
             rate_hz: self.rate_measured_hz(),
-            bias_age_s: newest.wrench.bias_age_s.unwrap_or(-1.0),
-            bias: (&newest.wrench.bias).into(),
             filter_delay_s: newest.wrench.delay_s,
             clock_residual_s: self.clock.residual_s(),
             records_implausible: newest.implausible,
             stuck_axes: newest.stuck_axes,
-            untared: (&newest.wrench.untared).into(),
-            reference: newest
-                .wrench
-                .reference
-                .map(|(bias, _)| (&bias).into())
-                .unwrap_or_default(),
-            reference_age_s: newest.wrench.reference.map_or(-1.0, |(_, age_s)| age_s),
-            rated_share: self
-                .tare
-                .rated_share(&newest.wrench.untared)
-                .unwrap_or(-1.0),
-            bias_bound_n: newest
-                .wrench
-                .bias_age_s
-                .map_or(-1.0, |age_s| self.tare.drift_bound_n(age_s)),
-            bias_said_clear: newest.wrench.said_clear,
-        }
+            ..WrenchStatus::default()
+        };
+        tell_zero(&newest.wrench, &self.tare, &mut status);
+        status
     }
 }
 

@@ -3,7 +3,6 @@
 use std::time::{Duration, Instant};
 
 use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
-use tangent_runtime::ticket::Order;
 use tangent_runtime::{
     Beat, Bus, HealthReporter, Latest, Parameter, Parameters, Publisher, Ramp, RealtimeReport,
     Stop, clock as host_clock, realtime,
@@ -15,7 +14,7 @@ use tangent_sensing::{
     Reading, RecordWatchConfig, SensorCondition, SensorRecord, SensorWatch, SensorWatchState,
     Validity, Watched, WrenchConditioner, WrenchConditionerState, pressing_at,
 };
-use tangent_tare::{Outcome, Taring, Wanted};
+use tangent_tare::Taring;
 
 use crate::box_config::BoxConfig;
 use crate::clock::ClockRecovery;
@@ -58,8 +57,6 @@ pub(crate) struct Receiver {
     cutoff: Parameter,
     cutoff_ramp: Ramp,
     taring: Taring,
-    /// Of the box that the last good zero belongs to.
-    serial: String,
     epoch: Instant,
     counts: StreamCounts,
     health: HealthReporter,
@@ -100,7 +97,6 @@ impl Receiver {
             ),
             cutoff_ramp: Ramp::new(cutoff_hz, CUTOFF_RATE_HZ_PER_S),
             taring,
-            serial: String::new(),
             epoch: Instant::now(),
             counts: StreamCounts::default(),
             meters: Meters::new(&health),
@@ -162,7 +158,10 @@ impl Receiver {
             .socket_buffer_records
             .set(socket.buffer_records() as f64);
         self.adopt_rate(rate_hz)?;
-        self.adopt_zero(&found.serial);
+        let now_s = self.epoch.elapsed().as_secs_f64();
+        let tare = &self.config.conditioning.tare;
+        self.taring
+            .adopt(&found.serial, tare, &mut self.state, now_s);
         let command = match self.config.buffer_records {
             None => Command::RealTime,
             Some(_) => Command::Buffered,
@@ -205,55 +204,6 @@ impl Receiver {
         self.watched.restart();
         self.state.restart();
         Ok(())
-    }
-
-    /// The last good zero of this sensor, as the service before left it; another sensor has none.
-    fn adopt_zero(&mut self, serial: &str) {
-        if self.serial == serial {
-            return;
-        }
-        if !self.serial.is_empty() {
-            tracing::warn!("another sensor: the zero of {} does not hold", self.serial);
-            self.state.set_tare(None);
-            self.state.forget_reference();
-            self.taring.notes.forget();
-        }
-        self.serial = serial.to_owned();
-        let now_s = self.epoch.elapsed().as_secs_f64();
-        let age_max_s = self.config.conditioning.tare.reference_age_max_s;
-        let zero = self.taring.zero.take();
-        if let Some(tare) = zero.and_then(|zero| zero.tare(serial, now_s, age_max_s)) {
-            tracing::info!(
-                "the last good zero, {:.0} s old, is in force",
-                now_s - tare.time_s
-            );
-            self.state.set_tare(Some(tare));
-        }
-    }
-
-    /// What was asked of the zero.
-    fn serve_tare(&mut self) {
-        match self.taring.work.order() {
-            Order::None => return,
-            Order::Forget => return self.state.cancel_tare(),
-            Order::Begin => {}
-        }
-        match self.taring.work.wanted() {
-            Wanted::Tare(ground) => self.conditioner.start_tare_on(&mut self.state, ground),
-            Wanted::Withdraw => {
-                let had = self.state.tare().is_some();
-                self.state.withdraw_tare();
-                let now_s = self.epoch.elapsed().as_secs_f64();
-                match self.state.reference() {
-                    Some(zero) => self
-                        .taring
-                        .notes
-                        .keep(&self.serial, zero, now_s - zero.time_s),
-                    None => self.taring.notes.forget(),
-                }
-                self.taring.work.answer(Outcome::Withdrawn(had));
-            }
-        }
     }
 
     fn stream(
@@ -392,7 +342,8 @@ impl Receiver {
         if kind == Kind::Late {
             return;
         }
-        self.serve_tare();
+        self.taring
+            .serve(&self.conditioner, &mut self.state, arrival.as_secs_f64());
         // An untared sensor may read anything in the air.
         let felt = connection
             .newest
@@ -422,15 +373,7 @@ impl Receiver {
             motion: None,
         };
         let wrench = self.conditioner.update(&mut self.state, &reading);
-        if let Some(outcome) = self.state.take_tare_outcome() {
-            self.taring.work.answer(match outcome {
-                Ok(tare) => {
-                    self.taring.notes.keep(&self.serial, &tare, 0.0);
-                    Outcome::Tared(tare)
-                }
-                Err(refusal) => Outcome::Refused(refusal),
-            });
-        }
+        self.taring.finish(&mut self.state);
         let turned_bad = wrench.validity != Validity::Valid
             && connection
                 .newest

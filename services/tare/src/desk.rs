@@ -20,7 +20,7 @@ const SLACK: Duration = Duration::from_secs(1);
 
 /// What the loop made of a request.
 #[derive(Clone, Copy, Debug)]
-pub enum Outcome {
+pub(crate) enum Outcome {
     /// The zero is in force.
     Tared(Tare),
     /// The zero before stays in force.
@@ -31,7 +31,7 @@ pub enum Outcome {
 
 /// What is asked of the loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wanted {
+pub(crate) enum Wanted {
     /// A zero, and what says that nothing presses.
     Tare(TareGround),
     /// The zero in force was taken in contact.
@@ -91,7 +91,7 @@ pub(crate) struct TareDesk {
 
 /// The averaging end, in the service's loop.
 #[derive(Debug)]
-pub struct TareWork(Arc<Counter>);
+pub(crate) struct TareWork(Arc<Counter>);
 
 /// For programs: N and Nm, sensor axes.
 #[derive(serde::Serialize)]
@@ -119,17 +119,17 @@ pub(crate) fn tare_desk(setup: &TareSetup, memory: &Arc<Memory>) -> (TareDesk, T
 
 impl TareWork {
     /// What to do before the next reading.
-    pub fn order(&self) -> Order {
+    pub(crate) fn order(&self) -> Order {
         self.0.ticket.order()
     }
 
     /// What the order that began is about.
-    pub fn wanted(&self) -> Wanted {
+    pub(crate) fn wanted(&self) -> Wanted {
         Wanted::from_code(self.0.wanted.load(Ordering::Acquire))
     }
 
     /// How the order that began has ended.
-    pub fn answer(&self, outcome: Outcome) {
+    pub(crate) fn answer(&self, outcome: Outcome) {
         self.0.outcomes.force_push(outcome);
         self.0.ticket.done();
     }

@@ -1,7 +1,7 @@
 //! The answer to `netft/tare`, shared by the services that publish a wrench: `netft` and `franka`.
 //!
 //! [`open`] answers the query. Whether a tare is allowed is judged at once, in the bus's urgent lane, by what the controller says
-//! of contact; the average is taken by the service's loop through its [`TareWork`], and waited for in the slow lane. What a
+//! of contact; the average is taken by the service's loop through its [`Taring`], and waited for in the slow lane. What a
 //! restart must not forget (the last good zero, the controller's last word) stands in one file of the cell's state folder.
 
 #![deny(missing_docs)]
@@ -9,15 +9,15 @@
 mod desk;
 mod keeper;
 mod memory;
+mod taring;
 
 use std::sync::Arc;
 
 use tangent_runtime::{Bus, BusError, Handle, StateFolder};
 use tangent_schemas::topics::queries;
 
-pub use desk::{Outcome, TareWork, Wanted};
 pub use keeper::Keeper;
-pub use memory::{KeptZero, ZeroNotes};
+pub use taring::{Taring, tell_zero};
 
 use desk::tare_desk;
 use memory::Memory;
@@ -33,16 +33,6 @@ pub struct TareSetup {
     pub duration_s: f64,
     /// What is wrong when no reading comes to average, and where to look.
     pub silence: &'static str,
-}
-
-/// For the service's loop.
-pub struct Taring {
-    /// What is asked of the zero.
-    pub work: TareWork,
-    /// Where the next zero is written down.
-    pub notes: ZeroNotes,
-    /// The last good zero of the service before.
-    pub zero: Option<KeptZero>,
 }
 
 /// The query is answered, and nothing is written down yet.
@@ -66,9 +56,9 @@ pub fn open(bus: &Bus, setup: &TareSetup) -> Result<Opened, BusError> {
         move |asked| judge.judge(&asked.request),
         move |asked| desk.respond(&asked).into(),
     )?;
-    let zero = memory.zero();
+    let taring = Taring::new(work, notes, memory.zero());
     Ok(Opened {
-        taring: Taring { work, notes, zero },
+        taring,
         memory,
         answering,
     })

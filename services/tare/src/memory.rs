@@ -36,7 +36,7 @@ struct Kept {
 /// A zero with the sensor that it belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct KeptZero {
+pub(crate) struct KeptZero {
     /// As the sensor tells it, or what else tells one from another.
     serial: String,
     /// N and Nm, sensor axes.
@@ -127,11 +127,11 @@ struct Note {
 }
 
 /// For the service's loop, which neither waits for the disk nor allocates.
-pub struct ZeroNotes(Arc<ArrayQueue<Option<Note>>>);
+pub(crate) struct ZeroNotes(Arc<ArrayQueue<Option<Note>>>);
 
 impl ZeroNotes {
     /// This zero of the sensor `serial`, taken `age_s` seconds ago, is the last good one from now on.
-    pub fn keep(&self, serial: &str, tare: &Tare, age_s: f64) {
+    pub(crate) fn keep(&self, serial: &str, tare: &Tare, age_s: f64) {
         self.say(Some(Note {
             serial: cut(serial),
             tare: *tare,
@@ -140,7 +140,7 @@ impl ZeroNotes {
     }
 
     /// There is no good zero any more.
-    pub fn forget(&self) {
+    pub(crate) fn forget(&self) {
         self.say(None);
     }
 
@@ -168,7 +168,7 @@ impl From<Note> for KeptZero {
 impl KeptZero {
     /// On the clock of [`tangent_sensing::Reading::time_s`], which says `now_s` now; none of another sensor, or older than
     /// `age_max_s`.
-    pub fn tare(&self, serial: &str, now_s: f64, age_max_s: f64) -> Option<Tare> {
+    pub(crate) fn tare(&self, serial: &str, now_s: f64, age_max_s: f64) -> Option<Tare> {
         let age_s = (now_ns() - self.taken_ns) as f64 * 1e-9;
         let numbers = [&self.bias, &self.std, &self.vouched.bias, &self.shown.bias];
         let finite = numbers.into_iter().flatten().all(|x| x.is_finite());

@@ -2,7 +2,6 @@
 //! Takes no lock and no memory.
 
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use nalgebra::Vector3;
@@ -254,9 +253,7 @@ impl TorqueCycle {
                     Err(Outcome::Refused(error))
                 } else if let Some(mut new) = program.take() {
                     self.clearance = clearance;
-                    self.mailbox
-                        .said_clear
-                        .store(*said_clear, Ordering::Release);
+                    self.watch.said_clear = *said_clear;
                     new.begin(clearance);
                     let force_n = new.task().force.reference_n;
                     **program = self.program.replace(new);

@@ -11,7 +11,6 @@ use zenoh::query::Query;
 
 use super::answer::{Asked, Handler, Judge, Reply, reply_key};
 use super::budget::{BUDGET_UNNAMED, Budget};
-use super::requests::LaneOf;
 use super::session;
 use crate::realtime::setup_thread;
 
@@ -29,6 +28,9 @@ pub enum Lane {
     /// priority. Waits for the loop at most.
     Urgent,
 }
+
+/// The lane of each request of a key.
+pub(super) type LaneOf = Arc<dyn Fn(&Request) -> Lane + Send + Sync>;
 
 /// A request from another process on its way to a lane.
 pub(super) struct Job {

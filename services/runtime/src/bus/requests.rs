@@ -14,13 +14,11 @@ use super::answer::{Asked, Handler, Judge, Reply, reply_key};
 use super::attachment::Attachment;
 use super::budget::Budget;
 use super::error::BusError;
-use super::lane::{self, Entrance, Jobs, Lane};
+use super::lane::{self, Entrance, Jobs, LaneOf};
 use super::reader::Handle;
 use super::registry::parse_key;
 use super::session::Asking;
 use crate::clock::now_ns;
-
-pub(crate) type LaneOf = Arc<dyn Fn(&Request) -> Lane + Send + Sync>;
 
 struct Entry {
     id: u64,

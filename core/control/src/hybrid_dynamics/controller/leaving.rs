@@ -24,23 +24,14 @@ impl HybridDynamics {
             from: pose.translation(),
             at: now.tool.translation(),
         };
-        let rules = Rules::new(
-            self.config.leave,
-            self.config.path,
-            &self.task,
-            &self.limits,
-        );
+        let rules = self.rules();
         let load = self.load(input, felt);
         let departure = &mut self.run.departure;
         match departure.clear(&rules, &way, (verdict, load), self.paused, dt) {
             Clearing::Going(step) => moved(MotionReference::at_rest(&pose), &step),
             Clearing::Free => {
                 self.run.held = None;
-                self.enter(if self.task.only_leaves {
-                    Phase::Done
-                } else {
-                    Phase::Tare
-                });
+                self.enter(self.task.phase_at_rest());
                 self.hold(now)
             }
             Clearing::Failed(fault) => {
@@ -64,12 +55,7 @@ impl HybridDynamics {
             from: pose.translation(),
             at: now.tool.translation(),
         };
-        let rules = Rules::new(
-            self.config.leave,
-            self.config.path,
-            &self.task,
-            &self.limits,
-        );
+        let rules = self.rules();
         let load = self.load(input, felt);
         let departure = &mut self.run.departure;
         let step = match departure.retract(&rules, away, &way, load, dt) {
@@ -87,6 +73,15 @@ impl HybridDynamics {
             }
         };
         moved(MotionReference::at_rest(&pose), &step)
+    }
+
+    fn rules(&self) -> Rules {
+        Rules::new(
+            self.config.leave,
+            self.config.path,
+            &self.task,
+            &self.limits,
+        )
     }
 
     fn load(&self, input: &HybridInput, felt: Option<&Felt>) -> Load {

@@ -148,10 +148,10 @@ impl HybridDynamics {
     pub fn begin(&mut self, clearance: Clearance) {
         self.paused = false;
         self.run = Run {
-            phase: match (clearance.is_free(), self.task.only_leaves) {
-                (false, _) => Phase::Clear,
-                (true, false) => Phase::Tare,
-                (true, true) => Phase::Done,
+            phase: if clearance.is_free() {
+                self.task.phase_at_rest()
+            } else {
+                Phase::Clear
             },
             departure: Departure::new(clearance),
             ..Run::default()
@@ -437,9 +437,7 @@ impl HybridDynamics {
             stiffness_n_per_m: None,
             rests: true,
             fresh: input.wrench_age_s <= input.dt_s,
-            settling: self.run.phase == Phase::Contact,
-            slope: None,
-            blind_max_m: self.limits.blind_distance_max_m,
+            depth: None,
             dt_s: input.dt_s,
         })
     }

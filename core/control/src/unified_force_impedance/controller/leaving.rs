@@ -26,23 +26,14 @@ impl UnifiedForceImpedance {
             from: *self.run.held.get_or_insert(now.tool.translation()),
             at: now.tool.translation(),
         };
-        let rules = Rules::new(
-            self.config.leave,
-            self.config.path,
-            &self.task,
-            &self.limits,
-        );
+        let rules = self.rules();
         let felt = (felt.verdict, self.load(now, felt));
         let departure = &mut self.run.departure;
         match departure.clear(&rules, &way, felt, self.run.paused, dt) {
             Clearing::Going(step) => moved(self.hold(now), &step),
             Clearing::Free => {
                 self.run.held = None;
-                self.enter(if self.task.only_leaves {
-                    Phase::Done
-                } else {
-                    Phase::Tare
-                });
+                self.enter(self.task.phase_at_rest());
                 self.hold(now)
             }
             Clearing::Failed(fault) => {
@@ -60,12 +51,7 @@ impl UnifiedForceImpedance {
             from: start.reference.position,
             at: now.tool.translation(),
         };
-        let rules = Rules::new(
-            self.config.leave,
-            self.config.path,
-            &self.task,
-            &self.limits,
-        );
+        let rules = self.rules();
         let load = self.load(now, felt);
         match self.run.departure.retract(&rules, away, &way, load, dt) {
             Retracting::Going(step) => moved(start, &step),
@@ -85,14 +71,23 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// What a good wrench says; a bad sample is not waited out here. The robot's estimate has no untared reading beside it.
+    fn rules(&self) -> Rules {
+        Rules::new(
+            self.config.leave,
+            self.config.path,
+            &self.task,
+            &self.limits,
+        )
+    }
+
+    /// What a good wrench says; a bad sample is not waited out here.
     fn load(&self, now: &ArmNow, felt: &Felt) -> Load {
         let good = felt.verdict == WrenchVerdict::Good;
         let wrench = felt.wrench.filter(|_| good)?;
         Some(LoadFelt {
             force: now.tool.rotate(&wrench.fixed_rows::<3>(0).into_owned()),
             torque_nm: wrench.fixed_rows::<3>(3).norm(),
-            hidden: false,
+            hidden: felt.hidden,
             zeroed: self.run.fault != Some(Fault::ZeroInContact),
         })
     }

@@ -128,6 +128,8 @@ struct Felt {
     wrench: Option<Vector6<f64>>,
     /// Along the direction that is pushed in, N.
     pressing_n: Option<f64>,
+    /// A good reading that is beyond its limit before any zero.
+    hidden: bool,
 }
 
 impl Felt {
@@ -198,11 +200,11 @@ impl UnifiedForceImpedance {
     pub fn begin(&mut self, clearance: Clearance) {
         self.run = Run::new(&self.config);
         self.run.departure = Departure::new(clearance);
-        if !clearance.is_free() {
-            self.run.phase = Phase::Clear;
-        } else if self.task.only_leaves {
-            self.run.phase = Phase::Done;
-        }
+        self.run.phase = if clearance.is_free() {
+            self.task.phase_at_rest()
+        } else {
+            Phase::Clear
+        };
     }
 
     /// Whether the tool may touch something: what the next start goes by.

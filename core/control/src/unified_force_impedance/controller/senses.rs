@@ -33,7 +33,13 @@ impl UnifiedForceImpedance {
         let rubbing = wrench_of_torques(&now.jacobian, &self.friction.torque(&now.qd));
         let share = dt / (self.config.touch.wrench_lag_s + dt);
         self.run.rubbing += (rubbing - self.run.rubbing) * share;
-        if verdict != WrenchVerdict::Good {
+        // Before the law's own zero, and before the bridge's: neither hides a load.
+        let good = verdict == WrenchVerdict::Good;
+        let beyond = |load| self.limits.is_untared_beyond(load);
+        let hidden = good
+            && (input.wrench.force.norm() > self.limits.untared_max_n()
+                || input.untared.as_ref().is_some_and(beyond));
+        if !good {
             // A bad sample is waited out with the last good one.
             let doubtful = verdict == WrenchVerdict::Doubtful;
             let last = self.run.felt.filter(|_| doubtful);
@@ -41,6 +47,7 @@ impl UnifiedForceImpedance {
                 verdict,
                 wrench: last.and_then(|f| f.wrench),
                 pressing_n: last.and_then(|f| f.pressing_n),
+                hidden,
             };
         }
         let raw = input.wrench.vector() + now.in_tool(&self.run.rubbing);
@@ -55,6 +62,7 @@ impl UnifiedForceImpedance {
             verdict,
             wrench: Some(wrench),
             pressing_n: Some(-self.push_direction(now).dot(&now.tool.rotate(&force))),
+            hidden,
         };
         self.run.felt = Some(felt);
         felt
@@ -85,9 +93,7 @@ impl UnifiedForceImpedance {
             stiffness_n_per_m: None,
             rests: true,
             fresh: input.wrench_age_s <= input.dt_s,
-            settling: self.run.phase == Phase::Contact,
-            slope: None,
-            blind_max_m: self.limits.blind_distance_max_m,
+            depth: None,
             dt_s: input.dt_s,
         })
     }
@@ -163,12 +169,6 @@ impl UnifiedForceImpedance {
             let size = felt.wrench.map(|w| w.fixed_rows::<3>(row).norm());
             size.is_some_and(|size| size > most)
         };
-        // Before the law's own zero, and before the bridge's: neither hides a load.
-        let good = felt.verdict == WrenchVerdict::Good;
-        let raw_n = input.wrench.force.norm();
-        let hidden = |load| self.limits.is_untared_beyond(load);
-        let untared = good
-            && (raw_n > self.limits.untared_max_n() || input.untared.as_ref().is_some_and(hidden));
         let sliding = matches!(self.run.phase, Phase::Slide | Phase::Hold);
         let bound_n = self.zero_bound_n();
         let is_old = |most_n| bound_n.is_none_or(|bound_n| bound_n > most_n);
@@ -181,7 +181,7 @@ impl UnifiedForceImpedance {
             WrenchVerdict::Retract(validity) if begun => Some(Fault::Wrench(validity)),
             _ if begun && beyond(0, self.limits.force_max_n) => Some(Fault::ForceLimit),
             _ if begun && beyond(3, self.limits.torque_max_nm) => Some(Fault::TorqueLimit),
-            _ if begun && untared => Some(Fault::UntaredLimit),
+            _ if begun && felt.hidden => Some(Fault::UntaredLimit),
             _ if sliding && self.task.zero.error_max_n.is_some_and(is_old) => Some(Fault::ZeroOld),
             _ if outside && begun => Some(Fault::Workspace),
             _ if !input.arm_ready && begun => Some(Fault::ArmNotReady),
