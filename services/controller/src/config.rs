@@ -92,6 +92,7 @@ pub(crate) fn limits<const N: usize>(cell: &CellConfig, arm: &Arm<N>) -> Limits 
         untared_share_max: own.untared_share_max,
         workspace_min_m: own.workspace_min_m,
         workspace_max_m: own.workspace_max_m,
+        blind_distance_max_m: own.blind_distance_max_m,
         ..default
     }
 }
@@ -114,6 +115,19 @@ mod tests {
             assert!(velocity * config.limits.joint_speed_share < limit);
         }
         assert_eq!(config.estimators[0], cell.estimators.active);
+    }
+
+    /// A fault's text sends the operator to this key.
+    #[test]
+    fn the_distance_without_contact_is_the_cells() {
+        let mut cell = CellConfig::default_cell();
+        assert_eq!(
+            cell.limits.blind_distance_max_m,
+            Limits::default().blind_distance_max_m
+        );
+        cell.limits.blind_distance_max_m = 0.012;
+        let config = Config::from_cell(&cell, ur5()).unwrap();
+        assert_eq!(config.limits.blind_distance_max_m, 0.012);
     }
 
     #[test]

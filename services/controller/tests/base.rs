@@ -7,6 +7,7 @@ mod common;
 use std::time::{Duration, Instant};
 
 use common::Cell;
+use tangent_live::timed;
 use tangent_runtime::Publisher;
 use tangent_schemas::standard::{Header, PoseWithCovarianceStamped};
 use tangent_schemas::topics;
@@ -67,47 +68,51 @@ fn holds(cell: &mut Cell, meanwhile: impl Fn()) {
 
 #[test]
 fn a_platform_that_stands_is_worked_from_and_its_silence_ends_the_task() {
-    let mut cell = Cell::sliding_for_long();
-    assert!(cell.said().base_age_s < 0.0);
-    let platform = Platform::new(&cell);
-    platform.say(|_| {});
-    cell.packet(true);
-    // It has only begun: the path waits until it is steady, under force.
-    assert_eq!(cell.phase(), "hold");
-    assert!(cell.said().base_age_s >= 0.0);
-    platform.talk(&mut cell, |cell| cell.phase() == "slide");
-    let force_n = cell.said().force_n;
-    assert!((force_n - 3.0).abs() < 0.3, "{force_n}");
-    let before = cell.allocations;
-    for _ in 0..5 {
+    timed(|| {
+        let mut cell = Cell::sliding_for_long();
+        assert!(cell.said().base_age_s < 0.0);
+        let platform = Platform::new(&cell);
         platform.say(|_| {});
         cell.packet(true);
-    }
-    assert_eq!(cell.allocations, before, "allocated in the loop");
-    // Silence: hold once the patience is over, retract after a second of the robot's time.
-    holds(&mut cell, || ());
-    cell.run_until("fault");
-    let fault = cell.said().fault;
-    assert!(fault.contains("base/pose fell silent"), "{fault}");
-    cell.end();
+        // It has only begun: the path waits until it is steady, under force.
+        assert_eq!(cell.phase(), "hold");
+        assert!(cell.said().base_age_s >= 0.0);
+        platform.talk(&mut cell, |cell| cell.phase() == "slide");
+        let force_n = cell.said().force_n;
+        assert!((force_n - 3.0).abs() < 0.3, "{force_n}");
+        let before = cell.allocations;
+        for _ in 0..5 {
+            platform.say(|_| {});
+            cell.packet(true);
+        }
+        assert_eq!(cell.allocations, before, "allocated in the loop");
+        // Silence: hold once the patience is over, retract after a second of the robot's time.
+        holds(&mut cell, || ());
+        cell.run_until("fault");
+        let fault = cell.said().fault;
+        assert!(fault.contains("base/pose fell silent"), "{fault}");
+        cell.end();
+    });
 }
 
 #[test]
 fn nonsense_is_refused_by_name() {
-    let mut cell = Cell::sliding_for_long();
-    let platform = Platform::new(&cell);
-    // Before anything good was said, nonsense is nothing.
-    platform.say(|m| m.pose.pose.position.x = f64::NAN);
-    cell.packet(true);
-    assert_eq!(cell.phase(), "slide");
-    platform.talk(&mut cell, |cell| {
-        cell.said().base_age_s >= 0.0 && cell.phase() == "slide"
+    timed(|| {
+        let mut cell = Cell::sliding_for_long();
+        let platform = Platform::new(&cell);
+        // Before anything good was said, nonsense is nothing.
+        platform.say(|m| m.pose.pose.position.x = f64::NAN);
+        cell.packet(true);
+        assert_eq!(cell.phase(), "slide");
+        platform.talk(&mut cell, |cell| {
+            cell.said().base_age_s >= 0.0 && cell.phase() == "slide"
+        });
+        holds(&mut cell, || {
+            platform.say(|m| m.pose.pose.orientation.w = 0.5);
+        });
+        cell.run_until("fault");
+        let fault = cell.said().fault;
+        assert!(fault.contains("quaternion"), "{fault}");
+        cell.end();
     });
-    holds(&mut cell, || {
-        platform.say(|m| m.pose.pose.orientation.w = 0.5);
-    });
-    cell.run_until("fault");
-    let fault = cell.said().fault;
-    assert!(fault.contains("quaternion"), "{fault}");
-    cell.end();
 }

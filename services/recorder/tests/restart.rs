@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use tangent_live::timed;
 use tangent_recorder::{RecorderConfig, Recording, Summary};
 use tangent_runtime::{Bus, CellConfig, Publisher, Role, Stop};
 use tangent_schemas::tangent::ArmState;
@@ -95,59 +96,63 @@ fn assert_whole(sequences: &[u32], last: u64) {
 
 #[test]
 fn what_was_published_while_no_recorder_ran_is_recorded_once() {
-    let cell = cell();
-    let folder = tempfile::tempdir().unwrap();
-    let _router = Bus::open_within(&cell, Role::Router, PATIENCE).unwrap();
-    let robot = Bus::open_within(&cell, Role::Client, PATIENCE).unwrap();
-    let states = robot.publisher(&topics::ARM_STATE).unwrap();
-    let first = Recorder::start(&cell, folder.path(), 1 << 16);
-    while !states.is_read_remotely() {
-        publish(&states, Duration::from_millis(10));
-    }
-    publish(&states, Duration::from_secs(1));
-    assert_eq!(first.end().missing, 0);
-    // As if it had been killed: the file ends in the middle.
-    let file = files(folder.path())[0].clone();
-    let bytes = std::fs::read(&file).unwrap();
-    std::fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
-    publish(&states, Duration::from_secs(2));
-    let second = Recorder::start(&cell, folder.path(), 1 << 16);
-    publish(&states, Duration::from_secs(3));
-    let last = states.sequence();
-    let summary = second.end();
-    assert!(summary.recovered > 1000, "{summary:?}");
-    assert_eq!((summary.missing, summary.lost()), (0, 0));
-    assert_whole(&sequences(folder.path()), last);
+    timed(|| {
+        let cell = cell();
+        let folder = tempfile::tempdir().unwrap();
+        let _router = Bus::open_within(&cell, Role::Router, PATIENCE).unwrap();
+        let robot = Bus::open_within(&cell, Role::Client, PATIENCE).unwrap();
+        let states = robot.publisher(&topics::ARM_STATE).unwrap();
+        let first = Recorder::start(&cell, folder.path(), 1 << 16);
+        while !states.is_read_remotely() {
+            publish(&states, Duration::from_millis(10));
+        }
+        publish(&states, Duration::from_secs(1));
+        assert_eq!(first.end().missing, 0);
+        // As if it had been killed: the file ends in the middle.
+        let file = files(folder.path())[0].clone();
+        let bytes = std::fs::read(&file).unwrap();
+        std::fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+        publish(&states, Duration::from_secs(2));
+        let second = Recorder::start(&cell, folder.path(), 1 << 16);
+        publish(&states, Duration::from_secs(3));
+        let last = states.sequence();
+        let summary = second.end();
+        assert!(summary.recovered > 1000, "{summary:?}");
+        assert_eq!((summary.missing, summary.lost()), (0, 0));
+        assert_whole(&sequences(folder.path()), last);
 
-    // With nothing new, nothing is recorded again.
-    let third = Recorder::start(&cell, folder.path(), 1 << 16);
-    publish(&states, Duration::from_secs(1));
-    let last = states.sequence();
-    assert_eq!(third.end().missing, 0);
-    assert_whole(&sequences(folder.path()), last);
+        // With nothing new, nothing is recorded again.
+        let third = Recorder::start(&cell, folder.path(), 1 << 16);
+        publish(&states, Duration::from_secs(1));
+        let last = states.sequence();
+        assert_eq!(third.end().missing, 0);
+        assert_whole(&sequences(folder.path()), last);
+    });
 }
 
 #[test]
 fn what_a_full_queue_pushed_out_is_asked_for_again() {
-    let cell = cell();
-    let folder = tempfile::tempdir().unwrap();
-    let _router = Bus::open_within(&cell, Role::Router, PATIENCE).unwrap();
-    let robot = Bus::open_within(&cell, Role::Client, PATIENCE).unwrap();
-    let states = robot.publisher(&topics::ARM_STATE).unwrap();
-    let recorder = Recorder::start(&cell, folder.path(), 4);
-    while !states.is_read_remotely() {
-        publish(&states, Duration::from_millis(10));
-    }
-    for _ in 0..5 {
-        for _ in 0..200 {
-            states.publish(&ArmState::default());
+    timed(|| {
+        let cell = cell();
+        let folder = tempfile::tempdir().unwrap();
+        let _router = Bus::open_within(&cell, Role::Router, PATIENCE).unwrap();
+        let robot = Bus::open_within(&cell, Role::Client, PATIENCE).unwrap();
+        let states = robot.publisher(&topics::ARM_STATE).unwrap();
+        let recorder = Recorder::start(&cell, folder.path(), 4);
+        while !states.is_read_remotely() {
+            publish(&states, Duration::from_millis(10));
         }
-        publish(&states, Duration::from_millis(50));
-    }
-    publish(&states, Duration::from_secs(2));
-    let last = states.sequence();
-    let summary = recorder.end();
-    assert!(summary.queue_dropped > 0, "{summary:?}");
-    assert_eq!((summary.missing, summary.lost()), (0, 0), "{summary:?}");
-    assert_whole(&sequences(folder.path()), last);
+        for _ in 0..5 {
+            for _ in 0..200 {
+                states.publish(&ArmState::default());
+            }
+            publish(&states, Duration::from_millis(50));
+        }
+        publish(&states, Duration::from_secs(2));
+        let last = states.sequence();
+        let summary = recorder.end();
+        assert!(summary.queue_dropped > 0, "{summary:?}");
+        assert_eq!((summary.missing, summary.lost()), (0, 0), "{summary:?}");
+        assert_whole(&sequences(folder.path()), last);
+    });
 }

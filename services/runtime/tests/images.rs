@@ -6,6 +6,7 @@ mod common;
 use std::time::{Duration, Instant};
 
 use common::{PATIENCE, cell, client, until};
+use tangent_live::timed;
 use tangent_runtime::{Bus, CellConfig, Role, Subscription};
 use tangent_schemas::cdr;
 use tangent_schemas::standard::{Header, Image};
@@ -89,40 +90,44 @@ fn foreigner(config: &CellConfig) -> zenoh::Session {
 
 #[test]
 fn images_of_a_foreign_client_arrive_whole() {
-    let config = cell();
-    let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
-    let bus = client(&config);
-    let images = bus.subscribe(&DRIVER, 64).unwrap();
-    let session = foreigner(&config);
-    let driver = session
-        .declare_publisher(format!("{}/{}", config.cell.name, DRIVER.key()))
-        .wait()
-        .unwrap();
-    until("the reader", || {
-        driver.matching_status().wait().unwrap().matching()
-    });
-    all_sizes_come(&[images], |image| {
-        let mut bytes = Vec::new();
-        cdr::encode(image, &mut bytes).unwrap();
-        driver.put(bytes).wait().unwrap();
+    timed(|| {
+        let config = cell();
+        let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+        let bus = client(&config);
+        let images = bus.subscribe(&DRIVER, 64).unwrap();
+        let session = foreigner(&config);
+        let driver = session
+            .declare_publisher(format!("{}/{}", config.cell.name, DRIVER.key()))
+            .wait()
+            .unwrap();
+        until("the reader", || {
+            driver.matching_status().wait().unwrap().matching()
+        });
+        all_sizes_come(&[images], |image| {
+            let mut bytes = Vec::new();
+            cdr::encode(image, &mut bytes).unwrap();
+            driver.put(bytes).wait().unwrap();
+        });
     });
 }
 
 #[test]
 fn our_own_images_arrive_whole_at_two_readers() {
-    let config = cell();
-    let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
-    let (near, far, other) = (client(&config), client(&config), client(&config));
-    let driver = near.publisher(&DRIVER).unwrap();
-    let readers = [&far, &other].map(|bus| bus.subscribe(&DRIVER, 64).unwrap());
-    until("the readers", || {
-        driver.publish(&Image::default());
-        readers.iter().all(|reader| reader.try_recv().is_some())
-    });
-    for reader in &readers {
-        while reader.recv_timeout(Duration::from_millis(100)).is_some() {}
-    }
-    all_sizes_come(&readers, |image| {
-        driver.publish(image);
+    timed(|| {
+        let config = cell();
+        let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
+        let (near, far, other) = (client(&config), client(&config), client(&config));
+        let driver = near.publisher(&DRIVER).unwrap();
+        let readers = [&far, &other].map(|bus| bus.subscribe(&DRIVER, 64).unwrap());
+        until("the readers", || {
+            driver.publish(&Image::default());
+            readers.iter().all(|reader| reader.try_recv().is_some())
+        });
+        for reader in &readers {
+            while reader.recv_timeout(Duration::from_millis(100)).is_some() {}
+        }
+        all_sizes_come(&readers, |image| {
+            driver.publish(image);
+        });
     });
 }

@@ -6,6 +6,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use tangent_live::timed;
 use tangent_rtde::{Config, queries};
 use tangent_runtime::{Bus, CellConfig, Handle, Stop, Subscription};
 use tangent_schemas::tangent::{ArmCommand, ArmState, Request};
@@ -137,125 +138,133 @@ impl Cell {
 
 #[test]
 fn it_becomes_ready_moves_and_ends_in_order_on_both_series() {
-    for flavour in [Flavour::Cb3, Flavour::ESeries] {
-        let mut cell = Cell::new(flavour);
-        let ready = cell.ready();
-        let _task = cell.task(ready.activation_latched + 1);
-        let moving = cell.moving();
-        assert_eq!(moving.program_state, 2);
-        // Used in the next cycle or the one after: measured, and plausible.
-        assert!(
-            moving.command_latency_s > 0.0 && moving.command_latency_s < 0.1,
-            "{}",
-            moving.command_latency_s
-        );
-        eprintln!(
-            "{flavour:?}: latency {:.4} s, packet to command {:.6} s, missed {}, lost {}",
-            moving.command_latency_s,
-            moving.packet_to_command_s,
-            moving.missed_cycles,
-            moving.packets_lost
-        );
-        cell.end();
-        assert!(cell.simulated.wait_for(PATIENCE, |s| s.program.is_none()));
-        let snapshot = cell.simulated.snapshot().unwrap();
-        assert_eq!(
-            snapshot.summary.safety,
-            tangent_simulator::modes::SafetyMode::Normal
-        );
-    }
+    timed(|| {
+        for flavour in [Flavour::Cb3, Flavour::ESeries] {
+            let mut cell = Cell::new(flavour);
+            let ready = cell.ready();
+            let _task = cell.task(ready.activation_latched + 1);
+            let moving = cell.moving();
+            assert_eq!(moving.program_state, 2);
+            // Used in the next cycle or the one after: measured, and plausible.
+            assert!(
+                moving.command_latency_s > 0.0 && moving.command_latency_s < 0.1,
+                "{}",
+                moving.command_latency_s
+            );
+            eprintln!(
+                "{flavour:?}: latency {:.4} s, packet to command {:.6} s, missed {}, lost {}",
+                moving.command_latency_s,
+                moving.packet_to_command_s,
+                moving.missed_cycles,
+                moving.packets_lost
+            );
+            cell.end();
+            assert!(cell.simulated.wait_for(PATIENCE, |s| s.program.is_none()));
+            let snapshot = cell.simulated.snapshot().unwrap();
+            assert_eq!(
+                snapshot.summary.safety,
+                tangent_simulator::modes::SafetyMode::Normal
+            );
+        }
+    });
 }
 
 #[test]
 fn a_protective_stop_is_said_unlocked_and_never_resumed() {
-    let mut cell = Cell::new(Flavour::Cb3);
-    let ready = cell.ready();
-    let _task = cell.task(ready.activation_latched + 1);
-    cell.moving();
-    cell.simulated.fault(Fault::ProtectiveStop);
-    let stopped = cell.until("the stop", |s| s.safety_mode == 3);
-    assert_eq!(stopped.not_ready_reason.as_str(), "protective stop");
-    let unlock = || {
-        cell.bus
-            .ask(queries::UNLOCK, &Request::default(), PATIENCE)
-            .unwrap()
-    };
-    // With the next packet, the stop's own has reached everybody, those too who judge requests by it.
-    let shown = stopped.cycle;
-    cell.until("the packet after it", |s| s.cycle > shown);
-    let early = unlock();
-    assert!(
-        !early.done && early.message.contains("5s"),
-        "{}",
-        early.message
-    );
-    let since = stopped.robot_time_s;
-    cell.until("5 s on the robot's clock", |s| s.robot_time_s > since + 5.1);
-    let answer = unlock();
-    assert!(answer.done, "{}", answer.message);
-    cell.ready();
-    cell.stays_at_rest();
-    cell.end();
+    timed(|| {
+        let mut cell = Cell::new(Flavour::Cb3);
+        let ready = cell.ready();
+        let _task = cell.task(ready.activation_latched + 1);
+        cell.moving();
+        cell.simulated.fault(Fault::ProtectiveStop);
+        let stopped = cell.until("the stop", |s| s.safety_mode == 3);
+        assert_eq!(stopped.not_ready_reason.as_str(), "protective stop");
+        let unlock = || {
+            cell.bus
+                .ask(queries::UNLOCK, &Request::default(), PATIENCE)
+                .unwrap()
+        };
+        // With the next packet, the stop's own has reached everybody, those too who judge requests by it.
+        let shown = stopped.cycle;
+        cell.until("the packet after it", |s| s.cycle > shown);
+        let early = unlock();
+        assert!(
+            !early.done && early.message.contains("5s"),
+            "{}",
+            early.message
+        );
+        let since = stopped.robot_time_s;
+        cell.until("5 s on the robot's clock", |s| s.robot_time_s > since + 5.1);
+        let answer = unlock();
+        assert!(answer.done, "{}", answer.message);
+        cell.ready();
+        cell.stays_at_rest();
+        cell.end();
+    });
 }
 
 #[test]
 fn a_cut_connection_and_a_restart_are_survived_at_rest() {
-    let mut cell = Cell::new(Flavour::Cb3);
-    let ready = cell.ready();
-    let activation = ready.activation_latched + 1;
-    let task = cell.task(activation);
-    cell.moving();
-    for fault in [Fault::Disconnect, Fault::Restart] {
-        cell.simulated.fault(fault);
-        cell.until("not ready", |s| !s.ready);
-        if fault == Fault::Restart {
-            // A robot that has booted is powered off.
-            let on = cell
-                .bus
-                .ask(queries::POWER_ON, &Request::default(), PATIENCE);
-            assert!(on.unwrap().done);
+    timed(|| {
+        let mut cell = Cell::new(Flavour::Cb3);
+        let ready = cell.ready();
+        let activation = ready.activation_latched + 1;
+        let task = cell.task(activation);
+        cell.moving();
+        for fault in [Fault::Disconnect, Fault::Restart] {
+            cell.simulated.fault(fault);
+            cell.until("not ready", |s| !s.ready);
+            if fault == Fault::Restart {
+                // A robot that has booted is powered off.
+                let on = cell
+                    .bus
+                    .ask(queries::POWER_ON, &Request::default(), PATIENCE);
+                assert!(on.unwrap().done);
+            }
+            cell.ready();
+            cell.stays_at_rest();
         }
-        cell.ready();
-        cell.stays_at_rest();
-    }
-    drop(task);
-    let _task = cell.task(activation + 1);
-    cell.moving();
-    cell.end();
+        drop(task);
+        let _task = cell.task(activation + 1);
+        cell.moving();
+        cell.end();
+    });
 }
 
 #[test]
 fn lost_packets_a_pause_and_the_slider_are_told_apart() {
-    let mut cell = Cell::new(Flavour::Cb3);
-    let ready = cell.ready();
-    let activation = ready.activation_latched + 1;
-    let task = cell.task(activation);
-    cell.moving();
-    cell.simulated.fault(Fault::DropPackets {
-        probability: 0.05,
-        burst: 1,
+    timed(|| {
+        let mut cell = Cell::new(Flavour::Cb3);
+        let ready = cell.ready();
+        let activation = ready.activation_latched + 1;
+        let task = cell.task(activation);
+        cell.moving();
+        cell.simulated.fault(Fault::DropPackets {
+            probability: 0.05,
+            burst: 1,
+        });
+        let lost = cell.until("losses", |s| s.packets_lost > 5);
+        assert!(lost.ready, "{}", lost.not_ready_reason);
+        cell.simulated.fault(Fault::DropPackets {
+            probability: 0.0,
+            burst: 1,
+        });
+        cell.simulated.fault(Fault::SpeedSlider(0.1));
+        let slow = cell.until("the slider", |s| !s.ready);
+        assert!(
+            slow.not_ready_reason.contains("10 % speed"),
+            "{}",
+            slow.not_ready_reason
+        );
+        cell.simulated.fault(Fault::SpeedSlider(1.0));
+        cell.ready();
+        cell.stays_at_rest();
+        cell.simulated.fault(Fault::PauseProgram);
+        cell.until("the pause", |s| s.not_ready_reason.contains("paused"));
+        cell.simulated.fault(Fault::ResumeProgram);
+        cell.ready();
+        cell.stays_at_rest();
+        drop(task);
+        cell.end();
     });
-    let lost = cell.until("losses", |s| s.packets_lost > 5);
-    assert!(lost.ready, "{}", lost.not_ready_reason);
-    cell.simulated.fault(Fault::DropPackets {
-        probability: 0.0,
-        burst: 1,
-    });
-    cell.simulated.fault(Fault::SpeedSlider(0.1));
-    let slow = cell.until("the slider", |s| !s.ready);
-    assert!(
-        slow.not_ready_reason.contains("10 % speed"),
-        "{}",
-        slow.not_ready_reason
-    );
-    cell.simulated.fault(Fault::SpeedSlider(1.0));
-    cell.ready();
-    cell.stays_at_rest();
-    cell.simulated.fault(Fault::PauseProgram);
-    cell.until("the pause", |s| s.not_ready_reason.contains("paused"));
-    cell.simulated.fault(Fault::ResumeProgram);
-    cell.ready();
-    cell.stays_at_rest();
-    drop(task);
-    cell.end();
 }

@@ -8,6 +8,7 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 
 use common::{PATIENCE, cb3, connect, start, start_at};
+use tangent_live::timed;
 use tangent_simulator::modes::{RobotMode, RuntimeState, SafetyMode};
 use tangent_simulator::{ControllerConfig, Fault, Flavour, Ports, SimulatedCell};
 
@@ -33,30 +34,34 @@ fn lines(cell: &SimulatedCell) -> impl FnMut(&str) -> String + use<> {
 
 #[test]
 fn the_dashboard_powers_up_and_reports() {
-    let cell = start(ControllerConfig {
-        running: false,
-        power_step_s: 0.05,
-        ..ControllerConfig::default()
+    timed(|| {
+        let cell = start(ControllerConfig {
+            running: false,
+            power_step_s: 0.05,
+            ..ControllerConfig::default()
+        });
+        let mut ask = lines(&cell);
+        assert_eq!(ask("robotmode"), "Robotmode: POWER_OFF");
+        assert_eq!(ask("power on"), "Powering on");
+        assert!(cell.wait_for(PATIENCE, |s| s.summary.robot_mode == RobotMode::Idle));
+        assert_eq!(ask("brake release"), "Brake releasing");
+        assert!(cell.wait_for(PATIENCE, |s| s.summary.robot_mode == RobotMode::Running));
+        assert_eq!(ask("robotmode"), "Robotmode: RUNNING");
+        assert_eq!(ask("safetymode"), "Safetymode: NORMAL");
+        assert_eq!(
+            ask("PolyscopeVersion"),
+            "URSoftware 3.15.8.106339 (Jun 20 2022)"
+        );
+        assert_eq!(ask("running"), "Program running: false");
+        assert_eq!(ask("play"), "Failed to execute: play");
+        assert!(ask("is in remote control").starts_with("could not understand"));
+        cell.fault(Fault::ProtectiveStop);
+        assert!(cell.wait_for(PATIENCE, |s| s.summary.safety == SafetyMode::ProtectiveStop));
+        assert!(
+            ask("unlock protective stop").starts_with("Cannot unlock protective stop until 5s")
+        );
+        assert_eq!(ask("quit"), "Disconnected");
     });
-    let mut ask = lines(&cell);
-    assert_eq!(ask("robotmode"), "Robotmode: POWER_OFF");
-    assert_eq!(ask("power on"), "Powering on");
-    assert!(cell.wait_for(PATIENCE, |s| s.summary.robot_mode == RobotMode::Idle));
-    assert_eq!(ask("brake release"), "Brake releasing");
-    assert!(cell.wait_for(PATIENCE, |s| s.summary.robot_mode == RobotMode::Running));
-    assert_eq!(ask("robotmode"), "Robotmode: RUNNING");
-    assert_eq!(ask("safetymode"), "Safetymode: NORMAL");
-    assert_eq!(
-        ask("PolyscopeVersion"),
-        "URSoftware 3.15.8.106339 (Jun 20 2022)"
-    );
-    assert_eq!(ask("running"), "Program running: false");
-    assert_eq!(ask("play"), "Failed to execute: play");
-    assert!(ask("is in remote control").starts_with("could not understand"));
-    cell.fault(Fault::ProtectiveStop);
-    assert!(cell.wait_for(PATIENCE, |s| s.summary.safety == SafetyMode::ProtectiveStop));
-    assert!(ask("unlock protective stop").starts_with("Cannot unlock protective stop until 5s"));
-    assert_eq!(ask("quit"), "Disconnected");
 }
 
 /// Kind and body of the next package of a robot-state port.
@@ -70,121 +75,131 @@ fn robot_package(stream: &mut TcpStream) -> (u8, Vec<u8>) {
 
 #[test]
 fn the_primary_port_takes_scripts_and_tells_what_became_of_them() {
-    let cell = cb3();
-    let mut stream = connect(cell.endpoints().primary);
-    let (kind, body) = robot_package(&mut stream);
-    assert_eq!((kind, body[9]), (20, 3), "the version comes first");
-    assert_eq!(&body[11..20], b"URControl");
-    let mut parts = Vec::new();
-    let (kind, body) = robot_package(&mut stream);
-    assert_eq!(kind, 16);
-    let mut rest = body.as_slice();
-    while rest.len() >= 5 {
-        parts.push(rest[4]);
-        rest = &rest[u32::from_be_bytes(rest[..4].try_into().unwrap()) as usize..];
-    }
-    assert_eq!(parts, [0, 1, 4, 5, 6]);
-    let next = |stream: &mut TcpStream| loop {
-        let (kind, body) = robot_package(stream);
-        if kind == 20 {
-            return (body[9], String::from_utf8_lossy(&body[10..]).into_owned());
+    timed(|| {
+        let cell = cb3();
+        let mut stream = connect(cell.endpoints().primary);
+        let (kind, body) = robot_package(&mut stream);
+        assert_eq!((kind, body[9]), (20, 3), "the version comes first");
+        assert_eq!(&body[11..20], b"URControl");
+        let mut parts = Vec::new();
+        let (kind, body) = robot_package(&mut stream);
+        assert_eq!(kind, 16);
+        let mut rest = body.as_slice();
+        while rest.len() >= 5 {
+            parts.push(rest[4]);
+            rest = &rest[u32::from_be_bytes(rest[..4].try_into().unwrap()) as usize..];
         }
-    };
-    stream
-        .write_all(b"def hello():\n  textmsg(\"hi\")\n  sync()\nend\n")
-        .unwrap();
-    let (kind, text) = next(&mut stream);
-    assert!(
-        kind == 7 && text.contains("PROGRAM_XXX_STARTEDhello"),
-        "{text}"
-    );
-    assert_eq!(next(&mut stream), (0, "hi".to_owned()));
-    let (kind, text) = next(&mut stream);
-    assert!(
-        kind == 7 && text.contains("PROGRAM_XXX_STOPPEDhello"),
-        "{text}"
-    );
-    stream
-        .write_all(b"def bad():\n  nothing_like_it()\nend\n")
-        .unwrap();
-    let (kind, text) = next(&mut stream);
-    assert!(
-        kind == 10 && text.contains("name_not_found:nothing_like_it"),
-        "{text}"
-    );
+        assert_eq!(parts, [0, 1, 4, 5, 6]);
+        let next = |stream: &mut TcpStream| loop {
+            let (kind, body) = robot_package(stream);
+            if kind == 20 {
+                return (body[9], String::from_utf8_lossy(&body[10..]).into_owned());
+            }
+        };
+        stream
+            .write_all(b"def hello():\n  textmsg(\"hi\")\n  sync()\nend\n")
+            .unwrap();
+        let (kind, text) = next(&mut stream);
+        assert!(
+            kind == 7 && text.contains("PROGRAM_XXX_STARTEDhello"),
+            "{text}"
+        );
+        assert_eq!(next(&mut stream), (0, "hi".to_owned()));
+        let (kind, text) = next(&mut stream);
+        assert!(
+            kind == 7 && text.contains("PROGRAM_XXX_STOPPEDhello"),
+            "{text}"
+        );
+        stream
+            .write_all(b"def bad():\n  nothing_like_it()\nend\n")
+            .unwrap();
+        let (kind, text) = next(&mut stream);
+        assert!(
+            kind == 10 && text.contains("name_not_found:nothing_like_it"),
+            "{text}"
+        );
+    });
 }
 
 #[test]
 fn a_program_moves_the_arm_and_a_stop_ends_it() {
-    let cell = cb3();
-    let mut stream = connect(cell.endpoints().secondary);
-    stream
+    timed(|| {
+        let cell = cb3();
+        let mut stream = connect(cell.endpoints().secondary);
+        stream
         .write_all(
             b"def go():\n  while True:\n    speedj([0.1, 0, 0, 0, 0, 0], 2, 0.008)\n  end\nend\n",
         )
         .unwrap();
-    assert!(cell.wait_for(PATIENCE, |s| s.summary.qd[0] > 0.09));
-    assert_eq!(cell.snapshot().unwrap().program.as_deref(), Some("go"));
-    stream.write_all(b"stop program\n").unwrap();
-    assert!(cell.wait_for(PATIENCE, |s| {
-        s.summary.runtime == RuntimeState::Stopped && s.summary.qd.amax() < 1e-3
-    }));
-    assert_eq!(cell.snapshot().unwrap().summary.safety, SafetyMode::Normal);
+        assert!(cell.wait_for(PATIENCE, |s| s.summary.qd[0] > 0.09));
+        assert_eq!(cell.snapshot().unwrap().program.as_deref(), Some("go"));
+        stream.write_all(b"stop program\n").unwrap();
+        assert!(cell.wait_for(PATIENCE, |s| {
+            s.summary.runtime == RuntimeState::Stopped && s.summary.qd.amax() < 1e-3
+        }));
+        assert_eq!(cell.snapshot().unwrap().summary.safety, SafetyMode::Normal);
+    });
 }
 
 #[test]
 fn the_realtime_port_streams_packages_of_the_right_length() {
-    for (flavour, bytes) in [(Flavour::Cb3, 1116), (Flavour::ESeries, 1220)] {
-        let cell = start(ControllerConfig {
-            flavour,
-            ..ControllerConfig::default()
-        });
-        let mut stream = connect(cell.endpoints().realtime);
-        for _ in 0..3 {
-            let (_, body) = robot_package(&mut stream);
-            assert_eq!(body.len() + 5, bytes);
+    timed(|| {
+        for (flavour, bytes) in [(Flavour::Cb3, 1116), (Flavour::ESeries, 1220)] {
+            let cell = start(ControllerConfig {
+                flavour,
+                ..ControllerConfig::default()
+            });
+            let mut stream = connect(cell.endpoints().realtime);
+            for _ in 0..3 {
+                let (_, body) = robot_package(&mut stream);
+                assert_eq!(body.len() + 5, bytes);
+            }
         }
-    }
+    });
 }
 
 #[test]
 fn read_only_ports_and_local_control_take_no_script() {
-    let cell = start(ControllerConfig {
-        flavour: Flavour::ESeries,
-        remote_control: false,
-        ..ControllerConfig::default()
-    });
-    let endpoints = *cell.endpoints();
-    for address in [endpoints.primary_read_only, endpoints.primary] {
-        let mut stream = connect(address);
-        stream.write_all(b"def go():\n  sync()\nend\n").unwrap();
-        loop {
-            let (kind, body) = robot_package(&mut stream);
-            if kind == 20 && body[9] == 6 {
-                assert_eq!(body[10..14], 210i32.to_be_bytes());
-                break;
+    timed(|| {
+        let cell = start(ControllerConfig {
+            flavour: Flavour::ESeries,
+            remote_control: false,
+            ..ControllerConfig::default()
+        });
+        let endpoints = *cell.endpoints();
+        for address in [endpoints.primary_read_only, endpoints.primary] {
+            let mut stream = connect(address);
+            stream.write_all(b"def go():\n  sync()\nend\n").unwrap();
+            loop {
+                let (kind, body) = robot_package(&mut stream);
+                if kind == 20 && body[9] == 6 {
+                    assert_eq!(body[10..14], 210i32.to_be_bytes());
+                    break;
+                }
             }
         }
-    }
-    let mut ask = lines(&cell);
-    assert_eq!(ask("is in remote control"), "false");
-    assert!(ask("power off").contains("remote control"));
+        let mut ask = lines(&cell);
+        assert_eq!(ask("is in remote control"), "false");
+        assert!(ask("power off").contains("remote control"));
+    });
 }
 
 #[test]
 fn a_busy_port_is_named() {
-    let taken = std::net::TcpListener::bind("127.0.0.83:30004").unwrap();
-    let error = start_at(
-        "127.0.0.83".parse().unwrap(),
-        Ports::Offset(0),
-        &ControllerConfig::default(),
-    )
-    .err()
-    .unwrap()
-    .to_string();
-    assert!(
-        error.contains("127.0.0.83:30004") && error.contains("RTDE"),
-        "{error}"
-    );
-    drop(taken);
+    timed(|| {
+        let taken = std::net::TcpListener::bind("127.0.0.83:30004").unwrap();
+        let error = start_at(
+            "127.0.0.83".parse().unwrap(),
+            Ports::Offset(0),
+            &ControllerConfig::default(),
+        )
+        .err()
+        .unwrap()
+        .to_string();
+        assert!(
+            error.contains("127.0.0.83:30004") && error.contains("RTDE"),
+            "{error}"
+        );
+        drop(taken);
+    });
 }

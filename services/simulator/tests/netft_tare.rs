@@ -7,6 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tangent_control::Phase;
+use tangent_live::timed;
 use tangent_netft::{Config, NetftError};
 use tangent_runtime::{Bus, CellConfig, Role, Stop};
 use tangent_schemas::tangent::{Answer, ControlState, Request};
@@ -150,62 +151,67 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
 /// Anybody who said that the task was done opened the tare under the controller's hands, and the service wrote it down.
 #[test]
 fn a_stranger_who_says_that_the_task_is_done_does_not_open_the_tare() {
-    let rig = Rig::start();
-    let person = rig.client();
-    let mut wrench = person.latest(&topics::WRENCH_TOOL).unwrap();
-    let mut status = person.latest(&topics::WRENCH_STATUS).unwrap();
-    let _controller = Speaker::start(rig.client(), Phase::Slide, true, Duration::from_millis(8));
-    until("the controller is heard", || rig.knows_of_contact());
-    until("the query", || answers(&person));
-    let _stranger = Speaker::start(rig.client(), Phase::Done, false, Duration::from_millis(1));
-    let reader = rig.client();
-    let mut health = reader.latest(&topics::health("netft")).unwrap();
-    until("the service names a second publisher", || {
-        let refused = tare(&person);
-        assert!(!refused.done, "{}", refused.message);
-        assert!(refused.message.contains("slide"), "{}", refused.message);
-        health
-            .get()
-            .is_some_and(|health| health.message.fault.contains("control/state: a second"))
+    timed(|| {
+        let rig = Rig::start();
+        let person = rig.client();
+        let mut wrench = person.latest(&topics::WRENCH_TOOL).unwrap();
+        let mut status = person.latest(&topics::WRENCH_STATUS).unwrap();
+        let _controller =
+            Speaker::start(rig.client(), Phase::Slide, true, Duration::from_millis(8));
+        until("the controller is heard", || rig.knows_of_contact());
+        until("the query", || answers(&person));
+        let _stranger = Speaker::start(rig.client(), Phase::Done, false, Duration::from_millis(1));
+        let reader = rig.client();
+        let mut health = reader.latest(&topics::health("netft")).unwrap();
+        until("the service names a second publisher", || {
+            let refused = tare(&person);
+            assert!(!refused.done, "{}", refused.message);
+            assert!(refused.message.contains("slide"), "{}", refused.message);
+            health
+                .get()
+                .is_some_and(|health| health.message.fault.contains("control/state: a second"))
+        });
+        assert!(rig.knows_of_contact());
+        // The truth: it presses, and is not hidden.
+        assert!(status.get().unwrap().message.bias_age_s < 0.0);
+        let force = wrench.get().unwrap().message.wrench.force.z;
+        assert!((force + PRESSED_N).abs() < 0.01, "{force} N");
     });
-    assert!(rig.knows_of_contact());
-    // The truth: it presses, and is not hidden.
-    assert!(status.get().unwrap().message.bias_age_s < 0.0);
-    let force = wrench.get().unwrap().message.wrench.force.z;
-    assert!((force + PRESSED_N).abs() < 0.01, "{force} N");
 }
 
 /// A refusal waited until the average before it had come to its end.
 #[test]
 fn a_tare_in_contact_is_refused_while_another_one_waits_for_records() {
-    let rig = Rig::start();
-    let person = rig.client();
-    let mut status = person.latest(&topics::WRENCH_STATUS).unwrap();
-    until("the stream", || {
-        status.get().is_some_and(|s| s.message.records > 100)
+    timed(|| {
+        let rig = Rig::start();
+        let person = rig.client();
+        let mut status = person.latest(&topics::WRENCH_STATUS).unwrap();
+        until("the stream", || {
+            status.get().is_some_and(|s| s.message.records > 100)
+        });
+        until("the query", || answers(&person));
+        rig.simulated
+            .inject(NetbFault::Silence(Duration::from_secs(20)));
+        until("silence", || {
+            status.get().is_some_and(|s| s.message.validity == 2)
+        });
+        let first = rig.client();
+        let waiting = std::thread::spawn(move || tare(&first));
+        // It is allowed, begins, and no record comes.
+        std::thread::park_timeout(Duration::from_millis(200));
+        let control = rig.client();
+        let _controller = Speaker::start(control, Phase::Slide, true, Duration::from_millis(2));
+        until("the controller is heard", || rig.knows_of_contact());
+        let asked = Instant::now();
+        let refused = tare(&person);
+        println!("refused after {:?}", asked.elapsed());
+        assert!(!waiting.is_finished(), "it waited for the first one");
+        assert!(
+            !refused.done && refused.message.contains("slide"),
+            "{}",
+            refused.message
+        );
+        let first = waiting.join().unwrap();
+        assert!(first.message.contains("no records"), "{}", first.message);
     });
-    until("the query", || answers(&person));
-    rig.simulated
-        .inject(NetbFault::Silence(Duration::from_secs(20)));
-    until("silence", || {
-        status.get().is_some_and(|s| s.message.validity == 2)
-    });
-    let first = rig.client();
-    let waiting = std::thread::spawn(move || tare(&first));
-    // It is allowed, begins, and no record comes.
-    std::thread::park_timeout(Duration::from_millis(200));
-    let control = rig.client();
-    let _controller = Speaker::start(control, Phase::Slide, true, Duration::from_millis(2));
-    until("the controller is heard", || rig.knows_of_contact());
-    let asked = Instant::now();
-    let refused = tare(&person);
-    println!("refused after {:?}", asked.elapsed());
-    assert!(!waiting.is_finished(), "it waited for the first one");
-    assert!(
-        !refused.done && refused.message.contains("slide"),
-        "{}",
-        refused.message
-    );
-    let first = waiting.join().unwrap();
-    assert!(first.message.contains("no records"), "{}", first.message);
 }

@@ -9,6 +9,7 @@ use std::net::TcpStream;
 use std::time::Instant;
 
 use common::{PATIENCE, cb3, connect, start};
+use tangent_live::timed;
 use tangent_rtde::codec::{Framer, Protocol, Recipe, Reply, Request, Slot, TextLevel, Value};
 use tangent_simulator::{ControllerConfig, Fault, Flavour, SimulatedCell};
 
@@ -150,227 +151,247 @@ fn double(value: &Value) -> f64 {
 
 #[test]
 fn negotiation_as_every_known_client_does_it() {
-    let cell = cb3();
-    let mut client = Client::new(&cell);
-    assert_eq!(
-        client.ask(&Request::ProtocolVersion(7)),
-        Answer::Version(false)
-    );
-    assert_eq!(
-        client.ask(&Request::ProtocolVersion(2)),
-        Answer::Version(true)
-    );
-    client.protocol = Protocol::V2;
-    // Twice, as ur_rtde asks.
-    assert_eq!(
-        client.ask(&Request::ControllerVersion),
-        Answer::Controller(3, 15)
-    );
-    assert_eq!(
-        client.ask(&Request::ControllerVersion),
-        Answer::Controller(3, 15)
-    );
-    assert_eq!(client.ask(&Request::Start), Answer::Start(false));
-    // Its list of names ends with a comma, for which no type may come.
-    let mut bytes = vec![0, 0, b'O'];
-    bytes.extend(125f64.to_be_bytes());
-    bytes.extend(b"timestamp,actual_q,runtime_state,");
-    bytes[1] = bytes.len() as u8;
-    client.stream.write_all(&bytes).unwrap();
-    let Answer::Outputs(Some(1), slots) = client.next().unwrap() else {
-        panic!();
-    };
-    assert_eq!(slots.len(), 3);
-    let Answer::Outputs(Some(0), slots) = client.outputs(125.0, &["timestamp", "ft_raw_wrench"])
-    else {
-        panic!();
-    };
-    assert_eq!(slots[1], Slot::NotFound, "no such sensor on CB3");
-    assert_eq!(client.ask(&Request::Start), Answer::Start(false));
-    assert!(matches!(
-        client.outputs(125.0, &["tcp_offset"]),
-        Answer::Outputs(Some(1), _)
-    ));
-    assert_eq!(client.ask(&Request::Start), Answer::Start(true));
-    assert_eq!(client.ask(&Request::Pause), Answer::Pause(true));
+    timed(|| {
+        let cell = cb3();
+        let mut client = Client::new(&cell);
+        assert_eq!(
+            client.ask(&Request::ProtocolVersion(7)),
+            Answer::Version(false)
+        );
+        assert_eq!(
+            client.ask(&Request::ProtocolVersion(2)),
+            Answer::Version(true)
+        );
+        client.protocol = Protocol::V2;
+        // Twice, as ur_rtde asks.
+        assert_eq!(
+            client.ask(&Request::ControllerVersion),
+            Answer::Controller(3, 15)
+        );
+        assert_eq!(
+            client.ask(&Request::ControllerVersion),
+            Answer::Controller(3, 15)
+        );
+        assert_eq!(client.ask(&Request::Start), Answer::Start(false));
+        // Its list of names ends with a comma, for which no type may come.
+        let mut bytes = vec![0, 0, b'O'];
+        bytes.extend(125f64.to_be_bytes());
+        bytes.extend(b"timestamp,actual_q,runtime_state,");
+        bytes[1] = bytes.len() as u8;
+        client.stream.write_all(&bytes).unwrap();
+        let Answer::Outputs(Some(1), slots) = client.next().unwrap() else {
+            panic!();
+        };
+        assert_eq!(slots.len(), 3);
+        let Answer::Outputs(Some(0), slots) =
+            client.outputs(125.0, &["timestamp", "ft_raw_wrench"])
+        else {
+            panic!();
+        };
+        assert_eq!(slots[1], Slot::NotFound, "no such sensor on CB3");
+        assert_eq!(client.ask(&Request::Start), Answer::Start(false));
+        assert!(matches!(
+            client.outputs(125.0, &["tcp_offset"]),
+            Answer::Outputs(Some(1), _)
+        ));
+        assert_eq!(client.ask(&Request::Start), Answer::Start(true));
+        assert_eq!(client.ask(&Request::Pause), Answer::Pause(true));
+    });
 }
 
 #[test]
 fn recipe_numbers_count_from_one_and_inputs_work_before_start() {
-    let cell = cb3();
-    let mut client = Client::v2(&cell);
-    for id in 1..=23 {
-        let Answer::Inputs(got, _) = client.inputs(&["input_int_register_0"]) else {
-            panic!();
-        };
-        assert_eq!(got, id);
-    }
-    assert!(matches!(
-        client.inputs(&["input_int_register_0", "input_double_register_47"]),
-        Answer::Inputs(24, _)
-    ));
-    assert!(matches!(
-        client.inputs(&["no_such_thing"]),
-        Answer::Inputs(0, _)
-    ));
-    // Several packages in one cycle: the last one counts.
-    for n in 1..=5 {
-        client.write(24, &[Value::Int32(n), Value::Double(0.5 * f64::from(n))]);
-    }
-    // Read back by another client: reading never conflicts.
-    let mut reader = Client::v2(&cell);
-    let names = ["input_int_register_0", "input_double_register_47"];
-    let recipe = reader.stream_of(125.0, &names);
-    let written = [Value::Int32(5), Value::Double(2.5)];
-    let deadline = Instant::now() + PATIENCE;
-    while reader.data(&recipe) != written {
-        assert!(Instant::now() < deadline);
-    }
-    // Values persist when the client goes; the variable is free again.
-    drop(client);
-    assert!(cell.wait_for(PATIENCE, |s| s.rtde_clients == 1));
-    assert_eq!(reader.data(&recipe), written);
-    assert!(matches!(reader.inputs(&names), Answer::Inputs(1, _)));
+    timed(|| {
+        let cell = cb3();
+        let mut client = Client::v2(&cell);
+        for id in 1..=23 {
+            let Answer::Inputs(got, _) = client.inputs(&["input_int_register_0"]) else {
+                panic!();
+            };
+            assert_eq!(got, id);
+        }
+        assert!(matches!(
+            client.inputs(&["input_int_register_0", "input_double_register_47"]),
+            Answer::Inputs(24, _)
+        ));
+        assert!(matches!(
+            client.inputs(&["no_such_thing"]),
+            Answer::Inputs(0, _)
+        ));
+        // Several packages in one cycle: the last one counts.
+        for n in 1..=5 {
+            client.write(24, &[Value::Int32(n), Value::Double(0.5 * f64::from(n))]);
+        }
+        // Read back by another client: reading never conflicts.
+        let mut reader = Client::v2(&cell);
+        let names = ["input_int_register_0", "input_double_register_47"];
+        let recipe = reader.stream_of(125.0, &names);
+        let written = [Value::Int32(5), Value::Double(2.5)];
+        let deadline = Instant::now() + PATIENCE;
+        while reader.data(&recipe) != written {
+            assert!(Instant::now() < deadline);
+        }
+        // Values persist when the client goes; the variable is free again.
+        drop(client);
+        assert!(cell.wait_for(PATIENCE, |s| s.rtde_clients == 1));
+        assert_eq!(reader.data(&recipe), written);
+        assert!(matches!(reader.inputs(&names), Answer::Inputs(1, _)));
+    });
 }
 
 #[test]
 fn one_client_owns_an_input() {
-    let cell = cb3();
-    let mut first = Client::v2(&cell);
-    let mut second = Client::v2(&cell);
-    assert!(matches!(
-        first.inputs(&["input_int_register_24"]),
-        Answer::Inputs(1, _)
-    ));
-    let Answer::Inputs(0, slots) =
-        second.inputs(&["input_int_register_25", "input_int_register_24"])
-    else {
-        panic!();
-    };
-    assert!(matches!(slots[0], Slot::Type(_)));
-    assert_eq!(slots[1], Slot::InUse);
-    // What the refused recipe named beside it was not taken.
-    assert!(matches!(
-        first.inputs(&["input_int_register_25"]),
-        Answer::Inputs(2, _)
-    ));
+    timed(|| {
+        let cell = cb3();
+        let mut first = Client::v2(&cell);
+        let mut second = Client::v2(&cell);
+        assert!(matches!(
+            first.inputs(&["input_int_register_24"]),
+            Answer::Inputs(1, _)
+        ));
+        let Answer::Inputs(0, slots) =
+            second.inputs(&["input_int_register_25", "input_int_register_24"])
+        else {
+            panic!();
+        };
+        assert!(matches!(slots[0], Slot::Type(_)));
+        assert_eq!(slots[1], Slot::InUse);
+        // What the refused recipe named beside it was not taken.
+        assert!(matches!(
+            first.inputs(&["input_int_register_25"]),
+            Answer::Inputs(2, _)
+        ));
+    });
 }
 
 #[test]
 fn the_rate_is_divided_and_time_counts_cycles() {
-    let cell = cb3();
-    for (frequency, step) in [(125.0, 0.008), (50.0, 0.016), (10.0, 0.096), (500.0, 0.008)] {
-        let mut client = Client::v2(&cell);
-        let recipe = client.stream_of(frequency, &["timestamp"]);
-        let first = double(&client.data(&recipe)[0]);
-        assert!(first > 40.0, "clients wait for the boot's end below that");
-        for i in 1..4 {
-            let time = double(&client.data(&recipe)[0]);
-            assert!((time - first - f64::from(i) * step).abs() < 1e-6);
+    timed(|| {
+        let cell = cb3();
+        for (frequency, step) in [(125.0, 0.008), (50.0, 0.016), (10.0, 0.096), (500.0, 0.008)] {
+            let mut client = Client::v2(&cell);
+            let recipe = client.stream_of(frequency, &["timestamp"]);
+            let first = double(&client.data(&recipe)[0]);
+            assert!(first > 40.0, "clients wait for the boot's end below that");
+            for i in 1..4 {
+                let time = double(&client.data(&recipe)[0]);
+                assert!((time - first - f64::from(i) * step).abs() < 1e-6);
+            }
         }
-    }
+    });
 }
 
 #[test]
 fn version_1_has_no_recipe_number() {
-    let cell = cb3();
-    let mut client = Client::new(&cell);
-    let recipe = client.stream_of(0.0, &["timestamp", "robot_mode"]);
-    assert_eq!(client.data(&recipe)[1], Value::Int32(7));
+    timed(|| {
+        let cell = cb3();
+        let mut client = Client::new(&cell);
+        let recipe = client.stream_of(0.0, &["timestamp", "robot_mode"]);
+        assert_eq!(client.data(&recipe)[1], Value::Int32(7));
+    });
 }
 
 #[test]
 fn nonsense_is_answered_or_ends_the_connection_and_nothing_else() {
-    let cell = cb3();
-    let mut client = Client::v2(&cell);
-    client.stream.write_all(&[0, 4, b'Q', 1]).unwrap();
-    assert_eq!(client.next(), Some(Answer::Text(TextLevel::Error)));
-    client.write(9, &[Value::Int32(1)]);
-    assert_eq!(client.next(), Some(Answer::Text(TextLevel::Error)));
-    assert_eq!(
-        client.ask(&Request::ControllerVersion),
-        Answer::Controller(3, 15)
-    );
-    client.stream.write_all(&[0, 1, 7, 9, 9]).unwrap();
-    assert_eq!(client.next(), None);
-    let mut other = Client::v2(&cell);
-    assert_eq!(
-        other.ask(&Request::ControllerVersion),
-        Answer::Controller(3, 15)
-    );
+    timed(|| {
+        let cell = cb3();
+        let mut client = Client::v2(&cell);
+        client.stream.write_all(&[0, 4, b'Q', 1]).unwrap();
+        assert_eq!(client.next(), Some(Answer::Text(TextLevel::Error)));
+        client.write(9, &[Value::Int32(1)]);
+        assert_eq!(client.next(), Some(Answer::Text(TextLevel::Error)));
+        assert_eq!(
+            client.ask(&Request::ControllerVersion),
+            Answer::Controller(3, 15)
+        );
+        client.stream.write_all(&[0, 1, 7, 9, 9]).unwrap();
+        assert_eq!(client.next(), None);
+        let mut other = Client::v2(&cell);
+        assert_eq!(
+            other.ask(&Request::ControllerVersion),
+            Answer::Controller(3, 15)
+        );
+    });
 }
 
 #[test]
 fn a_client_that_does_not_read_is_cut_off_and_no_other() {
-    let cell = start(ControllerConfig {
-        flavour: Flavour::ESeries,
-        unread_limit_s: 0.2,
-        ..ControllerConfig::default()
-    });
-    let names: Vec<String> = (0..48)
-        .map(|n| format!("output_double_register_{n}"))
-        .collect();
-    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let mut lazy = Client::v2(&cell);
-    // A small window, so that the kernels' buffers do not hold minutes of it.
-    nix::sys::socket::setsockopt(&lazy.stream, nix::sys::socket::sockopt::RcvBuf, &4096).unwrap();
-    lazy.stream_of(500.0, &names);
-    let mut good = Client::v2(&cell);
-    let recipe = good.stream_of(500.0, &["timestamp"]);
-    assert!(cell.wait_for(PATIENCE, |s| s.rtde_clients == 2));
-    let deadline = Instant::now() + PATIENCE;
-    while cell.snapshot().unwrap().rtde_clients == 2 {
+    timed(|| {
+        let cell = start(ControllerConfig {
+            flavour: Flavour::ESeries,
+            unread_limit_s: 0.2,
+            ..ControllerConfig::default()
+        });
+        let names: Vec<String> = (0..48)
+            .map(|n| format!("output_double_register_{n}"))
+            .collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let mut lazy = Client::v2(&cell);
+        // A small window, so that the kernels' buffers do not hold minutes of it.
+        nix::sys::socket::setsockopt(&lazy.stream, nix::sys::socket::sockopt::RcvBuf, &4096)
+            .unwrap();
+        lazy.stream_of(500.0, &names);
+        let mut good = Client::v2(&cell);
+        let recipe = good.stream_of(500.0, &["timestamp"]);
+        assert!(cell.wait_for(PATIENCE, |s| s.rtde_clients == 2));
+        let deadline = Instant::now() + PATIENCE;
+        while cell.snapshot().unwrap().rtde_clients == 2 {
+            good.data(&recipe);
+            assert!(Instant::now() < deadline);
+        }
         good.data(&recipe);
-        assert!(Instant::now() < deadline);
-    }
-    good.data(&recipe);
+    });
 }
 
 #[test]
 fn faults_of_the_stream() {
-    let cell = cb3();
-    let mut client = Client::v2(&cell);
-    let recipe = client.stream_of(125.0, &["timestamp"]);
-    cell.fault(Fault::DropPackets {
-        probability: 0.5,
-        burst: 2,
+    timed(|| {
+        let cell = cb3();
+        let mut client = Client::v2(&cell);
+        let recipe = client.stream_of(125.0, &["timestamp"]);
+        cell.fault(Fault::DropPackets {
+            probability: 0.5,
+            burst: 2,
+        });
+        let mut last = double(&client.data(&recipe)[0]);
+        let mut gaps = 0;
+        for _ in 0..40 {
+            let time = double(&client.data(&recipe)[0]);
+            gaps += i32::from(time - last > 0.012);
+            last = time;
+        }
+        assert!(gaps > 3, "{gaps} gaps");
+        cell.fault(Fault::DropPackets {
+            probability: 0.0,
+            burst: 1,
+        });
+        cell.fault(Fault::Disconnect);
+        while client.next().is_some() {}
+        let mut client = Client::v2(&cell);
+        client.stream_of(125.0, &["timestamp"]);
     });
-    let mut last = double(&client.data(&recipe)[0]);
-    let mut gaps = 0;
-    for _ in 0..40 {
-        let time = double(&client.data(&recipe)[0]);
-        gaps += i32::from(time - last > 0.012);
-        last = time;
-    }
-    assert!(gaps > 3, "{gaps} gaps");
-    cell.fault(Fault::DropPackets {
-        probability: 0.0,
-        burst: 1,
-    });
-    cell.fault(Fault::Disconnect);
-    while client.next().is_some() {}
-    let mut client = Client::v2(&cell);
-    client.stream_of(125.0, &["timestamp"]);
 }
 
 #[test]
 fn a_restart_closes_everything_and_comes_back_from_zero() {
-    let cell = start(ControllerConfig {
-        boot_s: 0.2,
-        ..ControllerConfig::default()
+    timed(|| {
+        let cell = start(ControllerConfig {
+            boot_s: 0.2,
+            ..ControllerConfig::default()
+        });
+        let mut client = Client::v2(&cell);
+        assert!(matches!(
+            client.inputs(&["input_int_register_3"]),
+            Answer::Inputs(1, _)
+        ));
+        client.write(1, &[Value::Int32(99)]);
+        cell.fault(Fault::Restart);
+        assert_eq!(client.next(), None);
+        assert!(cell.wait_for(PATIENCE, |s| s.summary.time_s < 30.0));
+        let mut client = Client::v2(&cell);
+        let recipe = client.stream_of(125.0, &["timestamp", "input_int_register_3"]);
+        let values = client.data(&recipe);
+        assert!(double(&values[0]) < 30.0);
+        assert_eq!(values[1], Value::Int32(0));
     });
-    let mut client = Client::v2(&cell);
-    assert!(matches!(
-        client.inputs(&["input_int_register_3"]),
-        Answer::Inputs(1, _)
-    ));
-    client.write(1, &[Value::Int32(99)]);
-    cell.fault(Fault::Restart);
-    assert_eq!(client.next(), None);
-    assert!(cell.wait_for(PATIENCE, |s| s.summary.time_s < 30.0));
-    let mut client = Client::v2(&cell);
-    let recipe = client.stream_of(125.0, &["timestamp", "input_int_register_3"]);
-    let values = client.data(&recipe);
-    assert!(double(&values[0]) < 30.0);
-    assert_eq!(values[1], Value::Int32(0));
 }

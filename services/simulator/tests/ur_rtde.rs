@@ -9,6 +9,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use common::{python, root, start_at};
+use tangent_live::timed;
 use tangent_simulator::modes::SafetyMode;
 use tangent_simulator::{ControllerConfig, Fault, Flavour, Ports};
 
@@ -81,10 +82,14 @@ fn converse(flavour: Flavour, address: &str) {
 
 #[test]
 fn cb3() {
-    converse(Flavour::Cb3, "127.0.0.71");
+    timed(|| {
+        converse(Flavour::Cb3, "127.0.0.71");
+    });
 }
 
 #[test]
 fn e_series() {
-    converse(Flavour::ESeries, "127.0.0.72");
+    timed(|| {
+        converse(Flavour::ESeries, "127.0.0.72");
+    });
 }

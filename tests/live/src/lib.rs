@@ -38,6 +38,11 @@ const LOG: &str = "TANGENT_LIVE_LOG";
 /// it says that it is skipped.
 pub fn live(test: impl Fn()) {
     let _alone = alone();
+    timed(test);
+}
+
+/// As [`live`], beside other tests: for one service, which leaves the machine to others most of the time.
+pub fn timed(test: impl Fn()) {
     verdict(test, Watch::start, Watch::end);
 }
 

@@ -29,6 +29,9 @@ pub struct LimitsConfig {
     /// Largest share of the sensor's range that the untared reading may take in any axis, 0 to 1;
     /// applies if no good zero is known.
     pub untared_share_max: f64,
+    /// Distance into the surface that the tool may go without contact while it seeks a lost
+    /// surface, and without an answer of the sensor, m.
+    pub blind_distance_max_m: f64,
     /// Lower corner of the box in which the tool's origin must stay, base axes, m.
     pub workspace_min_m: [f64; 3],
     /// Upper corner of the box in which the tool's origin must stay, base axes, m.
@@ -46,6 +49,7 @@ impl Default for LimitsConfig {
             torque_max_nm: 5.0,
             untared_force_max_n: None,
             untared_share_max: 0.7,
+            blind_distance_max_m: 0.03,
             workspace_min_m: [-1.2, -1.2, -0.5],
             workspace_max_m: [1.2, 1.2, 1.5],
         }
@@ -96,6 +100,7 @@ impl LimitsConfig {
             ("force_max_n", self.force_max_n, 1000.0),
             ("torque_max_nm", self.torque_max_nm, 200.0),
             ("untared_share_max", self.untared_share_max, 1.0),
+            ("blind_distance_max_m", self.blind_distance_max_m, 0.5),
             (
                 "untared_force_max_n",
                 self.untared_force_max_n.unwrap_or(1.0),
