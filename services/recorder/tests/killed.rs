@@ -41,37 +41,35 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
 #[test]
 #[ignore = "the other half of a_killed_recorder_leaves_a_file_that_opens"]
 fn a_recorder_to_be_killed() {
-    timed(|| {
-        let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else {
-            return;
-        };
-        let bus = Bus::in_process("cell1");
-        let recorder = {
-            let (bus, config) = (bus.clone(), config(&folder));
-            std::thread::spawn(move || tangent_recorder::run(config, bus, Stop::new()))
-        };
-        let arm = bus.publisher(&topics::ARM_STATE).unwrap();
-        let mut cycle = 0;
-        let mut told = false;
-        while !recorder.is_finished() {
-            if arm.is_read() {
-                arm.publish(&ArmState {
-                    cycle,
-                    ..ArmState::default()
-                });
-                cycle += 1;
-            }
-            if !told && cycle % 1000 == 0 {
-                for file in recordings(&folder) {
-                    if Recording::open(&file).is_ok_and(|r| r.messages().count() >= SAFE) {
-                        println!("\nsafe");
-                        told = true;
-                    }
+    let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else {
+        return;
+    };
+    let bus = Bus::in_process("cell1");
+    let recorder = {
+        let (bus, config) = (bus.clone(), config(&folder));
+        std::thread::spawn(move || tangent_recorder::run(config, bus, Stop::new()))
+    };
+    let arm = bus.publisher(&topics::ARM_STATE).unwrap();
+    let mut cycle = 0;
+    let mut told = false;
+    while !recorder.is_finished() {
+        if arm.is_read() {
+            arm.publish(&ArmState {
+                cycle,
+                ..ArmState::default()
+            });
+            cycle += 1;
+        }
+        if !told && cycle % 1000 == 0 {
+            for file in recordings(&folder) {
+                if Recording::open(&file).is_ok_and(|r| r.messages().count() >= SAFE) {
+                    println!("\nsafe");
+                    told = true;
                 }
             }
-            std::thread::sleep(Duration::from_micros(50));
         }
-    });
+        std::thread::sleep(Duration::from_micros(50));
+    }
 }
 
 #[test]

@@ -70,15 +70,13 @@ fn spawn(name: &str, body: impl FnOnce() + Send + 'static) {
 #[test]
 #[ignore = "a process of another test"]
 fn role_panics() {
-    timed(|| {
-        let stop = service_process();
-        spawn("netft", || {
-            let period_s = 1.0 / 0.0_f64;
-            let _ = Duration::from_secs_f64(period_s);
-        });
-        assert!(stop.wait(PATIENCE));
-        last_words();
+    let stop = service_process();
+    spawn("netft", || {
+        let period_s = 1.0 / 0.0_f64;
+        let _ = Duration::from_secs_f64(period_s);
     });
+    assert!(stop.wait(PATIENCE));
+    last_words();
 }
 
 #[test]
@@ -97,14 +95,12 @@ fn a_panic_in_any_thread_ends_the_process_and_is_named() {
 #[test]
 #[ignore = "a process of another test"]
 fn role_does_not_end() {
-    timed(|| {
-        let _stop = service_process();
-        spawn("netft", || panic!("the first"));
-        // A service that does not look at its stop.
-        loop {
-            std::thread::park();
-        }
-    });
+    let _stop = service_process();
+    spawn("netft", || panic!("the first"));
+    // A service that does not look at its stop.
+    loop {
+        std::thread::park();
+    }
 }
 
 #[test]
@@ -120,14 +116,12 @@ fn a_process_that_does_not_end_in_order_is_cut_off() {
 #[test]
 #[ignore = "a process of another test"]
 fn role_command_panics() {
-    timed(|| {
-        ending::on_panic();
-        spawn("worker", || panic!("on the way"));
-        // A command that waits for its worker for ever.
-        loop {
-            std::thread::park();
-        }
-    });
+    ending::on_panic();
+    spawn("worker", || panic!("on the way"));
+    // A command that waits for its worker for ever.
+    loop {
+        std::thread::park();
+    }
 }
 
 #[test]
@@ -143,23 +137,21 @@ fn a_command_without_services_ends_at_once() {
 #[test]
 #[ignore = "a process of another test"]
 fn role_stands_still() {
-    timed(|| {
-        let stop = service_process();
-        watchdog::watch(&stop, Notify::from_environment()).unwrap();
-        spawn("rtde-loop", || {
-            let beat = Beat::new("rtde");
-            for _ in 0..20 {
-                beat.beat();
-                std::thread::sleep(watchdog::TICK / 2);
-            }
-            // Whatever it is that it waits for: it does not come.
-            loop {
-                std::thread::park();
-            }
-        });
-        assert!(stop.wait(PATIENCE));
-        last_words();
+    let stop = service_process();
+    watchdog::watch(&stop, Notify::from_environment()).unwrap();
+    spawn("rtde-loop", || {
+        let beat = Beat::new("rtde");
+        for _ in 0..20 {
+            beat.beat();
+            std::thread::sleep(watchdog::TICK / 2);
+        }
+        // Whatever it is that it waits for: it does not come.
+        loop {
+            std::thread::park();
+        }
     });
+    assert!(stop.wait(PATIENCE));
+    last_words();
 }
 
 #[test]

@@ -80,6 +80,8 @@ pub fn force_n(number: usize) -> f64 {
 const SLACK_NS: i64 = 1_500_000_000;
 /// So near to a fault, what was done may not have been seen.
 const NEAR_NS: i64 = 2_500_000_000;
+/// Time in which a change is published, by a machine that does other things too.
+const SEEN_NS: i64 = 500_000_000;
 /// Time in which the arm comes to rest after a pause.
 const REST_NS: i64 = 500_000_000;
 
@@ -103,6 +105,7 @@ pub struct Checked {
     pub unknown: usize,
     pub effects: usize,
     pub excused: usize,
+    pub pauses: usize,
     pub rests: usize,
 }
 
@@ -120,6 +123,7 @@ impl History {
         self.check_starts(&mut wrong, &mut checked);
         self.check_forces(&mut wrong, &mut checked);
         self.check_changes(&mut wrong, &mut checked);
+        self.check_pauses(&mut wrong, &mut checked);
         self.check_rest(&mut wrong, &mut checked);
         (wrong, checked)
     }
@@ -188,14 +192,23 @@ impl History {
         }
     }
 
-    /// Every change that only a request makes has one that was not refused.
+    /// Every change that only a request makes has one of its own that was not refused.
     fn check_changes(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
+        let mut used = BTreeSet::new();
         let mut expect = |kind: Kind, at_ns: i64, what: String| {
             checked.effects += 1;
-            if !self.of(kind).any(|o| o.explains(at_ns)) {
-                wrong.push(format!(
-                    "{what} at {at_ns}, and no {kind:?} that explains it"
-                ));
+            // A request has one effect. Changes come in the order of time, so each takes the request that can explain others for the
+            // shortest time: if there is an assignment, this finds one.
+            let explains = self
+                .of(kind)
+                .filter(|o| o.explains(at_ns) && !used.contains(&o.number));
+            match explains.min_by_key(|o| o.until_ns()) {
+                Some(operation) => {
+                    used.insert(operation.number);
+                }
+                None => wrong.push(format!(
+                    "{what} at {at_ns}, and no {kind:?} is left that explains it"
+                )),
             }
         };
         for pair in self.states.windows(2) {
@@ -226,6 +239,31 @@ impl History {
         }
         for at_ns in &self.zeros {
             expect(Kind::Tare, *at_ns, "another zero".to_owned());
+        }
+    }
+
+    /// A pause that was done is seen: between the request and a moment after its answer the task is paused.
+    fn check_pauses(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
+        for pause in self.of(Kind::Pause).filter(|o| o.is_done()) {
+            let until_ns = pause.told_ns + SEEN_NS;
+            // Two requests of one cycle leave one state behind.
+            let undone = self.operations.iter().any(|o| {
+                matches!(o.kind, Kind::Stop | Kind::Resume)
+                    && o.asked_ns <= pause.told_ns
+                    && o.until_ns() >= pause.asked_ns
+            });
+            if undone || self.near_a_fault(pause.asked_ns, until_ns) {
+                continue;
+            }
+            checked.pauses += 1;
+            let from = self.states.partition_point(|s| s.at_ns < pause.asked_ns);
+            let meanwhile = self.states[from..]
+                .iter()
+                .take_while(|s| s.at_ns <= until_ns);
+            let mut paused = meanwhile.map(|s| s.message.paused);
+            if !paused.any(|paused| paused) {
+                wrong.push(format!("pause {} was done and never seen", pause.number));
+            }
         }
     }
 
