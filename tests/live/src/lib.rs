@@ -24,7 +24,7 @@ use thread_priority::{ThreadPriority, ThreadPriorityValue};
 /// A machine that stood still for longer has spoilt the test: two periods of the loop and a half.
 const STILL_MAX: Duration = Duration::from_millis(20);
 /// A machine whose host took more of its time has spoilt the test.
-const STOLEN_MAX: f64 = 0.1;
+const STOLEN_MAX: f64 = 0.25;
 /// How often a spoilt test runs.
 const RUNS: usize = 5;
 /// Above every thread of ours.
@@ -33,6 +33,9 @@ const PERIOD: Duration = Duration::from_millis(2);
 
 /// File to which each run is added as a line, where this variable names one: a test runner shows nothing of what passes.
 const LOG: &str = "TANGENT_LIVE_LOG";
+const PASSED: &str = "passed in run";
+const NO_VERDICT: &str = "no verdict in run";
+const SKIPPED: &str = "skipped, because in the last of";
 
 /// Runs the test alone. Fails as it does, unless the machine stood still meanwhile: then it runs again, and says so; after the last run
 /// it says that it is skipped.
@@ -43,24 +46,27 @@ pub fn live(test: impl Fn()) {
 
 /// As [`live`], beside other tests: for one service, which leaves the machine to others most of the time.
 pub fn timed(test: impl Fn()) {
-    verdict(test, Watch::start, Watch::end);
+    verdict(test, Watch::start, Watch::end, say);
 }
 
-fn verdict<W>(test: impl Fn(), start: impl Fn() -> W, end: impl Fn(W) -> Stood) {
+fn verdict<W>(
+    test: impl Fn(),
+    start: impl Fn() -> W,
+    end: impl Fn(W) -> Stood,
+    say: impl Fn(&str),
+) {
     for run in 1..=RUNS {
         let watch = start();
         let ended = catch_unwind(AssertUnwindSafe(&test));
         let machine = end(watch);
         match ended {
-            Ok(()) => return say(&format!("passed in run {run}: {machine}")),
+            Ok(()) => return say(&format!("{PASSED} {run}: {machine}")),
             Err(failure) if !machine.is_spoilt() => {
                 say(&format!("failed in run {run}: {machine}"));
                 resume_unwind(failure);
             }
-            Err(_) if run < RUNS => say(&format!("no verdict in run {run}: {machine}")),
-            Err(_) => say(&format!(
-                "skipped, because in the last of {RUNS} runs {machine}"
-            )),
+            Err(_) if run < RUNS => say(&format!("{NO_VERDICT} {run}: {machine}")),
+            Err(_) => say(&format!("{SKIPPED} {RUNS} runs {machine}")),
         }
     }
 }
@@ -243,7 +249,7 @@ mod tests {
             ran.set(ran.get() + 1);
             assert!(ran.get() > failures, "fails");
         };
-        match catch_unwind(AssertUnwindSafe(|| verdict(test, || (), machine))) {
+        match catch_unwind(AssertUnwindSafe(|| verdict(test, || (), machine, |_| {}))) {
             Ok(()) => Ok(ran.get()),
             Err(_) => Err(ran.get()),
         }
@@ -282,5 +288,22 @@ mod tests {
         let machine = watch.end();
         assert!(cpus > 0);
         assert!((0.0..=1.0).contains(&machine.stolen), "{machine}");
+    }
+
+    /// Tests that may end without a verdict before the machine is no machine to test on.
+    const SKIPPED_MAX: usize = 3;
+
+    #[test]
+    #[ignore = "after all other tests: .ci/run"]
+    fn the_machine_let_tests_come_to_a_verdict() {
+        let log = std::env::var_os(LOG).expect("TANGENT_LIVE_LOG is set");
+        let text = fs::read_to_string(log).expect("the tests before have written it");
+        let is_spoilt = |line: &&str| line.contains(SKIPPED) || line.contains(NO_VERDICT);
+        for line in text.lines().filter(is_spoilt) {
+            println!("{line}");
+        }
+        let skipped = text.lines().filter(|line| line.contains(SKIPPED)).count();
+        assert!(skipped <= SKIPPED_MAX, "{skipped} tests have no verdict");
+        assert!(text.lines().any(|line| line.contains(PASSED)));
     }
 }
