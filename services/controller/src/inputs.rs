@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use tangent_control::{ControlInput, EstimateInput, EstimatorName, MAX_ESTIMATORS, UntaredLoad};
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Pose, Tool, Twist, Wrench};
-use tangent_runtime::{BaseReader, Latest, Received};
+use tangent_runtime::{BaseReader, Latest};
 use tangent_schemas::Name;
 use tangent_schemas::convert::joints;
 use tangent_schemas::standard::WrenchStamped;
@@ -15,6 +15,7 @@ use tangent_schemas::tangent::{ArmState, NormalEstimate as NormalMessage, Wrench
 use tangent_sensing::Validity;
 
 use crate::age::{ContentAge, CycleAge};
+use crate::runner::Packet;
 
 /// One estimator's topic.
 pub struct EstimateReader {
@@ -199,12 +200,8 @@ impl Inputs {
     }
 
     /// One cycle's input; none when the arm's state makes no sense (another number of joints, no rotation).
-    pub fn gather(
-        &mut self,
-        arm: &Received<ArmState>,
-        names: &[EstimatorName],
-        own_id: [u8; 16],
-    ) -> Option<ControlInput> {
+    pub fn gather(&mut self, packet: &Packet<'_>, names: &[EstimatorName]) -> Option<ControlInput> {
+        let arm = packet.arm;
         let state = &arm.message;
         let base_from_tool: Pose<_, _> = (&state.tool_pose).try_into().ok()?;
         for reader in &mut self.estimates {
@@ -222,8 +219,7 @@ impl Inputs {
             base_from_tool,
             twist: Twist::from(&state.tool_twist),
             speed_scaling: state.speed_scaling,
-            // Another controller's arm is not there for this one.
-            arm_ready: state.ready && driven_by_another(state, own_id).is_none(),
+            arm_ready: packet.arm_ready,
             wrench: wrench.wrench,
             wrench_validity: wrench.validity,
             wrench_age_s: wrench.age_s,

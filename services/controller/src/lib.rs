@@ -17,8 +17,10 @@ mod messages;
 mod normals;
 mod offline;
 mod pinned;
+mod runner;
 mod start_check;
 mod torque;
+mod velocity;
 mod viewer;
 mod watch;
 
@@ -26,7 +28,6 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use nalgebra::Vector3;
 use tangent_control::{Controller, EstimatorName, Parameter, Phase};
 use tangent_runtime::{BaseReader, Beat, Bus, HealthReporter, Parameters, Stop};
 use tangent_schemas::convert::cut_format;
@@ -41,15 +42,15 @@ pub use start_check::{known_estimators, unknown_estimators};
 
 pub use torque::{TorqueConfig, run_torque};
 
-use cycle::{Cycle, Live, Meters};
-use desk::Desk;
+use cycle::{Cycle, Outlets};
+use desk::{Desk, Kind};
 use inputs::{EstimateReader, Inputs, WrenchReader};
 use mailbox::{Ask, Mailbox, Note, Time};
 use memory::Memory;
 use normals::Normals;
-use pinned::PinnedArm;
+use runner::Runner;
+use velocity::{Live, VelocityRunner};
 use viewer::Viewer;
-use watch::Watch;
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "controller";
@@ -97,21 +98,31 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
         config.control,
     )?;
     controller.set_clearance(memory.known())?;
-    let mut cycle = Cycle {
+    let runner = VelocityRunner {
         controller,
         inputs,
+        live: Live::new(live_parameters(&parameters, &config)),
+    };
+    let outlets = Outlets {
         command,
         state: bus.publisher(&topics::CONTROL_STATE)?,
+        shaping: None,
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
-        mailbox: Arc::clone(&mailbox),
-        meters: Meters::new(&health),
-        live: Live::new(live_parameters(&parameters, &config)),
-        watch: Watch::new(&mailbox, &health),
-        latched: 0,
-        arm: PinnedArm::default(),
-        ready: false,
-        position: Vector3::zeros(),
     };
+    let cycle = Cycle::new(runner, outlets, &mailbox, &health);
+    serve(&bus, cycle, desk, &mailbox, &memory, &health, &stop)
+}
+
+/// Runs the loop in each packet of the arm and answers requests until `stop`.
+fn serve<R: Runner + 'static, K: Kind<Program = R::Program>>(
+    bus: &Bus,
+    mut cycle: Cycle<R>,
+    desk: Arc<Desk<K>>,
+    mailbox: &Mailbox<R::Program>,
+    memory: &Memory,
+    health: &HealthReporter,
+    stop: &Stop,
+) -> Result<(), ControllerError> {
     health.running();
     // Nobody calls it while the arm is silent; a cycle that has begun has to end.
     let beat = Beat::new(SERVICE);
@@ -122,7 +133,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
         beat.rest();
     })?;
     let _answers = desk.open()?;
-    beside(&bus, &mailbox, &memory, &stop)
+    beside(bus, mailbox, memory, stop)
 }
 
 /// What goes on beside the loop until `stop`, and then until the arm has left the surface.

@@ -5,31 +5,29 @@
 
 mod choice;
 mod config;
-mod cycle;
 mod object_readers;
 mod objects;
 mod program;
+mod runner;
 mod unified;
 
 use std::sync::Arc;
 
-use nalgebra::Vector3;
 use tangent_control::Parameter;
-use tangent_runtime::{Beat, Bus, HealthReporter, Parameters, StateFolder, Stop};
+use tangent_runtime::{Bus, HealthReporter, Parameters, StateFolder, Stop};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::topics;
 
 pub use config::TorqueConfig;
 
+use crate::cycle::{Cycle, Outlets};
 use crate::desk::{Desk, Kind};
 use crate::inputs::WrenchReader;
 use crate::mailbox::Mailbox;
 use crate::memory::Memory;
-use crate::pinned::PinnedArm;
-use crate::watch::Watch;
-use crate::{ControllerError, SERVICE, beside};
-use cycle::{Boxed, TorqueCycle, TorqueMeters};
+use crate::{ControllerError, SERVICE, serve};
 use objects::Objects;
+use runner::{Boxed, TorqueRunner};
 use unified::Unified;
 
 /// Runs until `stop`; a running task is then ended with a retraction. Blocks.
@@ -70,38 +68,17 @@ fn run_kind<K: Kind<Program = Boxed>>(
     );
     let memory = Arc::new(Memory::open(state));
     let desk = Desk::new(bus, &mailbox, kind, own_id, &memory)?;
-    let mut cycle = TorqueCycle {
-        program: None,
-        activation: 0,
-        latched: 0,
-        arm: PinnedArm::default(),
-        ready: false,
-        clearance: memory.known(),
-        position: Vector3::zeros(),
-        wrench: WrenchReader::new(
-            bus.latest(&topics::WRENCH_TOOL)?,
-            bus.latest(&topics::WRENCH_STATUS)?,
-        ),
+    let wrench = WrenchReader::new(
+        bus.latest(&topics::WRENCH_TOOL)?,
+        bus.latest(&topics::WRENCH_STATUS)?,
+    );
+    let runner = TorqueRunner::new(wrench, memory.known(), force_reference);
+    let outlets = Outlets {
         command,
         state: bus.publisher(&topics::CONTROL_STATE)?,
-        shaping: bus.publisher(&topics::CONTROL_SHAPING)?,
+        shaping: Some(bus.publisher(&topics::CONTROL_SHAPING)?),
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
-        mailbox: Arc::clone(&mailbox),
-        meters: TorqueMeters::new(&health),
-        watch: Watch::new(&mailbox, &health),
-        force_reference_seen: force_reference.get(),
-        force_reference,
-        started: std::time::Instant::now(),
     };
-    health.running();
-    // Nobody calls it while the arm is silent; a cycle that has begun has to end.
-    let beat = Beat::new(SERVICE);
-    beat.rest();
-    let _loop = bus.on(&topics::ARM_STATE, move |arm| {
-        beat.beat();
-        cycle.step(arm);
-        beat.rest();
-    })?;
-    let _answers = desk.open()?;
-    beside(bus, &mailbox, &memory, stop)
+    let cycle = Cycle::new(runner, outlets, &mailbox, &health);
+    serve(bus, cycle, desk, &mailbox, &memory, &health, stop)
 }

@@ -12,9 +12,9 @@ use tangent_schemas::topics;
 
 use super::choice::rules;
 use super::config::ObjectsConfig;
-use super::cycle::Boxed;
 use super::object_readers::ObjectReaders;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
+use super::runner::Boxed;
 use crate::desk::{Kind, one_speaks};
 use crate::inputs::age_told;
 use crate::mailbox::{Mailbox, Time};

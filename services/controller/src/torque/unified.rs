@@ -16,8 +16,8 @@ use tangent_schemas::topics;
 
 use super::choice::{Choice, rules};
 use super::config::UnifiedConfig;
-use super::cycle::Boxed;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
+use super::runner::Boxed;
 use crate::desk::{Kind, one_speaks};
 use crate::inputs::{EstimateReader, age_told, normal_estimate, read_estimate};
 use crate::mailbox::{Mailbox, Time};
