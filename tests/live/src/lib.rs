@@ -21,8 +21,8 @@ use thread_priority::unix::{
 };
 use thread_priority::{ThreadPriority, ThreadPriorityValue};
 
-/// A machine that stood still for longer has spoilt the test: two periods of the loop and a half.
-const STILL_MAX: Duration = Duration::from_millis(20);
+/// A machine that stood still for longer has spoilt the test: ten periods of the fastest loop.
+const STILL_MAX: Duration = Duration::from_millis(10);
 /// A machine whose host took more of its time has spoilt the test.
 const STOLEN_MAX: f64 = 0.25;
 /// How often a spoilt test runs.
