@@ -6,8 +6,6 @@
 //! While the tool slides, a normal that is off makes a depth of the way along the surface. So that much of the way counts as slope, and what
 //! sinks less steeply is not judged: a surface that recedes at constant force cannot be told from a sensor that is deaf.
 
-use crate::response_guard::DepthRule;
-
 /// Time constant over which force and depth are averaged, s.
 const MEAN_S: f64 = 0.04;
 /// Delay of a reading behind the tool, s: filter, cycle, servo.
@@ -34,6 +32,17 @@ const MOVED_TIMES: f64 = 2.0;
 const SHOWN_M: f64 = 3e-5;
 /// Depth that may be gone, whatever the stiffness, since the mean moved last, m.
 const BEYOND_M: f64 = 3e-3;
+
+/// What a reading's mean has to make of the tool's depth.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DepthRule {
+    /// The tool stands and the force builds up: depth and force show the stiffness.
+    pub settling: bool,
+    /// Slope that the normal in use may be off by.
+    pub slope: f64,
+    /// Depth without an answer that the cell allows, m.
+    pub blind_max_m: f64,
+}
 
 /// One cycle of a tool that presses.
 #[derive(Clone, Copy, Debug)]

@@ -10,7 +10,7 @@ use nalgebra::{Vector3, Vector6};
 use tangent_sensing::Validity;
 
 use crate::Phase;
-use crate::answer::{Answer, Pressed};
+use crate::answer::{Answer, DepthRule, Pressed};
 
 /// Least stiffness that is reckoned with, N/m: a stiff one, so that little way is enough. A dead sensor makes every contact look soft.
 const STIFFNESS_N_PER_M: f64 = 25_000.0;
@@ -83,17 +83,6 @@ pub(crate) struct Touch {
     pub depth: Option<DepthRule>,
     /// s
     pub dt_s: f64,
-}
-
-/// What a reading's mean has to make of the tool's depth ([`crate::answer`]).
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct DepthRule {
-    /// The tool stands and the force builds up: depth and force show the stiffness.
-    pub settling: bool,
-    /// Slope that the normal in use may be off by.
-    pub slope: f64,
-    /// Depth without an answer that the cell allows, m.
-    pub blind_max_m: f64,
 }
 
 impl Touch {

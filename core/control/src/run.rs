@@ -5,13 +5,14 @@
 use nalgebra::Vector3;
 use tangent_sensing::Validity;
 
+use crate::answer::DepthRule;
 use crate::clearance::{LeaveWatch, Leaving};
 use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
 use crate::ground::Ground;
 use crate::interface::is_wrench;
 use crate::percept::{Percept, Requests};
-use crate::response_guard::{DepthRule, Doing, ResponseGuard, Touch};
+use crate::response_guard::{Doing, ResponseGuard, Touch};
 use crate::surface::Surface;
 use crate::switching::ChoiceRules;
 use crate::touchdown::{approach_speed, seek_speed, stiffness_expected};

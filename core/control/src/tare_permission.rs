@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::Phase;
+use crate::{Clearance, Phase};
 
 /// What a controller says of contact, from `control/state`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,6 +11,16 @@ pub struct ControllerWord {
     pub phase: Phase,
     /// The tool may touch something since a task that did not end in free space.
     pub contact_possible: bool,
+}
+
+impl ControllerWord {
+    /// The word of a controller in `phase`, which knows `clearance` of the tool.
+    pub fn of(phase: Phase, clearance: &Clearance) -> Self {
+        Self {
+            phase,
+            contact_possible: !clearance.is_free(),
+        }
+    }
 }
 
 /// Why a tare is refused by the controller's word.

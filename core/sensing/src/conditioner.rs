@@ -205,14 +205,9 @@ impl WrenchConditioner {
         &self.filter
     }
 
-    /// Begins to average the zero over `tare.duration_s`; [`WrenchConditionerState::take_tare_outcome`] tells how it went.
-    pub fn start_tare(&self, state: &mut WrenchConditionerState) {
-        self.start_tare_on(state, TareGround::Assumed);
-    }
-
-    /// As [`WrenchConditioner::start_tare`], with what says that nothing presses. A zero on a person's word is not judged against
-    /// the last one or the rating.
-    pub fn start_tare_on(&self, state: &mut WrenchConditionerState, ground: TareGround) {
+    /// Begins to average the zero over `tare.duration_s`; [`WrenchConditionerState::take_tare_outcome`] tells how it went. `ground`
+    /// is what says that nothing presses: a zero on a person's word is not judged against the last one or the rating.
+    pub fn start_tare(&self, state: &mut WrenchConditionerState, ground: TareGround) {
         let samples = (self.tare.duration_s * self.filter.sample_rate_hz()).round();
         state.outcome = None;
         state.ground = ground;

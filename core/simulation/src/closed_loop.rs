@@ -297,10 +297,7 @@ impl ClosedLoop {
     /// # Errors
     /// The sign of contact in the controller's state for which the tare is refused.
     pub fn ask_for_tare(&mut self, said_clear: bool) -> Result<(), ContactSign> {
-        let word = ControllerWord {
-            phase: self.controller.phase(),
-            contact_possible: !self.controller.clearance().is_free(),
-        };
+        let word = ControllerWord::of(self.controller.phase(), &self.controller.clearance());
         take_tare(&self.conditioner, &mut self.conditioning, word, said_clear)
     }
 
@@ -400,8 +397,7 @@ impl ClosedLoop {
         self.output = self.controller.step(&input);
         if self.output.tare_requested && !self.conditioning.is_taring() {
             let ground = self.output.clearance.tare_ground();
-            self.conditioner
-                .start_tare_on(&mut self.conditioning, ground);
+            self.conditioner.start_tare(&mut self.conditioning, ground);
         }
         if self.output.zero_withdrawn {
             self.conditioning.withdraw_tare();
@@ -501,7 +497,7 @@ pub(crate) fn take_tare(
     } else {
         TareGround::Assumed
     };
-    conditioner.start_tare_on(conditioning, ground);
+    conditioner.start_tare(conditioning, ground);
     Ok(())
 }
 

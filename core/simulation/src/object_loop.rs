@@ -263,10 +263,7 @@ impl ObjectLoop {
     /// # Errors
     /// What the controller's word says against it.
     pub fn ask_for_tare(&mut self, said_clear: bool) -> Result<(), ContactSign> {
-        let word = ControllerWord {
-            phase: self.controller.phase(),
-            contact_possible: !self.controller.clearance().is_free(),
-        };
+        let word = ControllerWord::of(self.controller.phase(), &self.controller.clearance());
         take_tare(&self.conditioner, &mut self.conditioning, word, said_clear)
     }
 
@@ -342,7 +339,7 @@ impl ObjectLoop {
         let output = self.controller.step(&input);
         if output.tare_requested && !self.conditioning.is_taring() {
             self.conditioner
-                .start_tare_on(&mut self.conditioning, output.clearance.tare_ground());
+                .start_tare(&mut self.conditioning, output.clearance.tare_ground());
         }
         if output.zero_withdrawn {
             self.conditioning.withdraw_tare();

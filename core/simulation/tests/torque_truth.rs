@@ -214,26 +214,39 @@ macro_rules! torque_cell {
 torque_cell!(UnifiedCell, TactileLoop);
 torque_cell!(HybridCell, ObjectLoop);
 
+/// What both cells answer alike.
+macro_rules! alike {
+    () => {
+        fn period_s(&self) -> f64 {
+            self.cell.plant().period_s()
+        }
+
+        fn delay_s(&self) -> f64 {
+            self.delay_s
+        }
+
+        fn compares(&self, phase: Phase) -> bool {
+            stands_or_slides(phase)
+        }
+
+        fn reference_n(&self) -> f64 {
+            self.reference_n
+        }
+
+        fn phase(&mut self) -> Phase {
+            self.active_phase()
+        }
+
+        fn set_arm_ready(&mut self, ready: bool) {
+            if !ready {
+                self.stop_arm();
+            }
+        }
+    };
+}
+
 impl Cell for UnifiedCell {
-    fn period_s(&self) -> f64 {
-        self.cell.plant().period_s()
-    }
-
-    fn delay_s(&self) -> f64 {
-        self.delay_s
-    }
-
-    fn compares(&self, phase: Phase) -> bool {
-        stands_or_slides(phase)
-    }
-
-    fn reference_n(&self) -> f64 {
-        self.reference_n
-    }
-
-    fn phase(&mut self) -> Phase {
-        self.active_phase()
-    }
+    alike!();
 
     fn step(&mut self) -> Shown {
         let (alive, mut seen) = (self.service.died.is_none(), None);
@@ -255,12 +268,6 @@ impl Cell for UnifiedCell {
         seen.unwrap()
     }
 
-    fn set_arm_ready(&mut self, ready: bool) {
-        if !ready {
-            self.stop_arm();
-        }
-    }
-
     fn act(&mut self, action: Action) {
         // Its sensor is the robot itself, and its zero the law's.
         self.ask(action);
@@ -268,25 +275,7 @@ impl Cell for UnifiedCell {
 }
 
 impl Cell for HybridCell {
-    fn period_s(&self) -> f64 {
-        self.cell.plant().period_s()
-    }
-
-    fn delay_s(&self) -> f64 {
-        self.delay_s
-    }
-
-    fn compares(&self, phase: Phase) -> bool {
-        stands_or_slides(phase)
-    }
-
-    fn reference_n(&self) -> f64 {
-        self.reference_n
-    }
-
-    fn phase(&mut self) -> Phase {
-        self.active_phase()
-    }
+    alike!();
 
     fn step(&mut self) -> Shown {
         let mut seen = None;
@@ -305,12 +294,6 @@ impl Cell for HybridCell {
             self.delay_s = shown.delay_s;
         }
         seen.unwrap()
-    }
-
-    fn set_arm_ready(&mut self, ready: bool) {
-        if !ready {
-            self.stop_arm();
-        }
     }
 
     fn act(&mut self, action: Action) {

@@ -13,10 +13,10 @@ use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, ShapingState};
 use tangent_schemas::{Name, Text};
 
-use crate::inputs::driven_by_another;
+use crate::inputs::{Packet, driven_by_another};
 use crate::mailbox::{Ask, Letter, Mailbox, Outcome, cannot_leave};
 use crate::pinned::PinnedArm;
-use crate::runner::{Packet, Report, Runner, Start};
+use crate::runner::{Report, Runner, Start};
 use crate::watch::{Told, Watch};
 
 /// Meters of the cycle.

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use tangent_control::{ControlInput, EstimateInput, EstimatorName, MAX_ESTIMATORS, UntaredLoad};
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Pose, Tool, Twist, Wrench};
-use tangent_runtime::{BaseReader, Latest};
+use tangent_runtime::{BaseReader, Latest, Received};
 use tangent_schemas::Name;
 use tangent_schemas::convert::joints;
 use tangent_schemas::standard::WrenchStamped;
@@ -15,7 +15,15 @@ use tangent_schemas::tangent::{ArmState, NormalEstimate as NormalMessage, Wrench
 use tangent_sensing::Validity;
 
 use crate::age::{ContentAge, CycleAge};
-use crate::runner::Packet;
+
+/// One packet of the arm.
+#[derive(Clone, Copy, Debug)]
+pub struct Packet<'a> {
+    /// As it came.
+    pub arm: &'a Received<ArmState>,
+    /// Whether a command of the running task would move the arm now.
+    pub arm_ready: bool,
+}
 
 /// One estimator's topic.
 pub struct EstimateReader {

@@ -4,20 +4,10 @@ use nalgebra::Vector3;
 use tangent_control::{
     Clearance, CommandKind, ControlError, EstimatorName, Fault, Phase, SwitchRefusal,
 };
-use tangent_runtime::Received;
-use tangent_schemas::tangent::{ArmState, ControlState, ShapingState};
+use tangent_schemas::tangent::{ControlState, ShapingState};
 use tangent_schemas::{JointArray, Text};
 
-use crate::inputs::EstimateReader;
-
-/// One packet of the arm.
-#[derive(Clone, Copy, Debug)]
-pub struct Packet<'a> {
-    /// As it came.
-    pub arm: &'a Received<ArmState>,
-    /// Whether a command of the running task would move the arm now.
-    pub arm_ready: bool,
-}
+use crate::inputs::{EstimateReader, Packet};
 
 /// Circumstances of a task start.
 #[derive(Clone, Copy, Debug)]

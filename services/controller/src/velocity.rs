@@ -7,9 +7,9 @@ use tangent_control::{
 use tangent_runtime::Parameter as LiveParameter;
 use tangent_schemas::convert::joint_array;
 
-use crate::inputs::{EstimateReader, Inputs};
+use crate::inputs::{EstimateReader, Inputs, Packet};
 use crate::messages;
-use crate::runner::{Motion, Packet, Report, Runner, Start};
+use crate::runner::{Motion, Report, Runner, Start};
 
 /// Live parameters in the order of [`Parameter::ALL`], with the value last seen of each.
 pub struct Live {

@@ -69,7 +69,7 @@ impl Taring {
             Order::Begin => {}
         }
         match self.work.wanted() {
-            Wanted::Tare(ground) => conditioner.start_tare_on(state, ground),
+            Wanted::Tare(ground) => conditioner.start_tare(state, ground),
             Wanted::Withdraw => {
                 let had = state.tare().is_some();
                 state.withdraw_tare();

@@ -47,7 +47,7 @@ fn turned(v: [f64; 3]) -> Pose<Base, Tool> {
 
 fn tared(pose: Pose<Base, Tool>, bias: &Wrench<Sensor>) -> (WrenchConditionerState, usize) {
     let (conditioner, mut state) = (conditioner(), WrenchConditionerState::default());
-    conditioner.start_tare(&mut state);
+    conditioner.start_tare(&mut state, TareGround::Assumed);
     let mut i = 0;
     while state.is_taring() {
         conditioner.update(&mut state, &reading(i, pose, &Wrench::zero(), bias));
@@ -99,7 +99,7 @@ proptest! {
         readings in prop::collection::vec((prop::array::uniform6(prop::num::f64::ANY), 0u32..5, 0u8..3, any::<bool>()), 1..80),
     ) {
         let (conditioner, mut state) = (conditioner(), WrenchConditionerState::default());
-        conditioner.start_tare(&mut state);
+        conditioner.start_tare(&mut state, TareGround::Assumed);
         for (i, (wrench, missed, condition, posed)) in readings.into_iter().enumerate() {
             let mut reading = reading(i, turned([0.0; 3]), &Wrench::zero(), &Wrench::zero());
             reading.wrench = Wrench::from_vector(&wrench.map(|x| x.clamp(-1e12, 1e12)).into());
@@ -167,7 +167,7 @@ fn a_tare_while_moving_shaking_wandering_or_blind_is_refused_and_the_old_one_kep
     let run = |change: &dyn Fn(usize, &mut Reading)| {
         let (mut state, start) = tared(turned([0.0; 3]), &bias());
         let before = *state.tare().unwrap();
-        conditioner.start_tare(&mut state);
+        conditioner.start_tare(&mut state, TareGround::Assumed);
         for i in 0..500 {
             let mut reading = reading(start + i, turned([0.0; 3]), &Wrench::zero(), &bias());
             change(i, &mut reading);
@@ -215,7 +215,7 @@ fn tare_under(
 ) -> (Result<Tare, TareRefusal>, usize) {
     let conditioner = conditioner();
     let load = Wrench::from_vector(&Vector6::new(0.0, 0.0, load_n, 0.0, 0.0, 0.0));
-    conditioner.start_tare_on(state, ground);
+    conditioner.start_tare(state, ground);
     let mut i = start;
     while state.is_taring() {
         conditioner.update(state, &reading(i, turned([0.0; 3]), &load, &bias()));
@@ -285,7 +285,7 @@ fn a_new_zero_makes_no_swing() {
     let conditioner = conditioner();
     let (mut state, start) = tared(turned([0.0; 3]), &bias());
     let drifted = bias() + Wrench::from_vector(&Vector6::new(0.3, 0.0, 0.0, 0.0, 0.0, 0.0));
-    conditioner.start_tare(&mut state);
+    conditioner.start_tare(&mut state, TareGround::Assumed);
     let mut largest: f64 = 0.0;
     for i in start..start + 600 {
         let free = reading(i, turned([0.0; 3]), &Wrench::zero(), &drifted);

@@ -1,7 +1,7 @@
 //! One cell of each law, stepped alike, with what really happens in each period.
 
 use nalgebra::Vector3;
-use tangent_control::{Clearance, Fault, Phase};
+use tangent_control::{Clearance, Fault, Phase, Task};
 use tangent_simulation::{
     Calm, ClosedLoop, ObjectLoop, ObjectScenario, Obstacle, Scenario, TactileLoop, TactileScenario,
     Undisturbed,
@@ -57,6 +57,24 @@ fn text(path: &str) -> String {
     std::fs::read_to_string(&file).unwrap()
 }
 
+/// [`Seen`] of a cycle: the three laws' cycles are types of their own, with fields of the same names.
+macro_rules! seen {
+    ($c:ident, $at:expr, $stiffness:expr) => {
+        Seen {
+            time_s: $c.input.time_s,
+            phase: $c.output.phase,
+            fault: $c.output.fault,
+            clearance: $c.output.clearance,
+            pressing_n: $c.truth.wrench.force.dot(&$c.truth.normal),
+            force_n: $c.truth.wrench.force.norm(),
+            read_n: $c.output.force_n,
+            at: $at,
+            normal: $c.output.normal,
+            stiffness_n_per_m: $stiffness,
+        }
+    };
+}
+
 impl Cell {
     /// Of the scenario at `path` (below `scenarios`, without its ending), with single keys changed.
     pub fn new(law: Law, path: &str, set: &[String]) -> Self {
@@ -66,33 +84,45 @@ impl Cell {
                 let s = Scenario::parse(path, &text, set, &|_| Err("no other file".to_owned()));
                 let s = s.unwrap();
                 let cell = ClosedLoop::new(&s).unwrap();
-                Self {
-                    period_s: cell.plant().period_s(),
-                    reference_n: s.task.force.reference_n,
-                    duration_s: s.duration_s,
-                    inner: Loop::Velocity(Box::new(cell)),
-                }
+                let period_s = cell.plant().period_s();
+                Self::of(
+                    Loop::Velocity(Box::new(cell)),
+                    period_s,
+                    &s.task,
+                    s.duration_s,
+                )
             }
             Law::Hybrid => {
                 let s = ObjectScenario::parse(path, &text, set).unwrap();
                 let cell = ObjectLoop::new(&s).unwrap();
-                Self {
-                    period_s: cell.plant().period_s(),
-                    reference_n: s.task.force.reference_n,
-                    duration_s: s.duration_s,
-                    inner: Loop::Hybrid(Box::new(cell)),
-                }
+                let period_s = cell.plant().period_s();
+                Self::of(
+                    Loop::Hybrid(Box::new(cell)),
+                    period_s,
+                    &s.task,
+                    s.duration_s,
+                )
             }
             Law::Unified => {
                 let s = TactileScenario::parse(path, &text, set).unwrap();
                 let cell = TactileLoop::new(&s).unwrap();
-                Self {
-                    period_s: cell.plant().period_s(),
-                    reference_n: s.task.force.reference_n,
-                    duration_s: s.duration_s,
-                    inner: Loop::Unified(Box::new(cell)),
-                }
+                let period_s = cell.plant().period_s();
+                Self::of(
+                    Loop::Unified(Box::new(cell)),
+                    period_s,
+                    &s.task,
+                    s.duration_s,
+                )
             }
+        }
+    }
+
+    fn of(inner: Loop, period_s: f64, task: &Task, duration_s: f64) -> Self {
+        Self {
+            inner,
+            period_s,
+            reference_n: task.force.reference_n,
+            duration_s,
         }
     }
 
@@ -107,50 +137,18 @@ impl Cell {
         match &mut self.inner {
             Loop::Velocity(cell) => {
                 let _ = cell.step(&mut |c| {
-                    seen = Some(Seen {
-                        time_s: c.input.time_s,
-                        phase: c.output.phase,
-                        fault: c.output.fault,
-                        clearance: c.output.clearance,
-                        pressing_n: c.truth.wrench.force.dot(&c.truth.normal),
-                        force_n: c.truth.wrench.force.norm(),
-                        read_n: c.output.force_n,
-                        at: c.input.base_from_tool.translation(),
-                        normal: c.output.normal,
-                        stiffness_n_per_m: c.output.stiffness_n_per_m,
-                    });
+                    let at = c.input.base_from_tool.translation();
+                    seen = Some(seen!(c, at, c.output.stiffness_n_per_m));
                 });
             }
             Loop::Hybrid(cell) => {
                 let _ = cell.step(&mut Undisturbed, &mut |c| {
-                    seen = Some(Seen {
-                        time_s: c.input.time_s,
-                        phase: c.output.phase,
-                        fault: c.output.fault,
-                        clearance: c.output.clearance,
-                        pressing_n: c.truth.wrench.force.dot(&c.truth.normal),
-                        force_n: c.truth.wrench.force.norm(),
-                        read_n: c.output.force_n,
-                        at: c.output.base_from_tool.translation(),
-                        normal: c.output.normal,
-                        stiffness_n_per_m: 0.0,
-                    });
+                    seen = Some(seen!(c, c.output.base_from_tool.translation(), 0.0));
                 });
             }
             Loop::Unified(cell) => {
                 let _ = cell.step(&mut Calm, &mut |c| {
-                    seen = Some(Seen {
-                        time_s: c.input.time_s,
-                        phase: c.output.phase,
-                        fault: c.output.fault,
-                        clearance: c.output.clearance,
-                        pressing_n: c.truth.wrench.force.dot(&c.truth.normal),
-                        force_n: c.truth.wrench.force.norm(),
-                        read_n: c.output.force_n,
-                        at: c.output.base_from_tool.translation(),
-                        normal: c.output.normal,
-                        stiffness_n_per_m: 0.0,
-                    });
+                    seen = Some(seen!(c, c.output.base_from_tool.translation(), 0.0));
                 });
             }
         }

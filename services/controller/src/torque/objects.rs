@@ -19,6 +19,7 @@ use crate::desk::{Kind, one_speaks};
 use crate::inputs::age_told;
 use crate::mailbox::{Mailbox, Time};
 use crate::messages::{no_wrench, tell_ages};
+use crate::runner::Report;
 use crate::start_check::StartCheck;
 
 /// Makes tasks ready. In the desk.
@@ -171,15 +172,16 @@ impl TorqueProgram for ObjectProgram {
         tell_ages(&mut state, self.readers.ages());
         Some(TorqueAnswer {
             torque: joint_array(&output.torque),
-            state,
-            shaping: None,
-            phase: output.phase,
-            fault: output.fault,
-            tare_requested: output.tare_requested,
-            clearance: output.clearance,
-            zero_withdrawn: output.zero_withdrawn,
-            zero: wrench.bias_age_s.map(|age_s| (age_s, wrench.zero_bound_n)),
-            estimator: (name, switches, cut_format(format_args!("{what}{why}"))),
+            report: Report {
+                state,
+                shaping: None,
+                phase: output.phase,
+                fault: output.fault,
+                tare_requested: output.tare_requested,
+                clearance: output.clearance,
+                zero_withdrawn: output.zero_withdrawn,
+                estimator: Some((name, switches, cut_format(format_args!("{what}{why}")))),
+            },
         })
     }
 
@@ -239,6 +241,9 @@ fn state(
         estimate_age_s: age_told(estimate_age_s),
         manipulability: output.manipulability,
         contact_lost_count: output.contact_lost_count,
+        wrench_validity: wrench.validity as u8,
+        zero_age_s: wrench.bias_age_s.unwrap_or(-1.0),
+        zero_bound_n: wrench.bias_age_s.and(wrench.zero_bound_n).unwrap_or(-1.0),
         ..ControlState::default()
     }
 }

@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use nalgebra::Vector3;
-use tangent_control::{Clearance, ControlError, EstimatorName, Fault, Phase, SwitchRefusal, Task};
-use tangent_schemas::tangent::{ArmState, ControlState, ShapingState};
-use tangent_schemas::{JointArray, Text};
+use tangent_control::{Clearance, ControlError, EstimatorName, Phase, SwitchRefusal, Task};
+use tangent_schemas::JointArray;
+use tangent_schemas::tangent::ArmState;
 
 use crate::inputs::WrenchNow;
+use crate::runner::Report;
 
 /// One packet of the arm, with the wrench as it is then.
 #[derive(Clone, Copy, Debug)]
@@ -40,24 +41,8 @@ impl TorqueInput<'_> {
 pub struct TorqueAnswer {
     /// Nm, base to flange.
     pub torque: JointArray,
-    /// For `control/state`, all but what is the same for every law.
-    pub state: ControlState,
-    /// For `control/shaping`, all but the header; none for a law that does not shape.
-    pub shaping: Option<ShapingState>,
-    /// Phase after this cycle.
-    pub phase: Phase,
-    /// The last fault since the task started.
-    pub fault: Option<Fault>,
-    /// A tare is due.
-    pub tare_requested: bool,
-    /// Whether the tool may touch something.
-    pub clearance: Clearance,
-    /// The zero in force was taken in contact.
-    pub zero_withdrawn: bool,
-    /// Age of the zero in use, s, and the error that it implies, N, where that is known; none without a zero.
-    pub zero: Option<(f64, Option<f64>)>,
-    /// Estimator in use, how often it changed, and why this one.
-    pub estimator: (EstimatorName, u32, Text),
+    /// Without what the loop knows of the task.
+    pub report: Report,
 }
 
 /// A task made ready: its law, what it reads, what it remembers. Made and dropped outside the loop; nothing in it allocates.

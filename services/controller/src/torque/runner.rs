@@ -9,9 +9,9 @@ use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::{ArmState, ControlState};
 
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
-use crate::inputs::{EstimateReader, WrenchNow, WrenchReader};
+use crate::inputs::{EstimateReader, Packet, WrenchNow, WrenchReader};
 use crate::messages::no_wrench;
-use crate::runner::{Motion, Packet, Report, Runner, Start};
+use crate::runner::{Motion, Report, Runner, Start};
 
 /// A task on its way to the loop.
 pub type Boxed = Box<dyn TorqueProgram>;
@@ -54,7 +54,7 @@ impl TorqueRunner {
 
 impl Runner for TorqueRunner {
     type Program = Boxed;
-    type Output = (WrenchNow, TorqueAnswer);
+    type Output = TorqueAnswer;
 
     fn phase(&self) -> Phase {
         self.program
@@ -159,15 +159,15 @@ impl Runner for TorqueRunner {
                 arm_ready: packet.arm_ready,
                 wrench,
             })?,
-            None => idle(&arm.message, self.clearance),
+            None => idle(&arm.message, self.clearance, &wrench),
         };
-        self.clearance = answer.clearance;
-        Some((wrench, answer))
+        self.clearance = answer.report.clearance;
+        Some(answer)
     }
 
-    fn motion(&self, (_, answer): &Self::Output) -> Motion {
+    fn motion(&self, answer: &TorqueAnswer) -> Motion {
         Motion {
-            kind: if answer.phase.is_active() {
+            kind: if answer.report.phase.is_active() {
                 CommandKind::JointTorque
             } else {
                 CommandKind::Hold
@@ -177,48 +177,43 @@ impl Runner for TorqueRunner {
         }
     }
 
-    fn report(&self, (wrench, answer): Self::Output) -> Report {
+    fn report(&self, answer: TorqueAnswer) -> Report {
         let program = self.program.as_ref();
         Report {
             state: ControlState {
                 task: program.map_or_else(Name::new, |program| cut(&program.task().name)),
                 paused: program.is_some_and(|program| program.is_paused()),
                 base_age_s: -1.0,
-                wrench_validity: wrench.validity as u8,
-                zero_age_s: answer.zero.map_or(-1.0, |(age_s, _)| age_s),
-                zero_bound_n: answer.zero.and_then(|(_, bound_n)| bound_n).unwrap_or(-1.0),
-                ..answer.state
+                ..answer.report.state
             },
-            shaping: answer.shaping,
-            phase: answer.phase,
-            fault: answer.fault,
-            tare_requested: answer.tare_requested,
-            clearance: answer.clearance,
-            zero_withdrawn: answer.zero_withdrawn,
-            estimator: program.map(|_| answer.estimator),
+            ..answer.report
         }
     }
 }
 
 /// Before the first task nothing is asked of the arm.
-fn idle(arm: &ArmState, clearance: Clearance) -> TorqueAnswer {
+fn idle(arm: &ArmState, clearance: Clearance, wrench: &WrenchNow) -> TorqueAnswer {
     TorqueAnswer {
         torque: arm.q.iter().map(|_| 0.0).collect(),
-        state: ControlState {
-            path_reference: arm.tool_pose.position.clone(),
-            wrench_age_s: -1.0,
-            estimate_age_s: -1.0,
-            force_n: f64::NAN,
-            wrench: (&no_wrench()).into(),
-            ..ControlState::default()
+        report: Report {
+            state: ControlState {
+                path_reference: arm.tool_pose.position.clone(),
+                wrench_age_s: -1.0,
+                estimate_age_s: -1.0,
+                force_n: f64::NAN,
+                wrench: (&no_wrench()).into(),
+                wrench_validity: wrench.validity as u8,
+                zero_age_s: -1.0,
+                zero_bound_n: -1.0,
+                ..ControlState::default()
+            },
+            shaping: None,
+            phase: Phase::Idle,
+            fault: None,
+            tare_requested: false,
+            clearance,
+            zero_withdrawn: false,
+            estimator: None,
         },
-        clearance,
-        zero_withdrawn: false,
-        zero: None,
-        shaping: None,
-        phase: Phase::Idle,
-        fault: None,
-        tare_requested: false,
-        estimator: Default::default(),
     }
 }

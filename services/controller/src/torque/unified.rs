@@ -22,6 +22,7 @@ use crate::desk::{Kind, one_speaks};
 use crate::inputs::{EstimateReader, age_told, normal_estimate, read_estimate};
 use crate::mailbox::{Mailbox, Time};
 use crate::messages::{no_wrench, tell_ages};
+use crate::runner::Report;
 use crate::start_check::StartCheck;
 
 /// Makes tasks ready. In the desk.
@@ -231,22 +232,23 @@ impl TorqueProgram for UnifiedProgram {
         tell_ages(&mut state, self.choice.ages());
         Some(TorqueAnswer {
             torque: joint_array(&output.torque),
-            state,
-            shaping: Some(ShapingState {
-                monitor: output.monitor,
-                monitor_margin: output.monitor_margin,
-                rho_align: output.rho_align,
-                rho_force: output.rho_force,
-                ..ShapingState::default()
-            }),
-            phase: output.phase,
-            fault: output.fault,
-            // The law takes the zero itself, at rest before it moves.
-            tare_requested: false,
-            clearance: output.clearance,
-            zero_withdrawn: false,
-            zero: output.zero_age_s.map(|age_s| (age_s, output.zero_bound_n)),
-            estimator: (name, switches, cut_format(format_args!("{what}{why}"))),
+            report: Report {
+                state,
+                shaping: Some(ShapingState {
+                    monitor: output.monitor,
+                    monitor_margin: output.monitor_margin,
+                    rho_align: output.rho_align,
+                    rho_force: output.rho_force,
+                    ..ShapingState::default()
+                }),
+                phase: output.phase,
+                fault: output.fault,
+                // The law takes the zero itself, at rest before it moves.
+                tare_requested: false,
+                clearance: output.clearance,
+                zero_withdrawn: false,
+                estimator: Some((name, switches, cut_format(format_args!("{what}{why}")))),
+            },
         })
     }
 
@@ -313,6 +315,9 @@ fn state(
         force_tank_j: output.tanks.force_j,
         manipulability: output.manipulability,
         contact_lost_count: output.contact_lost_count,
+        wrench_validity: input.wrench.validity as u8,
+        zero_age_s: output.zero_age_s.unwrap_or(-1.0),
+        zero_bound_n: output.zero_age_s.and(output.zero_bound_n).unwrap_or(-1.0),
         ..ControlState::default()
     }
 }

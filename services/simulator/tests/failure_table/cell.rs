@@ -650,7 +650,7 @@ impl Cell {
         let output = self.law.step(&input);
         if output.tare_requested && !self.conditioning.is_taring() {
             self.conditioner
-                .start_tare_on(&mut self.conditioning, output.clearance.tare_ground());
+                .start_tare(&mut self.conditioning, output.clearance.tare_ground());
         }
         if output.zero_withdrawn {
             self.conditioning.withdraw_tare();

@@ -35,7 +35,7 @@ fn both() -> impl Iterator<Item = (Flavour, u64)> {
     )
 }
 
-/// The same for one of three faults that are judged alike: each takes its turn.
+/// Every third cycle offset, starting with `of`: three faults that are judged alike share the offsets.
 fn every_third(of: usize) -> impl Iterator<Item = (Flavour, u64)> {
     both().filter(move |(_, offset)| *offset as usize % 3 == of)
 }
@@ -323,6 +323,43 @@ fn off_the_surface(cell: &mut Cell) {
     cell.until("it rests", |c| c.robot_speed() < 1e-6);
 }
 
+/// What is silent for `silent_s` stops the path in the cycle that sees it, and after `patience_s` more the tool retracts. `during` looks
+/// at each cycle before that, with its number and that of the stop. The latest cycle for the stop.
+fn stops_then_retracts(
+    cell: &mut Cell,
+    silent_s: f64,
+    patience_s: f64,
+    what: &str,
+    during: impl Fn(&Cell, u64, u64),
+) -> u64 {
+    let period_s = cell.period_s();
+    let (early, late) = (
+        cycle_beyond(silent_s, period_s, true),
+        cycle_beyond(silent_s, period_s, false),
+    );
+    let mut stops = u64::MAX;
+    for cycle in 1.. {
+        cell.step();
+        if cycle <= late && stops > cycle && cell.phase() == Phase::Hold {
+            stops = cycle;
+        }
+        let retracts = stops.saturating_add(first_beyond(patience_s, period_s) - 1);
+        let expected = match cycle {
+            _ if cycle >= retracts => Phase::Retract,
+            _ if cycle >= stops => Phase::Hold,
+            _ => Phase::Slide,
+        };
+        assert_eq!(cell.phase(), expected, "{what}, cycle {cycle}");
+        assert!(cycle < late || stops <= cycle, "{what}: does not stop");
+        if cycle == retracts {
+            break;
+        }
+        during(cell, cycle, stops);
+    }
+    assert!((early..=late).contains(&stops), "{what}: {stops}");
+    late
+}
+
 #[test]
 fn a_silent_wrench_stops_after_two_cycles_and_retracts_after_its_patience() {
     for (i, fault) in [Fault::SensorSilent, Fault::SensorRestart]
@@ -335,29 +372,8 @@ fn a_silent_wrench_stops_after_two_cycles_and_retracts_after_its_patience() {
             let period_s = cell.period_s();
             // The newest record is as old as its filter's neighbours make it: at a packet, the last of the period that ended.
             let silent_s = WRENCH_SILENT_CYCLES * period_s + WRENCH_JITTER_S;
-            let (early, late) = (
-                cycle_beyond(silent_s, period_s, true),
-                cycle_beyond(silent_s, period_s, false),
-            );
-            let mut stops = u64::MAX;
-            for cycle in 1.. {
-                cell.step();
-                if cycle <= late && stops > cycle && cell.phase() == Phase::Hold {
-                    stops = cycle;
-                }
-                let retracts = stops.saturating_add(first_beyond(WRENCH_RETRACT_S, period_s) - 1);
-                let expected = match cycle {
-                    _ if cycle >= retracts => Phase::Retract,
-                    _ if cycle >= stops => Phase::Hold,
-                    _ => Phase::Slide,
-                };
-                assert_eq!(cell.phase(), expected, "{what}, cycle {cycle}");
-                assert!(cycle < late || stops <= cycle, "{what}: does not stop");
-                if cycle == retracts {
-                    break;
-                }
-            }
-            assert!((early..=late).contains(&stops), "{what}: {stops}");
+            let late =
+                stops_then_retracts(&mut cell, silent_s, WRENCH_RETRACT_S, &what, |_, _, _| {});
             // Two cycles are borne, and what the sensor's own jitter adds.
             assert_eq!(
                 late,
@@ -378,38 +394,16 @@ fn without_an_estimate_the_path_stops_after_its_patience_and_the_tool_retracts_a
     for (flavour, offset) in both().filter(|(_, offset)| offset % 3 == 0) {
         let mut cell = with(Fault::EstimateSilent, flavour, offset);
         let period_s = cell.period_s();
+        let what = format!("{flavour:?}, {offset}");
         // An estimate is made of the packet before.
-        let (early, late) = (
-            cycle_beyond(ESTIMATE_S, period_s, true),
-            cycle_beyond(ESTIMATE_S, period_s, false),
-        );
-        let mut stops = u64::MAX;
-        for cycle in 1.. {
-            cell.step();
-            if cycle <= late && stops > cycle && cell.phase() == Phase::Hold {
-                stops = cycle;
-            }
-            let retracts = stops.saturating_add(first_beyond(ESTIMATE_RETRACT_S, period_s) - 1);
-            let expected = match cycle {
-                _ if cycle >= retracts => Phase::Retract,
-                _ if cycle >= stops => Phase::Hold,
-                _ => Phase::Slide,
-            };
-            assert_eq!(cell.phase(), expected, "{flavour:?}, {offset}, {cycle}");
-            assert!(cycle < late || stops <= cycle, "{offset}: does not stop");
-            if cycle == retracts {
-                break;
-            }
+        let kept = |cell: &Cell, cycle: u64, stops: u64| {
             // The force is kept while the path stands.
             if cycle > stops.saturating_add((0.32 / period_s) as u64) {
                 let force_n = cell.truth().wrench.force.norm();
-                assert!(
-                    (force_n - 3.0).abs() < 0.5,
-                    "{offset}, {cycle}: {force_n} N"
-                );
+                assert!((force_n - 3.0).abs() < 0.5, "{what}, {cycle}: {force_n} N");
             }
-        }
-        assert!((early..=late).contains(&stops), "{offset}: {stops}");
+        };
+        stops_then_retracts(&mut cell, ESTIMATE_S, ESTIMATE_RETRACT_S, &what, kept);
         off_the_surface(&mut cell);
     }
 }
