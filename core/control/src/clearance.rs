@@ -135,6 +135,8 @@ const LET_GO_M: f64 = 0.001;
 const TURN_S: f64 = 0.15;
 /// Way against the retraction that shows an arm still moving in, m: above a joint encoder's noise at the tool.
 const STILL_IN_M: f64 = 2e-5;
+/// Time constant over which the force is averaged before it counts as steady, s: a sensor's noise is no touch.
+const STEADY_S: f64 = 0.02;
 
 /// What a retraction meets in one cycle.
 #[derive(Clone, Copy, Debug)]
@@ -207,7 +209,10 @@ impl Retreat {
         let gone_m = met.way_m - self.from_m;
         self.elapsed_s += met.dt_s;
         self.lowest_m = self.lowest_m.min(gone_m);
-        let turns = self.elapsed_s <= TURN_S && self.lowest_m < -STILL_IN_M;
+        // Once it comes back along the retraction, the contact lets go: a force that grows from there is met on the way.
+        let turns = self.elapsed_s <= TURN_S
+            && self.lowest_m < -STILL_IN_M
+            && gone_m <= self.lowest_m + STILL_IN_M;
         if turns {
             self.first = (self.first.0.max(force_n), self.first.1.max(torque_nm));
             self.least = (force_n, torque_nm);
@@ -232,8 +237,12 @@ impl Retreat {
 pub(crate) struct LeaveWatch {
     /// Force at the start, base axes.
     first: Option<Vector3<f64>>,
-    /// Where the force began to be as it is, and what it was.
+    /// Its mean.
+    mean: Option<Vector3<f64>>,
+    /// Where the mean began to be as it is, and what it was.
     steady: Option<(f64, Vector3<f64>)>,
+    /// It was steady over the way that shows a free tool, and has not changed since.
+    free: bool,
     retreat: Option<Retreat>,
 }
 
@@ -247,6 +256,7 @@ impl LeaveWatch {
         way_m: f64,
         force: &Vector3<f64>,
         release_max_n: f64,
+        dt_s: f64,
     ) -> Leaving {
         let first = *self.first.get_or_insert(*force);
         let change = force - first;
@@ -259,7 +269,7 @@ impl LeaveWatch {
         {
             return Leaving::Opposed;
         }
-        self.steadiness(config, way_m, force)
+        self.steadiness(config, way_m, force, dt_s)
     }
 
     /// One cycle of a retraction: opposed by a load that grows beyond the least one since its start, by one beyond `ceiling` and that at
@@ -273,21 +283,35 @@ impl LeaveWatch {
         if retreat.is_opposed(config, ceiling, met) {
             return Leaving::Opposed;
         }
-        self.steadiness(config, met.way_m, &met.force)
+        self.steadiness(config, met.way_m, &met.force, met.dt_s)
     }
 
     /// No wrench in this cycle: what was steady before says nothing any more.
     pub fn blind(&mut self) {
+        self.mean = None;
         self.steady = None;
+        self.free = false;
     }
 
-    fn steadiness(&mut self, config: &LeaveConfig, way_m: f64, force: &Vector3<f64>) -> Leaving {
-        let (from, since) = *self.steady.get_or_insert((way_m, *force));
-        if (force - since).norm() > config.steady_n || way_m < from {
-            self.steady = Some((way_m, *force));
-            return Leaving::Going;
+    fn steadiness(
+        &mut self,
+        config: &LeaveConfig,
+        way_m: f64,
+        force: &Vector3<f64>,
+        dt_s: f64,
+    ) -> Leaving {
+        let mean = self.mean.get_or_insert(*force);
+        *mean += (force - *mean) * (dt_s / STEADY_S).min(1.0);
+        let (from, since) = *self.steady.get_or_insert((way_m, *mean));
+        if (*mean - since).norm() > config.steady_n || way_m < from {
+            self.steady = Some((way_m, *mean));
+            self.free = false;
+        } else if way_m - from >= config.free_m {
+            // On from here: over a long way the inertia of what the tool carries comes and goes.
+            self.steady = Some((way_m, *mean));
+            self.free = true;
         }
-        if way_m - from >= config.free_m {
+        if self.free {
             Leaving::Free
         } else {
             Leaving::Going
@@ -305,7 +329,7 @@ mod tests {
         let n = Vector3::z();
         for step in 0..500 {
             let way = 1e-4 * f64::from(step);
-            match watch.clear(&config, &n, way, &force_at(way), 10.0) {
+            match watch.clear(&config, &n, way, &force_at(way), 10.0, 0.01) {
                 Leaving::Going => {}
                 ended => return (ended, way),
             }

@@ -15,6 +15,9 @@ use crate::{Clearance, Fault, LeaveConfig, Limits, Phase, Profile};
 const GONE_SHARE: f64 = 0.5;
 /// A retraction's reference has stood so long at its end before it is over, s.
 const SETTLE_S: f64 = 0.1;
+/// Deceleration of a tool that slid when its retraction begins, m/s². A harder one would show in the reading: a force sensor feels the
+/// inertia of what it carries, and takes it for an obstacle.
+const RUN_OUT_M_PER_S2: f64 = 0.5;
 
 /// What is known of the tool's touch, and the motion that ends it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -27,14 +30,52 @@ pub(crate) struct Departure {
     clear: (f64, f64),
     /// The way off that stands in for the last good normal.
     pub way_off: Option<Vector3<f64>>,
-    /// Which way, and how.
-    retraction: Option<(Vector3<f64>, Profile)>,
+    retraction: Option<Retraction>,
     /// Clock of the retraction, s: slower where nothing is felt.
     retraction_s: f64,
     /// The phase after it.
     after: Phase,
     /// A retraction has gone its way since the last touch.
     off: bool,
+}
+
+/// Which way, how, and what is left of the sliding.
+#[derive(Clone, Copy, Debug)]
+struct Retraction {
+    /// Unit, base axes.
+    along: Vector3<f64>,
+    profile: Profile,
+    run_out: RunOut,
+}
+
+/// A motion across the retraction that comes to rest.
+#[derive(Clone, Copy, Debug)]
+struct RunOut {
+    /// Since its start, base axes, m.
+    gone: Vector3<f64>,
+    /// m/s
+    velocity: Vector3<f64>,
+}
+
+impl RunOut {
+    /// Of a tool with this velocity that leaves `along` (unit) a surface.
+    fn new(velocity: &Vector3<f64>, along: &Vector3<f64>) -> Self {
+        Self {
+            gone: Vector3::zeros(),
+            velocity: velocity - along * velocity.dot(along),
+        }
+    }
+
+    fn step(&mut self, dt_s: f64) {
+        let speed = self.velocity.norm();
+        let less = RUN_OUT_M_PER_S2 * dt_s;
+        self.velocity *= if speed > less {
+            1.0 - less / speed
+        } else {
+            0.0
+        };
+        self.gone += self.velocity * dt_s;
+    }
 }
 
 /// Parameters of law and task that a departure goes by.
@@ -77,6 +118,8 @@ pub(crate) type Load = Option<LoadFelt>;
 pub(crate) struct Way {
     pub from: Vector3<f64>,
     pub at: Vector3<f64>,
+    /// m/s. Zero where the law itself gives when the reference stops.
+    pub velocity: Vector3<f64>,
 }
 
 impl Way {
@@ -85,15 +128,13 @@ impl Way {
     }
 }
 
-/// The reference: from where the motion started, so far and so fast.
+/// The reference, base axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Step {
-    /// Unit, base axes.
-    pub along: Vector3<f64>,
-    /// m
-    pub way_m: f64,
+    /// From where the motion started, m.
+    pub offset: Vector3<f64>,
     /// m/s
-    pub speed_m_per_s: f64,
+    pub velocity: Vector3<f64>,
 }
 
 /// How phase `clear` goes on.
@@ -137,7 +178,7 @@ impl Departure {
         if phase.is_active() && !matches!(phase, Phase::Tare | Phase::Clear) {
             let retracting = self.retraction.filter(|_| phase == Phase::Retract);
             self.clearance = Clearance::Possible {
-                normal: retracting.map_or(normal, |(along, _)| along),
+                normal: retracting.map_or(normal, |r| r.along),
                 position,
             };
         }
@@ -172,7 +213,7 @@ impl Departure {
             let gone_m = way.gone_m(&along);
             match self
                 .watch
-                .clear(leave, &along, gone_m, &force, release_max_n)
+                .clear(leave, &along, gone_m, &force, release_max_n, dt_s)
             {
                 Leaving::Free => {
                     self.clearance = Clearance::Free;
@@ -183,9 +224,8 @@ impl Departure {
             }
         }
         Clearing::Going(Step {
-            along,
-            way_m,
-            speed_m_per_s: speed,
+            offset: along * way_m,
+            velocity: along * speed,
         })
     }
 
@@ -208,15 +248,25 @@ impl Departure {
         dt_s: f64,
     ) -> Retracting {
         let (leave, end) = (&rules.leave, &rules.end);
-        let (along, profile) = *self.retraction.get_or_insert_with(|| {
-            let profile = Profile::new(
-                end.retract_distance_m,
-                end.retract_speed_m_per_s,
-                rules.path.acceleration_m_per_s2,
-                rules.path.jerk_m_per_s3,
-            );
-            (self.way_off.unwrap_or(away), profile)
+        let retraction = self.retraction.get_or_insert_with(|| {
+            let along = self.way_off.unwrap_or(away);
+            Retraction {
+                along,
+                profile: Profile::new(
+                    end.retract_distance_m,
+                    end.retract_speed_m_per_s,
+                    rules.path.acceleration_m_per_s2,
+                    rules.path.jerk_m_per_s3,
+                ),
+                run_out: RunOut::new(&way.velocity, &along),
+            }
         });
+        retraction.run_out.step(dt_s);
+        let Retraction {
+            along,
+            profile,
+            run_out,
+        } = *retraction;
         let gone_m = way.gone_m(&along);
         let rate = if let Some(felt) = load {
             let met = Met {
@@ -242,9 +292,8 @@ impl Departure {
         self.retraction_s += rate * dt_s;
         let (way_m, speed) = profile.at(self.retraction_s);
         let step = Step {
-            along,
-            way_m,
-            speed_m_per_s: rate * speed,
+            offset: along * way_m + run_out.gone,
+            velocity: along * (rate * speed) + run_out.velocity,
         };
         if self.retraction_s <= profile.duration_s() + SETTLE_S {
             return Retracting::Going(step);

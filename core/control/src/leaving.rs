@@ -41,6 +41,7 @@ impl Run {
         limits: &Limits,
         requests: &Requests,
         percept: &Percept,
+        dt_s: f64,
     ) {
         let leave = &config.leave;
         let way_m = (percept.position - self.phase_start).dot(&self.retract);
@@ -62,10 +63,14 @@ impl Run {
         let Some(wrench) = &percept.wrench else {
             return;
         };
-        match self
-            .leave
-            .clear(leave, &self.retract, way_m, &wrench.force, release_max_n)
-        {
+        match self.leave.clear(
+            leave,
+            &self.retract,
+            way_m,
+            &wrench.force,
+            release_max_n,
+            dt_s,
+        ) {
             Leaving::Opposed => self.leave(percept, Some(Fault::NotClear)),
             Leaving::Free => {
                 self.clearance = Clearance::Free;

@@ -336,7 +336,7 @@ impl Run {
         let task = &program.task;
         self.remember(input, percept);
         if self.phase == Phase::Clear {
-            return self.decide_clear(program, config, limits, requests, percept);
+            return self.decide_clear(program, config, limits, requests, percept, input.dt_s);
         }
         if self.phase != Phase::Retract {
             if requests.stopping {

@@ -104,6 +104,52 @@ fn table(met: Met) {
     assert!(wrong.is_empty(), "{met:?}: {wrong:?}");
 }
 
+/// A stop in any phase, with any force: nothing is in the way, and the task ends done with a tool that hangs free.
+#[test]
+fn a_stop_with_nothing_in_the_way_ends_done() {
+    let mut wrong = Vec::new();
+    for (law, path) in CELLS {
+        for (phase, waits) in [
+            (Phase::Approach, vec![0.5]),
+            (Phase::Contact, vec![0.0, 0.1]),
+            (
+                Phase::Slide,
+                vec![0.0, 0.05, 0.2, 0.9, 1.0, 1.3, 1.537, 1.9, 2.411],
+            ),
+        ] {
+            for wait_s in waits {
+                for share in [1.0, 0.6] {
+                    let mut cell = Cell::new(law, path, &[]);
+                    let mut in_s = 0.0;
+                    let mut seen = cell.step();
+                    while seen.phase != phase || in_s < wait_s {
+                        assert!(seen.phase.is_active(), "{law:?} {phase:?} {seen:?}");
+                        if seen.phase == phase {
+                            in_s += cell.period_s;
+                            // The force follows at its rate while it slides.
+                            if (0.5..0.5 + cell.period_s).contains(&in_s) {
+                                cell.press(share * cell.reference_n);
+                            }
+                        }
+                        seen = cell.step();
+                    }
+                    cell.stop();
+                    let mut peak_n = 0.0_f64;
+                    while seen.phase.is_active() {
+                        seen = cell.step();
+                        peak_n = peak_n.max(seen.force_n);
+                    }
+                    println!("{law:?} {phase:?} {wait_s} s {share}: {peak_n:.1} N");
+                    if seen.fault.is_some() || !seen.clearance.is_free() {
+                        wrong.push((law, phase, wait_s, share, seen.fault, seen.clearance));
+                    }
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
 #[test]
 fn a_wall_behind_the_tool_stops_it() {
     table(Met::Wall);

@@ -1,7 +1,7 @@
 //! One cell of each law, stepped alike, with what really happens in each period.
 
 use nalgebra::Vector3;
-use tangent_control::{Clearance, Fault, Phase, Task};
+use tangent_control::{Clearance, Fault, Parameter, Phase, Task};
 use tangent_simulation::{
     Calm, ClosedLoop, ObjectLoop, ObjectScenario, Obstacle, Scenario, TactileLoop, TactileScenario,
     Undisturbed,
@@ -162,6 +162,16 @@ impl Cell {
             Loop::Velocity(cell) => cell.controller().stop(),
             Loop::Hybrid(cell) => cell.controller().stop(),
             Loop::Unified(cell) => cell.controller().stop(),
+        }
+    }
+
+    /// Presses with another force from now on.
+    #[allow(dead_code)]
+    pub fn press(&mut self, force_n: f64) {
+        match &mut self.inner {
+            Loop::Velocity(cell) => cell.controller().set(Parameter::ForceReference, force_n),
+            Loop::Hybrid(cell) => cell.controller().set_force_reference(force_n),
+            Loop::Unified(cell) => cell.controller().set_force_reference(force_n),
         }
     }
 

@@ -23,6 +23,7 @@ impl HybridDynamics {
         let way = Way {
             from: pose.translation(),
             at: now.tool.translation(),
+            velocity: now.linear,
         };
         let rules = self.rules();
         let load = self.load(input, felt);
@@ -54,6 +55,7 @@ impl HybridDynamics {
         let way = Way {
             from: pose.translation(),
             at: now.tool.translation(),
+            velocity: now.linear,
         };
         let rules = self.rules();
         let load = self.load(input, felt);
@@ -97,8 +99,8 @@ impl HybridDynamics {
 
 /// The reference, moved by this step.
 fn moved(mut reference: MotionReference, step: &Step) -> Wanted {
-    reference.position += step.along * step.way_m;
-    reference.velocity = step.along * step.speed_m_per_s;
+    reference.position += step.offset;
+    reference.velocity = step.velocity;
     Wanted {
         reference,
         in_object: None,

@@ -2,6 +2,8 @@
 //!
 //! Called by `advance`; the motion itself is that of `departure`.
 
+use nalgebra::Vector3;
+
 use super::super::law::ArmNow;
 use super::{Felt, UnifiedForceImpedance, Wanted};
 use crate::departure::{Clearing, Load, LoadFelt, Retracting, Rules, Step, Way};
@@ -25,6 +27,7 @@ impl UnifiedForceImpedance {
         let way = Way {
             from: *self.run.held.get_or_insert(now.tool.translation()),
             at: now.tool.translation(),
+            velocity: Vector3::zeros(),
         };
         let rules = self.rules();
         let felt = (felt.verdict, self.load(now, felt));
@@ -50,6 +53,7 @@ impl UnifiedForceImpedance {
         let way = Way {
             from: start.reference.position,
             at: now.tool.translation(),
+            velocity: Vector3::zeros(),
         };
         let rules = self.rules();
         let load = self.load(now, felt);
@@ -95,8 +99,8 @@ impl UnifiedForceImpedance {
 
 /// The reference, moved by this step.
 fn moved(mut wanted: Wanted, step: &Step) -> Wanted {
-    wanted.reference.position += step.along * step.way_m;
-    wanted.reference.velocity = step.along * step.speed_m_per_s;
+    wanted.reference.position += step.offset;
+    wanted.reference.velocity = step.velocity;
     wanted.policy = wanted.reference.position;
     wanted
 }
