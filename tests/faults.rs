@@ -35,7 +35,7 @@ fn a_fault_of_each_kind_is_answered() {
     });
 }
 
-/// All of them, eight minutes.
+/// All of them, ten minutes.
 #[test]
 #[ignore = "a benchmark's length: `tangent faults` does the same"]
 fn every_fault_is_answered() {

@@ -132,6 +132,29 @@ pub struct PathConfig {
     pub clock_ramp_s: f64,
 }
 
+/// How a law of torques goes along its path: it follows the reference by its own gains, and does not wait for the arm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PathProfileConfig {
+    /// Acceleration along the path, m/s².
+    pub acceleration_m_per_s2: f64,
+    /// Jerk along the path, m/s³.
+    pub jerk_m_per_s3: f64,
+    /// Time in which the path's clock comes to a stop or to speed on pause and resume, s.
+    pub clock_ramp_s: f64,
+}
+
+impl Default for PathProfileConfig {
+    fn default() -> Self {
+        let path = PathConfig::default();
+        Self {
+            acceleration_m_per_s2: path.acceleration_m_per_s2,
+            jerk_m_per_s3: path.jerk_m_per_s3,
+            clock_ramp_s: path.clock_ramp_s,
+        }
+    }
+}
+
 /// When the tool touches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::clearance::{Ceiling, LeaveWatch, Leaving, Met};
-use crate::config::PathConfig;
+use crate::config::PathProfileConfig;
 use crate::task::{EndSpec, Task};
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Clearance, Fault, LeaveConfig, Limits, Phase, Profile};
@@ -81,14 +81,14 @@ impl RunOut {
 /// Parameters of law and task that a departure goes by.
 pub(crate) struct Rules {
     pub leave: LeaveConfig,
-    pub path: PathConfig,
+    pub path: PathProfileConfig,
     pub end: EndSpec,
     pub reference_n: f64,
     pub ceiling: Ceiling,
 }
 
 impl Rules {
-    pub fn new(leave: LeaveConfig, path: PathConfig, task: &Task, limits: &Limits) -> Self {
+    pub fn new(leave: LeaveConfig, path: PathProfileConfig, task: &Task, limits: &Limits) -> Self {
         Self {
             ceiling: Ceiling::of(limits),
             leave,

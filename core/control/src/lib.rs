@@ -44,7 +44,7 @@ pub mod wrench_guard;
 pub use clearance::{Clearance, LeaveConfig};
 pub use config::{
     AlignmentConfig, ContactConfig, ControllerConfig, ForceConfig, NormalConfig, PathConfig,
-    PatienceConfig, TorqueConfig,
+    PathProfileConfig, PatienceConfig, TorqueConfig,
 };
 pub use controller::Controller;
 pub use energy_tank::{EnergyTank, EnergyTankState};

@@ -24,11 +24,8 @@ pub(crate) const PATIENCE: &[Range] = &[
     ("base_retract_s", 0.0, 10.0),
 ];
 
-/// The path's clock and feedback, in every law.
-pub(crate) const PATH: &[Range] = &[
-    ("gain_per_s", 0.0, 10.0),
-    ("feedback_speed_max_m_per_s", 0.0, 0.2),
-    ("wait_error_m", 0.0005, 0.1),
+/// The path's profile and clock, in the laws of torques.
+pub(crate) const PATH_PROFILE: &[Range] = &[
     ("acceleration_m_per_s2", 0.005, 5.0),
     ("jerk_m_per_s3", 0.01, 100.0),
     ("clock_ramp_s", 0.01, 5.0),

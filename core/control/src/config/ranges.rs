@@ -3,7 +3,7 @@
 use super::ControllerConfig;
 use crate::ControlError;
 use crate::error::check_range;
-use crate::ranges::{LEAVE, PATH, PATIENCE, Ranges, TANK, check_all};
+use crate::ranges::{LEAVE, PATIENCE, Ranges, TANK, check_all};
 
 const RANGES: Ranges = &[
     (
@@ -52,7 +52,17 @@ const RANGES: Ranges = &[
             ("prediction_max_rad", 0.0, 1.0),
         ],
     ),
-    ("path", PATH),
+    (
+        "path",
+        &[
+            ("gain_per_s", 0.0, 10.0),
+            ("feedback_speed_max_m_per_s", 0.0, 0.2),
+            ("wait_error_m", 0.0005, 0.1),
+            ("acceleration_m_per_s2", 0.005, 5.0),
+            ("jerk_m_per_s3", 0.01, 100.0),
+            ("clock_ramp_s", 0.01, 5.0),
+        ],
+    ),
     (
         "contact",
         &[

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use tangent_mechanics::JointFriction;
 
 use crate::config::{PatienceConfig, with_changes};
-use crate::{ControlError, LeaveConfig, PathConfig};
+use crate::{ControlError, LeaveConfig, PathProfileConfig};
 
 /// All parameters of the law.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,12 +18,14 @@ pub struct HybridDynamicsConfig {
     pub force: ForceGains,
     /// What is known of the joints' friction.
     pub friction: FrictionConfig,
+    /// It is made up for at the reference's joint speeds instead of the measured ones: friction then still damps what deviates.
+    pub friction_at_reference: bool,
     /// How the estimated pose is taken over.
     pub estimate: EstimateUseConfig,
     /// Meeting and losing the surface.
     pub touch: TouchConfig,
-    /// Acceleration, jerk and clock of the path; its gains are not used.
-    pub path: PathConfig,
+    /// Acceleration, jerk and clock of the path.
+    pub path: PathProfileConfig,
     /// How long to wait for whom.
     pub patience: PatienceConfig,
     /// How the tool leaves a surface, and what shows that it did.
@@ -84,8 +86,6 @@ pub struct FrictionConfig {
     pub coulomb_nm: Vec<f64>,
     /// Speed at which Coulomb friction has reached 71 %, rad/s.
     pub coulomb_speed_rad_per_s: f64,
-    /// Of the reference's joint speeds instead of the measured ones: friction then still damps what deviates.
-    pub at_reference: bool,
 }
 
 impl FrictionConfig {
@@ -139,9 +139,10 @@ impl Default for HybridDynamicsConfig {
             motion: MotionGains::default(),
             force: ForceGains::default(),
             friction: FrictionConfig::default(),
+            friction_at_reference: true,
             estimate: EstimateUseConfig::default(),
             touch: TouchConfig::default(),
-            path: PathConfig::default(),
+            path: PathProfileConfig::default(),
             patience: PatienceConfig {
                 // Two periods of the sensor and the filter's own last sample.
                 wrench_jitter_s: 0.002,
@@ -183,7 +184,6 @@ impl Default for FrictionConfig {
             viscous_nm_s_per_rad: vec![0.0],
             coulomb_nm: vec![0.0],
             coulomb_speed_rad_per_s: 0.01,
-            at_reference: true,
         }
     }
 }

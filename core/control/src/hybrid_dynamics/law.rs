@@ -208,7 +208,7 @@ pub(super) fn torque(
     let solve = |twist: &Vector6<f64>| inverse.map_or_else(Joints::zeros, |i| i * twist);
     let wanted = solve(&(acceleration - now.drift));
     let (qdd, cut) = bounded_acceleration(model.limits(), cell, &now.q, &now.qd, &wanted);
-    let rubbed = if config.friction.at_reference {
+    let rubbed = if config.friction_at_reference {
         friction.torque(&solve(reference_twist))
     } else {
         friction.torque(&now.qd)

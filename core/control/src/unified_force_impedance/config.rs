@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{PatienceConfig, with_changes};
 use crate::energy_tank::EnergyTank;
-use crate::{ControlError, FrictionConfig, LeaveConfig, PathConfig};
+use crate::{ControlError, FrictionConfig, LeaveConfig, PathProfileConfig};
 
 /// All parameters of the law.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,7 +35,7 @@ pub struct UnifiedForceImpedanceConfig {
     /// Meeting and losing the surface.
     pub touch: TactileTouchConfig,
     /// Acceleration, jerk and clock of the path; its gains are not used.
-    pub path: PathConfig,
+    pub path: PathProfileConfig,
     /// How long to wait for whom.
     pub patience: PatienceConfig,
     /// How the tool leaves a surface, and what shows that it did.
@@ -229,10 +229,10 @@ impl Default for UnifiedForceImpedanceConfig {
             compensate_friction: true,
             posture: PostureConfig::default(),
             touch: TactileTouchConfig::default(),
-            path: PathConfig {
+            path: PathProfileConfig {
                 acceleration_m_per_s2: 0.2,
                 jerk_m_per_s3: 2.0,
-                ..PathConfig::default()
+                ..PathProfileConfig::default()
             },
             patience: PatienceConfig {
                 wrench_jitter_s: 0.002,

@@ -197,6 +197,8 @@ impl ObjectPoseConfig {
             ("gate_sd", self.gate_sd, 1.0, 1000.0),
             ("start_rms_max_px", self.start_rms_max_px, 0.01, 1000.0),
             ("vision_patience_s", self.vision_patience_s, 0.01, 3600.0),
+            // None at all would discard a good estimate for nothing.
+            ("restart_frames", f64::from(self.restart_frames), 1.0, 1e6),
             (
                 "prior.camera_position_sd_m",
                 p.camera_position_sd_m,

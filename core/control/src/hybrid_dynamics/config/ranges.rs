@@ -3,7 +3,7 @@
 use super::HybridDynamicsConfig;
 use crate::ControlError;
 use crate::error::check_range;
-use crate::ranges::{FRICTION, LEAVE, PATH, PATIENCE, Ranges, check_all};
+use crate::ranges::{FRICTION, LEAVE, PATH_PROFILE, PATIENCE, Ranges, check_all};
 
 const RANGES: Ranges = &[
     (
@@ -48,7 +48,7 @@ const RANGES: Ranges = &[
             ("settle_s", 0.0, 60.0),
         ],
     ),
-    ("path", PATH),
+    ("path", PATH_PROFILE),
     ("patience", PATIENCE),
     ("leave", LEAVE),
 ];

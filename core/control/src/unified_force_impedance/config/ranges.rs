@@ -3,7 +3,7 @@
 use super::UnifiedForceImpedanceConfig;
 use crate::ControlError;
 use crate::error::check_range;
-use crate::ranges::{FRICTION, LEAVE, PATH, PATIENCE, Ranges, TANK, check_all};
+use crate::ranges::{FRICTION, LEAVE, PATH_PROFILE, PATIENCE, Ranges, TANK, check_all};
 
 const RANGES: Ranges = &[
     (
@@ -98,7 +98,7 @@ const RANGES: Ranges = &[
             ("wrench_lag_s", 0.0, 1.0),
         ],
     ),
-    ("path", PATH),
+    ("path", PATH_PROFILE),
     ("patience", PATIENCE),
     ("leave", LEAVE),
 ];
