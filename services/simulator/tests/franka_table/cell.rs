@@ -28,15 +28,19 @@ use crate::fault::Fault;
 /// The published wave and the cell that ships for it.
 const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
 const CELL: &str = include_str!("../../../../deploy/cell.karacan.toml");
-/// Two millimetres above the surface and square to it, and on the path soon after the touch.
-const CHANGES: [&str; 7] = [
+/// Two millimetres above the surface and square to it, on the path soon after the touch, and soon off the surface.
+const CHANGES: [&str; 11] = [
     "plant.start.clearance_m=0.002",
     "plant.start.tilt_rad=0.0",
     "plant.start_spread.tilt_rad=0.0",
     "plant.start_spread.position_m=0.0",
     "plant.start_spread.clearance_m=0.0",
     "control.touch.settle_s=0.3",
+    "control.touch.tare_s=0.1",
     "control.patience.wrench_jitter_s=0.002",
+    "task.end.retract_distance_m=0.02",
+    "plant.arm.sub_steps=2",
+    "plant.tool.pad.rings=1",
 ];
 /// Longest wait for anything, cycles.
 const PATIENCE: u64 = 30_000;
@@ -46,8 +50,6 @@ static LEARNT: OnceLock<RecordWatchState> = OnceLock::new();
 /// A robot that sends nothing for so long is gone to the bridge, and the pause before it connects again, s.
 const GONE_S: f64 = 1.0;
 const PAUSE_S: f64 = 0.2;
-/// A knock lasts so long, cycles.
-const KNOCK: u64 = 50;
 /// Parts of a newton that a difference of the estimate is seen in.
 const COUNTS_PER_UNIT: f64 = 1e6;
 /// Readings of a tool that hangs free, kept to be shown again.
@@ -111,10 +113,12 @@ pub struct Cell {
     /// What is wrong now.
     pub faults: Vec<Fault>,
     faults_before: Vec<Fault>,
+    /// Where the tool truly is, base axes, m.
+    at: Vector3<f64>,
     /// Largest true force since it was set to zero, N.
     pub peak_n: f64,
-    /// Cycles in which the tool is still pushed.
-    knocked: u64,
+    /// Something pushes the tool, until the robot stops.
+    knocked: bool,
     /// Answers that reached the robot, and the last of them, Nm.
     pub answers: u64,
     pub answered: Joints<7>,
@@ -187,13 +191,15 @@ impl Cell {
             cycle: 0,
             faults: Vec::new(),
             faults_before: Vec::new(),
+            at: Vector3::zeros(),
             peak_n: 0.0,
-            knocked: 0,
+            knocked: false,
             answers: 0,
             answered: Joints::zeros(),
             settings,
             scenario,
         };
+        cell.at = cell.truth().base_from_tool.translation();
         // No task was started yet.
         cell.say_clear();
         cell.connect();
@@ -363,12 +369,11 @@ impl Cell {
     pub fn step(&mut self) {
         self.cycle += 1;
         self.begin_and_end();
-        self.knocked = self.knocked.saturating_sub(1);
-        if self.knocked == 1 {
+        if self.knocked && self.robot.mode() != RobotMode::Move {
+            self.knocked = false;
             self.robot.push([0.0; 3]);
         }
-        let at = self.truth().base_from_tool.translation();
-        self.camera.expose(self.now_s(), &self.surface, &at);
+        self.camera.expose(self.now_s(), &self.surface, &self.at);
         let mut datagram = Vec::new();
         self.robot.state().encode(&mut datagram);
         let state = RobotState::decode(&datagram).unwrap();
@@ -378,7 +383,9 @@ impl Cell {
             self.answered = Joints::from(answer.tau_j_d);
         }
         self.robot.step(answer.as_ref());
-        self.peak_n = self.peak_n.max(self.truth().wrench.force.norm());
+        let truth = self.truth();
+        self.at = truth.base_from_tool.translation();
+        self.peak_n = self.peak_n.max(truth.wrench.force.norm());
     }
 
     /// What faults do when they begin, and people when they are over.
@@ -392,7 +399,7 @@ impl Cell {
             match fault {
                 Fault::BridgeDead | Fault::Disconnected => self.lost(),
                 Fault::Collision => {
-                    self.knocked = KNOCK;
+                    self.knocked = true;
                     self.robot.push([0.0, 0.0, 90.0]);
                 }
                 Fault::UserStop => self.robot.set_user_stop(true),

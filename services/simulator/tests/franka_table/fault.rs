@@ -63,7 +63,7 @@ pub enum Fault {
     TouchSilent,
     /// Neither comes.
     EstimatesSilent,
-    /// Something knocks the tool off the surface, 90 N for 50 ms: the robot's own reflex.
+    /// Something pushes the tool off the surface with 90 N until the robot stops by its own reflex.
     Collision,
     /// The button of the robot's activation device.
     UserStop,

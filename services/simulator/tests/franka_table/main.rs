@@ -68,13 +68,10 @@ fn off_the_surface(cell: &mut Cell, what: &str) {
 /// The task is over and the arm rests, and stays so when the fault is over.
 fn stands(cell: &mut Cell, what: &str) {
     cell.steps(REST);
-    assert!(
-        cell.robot_speed() < AT_REST,
-        "{what}: {}",
-        cell.robot_speed()
-    );
+    let speed = cell.robot_speed();
+    assert!(speed < AT_REST, "{what}: {speed} rad/s");
     cell.faults.clear();
-    cell.steps(2000);
+    cell.steps(1000);
     assert!(!cell.phase().is_active(), "{what}: {:?}", cell.phase());
     assert!(cell.robot_speed() < AT_REST, "{what}: moves again");
     let most_n = most_n(cell);
