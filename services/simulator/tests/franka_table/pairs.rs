@@ -186,7 +186,7 @@ fn no_other_two_faults_at_once_press_hard_or_leave_the_arm_in_motion() {
     share(1, 2);
 }
 
-/// Each fault alone, in every phase.
+/// Each fault alone, in every second phase.
 #[test]
 fn no_fault_in_any_phase_presses_hard_or_leaves_the_arm_in_motion() {
     judge_all(PHASES.into_iter().flat_map(|phase| {
