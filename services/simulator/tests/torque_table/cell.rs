@@ -26,10 +26,11 @@ use crate::fault::Fault;
 /// The plane with friction, a cold sensor and a model that is wrong.
 const PLANE: &str = include_str!("../../../../scenarios/lippiello/lippiello_realistic.toml");
 /// Soon on the surface, and soon off it.
-const CHANGES: [&str; 3] = [
+const CHANGES: [&str; 4] = [
     "plant.start.clearance_m=0.005",
     "task.end.retract_distance_m=0.02",
     "plant.arm.sub_steps=2",
+    "control.touch.settle_s=0.3",
 ];
 /// Longest wait for anything, cycles.
 const PATIENCE: u64 = 20_000;
@@ -162,7 +163,8 @@ impl Cell {
     /// Starts the task, as the service does with one that is asked for while the arm is ready.
     pub fn start_task(&mut self) -> Result<(), ControlError> {
         let clearance = self.law.clearance();
-        self.law.check_start(&clearance, &self.tool().translation())?;
+        self.law
+            .check_start(&clearance, &self.tool().translation())?;
         self.law.begin(clearance);
         self.activation = self.activation.max(self.gate.activation_latched) + 1;
         Ok(())
@@ -285,9 +287,7 @@ impl Cell {
         }
         let arm = self.plant.arm();
         let newest = self.commands();
-        self.torque = self
-            .gate
-            .step(newest.as_ref(), self.cycle, &arm.q, &arm.qd);
+        self.torque = self.gate.step(newest.as_ref(), self.cycle, &arm.q, &arm.qd);
         assert!(self.torque.iter().all(|x| x.is_finite()));
         self.plant.step(&self.torque);
         self.sense();

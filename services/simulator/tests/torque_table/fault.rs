@@ -76,11 +76,8 @@ impl Fault {
         Self::ContactLost,
     ];
 
-    /// A task goes on through it: it is borne, or touch stands in for the eye.
+    /// A task goes on through it.
     pub fn is_borne(self) -> bool {
-        matches!(
-            self,
-            Self::CommandSwapped | Self::SecondSource | Self::CameraDark
-        )
+        matches!(self, Self::CommandSwapped | Self::SecondSource)
     }
 }
