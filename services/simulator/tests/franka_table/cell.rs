@@ -312,9 +312,12 @@ impl Cell {
         self.activation
     }
 
-    /// The torque motion runs, and a task could move the arm.
+    /// The torque motion runs, nobody else drives the arm, and a task could move it.
     pub fn is_ready(&self) -> bool {
-        self.connected && self.bridge.reason(self.now_s()).is_none()
+        let holder = self.bridge.lease().holder();
+        self.connected
+            && self.bridge.reason(self.now_s()).is_none()
+            && holder.is_none_or(|holder| *holder == self.source)
     }
 
     pub fn truth(&self) -> Truth {

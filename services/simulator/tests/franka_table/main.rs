@@ -15,7 +15,7 @@ use tangent_franka::fci::{LOST_MAX, RobotMode};
 use tangent_sensing::Validity;
 
 /// Faults come in each of the path's first cycles.
-const OFFSETS: u64 = 40;
+const OFFSETS: u64 = 24;
 /// Silence after which a task is latched out, cycles.
 const LATCHED: u64 = 101;
 /// Age beyond which a wrench is silent (two cycles and the sensor's jitter of 2 ms), and patience after that, cycles.
@@ -53,7 +53,7 @@ fn shared<const N: usize>(faults: [Fault; N]) -> impl Iterator<Item = (Fault, u6
 
 /// How it ends is looked at in some of the cycles.
 fn is_followed(offset: u64) -> bool {
-    offset % 8 < 4 && offset % 5 == 0
+    offset % 8 < 4 && offset % 5 < 2
 }
 
 /// It retracts along the normal and stands.

@@ -24,24 +24,22 @@ const PHASES: [Phase; 7] = [
     Phase::Hold,
     Phase::Retract,
 ];
-/// One of each that the others are like to bridge and law: an answer to a state to come, or twice to one, is none like an old one; what
-/// the law is told not to use and what it sees itself end alike; a frame without numbers is none; a state that comes twice is not answered.
-const DISTINCT: [Fault; 24] = [
+/// One of each that the others are like to bridge and law: answers that are refused for what they say; answers to a state to come, or twice
+/// to one, are none like old ones; what the law is told not to use and what it sees itself; a frame without numbers is none; a state that
+/// comes twice is not answered, and the answer to a late one is lost; a connection that is cut ends like one whose bridge is dead.
+const DISTINCT: [Fault; 21] = [
     Fault::BridgeDead,
     Fault::BridgeHung,
     Fault::NoCommand,
     Fault::ControllerDead,
     Fault::CommandNan,
-    Fault::CommandStrong,
     Fault::CommandOld,
     Fault::CommandSwapped,
     Fault::SecondSource,
     Fault::StatesLost,
     Fault::StatesThinned,
-    Fault::StateLate,
     Fault::StateNan,
     Fault::AnswersLost,
-    Fault::Disconnected,
     Fault::WrenchSilent,
     Fault::WrenchNan,
     Fault::WrenchFrozen,
@@ -189,17 +187,19 @@ fn no_other_two_faults_at_once_press_hard_or_leave_the_arm_in_motion() {
 /// Each fault alone, in every second phase.
 #[test]
 fn no_fault_in_any_phase_presses_hard_or_leaves_the_arm_in_motion() {
-    judge_all(PHASES.into_iter().flat_map(|phase| {
-        DISTINCT
+    let places = PHASES.into_iter().enumerate();
+    judge_all(places.flat_map(|(p, phase)| {
+        let alone = DISTINCT
             .into_iter()
             .enumerate()
-            .map(move |(i, fault)| Play {
-                phase,
-                first: fault,
-                second: fault,
-                apart: 0,
-                offset: TIMES[i % TIMES.len()].1 / 2,
-            })
+            .filter(move |(i, _)| (i + p) % 2 == 0);
+        alone.map(move |(i, fault)| Play {
+            phase,
+            first: fault,
+            second: fault,
+            apart: 0,
+            offset: TIMES[i % TIMES.len()].1 / 2,
+        })
     }));
 }
 

@@ -150,7 +150,7 @@ impl Cell {
         // No task was started yet.
         cell.law.begin(Clearance::Assumed);
         cell.law.stop();
-        cell.until("a wrench comes", |c| c.wrench.is_some());
+        cell.until("the arm is ready", |c| c.is_ready() && c.wrench.is_some());
         if learnt.is_none() {
             cell.steps(LEARNS);
             // Another thread may have been first.
@@ -229,6 +229,11 @@ impl Cell {
 
     pub fn gate(&self) -> &TorqueGate {
         &self.gate
+    }
+
+    /// A task could move the arm: it is taken, and nobody else drives it.
+    pub fn is_ready(&self) -> bool {
+        !self.has(Fault::EmergencyStop) && self.gate.holder() == Some(&self.source)
     }
 
     pub fn activation(&self) -> u64 {
@@ -466,7 +471,7 @@ impl Cell {
             dt_s: self.plant.period_s(),
             q: arm.q,
             qd: arm.qd,
-            arm_ready: !self.has(Fault::EmergencyStop) && !ended,
+            arm_ready: self.is_ready() && !ended,
             wrench: wrench.map_or_else(Wrench::zero, |(w, _)| w.wrench),
             wrench_validity: wrench.map_or(Validity::Missing, |(w, _)| w.validity),
             wrench_age_s: wrench.map_or(f64::INFINITY, |(_, at)| now_s - at),
