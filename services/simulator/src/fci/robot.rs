@@ -17,10 +17,15 @@ use super::plant::TorquePlant;
 use super::protection::{Felt, commanded, moving, wrench_of};
 use super::settings::{RobotSettings, column_major, matrix};
 
-/// Bandwidth, rad/s, and damping ratio of the robot's own position hold. It acts on accelerations,
-/// so they are equal for all joints.
-const HOLD_RAD_PER_S: f64 = 60.0;
+/// Bandwidth, rad/s, and damping ratio of the robot's own position control in a motion. It acts on
+/// accelerations, so they are equal for all joints.
+const TRACK_RAD_PER_S: f64 = 60.0;
+/// Bandwidth of its hold outside of motions, rad/s: with more, the limited rate of the motors' torques
+/// turns the stop of an arm that was pushed into a swing that grows.
+const HOLD_RAD_PER_S: f64 = 30.0;
 const HOLD_DAMPING: f64 = 1.0;
+/// Time constant in which the motion and the torques before the hold fade, s: none of them jumps.
+const HOLD_FADE_S: f64 = 0.05;
 /// Damping while the arm is guided by hand, 1/s.
 const GUIDING_DAMPING_PER_S: f64 = 5.0;
 /// Number of answers over which the success rate is computed.
@@ -51,6 +56,8 @@ pub struct FciRobot {
     tau_d: Joints<7>,
     q_d: Joints<7>,
     dq_d: Joints<7>,
+    /// What is left in the hold of the torques before it, Nm.
+    fading: Joints<7>,
     tau_motor: Joints<7>,
     tau_motor_rate: Joints<7>,
     lost_in_row: u32,
@@ -87,7 +94,8 @@ impl FciRobot {
             tau_d: Joints::zeros(),
             q_d: q,
             dq_d: Joints::zeros(),
-            tau_motor: Joints::zeros(),
+            fading: Joints::zeros(),
+            tau_motor: model.gravity(&q),
             tau_motor_rate: Joints::zeros(),
             lost_in_row: 0,
             answered: 0,
@@ -431,9 +439,21 @@ impl FciRobot {
             self.hold_here();
             return mass * (reading.qd * -GUIDING_DAMPING_PER_S);
         }
-        let pull = (self.q_d - reading.q) * HOLD_RAD_PER_S.powi(2);
-        let brake = (self.dq_d - reading.qd) * (2.0 * HOLD_DAMPING * HOLD_RAD_PER_S);
-        let torque = mass * (pull + brake);
+        let holds = self.moving().is_none();
+        let bandwidth = if holds {
+            HOLD_RAD_PER_S
+        } else {
+            TRACK_RAD_PER_S
+        };
+        let pull = (self.q_d - reading.q) * bandwidth.powi(2);
+        let brake = (self.dq_d - reading.qd) * (2.0 * HOLD_DAMPING * bandwidth);
+        let torque = mass * (pull + brake) + self.fading;
+        let share = PERIOD_S / HOLD_FADE_S;
+        self.fading *= 1.0 - share;
+        if holds {
+            self.q_d += self.dq_d * PERIOD_S;
+            self.dq_d *= 1.0 - share;
+        }
         match self.model.limits().effort {
             Some(effort) => Joints::from_fn(|i, _| torque[i].clamp(-effort[i], effort[i])),
             None => torque,
@@ -484,8 +504,9 @@ impl FciRobot {
     }
 
     fn hold_here(&mut self) {
-        self.q_d = self.plant.reading().q;
-        self.dq_d = Joints::zeros();
+        let reading = self.plant.reading();
+        self.fading = self.tau_motor - self.loaded.gravity(&reading.q);
+        (self.q_d, self.dq_d) = (reading.q, reading.qd);
         self.tau_d = Joints::zeros();
         self.lost_in_row = 0;
     }
