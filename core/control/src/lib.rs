@@ -30,6 +30,7 @@ mod program;
 mod ranges;
 mod response_guard;
 mod run;
+mod state_interval;
 pub mod stiffness;
 pub mod surface;
 mod switching;
@@ -61,6 +62,7 @@ pub use path::{Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay,
 pub use phases::{Fault, Phase};
 pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
+pub use state_interval::StateInterval;
 pub use switching::{ChoiceRules, SwitchCause, SwitchRefusal};
 pub use tare_permission::{ContactSign, ControllerWord};
 pub use task::{

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::Vector3;
-use tangent_control::{ControlError, Phase};
+use tangent_control::{ControlError, Phase, StateInterval};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{Age, Gauge, HealthReporter, Histogram, Publisher, Rate, Received};
 use tangent_schemas::convert::cut;
@@ -59,6 +59,7 @@ pub struct Cycle<R: Runner> {
     meters: Meters,
     watch: Watch<R::Program>,
     arm: PinnedArm,
+    interval: StateInterval,
     /// Activation that the arm has latched out.
     latched: u64,
     /// Whether a command would move the arm now.
@@ -82,6 +83,7 @@ impl<R: Runner> Cycle<R> {
             meters: Meters::new(health),
             watch: Watch::new(mailbox, health),
             arm: PinnedArm::default(),
+            interval: StateInterval::default(),
             latched: 0,
             ready: false,
             position: Vector3::zeros(),
@@ -111,8 +113,10 @@ impl<R: Runner> Cycle<R> {
         let another_arm = self.arm.is_another(arm.publisher, active);
         // The arm has ended this task: it ignores every further command for it.
         let ended = another_arm || active && self.latched >= self.runner.activation();
+        let state = &arm.message;
         let packet = Packet {
             arm,
+            dt_s: self.interval.step(state.robot_time_s, state.period_s),
             arm_ready: self.ready && !ended,
         };
         let Some(output) = self.runner.step(&packet) else {

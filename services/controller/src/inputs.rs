@@ -21,6 +21,8 @@ use crate::age::{ContentAge, CycleAge};
 pub struct Packet<'a> {
     /// As it came.
     pub arm: &'a Received<ArmState>,
+    /// Time since the one before, s, by the robot's clock.
+    pub dt_s: f64,
     /// Whether a command of the running task would move the arm now.
     pub arm_ready: bool,
 }
@@ -89,6 +91,21 @@ pub struct WrenchNow {
     pub untared: Option<UntaredLoad>,
 }
 
+impl WrenchNow {
+    /// Before the first reading.
+    pub fn missing() -> Self {
+        Self {
+            wrench: Wrench::zero(),
+            validity: Validity::Missing,
+            age_s: f64::INFINITY,
+            delay_s: 0.0,
+            bias_age_s: None,
+            zero_bound_n: None,
+            untared: None,
+        }
+    }
+}
+
 impl WrenchReader {
     /// Reads from these.
     pub fn new(wrench: Latest<WrenchStamped>, status: Latest<WrenchStatus>) -> Self {
@@ -116,15 +133,7 @@ impl WrenchReader {
             self.late_s = self.age.take(new.publisher, stamp, new.received);
         }
         let Some((wrench, status)) = self.wrench.get().zip(self.status.get()) else {
-            return WrenchNow {
-                wrench: Wrench::zero(),
-                validity: Validity::Missing,
-                age_s: f64::INFINITY,
-                delay_s: 0.0,
-                bias_age_s: None,
-                zero_bound_n: None,
-                untared: None,
-            };
+            return WrenchNow::missing();
         };
         let validity = Validity::from(status.message.validity);
         let said = wrench.message.header.stamp.to_ns();
@@ -221,7 +230,7 @@ impl Inputs {
                 .received
                 .saturating_duration_since(self.started)
                 .as_secs_f64(),
-            dt_s: state.period_s,
+            dt_s: packet.dt_s,
             q: joints(&state.q).ok()?,
             qd: joints(&state.qd).ok()?,
             base_from_tool,

@@ -1,8 +1,6 @@
 //! Estimates of an object's pose that a task may use: which one is used, when the next is chosen,
 //! when a switch is refused.
 
-use std::time::Duration;
-
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use tangent_control::{
@@ -12,10 +10,11 @@ use tangent_estimation::object_pose::{ImplicitSurface, ObjectShape};
 use tangent_estimation::{NormalEstimate, ObjectEstimate};
 use tangent_mechanics::{Base, Object, Pose, Twist};
 use tangent_runtime::Latest;
-use tangent_schemas::tangent::{ArmState, ObjectEstimate as Message};
+use tangent_schemas::tangent::ObjectEstimate as Message;
 use tangent_sensing::Validity;
 
 use super::choice::Choice;
+use super::program::TorqueInput;
 use crate::age::CycleAge;
 
 struct Reader {
@@ -60,22 +59,22 @@ impl ObjectReaders {
     }
 
     /// The estimate to use in this cycle, and its age, s; marked as invalid if it must not be used.
-    /// `since_packet` is the time since the robot's newest packet `arm` arrived. `normal` is the
-    /// one in use, base axes; `way_m` is the distance slid since the cycle before.
+    /// `normal` is the one in use, base axes; `way_m` is the distance slid since the cycle before.
     pub fn read(
         &mut self,
-        arm: &ArmState,
-        since_packet: Duration,
+        input: &TorqueInput<'_>,
         normal: Option<Vector3<f64>>,
         way_m: f64,
     ) -> Option<(ObjectEstimate, f64)> {
+        let arm = input.arm;
         for reader in &mut self.readers {
             reader.now = reader.newest.get().map(|received| {
                 let message = &received.message;
                 let said = (received.publisher, message.header.stamp.to_ns());
+                let age = received.age();
                 let age_s = reader
                     .age
-                    .of(said, message.cycle, received.age(), arm, since_packet);
+                    .of(said, message.cycle, age, arm, input.since_packet);
                 (estimate(message), age_s)
             });
         }
@@ -88,7 +87,7 @@ impl ObjectReaders {
                 age_s,
             })
         });
-        let used = self.choice.step(normals, normal, way_m, arm.period_s)?;
+        let used = self.choice.step(normals, normal, way_m, input.dt_s)?;
         let (mut estimate, age_s) = self.readers.get(self.choice.active())?.now?;
         estimate.validity = used.estimate.validity;
         Some((estimate, age_s))
@@ -225,9 +224,15 @@ mod tests {
 
         fn next(&mut self) -> Option<f64> {
             self.arm.cycle += 1;
-            let read = self
-                .readers
-                .read(&self.arm, Duration::ZERO, Some(Vector3::z()), 0.0);
+            let input = TorqueInput {
+                arm: &self.arm,
+                dt_s: PERIOD_S,
+                since_packet: Duration::ZERO,
+                time_s: 0.0,
+                arm_ready: true,
+                wrench: WrenchNow::missing(),
+            };
+            let read = self.readers.read(&input, Some(Vector3::z()), 0.0);
             read.filter(|(e, _)| e.validity.is_valid())
                 .map(|(e, _)| e.base_from_object.rotation().angle())
         }

@@ -144,13 +144,11 @@ impl TorqueProgram for ObjectProgram {
 
     fn step(&mut self, input: &TorqueInput<'_>) -> Option<TorqueAnswer> {
         let way_m = input.slid_m(self.law.phase());
-        let estimate = self
-            .readers
-            .read(input.arm, input.since_packet, self.normal, way_m);
+        let estimate = self.readers.read(input, self.normal, way_m);
         let wrench = &input.wrench;
         let output = self.law.step(&HybridInput {
             time_s: input.time_s,
-            dt_s: input.arm.period_s,
+            dt_s: input.dt_s,
             q: joints(&input.arm.q).ok()?,
             qd: joints(&input.arm.qd).ok()?,
             arm_ready: input.arm_ready,

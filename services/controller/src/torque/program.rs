@@ -15,6 +15,8 @@ use crate::runner::Report;
 pub struct TorqueInput<'a> {
     /// The packet.
     pub arm: &'a ArmState,
+    /// Time since the one before, s, by the robot's clock.
+    pub dt_s: f64,
     /// Time since it came.
     pub since_packet: Duration,
     /// Time of this cycle, s, on a clock that does not jump.
@@ -32,7 +34,7 @@ impl TorqueInput<'_> {
             return 0.0;
         }
         let v = &self.arm.tool_twist.linear;
-        (v.x * v.x + v.y * v.y + v.z * v.z).sqrt() * self.arm.period_s
+        (v.x * v.x + v.y * v.y + v.z * v.z).sqrt() * self.dt_s
     }
 }
 

@@ -151,6 +151,7 @@ impl Runner for TorqueRunner {
         let answer = match &mut self.program {
             Some(program) => program.step(&TorqueInput {
                 arm: &arm.message,
+                dt_s: packet.dt_s,
                 since_packet: arm.received.elapsed(),
                 time_s: arm
                     .received

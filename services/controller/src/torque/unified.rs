@@ -204,14 +204,13 @@ impl TorqueProgram for UnifiedProgram {
             .readers
             .iter_mut()
             .map(|reader| read_estimate(reader, input.arm, input.since_packet));
-        let dt_s = input.arm.period_s;
-        let touch = self.choice.step(said, self.normal, way_m, dt_s);
+        let touch = self.choice.step(said, self.normal, way_m, input.dt_s);
         let touch = touch.filter(|e| e.age_s <= self.patience_s);
         let wrench = &input.wrench;
         let vision = self.look(input);
         let output = self.law.step(&UnifiedInput {
             time_s: input.time_s,
-            dt_s: input.arm.period_s,
+            dt_s: input.dt_s,
             q: joints(&input.arm.q).ok()?,
             qd: joints(&input.arm.qd).ok()?,
             arm_ready: input.arm_ready,

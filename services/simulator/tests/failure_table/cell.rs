@@ -4,7 +4,7 @@
 use nalgebra::Vector6;
 use tangent_control::{
     CommandKind, ControlInput, ControlOutput, Controller as Law, EstimateInput, MAX_ESTIMATORS,
-    Phase, Program, UntaredLoad,
+    Phase, Program, StateInterval, UntaredLoad,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench};
@@ -89,6 +89,7 @@ pub struct Cell {
     /// What the law has of it, and when it was made.
     estimate: Option<(NormalEstimate, f64)>,
     scenario: Scenario,
+    interval: StateInterval,
     law: Law,
     program: Program,
     source: Source,
@@ -187,6 +188,7 @@ impl Cell {
             pose_before: (plant.truth().base_from_tool, 0.0),
             estimator: build("blend", &scenario.estimation).unwrap(),
             estimate: None,
+            interval: StateInterval::default(),
             law,
             program: Program::new(&scenario.task, &config).unwrap(),
             source: source("controller/cell-1", 1),
@@ -625,7 +627,9 @@ impl Cell {
             && self.bridge.guard().activation_latched() >= self.law.activation();
         let input = ControlInput {
             time_s: now_s,
-            dt_s: self.period_s(),
+            dt_s: self
+                .interval
+                .step(self.bridge.sample().timestamp_s, self.period_s()),
             q: arm.q,
             qd: arm.qd,
             base_from_tool,

@@ -6,8 +6,8 @@ use std::sync::OnceLock;
 
 use nalgebra::Vector3;
 use tangent_control::{
-    Clearance, ControlError, Phase, TorqueInterface, UnifiedForceImpedance, UnifiedInput,
-    UnifiedOutput, VisionInput,
+    Clearance, ControlError, Phase, StateInterval, TorqueInterface, UnifiedForceImpedance,
+    UnifiedInput, UnifiedOutput, VisionInput,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
 use tangent_franka::bridge::Bridge;
@@ -94,6 +94,7 @@ pub struct Cell {
     free: Vec<Wrench<Tool>>,
     wrench: Option<Heard>,
     stated: Arm<7>,
+    interval: StateInterval,
     law: UnifiedForceImpedance,
     activation: u64,
     source: Source,
@@ -182,6 +183,7 @@ impl Cell {
             last_sent: None,
             held_back: None,
             stated,
+            interval: StateInterval::default(),
             law,
             activation: 0,
             source: source("controller/cell-1", 1),
@@ -691,7 +693,9 @@ impl Cell {
         let heard = self.wrench;
         let input = UnifiedInput {
             time_s: now_s,
-            dt_s: PERIOD_S,
+            dt_s: self
+                .interval
+                .step(state.message_id as f64 * PERIOD_S, PERIOD_S),
             q: Joints::from(state.q),
             qd: Joints::from(state.dq),
             arm_ready: self.is_ready() && !ended,

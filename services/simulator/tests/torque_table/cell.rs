@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use nalgebra::Vector6;
 use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
-use tangent_control::{Clearance, ControlError, Phase, UntaredLoad};
+use tangent_control::{Clearance, ControlError, Phase, StateInterval, UntaredLoad};
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{ObjectEstimate, ObjectPoseEstimator, ObjectSample};
 use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};
@@ -56,6 +56,7 @@ pub struct Cell {
     estimator: Box<dyn ObjectPoseEstimator>,
     /// What the law has of it, and of which cycle.
     estimate: Option<(ObjectEstimate, u64)>,
+    interval: StateInterval,
     law: HybridDynamics,
     activation: u64,
     source: Source,
@@ -132,6 +133,7 @@ impl Cell {
             estimator: build_object_estimator(scenario.estimator(), &scenario.estimation, &camera)
                 .unwrap(),
             estimate: None,
+            interval: StateInterval::default(),
             law,
             activation: 0,
             source: source("controller/cell-1", 1),
@@ -468,7 +470,7 @@ impl Cell {
         let estimate = self.estimate;
         let input = HybridInput {
             time_s: now_s,
-            dt_s: self.plant.period_s(),
+            dt_s: self.interval.step(now_s, self.plant.period_s()),
             q: arm.q,
             qd: arm.qd,
             arm_ready: self.is_ready() && !ended,

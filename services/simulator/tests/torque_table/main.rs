@@ -173,6 +173,19 @@ fn what_is_borne_is_borne() {
     }
 }
 
+/// It says so, and not that the tool were not free.
+#[test]
+fn an_emergency_stop_while_the_tool_moves_off_ends_the_task() {
+    let mut cell = Cell::in_phase(Phase::Clear);
+    cell.step();
+    assert_eq!(cell.phase(), Phase::Clear);
+    cell.faults.push(Fault::EmergencyStop);
+    cell.step();
+    assert!(!cell.phase().is_active(), "{:?}", cell.phase());
+    let why = cell.output.unwrap().fault;
+    assert_eq!(why, Some(TaskFault::ArmNotReady));
+}
+
 #[test]
 fn an_emergency_stop_ends_the_task_in_its_period() {
     for offset in 0..OFFSETS {

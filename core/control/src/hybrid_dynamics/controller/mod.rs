@@ -543,7 +543,7 @@ impl HybridDynamics {
             _ if begun && zero_lost => Some(Fault::ZeroLost),
             _ if sliding && self.task.zero.error_max_n.is_some_and(is_old) => Some(Fault::ZeroOld),
             _ if outside && begun => Some(Fault::Workspace),
-            _ if !input.arm_ready && begun => Some(Fault::ArmNotReady),
+            _ if !input.arm_ready && self.run.phase != Phase::Tare => Some(Fault::ArmNotReady),
             _ if task_s > 0.0 && self.run.since_s - self.run.paused_s > task_s => {
                 Some(Fault::TaskTimeout)
             }

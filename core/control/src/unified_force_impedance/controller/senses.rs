@@ -184,7 +184,7 @@ impl UnifiedForceImpedance {
             _ if begun && felt.hidden => Some(Fault::UntaredLimit),
             _ if sliding && self.task.zero.error_max_n.is_some_and(is_old) => Some(Fault::ZeroOld),
             _ if outside && begun => Some(Fault::Workspace),
-            _ if !input.arm_ready && begun => Some(Fault::ArmNotReady),
+            _ if !input.arm_ready && self.run.phase != Phase::Tare => Some(Fault::ArmNotReady),
             _ if task_s > 0.0 && self.run.since_s > task_s => Some(Fault::TaskTimeout),
             _ if self.run.blind_s > self.config.patience.estimate_retract_s => {
                 Some(Fault::Estimate(normal.validity))

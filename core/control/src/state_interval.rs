@@ -1,0 +1,57 @@
+//! Time between two states of the robot.
+
+/// States may be lost between robot and loop. What a law counts in time it counts by the robot's clock, not by the states that came.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StateInterval {
+    last_s: Option<f64>,
+}
+
+impl StateInterval {
+    /// Most periods that one state stands for. Beyond, the bridge has begun to stop the arm, and a filter with so long a step is
+    /// another filter.
+    pub const MOST_PERIODS: f64 = 4.0;
+
+    /// Time since the state before, s: whole periods of `period_s`, at least one and at most [`Self::MOST_PERIODS`]. One where the
+    /// robot's time `robot_time_s` (s) says nothing: in the first state, after a restart, when it stands still.
+    pub fn step(&mut self, robot_time_s: f64, period_s: f64) -> f64 {
+        let last_s = self.last_s.replace(robot_time_s);
+        let periods = last_s.map_or(1.0, |last_s| ((robot_time_s - last_s) / period_s).round());
+        // `max` before `min`: of NaN it makes one.
+        period_s * periods.max(1.0).min(Self::MOST_PERIODS)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_S: f64 = 0.008;
+
+    #[test]
+    fn a_lost_state_makes_the_next_one_longer() {
+        let mut interval = StateInterval::default();
+        // The robot's clock has a microsecond's noise.
+        for (robot_time_s, periods) in [
+            (100.0, 1.0),
+            (100.008_001, 1.0),
+            (100.015_999, 1.0),
+            (100.032, 2.0),
+            (100.040, 1.0),
+            (101.0, StateInterval::MOST_PERIODS),
+        ] {
+            assert_eq!(interval.step(robot_time_s, PERIOD_S), periods * PERIOD_S);
+        }
+    }
+
+    #[test]
+    fn a_clock_that_says_nothing_makes_it_one_period() {
+        let mut interval = StateInterval::default();
+        for robot_time_s in [5.0, 5.0, 1.0, f64::NAN, 1.008, f64::NEG_INFINITY] {
+            assert_eq!(interval.step(robot_time_s, PERIOD_S), PERIOD_S);
+        }
+        assert_eq!(
+            interval.step(f64::INFINITY, PERIOD_S),
+            StateInterval::MOST_PERIODS * PERIOD_S
+        );
+    }
+}
