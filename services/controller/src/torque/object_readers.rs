@@ -154,11 +154,14 @@ fn estimate(message: &Message) -> ObjectEstimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inputs::WrenchNow;
     use crate::torque::choice::rules;
+    use std::time::Duration;
     use tangent_control::{PatienceConfig, SwitchingSpec};
     use tangent_runtime::{Bus, Publisher};
     use tangent_schemas::Covariance;
     use tangent_schemas::standard::Header;
+    use tangent_schemas::tangent::ArmState;
     use tangent_schemas::topics;
 
     const PATIENCE_S: f64 = 20.0;
