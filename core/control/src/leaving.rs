@@ -11,6 +11,9 @@ use crate::urgent::outside;
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Clearance, ControlInput, ControllerConfig, Fault, Limits, Phase, Program};
 
+/// A tool that has slid for less than this since it came back has got nowhere, s.
+const SLID_ON_S: f64 = 0.5;
+
 impl Run {
     /// Keeps in mind where the tool may touch, and which way is away. Nothing moves in `tare`.
     pub(crate) fn remember(&mut self, input: &ControlInput, percept: &Percept) {
@@ -183,8 +186,14 @@ impl Run {
                 .is_none_or(|bound_n| bound_n > error_max_n)
     }
 
+    /// A zero that was taken anew in this run is too old as soon as the tool is back: another one would not help.
+    pub(crate) fn is_new_zero_no_help(&self) -> bool {
+        self.renewed && self.phase == Phase::Slide && self.time_in_phase_s() < SLID_ON_S
+    }
+
     /// Off the surface for a new zero; the path waits.
     pub(crate) fn lift_off(&mut self, percept: &Percept) {
+        self.renewed = true;
         self.tracking.freeze();
         self.retract = self.way_off();
         self.enter(Phase::Clear, percept);

@@ -1,7 +1,7 @@
 //! Parameters that can be set while a task runs.
 
-use crate::ControlError;
 use crate::error::check_range;
+use crate::{ControlError, Limits};
 
 /// A live parameter, as in `param/controller/NAME`. Each comes into force over a ramp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,16 @@ impl Parameter {
         }
     }
 
-    /// Least and largest value.
+    /// Least and largest value on an arm with these limits: no force is asked for at which the task would end.
+    pub fn range_within(self, limits: &Limits) -> (f64, f64) {
+        let (lower, upper) = self.range();
+        match self {
+            Self::ForceReference => (lower, upper.min(limits.force_max_n).max(lower)),
+            _ => (lower, upper),
+        }
+    }
+
+    /// Least and largest value on any arm.
     pub fn range(self) -> (f64, f64) {
         match self {
             Self::ForceReference => (0.5, 100.0),
@@ -74,5 +83,18 @@ mod tests {
         }
         let error = Parameter::parse("force", 1.0).unwrap_err().to_string();
         assert!(error.contains("force_reference_n"), "{error}");
+    }
+
+    #[test]
+    fn no_force_is_asked_for_beyond_the_limit() {
+        let limits = Limits {
+            force_max_n: 30.0,
+            ..Limits::default()
+        };
+        assert_eq!(Parameter::ForceReference.range_within(&limits), (0.5, 30.0));
+        assert_eq!(
+            Parameter::Speed.range_within(&limits),
+            Parameter::Speed.range()
+        );
     }
 }

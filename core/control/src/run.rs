@@ -84,6 +84,8 @@ pub(crate) struct Run {
     pub left: Leaving,
     /// Where the tool stood when the zero in force was taken; none once the surface was felt after it.
     tared_at: Option<Vector3<f64>>,
+    /// The tool has lifted off for a new zero in this run.
+    pub renewed: bool,
     /// The zero turned out to be taken in contact.
     pub zero_withdrawn: bool,
 }
@@ -125,6 +127,7 @@ impl Run {
             leave: LeaveWatch::default(),
             left: Leaving::Going,
             tared_at: None,
+            renewed: false,
             zero_withdrawn: false,
         }
     }
@@ -349,7 +352,8 @@ impl Run {
                 return self.leave(percept, Some(fault));
             }
             if self.is_zero_old(program, input) {
-                if task.zero.at_limit == ZeroAtLimit::Stop || input.base.is_some() {
+                let stops = task.zero.at_limit == ZeroAtLimit::Stop || input.base.is_some();
+                if stops || self.is_new_zero_no_help() {
                     return self.leave(percept, Some(Fault::ZeroOld));
                 }
                 return self.lift_off(percept);

@@ -559,6 +559,33 @@ fn a_zero_too_old_is_taken_anew_or_ends_the_task() {
     }
 }
 
+/// A sensor that drifts so fast that the zero is too old when the tool is back ends the task, and does not send it to and fro.
+#[test]
+fn a_zero_that_ages_faster_than_it_is_taken_ends_the_task() {
+    let task = TASK.replace("tare = false", "tare = true").replace(
+        "force.reference_n",
+        "zero.error_max_n = 0.04\nzero.at_limit = \"retare\"\nforce.reference_n",
+    );
+    let mut bench = Bench::new(&task);
+    let (mut tared_s, mut tares) = (None, 0);
+    let mut last = Phase::Idle;
+    while bench.time_s < 60.0 && (last.is_active() || bench.time_s < 1.0) {
+        let now = bench.time_s;
+        let output = bench.step(|input| {
+            input.bias_age_s = tared_s.map(|at| now - at);
+            input.zero_bound_n = tared_s.map(|at| 0.1 * (now - at));
+        });
+        tares += u32::from(output.phase == Phase::Tare && last != Phase::Tare);
+        if output.phase == Phase::Tare {
+            tared_s = Some(now);
+        }
+        last = output.phase;
+    }
+    let output = bench.last.as_ref().unwrap();
+    assert_eq!(output.fault, Some(Fault::ZeroOld));
+    assert_eq!(tares, 2);
+}
+
 /// A wrench that is late again and again, as on a busy host, interrupts the approach and does not begin it anew.
 #[test]
 fn an_approach_that_is_interrupted_counts_its_way_from_where_it_began() {

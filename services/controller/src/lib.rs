@@ -184,7 +184,7 @@ fn live_parameters(parameters: &Parameters, config: &Config) -> [tangent_runtime
                 config.control.force.damping_n_s_per_m,
             ),
         };
-        let (lower, upper) = parameter.range();
+        let (lower, upper) = parameter.range_within(&config.limits);
         parameters.number(parameter.name(), default, lower..=upper, unit, words)
     })
 }

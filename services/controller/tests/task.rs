@@ -187,6 +187,8 @@ fn parameters_show_the_tasks_values_and_change_them() {
         assert!(shown.message.contains("= 3 N"), "{}", shown.message);
         assert!(cell.ask(key, "set", "4.5").unwrap().done);
         assert!(!cell.ask(key, "set", "-1").unwrap().done);
+        // Beyond the force at which the task would end.
+        assert!(!cell.ask(key, "set", "90").unwrap().done);
         let mut state = ControlState::default();
         for _ in 0..2000 {
             cell.packet(true);

@@ -13,7 +13,7 @@ mod unified;
 
 use std::sync::Arc;
 
-use tangent_control::Parameter;
+use tangent_control::{Limits, Parameter};
 use tangent_runtime::{Bus, HealthReporter, Parameters, StateFolder, Stop};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::topics;
@@ -37,12 +37,12 @@ use unified::Unified;
 pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
     match config {
         TorqueConfig::HybridDynamics(config) => {
-            let state = config.state.clone();
-            run_kind(Objects::new(&bus, *config)?, state, &bus, &stop)
+            let (state, limits) = (config.state.clone(), config.limits);
+            run_kind(Objects::new(&bus, *config)?, state, &limits, &bus, &stop)
         }
         TorqueConfig::UnifiedForceImpedance(config) => {
-            let state = config.state.clone();
-            run_kind(Unified::new(&bus, *config)?, state, &bus, &stop)
+            let (state, limits) = (config.state.clone(), config.limits);
+            run_kind(Unified::new(&bus, *config)?, state, &limits, &bus, &stop)
         }
     }
 }
@@ -50,6 +50,7 @@ pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), Cont
 fn run_kind<K: Kind<Program = Boxed>>(
     kind: K,
     state: Option<StateFolder>,
+    limits: &Limits,
     bus: &Bus,
     stop: &Stop,
 ) -> Result<(), ControllerError> {
@@ -58,7 +59,7 @@ fn run_kind<K: Kind<Program = Boxed>>(
     let mailbox = Arc::new(Mailbox::default());
     let command = bus.publisher(&topics::ARM_COMMAND)?;
     let own_id = command.mark();
-    let (lower, upper) = Parameter::ForceReference.range();
+    let (lower, upper) = Parameter::ForceReference.range_within(limits);
     let force_reference = parameters.number(
         Parameter::ForceReference.name(),
         lower,
