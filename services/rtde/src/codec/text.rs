@@ -41,7 +41,7 @@ impl TextLevel {
     }
 }
 
-/// A line for the log. Texts are at most 255 bytes on the wire; what is longer is cut.
+/// A line for the log. With a length on the wire a text is at most 255 bytes; what is longer is cut.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextMessage {
     /// What is said.
@@ -56,9 +56,9 @@ impl TextMessage {
     /// The layout with lengths: v2 in both directions, and v1 from client to controller.
     pub(super) fn encode_full(&self, out: &mut Vec<u8>) {
         for text in [&self.message, &self.source] {
-            let bytes = cut(text, 255);
-            out.push(bytes.len() as u8);
-            out.extend_from_slice(bytes);
+            let text = cut(text);
+            out.push(text.len() as u8);
+            out.extend_from_slice(text.as_bytes());
         }
         out.push(self.level.number());
     }
@@ -66,7 +66,7 @@ impl TextMessage {
     /// v1 from controller to client: level, then the message to the end.
     pub(super) fn encode_v1_reply(&self, out: &mut Vec<u8>) {
         out.push(self.level.number());
-        out.extend_from_slice(cut(&self.message, 255));
+        out.extend_from_slice(self.message.as_bytes());
     }
 
     pub(super) fn decode_full(payload: &[u8]) -> Result<Self, DecodeError> {
@@ -77,8 +77,8 @@ impl TextMessage {
             return Err(DecodeError::length("TEXT_MESSAGE", payload.len()));
         };
         Ok(Self {
-            message: String::from_utf8_lossy(message).into_owned(),
-            source: String::from_utf8_lossy(source).into_owned(),
+            message: readable(message),
+            source: readable(source),
             level: TextLevel::from_number(*level),
         })
     }
@@ -105,11 +105,16 @@ fn counted(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     rest.split_at_checked(usize::from(*n))
 }
 
-/// The first bytes of `text`, whole characters only.
-fn cut(text: &str, limit: usize) -> &[u8] {
-    let mut end = limit.min(text.len());
+/// As text. The sign in place of a byte that is none is longer than the byte, so that the whole may have to be cut.
+fn readable(bytes: &[u8]) -> String {
+    cut(&String::from_utf8_lossy(bytes)).to_owned()
+}
+
+/// The first 255 bytes of `text`, whole characters only.
+fn cut(text: &str) -> &str {
+    let mut end = text.len().min(255);
     while !text.is_char_boundary(end) {
         end -= 1;
     }
-    &text.as_bytes()[..end]
+    &text[..end]
 }
