@@ -120,12 +120,14 @@ fn decode_names(list: &[u8]) -> Result<Vec<String>, DecodeError> {
     if list.len() > NAMES_BYTES_MAX {
         return Err(DecodeError::NamesTooLong { bytes: list.len() });
     }
-    let list = list.strip_suffix(b",").unwrap_or(list);
-    if list.is_empty() {
+    // The sign in place of a byte that is no text is longer than the byte.
+    let text = String::from_utf8_lossy(list);
+    if text.len() > NAMES_BYTES_MAX {
+        return Err(DecodeError::NamesTooLong { bytes: text.len() });
+    }
+    let names = text.strip_suffix(',').unwrap_or(&text);
+    if names.is_empty() {
         return Ok(Vec::new());
     }
-    Ok(list
-        .split(|b| *b == b',')
-        .map(|name| String::from_utf8_lossy(name).into_owned())
-        .collect())
+    Ok(names.split(',').map(str::to_owned).collect())
 }
