@@ -16,8 +16,9 @@ impl StateInterval {
     pub fn step(&mut self, robot_time_s: f64, period_s: f64) -> f64 {
         let last_s = self.last_s.replace(robot_time_s);
         let periods = last_s.map_or(1.0, |last_s| ((robot_time_s - last_s) / period_s).round());
-        // `max` before `min`: of NaN it makes one.
-        period_s * periods.max(1.0).min(Self::MOST_PERIODS)
+        // Not a number of periods: one.
+        let periods = if periods >= 1.0 { periods } else { 1.0 };
+        period_s * periods.min(Self::MOST_PERIODS)
     }
 }
 
