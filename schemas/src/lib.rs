@@ -4,6 +4,7 @@
 //! other. Services publish and subscribe through the typed constants in [`topics`].
 
 pub mod cdr;
+mod command_kind;
 pub mod convert;
 mod covariance;
 pub mod definition;
@@ -11,6 +12,7 @@ pub mod standard;
 pub mod tangent;
 pub mod topics;
 
+pub use command_kind::CommandKind;
 pub use covariance::Covariance;
 
 use arrayvec::{ArrayString, ArrayVec};

@@ -70,7 +70,7 @@ message! {
         pub header: Header,
         /// `ArmState.cycle` that this answers.
         pub cycle: u64,
-        /// 0 hold, 1 joint velocity, 2 joint torque, 3 soft stop.
+        /// Number of a [`crate::CommandKind`]: 0 hold, 1 joint velocity, 2 joint torque, 3 soft stop.
         pub kind: u8,
         /// rad/s or Nm, base to flange.
         pub values: JointArray,

@@ -141,19 +141,6 @@ pub struct ControlInput {
     pub base: Option<BaseMotion>,
 }
 
-/// What kind of command an output is; the numeric value is that of `ArmCommand.kind`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(u8)]
-pub enum CommandKind {
-    /// Stand still; nothing is asked of the arm.
-    #[default]
-    Hold = 0,
-    /// Follow joint velocities.
-    JointVelocity = 1,
-    /// Give these joint torques.
-    JointTorque = 2,
-}
-
 /// One cycle's command and everything that `ControlState` publishes.
 #[derive(Clone, Copy, Debug)]
 pub struct ControlOutput {

@@ -54,7 +54,7 @@ pub use estimator_choice::{EstimateStatus, EstimatorChoice};
 pub use hybrid_dynamics::FrictionConfig;
 pub use hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
 pub use interface::{
-    CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS, UntaredLoad,
+    ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS, UntaredLoad,
 };
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameter::Parameter;
@@ -69,6 +69,7 @@ pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis, ZeroAtLimit, ZeroSpec,
 };
+pub use tangent_schemas::CommandKind;
 pub use unified_force_impedance::{
     BendChange, TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
     UnifiedInput, UnifiedOutput, VisionInput,

@@ -1,7 +1,7 @@
 //! Franka bridge over FCI: state and external wrench out, guarded joint torque in.
 //!
 //! [`run`] keeps a connection to the robot for ever: it sets the robot up, runs a torque motion while somebody commands, and
-//! answers each of the robot's packets in the same cycle with what `arm/command` holds, once that has passed the [`guard`].
+//! answers each of the robot's packets in the same cycle with what `arm/command` holds, once that has passed the gate ([`tangent_actuation`]).
 //! The parts below it are pure: [`fci`] is the protocol (both sides), [`session`] the conversation, [`bridge`] the whole
 //! state machine.
 
@@ -13,14 +13,10 @@ mod estimate;
 pub mod fci;
 #[cfg(test)]
 mod fci_tests;
-pub mod guard;
-#[cfg(test)]
-mod guard_tests;
 pub mod inquiry;
 mod link;
 mod meters;
 mod modes;
-mod refusal;
 pub mod session;
 pub mod settings;
 mod shared;

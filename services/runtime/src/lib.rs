@@ -32,7 +32,6 @@ pub mod clock_offset;
 pub mod config;
 pub mod ending;
 pub mod health;
-pub mod lease;
 pub mod log;
 pub mod meter;
 pub mod parameters;

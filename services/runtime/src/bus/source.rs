@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use tangent_schemas::topics::Sources;
 
 use super::attachment::BusId;
-use crate::lease::SILENCE_S;
+use tangent_actuation::lease::SILENCE_S;
 
 /// A publisher that says nothing for so long has gone.
 const SILENCE: Duration = Duration::from_millis((1e3 * SILENCE_S) as u64);

@@ -14,10 +14,10 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use tangent_actuation::lease::Source;
 use tangent_estimation::CORNERS;
 use tangent_mechanics::Joints;
 use tangent_runtime::clock::{DeadlineClock, now_ns};
-use tangent_runtime::lease::Source;
 use tangent_runtime::realtime::setup_thread;
 use tangent_runtime::{
     Bus, BusError, Counter, HealthReporter, Histogram, Publisher, Rate, Stop, Subscription,
@@ -32,7 +32,7 @@ use crate::config::Ports;
 use crate::netb::{BoxSample, NetbBox, SampleFeed};
 use crate::service::{FAULT_KEY, truth_message};
 
-pub use gate::{TorqueGate, TorqueRefusal};
+pub use gate::TorqueGate;
 use images::{Shot, draw_images};
 use state::StateMaker;
 
@@ -124,7 +124,7 @@ pub fn run_torque_cell(
     let model = loaded_arm::<6>(&config.plant.robot, &config.plant.tool, false)?;
     let arm = plant.arm();
     let mut cell = TorqueCell {
-        gate: TorqueGate::new(model, &arm.q),
+        gate: TorqueGate::new(model, &arm.q, plant.period_s()),
         state: StateMaker::new(model, plant.flange_from_tool(), plant.period_s()),
         publisher: bus.publisher(&topics::ARM_STATE)?,
         commands: bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?,

@@ -111,20 +111,27 @@ fn without_a_command_the_bridge_holds_for_two_cycles_and_ramps_in_the_third() {
         let last = cell.output.unwrap().qd;
         for _ in 0..2 {
             cell.step();
-            assert_eq!(*cell.bridge().guard().qd(), last, "{offset}");
+            assert_eq!(*cell.bridge().gate().qd(), last, "{offset}");
         }
         let mut before = last.norm();
         while before > 0.0 {
             cell.step();
-            let now = cell.bridge().guard().qd().norm();
+            let now = cell.bridge().gate().qd().norm();
             assert!(now < before, "{offset}: {now} after {before}");
             before = now;
         }
-        let guard = cell.bridge().guard();
-        assert!(guard.missed() >= 3, "{offset}: {}", guard.missed());
+        let gate = cell.bridge().gate();
+        assert!(
+            gate.admission.missed() >= 3,
+            "{offset}: {}",
+            gate.admission.missed()
+        );
         // 0.1 s of silence end the task.
         cell.steps((0.16 / cell.period_s()) as u64);
-        assert!(cell.bridge().guard().activation_latched() > 0, "{offset}");
+        assert!(
+            cell.bridge().gate().admission.activation_latched() > 0,
+            "{offset}"
+        );
     }
 }
 
@@ -137,13 +144,13 @@ fn a_bad_command_is_refused_and_ramped_down_from_in_its_cycle() {
         for (flavour, offset) in every_third(i) {
             let mut cell = with(fault, flavour, offset);
             let (last, refused) = (
-                cell.bridge().guard().qd().norm(),
-                cell.bridge().guard().refused(),
+                cell.bridge().gate().qd().norm(),
+                cell.bridge().gate().admission.refused(),
             );
             cell.step();
-            let guard = cell.bridge().guard();
-            assert_eq!(guard.refused(), refused + 1, "{fault:?}, {offset}");
-            assert!(guard.qd().norm() < last, "{fault:?}, {offset}");
+            let gate = cell.bridge().gate();
+            assert_eq!(gate.admission.refused(), refused + 1, "{fault:?}, {offset}");
+            assert!(gate.qd().norm() < last, "{fault:?}, {offset}");
         }
     }
 }
@@ -152,18 +159,18 @@ fn a_bad_command_is_refused_and_ramped_down_from_in_its_cycle() {
 fn an_old_command_is_refused_in_its_cycle_and_counts_as_none() {
     for (flavour, offset) in both() {
         let mut cell = with(Fault::CommandOld, flavour, offset);
-        let mut last = *cell.bridge().guard().qd();
+        let mut last = *cell.bridge().gate().qd();
         for silent in 1..=3 {
-            let refused = cell.bridge().guard().refused();
+            let refused = cell.bridge().gate().admission.refused();
             cell.step();
-            let guard = cell.bridge().guard();
-            assert_eq!(guard.refused(), refused + 1, "{offset}");
+            let gate = cell.bridge().gate();
+            assert_eq!(gate.admission.refused(), refused + 1, "{offset}");
             assert_eq!(
-                guard.qd().norm() < last.norm(),
+                gate.qd().norm() < last.norm(),
                 silent > 2,
                 "{offset}, {silent}"
             );
-            last = *guard.qd();
+            last = *gate.qd();
         }
     }
 }
@@ -304,7 +311,7 @@ fn a_robot_that_stops_by_itself_ends_the_task_in_that_cycle() {
                 true
             });
             assert!(
-                cell.bridge().guard().activation_latched() >= activation,
+                cell.bridge().gate().admission.activation_latched() >= activation,
                 "{what}"
             );
             cell.steps(100);

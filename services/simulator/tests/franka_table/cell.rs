@@ -5,19 +5,19 @@
 use std::sync::OnceLock;
 
 use nalgebra::Vector3;
+use tangent_actuation::Command;
+use tangent_actuation::lease::{SILENCE_S, Source};
 use tangent_control::{
     Clearance, ControlError, Phase, StateInterval, TorqueInterface, UnifiedForceImpedance,
     UnifiedInput, UnifiedOutput, VisionInput,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
-use tangent_franka::bridge::Bridge;
+use tangent_franka::bridge::{Bridge, posture_of};
 use tangent_franka::fci::{Framer, PERIOD_S, Reply, Request, RobotCommand, RobotMode, RobotState};
-use tangent_franka::guard::{Posture, Wanted};
 use tangent_franka::wrench::tool_wrench;
 use tangent_mechanics::{Arm, Joints, Pose, Tool, Twist, Wrench};
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::FRANKA_TORQUE_RATE_SHARE;
-use tangent_runtime::lease::{SILENCE_S, Source};
 use tangent_schemas::Name;
 use tangent_sensing::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState, Validity};
 use tangent_simulation::{NormalCamera, Surface, TactileScenario, Truth, loaded_arm};
@@ -223,7 +223,7 @@ impl Cell {
         self.law
             .check_start(&clearance, &self.tool().translation())?;
         self.law.begin(clearance);
-        let latched = self.bridge.guard().activation_latched();
+        let latched = self.bridge.gate().admission.activation_latched();
         self.activation = self.activation.max(latched) + 1;
         Ok(())
     }
@@ -591,7 +591,7 @@ impl Cell {
         self.sense(state, now_s);
         let (q, tool) = (Joints::from(state.q), &self.settings.flange_from_tool);
         let (pose, jacobian) = self.settings.arm.tool_and_jacobian(&q, tool);
-        let posture = Posture::of(state, pose.translation(), jacobian);
+        let posture = posture_of(state, pose.translation(), jacobian);
         let mut queue = Vec::new();
         if self.has(Fault::SecondSource) {
             let sent = Sent {
@@ -622,10 +622,11 @@ impl Cell {
                 newest = Some(sent);
             }
         }
-        let wanted = newest.as_ref().map(|sent| Wanted {
+        let wanted = newest.as_ref().map(|sent| Command {
             cycle: sent.cycle,
             kind: sent.kind,
             values: &sent.values,
+            acceleration: 0.0,
             activation: sent.activation,
         });
         let mut udp = Vec::new();
@@ -687,7 +688,7 @@ impl Cell {
     /// The controller answers a state.
     fn law_step(&mut self, state: &RobotState, now_s: f64) -> Sent {
         let touch = self.look(now_s);
-        let latched = self.bridge.guard().activation_latched();
+        let latched = self.bridge.gate().admission.activation_latched();
         // As the service does: a task that the bridge has latched out moves nothing any more.
         let ended = self.law.phase().is_active() && latched >= self.activation;
         let heard = self.wrench;

@@ -93,17 +93,21 @@ fn without_a_good_command_the_bridge_follows_for_two_cycles_then_holds_and_latch
         let what = format!("{fault:?}, {offset}");
         let mut cell = with(fault, offset);
         let (last, activation) = (cell.answered, cell.activation());
-        let guard = cell.bridge().guard();
-        let (missed, refused) = (guard.missed(), guard.refused());
+        let gate = cell.bridge().gate();
+        let (missed, refused) = (gate.admission.missed(), gate.admission.refused());
         let silent = matches!(fault, Fault::NoCommand | Fault::ControllerDead);
         for cycle in 1..=LATCHED {
             cell.step();
-            let guard = cell.bridge().guard();
+            let gate = cell.bridge().gate();
             assert_eq!(cell.answered == last, cycle <= 3, "{what}, cycle {cycle}");
-            assert_eq!(guard.missed(), missed + cycle, "{what}, cycle {cycle}");
+            assert_eq!(
+                gate.admission.missed(),
+                missed + cycle,
+                "{what}, cycle {cycle}"
+            );
             let counted = if silent { 0 } else { cycle };
-            assert_eq!(guard.refused(), refused + counted, "{what}");
-            let latched = guard.activation_latched() >= activation;
+            assert_eq!(gate.admission.refused(), refused + counted, "{what}");
+            let latched = gate.admission.activation_latched() >= activation;
             assert_eq!(latched, cycle == LATCHED, "{what}, cycle {cycle}");
         }
         if is_followed(offset) {
@@ -118,14 +122,14 @@ fn a_bad_command_is_refused_and_the_arm_held_in_its_cycle() {
         let what = format!("{fault:?}, {offset}");
         let mut cell = with(fault, offset);
         let (last, activation) = (cell.answered, cell.activation());
-        let refused = cell.bridge().guard().refused();
+        let refused = cell.bridge().gate().admission.refused();
         for cycle in 1..=LATCHED {
             cell.step();
-            let guard = cell.bridge().guard();
+            let gate = cell.bridge().gate();
             // The hold begins with the torque in force.
             assert_eq!(cell.answered == last, cycle == 1, "{what}, cycle {cycle}");
-            assert_eq!(guard.refused(), refused + cycle, "{what}");
-            let latched = guard.activation_latched() >= activation;
+            assert_eq!(gate.admission.refused(), refused + cycle, "{what}");
+            let latched = gate.admission.activation_latched() >= activation;
             assert_eq!(latched, cycle == LATCHED, "{what}, cycle {cycle}");
         }
         if is_followed(offset) {
@@ -172,7 +176,7 @@ fn what_is_borne_is_borne() {
         let thinned = matches!(fault, Fault::StatesThinned | Fault::AnswersThinned);
         assert_eq!(arrived, if thinned { 500 } else { 1000 }, "{fault:?}");
         assert!(cell.peak_n <= most_n(&cell), "{fault:?}: {} N", cell.peak_n);
-        assert_eq!(cell.bridge().guard().refused(), 0, "{fault:?}");
+        assert_eq!(cell.bridge().gate().admission.refused(), 0, "{fault:?}");
     }
 }
 
@@ -210,7 +214,7 @@ fn twenty_lost_answers_are_a_reflex_and_end_the_task() {
         assert_eq!(cell.phase(), Phase::Retract, "{what}");
         let why = cell.output.unwrap().fault;
         assert_eq!(why, Some(TaskFault::ArmNotReady), "{what}");
-        let latched = cell.bridge().guard().activation_latched();
+        let latched = cell.bridge().gate().admission.activation_latched();
         assert!(latched >= activation, "{what}");
         if is_followed(offset) {
             cell.until("the task is over", |c| !c.phase().is_active());
@@ -252,7 +256,7 @@ fn a_robot_that_stops_by_itself_ends_the_task() {
             assert_eq!(cell.mode(), RobotMode::UserStopped, "{what}");
         }
         assert_eq!(cell.phase(), Phase::Retract, "{what}");
-        let latched = cell.bridge().guard().activation_latched();
+        let latched = cell.bridge().gate().admission.activation_latched();
         assert!(latched >= activation, "{what}");
         if is_followed(offset) {
             cell.until("the task is over", |c| !c.phase().is_active());
@@ -272,7 +276,7 @@ fn without_a_connection_the_robot_holds_itself() {
         cell.step();
         assert_eq!(cell.mode(), RobotMode::Idle, "{what}");
         if fault != Fault::BridgeDead {
-            let latched = cell.bridge().guard().activation_latched();
+            let latched = cell.bridge().gate().admission.activation_latched();
             assert!(latched >= activation, "{what}");
         }
         if is_followed(offset) {

@@ -4,12 +4,12 @@
 use std::sync::OnceLock;
 
 use nalgebra::Vector6;
+use tangent_actuation::lease::{SILENCE_S, Source};
 use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
 use tangent_control::{Clearance, ControlError, Phase, StateInterval, UntaredLoad};
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{ObjectEstimate, ObjectPoseEstimator, ObjectSample};
 use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};
-use tangent_runtime::lease::{SILENCE_S, Source};
 use tangent_schemas::Name;
 use tangent_schemas::convert::joint_array;
 use tangent_schemas::tangent::ArmCommand;
@@ -116,7 +116,7 @@ impl Cell {
         let camera = scenario.plant.camera.model();
         let learnt = LEARNT.get().copied();
         let mut cell = Self {
-            gate: TorqueGate::new(model, &q),
+            gate: TorqueGate::new(model, &q, plant.period_s()),
             torque: model.gravity(&q),
             model,
             conditioning: WrenchConditionerState::default(),
@@ -168,7 +168,10 @@ impl Cell {
         self.law
             .check_start(&clearance, &self.tool().translation())?;
         self.law.begin(clearance);
-        self.activation = self.activation.max(self.gate.activation_latched) + 1;
+        self.activation = self
+            .activation
+            .max(self.gate.admission().activation_latched())
+            + 1;
         Ok(())
     }
 
@@ -235,7 +238,7 @@ impl Cell {
 
     /// A task could move the arm: it is taken, and nobody else drives it.
     pub fn is_ready(&self) -> bool {
-        !self.has(Fault::EmergencyStop) && self.gate.holder() == Some(&self.source)
+        !self.has(Fault::EmergencyStop) && self.gate.lease().holder() == Some(&self.source)
     }
 
     pub fn activation(&self) -> u64 {
@@ -269,7 +272,7 @@ impl Cell {
                 self.cycle - begun < PATIENCE,
                 "never: {what}; {:?}, {:?}, {:?}",
                 self.law.phase(),
-                self.gate.refusal,
+                self.gate.reason(),
                 self.output.and_then(|o| o.fault)
             );
         }
@@ -463,7 +466,7 @@ impl Cell {
     /// The controller answers a state.
     fn law_step(&mut self, now_s: f64) -> ArmCommand {
         let arm = self.plant.arm();
-        let latched = self.gate.activation_latched;
+        let latched = self.gate.admission().activation_latched();
         // As the service does: a task that the gate has latched out moves nothing any more.
         let ended = self.law.phase().is_active() && latched >= self.activation;
         let (wrench, tare) = (self.wrench, self.conditioner.tare_config());

@@ -10,14 +10,14 @@ mod pairs;
 
 use cell::Cell;
 use fault::Fault;
+use tangent_actuation::Refusal;
 use tangent_control::{Fault as TaskFault, Phase};
 use tangent_sensing::Validity;
-use tangent_simulator::torque_cell::TorqueRefusal;
 
 /// Faults come in each of the path's first cycles.
 const OFFSETS: u64 = 24;
 /// Silence after which a task is latched out, cycles.
-const LATCHED: u64 = 100;
+const LATCHED: u64 = 101;
 /// Longest that an axis stands still by the noise of this sensor, whose normal axis has a resolution of 0.05 N, cycles.
 const AXIS_STUCK: u64 = 60;
 /// Patience with a silent wrench after the stop, cycles.
@@ -91,12 +91,12 @@ fn without_a_command_the_gate_waits_two_periods_then_brakes_and_latches_after_a_
         let what = format!("{fault:?}, {offset}");
         let mut cell = with(fault, offset);
         let (last, activation) = (cell.given(), cell.activation());
-        let missed = cell.gate().missed;
+        let missed = cell.gate().admission().missed();
         for cycle in 1..=LATCHED {
             cell.step();
             assert_eq!(cell.given() == last, cycle <= 2, "{what}, cycle {cycle}");
-            assert_eq!(cell.gate().missed, missed + cycle.min(3), "{what}");
-            let latched = cell.gate().activation_latched >= activation;
+            assert_eq!(cell.gate().admission().missed(), missed + cycle, "{what}");
+            let latched = cell.gate().admission().activation_latched() >= activation;
             assert_eq!(latched, cycle == LATCHED, "{what}, cycle {cycle}");
         }
         if is_followed(offset) {
@@ -118,21 +118,23 @@ fn a_bad_command_is_refused_and_the_arm_brakes_in_its_period() {
         let what = format!("{fault:?}, {offset}");
         let mut cell = with(fault, offset);
         let (last, activation) = (cell.given(), cell.activation());
-        let refused = cell.gate().refused;
+        let refused = cell.gate().admission().refused();
         cell.step();
         let gate = cell.gate();
-        let named = match gate.refusal.unwrap() {
-            TorqueRefusal::NotFinite(_) => fault == Fault::CommandNan,
-            TorqueRefusal::Effort { .. } => fault == Fault::CommandStrong,
-            TorqueRefusal::Kind(_) => fault == Fault::CommandKind,
-            TorqueRefusal::Cycle { .. } => {
-                matches!(fault, Fault::CommandOld | Fault::CommandAhead)
-            }
+        let named = match gate.admission().refusal().unwrap() {
+            Refusal::NotFinite => fault == Fault::CommandNan,
+            Refusal::Torque { .. } => fault == Fault::CommandStrong,
+            Refusal::Kind { .. } => fault == Fault::CommandKind,
+            Refusal::Old { .. } => fault == Fault::CommandOld,
+            Refusal::Future { .. } => fault == Fault::CommandAhead,
             _ => false,
         };
-        assert!(named, "{what}: {:?}", gate.refusal);
-        assert_eq!(gate.refused, refused + 1, "{what}");
-        assert!(gate.activation_latched >= activation, "{what}");
+        assert!(named, "{what}: {:?}", gate.reason());
+        assert_eq!(gate.admission().refused(), refused + 1, "{what}");
+        assert!(
+            gate.admission().activation_latched() >= activation,
+            "{what}"
+        );
         assert_ne!(cell.given(), last, "{what}");
         cell.step();
         assert_eq!(cell.phase(), Phase::Retract, "{what}");
@@ -152,8 +154,8 @@ fn a_second_source_is_refused_in_its_period_and_the_first_notices_nothing() {
         for cycle in 1..=100 {
             cell.step();
             alone.step();
-            assert_eq!(cell.gate().refused, cycle);
-            assert_eq!(cell.gate().refusal, Some(TorqueRefusal::Lease));
+            assert_eq!(cell.gate().lease().refused(), cycle);
+            assert!(cell.gate().reason().contains("drives this arm"));
             assert_eq!(cell.given(), alone.given(), "{offset}, {cycle}");
         }
     }
@@ -168,7 +170,7 @@ fn what_is_borne_is_borne() {
             cell.step();
             assert_eq!(cell.phase(), Phase::Slide, "{offset}, {cycle}");
         }
-        assert_eq!(cell.gate().refused, 0);
+        assert_eq!(cell.gate().admission().refused(), 0);
         assert!(cell.peak_n <= most_n(&cell), "{} N", cell.peak_n);
     }
 }
@@ -193,7 +195,10 @@ fn an_emergency_stop_ends_the_task_in_its_period() {
         let mut cell = with(Fault::EmergencyStop, offset);
         let (last, activation) = (cell.given(), cell.activation());
         cell.step();
-        assert!(cell.gate().activation_latched >= activation, "{what}");
+        assert!(
+            cell.gate().admission().activation_latched() >= activation,
+            "{what}"
+        );
         assert_ne!(cell.given(), last, "{what}");
         assert_eq!(cell.phase(), Phase::Retract, "{what}");
         let why = cell.output.unwrap().fault;

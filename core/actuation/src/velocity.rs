@@ -1,6 +1,6 @@
-//! The last guard before the robot: whatever it is told, what it lets through stays inside every limit.
+//! The gate of an arm that follows joint velocities: whatever it is told, what it lets through stays inside every limit.
 //!
-//! Pure; the cycle calls [`Guard::step`] once per package to the robot. A good command is followed within the limits
+//! The bridge calls [`VelocityGate::step`] once per package to the robot. A good command is followed within the limits
 //! on joint speed, joint acceleration, joint position and tool speed. A bad one is refused and the arm ramps to zero;
 //! silence is ridden out for a few cycles, then it ramps to zero too. After longer silence, or whenever the arm may not
 //! move, the present activation is latched out: only a newer one moves the arm again.
@@ -9,9 +9,12 @@
 //! its own direction, at the joints' acceleration limits, before any joint meets its stop. Slowing down along its own
 //! direction breaks no other limit, so there is always a safe answer.
 
-use nalgebra::{Matrix6, Vector3, Vector6};
+use nalgebra::{SMatrix, Vector3};
+use tangent_mechanics::Joints;
+use tangent_schemas::CommandKind;
 
-pub use crate::refusal::Refusal;
+use crate::admission::{Admission, AdmissionRules};
+use crate::{Command, Refusal};
 
 /// Share of the tool's speed limits that is used; the rest covers what the Jacobian changes within a cycle.
 const TOOL_SPEED_SHARE: f64 = 0.98;
@@ -22,15 +25,15 @@ const SPEED_TOLERANCE: f64 = 1.01;
 
 /// Limits of the cell, per joint from base to flange.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GuardLimits {
+pub struct VelocityLimits<const N: usize> {
     /// rad/s.
-    pub speed_rad_per_s: Vector6<f64>,
+    pub speed_rad_per_s: Joints<N>,
     /// rad/s².
-    pub acceleration_rad_per_s2: Vector6<f64>,
+    pub acceleration_rad_per_s2: Joints<N>,
     /// rad.
-    pub position_lower_rad: Vector6<f64>,
+    pub position_lower_rad: Joints<N>,
     /// rad.
-    pub position_upper_rad: Vector6<f64>,
+    pub position_upper_rad: Joints<N>,
     /// Speed of the tool's origin, m/s.
     pub tool_speed_max_m_per_s: f64,
     /// Turn rate of the tool, rad/s.
@@ -47,30 +50,15 @@ pub struct GuardLimits {
     pub silence_latch_s: f64,
 }
 
-/// A command as it arrived; only new arrivals are given to the guard.
-#[derive(Clone, Copy, Debug)]
-pub struct Wanted<'a> {
-    /// `ArmState.cycle` that it answers.
-    pub cycle: u64,
-    /// 0 hold, 1 joint velocity, 2 joint torque, 3 soft stop.
-    pub kind: u8,
-    /// rad/s.
-    pub values: &'a [f64],
-    /// Bound on joint acceleration, rad/s²; zero or less means the cell's own limit.
-    pub acceleration: f64,
-    /// Counts task starts.
-    pub activation: u64,
-}
-
 /// Where the arm is, as measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Posture {
+pub struct Posture<const N: usize> {
     /// rad.
-    pub q: Vector6<f64>,
+    pub q: Joints<N>,
     /// Tool's origin, base axes, m.
     pub tool_m: Vector3<f64>,
     /// Joint velocity to the twist of the tool's origin, base axes: m/s above rad/s.
-    pub tool_jacobian: Matrix6<f64>,
+    pub tool_jacobian: SMatrix<f64, 6, N>,
 }
 
 /// Whether the robot would follow.
@@ -84,58 +72,59 @@ pub enum Permission {
     Off,
 }
 
+impl Permission {
+    /// The stricter of two permissions.
+    pub fn min_with(self, other: Self) -> Self {
+        match (self, other) {
+            (Self::Off, _) | (_, Self::Off) => Self::Off,
+            (Self::RampDown, _) | (_, Self::RampDown) => Self::RampDown,
+            _ => Self::Move,
+        }
+    }
+}
+
 /// What goes to the robot this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Allowed {
+pub struct Allowed<const N: usize> {
     /// rad/s.
-    pub qd: Vector6<f64>,
+    pub qd: Joints<N>,
     /// A command is being followed, or the arm is being ramped to rest; otherwise the robot just holds.
     pub streaming: bool,
     /// The robot itself shall stop and latch.
     pub soft_stop: bool,
 }
 
-/// The guard with its memory.
+/// The gate with its memory.
 #[derive(Clone, Debug)]
-pub struct Guard {
-    limits: GuardLimits,
+pub struct VelocityGate<const N: usize> {
+    limits: VelocityLimits<N>,
     period_s: f64,
-    qd: Vector6<f64>,
-    target: Option<Target>,
-    silent_cycles: u32,
-    cycle_stepped: u64,
-    cycle_accepted: u64,
-    activation_seen: u64,
-    activation_latched: u64,
-    refused: u64,
-    refusal: Option<Refusal>,
-    missed: u64,
+    /// Which commands are taken.
+    pub admission: Admission<Target<N>>,
+    qd: Joints<N>,
     limited: u64,
 }
 
+/// What a command asks of the arm.
 #[derive(Clone, Copy, Debug)]
-struct Target {
-    qd: Vector6<f64>,
+pub struct Target<const N: usize> {
+    qd: Joints<N>,
     acceleration: f64,
-    moves: bool,
 }
 
-impl Guard {
+impl<const N: usize> VelocityGate<N> {
     /// `period_s`: the robot's control period.
-    pub fn new(limits: GuardLimits, period_s: f64) -> Self {
+    pub fn new(limits: VelocityLimits<N>, period_s: f64) -> Self {
         Self {
+            admission: Admission::new(AdmissionRules {
+                moves: CommandKind::JointVelocity,
+                patience_cycles: limits.patience_cycles,
+                silence_latch_s: limits.silence_latch_s,
+                refusal_ends_task: false,
+            }),
             limits,
             period_s,
-            qd: Vector6::zeros(),
-            target: None,
-            silent_cycles: 0,
-            cycle_stepped: 0,
-            cycle_accepted: 0,
-            activation_seen: 0,
-            activation_latched: 0,
-            refused: 0,
-            refusal: None,
-            missed: 0,
+            qd: Joints::zeros(),
             limited: 0,
         }
     }
@@ -151,113 +140,41 @@ impl Guard {
         &mut self,
         cycle: u64,
         permission: Permission,
-        posture: &Posture,
-        arrived: Option<&Wanted<'_>>,
-    ) -> Allowed {
-        let mut soft_stop = false;
-        let mut bad = false;
-        self.silent_cycles = self.silent_cycles.saturating_add(1);
-        if let Some(wanted) = arrived {
-            self.activation_seen = self.activation_seen.max(wanted.activation);
-            if permission != Permission::Move {
-                self.latch();
-            }
-            match self.accept(cycle, wanted) {
-                Ok(()) => {
-                    soft_stop = wanted.kind == 3;
-                    self.silent_cycles = 0;
-                }
-                Err(refusal) => {
-                    self.refused += 1;
-                    self.refusal = Some(refusal);
-                    bad = matches!(
-                        refusal,
-                        Refusal::Kind { .. }
-                            | Refusal::JointCount { .. }
-                            | Refusal::NotFinite
-                            | Refusal::Speed { .. }
-                    );
-                }
-            }
-        }
-        if permission != Permission::Move || soft_stop {
-            self.latch();
-        }
-        if permission == Permission::Off || soft_stop {
+        posture: &Posture<N>,
+        arrived: Option<&Command<'_>>,
+    ) -> Allowed<N> {
+        let limits = &self.limits;
+        let may_move = permission == Permission::Move;
+        let heard = self
+            .admission
+            .hear(cycle, may_move, arrived, |command| read(limits, command));
+        if permission == Permission::Off || heard.soft_stop {
             // The robot follows its own stop, not us; the next motion starts from rest.
-            self.qd = Vector6::zeros();
+            self.qd = Joints::zeros();
             return Allowed {
                 qd: self.qd,
                 streaming: false,
-                soft_stop,
+                soft_stop: heard.soft_stop,
             };
         }
-
-        let due = self.target.is_some_and(|t| t.moves);
-        let has_packet = cycle > self.cycle_stepped;
-        self.cycle_stepped = self.cycle_stepped.max(cycle);
-        if due && has_packet && self.silent_cycles > 0 {
-            self.missed += 1;
-        }
-        if due && f64::from(self.silent_cycles) * self.period_s > self.limits.silence_latch_s {
-            self.latch();
-        }
-        let target = match self.target {
-            Some(target) if !bad && self.silent_cycles <= self.limits.patience_cycles => target,
-            _ => Target {
-                qd: Vector6::zeros(),
-                acceleration: f64::INFINITY,
-                moves: false,
-            },
-        };
+        self.admission.count_missed(cycle);
+        self.admission.latch_after_silence(self.period_s);
+        let followed = self.admission.followed(heard);
+        let target = followed.unwrap_or(Target {
+            qd: Joints::zeros(),
+            acceleration: f64::INFINITY,
+        });
         self.qd = self.limit(&target, posture);
         Allowed {
             qd: self.qd,
-            streaming: target.moves || self.qd != Vector6::zeros(),
+            streaming: followed.is_some() || self.qd != Joints::<N>::zeros(),
             soft_stop: false,
         }
     }
 
-    /// Refuses the present activation, and older ones, from now on; what moves ramps to rest.
-    pub fn latch(&mut self) {
-        self.activation_latched = self.activation_latched.max(self.activation_seen);
-        self.target = None;
-    }
-
-    /// Somebody else commands from now on, who brought `activation`: like every one before, it moves nothing.
-    pub fn change_hands(&mut self, activation: u64) {
-        self.activation_seen = self.activation_seen.max(activation);
-        self.latch();
-    }
-
     /// Velocity let through last, rad/s.
-    pub fn qd(&self) -> &Vector6<f64> {
+    pub fn qd(&self) -> &Joints<N> {
         &self.qd
-    }
-
-    /// Cycle of the last command accepted.
-    pub fn cycle_accepted(&self) -> u64 {
-        self.cycle_accepted
-    }
-
-    /// Newest activation that is refused.
-    pub fn activation_latched(&self) -> u64 {
-        self.activation_latched
-    }
-
-    /// Commands refused since the start.
-    pub fn refused(&self) -> u64 {
-        self.refused
-    }
-
-    /// Why the last refused command was.
-    pub fn refusal(&self) -> Option<&Refusal> {
-        self.refusal.as_ref()
-    }
-
-    /// Packets of the robot that no good command answered while one was due. A packet that itself is late is not among them.
-    pub fn missed(&self) -> u64 {
-        self.missed
     }
 
     /// Cycles in which a limit changed what was commanded.
@@ -265,73 +182,13 @@ impl Guard {
         self.limited
     }
 
-    /// Acceleration to tell the robot's own ramp, rad/s²: the guard's steps are never steeper.
+    /// Acceleration to tell the robot's own ramp, rad/s²: the gate's steps are never steeper.
     pub fn acceleration(&self) -> f64 {
         self.limits.acceleration_rad_per_s2.max()
     }
 
-    fn accept(&mut self, cycle: u64, wanted: &Wanted<'_>) -> Result<(), Refusal> {
-        if wanted.cycle > cycle {
-            return Err(Refusal::Future {
-                cycle: wanted.cycle,
-            });
-        }
-        let age = cycle - wanted.cycle;
-        if age > u64::from(self.limits.patience_cycles) {
-            return Err(Refusal::Old { age });
-        }
-        if wanted.cycle <= self.cycle_accepted {
-            return Err(Refusal::Duplicate {
-                cycle: wanted.cycle,
-            });
-        }
-        let target = match wanted.kind {
-            0 | 3 => None,
-            1 => Some(self.target(wanted)?),
-            kind => return Err(Refusal::Kind { kind }),
-        };
-        if target.is_some() && wanted.activation <= self.activation_latched {
-            return Err(Refusal::Latched {
-                activation: wanted.activation,
-                latched: self.activation_latched,
-            });
-        }
-        self.cycle_accepted = wanted.cycle;
-        self.target = target;
-        Ok(())
-    }
-
-    fn target(&self, wanted: &Wanted<'_>) -> Result<Target, Refusal> {
-        let Ok(values) = <[f64; 6]>::try_from(wanted.values) else {
-            return Err(Refusal::JointCount {
-                got: wanted.values.len(),
-            });
-        };
-        if wanted.acceleration.is_nan() || values.iter().any(|v| !v.is_finite()) {
-            return Err(Refusal::NotFinite);
-        }
-        for (joint, (value, limit)) in values.iter().zip(&self.limits.speed_rad_per_s).enumerate() {
-            if value.abs() > limit * SPEED_TOLERANCE {
-                return Err(Refusal::Speed {
-                    joint,
-                    value: *value,
-                    limit: *limit,
-                });
-            }
-        }
-        Ok(Target {
-            qd: Vector6::from(values),
-            acceleration: if wanted.acceleration > 0.0 {
-                wanted.acceleration
-            } else {
-                f64::INFINITY
-            },
-            moves: true,
-        })
-    }
-
     /// The velocity nearest to the target that keeps every limit and the invariant.
-    fn limit(&mut self, target: &Target, posture: &Posture) -> Vector6<f64> {
+    fn limit(&mut self, target: &Target<N>, posture: &Posture<N>) -> Joints<N> {
         let limits = &self.limits;
         let mut scale: f64 = 1.0;
         for (value, limit) in target.qd.iter().zip(&limits.speed_rad_per_s) {
@@ -372,7 +229,7 @@ impl Guard {
     }
 
     /// The tool's speed and turn rate as shares of their limits, the larger of both.
-    fn tool_excess(&self, qd: &Vector6<f64>, posture: &Posture) -> f64 {
+    fn tool_excess(&self, qd: &Joints<N>, posture: &Posture<N>) -> f64 {
         let twist = posture.tool_jacobian * qd;
         let speed = twist.fixed_rows::<3>(0).norm() / self.limits.tool_speed_max_m_per_s;
         let turn = twist.fixed_rows::<3>(3).norm() / self.limits.tool_turn_rate_max_rad_per_s;
@@ -380,17 +237,17 @@ impl Guard {
     }
 
     /// Slower along its own direction, as hard as the acceleration limits allow.
-    fn brake(&self) -> Vector6<f64> {
+    fn brake(&self) -> Joints<N> {
         let stop_s = self.stop_time_s(&self.qd);
         if stop_s <= self.period_s {
-            Vector6::zeros()
+            Joints::zeros()
         } else {
             self.qd * (1.0 - self.period_s / stop_s)
         }
     }
 
     /// Time to bring `qd` to zero along its own direction, s.
-    fn stop_time_s(&self, qd: &Vector6<f64>) -> f64 {
+    fn stop_time_s(&self, qd: &Joints<N>) -> f64 {
         qd.iter()
             .zip(&self.limits.acceleration_rad_per_s2)
             .map(|(v, a)| v.abs() / a)
@@ -401,12 +258,12 @@ impl Guard {
     /// in that direction (rad/s and rad, m/s and m); room is negative beyond the limit.
     fn approaches(
         &self,
-        qd: &Vector6<f64>,
-        posture: &Posture,
-    ) -> impl Iterator<Item = (f64, f64)> + use<> {
+        qd: &Joints<N>,
+        posture: &Posture<N>,
+    ) -> impl Iterator<Item = (f64, f64)> + use<N> {
         let l = &self.limits;
         let tool = (posture.tool_jacobian * qd).fixed_rows::<3>(0).into_owned();
-        let joints: [(f64, f64); 6] = std::array::from_fn(|i| {
+        let joints: [(f64, f64); N] = std::array::from_fn(|i| {
             let (lower, upper) = (l.position_lower_rad[i], l.position_upper_rad[i]);
             (qd[i].abs(), room(qd[i], posture.q[i], lower, upper))
         });
@@ -427,14 +284,14 @@ impl Guard {
     }
 
     /// The invariant: a stop along its own direction ends before every joint's stop and every wall.
-    fn can_stop(&self, qd: &Vector6<f64>, posture: &Posture) -> bool {
+    fn can_stop(&self, qd: &Joints<N>, posture: &Posture<N>) -> bool {
         let reach_s = 0.5 * self.stop_time_s(qd) + self.lag_s();
         self.approaches(qd, posture)
             .all(|(speed, room)| speed * reach_s <= room)
     }
 
     /// The largest scale of `qd`, at most 1, for which the invariant holds: `|v|σ (σ t/2 + lag) = room`.
-    fn scale_that_can_stop(&self, qd: &Vector6<f64>, posture: &Posture) -> f64 {
+    fn scale_that_can_stop(&self, qd: &Joints<N>, posture: &Posture<N>) -> f64 {
         let half_stop_s = 0.5 * self.stop_time_s(qd);
         let lag_s = self.lag_s();
         let mut scale: f64 = 1.0;
@@ -453,6 +310,34 @@ impl Guard {
         }
         scale
     }
+}
+
+/// What a command of joint velocities asks for, or why it is refused.
+fn read<const N: usize>(
+    limits: &VelocityLimits<N>,
+    command: &Command<'_>,
+) -> Result<Target<N>, Refusal> {
+    let qd: Joints<N> = command.joints()?;
+    if command.acceleration.is_nan() {
+        return Err(Refusal::NotFinite);
+    }
+    for (joint, (value, limit)) in qd.iter().zip(&limits.speed_rad_per_s).enumerate() {
+        if value.abs() > limit * SPEED_TOLERANCE {
+            return Err(Refusal::Speed {
+                joint,
+                value: *value,
+                limit: *limit,
+            });
+        }
+    }
+    Ok(Target {
+        qd,
+        acceleration: if command.acceleration > 0.0 {
+            command.acceleration
+        } else {
+            f64::INFINITY
+        },
+    })
 }
 
 /// How far `x` may still go in the direction of `v`.
