@@ -1,4 +1,5 @@
-//! Scenarios by name or by file. Those of `scenarios/` are part of the program, so that it runs from anywhere.
+//! Scenarios by name or by file. Those of `scenarios/` are part of the program, so that it runs
+//! from anywhere.
 
 use std::fs;
 use std::path::Path;
@@ -174,7 +175,8 @@ pub fn builtin_tactile() -> &'static [(&'static str, &'static str)] {
     BUILTIN_TACTILE
 }
 
-/// Reads a scenario of kind `visuo_tactile` by its built-in name or its file; none where it is another kind, or no file.
+/// Reads a scenario of kind `visuo_tactile` by its built-in name or its file; none where it is
+/// another kind, or no file.
 ///
 /// # Errors
 /// A bad key or value: exit code 2.
@@ -191,7 +193,8 @@ pub fn load_tactile(name: &str, overrides: &[String]) -> Result<Option<TactileSc
     Ok(Some(scenario))
 }
 
-/// Reads a scenario of kind `object_pose` by its built-in name or its file; none where it is another kind, or no file.
+/// Reads a scenario of kind `object_pose` by its built-in name or its file; none where it is
+/// another kind, or no file.
 ///
 /// # Errors
 /// A bad key or value: exit code 2.

@@ -1,7 +1,7 @@
 //! What services say to each other: messages, topics, frames and units.
 //!
-//! Every message is a Rust type, a ROS 2 `.msg` definition and CDR bytes, and the three are tested against each
-//! other. Services publish and subscribe through the typed constants in [`topics`].
+//! Every message is a Rust type, a ROS 2 `.msg` definition and CDR bytes, and the three are tested
+//! against each other. Services publish and subscribe through the typed constants in [`topics`].
 
 pub mod cdr;
 mod command_kind;

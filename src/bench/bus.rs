@@ -1,5 +1,5 @@
-//! `tangent bench bus`: from a packet to its answer, and how old a message is when it arrives, within one process and
-//! between processes, idle and loaded, with and without SCHED_FIFO.
+//! `tangent bench bus`: from a packet to its answer, and how old a message is when it arrives,
+//! within one process and between processes, idle and loaded, with and without SCHED_FIFO.
 
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};

@@ -130,7 +130,8 @@ impl Stage {
         Ok(())
     }
 
-    /// After a protective stop: what a person does at the pendant, not before five seconds are over.
+    /// After a protective stop: what a person does at the pendant, not before five seconds are
+    /// over.
     ///
     /// # Errors
     /// When nobody unlocks it in time.

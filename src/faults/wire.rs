@@ -49,7 +49,8 @@ pub enum Damage {
         /// 0 Fx to 5 Tz.
         axis: usize,
     },
-    /// One record of so many is well-formed and wrong: any loads of up to 100 N and Nm in place of its own.
+    /// One record of so many is well-formed and wrong: any loads of up to 100 N and Nm in place of
+    /// its own.
     Implausible {
         /// One of so many.
         one_of: u32,
@@ -200,7 +201,8 @@ impl Records {
                 let _ = self
                     .near
                     .send_to(&[datagram as &[u8], &[0; 7]].concat(), to);
-                // Shorter than a record: noise of its length only the network's own checksum can tell.
+                // Shorter than a record: noise of its length only the network's own checksum can
+                // tell.
                 let noise: Vec<u8> = (0..count % 36).map(|_| self.draw() as u8).collect();
                 let _ = self.near.send_to(&noise, to);
             }

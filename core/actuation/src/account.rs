@@ -14,7 +14,8 @@ pub struct CommandAccount {
 }
 
 impl CommandAccount {
-    /// Into `state`, which is the one of the cycle before. The reason stays until another command is refused.
+    /// Into `state`, which is the one of the cycle before. The reason stays until another command
+    /// is refused.
     pub fn fill<T: Copy>(
         &mut self,
         state: &mut ArmState,

@@ -1,7 +1,8 @@
-//! Which commands an arm takes: by their age and order, their kind, and the task that they belong to.
+//! Which commands an arm takes: by their age and order, their kind, and the task that they belong
+//! to.
 //!
-//! The part that all gates share. A gate hands each command in with a function that checks its values,
-//! and gets back the target that is to be followed in this cycle, if any.
+//! The part that all gates share. A gate hands each command in with a function that checks its
+//! values, and gets back the target that is to be followed in this cycle, if any.
 
 use tangent_schemas::CommandKind;
 
@@ -13,11 +14,13 @@ use crate::refusal::Refusal;
 pub struct AdmissionRules {
     /// The one kind that moves this arm.
     pub moves: CommandKind,
-    /// Cycles without a good command through which the last one is followed; an older one is refused.
+    /// Cycles without a good command through which the last one is followed; an older one is
+    /// refused.
     pub patience_cycles: u32,
     /// Silence after which the activation is latched out, s.
     pub silence_latch_s: f64,
-    /// A refused command that does more than repeat an answer ends the task; else the next good one goes on with it.
+    /// A refused command that does more than repeat an answer ends the task; else the next good one
+    /// goes on with it.
     pub refusal_ends_task: bool,
 }
 
@@ -62,8 +65,9 @@ impl<T: Copy> Admission<T> {
         }
     }
 
-    /// Begins cycle `cycle` with the command that arrived in it, if one did. `may_move`: the arm follows
-    /// commands now. `target` is the meaning of a command that moves, or why its values are refused.
+    /// Begins cycle `cycle` with the command that arrived in it, if one did. `may_move`: the arm
+    /// follows commands now. `target` is the meaning of a command that moves, or why its values are
+    /// refused.
     pub fn hear(
         &mut self,
         cycle: u64,
@@ -100,8 +104,8 @@ impl<T: Copy> Admission<T> {
         heard
     }
 
-    /// Counts the cycle as missed where a command was due and none came. The same `cycle` again is a
-    /// heartbeat, sent because the robot's packet is late, and not counted.
+    /// Counts the cycle as missed where a command was due and none came. The same `cycle` again is
+    /// a heartbeat, sent because the robot's packet is late, and not counted.
     pub fn count_missed(&mut self, cycle: u64) {
         if self.target.is_some() && cycle > self.cycle_stepped && self.silent_cycles > 0 {
             self.missed += 1;
@@ -129,7 +133,8 @@ impl<T: Copy> Admission<T> {
         self.target = None;
     }
 
-    /// Another source commands from now on, and brought `activation`: it moves nothing, like every one before.
+    /// Another source commands from now on, and brought `activation`: it moves nothing, like every
+    /// one before.
     pub fn change_hands(&mut self, activation: u64) {
         self.activation_seen = self.activation_seen.max(activation);
         self.latch();
@@ -160,8 +165,8 @@ impl<T: Copy> Admission<T> {
         self.refusal.as_ref()
     }
 
-    /// Packets of the robot that no good command answered while one was due. A packet that itself is late
-    /// is not among them.
+    /// Packets of the robot that no good command answered while one was due. A packet that itself
+    /// is late is not among them.
     pub fn missed(&self) -> u64 {
         self.missed
     }

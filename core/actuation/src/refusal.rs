@@ -66,8 +66,8 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// The command itself is wrong, not only late or repeated: the command before it is not followed
-    /// any longer either.
+    /// The command itself is wrong, not only late or repeated: the command before it is not
+    /// followed any longer either.
     pub fn is_bad(&self) -> bool {
         matches!(
             self,

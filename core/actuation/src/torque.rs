@@ -1,12 +1,15 @@
-//! The gate of an arm that takes joint torques and compensates gravity itself: whatever it is told, the torques that leave
-//! are finite, inside every joint's limit, and never change faster than the robot bears.
+//! The gate of an arm that takes joint torques and compensates gravity itself: whatever it is told,
+//! the torques that leave are finite, inside every joint's limit, and never change faster than the
+//! robot bears.
 //!
-//! The bridge calls [`TorqueGate::step`] once per answer. A good command is followed. A bad one is refused and the arm goes
-//! over to being held; silence is ridden out for a few cycles, then it is held too. After longer silence, when the arm leaves
-//! its limits, or whenever it may not move, the present activation is latched out: only a newer one moves the arm again.
+//! The bridge calls [`TorqueGate::step`] once per answer. A good command is followed. A bad one is
+//! refused and the arm goes over to being held; silence is ridden out for a few cycles, then it is
+//! held too. After longer silence, when the arm leaves its limits, or whenever it may not move, the
+//! present activation is latched out: only a newer one moves the arm again.
 //!
-//! Holding is a torque law of its own, since a torque that merely stays or vanishes is no stop: the last torque fades out
-//! while damping takes the motion away, and a spring to where the arm then is keeps it there. The robot adds gravity itself.
+//! Holding is a torque law of its own, since a torque that merely stays or vanishes is no stop: the
+//! last torque fades out while damping takes the motion away, and a spring to where the arm then is
+//! keeps it there. The robot adds gravity itself.
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_mechanics::Joints;
@@ -23,7 +26,8 @@ const FADE_S: f64 = 0.05;
 const SPRING_S: f64 = 0.2;
 /// Share of a joint's limit that the hold's spring uses at most.
 const SPRING_SHARE: f64 = 0.3;
-/// Speed limits are judged with this much room: what is measured is noisy, and a torque does not set a speed.
+/// Speed limits are judged with this much room: what is measured is noisy, and a torque does not
+/// set a speed.
 const SPEED_ROOM: f64 = 1.2;
 
 /// Limits of the cell, per joint from base to flange.
@@ -172,7 +176,8 @@ impl<const N: usize> TorqueGate<N> {
         }
     }
 
-    /// One answer. `arrived` is a command that was not given before; `cycle` the number of the robot's packet in hand.
+    /// One answer. `arrived` is a command that was not given before; `cycle` the number of the
+    /// robot's packet in hand.
     pub fn step(
         &mut self,
         cycle: u64,

@@ -262,8 +262,8 @@ fn act() -> impl Strategy<Value = Act> {
 }
 
 proptest! {
-    /// Whatever comes in whatever order, what leaves is finite, inside the limits, and never further from what the robot
-    /// goes by than it bears.
+    /// Whatever comes in whatever order, what leaves is finite, inside the limits, and never
+    /// further from what the robot goes by than it bears.
     #[test]
     fn what_leaves_is_always_within_the_robots_bounds(
         acts in proptest::collection::vec(act(), 1..60),

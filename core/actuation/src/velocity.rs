@@ -1,13 +1,16 @@
-//! The gate of an arm that follows joint velocities: whatever it is told, what it lets through stays inside every limit.
+//! The gate of an arm that follows joint velocities: whatever it is told, what it lets through
+//! stays inside every limit.
 //!
-//! The bridge calls [`VelocityGate::step`] once per package to the robot. A good command is followed within the limits
-//! on joint speed, joint acceleration, joint position and tool speed. A bad one is refused and the arm ramps to zero;
-//! silence is ridden out for a few cycles, then it ramps to zero too. After longer silence, or whenever the arm may not
-//! move, the present activation is latched out: only a newer one moves the arm again.
+//! The bridge calls [`VelocityGate::step`] once per package to the robot. A good command is
+//! followed within the limits on joint speed, joint acceleration, joint position and tool speed. A
+//! bad one is refused and the arm ramps to zero; silence is ridden out for a few cycles, then it
+//! ramps to zero too. After longer silence, or whenever the arm may not move, the present
+//! activation is latched out: only a newer one moves the arm again.
 //!
-//! What makes the limits hold together is one invariant: the velocity let through can always be brought to zero along
-//! its own direction, at the joints' acceleration limits, before any joint meets its stop. Slowing down along its own
-//! direction breaks no other limit, so there is always a safe answer.
+//! What makes the limits hold together is one invariant: the velocity let through can always be
+//! brought to zero along its own direction, at the joints' acceleration limits, before any joint
+//! meets its stop. Slowing down along its own direction breaks no other limit, so there is always a
+//! safe answer.
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_mechanics::Joints;
@@ -16,9 +19,11 @@ use tangent_schemas::CommandKind;
 use crate::admission::{Admission, AdmissionRules};
 use crate::{Command, Refusal};
 
-/// Share of the tool's speed limits that is used; the rest covers what the Jacobian changes within a cycle.
+/// Share of the tool's speed limits that is used; the rest covers what the Jacobian changes within
+/// a cycle.
 const TOOL_SPEED_SHARE: f64 = 0.98;
-/// The tool keeps this far from the walls of its box, m: its path while it stops is not quite straight.
+/// The tool keeps this far from the walls of its box, m: its path while it stops is not quite
+/// straight.
 const WALL_MARGIN_M: f64 = 0.002;
 /// A command this much beyond the speed limit is rounding, and is scaled; beyond it, it is refused.
 const SPEED_TOLERANCE: f64 = 1.01;
@@ -42,7 +47,8 @@ pub struct VelocityLimits<const N: usize> {
     pub workspace_lower_m: Vector3<f64>,
     /// Upper corner, base axes, m.
     pub workspace_upper_m: Vector3<f64>,
-    /// Time from a velocity sent to the arm following it, s: how much later than planned a stop may begin.
+    /// Time from a velocity sent to the arm following it, s: how much later than planned a stop may
+    /// begin.
     pub response_s: f64,
     /// Cycles without a good command through which the last one is kept.
     pub patience_cycles: u32,
@@ -88,7 +94,8 @@ impl Permission {
 pub struct Allowed<const N: usize> {
     /// rad/s.
     pub qd: Joints<N>,
-    /// A command is being followed, or the arm is being ramped to rest; otherwise the robot just holds.
+    /// A command is being followed, or the arm is being ramped to rest; otherwise the robot just
+    /// holds.
     pub streaming: bool,
     /// The robot itself shall stop and latch.
     pub soft_stop: bool,
@@ -134,8 +141,9 @@ impl<const N: usize> VelocityGate<N> {
         self.period_s = period_s;
     }
 
-    /// One cycle. `arrived` is a command that was not given before. `cycle` is the number of the robot packet in hand; the
-    /// same number again is a heartbeat, sent because the robot's next packet is late.
+    /// One cycle. `arrived` is a command that was not given before. `cycle` is the number of the
+    /// robot packet in hand; the same number again is a heartbeat, sent because the robot's next
+    /// packet is late.
     pub fn step(
         &mut self,
         cycle: u64,
@@ -254,8 +262,9 @@ impl<const N: usize> VelocityGate<N> {
             .fold(0.0, f64::max)
     }
 
-    /// What must stop in time: for each joint and each coordinate of the tool that moves, its speed and the room left
-    /// in that direction (rad/s and rad, m/s and m); room is negative beyond the limit.
+    /// What must stop in time: for each joint and each coordinate of the tool that moves, its speed
+    /// and the room left in that direction (rad/s and rad, m/s and m); room is negative beyond the
+    /// limit.
     fn approaches(
         &self,
         qd: &Joints<N>,
@@ -278,7 +287,8 @@ impl<const N: usize> VelocityGate<N> {
             .filter(|(speed, _)| *speed > 0.0)
     }
 
-    /// How far a stop may be off in time, s: half a cycle of the discrete ramp, and the arm's response.
+    /// How far a stop may be off in time, s: half a cycle of the discrete ramp, and the arm's
+    /// response.
     fn lag_s(&self) -> f64 {
         0.5 * self.period_s + self.limits.response_s
     }
@@ -290,7 +300,8 @@ impl<const N: usize> VelocityGate<N> {
             .all(|(speed, room)| speed * reach_s <= room)
     }
 
-    /// The largest scale of `qd`, at most 1, for which the invariant holds: `|v|σ (σ t/2 + lag) = room`.
+    /// The largest scale of `qd`, at most 1, for which the invariant holds:
+    /// `|v|σ (σ t/2 + lag) = room`.
     fn scale_that_can_stop(&self, qd: &Joints<N>, posture: &Posture<N>) -> f64 {
         let half_stop_s = 0.5 * self.stop_time_s(qd);
         let lag_s = self.lag_s();

@@ -34,7 +34,8 @@ pub struct Controller {
     limiter: TwistLimiter,
     joints: JointVelocity,
     estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
-    /// Targets of the live parameters, in the order of [`Parameter::ALL`]; `config` follows them on a ramp.
+    /// Targets of the live parameters, in the order of [`Parameter::ALL`]; `config` follows them on
+    /// a ramp.
     targets: [f64; 4],
     speed_m_per_s: f64,
 }
@@ -71,14 +72,16 @@ impl Controller {
         })
     }
 
-    /// Makes a program of a task and starts it. Allocates: for the closed loop and tests, not for the robot's cycle.
+    /// Makes a program of a task and starts it. Allocates: for the closed loop and tests, not for
+    /// the robot's cycle.
     pub fn start_task(&mut self, task: &Task) -> Result<(), ControlError> {
         let program = Program::new(task, &self.config)?;
         self.start(program, 0).map(drop)
     }
 
-    /// Starts a program from idle, done or fault; gives back the one before, to be dropped outside the loop.
-    /// `latched` is the activation that the bridge has latched out: the new one is greater.
+    /// Starts a program from idle, done or fault; gives back the one before, to be dropped outside
+    /// the loop. `latched` is the activation that the bridge has latched out: the new one is
+    /// greater.
     pub fn start(
         &mut self,
         program: Program,
@@ -109,7 +112,8 @@ impl Controller {
     /// Whether a task may start with the tool at `position` (base axes, m).
     ///
     /// # Errors
-    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not known.
+    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not
+    /// known.
     pub fn check_start(&self, position: &Vector3<f64>) -> Result<(), ControlError> {
         let leave = &self.config.leave;
         self.run.clearance.way_out(leave, position).map(drop)
@@ -132,7 +136,8 @@ impl Controller {
         Ok(())
     }
 
-    /// Stands still in every phase: the path stops where it is, what presses keeps its force, and no time limit runs.
+    /// Stands still in every phase: the path stops where it is, what presses keeps its force, and
+    /// no time limit runs.
     ///
     /// # Errors
     /// When no task runs, or it is leaving the surface.
@@ -163,20 +168,23 @@ impl Controller {
         self.requests.stopping = true;
     }
 
-    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal: for tests of what a wrong one does.
+    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal:
+    /// for tests of what a wrong one does.
     #[doc(hidden)]
     pub fn stop_along(&mut self, away: Vector3<f64>) {
         self.run.way_off = Some(away);
         self.stop();
     }
 
-    /// The task has ended, and the tool may still be where it touched: after a fault that let nothing move.
+    /// The task has ended, and the tool may still be where it touched: after a fault that let
+    /// nothing move.
     pub fn is_left_on_surface(&self) -> bool {
         self.run.is_left_on_surface()
     }
 
-    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface) along the last good normal, over the way of the task's
-    /// end. `latched` as in [`Controller::start`]: this is a motion of its own, with an activation of its own.
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface) along the last good
+    /// normal, over the way of the task's end. `latched` as in [`Controller::start`]: this is a
+    /// motion of its own, with an activation of its own.
     pub fn leave_surface(&mut self, latched: u64) {
         if self.run.is_left_on_surface() {
             self.activation = self.activation.max(latched) + 1;
@@ -193,7 +201,8 @@ impl Controller {
         }
     }
 
-    /// Adds an estimator to [`Controller::estimators`] without using it; its place in the list, none when it is full.
+    /// Adds an estimator to [`Controller::estimators`] without using it; its place in the list,
+    /// none when it is full.
     pub fn listen_to(&mut self, name: EstimatorName) -> Option<usize> {
         if let Some(index) = self.names.iter().position(|n| *n == name) {
             return Some(index);
@@ -202,8 +211,8 @@ impl Controller {
         Some(self.names.len() - 1)
     }
 
-    /// Switches to another estimator of [`Controller::estimators`], if it is fresh, valid and near the normal in use;
-    /// `force` waives the last two. The normal then turns at a bounded rate.
+    /// Switches to another estimator of [`Controller::estimators`], if it is fresh, valid and near
+    /// the normal in use; `force` waives the last two. The normal then turns at a bounded rate.
     pub fn select_estimator(&mut self, name: &str, force: bool) -> Result<(), SwitchRefusal> {
         if !self.run.phase.is_active() {
             return Err(SwitchRefusal::NoTask);
@@ -227,8 +236,8 @@ impl Controller {
         )
     }
 
-    /// Sets a live parameter, clamped to its range; it comes into force over a ramp. A task's start sets all of them
-    /// to the task's and the preset's.
+    /// Sets a live parameter, clamped to its range; it comes into force over a ramp. A task's start
+    /// sets all of them to the task's and the preset's.
     pub fn set(&mut self, parameter: Parameter, value: f64) {
         let (lower, upper) = parameter.range();
         if value.is_finite() {
@@ -425,8 +434,8 @@ impl Controller {
     }
 }
 
-/// The tool's velocity that the phase asks for, base axes: motion in the tangent plane, force along the normal, the
-/// tool turned square.
+/// The tool's velocity that the phase asks for, base axes: motion in the tangent plane, force along
+/// the normal, the tool turned square.
 #[allow(clippy::too_many_arguments)] // One cycle's whole state; a struct for it would only be built and taken apart.
 fn wanted_twist(
     run: &mut Run,

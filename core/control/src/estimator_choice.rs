@@ -16,7 +16,8 @@ use crate::{EstimateInput, MAX_ESTIMATORS, SwitchCause, SwitchRefusal};
 pub enum EstimateStatus {
     /// A normal to use, and its age.
     Usable(EstimateInput),
-    /// Alive, but without a normal now (standing still, no contact, a passing outlier): keep the last one.
+    /// Alive, but without a normal now (standing still, no contact, a passing outlier): keep the
+    /// last one.
     Waiting,
     /// Nobody in the list can be used.
     None(Validity),

@@ -1,9 +1,11 @@
-//! A moving base, put before the law: everything is seen from where the base stood when the task began.
+//! A moving base, put before the law: everything is seen from where the base stood when the task
+//! began.
 //!
-//! Called by the controller each cycle, first and last. The surface stands on the floor, so path, normal and force live there: the
-//! law works in the base's axes of the task's first cycle, as if the base had stayed. What it asks of the tool is an
-//! absolute motion; what the base already does of it is taken off (`against_base`), which is the feed-forward of the base's
-//! velocity. On a base that stands nothing is changed, not a bit.
+//! Called by the controller each cycle, first and last. The surface stands on the floor, so path,
+//! normal and force live there: the law works in the base's axes of the task's first cycle, as if
+//! the base had stayed. What it asks of the tool is an absolute motion; what the base already does
+//! of it is taken off (`against_base`), which is the feed-forward of the base's velocity. On a base
+//! that stands nothing is changed, not a bit.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World};
@@ -59,8 +61,8 @@ impl Ground {
         })
     }
 
-    /// What the joints make of the motion asked for. A standing base leaves the arm all the time it needs; a moving one takes the
-    /// surface away, or drives it into the tool.
+    /// What the joints make of the motion asked for. A standing base leaves the arm all the time it
+    /// needs; a moving one takes the surface away, or drives it into the tool.
     pub fn follow(
         &mut self,
         asked: &Twist<Aligned<Tool, Base>>,
@@ -71,7 +73,8 @@ impl Ground {
         self.short_s = if short { self.short_s + dt_s } else { 0.0 };
     }
 
-    /// The base moves and the arm cannot make up for it: the end of its reach, a singularity, a joint's limit.
+    /// The base moves and the arm cannot make up for it: the end of its reach, a singularity, a
+    /// joint's limit.
     pub fn out_of_reach(&self) -> bool {
         self.short_s > SHORTFALL_S
     }
@@ -128,8 +131,8 @@ mod tests {
     }
 
     proptest! {
-        /// What stands on the floor stands in the law's axes, however the base moves; and a tool that is to stand there is
-        /// moved against the base.
+        /// What stands on the floor stands in the law's axes, however the base moves; and a tool
+        /// that is to stand there is moved against the base.
         #[test]
         fn the_floor_stands(t in prop::array::uniform3(-5.0f64..5.0), r in prop::array::uniform3(-1.0f64..1.0),
                             v in prop::array::uniform3(-0.05f64..0.05), w in prop::array::uniform3(-0.1f64..0.1),

@@ -1,6 +1,7 @@
 //! Control laws, phases, tasks and paths, limits and guards: one step per robot cycle.
 //!
-//! Called by the `controller` service inside the robot's cycle, and by the closed loop of `evaluate`.
+//! Called by the `controller` service inside the robot's cycle, and by the closed loop of
+//! `evaluate`.
 
 pub mod admittance;
 pub mod alignment;
@@ -53,9 +54,7 @@ pub use error::ControlError;
 pub use estimator_choice::{EstimateStatus, EstimatorChoice};
 pub use hybrid_dynamics::FrictionConfig;
 pub use hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
-pub use interface::{
-    ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS, UntaredLoad,
-};
+pub use interface::{ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS, UntaredLoad};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameter::Parameter;
 pub use path::{Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, Waypoints};
@@ -64,12 +63,12 @@ pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
 pub use state_interval::StateInterval;
 pub use switching::{ChoiceRules, SwitchCause, SwitchRefusal};
+pub use tangent_schemas::CommandKind;
 pub use tare_permission::{ContactSign, ControllerWord};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis, ZeroAtLimit, ZeroSpec,
 };
-pub use tangent_schemas::CommandKind;
 pub use unified_force_impedance::{
     BendChange, TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
     UnifiedInput, UnifiedOutput, VisionInput,

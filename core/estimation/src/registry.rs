@@ -25,12 +25,14 @@ pub fn estimator_names() -> [&'static str; MAKERS.len()] {
     MAKERS.map(|(name, _)| name)
 }
 
-/// Makes an estimator by name. Its memory stays with the floor when the base moves ([`ContactSample::base`]).
+/// Makes an estimator by name. Its memory stays with the floor when the base moves
+/// ([`ContactSample::base`]).
 ///
 /// [`ContactSample::base`]: crate::ContactSample::base
 ///
 /// # Errors
-/// [`EstimationError::Unknown`] lists the names there are; [`EstimationError::OutOfRange`] names the setting.
+/// [`EstimationError::Unknown`] lists the names there are; [`EstimationError::OutOfRange`] names
+/// the setting.
 pub fn build(
     name: &str,
     config: &EstimatorConfig,

@@ -84,7 +84,8 @@ fn look(size: [usize; 2], depth_m: &[f32], target: [f64; 2]) -> (VisualNormal, V
     (found, normals)
 }
 
-/// Whatever came in: numbers are finite, unit normals are units, and pixels without depth have none.
+/// Whatever came in: numbers are finite, unit normals are units, and pixels without depth have
+/// none.
 fn sound(found: &VisualNormal, depth_m: &[f32], normals: &[[f32; 3]]) {
     assert!((found.normal.norm() - 1.0).abs() < 1e-9);
     assert!(found.point.iter().all(|x| x.is_finite()));
@@ -266,7 +267,8 @@ fn mirrored_data_gives_the_mirrored_normal() {
     );
     assert_eq!(one.validity, VisualValidity::Valid);
     let flip = Vector3::new(-1.0, 1.0, 1.0);
-    // Not to the last bit: the noise is measured on every other cell, and those are others in the mirror.
+    // Not to the last bit: the noise is measured on every other cell, and those are others in the
+    // mirror.
     assert!((one.normal.component_mul(&flip) - other.normal).norm() < 1e-3);
     assert!((one.point.component_mul(&flip) - other.point).norm() < 1e-4);
 }
@@ -540,7 +542,8 @@ fn the_covariance_is_honest_where_the_noise_is_white() {
             bends += ((station.bend_per_m - bend) / station.bend_sd_per_m).powi(2);
         }
         let (nees, bends) = (sum / runs as f64, bends / runs as f64);
-        // The mean of an honest one is 1 +- 0.1 (one sigma). The bend's doubt is for surfaces that wave, and these do not.
+        // The mean of an honest one is 1 +- 0.1 (one sigma). The bend's doubt is for surfaces that
+        // wave, and these do not.
         assert!(
             nees > 0.6 && nees < 1.4,
             "{name}: normal {nees}, bend {bends}"

@@ -1,4 +1,5 @@
-//! The grey image that a camera takes of the target: what `tangent_sensing::TargetDetector` is to find, with blur and noise.
+//! The grey image that a camera takes of the target: what `tangent_sensing::TargetDetector` is to
+//! find, with blur and noise.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use rand_distr::{Distribution, StandardNormal};

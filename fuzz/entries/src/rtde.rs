@@ -1,4 +1,5 @@
-//! Universal Robots: RTDE packages, the bridge that takes them, the dashboard's lines and the primary stream.
+//! Universal Robots: RTDE packages, the bridge that takes them, the dashboard's lines and the
+//! primary stream.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use tangent_actuation::Command;
@@ -10,8 +11,8 @@ use tangent_rtde::primary::PrimaryReader;
 use tangent_rtde::program::RegisterMap;
 use tangent_schemas::JointArray;
 
-/// Cuts the bytes into packages, and reads each as a request and as a reply of both protocol versions. What can be read is
-/// written and read again, and must be the same.
+/// Cuts the bytes into packages, and reads each as a request and as a reply of both protocol
+/// versions. What can be read is written and read again, and must be the same.
 pub fn rtde_packages(data: &[u8]) {
     let mut framer = Framer::new(PACKAGE_BYTES_MAX);
     let mut rest = data;

@@ -78,7 +78,8 @@ fn check_size(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
     })
 }
 
-/// Bytes of a row that are pixels, where the data is as long as the header says; the last row may come without its padding.
+/// Bytes of a row that are pixels, where the data is as long as the header says; the last row may
+/// come without its padding.
 fn check_data(image: &Image, bytes_per_pixel: u64) -> Result<u64, PictureError> {
     let row = u64::from(image.width) * bytes_per_pixel;
     let before_last = u64::from(image.height.saturating_sub(1)) * u64::from(image.step);

@@ -1,4 +1,5 @@
-//! Answers people and programs: `control/task`, `control/stop`, `control/select`. Runs in the askers' threads.
+//! Answers people and programs: `control/task`, `control/stop`, `control/select`. Runs in the
+//! askers' threads.
 
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -44,14 +45,15 @@ pub trait Kind: Send + Sync + 'static {
         time: Time,
     ) -> Result<(), String>;
 
-    /// Makes sure that this estimator is listened to. A program that listens to all that its task names, and to no others, leaves it
-    /// at that.
+    /// Makes sure that this estimator is listened to. A program that listens to all that its task
+    /// names, and to no others, leaves it at that.
     fn hear(&self, _: &EstimatorName, _: &Mailbox<Self::Program>, _: Time) -> Result<(), String> {
         Ok(())
     }
 }
 
-/// Whether something fresh comes on one of these topics. All are waited for together, for [`FIRST_ESTIMATE`].
+/// Whether something fresh comes on one of these topics. All are waited for together, for
+/// [`FIRST_ESTIMATE`].
 ///
 /// # Errors
 /// The bus's reason, where a topic cannot be read.
@@ -239,8 +241,8 @@ impl<K: Kind> Desk<K> {
         answer
     }
 
-    /// Writes down that the tool may touch something from now on, in front of it as it stands. What was known in doubt before stays,
-    /// unless a person has looked.
+    /// Writes down that the tool may touch something from now on, in front of it as it stands. What
+    /// was known in doubt before stays, unless a person has looked.
     fn expect_contact(&self, said_clear: bool) -> Result<(), String> {
         let Some(arm) = self
             .seen()

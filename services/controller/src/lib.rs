@@ -1,9 +1,10 @@
 //! The controller service: one step of the law per robot packet.
 //!
-//! It listens to `arm/state` in the publisher's thread, so that beside the bridge the whole cycle, packet to command,
-//! is one call. The wrench and the estimates are read as they are then, each with its age. It says `arm/command` and
-//! `control/state` every cycle; it answers `control/task`, `control/stop` and `control/select`; a side thread asks for
-//! the tare, writes the log and draws for the viewers. At its own end it retracts first.
+//! It listens to `arm/state` in the publisher's thread, so that beside the bridge the whole cycle,
+//! packet to command, is one call. The wrench and the estimates are read as they are then, each
+//! with its age. It says `arm/command` and `control/state` every cycle; it answers `control/task`,
+//! `control/stop` and `control/select`; a side thread asks for the tare, writes the log and draws
+//! for the viewers. At its own end it retracts first.
 
 mod age;
 mod config;

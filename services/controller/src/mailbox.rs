@@ -25,7 +25,8 @@ pub enum Ask<P> {
     Start {
         /// The program to start, and then the one before.
         program: Box<Option<P>>,
-        /// A person has looked and says that the tool hangs free. Without effect where the start is refused.
+        /// A person has looked and says that the tool hangs free. Without effect where the start is
+        /// refused.
         said_clear: bool,
     },
     /// Stand still.
@@ -70,7 +71,8 @@ pub enum Outcome {
     TooLate,
     /// Not carried out: a stop was requested after this start.
     Stopped,
-    /// A stop where no task runs: the tool may still touch what it touched before this controller started.
+    /// A stop where no task runs: the tool may still touch what it touched before this controller
+    /// started.
     MayTouch,
 }
 

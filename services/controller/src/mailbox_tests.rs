@@ -1,4 +1,5 @@
-//! Histories of requests against the mailbox: what was refused has no effect, what was done has one.
+//! Histories of requests against the mailbox: what was refused has no effect, what was done has
+//! one.
 //!
 //! Once stepped with a simulated clock through thousands of interleavings, once with threads.
 
@@ -43,7 +44,8 @@ struct Entry {
     stopped: bool,
 }
 
-/// Askers and a loop take single steps in random order; each step is one that threads can take between others' steps.
+/// Askers and a loop take single steps in random order; each step is one that threads can take
+/// between others' steps.
 fn history(seed: u64) -> (usize, usize, usize) {
     let mut draw = Draw(seed);
     let mailbox = Mailbox::<Number>::default();

@@ -2,8 +2,8 @@
 //! controller, and the time; outputs are bytes for the robot. It owns the session, the gate, the
 //! lease and the counters.
 //!
-//! The cycle is: [`Bridge::state`] takes a state, the caller publishes it, and [`Bridge::command`] writes the answer. Neither
-//! allocates while a motion runs.
+//! The cycle is: [`Bridge::state`] takes a state, the caller publishes it, and [`Bridge::command`]
+//! writes the answer. Neither allocates while a motion runs.
 //!
 //! The torque motion runs while a controller sends commands, whether the arm moves or not. A task
 //! therefore starts without waiting for a motion, and between tasks the arm is held. Without a

@@ -1,4 +1,5 @@
-//! The state machine against a robot written by hand: what it asks when, and that a cycle takes no memory.
+//! The state machine against a robot written by hand: what it asks when, and that a cycle takes no
+//! memory.
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_actuation::lease::Source;

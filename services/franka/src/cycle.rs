@@ -1,8 +1,9 @@
 //! The loop: one state of the robot in, wrench and `arm/state` published, one answer out.
 //!
-//! The thread waits for the robot's packet, never for a timer of its own. Publishing the state runs a controller of the same
-//! process, so its command is there when publishing returns; it passes the guard and leaves in the same cycle. The TCP side
-//! is looked at after the answer has left. Once a motion runs, nothing here allocates, locks or waits but for the robot.
+//! The thread waits for the robot's packet, never for a timer of its own. Publishing the state runs
+//! a controller of the same process, so its command is there when publishing returns; it passes the
+//! guard and leaves in the same cycle. The TCP side is looked at after the answer has left. Once a
+//! motion runs, nothing here allocates, locks or waits but for the robot.
 
 use std::io::{Read, Write};
 use std::sync::Arc;
@@ -195,7 +196,8 @@ impl Cycle {
         self.tcp_out.clear();
         self.bridge.open(port, self.now_s(heard), &mut self.tcp_out);
         loop {
-            // A turn waits for the robot's state no longer than the socket's patience: advancing, or waiting for the robot.
+            // A turn waits for the robot's state no longer than the socket's patience: advancing,
+            // or waiting for the robot.
             beat.beat();
             let received = link.receive()?;
             let arrival = Instant::now();
@@ -269,11 +271,13 @@ impl Cycle {
             self.bridge.stop();
         }
         self.fill_state(arrival);
-        // The wrench first: a controller is called when the state is published, and wants the wrench of this cycle.
+        // The wrench first: a controller is called when the state is published, and wants the
+        // wrench of this cycle.
         self.publish_wrench(arrival);
         self.outlets.state.publish(&self.state);
         let now_s = self.now_s(Instant::now());
-        // Every one that came, since another source's must not hide the holder's; of the holder's, the newest.
+        // Every one that came, since another source's must not hide the holder's; of the holder's,
+        // the newest.
         let mut newest = None;
         for _ in 0..COMMANDS_MAX {
             let Some(received) = self.commands.try_recv() else {

@@ -72,7 +72,8 @@ impl Link {
         }
     }
 
-    /// The newest state that is there, and how many older ones were passed over; `None` when none comes for a while.
+    /// The newest state that is there, and how many older ones were passed over; `None` when none
+    /// comes for a while.
     ///
     /// # Errors
     /// The socket fails, or a datagram is no state.
@@ -101,7 +102,8 @@ impl Link {
         Ok(newest.map(|state| (state, skipped)))
     }
 
-    /// One datagram's length; `None` for one that is not the robot's. `only_waiting`: without waiting for it.
+    /// One datagram's length; `None` for one that is not the robot's. `only_waiting`: without
+    /// waiting for it.
     fn receive_one(
         &mut self,
         bytes: &mut [u8],

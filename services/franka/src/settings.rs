@@ -89,7 +89,8 @@ pub struct Config {
     pub flange_from_tool: Pose<Flange, Tool>,
     /// When the zero of the wrench estimate may be taken.
     pub tare: TareConfig,
-    /// Where the last good zero and the controller's last word are kept over restarts; none: nowhere.
+    /// Where the last good zero and the controller's last word are kept over restarts; none:
+    /// nowhere.
     pub state: Option<StateFolder>,
     /// Scheduling of the loop's thread.
     pub realtime: RealtimeConfig,
@@ -165,8 +166,8 @@ fn tare(franka: &FrankaConfig) -> TareConfig {
     }
 }
 
-/// What the robot is set to, in order. The end effector's frame stays as set at the robot: the estimate of the wrench is moved
-/// to the cell's tool here.
+/// What the robot is set to, in order. The end effector's frame stays as set at the robot: the
+/// estimate of the wrench is moved to the cell's tool here.
 fn settings(cell: &CellConfig) -> Vec<Request> {
     let franka = cell.robot.franka();
     let com = cell

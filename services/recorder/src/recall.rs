@@ -1,5 +1,5 @@
-//! Asks publishers for what the recorder missed, without keeping the disk waiting: after a restart of the recorder, a
-//! return of the router, and holes in what came.
+//! Asks publishers for what the recorder missed, without keeping the disk waiting: after a restart
+//! of the recorder, a return of the router, and holes in what came.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -11,7 +11,8 @@ use crate::ledger::Ledger;
 
 /// Publishers have this long to answer.
 const PATIENCE: Duration = Duration::from_secs(4);
-/// After a start or a return of the router, everybody is asked at these times: who is not there yet the first time is later.
+/// After a start or a return of the router, everybody is asked at these times: who is not there yet
+/// the first time is later.
 const ROUNDS: [Duration; 3] = [
     Duration::from_millis(300),
     Duration::from_millis(1500),

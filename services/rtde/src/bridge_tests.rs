@@ -182,7 +182,8 @@ fn a_foreign_program_at_the_start_is_not_killed() {
     assert_eq!(cell.bridge.reason(), Some(Reason::OtherProgram));
 }
 
-/// An operator's program runs where ours has ended: our registers still stand there, and nobody counts in them.
+/// An operator's program runs where ours has ended: our registers still stand there, and nobody
+/// counts in them.
 #[test]
 fn a_foreign_program_under_our_registers_is_not_killed() {
     let mut cell = Cell::ready(Series::Cb3);

@@ -1,8 +1,9 @@
 //! The loop: one robot packet in, one state published, one command out.
 //!
-//! The thread waits for the robot's packet, never for a timer of its own. Publishing the state runs a controller of the
-//! same process, so its command is there when publishing returns; it passes the guard and leaves in the same cycle.
-//! Once streaming, nothing here allocates, locks or waits but for the robot.
+//! The thread waits for the robot's packet, never for a timer of its own. Publishing the state runs
+//! a controller of the same process, so its command is there when publishing returns; it passes the
+//! guard and leaves in the same cycle. Once streaming, nothing here allocates, locks or waits but
+//! for the robot.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -211,7 +212,8 @@ impl Cycle {
             .open(self.now_s(Instant::now()), &mut self.out)?;
         stream.write_all(&self.out)?;
         loop {
-            // A turn waits for the robot's packet no longer than a period and a half: advancing, or waiting for the robot.
+            // A turn waits for the robot's packet no longer than a period and a half: advancing, or
+            // waiting for the robot.
             beat.beat();
             self.out.clear();
             let read = stream.read(framer.space());
@@ -253,7 +255,8 @@ impl Cycle {
         }
     }
 
-    /// Takes in every package that is there; true when a cycle is due. Of several states only the newest is answered.
+    /// Takes in every package that is there; true when a cycle is due. Of several states only the
+    /// newest is answered.
     fn packages(&mut self, framer: &mut Framer, arrival: Instant) -> Result<bool, Lost> {
         let now_s = self.now_s(arrival);
         let mut due = false;
@@ -292,7 +295,8 @@ impl Cycle {
         self.fill_state(arrival);
         self.publisher.publish(&self.state);
         let now_s = self.now_s(Instant::now());
-        // Every one that came, since another source's must not hide the holder's; of the holder's, the newest.
+        // Every one that came, since another source's must not hide the holder's; of the holder's,
+        // the newest.
         let mut newest = None;
         for _ in 0..COMMANDS_MAX {
             let Some(received) = self.commands.try_recv() else {

@@ -1,7 +1,8 @@
 //! What systemd is told, with `Type=notify` and `WatchdogSec=` in the unit: ready, alive, stopping.
 //!
-//! systemd's own protocol: one datagram of `KEY=value` lines to the socket that `NOTIFY_SOCKET` names, `@` for one without a file; see
-//! sd_notify(3). Nothing is sent where that variable is not set.
+//! systemd's own protocol: one datagram of `KEY=value` lines to the socket that `NOTIFY_SOCKET`
+//! names, `@` for one without a file; see sd_notify(3). Nothing is sent where that variable is not
+//! set.
 
 use std::io;
 use std::os::linux::net::SocketAddrExt;

@@ -136,7 +136,8 @@ impl TareWork {
 }
 
 impl TareDesk {
-    /// Why a request is refused without asking the loop; none where it may be carried out. Waits for nothing.
+    /// Why a request is refused without asking the loop; none where it may be carried out. Waits
+    /// for nothing.
     pub(crate) fn judge(&self, request: &Request) -> Option<Answer> {
         let wanted = match Wanted::of(request) {
             Ok(wanted) => wanted,
@@ -161,7 +162,8 @@ impl TareDesk {
         ))
     }
 
-    /// Answers one request that was judged; waits for its turn and the average, until the request's deadline at most.
+    /// Answers one request that was judged; waits for its turn and the average, until the request's
+    /// deadline at most.
     pub(crate) fn respond(&self, asked: &Asked) -> Answer {
         let wanted = match Wanted::of(&asked.request) {
             Ok(wanted) => wanted,

@@ -1,8 +1,9 @@
 //! The answer to `netft/tare`, shared by the services that publish a wrench: `netft` and `franka`.
 //!
-//! [`open`] answers the query. Whether a tare is allowed is judged at once, in the bus's urgent lane, by what the controller says
-//! of contact; the average is taken by the service's loop through its [`Taring`], and waited for in the slow lane. What a
-//! restart must not forget (the last good zero, the controller's last word) stands in one file of the cell's state folder.
+//! [`open`] answers the query. Whether a tare is allowed is judged at once, in the bus's urgent
+//! lane, by what the controller says of contact; the average is taken by the service's loop through
+//! its [`Taring`], and waited for in the slow lane. What a restart must not forget (the last good
+//! zero, the controller's last word) stands in one file of the cell's state folder.
 
 #![deny(missing_docs)]
 
@@ -65,7 +66,8 @@ pub fn open(bus: &Bus, setup: &TareSetup) -> Result<Opened, BusError> {
 }
 
 impl Opened {
-    /// Starts the thread that writes the memory down. The query is answered while the second part is kept.
+    /// Starts the thread that writes the memory down. The query is answered while the second part
+    /// is kept.
     ///
     /// # Errors
     /// No thread can be started.

@@ -21,7 +21,8 @@ pub(super) struct Field<'a> {
     pub range_m: [f64; 2],
 }
 
-/// A stretch of a row over which inverse depth and its slopes are linear: value and change per cell.
+/// A stretch of a row over which inverse depth and its slopes are linear: value and change per
+/// cell.
 struct Line {
     /// Place of the first pixel, and from pixel to pixel, cells.
     first: f32,
@@ -98,8 +99,9 @@ impl Line {
 impl Field<'_> {
     /// Fills `normals`, one per pixel of the image.
     pub fn fill(&self, image: &DepthImage<'_>, normals: &mut [PixelNormal]) {
-        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost, their own square goes on. Several squares
-        // together row by row: memory is written in the order in which it lies.
+        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost, their
+        // own square goes on. Several squares together row by row: memory is written in the order
+        // in which it lies.
         let (rows, columns) = (self.rows.max(2) - 1, self.columns.max(2) - 1);
         let mut squares: [Square; SQUARES] = Default::default();
         for row in 0..rows {
@@ -215,8 +217,8 @@ impl Field<'_> {
         }))
     }
 
-    /// The plane around that is nearest to what the pixel itself says: of the square's own nodes, or of those beyond where none
-    /// of them fits.
+    /// The plane around that is nearest to what the pixel itself says: of the square's own nodes,
+    /// or of those beyond where none of them fits.
     fn nearest(&self, square: [usize; 2], [column, row]: [f64; 2], z: f32) -> PixelNormal {
         if !self.reads(z) {
             return [0.0; 3];
@@ -241,7 +243,8 @@ impl Field<'_> {
                     }
                 }
             }
-            // Further away only for a pixel that is of no surface here, and furthest only where there is none.
+            // Further away only for a pixel that is of no surface here, and furthest only where
+            // there is none.
             if best.0 < limit || (reach == 1 && best.1.is_some()) {
                 break;
             }

@@ -1,7 +1,8 @@
 //! What a fit of inverse depth says about the surface: point, normal and curvature, in camera axes.
 //!
-//! With `a = x/z` and `b = y/z` the surface is `G(x, y, z) = z w(x/z, y/z) - 1 = 0`, where `w = 1/z`: a plane in space is a plane
-//! in `w`, which is why the fits are made there. `G` is homogeneous of degree one, so gradient and second derivatives are short.
+//! With `a = x/z` and `b = y/z` the surface is `G(x, y, z) = z w(x/z, y/z) - 1 = 0`, where
+//! `w = 1/z`: a plane in space is a plane in `w`, which is why the fits are made there. `G` is
+//! homogeneous of degree one, so gradient and second derivatives are short.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -54,8 +55,8 @@ impl InverseDepth {
         (n * n.transpose() - Matrix3::identity()) * of_gradient / length
     }
 
-    /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a convex body. None where there is no
-    /// point.
+    /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a
+    /// convex body. None where there is no point.
     pub fn curvature(&self) -> Option<Matrix3<f64>> {
         let normal = self.normal()?;
         if self.w <= 0.0 {

@@ -1,7 +1,9 @@
-//! A cubic through the cells around a point, as height over the tangent plane there: normal and curvature, and how sure they are.
+//! A cubic through the cells around a point, as height over the tangent plane there: normal and
+//! curvature, and how sure they are.
 //!
-//! In the tangent frame a bent surface has no third derivative but the change of its bend, however steeply it is seen; that change
-//! is believed to be as small as surfaces are smooth, and what it may hide is in the covariance.
+//! In the tangent frame a bent surface has no third derivative but the change of its bend, however
+//! steeply it is seen; that change is believed to be as small as surfaces are smooth, and what it
+//! may hide is in the covariance.
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -65,8 +67,8 @@ pub(super) struct Patch {
 }
 
 impl Ground<'_> {
-    /// The widest patch of the body whose slopes agree with those of the narrower ones; once more in its own tangent frame,
-    /// under `sight`.
+    /// The widest patch of the body whose slopes agree with those of the narrower ones; once more
+    /// in its own tangent frame, under `sight`.
     pub fn widest(&self, place: &Place, sight: [f64; 2], body: u16) -> Result<Patch, PatchError> {
         let [small, large] = self.config.patch_radius_m;
         let frame = TangentFrame::new(place.normal, Vector3::x());
@@ -212,7 +214,8 @@ impl Ground<'_> {
         let covariance = cholesky.inverse() * shown.max(1.0);
         let slope = Vector2::new(solution[1], solution[2]) / radius_m;
         let bend = [3, 4, 5].map(|i| solution[i] / (radius_m * radius_m));
-        // Of the height to the operator, and of slopes that are nearly zero to the frame's own turn.
+        // Of the height to the operator, and of slopes that are nearly zero to the frame's own
+        // turn.
         let length = (1.0 + slope.norm_squared()).sqrt();
         let shape = Matrix2::new(-2.0 * bend[0], -bend[1], -bend[1], -2.0 * bend[2]) / length;
         let steep = slope.norm();
@@ -270,7 +273,8 @@ mod tests {
 
     #[test]
     fn octants_are_in_the_order_of_the_gap() {
-        // A point in each eighth of the circle, in turn: a gap of n neighbours is n wide wherever it begins.
+        // A point in each eighth of the circle, in turn: a gap of n neighbours is n wide wherever
+        // it begins.
         let turn: Vec<u8> = (0..8)
             .map(|i| {
                 let angle = (f64::from(i) + 0.5) * std::f64::consts::FRAC_PI_4;

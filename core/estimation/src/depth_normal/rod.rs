@@ -1,12 +1,13 @@
-//! The tool's own picture, to be left out: a rod between two points, seen from the camera. Camera and tool are both fixed to the
-//! flange, so this is drawn once.
+//! The tool's own picture, to be left out: a rod between two points, seen from the camera. Camera
+//! and tool are both fixed to the flange, so this is drawn once.
 
 use nalgebra::Vector3;
 
 use super::image::Intrinsics;
 
-/// Marks in `left_out` (one entry per pixel of `size_px`) the pixels whose line of sight passes within `radius_m` of the rod from
-/// `ends[0]` to `ends[1]`, camera axes, m. What is marked stays so. False, and nothing is drawn, where the sizes do not fit.
+/// Marks in `left_out` (one entry per pixel of `size_px`) the pixels whose line of sight passes
+/// within `radius_m` of the rod from `ends[0]` to `ends[1]`, camera axes, m. What is marked stays
+/// so. False, and nothing is drawn, where the sizes do not fit.
 pub fn leave_out_rod(
     intrinsics: &Intrinsics,
     size_px: [usize; 2],

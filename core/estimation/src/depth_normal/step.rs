@@ -35,7 +35,8 @@ pub struct DepthSample<'a> {
     pub intrinsics: Intrinsics,
     /// Where to say what the surface does.
     pub target: ToolTarget,
-    /// As large as the image; not zero where the tool itself (or anything else that is not the surface) is seen.
+    /// As large as the image; not zero where the tool itself (or anything else that is not the
+    /// surface) is seen.
     pub left_out: Option<&'a [u8]>,
     /// Direction of travel, camera axes, any length; for the map ahead.
     pub travel: Option<Vector3<f64>>,
@@ -47,8 +48,8 @@ pub struct DepthNormal {
     config: DepthNormalConfig,
 }
 
-/// What the step works in, kept between frames so that nothing is allocated while the image's size stays. A fresh one is the
-/// reset; no frame depends on an earlier one.
+/// What the step works in, kept between frames so that nothing is allocated while the image's size
+/// stays. A fresh one is the reset; no frame depends on an earlier one.
 #[derive(Clone, Debug, Default)]
 pub struct DepthNormalState {
     cells: Cells,
@@ -182,8 +183,9 @@ impl DepthNormal {
         }
     }
 
-    /// A normal for every pixel of the frame that `state` has seen last; `normals` has one entry per pixel. All zero for a pixel
-    /// without depth; false, and nothing is written, where the sizes do not fit.
+    /// A normal for every pixel of the frame that `state` has seen last; `normals` has one entry
+    /// per pixel. All zero for a pixel without depth; false, and nothing is written, where the
+    /// sizes do not fit.
     pub fn normals(
         &self,
         state: &DepthNormalState,

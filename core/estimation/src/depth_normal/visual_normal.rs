@@ -80,7 +80,8 @@ pub struct VisualNormal {
     pub normal: Vector3<f64>,
     /// Of the normal, rad²; singular along it.
     pub covariance: Matrix3<f64>,
-    /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a convex body.
+    /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a
+    /// convex body.
     pub curvature: Matrix3<f64>,
     /// Its eigenvalues in the tangent plane, the larger first, 1/m.
     pub principal_curvatures_per_m: [f64; 2],

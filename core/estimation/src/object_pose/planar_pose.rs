@@ -1,4 +1,5 @@
-//! The pose of a flat target from one image of its four corners: a homography, then least squares on the image.
+//! The pose of a flat target from one image of its four corners: a homography, then least squares
+//! on the image.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use tangent_mechanics::{Camera, Object, Pose};
@@ -130,7 +131,8 @@ impl PlanarTarget {
         Pose::new(at - rotation * centre, rotation)
     }
 
-    /// Gauss-Newton on the image; the root mean square left is NaN where a corner came behind the camera.
+    /// Gauss-Newton on the image; the root mean square left is NaN where a corner came behind the
+    /// camera.
     fn refined(
         &self,
         start: Pose<Camera, Object>,

@@ -1,4 +1,5 @@
-//! From the true inverse depth to what a stereo camera says: noise of the disparity, its steps, holes, flying pixels, millimetres.
+//! From the true inverse depth to what a stereo camera says: noise of the disparity, its steps,
+//! holes, flying pixels, millimetres.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson, StandardNormal};
@@ -34,7 +35,8 @@ impl StereoNoise {
         }
     }
 
-    /// Standard deviation of inverse depth, 1/m, whatever the depth: that is what "grows with its square" means.
+    /// Standard deviation of inverse depth, 1/m, whatever the depth: that is what "grows with its
+    /// square" means.
     pub fn inverse_sd(config: &DepthNoiseConfig) -> f64 {
         config.sd_at_half_metre_m / 0.25
     }
@@ -74,7 +76,8 @@ impl StereoNoise {
                 let right = truth[if u + 1 < width { i + 1 } else { i }];
                 let up = truth[if v > 0 { i - width } else { i }];
                 let down = truth[if v + 1 < height { i + width } else { i }];
-                // A jump: more than a surface at the end of the grazing range could climb in a pixel.
+                // A jump: more than a surface at the end of the grazing range could climb in a
+                // pixel.
                 let jump = (slope_end * f64::from(w) / intrinsics.fx_px) as f32 + 0.02 * w;
                 let furthest = [left, right, up, down]
                     .into_iter()

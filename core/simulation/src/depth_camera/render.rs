@@ -1,5 +1,5 @@
-//! True inverse depth of every pixel: rays at the corners of blocks, a quadratic between them where the scene is smooth, and a
-//! ray per pixel where it is not.
+//! True inverse depth of every pixel: rays at the corners of blocks, a quadratic between them where
+//! the scene is smooth, and a ray per pixel where it is not.
 
 use super::scene::{Scene, Thing};
 use tangent_estimation::depth_normal::Intrinsics;
@@ -27,7 +27,8 @@ impl Renderer {
         }
     }
 
-    /// Fills `inverse_depth`; a block may be off by `tolerance` (1/m) at most where that can be told from a few more rays.
+    /// Fills `inverse_depth`; a block may be off by `tolerance` (1/m) at most where that can be
+    /// told from a few more rays.
     pub fn render(
         &mut self,
         scene: &Scene<'_>,

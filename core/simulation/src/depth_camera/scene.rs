@@ -1,4 +1,5 @@
-//! What the depth camera looks at: the surface, where it ends, and the table around it. The tool is laid over the image later.
+//! What the depth camera looks at: the surface, where it ends, and the table around it. The tool is
+//! laid over the image later.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -77,7 +78,8 @@ impl<'a> Scene<'a> {
         Some((if cut { Thing::Cut } else { Thing::Surface }, depth))
     }
 
-    /// Unit normal of the surface there, camera axes, out of the material; of the table where that was met.
+    /// Unit normal of the surface there, camera axes, out of the material; of the table where that
+    /// was met.
     pub fn normal(&self, sight: [f64; 2], met: (Thing, f64)) -> Option<Vector3<f64>> {
         let in_base = match met.0 {
             Thing::Nothing | Thing::Cut => return None,

@@ -77,8 +77,8 @@ fn rays_end_where_the_material_begins() {
                 continue;
             }
             let found = surface.enter(&local, [0.0, 3.0]);
-            // Whether a point lies inside, along the way in small steps. Far from a height field its distance is only an
-            // estimate; there the one point is asked for itself.
+            // Whether a point lies inside, along the way in small steps. Far from a height field
+            // its distance is only an estimate; there the one point is asked for itself.
             let graph = matches!(
                 shape,
                 ShapeConfig::Sheet { .. } | ShapeConfig::HeightField { .. }
@@ -242,7 +242,8 @@ fn holes_edges_and_grazing_cost_pixels() {
             ..none
         })) < 160 * 120 - 100
     );
-    // The blind strip lies on one side: where the right imager, to the camera's right, looks past the ball.
+    // The blind strip lies on one side: where the right imager, to the camera's right, looks past
+    // the ball.
     let shadow = readings(DepthNoiseConfig {
         stereo_shadow: true,
         ..none

@@ -1,7 +1,8 @@
-//! The controller for arms that take torques: one step of the law per packet of the arm, at 1 kHz in one process with it.
+//! The controller for arms that take torques: one step of the law per packet of the arm, at 1 kHz
+//! in one process with it.
 //!
-//! It is what [`crate::run`] is for arms that take velocities, with the same topics and queries; the law and what it reads
-//! besides the wrench come with each task as a [`TorqueProgram`].
+//! It is what [`crate::run`] is for arms that take velocities, with the same topics and queries;
+//! the law and what it reads besides the wrench come with each task as a [`TorqueProgram`].
 
 mod choice;
 mod config;

@@ -1,4 +1,5 @@
-//! Tasks of `hybrid_dynamics`: made ready for the loop, with the estimators of the object's pose that they name.
+//! Tasks of `hybrid_dynamics`: made ready for the loop, with the estimators of the object's pose
+//! that they name.
 
 use nalgebra::Vector3;
 use tangent_control::{

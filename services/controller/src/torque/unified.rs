@@ -1,4 +1,5 @@
-//! Tasks of `unified_force_impedance`: made ready for the loop, with the estimators of normals that they name.
+//! Tasks of `unified_force_impedance`: made ready for the loop, with the estimators of normals that
+//! they name.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
@@ -150,11 +151,13 @@ struct UnifiedProgram {
 }
 
 impl UnifiedProgram {
-    /// The newest frame. It is about a moment ago, which its arm state tells; the law places it there, and sees when it grows old.
+    /// The newest frame. It is about a moment ago, which its arm state tells; the law places it
+    /// there, and sees when it grows old.
     fn look(&mut self, input: &TorqueInput<'_>) -> Option<VisionInput> {
         if let Some(new) = self.frames.take_new() {
             let seen = normal_estimate(&new.message);
-            // Said just before the normal of the same image; what was lost on the way is done without.
+            // Said just before the normal of the same image; what was lost on the way is done
+            // without.
             let cycle = new.message.cycle;
             self.segments.refresh();
             let segment = self.segments.get().map(|segment| &segment.message);

@@ -109,7 +109,8 @@ pub enum BusError {
     NoAnswer {
         /// Key asked.
         key: String,
-        /// How long an answer was waited for; less than the patience where the bus knows of nobody who answers.
+        /// How long an answer was waited for; less than the patience where the bus knows of nobody
+        /// who answers.
         waited: Duration,
     },
     /// The service itself does not know what came of a request.

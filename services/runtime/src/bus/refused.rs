@@ -1,4 +1,5 @@
-//! Who was refused as a second publisher, in words: ids are told by the name that a service's health gives.
+//! Who was refused as a second publisher, in words: ids are told by the name that a service's
+//! health gives.
 
 use std::collections::BTreeMap;
 use std::fmt;

@@ -1,4 +1,5 @@
-//! TOML with errors that a person can act on: which file, line and key, what stands there, and what may.
+//! TOML with errors that a person can act on: which file, line and key, what stands there, and what
+//! may.
 
 use std::ops::Range;
 use std::path::Path;
@@ -196,8 +197,8 @@ fn path_at(table: &DeTable<'_>, span: &Range<usize>) -> String {
     String::new()
 }
 
-/// The path within a value, when something of it is at `span`. A table's own span covers only its header, so every
-/// value is looked into.
+/// The path within a value, when something of it is at `span`. A table's own span covers only its
+/// header, so every value is looked into.
 fn inside(value: &DeValue<'_>, span: &Range<usize>) -> Option<String> {
     match value {
         DeValue::Table(table) => Some(path_at(table, span)).filter(|path| !path.is_empty()),

@@ -1,8 +1,9 @@
 //! The gate before the motors of an arm that takes torques: what it is told, what it lets through.
 //!
-//! [`super::TorqueCell`] asks it once per period. Which commands are taken is decided as in the bridges ([`tangent_actuation`]);
-//! here a command that is refused also ends its task, unless it only repeats an answer. A good one is followed within the
-//! joints' efforts. Silence is ridden out for two periods; then the arm brakes and holds where it stands.
+//! [`super::TorqueCell`] asks it once per period. Which commands are taken is decided as in the
+//! bridges ([`tangent_actuation`]); here a command that is refused also ends its task, unless it
+//! only repeats an answer. A good one is followed within the joints' efforts. Silence is ridden out
+//! for two periods; then the arm brakes and holds where it stands.
 
 use tangent_actuation::admission::{Admission, AdmissionRules};
 use tangent_actuation::lease::{Lease, LeaseDecision, Source};
@@ -91,8 +92,9 @@ impl TorqueGate {
         &self.reason
     }
 
-    /// Whether a command from `source` may be given to [`TorqueGate::step`]: only one source at a time commands the arm.
-    /// `activation`: what it brings; a source that was not heard before has to start a task anew.
+    /// Whether a command from `source` may be given to [`TorqueGate::step`]: only one source at a
+    /// time commands the arm. `activation`: what it brings; a source that was not heard before has
+    /// to start a task anew.
     pub fn admit(&mut self, source: &Source, activation: u64, now_s: f64) -> bool {
         let rests = self.rest.is_some_and(|rest| rest.held.is_some());
         match self.lease.admit(source, now_s, rests) {
@@ -114,8 +116,9 @@ impl TorqueGate {
         self.admission.latch();
     }
 
-    /// Torques (Nm) for the next period, in which the arm is at `q`, `qd` after its cycle `cycle`. `command` is what arrived
-    /// since the last call, from the source that [`TorqueGate::admit`] let in.
+    /// Torques (Nm) for the next period, in which the arm is at `q`, `qd` after its cycle `cycle`.
+    /// `command` is what arrived since the last call, from the source that [`TorqueGate::admit`]
+    /// let in.
     pub fn step(
         &mut self,
         command: Option<&ArmCommand>,

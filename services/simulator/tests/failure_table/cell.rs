@@ -1,5 +1,6 @@
-//! A UR cell in simulated time: the robot's controller with the uploaded program, the bridge, conditioning, an estimator, the law. Bytes go
-//! to and fro between robot and bridge; there is no socket, clock or thread, so that a fault comes in the very cycle that a test names.
+//! A UR cell in simulated time: the robot's controller with the uploaded program, the bridge,
+//! conditioning, an estimator, the law. Bytes go to and fro between robot and bridge; there is no
+//! socket, clock or thread, so that a fault comes in the very cycle that a test names.
 
 use nalgebra::Vector6;
 use tangent_actuation::Command;

@@ -1,5 +1,6 @@
-//! The failure table of docs/architecture.md where it is logic: robot program, bridge and controller stepped together in simulated time,
-//! with the fault in every cycle. The bounds are met exactly: no machine is in it. What a machine adds is what `tangent faults` measures.
+//! The failure table of docs/architecture.md where it is logic: robot program, bridge and
+//! controller stepped together in simulated time, with the fault in every cycle. The bounds are met
+//! exactly: no machine is in it. What a machine adds is what `tangent faults` measures.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -25,7 +26,8 @@ const WRENCH_RETRACT_S: f64 = 0.1;
 const ESTIMATE_S: f64 = 0.1;
 const ESTIMATE_RETRACT_S: f64 = 1.0;
 
-/// Where both series are looked at: every cycle at 125 Hz, and cycles of all phases of that at 500 Hz.
+/// Where both series are looked at: every cycle at 125 Hz, and cycles of all phases of that at 500
+/// Hz.
 fn both() -> impl Iterator<Item = (Flavour, u64)> {
     let cb3 = (0..OFFSETS).map(|offset| (Flavour::Cb3, offset));
     cb3.chain(
@@ -35,7 +37,8 @@ fn both() -> impl Iterator<Item = (Flavour, u64)> {
     )
 }
 
-/// Every third cycle offset, starting with `of`: three faults that are judged alike share the offsets.
+/// Every third cycle offset, starting with `of`: three faults that are judged alike share the
+/// offsets.
 fn every_third(of: usize) -> impl Iterator<Item = (Flavour, u64)> {
     both().filter(move |(_, offset)| *offset as usize % 3 == of)
 }
@@ -64,8 +67,8 @@ fn first_beyond(limit_s: f64, period_s: f64) -> u64 {
     cycles
 }
 
-/// The cycle in which an age goes beyond `limit_s`, one period more in each; where that is a whole number of periods, rounding decides
-/// whether it is the cycle before, which the cell says.
+/// The cycle in which an age goes beyond `limit_s`, one period more in each; where that is a whole
+/// number of periods, rounding decides whether it is the cycle before, which the cell says.
 fn cycle_beyond(limit_s: f64, period_s: f64, is_earlier: bool) -> u64 {
     let cycles = limit_s / period_s;
     let whole = (cycles - cycles.round()).abs() < 1e-6;
@@ -216,8 +219,8 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
     }
 }
 
-/// Records that repeat, that repeat on one axis, or that are of a transducer that is cut off: 1 kHz gives 8 of them in a cycle at 125 Hz, and
-/// 2 at 500 Hz.
+/// Records that repeat, that repeat on one axis, or that are of a transducer that is cut off: 1 kHz
+/// gives 8 of them in a cycle at 125 Hz, and 2 at 500 Hz.
 #[test]
 fn a_sensor_that_does_not_live_retracts_within_two_cycles() {
     let faults = [
@@ -274,7 +277,8 @@ fn records_that_leap_are_left_out_until_they_are_too_many() {
     }
 }
 
-/// The robot's own stops, and its restart: the task ends with the first packet that says so, and nothing moves before a new start.
+/// The robot's own stops, and its restart: the task ends with the first packet that says so, and
+/// nothing moves before a new start.
 #[test]
 fn a_robot_that_stops_by_itself_ends_the_task_in_that_cycle() {
     for fault in [
@@ -330,8 +334,9 @@ fn off_the_surface(cell: &mut Cell) {
     cell.until("it rests", |c| c.robot_speed() < 1e-6);
 }
 
-/// What is silent for `silent_s` stops the path in the cycle that sees it, and after `patience_s` more the tool retracts. `during` looks
-/// at each cycle before that, with its number and that of the stop. The latest cycle for the stop.
+/// What is silent for `silent_s` stops the path in the cycle that sees it, and after `patience_s`
+/// more the tool retracts. `during` looks at each cycle before that, with its number and that of
+/// the stop. The latest cycle for the stop.
 fn stops_then_retracts(
     cell: &mut Cell,
     silent_s: f64,
@@ -377,7 +382,8 @@ fn a_silent_wrench_stops_after_two_cycles_and_retracts_after_its_patience() {
             let what = format!("{fault:?}, {flavour:?}, {offset}");
             let mut cell = with(fault, flavour, offset);
             let period_s = cell.period_s();
-            // The newest record is as old as its filter's neighbours make it: at a packet, the last of the period that ended.
+            // The newest record is as old as its filter's neighbours make it: at a packet, the last
+            // of the period that ended.
             let silent_s = WRENCH_SILENT_CYCLES * period_s + WRENCH_JITTER_S;
             let late =
                 stops_then_retracts(&mut cell, silent_s, WRENCH_RETRACT_S, &what, |_, _, _| {});

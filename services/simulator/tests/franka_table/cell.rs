@@ -1,6 +1,7 @@
-//! A Franka's cell in simulated time: the robot's controller with arm and surface, the bridge, the watch of the wrench estimate, camera and
-//! touch, the law. Bytes go to and fro between robot and bridge; there is no socket, clock or thread, so that a fault comes in the very cycle
-//! that a test names.
+//! A Franka's cell in simulated time: the robot's controller with arm and surface, the bridge, the
+//! watch of the wrench estimate, camera and touch, the law. Bytes go to and fro between robot and
+//! bridge; there is no socket, clock or thread, so that a fault comes in the very cycle that a test
+//! names.
 
 use std::sync::OnceLock;
 
@@ -28,7 +29,8 @@ use crate::fault::Fault;
 /// The published wave and the cell that ships for it.
 const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
 const CELL: &str = include_str!("../../../../deploy/cell.karacan.toml");
-/// Two millimetres above the surface and square to it, on the path soon after the touch, and soon off the surface.
+/// Two millimetres above the surface and square to it, on the path soon after the touch, and soon
+/// off the surface.
 const CHANGES: [&str; 11] = [
     "plant.start.clearance_m=0.002",
     "plant.start.tilt_rad=0.0",
@@ -44,10 +46,12 @@ const CHANGES: [&str; 11] = [
 ];
 /// Longest wait for anything, cycles.
 const PATIENCE: u64 = 30_000;
-/// Cycles in which the watch of the wrench learns how it lives, and what it has learnt; nothing is judged before.
+/// Cycles in which the watch of the wrench learns how it lives, and what it has learnt; nothing is
+/// judged before.
 const LEARNS: u64 = 1_100;
 static LEARNT: OnceLock<RecordWatchState> = OnceLock::new();
-/// A robot that sends nothing for so long is gone to the bridge, and the pause before it connects again, s.
+/// A robot that sends nothing for so long is gone to the bridge, and the pause before it connects
+/// again, s.
 const GONE_S: f64 = 1.0;
 const PAUSE_S: f64 = 0.2;
 /// Parts of a newton that a difference of the estimate is seen in.
@@ -81,7 +85,8 @@ pub struct Cell {
     settings: tangent_franka::Config,
     bridge: Bridge,
     connected: bool,
-    /// When the bridge may connect again, the pause after that, and how many states it had when it connected last.
+    /// When the bridge may connect again, the pause after that, and how many states it had when it
+    /// connected last.
     retry: (f64, f64, u64),
     heard_s: f64,
     tcp: Vec<u8>,

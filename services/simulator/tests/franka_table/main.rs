@@ -1,5 +1,6 @@
-//! The failure table of docs/architecture.md for an arm that takes torques over FCI: robot, Franka bridge and `unified_force_impedance`
-//! stepped together at 1 kHz in simulated time, with the fault in every cycle. The bounds are met exactly: no machine is in it.
+//! The failure table of docs/architecture.md for an arm that takes torques over FCI: robot, Franka
+//! bridge and `unified_force_impedance` stepped together at 1 kHz in simulated time, with the fault
+//! in every cycle. The bounds are met exactly: no machine is in it.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -18,12 +19,14 @@ use tangent_sensing::Validity;
 const OFFSETS: u64 = 24;
 /// Silence after which a task is latched out, cycles.
 const LATCHED: u64 = 101;
-/// Age beyond which a wrench is silent (two cycles and the sensor's jitter of 2 ms), and patience after that, cycles.
+/// Age beyond which a wrench is silent (two cycles and the sensor's jitter of 2 ms), and patience
+/// after that, cycles.
 const WRENCH_SILENT: u64 = 5;
 const WRENCH_RETRACT: u64 = 100;
 /// Age of the last frame beyond which the camera is dark, s.
 const CAMERA_S: f64 = 0.3;
-/// Cycles without a normal until the path's clock is slowed down, until it stands then, and until the tool retracts.
+/// Cycles without a normal until the path's clock is slowed down, until it stands then, and until
+/// the tool retracts.
 const ESTIMATE: u64 = 100;
 const CLOCK: u64 = 200;
 const ESTIMATE_RETRACT: u64 = 1000;
@@ -78,7 +81,8 @@ fn stands(cell: &mut Cell, what: &str) {
     assert!(cell.peak_n <= most_n, "{what}: {} N", cell.peak_n);
 }
 
-/// Two cycles are followed with the command before, in the third the hold begins with the torque in force, and from the fourth on it fades.
+/// Two cycles are followed with the command before, in the third the hold begins with the torque in
+/// force, and from the fourth on it fades.
 #[test]
 fn without_a_good_command_the_bridge_follows_for_two_cycles_then_holds_and_latches_after_a_tenth_of_a_second()
  {
@@ -155,7 +159,8 @@ fn a_second_source_is_refused_in_its_cycle_and_the_first_notices_nothing() {
     }
 }
 
-/// Answers that come late by a cycle, states that come twice, and half of either: no task ends for it.
+/// Answers that come late by a cycle, states that come twice, and half of either: no task ends for
+/// it.
 #[test]
 fn what_is_borne_is_borne() {
     let faults = [
@@ -180,7 +185,8 @@ fn what_is_borne_is_borne() {
     }
 }
 
-/// The robot stops by itself; its task ends with the first state that says so, and the arm moves again for a start alone.
+/// The robot stops by itself; its task ends with the first state that says so, and the arm moves
+/// again for a start alone.
 #[test]
 fn twenty_lost_answers_are_a_reflex_and_end_the_task() {
     let faults = [
@@ -265,7 +271,8 @@ fn a_robot_that_stops_by_itself_ends_the_task() {
     }
 }
 
-/// The robot holds itself from that cycle on, and what was commanded before is latched out when the bridge is there again.
+/// The robot holds itself from that cycle on, and what was commanded before is latched out when the
+/// bridge is there again.
 #[test]
 fn without_a_connection_the_robot_holds_itself() {
     let faults = [Fault::BridgeDead, Fault::Disconnected, Fault::StateNan];

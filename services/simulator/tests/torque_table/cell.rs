@@ -1,5 +1,6 @@
-//! A torque cell in simulated time: arm, object, force sensor and camera, the gate before the motors, conditioning, the object's pose, the law.
-//! There is no bus, clock or thread, so that a fault comes in the very cycle that a test names.
+//! A torque cell in simulated time: arm, object, force sensor and camera, the gate before the
+//! motors, conditioning, the object's pose, the law. There is no bus, clock or thread, so that a
+//! fault comes in the very cycle that a test names.
 
 use std::sync::OnceLock;
 
@@ -34,7 +35,8 @@ const CHANGES: [&str; 4] = [
 ];
 /// Longest wait for anything, cycles.
 const PATIENCE: u64 = 20_000;
-/// Cycles in which the watch of the sensor learns how it lives, and what it has learnt; nothing is judged before.
+/// Cycles in which the watch of the sensor learns how it lives, and what it has learnt; nothing is
+/// judged before.
 const LEARNS: u64 = 1_100;
 static LEARNT: OnceLock<SensorWatchState> = OnceLock::new();
 

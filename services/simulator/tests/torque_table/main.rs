@@ -1,5 +1,6 @@
-//! The failure table of docs/architecture.md for an arm that takes torques from `hybrid_dynamics`: arm, object, sensor and camera, the gate
-//! before the motors and the law stepped together at 1 kHz in simulated time. The bounds are met exactly: no machine is in it.
+//! The failure table of docs/architecture.md for an arm that takes torques from `hybrid_dynamics`:
+//! arm, object, sensor and camera, the gate before the motors and the law stepped together at 1 kHz
+//! in simulated time. The bounds are met exactly: no machine is in it.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -18,11 +19,13 @@ use tangent_sensing::Validity;
 const OFFSETS: u64 = 24;
 /// Silence after which a task is latched out, cycles.
 const LATCHED: u64 = 101;
-/// Longest that an axis stands still by the noise of this sensor, whose normal axis has a resolution of 0.05 N, cycles.
+/// Longest that an axis stands still by the noise of this sensor, whose normal axis has a
+/// resolution of 0.05 N, cycles.
 const AXIS_STUCK: u64 = 60;
 /// Patience with a silent wrench after the stop, cycles.
 const WRENCH_RETRACT: u64 = 100;
-/// Cycles without an estimate until the path's clock is slowed down, until it stands then, and until the tool retracts.
+/// Cycles without an estimate until the path's clock is slowed down, until it stands then, and
+/// until the tool retracts.
 const ESTIMATE: u64 = 100;
 const CLOCK: u64 = 200;
 const ESTIMATE_RETRACT: u64 = 1000;
@@ -210,7 +213,8 @@ fn an_emergency_stop_ends_the_task_in_its_period() {
     }
 }
 
-/// The records of a period are there in the next. At one record per cycle, a first one that is no number is left out as a leap.
+/// The records of a period are there in the next. At one record per cycle, a first one that is no
+/// number is left out as a leap.
 #[test]
 fn a_bad_wrench_retracts_in_its_second_cycle() {
     let faults = [Fault::SensorSaturated, Fault::SensorError, Fault::SensorNan];
@@ -236,7 +240,8 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
     }
 }
 
-/// At one record per cycle: whole records within five, one axis as soon as its own noise cannot repeat so often.
+/// At one record per cycle: whole records within five, one axis as soon as its own noise cannot
+/// repeat so often.
 #[test]
 fn a_sensor_that_does_not_live_retracts() {
     for (fault, offset) in shared([Fault::SensorFrozen, Fault::AxisStuck]) {
@@ -322,7 +327,8 @@ fn without_an_estimate_the_path_stops_and_the_tool_retracts_after_a_second() {
     }
 }
 
-/// Its pose of the object grows old without frames, as without an estimate: touch alone does not tell it.
+/// Its pose of the object grows old without frames, as without an estimate: touch alone does not
+/// tell it.
 #[test]
 fn without_frames_the_tool_retracts() {
     for offset in (0..OFFSETS).step_by(6) {

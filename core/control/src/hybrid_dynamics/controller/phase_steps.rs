@@ -1,4 +1,5 @@
-//! The phases of a task, step by step: tare, descent, touchdown, path, retraction, and back after an interruption.
+//! The phases of a task, step by step: tare, descent, touchdown, path, retraction, and back after
+//! an interruption.
 
 use tangent_estimation::ObjectEstimate;
 use tangent_mechanics::{Base, Object, Pose};

@@ -171,7 +171,8 @@ fn a_second_source_is_refused_and_the_first_goes_on() {
 
 #[test]
 fn a_new_holder_cannot_go_on_with_what_it_brings() {
-    // A controller that comes back in the middle of its task, or another one, with whatever activation.
+    // A controller that comes back in the middle of its task, or another one, with whatever
+    // activation.
     for brought in [1, 2, 3, 1_000_000] {
         let mut bench = Bench::new().moving();
         for _ in 0..600 {
