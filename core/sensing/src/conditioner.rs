@@ -118,8 +118,11 @@ pub struct ConditionedWrench {
 ///
 /// ```
 /// use tangent_mechanics::{Pose, Sensor, Wrench};
-/// use tangent_sensing::{ConditioningConfig, Payload, Reading, WrenchConditioner, WrenchConditionerState};
-/// let conditioner = WrenchConditioner::new(&ConditioningConfig::default(), &Payload::default(), Pose::identity(), 1000.0)?;
+/// use tangent_sensing::{
+///     ConditioningConfig, Payload, Reading, WrenchConditioner, WrenchConditionerState,
+/// };
+/// let (config, payload) = (ConditioningConfig::default(), Payload::default());
+/// let conditioner = WrenchConditioner::new(&config, &payload, Pose::identity(), 1000.0)?;
 /// let mut state = WrenchConditionerState::default();
 /// let reading = Reading::new(0.001, Wrench::<Sensor>::zero(), Pose::identity());
 /// assert!(conditioner.update(&mut state, &reading).validity.is_valid());
