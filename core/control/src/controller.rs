@@ -5,10 +5,10 @@ use tangent_mechanics::{Aligned, Arm, Base, Flange, Pose, Tool, Twist};
 
 use crate::alignment::{alignment_error, alignment_rate};
 use crate::force_law::ForceSample;
-use crate::ground::Ground;
 use crate::interface::{is_arm_state, is_place, is_time, is_velocity};
 use crate::joint_velocity::JointVelocity;
 use crate::limits::clamp_norm;
+use crate::moving_base::MovingBase;
 use crate::percept::{Percept, Requests};
 use crate::run::Run;
 use crate::switching::ChoiceRules;
@@ -30,7 +30,7 @@ pub struct Controller {
     activation: u64,
     requests: Requests,
     run: Run,
-    ground: Ground,
+    moving_base: MovingBase,
     limiter: TwistLimiter,
     joints: JointVelocity,
     estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
@@ -63,7 +63,7 @@ impl Controller {
             activation: 0,
             requests: Requests::default(),
             run: Run::idle(),
-            ground: Ground::default(),
+            moving_base: MovingBase::default(),
             limiter: TwistLimiter::default(),
             joints: JointVelocity::default(),
             estimates: [None; MAX_ESTIMATORS],
@@ -96,7 +96,7 @@ impl Controller {
         self.activation = self.activation.max(latched).saturating_add(1);
         self.requests = Requests::default();
         self.run = Run::start(&program, self.run.clearance);
-        self.ground = Ground::default();
+        self.moving_base = MovingBase::default();
         self.names = program.estimators.clone();
         self.config = program.config;
         self.speed_m_per_s = program.task.path.speed_m_per_s();
@@ -288,7 +288,7 @@ impl Controller {
             }
             return self.stand(input);
         }
-        let placed = self.ground.place(input);
+        let placed = self.moving_base.place(input);
         self.estimates = placed.estimates;
         if self.run.phase.is_active() && !input.arm_ready {
             self.run.abort(Fault::ArmNotReady);
@@ -304,7 +304,7 @@ impl Controller {
             &self.config,
             &self.limits,
             &placed,
-            &self.ground,
+            &self.moving_base,
             reference_n,
         );
         self.run.decide(
@@ -330,11 +330,11 @@ impl Controller {
             reference_n,
             speed_factor,
         );
-        // The sensor is tared at rest; everything else is done over ground.
+        // The sensor is tared at rest; everything else is done relative to the floor.
         let wanted = if self.run.phase == Phase::Tare {
             wanted
         } else {
-            self.ground.against_base(&input.base_from_tool, wanted)
+            self.moving_base.against_base(&input.base_from_tool, wanted)
         };
         let twist = self.limiter.step(&self.limits, wanted, input.dt_s);
         let (qd, manipulability) = self.joints.step(
@@ -345,10 +345,10 @@ impl Controller {
             &twist,
             input.dt_s,
         );
-        if self.ground.moves() {
+        if self.moving_base.moves() {
             let jacobian = self.arm.jacobian_at(&input.q, &self.flange_from_tool);
             let made = Twist::from_vector(&(jacobian * qd));
-            self.ground.follow(&twist, &made, input.dt_s);
+            self.moving_base.follow(&twist, &made, input.dt_s);
         }
         let run = &self.run;
         ControlOutput {
@@ -405,7 +405,7 @@ impl Controller {
             estimator_cause: run.choice.cause,
             estimator_switches: run.choice.switches,
             normal: if active {
-                self.ground.direction(&run.surface.normal)
+                self.moving_base.direction(&run.surface.normal)
             } else {
                 hold.normal
             },
@@ -415,7 +415,7 @@ impl Controller {
                 0.0
             },
             path_reference: if active {
-                self.ground.point(&run.tracking.reference)
+                self.moving_base.point(&run.tracking.reference)
             } else {
                 hold.path_reference
             },

@@ -11,8 +11,8 @@ use crate::answer::DepthRule;
 use crate::clearance::{LeaveWatch, Leaving};
 use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
-use crate::ground::Ground;
 use crate::interface::is_wrench;
+use crate::moving_base::MovingBase;
 use crate::percept::{Percept, Requests};
 use crate::response_guard::{Doing, ResponseGuard, Touch};
 use crate::surface::Surface;
@@ -153,14 +153,14 @@ impl Run {
     }
 
     /// Takes the cycle's measurements: what touches, where the surface faces, whether the wrench
-    /// can be believed. `input` is as placed on `ground`.
+    /// can be believed. `input` is as placed by `moving_base`.
     pub fn perceive(
         &mut self,
         program: &Program,
         config: &ControllerConfig,
         limits: &Limits,
         input: &ControlInput,
-        ground: &Ground,
+        moving_base: &MovingBase,
         reference_n: f64,
     ) -> Percept {
         let pose = &input.base_from_tool;
@@ -230,9 +230,9 @@ impl Run {
         }
         Percept {
             position,
-            position_in_base: ground.point(&position),
+            position_in_base: moving_base.point(&position),
             base: input.base.and_then(|base| base.trouble),
-            out_of_reach: ground.out_of_reach(),
+            out_of_reach: moving_base.out_of_reach(),
             z_tool,
             wrench,
             verdict,

@@ -13,7 +13,7 @@ mod gaussian_process;
 mod gaussian_process_paper;
 mod motion;
 pub mod object_pose;
-mod over_ground;
+mod on_moving_base;
 mod quadratic;
 mod quadratic_paper;
 mod reactive;

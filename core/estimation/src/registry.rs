@@ -1,6 +1,6 @@
 //! Estimators by name, as tasks, cells and the command line speak of them.
 
-use crate::over_ground::OverGround;
+use crate::on_moving_base::OnMovingBase;
 use crate::{
     Blend, EstimationError, EstimatorConfig, GaussianProcess, GaussianProcessPaper,
     NormalEstimator, Quadratic, QuadraticPaper, Reactive, ReactivePaper,
@@ -43,7 +43,7 @@ pub fn build(
         name: name.to_owned(),
         allowed: estimator_names().join(", "),
     })?;
-    Ok(Box::new(OverGround::new(make(config))))
+    Ok(Box::new(OnMovingBase::new(make(config))))
 }
 
 #[cfg(test)]

@@ -21,12 +21,12 @@ const INTRINSICS: Intrinsics = Intrinsics {
 };
 const SIZE: [usize; 2] = [320, 240];
 
-/// Depth of every pixel; `depth` takes a line of sight.
+/// Depth of every pixel; `depth` takes a ray.
 fn render(size: [usize; 2], depth: impl Fn([f64; 2]) -> Option<f64>) -> Vec<f32> {
     (0..size[0] * size[1])
         .map(|i| {
-            let sight = INTRINSICS.sight((i % size[0]) as f64, (i / size[0]) as f64);
-            depth(sight).map_or(0.0, |z| z as f32)
+            let ray = INTRINSICS.ray((i % size[0]) as f64, (i / size[0]) as f64);
+            depth(ray).map_or(0.0, |z| z as f32)
         })
         .collect()
 }
@@ -183,13 +183,7 @@ fn a_step_is_not_smeared_over() {
     // Two planes of one orientation, one 5 cm before the other.
     let normal = Rotation3::from_euler_angles(0.3, 0.0, 0.0) * Vector3::z();
     let (near, far) = (plane(normal, 0.40), plane(normal, 0.45));
-    let depth_m = render(SIZE, |sight| {
-        if sight[0] < 0.02 {
-            near(sight)
-        } else {
-            far(sight)
-        }
-    });
+    let depth_m = render(SIZE, |ray| if ray[0] < 0.02 { near(ray) } else { far(ray) });
     let depth_m = noisy(&depth_m, 0.004, 11);
     let (found, normals) = look(SIZE, &depth_m, [100.0, 120.0]);
     assert_eq!(found.validity, VisualValidity::Valid);
@@ -243,8 +237,8 @@ fn mirrored_data_gives_the_mirrored_normal() {
     };
     let depth_m: Vec<f32> = (0..SIZE[0] * SIZE[1])
         .map(|i| {
-            let sight = symmetric.sight((i % SIZE[0]) as f64, (i / SIZE[0]) as f64);
-            sphere(centre, 0.15)(sight).map_or(0.0, |z| z as f32)
+            let ray = symmetric.ray((i % SIZE[0]) as f64, (i / SIZE[0]) as f64);
+            sphere(centre, 0.15)(ray).map_or(0.0, |z| z as f32)
         })
         .collect();
     let depth_m = noisy(&depth_m, 0.004, 4);
@@ -491,13 +485,13 @@ proptest! {
         let depth_m: Vec<f32> = (0..width * height)
             .map(|i| {
                 let (u, v) = (i % width, i / width);
-                let sight = INTRINSICS.sight(u as f64, v as f64);
+                let ray = INTRINSICS.ray(u as f64, v as f64);
                 match kinds[v / block * 100 + u / block] {
                     0 => f32::NAN,
                     1 => f32::from_bits(rng.random()),
                     2 => 0.0,
                     3 => 0.3 + rng.random::<f32>() * 0.5,
-                    4 => ball(sight).unwrap_or(0.8) as f32,
+                    4 => ball(ray).unwrap_or(0.8) as f32,
                     _ => 0.6,
                 }
             })

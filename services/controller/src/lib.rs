@@ -9,7 +9,6 @@
 mod age;
 mod config;
 mod cycle;
-mod desk;
 mod error;
 mod inputs;
 mod mailbox;
@@ -18,6 +17,7 @@ mod messages;
 mod normals;
 mod offline;
 mod pinned;
+mod requests;
 mod runner;
 mod start_check;
 mod torque;
@@ -44,11 +44,11 @@ pub use start_check::{known_estimators, unknown_estimators};
 pub use torque::{TorqueConfig, run_torque};
 
 use cycle::{Cycle, Outlets};
-use desk::{Desk, Kind};
 use inputs::{EstimateReader, Inputs, WrenchReader};
-use mailbox::{Ask, Mailbox, Note, Time};
+use mailbox::{Action, Mailbox, Note, Time};
 use memory::Memory;
 use normals::Normals;
+use requests::{Kind, RequestHandler};
 use runner::Runner;
 use velocity::{Live, VelocityRunner};
 use viewer::Viewer;
@@ -91,7 +91,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
     let own_id = command.mark();
     let normals = Normals::new(&bus, &config)?;
     let memory = Arc::new(Memory::open(config.state.clone()));
-    let desk = Desk::new(&bus, &mailbox, normals, own_id, &memory)?;
+    let handler = RequestHandler::new(&bus, &mailbox, normals, own_id, &memory)?;
     let mut controller = Controller::new(
         config.arm,
         config.flange_from_tool,
@@ -111,14 +111,14 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
     };
     let cycle = Cycle::new(runner, outlets, &mailbox, &health);
-    serve(&bus, cycle, desk, &mailbox, &memory, &health, &stop)
+    serve(&bus, cycle, handler, &mailbox, &memory, &health, &stop)
 }
 
 /// Runs the loop in each packet of the arm and answers requests until `stop`.
 fn serve<R: Runner + 'static, K: Kind<Program = R::Program>>(
     bus: &Bus,
     mut cycle: Cycle<R>,
-    desk: Arc<Desk<K>>,
+    handler: Arc<RequestHandler<K>>,
     mailbox: &Mailbox<R::Program>,
     memory: &Memory,
     health: &HealthReporter,
@@ -133,7 +133,7 @@ fn serve<R: Runner + 'static, K: Kind<Program = R::Program>>(
         cycle.step(arm);
         beat.rest();
     })?;
-    let _answers = desk.open()?;
+    let _answers = handler.open()?;
     beside(bus, mailbox, memory, stop)
 }
 
@@ -262,7 +262,7 @@ fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
     if !mailbox.phase().is_active() {
         return;
     }
-    if mailbox.ask(Ask::Stop, Time::now()).is_err() {
+    if mailbox.ask(Action::Stop, Time::now()).is_err() {
         tracing::warn!("the robot is silent: ending without a retraction");
         return;
     }

@@ -1,7 +1,7 @@
 //! What outlasts the controller: that the tool may touch something, and which way is away.
 //!
-//! The desk writes it before a task starts, a side thread follows the loop's word, and the next
-//! controller begins with it.
+//! The request handler writes it before a task starts, a side thread follows the loop's word, and
+//! the next controller begins with it.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

@@ -19,7 +19,7 @@ use tangent_schemas::convert::joints;
 use tangent_schemas::tangent::ArmState;
 use tangent_schemas::topics::{self, Topic};
 
-use crate::desk::{FIRST_ESTIMATE, FRESH};
+use crate::requests::{FIRST_ESTIMATE, FRESH};
 
 /// The cell's side of the check.
 pub struct StartCheck<const N: usize> {

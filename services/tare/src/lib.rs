@@ -7,9 +7,9 @@
 
 #![deny(missing_docs)]
 
-mod desk;
 mod keeper;
 mod memory;
+mod requests;
 mod taring;
 
 use std::sync::Arc;
@@ -20,8 +20,8 @@ use tangent_schemas::topics::queries;
 pub use keeper::Keeper;
 pub use taring::{Taring, tell_zero};
 
-use desk::tare_desk;
 use memory::Memory;
+use requests::tare_requests;
 
 /// What differs from service to service.
 #[derive(Clone, Debug)]
@@ -50,12 +50,12 @@ pub struct Opened {
 pub fn open(bus: &Bus, setup: &TareSetup) -> Result<Opened, BusError> {
     let (memory, notes) = Memory::open(bus, setup.service, setup.state.clone())?;
     let memory = Arc::new(memory);
-    let (desk, work) = tare_desk(setup, &memory);
-    let judge = desk.clone();
+    let (requests, work) = tare_requests(setup, &memory);
+    let judge = requests.clone();
     let answering = bus.answer_judged(
         queries::NETFT_TARE,
         move |asked| judge.judge(&asked.request),
-        move |asked| desk.respond(&asked).into(),
+        move |asked| requests.respond(&asked).into(),
     )?;
     let taring = Taring::new(work, notes, memory.zero());
     Ok(Opened {

@@ -1,8 +1,8 @@
 //! What outlasts the service: the controller's last word on contact, and the sensor's last good
 //! zero.
 //!
-//! The tare's desk asks it for signs of contact, a side thread writes it down, and the service's
-//! loop begins with its zero.
+//! The tare's request handler asks it for signs of contact, a side thread writes it down, and the
+//! service's loop begins with its zero.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

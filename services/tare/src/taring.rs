@@ -4,8 +4,8 @@ use tangent_runtime::ticket::Order;
 use tangent_schemas::tangent::WrenchStatus;
 use tangent_sensing::{ConditionedWrench, TareConfig, WrenchConditioner, WrenchConditionerState};
 
-use crate::desk::{Outcome, TareWork, Wanted};
 use crate::memory::{KeptZero, ZeroNotes};
+use crate::requests::{Outcome, TareWork, Wanted};
 
 /// The tare's end in the service's loop, which waits for nobody and allocates nothing but in
 /// [`Taring::adopt`].

@@ -21,7 +21,7 @@ pub struct DepthNormalConfig {
     pub inverse_depth_sd_per_m: f64,
     /// Noise of depth that does not grow with it, standard deviation, m: whole millimetres.
     pub depth_sd_m: f64,
-    /// Steepest surface against the line of sight that is taken for one, rad; a steeper one is an
+    /// Steepest surface against the ray that is taken for one, rad; a steeper one is an
     /// edge.
     pub steepest_rad: f64,
     /// Reach of a window from its cell, cells, at most.

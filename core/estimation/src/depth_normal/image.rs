@@ -19,8 +19,8 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// `[x/z, y/z]` of a pixel's line of sight.
-    pub fn sight(&self, u_px: f64, v_px: f64) -> [f64; 2] {
+    /// `[x/z, y/z]` of a pixel's ray.
+    pub fn ray(&self, u_px: f64, v_px: f64) -> [f64; 2] {
         [
             (u_px - self.cx_px) / self.fx_px,
             (v_px - self.cy_px) / self.fy_px,

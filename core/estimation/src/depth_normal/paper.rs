@@ -170,9 +170,9 @@ impl DepthNormalPaper {
         };
         let mut voxels = self.voxels(sample);
         result.points = voxels.len();
-        let [a, b] = sample.intrinsics.sight(u, v);
+        let [a, b] = sample.intrinsics.ray(u, v);
         self.add_normals(&mut voxels);
-        // The point nearest to the line of sight; within a few voxels, or nothing is seen there.
+        // The point nearest to the ray; within a few voxels, or nothing is seen there.
         let direction = Vector3::new(a, b, 1.0).normalize();
         let aside = |p: &Vector3<f64>| (p - direction * direction.dot(p)).norm();
         let seeds = voxels
@@ -227,7 +227,7 @@ impl DepthNormalPaper {
             }
             let [a, b] = sample
                 .intrinsics
-                .sight((i % width) as f64, (i / width) as f64);
+                .ray((i % width) as f64, (i / width) as f64);
             let point = Vector3::new(a, b, 1.0) * z;
             points.push((self.key(&point), point));
         }

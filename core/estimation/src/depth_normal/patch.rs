@@ -68,8 +68,8 @@ pub(super) struct Patch {
 
 impl Ground<'_> {
     /// The widest patch of the body whose slopes agree with those of the narrower ones; once more
-    /// in its own tangent frame, under `sight`.
-    pub fn widest(&self, place: &Place, sight: [f64; 2], body: u16) -> Result<Patch, PatchError> {
+    /// in its own tangent frame, under `ray`.
+    pub fn widest(&self, place: &Place, ray: [f64; 2], body: u16) -> Result<Patch, PatchError> {
         let [small, large] = self.config.patch_radius_m;
         let frame = TangentFrame::new(place.normal, Vector3::x());
         let mut best = Err(PatchError::TooFew);
@@ -107,15 +107,15 @@ impl Ground<'_> {
             radius = (radius * GROWTH).min(limit);
         }
         let found = best?;
-        let [a, b] = sight;
-        let ray = Vector3::new(a, b, 1.0);
+        let [a, b] = ray;
+        let direction = Vector3::new(a, b, 1.0);
         let normal = found.frame.normal;
-        let depth = found.place.point.dot(&normal) / ray.dot(&normal);
+        let depth = found.place.point.dot(&normal) / direction.dot(&normal);
         if !(depth.is_finite() && depth > 0.0) {
             return Err(PatchError::TooFew);
         }
         let there = Place {
-            point: ray * depth,
+            point: direction * depth,
             ..found.place
         };
         self.patch(&there, body, found.radius_m).or(Ok(found))
@@ -159,9 +159,9 @@ impl Ground<'_> {
                 let w = self.cells.cells[k].reference + sums[6] / p;
                 let [a, b] = self
                     .mesh
-                    .sight(i as f64 + sums[1] / p, j as f64 + sums[2] / p);
-                let ray = Vector3::new(a, b, 1.0);
-                let offset = ray / w - place.point;
+                    .ray(i as f64 + sums[1] / p, j as f64 + sums[2] / p);
+                let direction = Vector3::new(a, b, 1.0);
+                let offset = direction / w - place.point;
                 // Over the radius, so that the matrix is well scaled.
                 let xy = frame.project(&offset) / radius_m;
                 let height = frame.normal.dot(&offset);
@@ -185,8 +185,8 @@ impl Ground<'_> {
                     x * y * y,
                     y * y * y,
                 ]);
-                // Noise lies along the line of sight; what of it is height?
-                let along = frame.normal.dot(&ray) / (w * w);
+                // Noise lies along the ray; what of it is height?
+                let along = frame.normal.dot(&direction) / (w * w);
                 let information = p / (expected * along * along).max(1e-30);
                 matrix.syger(information, &line, &line, 1.0);
                 right.axpy(information * height, &line, 1.0);

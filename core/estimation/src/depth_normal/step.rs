@@ -95,7 +95,7 @@ impl DepthNormal {
             let mesh = state.mesh;
             let step = mesh.step[0].max(mesh.step[1]);
             let far = self.config.patch_radius_m[1];
-            let place = mesh.place(sample.intrinsics.sight(u, v));
+            let place = mesh.place(sample.intrinsics.ray(u, v));
             state
                 .segments
                 .at(place, &state.facets, |facet| far / (step * facet.point.z))
@@ -136,16 +136,16 @@ impl DepthNormal {
         if body == NONE {
             return invalid(VisualValidity::TooSteep);
         }
-        let sight = sample.intrinsics.sight(u, v);
+        let ray = sample.intrinsics.ray(u, v);
         let facet = &state.facets[tool];
-        let [a, b] = sight;
-        let depth_m = plane_depth(facet, sight).unwrap_or(facet.point.z);
+        let [a, b] = ray;
+        let depth_m = plane_depth(facet, ray).unwrap_or(facet.point.z);
         let place = Place {
             point: Vector3::new(a, b, 1.0) * depth_m,
             normal: facet.normal,
             shape: Matrix3::zeros(),
         };
-        let patch = match ground.widest(&place, sight, body) {
+        let patch = match ground.widest(&place, ray, body) {
             Ok(patch) => patch,
             Err(PatchError::TooFew) => return invalid(VisualValidity::TooFew),
             Err(PatchError::OneSided) => return invalid(VisualValidity::Edge),
@@ -246,7 +246,7 @@ impl DepthNormalState {
     }
 }
 
-/// Depth at which a line of sight meets a facet's plane, m.
+/// Depth at which a ray meets a facet's plane, m.
 fn plane_depth(facet: &Facet, [a, b]: [f64; 2]) -> Option<f64> {
     let along = facet.normal.dot(&Vector3::new(a, b, 1.0));
     let depth = facet.normal.dot(&facet.point) / along;

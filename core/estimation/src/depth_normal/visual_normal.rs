@@ -74,7 +74,7 @@ pub struct VisualNormal {
     pub time_s: f64,
     /// Whether to use what follows.
     pub validity: VisualValidity,
-    /// On the surface, on the line of sight to the tool's target, m.
+    /// On the surface, on the ray to the tool's target, m.
     pub point: Vector3<f64>,
     /// Unit, out of the material.
     pub normal: Vector3<f64>,

@@ -379,7 +379,7 @@ impl ObjectPoseEstimator for ObjectPose {
 }
 
 /// Noise of a corner, and what the linear model leaves out while the camera's turn is in doubt by
-/// σ: up to σ²/2 of the line of sight, the same from frame to frame. Without it the filter grows
+/// σ: up to σ²/2 of the ray, the same from frame to frame. Without it the filter grows
 /// sure of what it linearised wrongly.
 fn corner_variance(config: &ObjectPoseConfig, camera: &CameraModel, state: &FilterState) -> f64 {
     let noise = config.corner_sd_px / camera.focal_px;

@@ -122,9 +122,9 @@ impl PlanarTarget {
         let centre = self.corners.iter().sum::<Vector3<f64>>() / CORNERS as f64;
         let at = pose.transform_point(&centre);
         let out = pose.rotate(&(self.axes * Vector3::z()));
-        let sight = at.normalize();
-        // The rotation that takes the normal to its mirror image about the line of sight.
-        let mirrored = sight * (2.0 * out.dot(&sight)) - out;
+        let ray = at.normalize();
+        // The rotation that takes the normal to its mirror image about the ray.
+        let mirrored = ray * (2.0 * out.dot(&ray)) - out;
         let turn = UnitQuaternion::rotation_between(&out, &mirrored)
             .unwrap_or_else(UnitQuaternion::identity);
         let rotation = turn * pose.rotation();

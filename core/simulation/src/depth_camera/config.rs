@@ -69,7 +69,7 @@ pub struct DepthNoiseConfig {
     pub holes_per_frame: f64,
     /// Largest radius of a hole, pixels.
     pub hole_radius_px: f64,
-    /// Between line of sight and normal: from here on pixels are lost, rad.
+    /// Between ray and normal: from here on pixels are lost, rad.
     pub grazing_from_rad: f64,
     /// And from here on all of them, rad.
     pub grazing_to_rad: f64,

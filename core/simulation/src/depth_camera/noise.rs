@@ -102,10 +102,10 @@ impl StereoNoise {
                 let (along, span_v) = slope(up, w, down);
                 let w_a = f64::from(across) * intrinsics.fx_px / span_u;
                 let w_b = f64::from(along) * intrinsics.fy_px / span_v;
-                let [a, b] = intrinsics.sight(u as f64, v as f64);
+                let [a, b] = intrinsics.ray(u as f64, v as f64);
                 let gradient = w_a * w_a + w_b * w_b + (f64::from(w) - a * w_a - b * w_b).powi(2);
-                let sight = a * a + b * b + 1.0;
-                let cos2 = f64::from(w).powi(2) / (gradient * sight);
+                let ray = a * a + b * b + 1.0;
+                let cos2 = f64::from(w).powi(2) / (gradient * ray);
                 if cos2 < cos_from * cos_from {
                     let share = (cos_from - cos2.sqrt()) / (cos_from - cos_to).max(1e-9);
                     if rng.random::<f64>() < share {

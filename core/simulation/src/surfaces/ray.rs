@@ -1,4 +1,4 @@
-//! Where a line of sight enters a shape's material: the geometry of the simulated depth camera.
+//! Where a ray enters a shape's material: the geometry of the simulated depth camera.
 
 use nalgebra::Vector3;
 

@@ -118,10 +118,10 @@ pub fn true_normals(
                 return [0.0; 3];
             }
             let (u, v) = (i % frame.width, i / frame.width);
-            let sight = frame.intrinsics.sight(u as f64, v as f64);
-            let met = seen.cast(sight);
+            let ray = frame.intrinsics.ray(u as f64, v as f64);
+            let met = seen.cast(ray);
             let normal = (met.0 == Thing::Surface)
-                .then(|| seen.normal(sight, met))
+                .then(|| seen.normal(ray, met))
                 .flatten();
             normal.map_or([0.0; 3], |n| [n.x as f32, n.y as f32, n.z as f32])
         })

@@ -22,10 +22,10 @@ use tangent_schemas::topics;
 pub use config::TorqueConfig;
 
 use crate::cycle::{Cycle, Outlets};
-use crate::desk::{Desk, Kind};
 use crate::inputs::WrenchReader;
 use crate::mailbox::Mailbox;
 use crate::memory::Memory;
+use crate::requests::{Kind, RequestHandler};
 use crate::{ControllerError, SERVICE, serve};
 use objects::Objects;
 use runner::{Boxed, TorqueRunner};
@@ -69,7 +69,7 @@ fn run_kind<K: Kind<Program = Boxed>>(
         "Pressing force of the running task.",
     );
     let memory = Arc::new(Memory::open(state));
-    let desk = Desk::new(bus, &mailbox, kind, own_id, &memory)?;
+    let handler = RequestHandler::new(bus, &mailbox, kind, own_id, &memory)?;
     let wrench = WrenchReader::new(
         bus.latest(&topics::WRENCH_TOOL)?,
         bus.latest(&topics::WRENCH_STATUS)?,
@@ -82,5 +82,5 @@ fn run_kind<K: Kind<Program = Boxed>>(
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
     };
     let cycle = Cycle::new(runner, outlets, &mailbox, &health);
-    serve(bus, cycle, desk, &mailbox, &memory, &health, stop)
+    serve(bus, cycle, handler, &mailbox, &memory, &health, stop)
 }

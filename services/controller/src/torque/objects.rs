@@ -16,14 +16,14 @@ use super::config::ObjectsConfig;
 use super::object_readers::ObjectReaders;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use super::runner::Boxed;
-use crate::desk::{Kind, one_speaks};
 use crate::inputs::age_told;
 use crate::mailbox::{Mailbox, Time};
 use crate::messages::{no_wrench, tell_ages};
+use crate::requests::{Kind, one_speaks};
 use crate::runner::Report;
 use crate::start_check::StartCheck;
 
-/// Makes tasks ready. In the desk.
+/// Prepares tasks outside the loop.
 pub struct Objects {
     bus: Bus,
     config: ObjectsConfig,

@@ -19,14 +19,14 @@ use super::choice::{Choice, rules};
 use super::config::UnifiedConfig;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use super::runner::Boxed;
-use crate::desk::{Kind, one_speaks};
 use crate::inputs::{EstimateReader, age_told, normal_estimate, read_estimate};
 use crate::mailbox::{Mailbox, Time};
 use crate::messages::{no_wrench, tell_ages};
+use crate::requests::{Kind, one_speaks};
 use crate::runner::Report;
 use crate::start_check::StartCheck;
 
-/// Makes tasks ready. In the desk.
+/// Prepares tasks outside the loop.
 pub struct Unified {
     bus: Bus,
     config: UnifiedConfig,

@@ -70,7 +70,7 @@ impl Wanted {
     }
 }
 
-/// Between the desk and the loop. No lock and no memory in the loop.
+/// Between the requests and the loop that tares. No lock and no memory in the loop.
 #[derive(Debug)]
 struct Counter {
     ticket: Ticket,
@@ -82,7 +82,7 @@ struct Counter {
 
 /// The asking end.
 #[derive(Clone)]
-pub(crate) struct TareDesk {
+pub(crate) struct TareRequests {
     counter: Arc<Counter>,
     memory: Arc<Memory>,
     patience: Duration,
@@ -101,20 +101,20 @@ struct TareFigures {
     samples: u32,
 }
 
-pub(crate) fn tare_desk(setup: &TareSetup, memory: &Arc<Memory>) -> (TareDesk, TareWork) {
+pub(crate) fn tare_requests(setup: &TareSetup, memory: &Arc<Memory>) -> (TareRequests, TareWork) {
     let counter = Arc::new(Counter {
         ticket: Ticket::default(),
         wanted: AtomicU8::new(0),
         outcomes: ArrayQueue::new(1),
         turn: Mutex::new(()),
     });
-    let desk = TareDesk {
+    let requests = TareRequests {
         counter: Arc::clone(&counter),
         memory: Arc::clone(memory),
         patience: Duration::from_secs_f64(setup.duration_s) + SLACK,
         silence: setup.silence,
     };
-    (desk, TareWork(counter))
+    (requests, TareWork(counter))
 }
 
 impl TareWork {
@@ -135,7 +135,7 @@ impl TareWork {
     }
 }
 
-impl TareDesk {
+impl TareRequests {
     /// Why a request is refused without asking the loop; none where it may be carried out. Waits
     /// for nothing.
     pub(crate) fn judge(&self, request: &Request) -> Option<Answer> {
