@@ -372,9 +372,8 @@ pub(crate) fn with_changes<T: Serialize + serde::de::DeserializeOwned>(
     let wrong = |e: String| ControlError::Syntax(format!("controller settings: {e}"));
     let mut table = toml::Table::try_from(preset).map_err(|e| wrong(e.to_string()))?;
     overlay(&mut table, changes);
-    table
-        .try_into()
-        .map_err(|e: toml::de::Error| wrong(e.message().to_owned()))
+    serde_path_to_error::deserialize(toml::Value::Table(table))
+        .map_err(|e| wrong(format!("`{}`: {}", e.path(), e.inner().message())))
 }
 
 /// Puts `changes` over `base`, table by table.
