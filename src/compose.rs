@@ -42,8 +42,8 @@ pub struct Running {
 
 impl Running {
     /// Starts `body` in a thread. It ends when its own [`Stop`] is triggered; when it ends by
-    /// itself, `everybody` is triggered, so that nobody goes on without it. A panic in it ends the
-    /// process, see [`tangent_runtime::ending`].
+    /// itself, `everybody` is triggered, so that no service continues without it. A panic in it
+    /// ends the process, see [`tangent_runtime::ending`].
     ///
     /// # Errors
     /// When the system has no thread to give.

@@ -88,11 +88,11 @@ pub fn of_system(name: &str) -> Option<&'static str> {
 /// A scenario of any kind that the simulator can play.
 #[derive(Clone, Debug)]
 pub enum Played {
-    /// An arm that takes velocities, on a surface that nobody has modelled.
+    /// A velocity-controlled arm on an unmodelled surface.
     Normals(Box<Scenario>),
     /// An arm that takes torques, an object of known shape, a camera.
     Object(Box<ObjectScenario>),
-    /// A Franka on a surface that nobody has modelled, by touch.
+    /// A Franka on an unmodelled surface, by touch alone.
     Tactile(Box<TactileScenario>),
 }
 

@@ -58,9 +58,9 @@ message! {
         pub packet_to_command_s: f64,
         /// Cycles in which no fresh command was at hand while one was due.
         pub missed_cycles: u64,
-        /// Who alone may command the arm now, `SERVICE/INSTANCE`; empty while nobody does.
+        /// Source that holds the lease, `SERVICE/INSTANCE`; empty without one.
         pub commanded_by: Name,
-        /// Its publisher's id; all zero while nobody commands.
+        /// Mark of its publisher; all zero without one.
         pub commander_id: [u8; 16],
     }
 }

@@ -164,7 +164,7 @@ pub fn run(args: &Doctor, config: &CellConfig, json: bool) -> Result<Outcome> {
 
 fn devices(config: &CellConfig) -> Vec<Finding> {
     let arm = Arm::of(config);
-    // Whoever is asked by its own protocol needs no bus, and no waiting for one.
+    // Devices that are asked by their own protocol need no bus.
     let bus_matters = arm != Arm::UniversalRobots || config.camera.is_some();
     let cell = bus_matters.then(|| RunningCell::join(config));
     let mut findings = match (arm, &cell) {

@@ -64,7 +64,7 @@ impl SmallDisk {
         self.folder.join("somebody_elses")
     }
 
-    /// Whoever writes waits from now on.
+    /// Writers block from now on.
     ///
     /// # Errors
     /// When the system refuses.

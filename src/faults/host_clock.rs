@@ -1,5 +1,5 @@
 //! The clock of the host that a process runs on, set at will: the process lives in a cell of its
-//! own, and what it says is passed on with its stamps moved. Nobody's real clock is touched.
+//! own, and what it says is passed on with its stamps moved. No real clock is changed.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -170,7 +170,7 @@ fn pass_requests(key: &str, asked: Bus, answering: &Bus) -> Result<Handle> {
     )?)
 }
 
-/// In their publishers' names and counts: nobody sees the relay.
+/// With their publishers' identities and counters, so that the relay is invisible.
 fn pass_messages(messages: &RawSubscription, to: &Bus, ahead_ns: &AtomicI64, stop: &AtomicBool) {
     // As prompt as the bus's own threads.
     let _ = tangent_runtime::realtime::setup_thread("host's clock", 70);

@@ -453,7 +453,7 @@ fn start_process(folder: &Path, name: &'static str) -> Result<Child> {
         .with_context(|| format!("starting {name}"))
 }
 
-/// A port of loopback that nobody listens on.
+/// A free port of loopback.
 fn free_port() -> Result<u16> {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("a port for a host")?;
     Ok(listener.local_addr()?.port())

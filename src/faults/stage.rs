@@ -134,7 +134,7 @@ impl Stage {
     /// over.
     ///
     /// # Errors
-    /// When nobody unlocks it in time.
+    /// When it is not unlocked in time.
     pub fn unlock(&mut self) -> Result<()> {
         let request = tangent_schemas::tangent::Request::default();
         let until = Instant::now() + Duration::from_secs(15);

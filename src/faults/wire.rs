@@ -62,7 +62,7 @@ const COUNTS: std::ops::Range<usize> = 12..36;
 /// Counts per N and Nm of the simulated box.
 const COUNTS_PER_UNIT: u64 = 1_000_000;
 
-/// Relays the sensor's UDP stream between its box and whoever asked for it last.
+/// Relays the sensor's UDP stream between its box and the client that asked for it last.
 pub struct SensorWire {
     port: u16,
     damage: Arc<Mutex<Damage>>,
@@ -273,7 +273,7 @@ impl Records {
 pub enum Cut {
     /// It passes.
     None = 0,
-    /// Nothing passes and nobody is told: the cable is out.
+    /// Nothing passes and no error is reported: the cable is out.
     Unplugged = 1,
     /// Connections are closed, and new ones too.
     Closed = 2,

@@ -81,7 +81,7 @@ pub struct Posture<const N: usize> {
 pub enum Permission {
     /// It would.
     Move,
-    /// It would, but nobody may move it: it is held.
+    /// It would, but no source may move it: it is held.
     Hold,
     /// It does not follow torques now.
     Off,

@@ -14,7 +14,7 @@ pub(crate) type Range = (&'static str, f64, f64);
 /// what its keys may be.
 pub(crate) type Ranges = &'static [(&'static str, &'static [Range])];
 
-/// How long silence and nonsense are borne, in every law. These decide when an arm stops: the
+/// Timeouts of missing and of invalid input, in every law. These decide when an arm stops: the
 /// widest are what a simulated cell on a busy laptop needs.
 pub(crate) const PATIENCE: &[Range] = &[
     ("wrench_cycles", 1.0, 20.0),

@@ -266,7 +266,7 @@ pub enum ZeroAtLimit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SwitchingSpec {
-    /// Farthest that a newcomer's normal may be from the one in use, rad; none: the law's
+    /// Largest angle between a candidate's normal and the one in use, rad; none: the law's
     /// `normal.switch_gate_rad`.
     pub disagreement_max_rad: Option<f64>,
     /// After a fall-back: take the preferred one again once it has been good for so long, s; none:

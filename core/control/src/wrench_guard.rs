@@ -1,4 +1,5 @@
-//! Silence and nonsense of the wrench, judged each cycle: stop within two, retract if it stays.
+//! Judges each cycle whether the wrench is missing or invalid: stop within two cycles, retract if
+//! it lasts.
 
 use tangent_sensing::Validity;
 

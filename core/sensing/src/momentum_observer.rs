@@ -1,7 +1,7 @@
 //! Torques that the environment puts on a torque-controlled arm's joints, from positions,
 //! velocities and motor torques alone.
 //!
-//! Called once per period by whoever has no force sensor at the wrist: the simulated Panda, whose
+//! Called once per period for arms without a force sensor at the wrist: the simulated Panda, whose
 //! own controller does the same. De Luca, Albu-Schäffer, Haddadin, Hirzinger 2006. Whatever the
 //! model leaves out is in the answer too, joint friction first of all.
 

@@ -2,8 +2,8 @@
 //!
 //! The target is a light plate with a mark of two dark and two light cells at each corner of a
 //! square, and a dark dot halfway between the square's middle and corner 0. The marks' saddle
-//! points are found by the ChESS detector of `chess-corners`. Called by whoever has images: the
-//! simulated camera, a camera service.
+//! points are found by the ChESS detector of `chess-corners`. Called wherever images are received:
+//! the simulated camera, a camera service.
 
 use chess_corners::{ChessRefiner, CornerDescriptor, Detector, DetectorConfig};
 use nalgebra::Vector2;

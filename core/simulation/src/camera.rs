@@ -141,7 +141,7 @@ pub struct Camera {
     frames_taken: u64,
     under_way: ArrayVec<CameraFrame, FRAMES_MAX>,
     detector: TargetDetector,
-    /// Whoever draws elsewhere takes exposures instead of frames.
+    /// A caller that renders elsewhere takes exposures instead of frames.
     elsewhere: bool,
     exposed: Option<Exposure>,
 }
@@ -196,7 +196,7 @@ impl Camera {
         }
     }
 
-    /// The newest exposure that nobody took.
+    /// The newest exposure that has not been taken.
     pub fn take_exposure(&mut self) -> Option<Exposure> {
         self.exposed.take()
     }

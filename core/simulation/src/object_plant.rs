@@ -233,7 +233,7 @@ impl ObjectPlant {
         self.camera.hand_over(self.corners)
     }
 
-    /// The camera's newest exposure that nobody took.
+    /// The camera's newest exposure that has not been taken.
     pub fn take_exposure(&mut self) -> Option<Exposure> {
         self.camera.take_exposure()
     }

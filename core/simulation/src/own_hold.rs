@@ -1,4 +1,4 @@
-//! What an arm that takes torques does by itself while nobody may move it: it brakes and holds the
+//! What a torque-controlled arm does by itself while it may not be moved: it brakes and holds the
 //! place where it was stopped.
 
 use tangent_mechanics::{Arm, Joints};

@@ -57,7 +57,7 @@ impl Known {
         })
     }
 
-    /// To be published: without distortion where nobody has said anything of it.
+    /// To be published: without distortion where none is configured.
     pub fn info(&self, now_ns: i64) -> Option<CameraInfo> {
         let known = self.calibration()?;
         let header = Header::new(now_ns, "camera");

@@ -159,7 +159,7 @@ impl Service {
         })
     }
 
-    /// Says the calibration, so that whoever comes late has it too.
+    /// Publishes the calibration again, so that late subscribers have it too.
     fn announce(&mut self) {
         if let Some(driver) = &mut self.driver_info
             && let Some(info) = driver.take_new()

@@ -30,8 +30,8 @@ const DRIFT: f64 = 2e-4;
 
 /// Later than this is late, s.
 const LATE_S: f64 = 0.01;
-/// Whoever is late for this long has had its clock set back, s. Long after a task would have ended
-/// because of it.
+/// A publisher that is late for this long has had its clock set back, s. Long after a task would
+/// have ended because of it.
 const STEPPED_S: f64 = 2.0;
 
 impl ContentAge {

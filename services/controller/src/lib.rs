@@ -125,7 +125,7 @@ fn serve<R: Runner + 'static, K: Kind<Program = R::Program>>(
     stop: &Stop,
 ) -> Result<(), ControllerError> {
     health.running();
-    // Nobody calls it while the arm is silent; a cycle that has begun has to end.
+    // It is not called while the arm is silent; a cycle that has begun has to end.
     let beat = Beat::new(SERVICE);
     beat.rest();
     let _loop = bus.on(&topics::ARM_STATE, move |arm| {
@@ -234,7 +234,7 @@ fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
     }
 }
 
-/// The zero in force turned out to be taken in contact: nobody is to go by it.
+/// The zero in force turned out to be taken in contact: it must not be used.
 fn withdraw_zero(bus: &Bus) {
     let request = Request {
         action: "withdraw".into(),

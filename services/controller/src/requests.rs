@@ -23,7 +23,7 @@ use crate::memory::Memory;
 pub const FRESH: Duration = Duration::from_millis(200);
 /// Older than this, `control/state` says nothing of now.
 const OLD: Duration = Duration::from_millis(500);
-/// How long an estimator that nobody listened to yet is waited for.
+/// Timeout of the first message of an estimator that was not subscribed to yet.
 pub const FIRST_ESTIMATE: Duration = Duration::from_millis(400);
 
 /// What differs from law to law when a task is started or an estimator chosen.
@@ -514,5 +514,5 @@ const STOPPED: &str =
 
 /// No cycle of the loop: nothing is known of now.
 const NO_STATE: &str = "the loop does not run: no arm/state comes in; is the bridge (rtde or franka) running, and the robot reached?";
-/// Nobody turns the loop.
+/// The loop is not called.
 pub const NO_LOOP: &str = "the loop does not run: no arm/state comes in; nothing was done; is the bridge (rtde or franka) running, and the robot reached?";

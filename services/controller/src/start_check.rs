@@ -111,7 +111,7 @@ pub fn known_estimators(own: &[String]) -> Vec<&str> {
     [built_in, more].concat()
 }
 
-/// The error for names that nobody knows, all of them; none where there is no such name.
+/// The error that lists all unknown names; none where every name is known.
 pub fn unknown_estimators(names: &[&str], known: &[&str]) -> Option<String> {
     if names.is_empty() {
         return None;

@@ -185,13 +185,13 @@ impl Depth {
         if let Some(words) = &trouble {
             tracing::warn!("depth image refused: {words}");
         }
-        // Nobody listens any more only where the service ends.
+        // Without a listener the service is ending.
         let _ = self.news.send(trouble);
     }
 
     /// An estimate that cannot be used, with the reason. It keeps the stamp and cycle of the last
-    /// that could: to whoever judges by age, a camera whose images are refused is as silent as one
-    /// that sends none, and is left as soon.
+    /// that could: to a reader that judges by age, a camera whose images are refused is as silent
+    /// as one that sends none, and is left as soon.
     fn refuse(&self, reason: Text) {
         self.normals.publish(&Message {
             validity: Validity::SensorError as u8,

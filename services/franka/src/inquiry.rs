@@ -114,7 +114,7 @@ impl From<LinkError> for InquiryError {
 /// connection, for each reply and for the states.
 ///
 /// # Errors
-/// [`InquiryError`]: nobody there, somebody else connected, another version, no states.
+/// [`InquiryError`]: no answer, another client connected, another version, no states.
 pub fn inquire(
     host: &str,
     port: u16,

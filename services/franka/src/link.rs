@@ -112,7 +112,7 @@ impl Link {
         if let Some(peer) = self.states_from
             && only_waiting
         {
-            // The socket is connected to the peer, so nobody else's datagram comes through.
+            // The socket is connected to the peer, so no other datagram is received.
             debug_assert_eq!(self.udp.peer_addr().ok(), Some(peer));
             return Ok(recv(self.udp.as_raw_fd(), bytes, MsgFlags::MSG_DONTWAIT).map(Some)?);
         }

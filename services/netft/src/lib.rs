@@ -61,7 +61,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
         .start()
         .map_err(system("starting the thread that writes state"))?;
     let mut receiver = Receiver::new(config, &bus, &parameters, health, taring)?;
-    // A thread of its own: real-time scheduling must not spread to whoever called.
+    // A thread of its own: real-time scheduling must not spread to the caller.
     let ended = std::thread::Builder::new()
         .name(SERVICE.into())
         .spawn(move || {

@@ -42,7 +42,7 @@ pub(crate) struct Former {
 pub(crate) struct Heard {
     /// Lower 32 bits of their sequences, in the file's order.
     pub sequences: Vec<u32>,
-    /// The last of them is in a file without an end: nobody has counted what is missing.
+    /// The last of them is in a file without an end: what is missing has not been counted.
     pub torn: bool,
 }
 

@@ -63,7 +63,7 @@ struct Gap {
     /// Times it was asked for.
     asked: usize,
     due: Instant,
-    /// It is known that somebody should have had it; before a publisher's first message nobody
+    /// It is known that it should have arrived; before a publisher's first message nobody
     /// knows.
     counts: bool,
 }

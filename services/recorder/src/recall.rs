@@ -91,7 +91,7 @@ impl Recaller {
         self.rounds = ROUNDS.iter().map(|after| now + *after).collect();
     }
 
-    /// Asks what is due, unless a question is under way or there is nobody to pass it on.
+    /// Asks what is due, unless a query is under way or there is no session to send it on.
     pub(crate) fn tend(&mut self, ledger: &mut Ledger, now: Instant) {
         self.look(now);
         if self.under_way || self.router.is_none() {

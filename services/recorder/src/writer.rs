@@ -23,7 +23,7 @@ use crate::publisher::{self, NOBODY};
 const ZSTD_LEVEL: u32 = 3;
 
 /// Name of the tables that say which channel is whose: `PUBLISHER TOPIC` by the channel's number.
-/// For whoever reads the end of a file that has no index.
+/// For readers of a file's end that has no index.
 pub(crate) const PUBLISHERS: &str = "publishers";
 /// Publishers that get channels of their own in one file; the messages of further ones share one to
 /// a topic.

@@ -34,7 +34,7 @@ pub struct ClockOffset {
     pub round_trip_s: f64,
 }
 
-/// Tells this host's time to whoever asks, until the handle is dropped.
+/// Answers queries for this host's time until the handle is dropped.
 ///
 /// # Errors
 /// A name that cannot stand in a key.

@@ -50,8 +50,8 @@ pub fn cause() -> Option<&'static str> {
     CAUSE.get().map(String::as_str)
 }
 
-/// Ends the process with an error in `words`: at once where nobody has to be told, else when
-/// everybody has ended or [`GRACE`] is over.
+/// Ends the process with an error in `words`: at once where no supervisor has to be notified, else
+/// when everybody has ended or [`GRACE`] is over.
 pub fn end(words: String) {
     log::line(&format!("ERROR {words}"));
     let first = CAUSE.set(words).is_ok();

@@ -24,7 +24,7 @@ struct Loop {
     beats: AtomicU64,
     /// Ticks that the present turn may take.
     allowed: AtomicU32,
-    /// Nothing is being done: nobody called.
+    /// Idle: no call is in progress.
     idle: AtomicBool,
     gone: AtomicBool,
 }

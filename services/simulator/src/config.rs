@@ -109,7 +109,7 @@ impl Flavour {
     }
 }
 
-/// How the controller behaves where real ones differ or nobody knows.
+/// How the controller behaves where real ones differ or are undocumented.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {

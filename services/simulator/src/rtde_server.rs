@@ -336,7 +336,7 @@ impl RtdeServer {
                     Effect::Inputs(names, values) => controller.write_inputs(&names, &values),
                     Effect::Log(line) => controller.log_line(&line),
                 }
-                // Nobody needs so many answers within a cycle.
+                // No client needs so many answers within a cycle.
                 if answers.len() > 1 << 20 {
                     connection.close();
                     break;

@@ -29,8 +29,8 @@ pub struct ScriptPort {
     read_only: bool,
     clients: Vec<(Connection, Collector)>,
     next_state_s: f64,
-    /// The state package: its memory is kept, since whoever holds the allocator's lock must not
-    /// hold the robot up.
+    /// The state package: its memory is kept, since a thread that holds the allocator's lock must
+    /// not hold the robot up.
     state: Vec<u8>,
 }
 

@@ -7,7 +7,7 @@ use tangent_sensing::{ConditionedWrench, TareConfig, WrenchConditioner, WrenchCo
 use crate::memory::{KeptZero, ZeroNotes};
 use crate::requests::{Outcome, TareWork, Wanted};
 
-/// The tare's end in the service's loop, which waits for nobody and allocates nothing but in
+/// The part of the tare in the service's loop, which never blocks and allocates nothing but in
 /// [`Taring::adopt`].
 pub struct Taring {
     work: TareWork,

@@ -57,7 +57,7 @@ pub struct Case {
     pub layout: Layout,
     /// What has to become of the task.
     pub outcome: Outcome,
-    /// How soon it has to be noticed, ms; none where nobody has to.
+    /// Bound on the time until it is noticed, ms; none where it need not be.
     pub noticed_within_ms: Option<f64>,
     /// Lets it happen.
     pub provoke: fn(&mut Stage) -> Result<()>,

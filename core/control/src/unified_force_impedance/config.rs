@@ -472,7 +472,7 @@ impl UnifiedForceImpedanceConfig {
                 ..default.fusion
             },
             compensate_friction: false,
-            // Dampers alone: a joint that nobody holds would drift for ever.
+            // Dampers alone would let an unconstrained joint drift for ever.
             posture: PostureConfig {
                 stiffness_nm_per_rad: 0.0,
                 ..default.posture

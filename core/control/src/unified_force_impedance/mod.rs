@@ -2,8 +2,8 @@
 //! fed from two energy tanks so that the arm stays passive. Karacan, Zhang, Sadeghian, Wu,
 //! Haddadin, for torque-controlled arms of seven joints.
 //!
-//! Called once per control period by the closed loop of `evaluate`, and by whoever holds an arm's
-//! torque interface.
+//! Called once per control period by the closed loop of `evaluate`, and by the service that holds
+//! an arm's torque interface.
 
 mod config;
 mod controller;

@@ -1,4 +1,4 @@
-//! Payloads of `sensor_msgs/Image` to metres. Called by whoever receives frames, before the first
+//! Payloads of `sensor_msgs/Image` to metres. Called where frames are received, before the first
 //! step.
 
 use thiserror::Error;

@@ -3,7 +3,7 @@
 //! Visual Feedback".
 //!
 //! `object_pose_paper` is the published filter, `object_pose` the sound form. Called by the closed
-//! loop of `evaluate` and by whoever publishes `estimate/NAME/object`.
+//! loop of `evaluate` and by the service that publishes `estimate/NAME/object`.
 
 mod arm_history;
 mod camera_model;

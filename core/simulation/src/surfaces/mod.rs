@@ -116,7 +116,7 @@ pub enum ShapeConfig {
         /// `csv_file`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         csv: Option<String>,
-        /// Name of a file with that text, resolved by whoever loads the scenario.
+        /// Name of a file with that text, resolved where the scenario is loaded.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         csv_file: Option<String>,
     },

@@ -1,5 +1,5 @@
-//! How many keys a reader of patterns follows: whoever may publish may invent keys, and each costs
-//! its reader memory, a recorder a channel of its file.
+//! Limit on the keys that a reader of patterns follows: every publisher can invent keys, and each
+//! costs its reader memory, a recorder a channel of its file.
 
 use std::collections::{BTreeMap, HashSet};
 

@@ -1,4 +1,4 @@
-//! Lanes of requests from other processes: what is slow in one service holds up nobody else, and
+//! Lanes of requests from other processes: a slow request of one service does not delay others, and
 //! nothing holds up a stop.
 
 use std::sync::Arc;

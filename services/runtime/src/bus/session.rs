@@ -48,7 +48,7 @@ pub(crate) struct Session {
     message_max: usize,
     remarks: Remarks,
     /// One declaration at a time. Zenoh 1.10.2 gives a key its number before it tells the network
-    /// of it: a thread that declares the same key in between uses a number that nobody knows yet,
+    /// of it: a thread that declares the same key in between uses a number that is not known yet,
     /// and what it declared is never matched (`Session::declare_prefix`).
     declaring: Mutex<()>,
 }
@@ -330,7 +330,8 @@ impl Session {
     }
 
     /// Asks behind everything that is measured; key and payload of each answer. They end when all
-    /// have answered. Beyond `bytes_max` that nobody has taken, answers are dropped.
+    /// have answered. Beyond `bytes_max` of answers that have not been taken, further ones are
+    /// dropped.
     pub(crate) fn recall(
         &self,
         key: &str,
@@ -428,7 +429,7 @@ impl Replies {
             ))),
             Err(error) => {
                 let reason = String::from_utf8_lossy(&error.payload().to_bytes()).into_owned();
-                // Zenoh's own word for nobody having answered in time.
+                // Zenoh's own text for a missing answer.
                 (reason != TIMEOUT).then_some(Err(reason))
             }
         }
@@ -438,7 +439,7 @@ impl Replies {
 /// What Zenoh answers itself with when a query's time is up.
 const TIMEOUT: &str = "Timeout";
 
-/// Says that nobody knows whether it was done, and why.
+/// The answer that it is not known whether it was done, and why.
 pub(crate) fn reply_unknown(query: &Query, key: &str, reason: &str) {
     let result = query
         .reply_err(reason.as_bytes())

@@ -12,7 +12,7 @@ use crate::clock;
 use crate::config::{TlsConfig, ZenohConfig};
 use crate::security;
 
-/// What the router does with everything that takes more than half a packet, whoever sent it: a ROS
+/// What the router does with every message of more than half a packet: a ROS
 /// 2 bridge sends images as it sends measurements, whose queue holds two packets, and a reliable
 /// one would have a slow reader's link closed.
 const IMAGES_BEHIND: &str = r#"[{
@@ -74,7 +74,7 @@ pub(crate) fn session_config(
             "connect/retry",
             "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 1.5 }",
         ),
-        // Nobody joins who was not told where.
+        // No peer joins without an address.
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
         ("timestamping/enabled", "false"),
@@ -108,7 +108,7 @@ pub(crate) fn session_config(
         "transport/link/tx/keep_alive",
         config.keep_alive.to_string(),
     )?;
-    // What is put together from pieces is held in memory by whoever receives it.
+    // The receiver holds the fragments of a message in memory.
     set(
         "transport/link/rx/max_message_size",
         config.message_max_bytes().to_string(),

@@ -114,7 +114,7 @@ impl Admission {
             }
             _ => far.holder = Some((publisher, now)),
         }
-        // Who is listened to is nobody's rival.
+        // The pinned publisher is not a rival.
         let own = Rival {
             publisher,
             forged: false,

@@ -28,7 +28,7 @@ pub enum ConfigError {
         /// What the parser says.
         reason: String,
     },
-    /// A key that nobody reads.
+    /// An unknown key.
     #[error("{file}, line {line}: unknown key `{key}`{}", suggest(.suggestion, .allowed))]
     UnknownKey {
         /// Path as given.

@@ -53,7 +53,7 @@ pub enum SecurityError {
         /// What to do.
         remedy: String,
     },
-    /// A path says `{identity}`, and nobody said who this process is.
+    /// A path contains `{identity}`, and this process was given no identity.
     #[error(
         "`zenoh.tls.{key}` = {value} stands for several identities: say which one with --identity (`tangent keys list` \
          shows them)"

@@ -536,7 +536,7 @@ impl Server {
             connections: self.connections,
             truth,
         };
-        // Whoever reads the last one must not hold the robot up: it sees the next.
+        // A reader of the last state must not delay the robot: it gets the next one.
         match self.snapshot.try_lock() {
             Ok(mut shown) => *shown = Some(snapshot),
             Err(TryLockError::Poisoned(shown)) => *shown.into_inner() = Some(snapshot),

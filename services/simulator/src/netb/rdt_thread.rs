@@ -13,7 +13,7 @@ use tangent_runtime::realtime::setup_thread;
 use super::rdt::RdtBox;
 use super::{NetbFault, Shared, lock};
 
-/// Pause between two looks for a request while nobody is served.
+/// Polling interval for requests while no client is served.
 const IDLE: Duration = Duration::from_millis(1);
 /// Pause between two looks for a sample that the plant has still to compute.
 const LOOK: Duration = Duration::from_micros(200);

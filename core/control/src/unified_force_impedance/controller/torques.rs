@@ -167,7 +167,7 @@ impl UnifiedForceImpedance {
     /// Gravity and `wanted` as the motors can give them. What they cannot is taken from all parts
     /// alike, and a joint that their rate holds back has gone as far in each of its parts: the
     /// books hold the torques in force, part by part. Were a part booked whole and the rest against
-    /// it, two tanks would pay each other for work that nobody does.
+    /// it, the two tanks would exchange energy for work that is not done.
     fn within_limits(&mut self, wanted: TorqueParts, now: &ArmNow, dt: f64) -> Joints<JOINTS> {
         let interface = &self.interface;
         let mut limits = *self.model.limits();

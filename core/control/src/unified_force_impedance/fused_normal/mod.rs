@@ -21,7 +21,7 @@ const CURVATURE_DOUBT_PER_M: f64 = 100.0;
 const CHANGE_SHARE: f64 = 0.2;
 /// No frame surprises by less than this, rad.
 const GATE_LEAST_RAD: f64 = 0.1;
-/// How fast a normal that nobody measures becomes doubtful, rad²/s.
+/// Growth of a normal's variance while it is not measured, rad²/s.
 const DOUBT_PER_S: f64 = 1e-4;
 /// A frame's time and the loop's may differ by this for rounding, s.
 const AHEAD_MAX_S: f64 = 0.01;

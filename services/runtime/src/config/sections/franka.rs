@@ -26,7 +26,7 @@ pub struct FrankaConfig {
     pub contact_force_n_nm: [f64; 6],
     /// External force and moment at which the robot stops with a reflex, N, Nm.
     pub collision_force_n_nm: [f64; 6],
-    /// Stiffness with which the robot holds itself while nobody commands it, Nm/rad.
+    /// Stiffness with which the robot holds itself without commands, Nm/rad.
     pub joint_impedance_nm_per_rad: [f64; 7],
     /// Inertia of the tool about its centre of mass, kg m²: about x, y, z.
     pub tool_inertia_kg_m2: [f64; 3],
