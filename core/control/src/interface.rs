@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist, Wrench};
+use tangent_schemas::CommandKind;
 use tangent_sensing::{BaseMotion, Validity};
 
 use crate::{Clearance, Fault, Phase, SwitchCause};

@@ -344,7 +344,7 @@ impl Bridge {
                 Some(Reason::Recovering | Reason::Starting | Reason::Mode(_) | Reason::Reflex(_))
             );
         }
-        let fresh = wanted.activation > self.gate.activation_latched();
+        let fresh = wanted.activation > self.gate.admission.activation_latched();
         let reflex = matches!(self.session.reason(true), Some(Reason::Reflex(_)));
         if fresh && reflex && self.session.recover(now_s, tcp) {
             self.recovering_for = Some(wanted.activation);

@@ -259,7 +259,7 @@ fn a_reflex_is_left_when_a_fresh_task_comes_or_somebody_asks() {
         bench.state.controller_mode = ControllerMode::Other.number();
         bench.state.reflex_reason = ErrorFlags::only(ErrorFlags::CARTESIAN_REFLEX);
         let ended = Reply {
-            command: Command::Move,
+            command: crate::fci::Command::Move,
             id: 2,
             body: ReplyBody::Move(MoveStatus::ReflexAborted),
         };

@@ -5,10 +5,10 @@
 //! only repeats an answer. A good one is followed within the joints' efforts. Silence is ridden out
 //! for two periods; then the arm brakes and holds where it stands.
 
+use tangent_actuation::Command;
 use tangent_actuation::admission::{Admission, AdmissionRules};
 use tangent_actuation::lease::{Lease, LeaseDecision, Source};
 use tangent_actuation::torque::read_torques;
-use tangent_actuation::{Command, Refusal};
 use tangent_mechanics::{Arm, Joints};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::tangent::ArmCommand;

@@ -1,4 +1,5 @@
 use super::*;
+use tangent_actuation::Refusal;
 use tangent_mechanics::ModelData;
 use tangent_schemas::convert::joint_array;
 use tangent_simulation::{TorqueArm, TorqueArmConfig};
