@@ -1,5 +1,5 @@
-//! A normal estimator of your own as a program of its own: the force without its part along the motion points out of
-//! the surface. `docs/write-your-own-estimator.md` goes through it.
+//! A normal estimator of your own as a program of its own: the force without its part along the
+//! motion points out of the surface. `docs/write-your-own-estimator.md` goes through it.
 
 use std::path::PathBuf;
 use std::time::Duration;

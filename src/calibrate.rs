@@ -1,4 +1,5 @@
-//! `tangent calibrate payload`: what hangs on the sensor, from readings in several orientations of the arm.
+//! `tangent calibrate payload`: what hangs on the sensor, from readings in several orientations of
+//! the arm.
 
 use std::io::BufRead;
 use std::path::Path;

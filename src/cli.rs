@@ -20,11 +20,13 @@ pub struct Cli {
     #[arg(long, global = true)]
     pub json: bool,
 
-    /// The cell's configuration file; the built-in simulated cell if none is named. For `report` also a cell's name.
+    /// The cell's configuration file; the built-in simulated cell if none is named. For `report`
+    /// also a cell's name.
     #[arg(long, global = true, value_name = "FILE", env = "TANGENT_CELL")]
     pub cell: Option<PathBuf>,
 
-    /// Who this process is on a network with certificates, as in `tangent keys list`; by default what it runs says it.
+    /// Who this process is on a network with certificates, as in `tangent keys list`; by default
+    /// what it runs says it.
     #[arg(long, global = true, value_name = "NAME")]
     pub identity: Option<String>,
 }
@@ -32,7 +34,8 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run the whole system against the simulator on this machine: approach, wipe, retract, recording and report.
+    /// Run the whole system against the simulator on this machine: approach, wipe, retract,
+    /// recording and report.
     Up(Up),
     /// Run one or more services in this process.
     Run(Run),
@@ -44,7 +47,8 @@ pub enum Command {
     Estimator(EstimatorCommand),
     /// Set the force sensor's zero: the tool must hang free.
     Tare {
-        /// You have looked: the tool hangs free. Overrides what speaks against it, but not a controller that moves or presses.
+        /// You have looked: the tool hangs free. Overrides what speaks against it, but not a
+        /// controller that moves or presses.
         #[arg(long)]
         clear: bool,
     },
@@ -69,11 +73,14 @@ pub enum Command {
     Evaluate(Evaluate),
     /// Reproduce a paper's tables beside ours.
     Reproduce(Reproduce),
-    /// Provoke every failure on a private simulated cell, and measure who notices when, and when the arm is safe.
+    /// Provoke every failure on a private simulated cell, and measure who notices when, and when
+    /// the arm is safe.
     Faults(Faults),
-    /// Can this machine do it? Scheduling, memory, kernel, network, ports, disk, clock, robot and sensor, and what to do.
+    /// Can this machine do it? Scheduling, memory, kernel, network, ports, disk, clock, robot and
+    /// sensor, and what to do.
     Doctor(Doctor),
-    /// Check files offline, with everything that would be refused later: cells, tasks, scenarios and robot models. Exit code 0 or 2.
+    /// Check files offline, with everything that would be refused later: cells, tasks, scenarios
+    /// and robot models. Exit code 0 or 2.
     Check(Check),
     /// The robot's own modes: leave a protective stop, power, the bridge's program.
     #[command(subcommand)]
@@ -89,9 +96,11 @@ pub enum Command {
 /// Options of `tangent up`.
 #[derive(Debug, Args)]
 pub struct Up {
-    /// Task file, or a system's name: tugal, lippiello, karacan. The scenario's own task if none is named.
+    /// Task file, or a system's name: tugal, lippiello, karacan. The scenario's own task if none is
+    /// named.
     pub task: Option<PathBuf>,
-    /// Scenario that the simulator plays: a name from `scenarios/` or a file; the system's own, or pipe_realistic.
+    /// Scenario that the simulator plays: a name from `scenarios/` or a file; the system's own, or
+    /// pipe_realistic.
     #[arg(long)]
     pub scenario: Option<String>,
     /// Seed of the simulator's noise.
@@ -117,7 +126,8 @@ pub struct Run {
     /// Any of router, netft, rtde, franka, camera, estimator, controller, recorder, simulator.
     #[arg(required = true, value_parser = ["router", "netft", "rtde", "franka", "camera", "estimator", "controller", "recorder", "simulator"])]
     pub services: Vec<String>,
-    /// Estimators that the estimator service of this process runs, in place of the cell file's list; commas between them.
+    /// Estimators that the estimator service of this process runs, in place of the cell file's
+    /// list; commas between them.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub estimators: Vec<String>,
 }
@@ -125,7 +135,8 @@ pub struct Run {
 /// Options of `tangent health`.
 #[derive(Debug, Args)]
 pub struct Health {
-    /// Services: router, netft, rtde, franka, camera, estimator, controller, recorder, simulator, or one of your own.
+    /// Services: router, netft, rtde, franka, camera, estimator, controller, recorder, simulator,
+    /// or one of your own.
     #[arg(required = true)]
     pub services: Vec<String>,
     /// Only those on this host (in a container: in this container).
@@ -154,7 +165,8 @@ pub enum TaskCommand {
         /// Wait so many seconds for the cell to be there and ready, instead of failing at once.
         #[arg(long, value_name = "SECONDS", value_parser = seconds)]
         wait_s: Option<f64>,
-        /// Stay until the task ends, and show it; Ctrl-C or SIGTERM retracts. Exit code 0 when the task is done.
+        /// Stay until the task ends, and show it; Ctrl-C or SIGTERM retracts. Exit code 0 when the
+        /// task is done.
         #[arg(long)]
         follow: bool,
         /// You have looked: the tool hangs free, whatever the last task left.
@@ -182,7 +194,8 @@ pub enum EstimatorCommand {
     Use {
         /// Its name, as in `estimate/NAME/normal`.
         name: String,
-        /// Switch although the newcomer is invalid or disagrees; recorded. One that is silent is refused all the same.
+        /// Switch although the newcomer is invalid or disagrees; recorded. One that is silent is
+        /// refused all the same.
         #[arg(long)]
         force: bool,
     },
@@ -201,7 +214,8 @@ pub struct Compare {
 /// What to measure.
 #[derive(Debug, Subcommand)]
 pub enum CalibrateCommand {
-    /// Mass and centre of mass of what hangs on the sensor, from readings in several orientations of the arm.
+    /// Mass and centre of mass of what hangs on the sensor, from readings in several orientations
+    /// of the arm.
     Payload(CalibratePayload),
 }
 
@@ -245,9 +259,11 @@ pub struct Status {
 /// What to do with certificates.
 #[derive(Debug, Subcommand)]
 pub enum KeysCommand {
-    /// Make an authority, a certificate for each identity, and the router's access rules; what is there is kept.
+    /// Make an authority, a certificate for each identity, and the router's access rules; what is
+    /// there is kept.
     New(NewKeys),
-    /// Lock identities out for good: the router takes them from its access rules, and their names are not given again.
+    /// Lock identities out for good: the router takes them from its access rules, and their names
+    /// are not given again.
     Revoke {
         /// Folder, as given to `new`.
         folder: PathBuf,
@@ -270,14 +286,16 @@ pub struct NewKeys {
     /// Name of a cell; may be repeated. Cells that the folder has already stay.
     #[arg(long = "for", value_name = "CELL")]
     pub cells: Vec<String>,
-    /// Name or address under which the router is dialled, besides localhost; may be repeated. Those it has already stay.
+    /// Name or address under which the router is dialled, besides localhost; may be repeated. Those
+    /// it has already stay.
     #[arg(long = "host", value_name = "HOST")]
     pub hosts: Vec<String>,
-    /// A host that runs estimators: an identity of its own in each cell, `estimator-NAME.CELL`, that can be revoked alone; may
-    /// be repeated.
+    /// A host that runs estimators: an identity of its own in each cell, `estimator-NAME.CELL`,
+    /// that can be revoked alone; may be repeated.
     #[arg(long = "estimator-host", value_name = "NAME")]
     pub estimator_hosts: Vec<String>,
-    /// A further holder of a role, `ROLE-NAME.CELL` or `ROLE-NAME`, for instance operator-anna; may be repeated.
+    /// A further holder of a role, `ROLE-NAME.CELL` or `ROLE-NAME`, for instance operator-anna; may
+    /// be repeated.
     #[arg(long, value_name = "IDENTITY")]
     pub also: Vec<String>,
     /// Make this identity's certificate anew, with the names that it has; may be repeated.
@@ -334,10 +352,12 @@ pub struct Reproduce {
     /// Which paper.
     #[arg(value_parser = ["tugal", "karacan", "lippiello", "all"])]
     pub paper: String,
-    /// Seeds per row: 5 for `tugal` and 10 for `karacan`, whose figures are means over them, 20 for `lippiello`, whose figures are medians.
+    /// Seeds per row: 5 for `tugal` and 10 for `karacan`, whose figures are means over them, 20 for
+    /// `lippiello`, whose figures are medians.
     #[arg(long)]
     pub seeds: Option<u64>,
-    /// Also draw the paper's figures beside ours as SVG files into this folder (`karacan`, `lippiello`).
+    /// Also draw the paper's figures beside ours as SVG files into this folder (`karacan`,
+    /// `lippiello`).
     #[arg(long, value_name = "FOLDER")]
     pub figures: Option<PathBuf>,
 }
@@ -375,14 +395,16 @@ pub struct Doctor {
 /// Options of `tangent check`.
 #[derive(Debug, Args)]
 pub struct Check {
-    /// Cells, tasks, scenarios, robot models, in any order. A task is checked on the cell that --cell names.
+    /// Cells, tasks, scenarios, robot models, in any order. A task is checked on the cell that
+    /// --cell names.
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
     /// What the files are; by default that is seen from their keys.
     #[arg(long, value_enum)]
     pub kind: Option<FileKind>,
-    /// Joint positions from which tasks start, rad, base to flange, commas between them; by default those of the scenario that the cell
-    /// simulates. Reach and workspace are only checked from a start.
+    /// Joint positions from which tasks start, rad, base to flange, commas between them; by default
+    /// those of the scenario that the cell simulates. Reach and workspace are only checked from a
+    /// start.
     #[arg(
         long,
         value_name = "Q1,Q2,...",
@@ -482,8 +504,8 @@ mod tests {
         }
     }
 
-    /// Every command in a fenced block of the README and the documentation is one that the program takes, and every
-    /// file it names below `deploy/` and `scenarios/` exists.
+    /// Every command in a fenced block of the README and the documentation is one that the program
+    /// takes, and every file it names below `deploy/` and `scenarios/` exists.
     #[test]
     fn every_documented_command_is_taken() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -41,8 +41,9 @@ pub struct Running {
 }
 
 impl Running {
-    /// Starts `body` in a thread. It ends when its own [`Stop`] is triggered; when it ends by itself, `everybody` is triggered, so that
-    /// nobody goes on without it. A panic in it ends the process, see [`tangent_runtime::ending`].
+    /// Starts `body` in a thread. It ends when its own [`Stop`] is triggered; when it ends by
+    /// itself, `everybody` is triggered, so that no service continues without it. A panic in it
+    /// ends the process, see [`tangent_runtime::ending`].
     ///
     /// # Errors
     /// When the system has no thread to give.
@@ -265,7 +266,8 @@ fn simulated_normals(
     })
 }
 
-/// A simulated Franka with the cell's tool. Without a scenario of its own there is a table under the tool to press on.
+/// A simulated Franka with the cell's tool. Without a scenario of its own there is a table under
+/// the tool to press on.
 fn simulated_franka(
     config: &CellConfig,
     scenario: Option<&TactileScenario>,
@@ -292,7 +294,8 @@ fn simulated_franka(
             .realtime
             .enabled
             .then_some(config.realtime.simulator_priority),
-        // A machine that simulates the robot too may be late: simulated time waits, where a robot would stop by itself.
+        // A machine that simulates the robot too may be late: simulated time waits, where a robot
+        // would stop by itself.
         answer_wait_s: ANSWER_WAIT_S,
         ..FciConfig::default()
     };

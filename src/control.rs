@@ -21,7 +21,8 @@ use crate::output::{Outcome, bad_usage, print_json};
 /// How long `task start --follow` waits for a cell that is not ready, s, unless told otherwise.
 const FOLLOW_WAIT_S: f64 = 3.0;
 
-/// The text of a task file. A mistake in it is told here, with the file's name, before anything is asked of the cell.
+/// The text of a task file. A mistake in it is told here, with the file's name, before anything is
+/// asked of the cell.
 ///
 /// # Errors
 /// A file that cannot be read or is no task: exit code 2.
@@ -94,7 +95,8 @@ fn start_when_ready(
     })
 }
 
-/// Sets the force sensor's zero; with `clear`, on the word of a person who has looked that the tool hangs free.
+/// Sets the force sensor's zero; with `clear`, on the word of a person who has looked that the tool
+/// hangs free.
 ///
 /// # Errors
 /// A cell that does not answer.

@@ -27,7 +27,8 @@ const TOKENS: Duration = Duration::from_millis(500);
 /// Runs one of the estimator commands.
 ///
 /// # Errors
-/// A cell that cannot be reached, or in which nobody publishes normals; a recording that cannot be read.
+/// A cell that cannot be reached, or in which nobody publishes normals; a recording that cannot be
+/// read.
 pub fn run(
     command: &EstimatorCommand,
     cell: impl Fn() -> Result<CellConfig>,
@@ -237,7 +238,8 @@ fn compare(heard: &Heard, seconds: f64, json: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// What the cell says about normals for so long from the controller's first word on, in the order in which it came.
+/// What the cell says about normals for so long from the controller's first word on, in the order
+/// in which it came.
 fn listen(bus: &Bus, time: Duration) -> Result<Heard> {
     let keys = [
         topics::ARM_STATE.key(),

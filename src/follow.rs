@@ -1,4 +1,5 @@
-//! One task from its start to its end: waits until the cell is ready, starts it, shows it, retracts when asked to stop.
+//! One task from its start to its end: waits until the cell is ready, starts it, shows it, retracts
+//! when asked to stop.
 
 use std::time::{Duration, Instant};
 
@@ -15,18 +16,21 @@ use crate::output::bad_usage;
 
 /// Longest wait for the retract after Ctrl-C.
 const RETRACT_PATIENCE: Duration = Duration::from_secs(20);
-/// A controller that says nothing for this long is gone: long enough for a router or a container that restarts.
+/// A controller that says nothing for this long is gone: long enough for a router or a container
+/// that restarts.
 const SILENCE: Duration = Duration::from_secs(30);
 /// How often the view is renewed.
 const LOOK: Duration = Duration::from_millis(50);
 /// Between two attempts to start a task that is refused because something is not there yet.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// Starts `task` (TOML) with `action` (`start`, or `start_clear`) when everything is ready, shows it, and waits for its end: the phase it ended in, and the fault,
-/// empty when there is none. With `stay`, that is when `stop` is triggered. A `stop` before the end retracts.
+/// Starts `task` (TOML) with `action` (`start`, or `start_clear`) when everything is ready, shows
+/// it, and waits for its end: the phase it ended in, and the fault, empty when there is none. With
+/// `stay`, that is when `stop` is triggered. A `stop` before the end retracts.
 ///
 /// # Errors
-/// The cell is not ready, or refuses the task, for longer than `patience`; the arm does not retract; the controller is gone.
+/// The cell is not ready, or refuses the task, for longer than `patience`; the arm does not
+/// retract; the controller is gone.
 pub fn follow(
     bus: &Bus,
     action: &str,

@@ -1,4 +1,5 @@
-//! `tangent health`: is a service well? For container engines and scripts: the answer is the exit code.
+//! `tangent health`: is a service well? For container engines and scripts: the answer is the exit
+//! code.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -37,7 +38,8 @@ struct Service {
     fault: Option<String>,
 }
 
-/// Asks after the named services: exit code 0 when all are well, 1 when one is not, or the router does not answer.
+/// Asks after the named services: exit code 0 when all are well, 1 when one is not, or the router
+/// does not answer.
 ///
 /// # Errors
 /// When the cell cannot be reached.

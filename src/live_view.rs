@@ -1,4 +1,5 @@
-//! What a person sees while a task runs: one line that renews itself in a terminal, plain lines elsewhere.
+//! What a person sees while a task runs: one line that renews itself in a terminal, plain lines
+//! elsewhere.
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};

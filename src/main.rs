@@ -73,7 +73,7 @@ fn main() -> ExitCode {
     ExitCode::from(code)
 }
 
-/// Time that the log gets to be written at the end: nobody may be reading it.
+/// Time allowed to write the log at the end: its reader may have stopped.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {

@@ -45,8 +45,9 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
     Ok(())
 }
 
-/// Lets the program end quietly when nobody reads its output any more, as in `tangent status | head`. To the standard
-/// library that is a panic; every other panic is told as before.
+/// Lets the program end quietly when its output is closed, as in
+/// `tangent status | head`. To the standard library that is a panic; every other panic is told as
+/// before.
 pub fn end_with_the_reader() {
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

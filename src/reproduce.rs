@@ -136,7 +136,8 @@ fn progress(runs: u64) -> ProgressBar {
 /// A figure of an evaluation; none when the run has no such figure.
 type Pick = fn(&Evaluation) -> Option<f64>;
 
-/// What one batch of runs contributes: metric, unit, published figure, goal, and where to read ours.
+/// What one batch of runs contributes: metric, unit, published figure, goal, and where to read
+/// ours.
 type Metric = (&'static str, &'static str, Option<f64>, Option<f64>, Pick);
 
 struct Batch {

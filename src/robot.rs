@@ -1,5 +1,5 @@
-//! `tangent robot`: the robot's own modes, asked of its bridge over the bus. Each command says what the robot answered, then waits until
-//! the arm is as it was asked to be, or says why it is not.
+//! `tangent robot`: the robot's own modes, asked of its bridge over the bus. Each command says what
+//! the robot answered, then waits until the arm is as it was asked to be, or says why it is not.
 
 use std::time::{Duration, Instant};
 

@@ -63,7 +63,8 @@ fn services(
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
     ending::in_order(&stop);
     let mut notify = Some(Notify::from_environment());
-    // A router alone begins anew with other rules; whatever else runs beside it would be torn down with the session.
+    // A router alone begins anew with other rules; whatever else runs beside it would be torn down
+    // with the session.
     let mut rules = Rules::of(config, role);
     while serve(names, config, role, extra, &stop, &mut rules, &mut notify)? == Ended::NewRules {
         tracing::warn!("the access rules have changed: the router begins anew with them");
@@ -98,7 +99,8 @@ fn serve(
         match name.as_str() {
             "router" => {}
             "simulator" => running.push(compose::simulator(config, None, &bus, stop)?),
-            // Registered before the bridge, a controller answers each packet within the bridge's own publish.
+            // Registered before the bridge, a controller answers each packet within the bridge's
+            // own publish.
             name => running.push(compose::service(name, config, &bus, stop, extra)?),
         }
     }

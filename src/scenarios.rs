@@ -1,4 +1,5 @@
-//! Scenarios by name or by file. Those of `scenarios/` are part of the program, so that it runs from anywhere.
+//! Scenarios by name or by file. Those of `scenarios/` are part of the program, so that it runs
+//! from anywhere.
 
 use std::fs;
 use std::path::Path;
@@ -87,11 +88,11 @@ pub fn of_system(name: &str) -> Option<&'static str> {
 /// A scenario of any kind that the simulator can play.
 #[derive(Clone, Debug)]
 pub enum Played {
-    /// An arm that takes velocities, on a surface that nobody has modelled.
+    /// A velocity-controlled arm on an unmodelled surface.
     Normals(Box<Scenario>),
     /// An arm that takes torques, an object of known shape, a camera.
     Object(Box<ObjectScenario>),
-    /// A Franka on a surface that nobody has modelled, by touch.
+    /// A Franka on an unmodelled surface, by touch alone.
     Tactile(Box<TactileScenario>),
 }
 
@@ -174,7 +175,8 @@ pub fn builtin_tactile() -> &'static [(&'static str, &'static str)] {
     BUILTIN_TACTILE
 }
 
-/// Reads a scenario of kind `visuo_tactile` by its built-in name or its file; none where it is another kind, or no file.
+/// Reads a scenario of kind `visuo_tactile` by its built-in name or its file; none where it is
+/// another kind, or no file.
 ///
 /// # Errors
 /// A bad key or value: exit code 2.
@@ -191,7 +193,8 @@ pub fn load_tactile(name: &str, overrides: &[String]) -> Result<Option<TactileSc
     Ok(Some(scenario))
 }
 
-/// Reads a scenario of kind `object_pose` by its built-in name or its file; none where it is another kind, or no file.
+/// Reads a scenario of kind `object_pose` by its built-in name or its file; none where it is
+/// another kind, or no file.
 ///
 /// # Errors
 /// A bad key or value: exit code 2.

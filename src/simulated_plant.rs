@@ -1,4 +1,5 @@
-//! A scenario fitted to a cell file: its surface, contact, noise and start stay; arm, control rate and tool become the cell's.
+//! A scenario fitted to a cell file: its surface, contact, noise and start stay; arm, control rate
+//! and tool become the cell's.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_mechanics::{Base, Tool};
@@ -29,7 +30,8 @@ pub fn take_arm(played: &mut Played, config: &CellConfig) {
     }
 }
 
-/// The cell's tool in place of the scenario's. What truly hangs there beyond that (`payload_error`) stays.
+/// The cell's tool in place of the scenario's. What truly hangs there beyond that (`payload_error`)
+/// stays.
 pub fn take_tool(played: &mut Played, config: &CellConfig) {
     let tool = match played {
         Played::Normals(scenario) => &mut scenario.plant.tool,

@@ -135,7 +135,7 @@ fn gather(bus: &Bus) -> Result<BTreeMap<String, Vec<Service>>> {
                 h.service.to_string(),
                 h.instance.to_string(),
             );
-            // Whoever invents instances does not fill this program's memory with them.
+            // Invented instances must not fill this program's memory.
             if newest.len() < INSTANCES_MAX || newest.contains_key(&who) {
                 newest.insert(who, h);
             }

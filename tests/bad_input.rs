@@ -1,4 +1,5 @@
-//! Mistakes in what the user gives: each is answered with its name, the value, what is allowed, and exit code 2.
+//! Mistakes in what the user gives: each is answered with its name, the value, what is allowed, and
+//! exit code 2.
 
 #![allow(clippy::unwrap_used)]
 
@@ -179,7 +180,8 @@ fn said(output: &std::process::Output) -> String {
     )
 }
 
-/// Wrong files of each kind: file, key, value, what is allowed or meant, and exit code 2, without a cell or a network.
+/// Wrong files of each kind: file, key, value, what is allowed or meant, and exit code 2, without a
+/// cell or a network.
 #[test]
 fn check_refuses_what_is_wrong() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,6 @@
-//! Licences, sources and duplicates of everything that the program is built from, held to `deny.toml` without cargo-deny and without a
-//! network. Advisories are cargo-deny's alone: their database has to be fetched.
+//! Licences, sources and duplicates of everything that the program is built from, held to
+//! `deny.toml` without cargo-deny and without a network. Advisories are cargo-deny's alone: their
+//! database has to be fetched.
 
 #![allow(clippy::unwrap_used)]
 
@@ -64,7 +65,8 @@ fn list<'a>(deny: &'a toml::Table, table: &str, key: &str) -> Vec<&'a str> {
     values.iter().map(|v| v.as_str().unwrap()).collect()
 }
 
-/// An SPDX expression holds: of `OR` one side, of `AND` both. `/` is what older crates write for `OR`.
+/// An SPDX expression holds: of `OR` one side, of `AND` both. `/` is what older crates write for
+/// `OR`.
 fn allowed(expression: &str, licenses: &[&str]) -> bool {
     let spaced = expression
         .replace('/', " OR ")

@@ -16,7 +16,8 @@ fn load(name: &str) -> CellConfig {
     CellConfig::load(&root().join("deploy").join(name)).unwrap()
 }
 
-/// Every cell file loads, and the one for containers is the shipped one but for addresses, rates and scheduling.
+/// Every cell file loads, and the one for containers is the shipped one but for addresses, rates
+/// and scheduling.
 #[test]
 fn cell_files() {
     let shipped = load("cell.toml");
@@ -88,7 +89,8 @@ fn the_cell_of_a_franka() {
     assert!(tangent_franka::Config::from_cell(&load("cell.toml")).is_err());
 }
 
-/// `NAME` and its default in each `${NAME:-DEFAULT}` of the compose file, and what it is started from.
+/// `NAME` and its default in each `${NAME:-DEFAULT}` of the compose file, and what it is started
+/// from.
 #[test]
 fn the_image_is_pinned_small_and_not_root() {
     let text = fs::read_to_string(root().join("Dockerfile")).unwrap();
@@ -142,7 +144,8 @@ fn the_image_is_pinned_small_and_not_root() {
     }
 }
 
-/// The service is told the state's folder, and has this volume there. Compose writes a volume as `NAME:PATH` or as a table.
+/// The service is told the state's folder, and has this volume there. Compose writes a volume as
+/// `NAME:PATH` or as a table.
 fn keeps_state_in(config: &str, service: &str, volume: &str) -> bool {
     let Some((_, block)) = config.split_once(&format!("\n  {service}:\n")) else {
         return false;
@@ -159,7 +162,8 @@ fn keeps_state_in(config: &str, service: &str, volume: &str) -> bool {
     mounted && lines.contains(&"STATE_DIRECTORY: /tangent/state")
 }
 
-/// Compose, whichever is here, takes the file, and gives each profile the services that it should have.
+/// Compose, whichever is here, takes the file, and gives each profile the services that it should
+/// have.
 #[test]
 fn the_compose_file_is_taken() {
     let mut taken = 0;
@@ -234,7 +238,8 @@ fn the_compose_file_is_taken() {
             assert_eq!(keys, BTreeSet::from([own, "viewer"]), "{service}");
         }
         assert!(secured.contains("cell.compose.tls.toml") && !secured.contains("compose.toml"));
-        // What has to outlast a container has a volume: a restarted one would not know that the tool presses.
+        // What has to outlast a container has a volume: a restarted one would not know that the
+        // tool presses.
         for (all, service, volume) in [
             (&*text, "netft", "simulated-state"),
             (&*text, "robot", "simulated-state"),
@@ -275,7 +280,8 @@ fn the_compose_file_is_taken() {
     );
 }
 
-/// systemd's own check of the units, with the program that was built in the place of the installed one.
+/// systemd's own check of the units, with the program that was built in the place of the installed
+/// one.
 #[test]
 fn systemd_takes_the_units() {
     if !Command::new("systemd-analyze")

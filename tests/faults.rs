@@ -1,7 +1,9 @@
-//! Failures of the table, provoked at the wire on a cell of processes: noticed, answered, and without a hard push.
+//! Failures of the table, provoked at the wire on a cell of processes: noticed, answered, and
+//! without a hard push.
 //!
-//! Bounds are held in simulated time (services/simulator/tests/failure_table). How soon a machine is, measures `tangent faults`
-//! (docs/faults.md); here one that does other things too is given time.
+//! Bounds are held in simulated time (services/simulator/tests/failure_table). How soon a machine
+//! is, measures `tangent faults` (docs/faults.md); here one that does other things too is given
+//! time.
 
 #![allow(clippy::unwrap_used)]
 
@@ -13,8 +15,8 @@ use tangent_live::live;
 /// Beyond every bound, ms.
 const ALLOWED_MS: &str = "1500";
 
-/// One of each kind that no other test provokes on processes: in the robot, in the sensor's datagrams, in messages, on the disk, in clocks,
-/// on the surface.
+/// One of each kind that no other test provokes on processes: in the robot, in the sensor's
+/// datagrams, in messages, on the disk, in clocks, on the surface.
 const HERE: [&str; 9] = [
     "protective_stop",
     "sensor_frozen",
@@ -76,7 +78,8 @@ fn answered(faults: &[&str]) -> usize {
         );
         assert_eq!(row["met"], true, "{row}");
         assert_eq!(row["messages_lost_outside"], 0, "{row}");
-        // Where the fault ended a task, the next one begins in a known state: it presses as it says, and leaves the surface.
+        // Where the fault ended a task, the next one begins in a known state: it presses as it
+        // says, and leaves the surface.
         let again = &row["again_retracted"];
         if again.is_null() {
             assert!(row["outcome"] != "ends", "{row}");

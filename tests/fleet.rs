@@ -1,5 +1,6 @@
-//! Two cells through one router with certificates and access rules, every service a process of its own identity: a task
-//! on one never moves the other, who may not command cannot, and one recorder hears both. A host that is locked out is so at once.
+//! Two cells through one router with certificates and access rules, every service a process of its
+//! own identity: a task on one never moves the other, who may not command cannot, and one recorder
+//! hears both. A host that is locked out is so at once.
 
 #![allow(clippy::unwrap_used)]
 

@@ -1,4 +1,5 @@
-//! `tangent up` from a platform that swings by 2 cm/s under the working arm: real services, `base/pose` on the bus.
+//! `tangent up` from a platform that swings by 2 cm/s under the working arm: real services,
+//! `base/pose` on the bus.
 
 #![allow(clippy::unwrap_used)]
 

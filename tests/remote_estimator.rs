@@ -1,8 +1,9 @@
 //! The estimator on another host: the table of `docs/remote-estimators.md`, measured.
 //!
-//! As root the "other host" is a network namespace behind a veth pair, else a process behind loopback. Where the kernel
-//! has netem (`tc qdisc add ... netem`), that spoils the wire; where it has not, a relay on the way to the router
-//! holds the bytes back as TCP would have it. Each run says which it was.
+//! As root the "other host" is a network namespace behind a veth pair, else a process behind
+//! loopback. Where the kernel has netem (`tc qdisc add ... netem`), that spoils the wire; where it
+//! has not, a relay on the way to the router holds the bytes back as TCP would have it. Each run
+//! says which it was.
 //!
 //!     cargo test --release --test remote_estimator -- --nocapture
 
@@ -26,7 +27,8 @@ struct Case {
     wire: Wire,
     /// The law moves old estimates on along the surface.
     predicts: bool,
-    /// It is used most of the time; `false`: it is left for the one beside the robot; none: either may be.
+    /// It is used most of the time; `false`: it is left for the one beside the robot; none: either
+    /// may be.
     used: Option<bool>,
 }
 

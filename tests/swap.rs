@@ -1,7 +1,8 @@
-//! Estimators that are not part of the program, in Python and in Rust, are swapped in while the tool slides.
+//! Estimators that are not part of the program, in Python and in Rust, are swapped in while the
+//! tool slides.
 //!
-//! Python needs `eclipse-zenoh` from `tests/interop/requirements.txt`. Without it that test says so and passes, unless
-//! `TANGENT_REQUIRE_INTEROP` is set.
+//! Python needs `eclipse-zenoh` from `tests/interop/requirements.txt`. Without it that test says so
+//! and passes, unless `TANGENT_REQUIRE_INTEROP` is set.
 
 #![allow(clippy::unwrap_used)]
 
@@ -92,7 +93,8 @@ impl Up {
             let answer = self.ask(&["estimator", "use", name])?;
             (answer["done"] == true).then_some(())
         });
-        // On a busy machine a second may pass in which the controller is not heard; then there is nothing to compare, and it is asked again.
+        // On a busy machine a second may pass in which the controller is not heard; then there is
+        // nothing to compare, and it is asked again.
         let error_deg = wait_for("a comparison", PATIENCE, || {
             let compared = self.ask(&["estimator", "compare", "--seconds", "1"])?;
             compared
@@ -197,7 +199,8 @@ fn an_estimator_in_python_is_swapped_in_and_the_wipe_ends_done() {
                 .unwrap();
             String::from_utf8(output.stdout).unwrap()
         };
-        // Both listen for a fixed time: on a busy machine they are asked until somebody was heard in it.
+        // Both listen for a fixed time: on a busy machine they are asked until somebody was heard
+        // in it.
         for (args, word) in [
             (&["status"][..], "controller"),
             (&["plot", "--seconds", "1"][..], " N |"),
@@ -205,7 +208,8 @@ fn an_estimator_in_python_is_swapped_in_and_the_wipe_ends_done() {
             wait_for(word, PATIENCE, || client(args).contains(word).then_some(()));
         }
         let report = up.report();
-        // A busy machine may have kept it from answering in time later on; then the next took over, and it came back.
+        // A busy machine may have kept it from answering in time later on; then the next took over,
+        // and it came back.
         assert_eq!(
             switches(&report)[0],
             ("my_python".to_owned(), "asked for".to_owned())

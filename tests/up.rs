@@ -1,4 +1,5 @@
-//! `tangent up` on the wire protocols of the real robot and sensor, against `evaluate` of the same scenario.
+//! `tangent up` on the wire protocols of the real robot and sensor, against `evaluate` of the same
+//! scenario.
 
 #![allow(clippy::unwrap_used)]
 
@@ -12,7 +13,8 @@ use tangent_live::live;
 
 const SCENARIO: &str = "pipe_realistic";
 
-/// The whole system wipes the pipe, leaves a recording and a report, and its figures are those of `evaluate`.
+/// The whole system wipes the pipe, leaves a recording and a report, and its figures are those of
+/// `evaluate`.
 #[test]
 fn up_wipes_the_pipe_as_evaluate_does() {
     live(|| {
@@ -63,7 +65,8 @@ fn up_wipes_the_pipe_as_evaluate_does() {
     });
 }
 
-/// The torque-controlled arm with its camera wipes the object, and the figures are those of `evaluate`.
+/// The torque-controlled arm with its camera wipes the object, and the figures are those of
+/// `evaluate`.
 #[test]
 fn up_lippiello_wipes_the_object_as_evaluate_does() {
     live(|| {
@@ -99,7 +102,8 @@ fn up_lippiello_wipes_the_object_as_evaluate_does() {
     });
 }
 
-/// The Franka wipes the wave over its own interface, by a depth camera and by what it feels through its joints, as in `evaluate`.
+/// The Franka wipes the wave over its own interface, by a depth camera and by what it feels through
+/// its joints, as in `evaluate`.
 #[test]
 fn up_karacan_wipes_the_wave_as_evaluate_does() {
     live(|| {

@@ -98,7 +98,8 @@ fn up_runs_the_cell_that_it_is_given() {
             / 500.0;
         assert!((rate_hz - 500.0).abs() < 25.0, "{rate_hz} Hz");
 
-        // The kinematics: those of a UR5e with the cell's tool, as the bridge computes them and as the simulator stands.
+        // The kinematics: those of a UR5e with the cell's tool, as the bridge computes them and as
+        // the simulator stands.
         let tool: Pose<Flange, Tool> = config.tool.flange_from_tool();
         let reach = |model: &str, q: &[f64]| {
             let arm = Arm::<6>::new(&ModelData::builtin(model).unwrap()).unwrap();
@@ -117,7 +118,8 @@ fn up_runs_the_cell_that_it_is_given() {
         // The arm may move by some millimetres between the two messages.
         assert!(near(&there, &simulated) < 0.005, "{there} {simulated:?}");
 
-        // The delay of the wrench's low pass: 11 ms at the cell's 20 Hz; it would be 4.5 ms at 50 Hz.
+        // The delay of the wrench's low pass: 11 ms at the cell's 20 Hz; it would be 4.5 ms at 50
+        // Hz.
         let delay_s = wait_for("the wrench", PATIENCE, || {
             wrench.get().map(|w| w.message.filter_delay_s)
         });

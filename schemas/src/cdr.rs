@@ -1,9 +1,10 @@
-//! CDR as ROS 2 writes it (XCDR1, little-endian), through serde. The bus encodes and decodes with it, the recorder
-//! stores its bytes.
+//! CDR as ROS 2 writes it (XCDR1, little-endian), through serde. The bus encodes and decodes with
+//! it, the recorder stores its bytes.
 //!
-//! Layout: four bytes `00 01 00 00`, then the fields in order, each aligned to its own size counted from after those
-//! four bytes. A fixed array is its elements; a sequence is a `u32` count and its elements; a string is a `u32` count
-//! that includes a closing NUL. (OMG formal/2002-06-51, 15.3; the ROS 2 middlewares agree on it.)
+//! Layout: four bytes `00 01 00 00`, then the fields in order, each aligned to its own size counted
+//! from after those four bytes. A fixed array is its elements; a sequence is a `u32` count and its
+//! elements; a string is a `u32` count that includes a closing NUL. (OMG formal/2002-06-51, 15.3;
+//! the ROS 2 middlewares agree on it.)
 
 mod decode;
 mod encode;
@@ -72,7 +73,8 @@ pub enum CdrFault {
     /// Bytes left over after the last field.
     #[error("{0} bytes left over after the last field: another version of the message?")]
     Trailing(usize),
-    /// A sequence or string too long for CDR's 32-bit counts, or for the fixed capacity of the field.
+    /// A sequence or string too long for CDR's 32-bit counts, or for the fixed capacity of the
+    /// field.
     #[error("{0}")]
     Value(String),
     /// A serde type that ROS 2 messages do not have.

@@ -1,4 +1,5 @@
-//! The 6 × 6 covariance of ROS 2's pose messages, `float64[36]`: longer than the arrays that serde knows by itself.
+//! The 6 × 6 covariance of ROS 2's pose messages, `float64[36]`: longer than the arrays that serde
+//! knows by itself.
 
 use std::fmt;
 

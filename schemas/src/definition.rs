@@ -35,8 +35,8 @@ pub fn file(name: &str) -> Option<&'static str> {
         .map(|(_, text)| *text)
 }
 
-/// A message's definition and, behind separators, those of everything that it is made of: what MCAP wants as the
-/// schema of encoding `ros2msg`. `None` for a message that is not ours to define.
+/// A message's definition and, behind separators, those of everything that it is made of: what MCAP
+/// wants as the schema of encoding `ros2msg`. `None` for a message that is not ours to define.
 pub fn definition(name: &str) -> Option<String> {
     let mut text = file(name)?.to_owned();
     let mut known = vec![name.to_owned()];

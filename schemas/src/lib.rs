@@ -1,9 +1,10 @@
 //! What services say to each other: messages, topics, frames and units.
 //!
-//! Every message is a Rust type, a ROS 2 `.msg` definition and CDR bytes, and the three are tested against each
-//! other. Services publish and subscribe through the typed constants in [`topics`].
+//! Every message is a Rust type, a ROS 2 `.msg` definition and CDR bytes, and the three are tested
+//! against each other. Services publish and subscribe through the typed constants in [`topics`].
 
 pub mod cdr;
+mod command_kind;
 pub mod convert;
 mod covariance;
 pub mod definition;
@@ -11,6 +12,7 @@ pub mod standard;
 pub mod tangent;
 pub mod topics;
 
+pub use command_kind::CommandKind;
 pub use covariance::Covariance;
 
 use arrayvec::{ArrayString, ArrayVec};

@@ -49,7 +49,8 @@ message! {
         /// Commands refused since start, and why the last one was.
         pub commands_refused: u64,
         pub refusal_reason: Text,
-        /// Activation that is latched out: commands with this activation or an older one do not move the arm.
+        /// Activation that is latched out: commands with this activation or an older one do not
+        /// move the arm.
         pub activation_latched: u64,
         /// Robot packets lost since start, from the robot's own clock.
         pub packets_lost: u64,
@@ -57,9 +58,9 @@ message! {
         pub packet_to_command_s: f64,
         /// Cycles in which no fresh command was at hand while one was due.
         pub missed_cycles: u64,
-        /// Who alone may command the arm now, `SERVICE/INSTANCE`; empty while nobody does.
+        /// Source that holds the lease, `SERVICE/INSTANCE`; empty without one.
         pub commanded_by: Name,
-        /// Its publisher's id; all zero while nobody commands.
+        /// Mark of its publisher; all zero without one.
         pub commander_id: [u8; 16],
     }
 }
@@ -70,7 +71,8 @@ message! {
         pub header: Header,
         /// `ArmState.cycle` that this answers.
         pub cycle: u64,
-        /// 0 hold, 1 joint velocity, 2 joint torque, 3 soft stop.
+        /// Number of a [`crate::CommandKind`]: 0 hold, 1 joint velocity, 2 joint torque, 3 soft
+        /// stop.
         pub kind: u8,
         /// rad/s or Nm, base to flange.
         pub values: JointArray,
@@ -84,11 +86,12 @@ message! {
 }
 
 message! {
-    /// How far a wrench can be trusted; same stamp as the wrench it belongs to, and published just before it.
+    /// How far a wrench can be trusted; same stamp as the wrench it belongs to, and published just
+    /// before it.
     pub struct WrenchStatus: "tangent_msgs/msg/WrenchStatus" {
         pub header: Header,
-        /// Validity code (0 valid, 1 missing, 2 stale, 3 saturated, 4 not finite, 5 sensor error, 11 frozen, 12 axis stuck,
-        /// 13 does not answer to motion, 14 implausible).
+        /// Validity code (0 valid, 1 missing, 2 stale, 3 saturated, 4 not finite, 5 sensor error,
+        /// 11 frozen, 12 axis stuck, 13 does not answer to motion, 14 implausible).
         pub validity: u8,
         /// The sensor's status word, and its bits in words.
         pub status: u32,
@@ -117,15 +120,19 @@ message! {
         pub stuck_axes: u8,
         /// Filtered reading before the zero is taken off, without the payload: frame of `bias`.
         pub untared: Wrench,
-        /// The zero that the limit on `untared` counts from, the last that a motion has shown to be free of load: frame of `bias`; meaningless while `reference_age_s` is negative.
+        /// The zero that the limit on `untared` counts from, the last that a motion has shown to be
+        /// free of load: frame of `bias`; meaningless while `reference_age_s` is negative.
         pub reference: Wrench,
         /// Age of `reference`, s; negative when there is none.
         pub reference_age_s: f64,
-        /// Largest share of the sensor's range that `untared` takes in any axis; negative where the range is not known.
+        /// Largest share of the sensor's range that `untared` takes in any axis; negative where the
+        /// range is not known.
         pub rated_share: f64,
-        /// Error of the zero that its age and the sensor's stated drift imply, N; negative when none was made.
+        /// Error of the zero that its age and the sensor's stated drift imply, N; negative when
+        /// none was made.
         pub bias_bound_n: f64,
-        /// The zero was taken on a person's word that the tool hangs free (`tangent tare --clear`), and not judged.
+        /// The zero was taken on a person's word that the tool hangs free (`tangent tare --clear`),
+        /// and not judged.
         pub bias_said_clear: bool,
     }
 }
@@ -168,9 +175,11 @@ message! {
 }
 
 message! {
-    /// Wrenches of one publisher in a row, as a recording keeps them: hundreds of small messages in one. Not on the bus.
+    /// Wrenches of one publisher in a row, as a recording keeps them: hundreds of small messages in
+    /// one. Not on the bus.
     ///
-    /// Every array has one element for each wrench; a wrench is its numbers times the steps, in the axes of the header's frame.
+    /// Every array has one element for each wrench; a wrench is its numbers times the steps, in the
+    /// axes of the header's frame.
     pub struct WrenchBatch: "tangent_msgs/msg/WrenchBatch" {
         /// Time and frame of the first wrench.
         pub header: Header,
@@ -245,7 +254,8 @@ message! {
 }
 
 message! {
-    /// The piece of surface of one orientation that the tool is on, as a camera saw it: its principal components.
+    /// The piece of surface of one orientation that the tool is on, as a camera saw it: its
+    /// principal components.
     pub struct SurfaceSegment: "tangent_msgs/msg/SurfaceSegment" {
         /// Time of the arm state at exposure; frame `base`.
         pub header: Header,
@@ -262,7 +272,8 @@ message! {
 }
 
 message! {
-    /// Where the surface goes ahead of the tool, as a camera saw it. One entry per station in each list, from the tool on.
+    /// Where the surface goes ahead of the tool, as a camera saw it. One entry per station in each
+    /// list, from the tool on.
     pub struct SurfaceAhead: "tangent_msgs/msg/SurfaceAhead" {
         /// Time of the arm state at exposure; frame `base`.
         pub header: Header,
@@ -275,7 +286,8 @@ message! {
         pub points: Vec<Point>,
         /// Unit, out of the material.
         pub normals: Vec<Vector3>,
-        /// Bend along the way, 1/m, positive where the surface falls away, and its standard deviation.
+        /// Bend along the way, 1/m, positive where the surface falls away, and its standard
+        /// deviation.
         pub bend: Vec<f64>,
         pub bend_sd: Vec<f64>,
     }
@@ -286,7 +298,8 @@ message! {
     pub struct ControlState: "tangent_msgs/msg/ControlState" {
         pub header: Header,
         pub cycle: u64,
-        /// 0 idle, 1 approach, 2 contact, 3 slide, 4 retract, 5 done, 6 fault, 7 hold, 8 seek, 9 tare, 10 clear.
+        /// 0 idle, 1 approach, 2 contact, 3 slide, 4 retract, 5 done, 6 fault, 7 hold, 8 seek, 9
+        /// tare, 10 clear.
         pub phase: u8,
         pub phase_text: Name,
         pub task: Name,
@@ -297,8 +310,8 @@ message! {
         pub estimator_switches: u32,
         /// Normal in use, base axes.
         pub normal: Vector3,
-        /// Pressing force asked for and measured along the normal, N (positive: pressing). What is measured is NaN while
-        /// no wrench can be used.
+        /// Pressing force asked for and measured along the normal, N (positive: pressing). What is
+        /// measured is NaN while no wrench can be used.
         pub force_reference_n: f64,
         pub force_n: f64,
         /// Wrench in use at the tool, tool axes; NaN while no wrench can be used.
@@ -328,23 +341,27 @@ message! {
         pub fault: Text,
         /// The task is paused: nothing moves but what keeps the force.
         pub paused: bool,
-        /// Estimators that the controller reads, and the age of the newest of each at actuation, s; -1 before its first. An age counts
-        /// from the arrival of the robot's packet that the estimate rests on, by the controller's monotonic clock.
+        /// Estimators that the controller reads, and the age of the newest of each at actuation, s;
+        /// -1 before its first. An age counts from the arrival of the robot's packet that the
+        /// estimate rests on, by the controller's monotonic clock.
         pub estimators: EstimatorArray<Name>,
         pub estimate_ages_s: EstimatorArray<f64>,
         /// Whether the wrench can be used: the codes of `WrenchStatus.validity`.
         pub wrench_validity: u8,
-        /// The tool may touch something: from the approach on, until a retraction has ended in free space. Kept over restarts.
+        /// The tool may touch something: from the approach on, until a retraction has ended in free
+        /// space. Kept over restarts.
         pub contact_possible: bool,
         /// Age of the sensor's zero, s; negative when there is none.
         pub zero_age_s: f64,
-        /// Error of the zero that its age and the sensor's stated drift imply, N; negative when that is not known.
+        /// Error of the zero that its age and the sensor's stated drift imply, N; negative when
+        /// that is not known.
         pub zero_bound_n: f64,
     }
 }
 
 message! {
-    /// How a law shapes what it does by how contact and alignment fare. Once per cycle, by laws that shape.
+    /// How a law shapes what it does by how contact and alignment fare. Once per cycle, by laws
+    /// that shape.
     pub struct ShapingState: "tangent_msgs/msg/ShapingState" {
         /// As in the `ControlState` of the same cycle.
         pub header: Header,

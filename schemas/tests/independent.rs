@@ -1,7 +1,8 @@
-//! Our bytes and definitions against two implementations that are not ours: `rosbags` and `mcap-ros2-support`.
+//! Our bytes and definitions against two implementations that are not ours: `rosbags` and
+//! `mcap-ros2-support`.
 //!
-//! They come from `tests/interop/requirements.txt`. Without them the test says so and passes, unless
-//! `TANGENT_REQUIRE_INTEROP` is set.
+//! They come from `tests/interop/requirements.txt`. Without them the test says so and passes,
+//! unless `TANGENT_REQUIRE_INTEROP` is set.
 #![allow(clippy::unwrap_used)]
 
 mod common;

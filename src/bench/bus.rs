@@ -1,5 +1,5 @@
-//! `tangent bench bus`: from a packet to its answer, and how old a message is when it arrives, within one process and
-//! between processes, idle and loaded, with and without SCHED_FIFO.
+//! `tangent bench bus`: from a packet to its answer, and how old a message is when it arrives,
+//! within one process and between processes, idle and loaded, with and without SCHED_FIFO.
 
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
@@ -216,7 +216,7 @@ fn measure(
 ) -> Result<Vec<Row>> {
     let endpoint = free_endpoint()?;
     let config = cell(&endpoint, realtime);
-    // In the order of their ends: whoever answers, then the router.
+    // In the order in which they end: the answering process, then the router.
     let mut peers = Vec::new();
     let bus = match way {
         Way::OneProcess | Way::TwoProcesses => {
@@ -250,7 +250,7 @@ fn measure(
     rows
 }
 
-/// A port that nobody has, for the router of one measurement.
+/// A free port, for the router of one measurement.
 fn free_endpoint() -> Result<String> {
     let listener = TcpListener::bind("127.0.0.1:0").context("finding a free port")?;
     Ok(format!("tcp/{}", listener.local_addr()?))

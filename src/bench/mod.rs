@@ -1,4 +1,5 @@
-//! `tangent bench`: how long each step takes, and how long a message takes over the bus, measured on this machine.
+//! `tangent bench`: how long each step takes, and how long a message takes over the bus, measured
+//! on this machine.
 
 mod bus;
 mod load;

@@ -1,5 +1,5 @@
-//! `tangent bench requests`: from a stop to its answer and to a tool that slows down, in a cell of its own, idle and flooded with
-//! every other request.
+//! `tangent bench requests`: from a stop to its answer and to a tool that slows down, in a cell of
+//! its own, idle and flooded with every other request.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,4 +1,5 @@
-//! Each step of the cell by itself: the inputs of a whole simulated wipe, played to one step after another.
+//! Each step of the cell by itself: the inputs of a whole simulated wipe, played to one step after
+//! another.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -173,7 +174,8 @@ fn unified_force_impedance() -> Result<Option<Row>> {
     Ok(Row::of("control law unified_force_impedance", us))
 }
 
-/// Frames from half a metre over a waved sheet: the surface at the tool with its map ahead, a normal for every pixel, and both.
+/// Frames from half a metre over a waved sheet: the surface at the tool with its map ahead, a
+/// normal for every pixel, and both.
 fn depth_normal(size_px: [usize; 2]) -> Result<[Option<Row>; 3]> {
     let [width, height] = size_px;
     let shape = ShapeConfig::Sheet {

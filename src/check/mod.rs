@@ -1,4 +1,5 @@
-//! `tangent check`: cells, tasks, scenarios and robot models offline, with everything that would be refused later.
+//! `tangent check`: cells, tasks, scenarios and robot models offline, with everything that would be
+//! refused later.
 
 mod cell;
 mod kind;
@@ -148,7 +149,8 @@ fn one(
     (Some(kind), findings)
 }
 
-/// A scenario: read, built, and its task checked from its start pose on the cell that `tangent up` would make of it.
+/// A scenario: read, built, and its task checked from its start pose on the cell that `tangent up`
+/// would make of it.
 fn scenario(path: &Path, findings: &mut Findings) {
     let played = match Played::load(&path.display().to_string(), &[]) {
         Ok(played) => played,

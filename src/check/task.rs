@@ -33,7 +33,8 @@ pub fn check(text: &str, cell: Option<&OnCell>, findings: &mut Findings) {
     }
 }
 
-/// Estimators that nobody knows. A name that is near to a known one is a slip; another may be an estimator of the user's own.
+/// Unknown estimators. A name close to a known one is a slip; another may be an
+/// estimator of the user's own.
 pub fn estimators(task: &Task, own: &[String], findings: &mut Findings) {
     let known = known_estimators(own);
     let strange = task.estimators.iter().map(String::as_str);

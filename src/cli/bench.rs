@@ -9,9 +9,11 @@ use super::parse_seconds;
 pub enum Bench {
     /// How long each step of sensing, estimation and control takes.
     Steps,
-    /// How long a message takes there and back, within one process and between processes, idle and loaded.
+    /// How long a message takes there and back, within one process and between processes, idle and
+    /// loaded.
     Bus(BenchBus),
-    /// How soon a stop is answered, and the tool slower, in a cell of its own that is flooded with every other request.
+    /// How soon a stop is answered, and the tool slower, in a cell of its own that is flooded with
+    /// every other request.
     Requests(BenchRequests),
     /// The other end of a measurement; started by `bus`.
     #[command(hide = true)]

@@ -1,5 +1,5 @@
-//! The camera: whether its driver's images come, and whether they are what the cell file says. Without a running cell there is
-//! nowhere to look, which is told and no fault.
+//! The camera: whether its driver's images come, and whether they are what the cell file says.
+//! Without a running cell there is nowhere to look, which is told and no fault.
 
 use tangent_estimation::depth_normal::DepthEncoding;
 use tangent_runtime::clock;
@@ -10,7 +10,8 @@ use tangent_schemas::topics::{Delivery, Topic};
 use super::Finding;
 use super::on_the_bus::RunningCell;
 
-/// Older than this at its arrival, or newer than now by more than a tenth of it, a stamp is of another clock, s.
+/// Older than this at its arrival, or newer than now by more than a tenth of it, a stamp is of
+/// another clock, s.
 const STAMP_AGE_S: f64 = 1.0;
 
 /// What comes on the driver's topic.

@@ -10,7 +10,8 @@ use tangent_runtime::CellConfig;
 
 use super::Finding;
 
-/// A cell at 125 Hz with a sensor at 7000 records per second records about this much, bytes per second.
+/// A cell at 125 Hz with a sensor at 7000 records per second records about this much, bytes per
+/// second.
 const RECORDING_BYTES_PER_S: f64 = 1.5e6;
 /// Written for the trial.
 const TRIAL_BYTES: usize = 32 << 20;

@@ -1,5 +1,5 @@
-//! A network card's interrupt delay, over the kernel's generic netlink family `ethtool`: what `ethtool -c` shows, read by
-//! anybody, without a system call of our own.
+//! A network card's interrupt delay, over the kernel's generic netlink family `ethtool`: what
+//! `ethtool -c` shows, read by anybody, without a system call of our own.
 
 use std::os::fd::{AsRawFd, OwnedFd};
 
@@ -30,7 +30,8 @@ use number::*;
 /// Bytes of the netlink header and of the generic one behind it.
 const HEADERS: usize = 16 + 4;
 
-/// Microseconds that a card waits for more packets before it interrupts; `None` where it does not say.
+/// Microseconds that a card waits for more packets before it interrupts; `None` where it does not
+/// say.
 pub fn receive_delay_us(card: &str) -> Option<u32> {
     let socket = open().ok()?;
     let mut name = b"ethtool".to_vec();

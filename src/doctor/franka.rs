@@ -1,4 +1,5 @@
-//! A Franka: its connection, mode and errors, and how its states come through. The arm is not moved and nothing is set.
+//! A Franka: its connection, mode and errors, and how its states come through. The arm is not moved
+//! and nothing is set.
 
 use std::time::Duration;
 

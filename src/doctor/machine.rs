@@ -82,7 +82,8 @@ fn scheduling(system: &System, wish: &RealtimeConfig, pace: Pace) -> Finding {
     }
 }
 
-/// Kernels with RT_GROUP_SCHED refuse SCHED_FIFO in a group without a share, whatever the limits say.
+/// Kernels with RT_GROUP_SCHED refuse SCHED_FIFO in a group without a share, whatever the limits
+/// say.
 fn starved_group(system: &System) -> Option<String> {
     let group = system.group_v1("cpu")?;
     ["/sys/fs/cgroup/cpu", "/sys/fs/cgroup/cpu,cpuacct"]
@@ -104,7 +105,8 @@ fn throttling(system: &System) -> Finding {
     let share = 100.0 * runtime as f64 / period.max(1) as f64;
     let found = format!("real-time threads may use {share:.0} % of each processor");
     if share >= 50.0 {
-        // The loop needs a few percent; what is left keeps the machine reachable when a thread runs wild.
+        // The loop needs a few percent; what is left keeps the machine reachable when a thread runs
+        // wild.
         Finding::ok(CHECK, found)
     } else {
         Finding::problem(

@@ -1,7 +1,8 @@
 //! `tangent doctor`: can this machine do it, and if not, what to do about it.
 //!
-//! Each check reads files of the system or asks a device, and comes to findings: what was found, what it means, what to do.
-//! Nothing is changed: no register claimed, no stream taken, no setting written.
+//! Each check reads files of the system or asks a device, and comes to findings: what was found,
+//! what it means, what to do. Nothing is changed: no register claimed, no stream taken, no setting
+//! written.
 
 mod camera;
 mod clock;
@@ -103,7 +104,8 @@ enum Arm {
     UniversalRobots,
     /// FCI; it says itself what it feels.
     Franka,
-    /// An arm that takes torques and speaks on the bus: there is only the simulated one. The box beside it is simulated too.
+    /// An arm that takes torques and speaks on the bus: there is only the simulated one. The box
+    /// beside it is simulated too.
     OnTheBus,
 }
 
@@ -162,7 +164,7 @@ pub fn run(args: &Doctor, config: &CellConfig, json: bool) -> Result<Outcome> {
 
 fn devices(config: &CellConfig) -> Vec<Finding> {
     let arm = Arm::of(config);
-    // Whoever is asked by its own protocol needs no bus, and no waiting for one.
+    // Devices that are asked by their own protocol need no bus.
     let bus_matters = arm != Arm::UniversalRobots || config.camera.is_some();
     let cell = bus_matters.then(|| RunningCell::join(config));
     let mut findings = match (arm, &cell) {

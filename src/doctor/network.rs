@@ -1,4 +1,5 @@
-//! The way to robot and sensor: which network card, and whether it holds packets back or loses them.
+//! The way to robot and sensor: which network card, and whether it holds packets back or loses
+//! them.
 
 use std::net::{IpAddr, Ipv4Addr, ToSocketAddrs};
 use std::time::Duration;

@@ -13,7 +13,7 @@ use crate::cell;
 const ROUTER_PATIENCE: Duration = Duration::from_secs(1);
 /// Finding out who publishes takes a moment.
 const LISTEN: Duration = Duration::from_secs(2);
-/// What is heard so often is there; nobody waits for more.
+/// After so many messages a topic counts as present, and waiting ends.
 const ENOUGH: u32 = 20;
 
 /// The cell's bus, where there is one.

@@ -59,7 +59,8 @@ impl Process {
     }
 }
 
-/// From the text of `stat`: the name stands in brackets and may hold anything; the policy is field 41.
+/// From the text of `stat`: the name stands in brackets and may hold anything; the policy is field
+/// 41.
 fn thread(stat: &str) -> Option<Thread> {
     let (_, rest) = stat.split_once('(')?;
     let (name, fields) = rest.rsplit_once(')')?;

@@ -1,4 +1,5 @@
-//! systemd units of `tangent`, and the services that run already: did they get what the control loop needs?
+//! systemd units of `tangent`, and the services that run already: did they get what the control
+//! loop needs?
 
 use tangent_runtime::CellConfig;
 

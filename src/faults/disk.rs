@@ -1,5 +1,5 @@
-//! File systems that fill up or hang, under the recorder's folder. Making one takes root; without it the faults that need
-//! them are skipped, with the reason.
+//! File systems that fill up or hang, under the recorder's folder. Making one takes root; without
+//! it the faults that need them are skipped, with the reason.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -43,7 +43,8 @@ impl SmallDisk {
         for shift in (0..10).rev() {
             let size = format!("{}M", 1 << shift);
             let file = self.filler().join(&size);
-            // The first that do not fit are not there; what is left in the end is less than a megabyte.
+            // The first that do not fit are not there; what is left in the end is less than a
+            // megabyte.
             if run("fallocate", &["-l", &size, &text(&file)]).is_err() {
                 fs::remove_file(&file).ok();
             }
@@ -63,7 +64,7 @@ impl SmallDisk {
         self.folder.join("somebody_elses")
     }
 
-    /// Whoever writes waits from now on.
+    /// Writers block from now on.
     ///
     /// # Errors
     /// When the system refuses.

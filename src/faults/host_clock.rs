@@ -1,5 +1,5 @@
-//! The clock of the host that a process runs on, set at will: the process lives in a cell of its own, and what it says is passed on
-//! with its stamps moved. Nobody's real clock is touched.
+//! The clock of the host that a process runs on, set at will: the process lives in a cell of its
+//! own, and what it says is passed on with its stamps moved. No real clock is changed.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -18,7 +18,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 const LOOK: Duration = Duration::from_millis(20);
 /// Messages that wait for a relay: more than a second of everything.
 const WAITING: usize = 1 << 13;
-/// In CDR the header is first: behind four bytes that say how it is encoded, the stamp's seconds and nanoseconds.
+/// In CDR the header is first: behind four bytes that say how it is encoded, the stamp's seconds
+/// and nanoseconds.
 const STAMP: std::ops::Range<usize> = 4..12;
 const NS_PER_S: i64 = 1_000_000_000;
 
@@ -88,7 +89,8 @@ impl Host {
     }
 }
 
-/// Passes messages and requests between a process's own cell and the cell under test until it is dropped.
+/// Passes messages and requests between a process's own cell and the cell under test until it is
+/// dropped.
 pub struct HostClock {
     ahead_ns: Arc<AtomicI64>,
     stop: Arc<AtomicBool>,
@@ -168,7 +170,7 @@ fn pass_requests(key: &str, asked: Bus, answering: &Bus) -> Result<Handle> {
     )?)
 }
 
-/// In their publishers' names and counts: nobody sees the relay.
+/// With their publishers' identities and counters, so that the relay is invisible.
 fn pass_messages(messages: &RawSubscription, to: &Bus, ahead_ns: &AtomicI64, stop: &AtomicBool) {
     // As prompt as the bus's own threads.
     let _ = tangent_runtime::realtime::setup_thread("host's clock", 70);

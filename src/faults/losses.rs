@@ -32,7 +32,8 @@ struct Heard {
     at_ns: i64,
 }
 
-/// Every hole in all recordings of a folder. A publisher that starts anew counts from one and leaves none.
+/// Every hole in all recordings of a folder. A publisher that starts anew counts from one and
+/// leaves none.
 ///
 /// # Errors
 /// A file that cannot be read.

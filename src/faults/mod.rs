@@ -1,7 +1,9 @@
-//! `tangent faults`: provokes every failure of the table on a private simulated cell, and measures the answers.
+//! `tangent faults`: provokes every failure of the table on a private simulated cell, and measures
+//! the answers.
 //!
-//! The services are processes of their own, so that they can be killed and stopped; simulator, cables and clock are this
-//! process's. What is safe is judged by the simulator's truth, what is lost by the recording.
+//! The services are processes of their own, so that they can be killed and stopped; simulator,
+//! cables and clock are this process's. What is safe is judged by the simulator's truth, what is
+//! lost by the recording.
 
 mod catalogue;
 mod disk;

@@ -1,4 +1,5 @@
-//! A cell of its own for the faults: the simulator in this process, each service in one that can be killed.
+//! A cell of its own for the faults: the simulator in this process, each service in one that can be
+//! killed.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -40,7 +41,8 @@ pub enum Layout {
     Composed,
     /// Bridge and controller apart.
     Apart,
-    /// Composed, and each process on a host whose clock can be set: its messages come through this process.
+    /// Composed, and each process on a host whose clock can be set: its messages come through this
+    /// process.
     Relayed,
     /// Composed, and the surface has an edge.
     Ledge,
@@ -120,7 +122,8 @@ impl PrivateCell {
         fs::write(file("cell.toml"), text(router)?)?;
         for host in Host::ALL {
             let own = match layout {
-                // This process is the router of that host's network: the cell's own carries no more than without it.
+                // This process is the router of that host's network: the cell's own carries no more
+                // than without it.
                 Layout::Relayed => {
                     text(free_port()?)?.replace(&cell_name(), &format!("{}-{host:?}", cell_name()))
                 }
@@ -301,7 +304,8 @@ impl PrivateCell {
         let Some(arm) = self.evidence.arm(clock::now_ns() - FRESH_NS) else {
             return Ok(Some("nothing is heard of the arm".to_owned()));
         };
-        // A path begins where the tool stands: each leads back over where the first began, so that none leaves the arm's reach.
+        // A path begins where the tool stands: each leads back over where the first began, so that
+        // none leaves the arm's reach.
         let start_x_m = *self.start_x_m.get_or_insert(arm.tool_x_m);
         let way = if arm.tool_x_m > start_x_m { -0.1 } else { 0.1 };
         let task = format!(
@@ -325,7 +329,8 @@ impl PrivateCell {
         )
     }
 
-    /// Stops the task, and waits for the end of its retraction. Whether the tool is off the surface then, and the controller's last word.
+    /// Stops the task, and waits for the end of its retraction. Whether the tool is off the surface
+    /// then, and the controller's last word.
     ///
     /// # Errors
     /// When it does not end.
@@ -359,7 +364,8 @@ impl PrivateCell {
         }
     }
 
-    /// Everybody speaks: the controller, the sensor's service, the estimator and the recorder, since `since_ns`.
+    /// Everybody speaks: the controller, the sensor's service, the estimator and the recorder,
+    /// since `since_ns`.
     ///
     /// # Errors
     /// Who is missing, after a while.
@@ -447,7 +453,7 @@ fn start_process(folder: &Path, name: &'static str) -> Result<Child> {
         .with_context(|| format!("starting {name}"))
 }
 
-/// A port of loopback that nobody listens on.
+/// A free port of loopback.
 fn free_port() -> Result<u16> {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("a port for a host")?;
     Ok(listener.local_addr()?.port())
@@ -489,14 +495,16 @@ fn cell_text(folder: &Path, port_offset: u16, router: u16, rdt: u16) -> Result<S
     Ok(cell.to_string())
 }
 
-/// The shipped pipe with its realistic sensor, the tool near it; or a plate with a ledge across the way.
+/// The shipped pipe with its realistic sensor, the tool near it; or a plate with a ledge across the
+/// way.
 fn scenario(layout: Layout, seed: u64) -> Result<tangent_simulation::Scenario> {
     let near = "plant.start.clearance_m=0.002".to_owned();
     let seed = format!("seed={seed}");
     if layout != Layout::Ledge {
         return scenarios::load(scenarios::DEFAULT, &[near, seed]);
     }
-    // A table of 4 cm, and 6 mm below it the floor: whichever way the tool goes, it comes to the edge.
+    // A table of 4 cm, and 6 mm below it the floor: whichever way the tool goes, it comes to the
+    // edge.
     let grid: Vec<f64> = (-35..=35).map(|i| 0.004 * f64::from(i)).collect();
     let mut rows = String::from("y\\x");
     for x in &grid {

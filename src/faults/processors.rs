@@ -1,4 +1,5 @@
-//! Processors taken away: a thread per core with SCHED_FIFO, which yields to nobody below it.
+//! Processors taken away: a thread per core with SCHED_FIFO, which does not yield to lower
+//! priorities.
 
 use std::sync::{Arc, Barrier};
 use std::thread::JoinHandle;

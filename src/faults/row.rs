@@ -13,7 +13,8 @@ pub const FORCE_MAX_N: f64 = if 2.0 * REFERENCE_N > 10.0 {
 } else {
     10.0
 };
-/// Force that the controller may show more or less than is true while it slides again, in the mean, N.
+/// Force that the controller may show more or less than is true while it slides again, in the mean,
+/// N.
 pub const SHOWN_MAX_N: f64 = 0.5;
 /// After a fault has ended, what was lost in it may still come to light for so long, ns.
 const AFTER_NS: i64 = 1_000_000_000;
@@ -152,7 +153,8 @@ impl Row {
     }
 }
 
-/// Writes a hole down where it belongs: to the fault that it shares the longest time with, else to the time before the next.
+/// Writes a hole down where it belongs: to the fault that it shares the longest time with, else to
+/// the time before the next.
 pub fn attribute(gap: &Gap, rows: &mut [Row]) {
     let add = |lost: &mut BTreeMap<String, u64>| {
         *lost.entry(gap.topic.clone()).or_default() += gap.messages;

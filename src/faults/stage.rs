@@ -130,10 +130,11 @@ impl Stage {
         Ok(())
     }
 
-    /// After a protective stop: what a person does at the pendant, not before five seconds are over.
+    /// After a protective stop: what a person does at the pendant, not before five seconds are
+    /// over.
     ///
     /// # Errors
-    /// When nobody unlocks it in time.
+    /// When it is not unlocked in time.
     pub fn unlock(&mut self) -> Result<()> {
         let request = tangent_schemas::tangent::Request::default();
         let until = Instant::now() + Duration::from_secs(15);

@@ -49,7 +49,8 @@ pub enum Damage {
         /// 0 Fx to 5 Tz.
         axis: usize,
     },
-    /// One record of so many is well-formed and wrong: any loads of up to 100 N and Nm in place of its own.
+    /// One record of so many is well-formed and wrong: any loads of up to 100 N and Nm in place of
+    /// its own.
     Implausible {
         /// One of so many.
         one_of: u32,
@@ -61,7 +62,7 @@ const COUNTS: std::ops::Range<usize> = 12..36;
 /// Counts per N and Nm of the simulated box.
 const COUNTS_PER_UNIT: u64 = 1_000_000;
 
-/// Relays the sensor's UDP stream between its box and whoever asked for it last.
+/// Relays the sensor's UDP stream between its box and the client that asked for it last.
 pub struct SensorWire {
     port: u16,
     damage: Arc<Mutex<Damage>>,
@@ -200,7 +201,8 @@ impl Records {
                 let _ = self
                     .near
                     .send_to(&[datagram as &[u8], &[0; 7]].concat(), to);
-                // Shorter than a record: noise of its length only the network's own checksum can tell.
+                // Shorter than a record: noise of its length only the network's own checksum can
+                // tell.
                 let noise: Vec<u8> = (0..count % 36).map(|_| self.draw() as u8).collect();
                 let _ = self.near.send_to(&noise, to);
             }
@@ -271,7 +273,7 @@ impl Records {
 pub enum Cut {
     /// It passes.
     None = 0,
-    /// Nothing passes and nobody is told: the cable is out.
+    /// Nothing passes and no error is reported: the cable is out.
     Unplugged = 1,
     /// Connections are closed, and new ones too.
     Closed = 2,

@@ -1,4 +1,5 @@
-//! The cell file that goes with a folder of keys: the given one, with the network's section for certificates.
+//! The cell file that goes with a folder of keys: the given one, with the network's section for
+//! certificates.
 
 use std::fs;
 use std::path::Path;
@@ -13,8 +14,8 @@ const TEMPLATE: &str = include_str!("../../deploy/cell.real.toml");
 /// The router's port.
 const PORT: u16 = 7447;
 
-/// The text of `NAME.toml` in the folder of keys: that of `from`, or a real cell to begin with, under this name and with
-/// certificates. Paths in it are taken from the folder in which it stands.
+/// The text of `NAME.toml` in the folder of keys: that of `from`, or a real cell to begin with,
+/// under this name and with certificates. Paths in it are taken from the folder in which it stands.
 ///
 /// # Errors
 /// A file that cannot be read, or that is no cell file.
@@ -37,7 +38,8 @@ pub fn cell_file(from: Option<&Path>, name: &str, hosts: &[String]) -> Result<St
     Ok(secured)
 }
 
-/// `[zenoh]` for certificates beside the file. The first host besides loopback is dialled, and then listened for.
+/// `[zenoh]` for certificates beside the file. The first host besides loopback is dialled, and then
+/// listened for.
 fn section(hosts: &[String]) -> String {
     let far = hosts
         .iter()

@@ -1,4 +1,5 @@
-//! The figures of a recorded run: the same definitions as `tangent evaluate`, from messages instead of a closed loop.
+//! The figures of a recorded run: the same definitions as `tangent evaluate`, from messages instead
+//! of a closed loop.
 
 use std::collections::BTreeMap;
 

@@ -25,7 +25,8 @@ pub use task_run::TaskRun;
 /// Reads a recording (of a folder, the newest one), prints its figures, writes its page.
 ///
 /// # Errors
-/// A file that cannot be read, is no recording or holds nothing of a tangent cell; a page that cannot be written.
+/// A file that cannot be read, is no recording or holds nothing of a tangent cell; a page that
+/// cannot be written.
 pub fn run(args: &crate::cli::Report, cell: Option<&Path>, json: bool) -> Result<Outcome> {
     let cell = cell.map(cell_name).transpose()?;
     let files = recordings(&args.file)?;
@@ -56,8 +57,8 @@ pub fn run(args: &crate::cli::Report, cell: Option<&Path>, json: bool) -> Result
     })
 }
 
-/// Figures and page of one run, whose recording may have been rotated through several files; the page is written
-/// beside the first. For `tangent up`.
+/// Figures and page of one run, whose recording may have been rotated through several files; the
+/// page is written beside the first. For `tangent up`.
 ///
 /// # Errors
 /// As [`run()`].
@@ -101,7 +102,8 @@ fn read(paths: &[PathBuf], cell: Option<&str>, page: bool) -> Result<(Read, Opti
     Ok((read, page))
 }
 
-/// The file itself; of a folder, the files of its newest run (`CELL-STAMP-NNN.mcap`, NNN counts), at least one.
+/// The file itself; of a folder, the files of its newest run (`CELL-STAMP-NNN.mcap`, NNN counts),
+/// at least one.
 fn recordings(path: &Path) -> Result<Vec<PathBuf>> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);

@@ -1,4 +1,5 @@
-//! An object-pose run as its recording tells it: what was estimated beside what was true, and the paper's four figures of it.
+//! An object-pose run as its recording tells it: what was estimated beside what was true, and the
+//! paper's four figures of it.
 
 use anyhow::Result;
 use nalgebra::Vector3;
@@ -13,7 +14,8 @@ use super::task_run::{Cycle, TaskRun, nearest, newest};
 /// One component of a curve over time.
 pub type Curve = Vec<(f64, f64)>;
 
-/// The cycles of a simulated object-pose task; none where there was no object, or nobody knows the truth.
+/// The cycles of a simulated object-pose task; none where there was no object, or nobody knows the
+/// truth.
 pub fn samples(run: &Run, task: &TaskRun<'_>) -> Option<(Vec<ObjectSampleTruth>, f64)> {
     if run.objects.is_empty() || run.object_truth.is_empty() {
         return None;

@@ -84,7 +84,8 @@ pub fn draw(axes: &Axes<'_>, series: &[Series<'_>]) -> Result<String> {
         y = padded(y);
         if axes.equal {
             x = padded(x);
-            // The drawing area is wider than it is high by about this, margins and labels taken off.
+            // The drawing area is wider than it is high by about this, margins and labels taken
+            // off.
             const ASPECT: f64 = 1.45;
             let (wx, wy) = (x.1 - x.0, y.1 - y.0);
             if wx < wy * ASPECT {

@@ -1,4 +1,5 @@
-//! One run as its recording tells it: the messages that the figures and plots need, decoded and in order.
+//! One run as its recording tells it: the messages that the figures and plots need, decoded and in
+//! order.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! A run of `unified_force_impedance`: the paper's figures 2 and 3 of it, from `evaluate` or from a recording.
+//! A run of `unified_force_impedance`: the paper's figures 2 and 3 of it, from `evaluate` or from a
+//! recording.
 
 use anyhow::Result;
 use nalgebra::Vector3;

@@ -115,7 +115,8 @@ impl<'a> TaskRun<'a> {
         }
     }
 
-    /// The cycles as the figures want them, with the estimates of `estimator` in place of those in use.
+    /// The cycles as the figures want them, with the estimates of `estimator` in place of those in
+    /// use.
     pub fn samples_with(&self, run: &Run, estimator: &str) -> Vec<CycleSample> {
         let estimates = run.estimates.get(estimator);
         self.cycles

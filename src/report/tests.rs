@@ -1,4 +1,5 @@
-//! A closed-loop run written as a live system would record it: the report's figures are those of `evaluate`.
+//! A closed-loop run written as a live system would record it: the report's figures are those of
+//! `evaluate`.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Karacan et al.: section IV over seeds, the time of the law's step, and the paper's figures 2 and 3.
+//! Karacan et al.: section IV over seeds, the time of the law's step, and the paper's figures 2 and
+//! 3.
 
 use std::collections::BTreeMap;
 use std::num::NonZero;
@@ -107,7 +108,8 @@ fn step_us(system: System) -> Result<[f64; 2]> {
     Ok([at(0.5), at(0.99)])
 }
 
-/// Figure 2 (the surface touched) and figure 3 a to d (shaping functions, motion, force, tanks) of both presets, for seed 1.
+/// Figure 2 (the surface touched) and figure 3 a to d (shaping functions, motion, force, tanks) of
+/// both presets, for seed 1.
 ///
 /// # Errors
 /// When a file cannot be written.

@@ -1,4 +1,5 @@
-//! The access rules of a router that runs: looked at again and again, since a revoked identity must not wait for a restart.
+//! The access rules of a router that runs: looked at again and again, since a revoked identity must
+//! not wait for a restart.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

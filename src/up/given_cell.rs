@@ -1,4 +1,5 @@
-//! `tangent up --cell FILE`: runs the cell of the file against the simulator. What a simulator cannot stand for is named.
+//! `tangent up --cell FILE`: runs the cell of the file against the simulator. What a simulator
+//! cannot stand for is named.
 
 use anyhow::Result;
 use tangent_runtime::CellConfig;
@@ -26,7 +27,8 @@ fn ports(cell: &CellConfig) -> [(&'static str, u16, u16); 6] {
 /// The address of everything simulated.
 const HERE: &str = "127.0.0.1";
 
-/// The scenario that fits a cell whose user names none: the one that the file names, or that of the system with this law.
+/// The scenario that fits a cell whose user names none: the one that the file names, or that of the
+/// system with this law.
 pub fn scenario(cell: &CellConfig) -> String {
     if let Some(own) = &cell.simulator.scenario {
         return own.display().to_string();
@@ -44,7 +46,8 @@ pub fn scenario(cell: &CellConfig) -> String {
 /// Fits the scenario to the cell: its arm, at its control rate, with its tool.
 ///
 /// # Errors
-/// A cell that this scenario cannot be played with, or an arm of the user's own, which no simulator knows.
+/// A cell that this scenario cannot be played with, or an arm of the user's own, which no simulator
+/// knows.
 pub fn fit(cell: &CellConfig, played: &mut Played) -> Result<()> {
     let (law, driver) = match played {
         Played::Normals(_) => (Law::HybridAdmittance, RobotDriver::Rtde),
@@ -72,7 +75,8 @@ pub fn fit(cell: &CellConfig, played: &mut Played) -> Result<()> {
     Ok(())
 }
 
-/// Writes into `cell` what is simulated in place of what the file says; returns each such key with what became of it.
+/// Writes into `cell` what is simulated in place of what the file says; returns each such key with
+/// what became of it.
 ///
 /// # Errors
 /// A value that cannot be written.
@@ -109,7 +113,8 @@ pub fn write(cell: &mut Table, base: &CellConfig, played: &Played) -> Result<Vec
     Ok(unused)
 }
 
-/// The images are those of the scenario's camera, so what is known of the camera is what is known of that one.
+/// The images are those of the scenario's camera, so what is known of the camera is what is known
+/// of that one.
 fn camera(
     cell: &mut Table,
     base: &CellConfig,

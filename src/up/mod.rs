@@ -88,7 +88,8 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
     })
 }
 
-/// The scenario to play and the task file, if one is named: a system's name in the task's place means its scenario and task.
+/// The scenario to play and the task file, if one is named: a system's name in the task's place
+/// means its scenario and task.
 fn asked_for<'a>(args: &'a Up, cell: &CellConfig, given: bool) -> (String, Option<&'a Path>) {
     let system = args
         .task
@@ -118,8 +119,8 @@ pub fn cell_of(played: &Played) -> Result<CellConfig> {
     config.map_err(bad_usage)
 }
 
-/// The cell as it runs: the file that was given, as far as it can be simulated, or one that fits the scenario. Its text is what is
-/// recorded.
+/// The cell as it runs: the file that was given, as far as it can be simulated, or one that fits
+/// the scenario. Its text is what is recorded.
 fn as_run(
     args: &Up,
     base: &CellConfig,
@@ -218,7 +219,8 @@ impl System {
         let simulator = compose::simulator(config, Some(played), bus, everybody)?;
         let recorder = compose::service("recorder", config, bus, everybody, extra)?;
         let mut services = Vec::new();
-        // Registered before the arm's own service, a controller answers each packet within its publish.
+        // Registered before the arm's own service, a controller answers each packet within its
+        // publish.
         let names: &[&str] = match played {
             Played::Normals(_) => &["controller", "estimator", "netft", "rtde"],
             // This arm is on the bus itself.
@@ -232,7 +234,8 @@ impl System {
         for name in names {
             services.push(compose::service(name, config, bus, everybody, extra)?);
         }
-        // The bridge says goodbye to the robot before the robot goes; the recorder hears everybody's last word.
+        // The bridge says goodbye to the robot before the robot goes; the recorder hears
+        // everybody's last word.
         services.reverse();
         services.push(simulator);
         services.push(recorder);

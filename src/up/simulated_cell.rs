@@ -160,8 +160,8 @@ fn contact_limits(cell: &mut Table, limits: &tangent_control::Limits) -> Result<
     set(cell, "limits.torque_max_nm", limits.torque_max_nm)
 }
 
-/// Preset and settings of a torque law. Threads of one laptop are less punctual than the closed loop; a scenario that says otherwise
-/// is heard.
+/// Preset and settings of a torque law. Threads of one laptop are less punctual than the closed
+/// loop; a scenario that says otherwise is heard.
 fn law(cell: &mut Table, preset: &str, settings: &Table) -> Result<()> {
     set(cell, "controller.preset", preset)?;
     set(cell, "controller.settings", settings)?;

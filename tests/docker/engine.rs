@@ -114,7 +114,8 @@ key = "keys/{identity}.key"
 "#;
 
 impl Project {
-    /// Builds the stand-in image; nothing runs yet. `secured`: with certificates, as docker-compose.tls.yml has it.
+    /// Builds the stand-in image; nothing runs yet. `secured`: with certificates, as
+    /// docker-compose.tls.yml has it.
     pub fn new(engine: Engine, secured: bool) -> Self {
         let name = format!(
             "tangent-test-{}{}",
@@ -188,7 +189,8 @@ impl Project {
         must(&mut self.command(arguments))
     }
 
-    /// What a person does first: `up` with nothing else but that it returns, on an image that is there.
+    /// What a person does first: `up` with nothing else but that it returns, on an image that is
+    /// there.
     pub fn up(&self) {
         must(self.base().args(["up", "--no-build", "-d"]));
     }
@@ -265,7 +267,8 @@ fn make_keys(folder: &Path) {
     }
 }
 
-/// An image without a base: the program, the libraries it is linked to, what the Dockerfile copies, and its settings.
+/// An image without a base: the program, the libraries it is linked to, what the Dockerfile copies,
+/// and its settings.
 fn build_image(image: &str, folder: &Path) {
     let tree = folder.join("image");
     let program = env!("CARGO_BIN_EXE_tangent");

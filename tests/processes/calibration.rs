@@ -11,7 +11,8 @@ use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::{json, number, stderr, tangent, wait_for};
 use tangent_live::live;
 
-/// The wrist turned up, down and to all sides, well above the surface; the first again at the end. rad.
+/// The wrist turned up, down and to all sides, well above the surface; the first again at the end.
+/// rad.
 const POSES: [[f64; 3]; 9] = [
     [-1.57, -1.57, 0.0],
     [0.0, -1.57, 0.0],
@@ -91,7 +92,8 @@ impl Person {
     }
 }
 
-/// The truth is the cell file's 0.3 kg at 50 mm, and the 20 g and (1, -1, 2) mm that the scenario adds.
+/// The truth is the cell file's 0.3 kg at 50 mm, and the 20 g and (1, -1, 2) mm that the scenario
+/// adds.
 fn assert_true(found: &Value, what: &str) {
     let mass = number(found, "/mass_kg");
     let sd = number(found, "/mass_sd_kg");

@@ -216,7 +216,8 @@ fn estimators(cell: &Cell) {
     );
 }
 
-/// Ctrl-C of `up` in the middle of the path: off the surface, everybody ends in order, and there is a report.
+/// Ctrl-C of `up` in the middle of the path: off the surface, everybody ends in order, and there is
+/// a report.
 #[test]
 fn ctrl_c_of_up_retracts_and_reports() {
     live(|| {

@@ -1,4 +1,5 @@
-//! What must neither end a process quietly nor hold it up: a sensor's box that answers nonsense, a log that nobody reads.
+//! What must neither end a process quietly nor hold it up: a sensor's box that answers nonsense, a
+//! log that nobody reads.
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -30,7 +31,8 @@ fn box_with_rate(port: u16, rate: &'static str) {
     });
 }
 
-/// The rate went into a duration of 3e30 s, and the thread was gone: `status` showed nothing, for ever.
+/// The rate went into a duration of 3e30 s, and the thread was gone: `status` showed nothing, for
+/// ever.
 #[test]
 fn a_box_with_an_impossible_rate_is_refused_by_name_and_tried_again() {
     live(|| {
@@ -56,7 +58,8 @@ fn a_box_with_an_impossible_rate_is_refused_by_name_and_tried_again() {
     });
 }
 
-/// With a pipe for its log that is full and that nobody reads, the loop stood for as long as the pipe was full.
+/// With a pipe for its log that is full and that nobody reads, the loop stood for as long as the
+/// pipe was full.
 #[test]
 fn a_log_that_nobody_reads_holds_nothing_up() {
     live(|| {

@@ -1,4 +1,5 @@
-//! The Franka with its depth camera as processes: what fails while it wipes the wave, and what the arm does then.
+//! The Franka with its depth camera as processes: what fails while it wipes the wave, and what the
+//! arm does then.
 
 use tangent_runtime::clock::now_ns;
 
@@ -37,7 +38,8 @@ fn safe(observer: &Observer, since_ns: i64) {
     observer.pressed_at_most(FORCE_MAX_N, since_ns);
 }
 
-/// After a fault a task starts as any other: it presses as it says, and leaves the surface when it is stopped.
+/// After a fault a task starts as any other: it presses as it says, and leaves the surface when it
+/// is stopped.
 fn wipes_again(cell: &Cell, observer: &Observer) {
     let from = now_ns();
     observer.slide(cell, &root().join("deploy/tasks/loops.toml"));
@@ -57,7 +59,8 @@ fn wipes_again(cell: &Cell, observer: &Observer) {
     safe(observer, from);
 }
 
-/// Its last answers are gone: the arm stops by a reflex and leans on the wave. The next loop moves off before it takes a zero.
+/// Its last answers are gone: the arm stops by a reflex and leans on the wave. The next loop moves
+/// off before it takes a zero.
 #[test]
 fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
     live(|| {
@@ -75,7 +78,8 @@ fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
     });
 }
 
-/// The bridge that came after the crash knew nothing of the task: the force with which the arm leans on the wave became its zero.
+/// The bridge that came after the crash knew nothing of the task: the force with which the arm
+/// leans on the wave became its zero.
 #[test]
 fn a_bridge_of_the_franka_that_starts_anew_is_not_tared_while_the_tool_leans() {
     live(|| {
@@ -100,8 +104,8 @@ fn a_bridge_of_the_franka_that_starts_anew_is_not_tared_while_the_tool_leans() {
     });
 }
 
-/// The robot ends a motion whose answers stay away with a reflex. When the loop goes on, nothing moves by itself; a person unlocks the
-/// robot, and the next task moves off before it takes a zero.
+/// The robot ends a motion whose answers stay away with a reflex. When the loop goes on, nothing
+/// moves by itself; a person unlocks the robot, and the next task moves off before it takes a zero.
 #[test]
 fn a_hard_loop_of_the_franka_that_hangs() {
     live(|| {
@@ -124,7 +128,8 @@ fn a_hard_loop_of_the_franka_that_hangs() {
     });
 }
 
-/// The hard loop has what it needs in its own process; only the estimates pass the router. Without them for two seconds, the tool leaves.
+/// The hard loop has what it needs in its own process; only the estimates pass the router. Without
+/// them for two seconds, the tool leaves.
 #[test]
 fn the_router_of_the_franka_dies() {
     live(|| {

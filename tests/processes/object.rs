@@ -1,4 +1,5 @@
-//! The torque-controlled arm with its camera as processes: what fails while it wipes the object, and what the arm does then.
+//! The torque-controlled arm with its camera as processes: what fails while it wipes the object,
+//! and what the arm does then.
 
 use tangent_runtime::clock::now_ns;
 
@@ -13,8 +14,8 @@ const FORCE_MAX_N: f64 = 40.0;
 
 const TOGETHER: [&str; 1] = ["router simulator controller netft camera estimator"];
 
-/// A cell whose tool slides on the object, many times around. What fails is in a process of its own: a thousand cycles a second between
-/// more processes than that keep a small machine busy.
+/// A cell whose tool slides on the object, many times around. What fails is in a process of its
+/// own: a thousand cycles a second between more processes than that keep a small machine busy.
 fn sliding(names: &[&str]) -> (Cell, Observer) {
     let mut cell = Cell::with_object();
     cell.start_all(names);
@@ -27,7 +28,8 @@ fn safe(observer: &Observer, since_ns: i64) {
     observer.pressed_at_most(FORCE_MAX_N, since_ns);
 }
 
-/// Sliding stops, the force is kept along the last normal, and after a second without an estimate the tool leaves.
+/// Sliding stops, the force is kept along the last normal, and after a second without an estimate
+/// the tool leaves.
 #[test]
 fn the_objects_estimator_dies() {
     live(|| {
@@ -52,7 +54,8 @@ fn the_objects_estimator_dies() {
     });
 }
 
-/// Sliding stops, the force is kept; a camera that is back at once lets the task go on, one that stays away ends it.
+/// Sliding stops, the force is kept; a camera that is back at once lets the task go on, one that
+/// stays away ends it.
 #[test]
 fn the_camera_stops() {
     live(|| {
@@ -117,7 +120,8 @@ fn the_emergency_stop_is_pressed() {
     });
 }
 
-/// A task can be paused, goes on where it stood, and another estimator of the list can be taken, all while it presses.
+/// A task can be paused, goes on where it stood, and another estimator of the list can be taken,
+/// all while it presses.
 #[test]
 fn a_person_pauses_resumes_and_stops() {
     live(|| {

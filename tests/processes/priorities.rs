@@ -1,7 +1,9 @@
-//! The order of priorities, held against other programs that take the processor with SCHED_FIFO, at every level between two of ours.
+//! The order of priorities, held against other programs that take the processor with SCHED_FIFO, at
+//! every level between two of ours.
 //!
-//! Robot, sensor, loop, estimator and router share one core with the program that takes it. What stands above that program must not notice;
-//! what stands below may be late, and then the arm is safe and a new task can be started.
+//! Robot, sensor, loop, estimator and router share one core with the program that takes it. What
+//! stands above that program must not notice; what stands below may be late, and then the arm is
+//! safe and a new task can be started.
 
 use std::time::{Duration, Instant};
 
@@ -22,7 +24,8 @@ const NAMES: [&str; 5] = [
     "rtde controller",
     "estimator",
 ];
-/// How long the processor is taken: less than what Linux leaves to real-time threads of each second.
+/// How long the processor is taken: less than what Linux leaves to real-time threads of each
+/// second.
 const TAKEN: Duration = Duration::from_millis(400);
 /// No fault presses harder: the larger of twice the reference and 10 N.
 const FORCE_MAX_N: f64 = 10.0;
@@ -32,7 +35,8 @@ fn keep_to(cpus: &CpuSet) {
     sched_setaffinity(Pid::from_raw(0), cpus).unwrap();
 }
 
-/// Takes the CPU that the calling thread keeps to, with `priority`; when that began and ended, ns since the Unix epoch.
+/// Takes the CPU that the calling thread keeps to, with `priority`; when that began and ended, ns
+/// since the Unix epoch.
 fn take_the_processor(priority: u8, cpus: CpuSet) -> (i64, i64) {
     in_scheduled_thread(priority, |granted| {
         granted.unwrap();

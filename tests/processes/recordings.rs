@@ -12,7 +12,8 @@ const PROCESSES: [&str; 2] = [
     "recorder",
 ];
 
-/// Killed in the middle of a task: nobody else cares, the file opens as it is, and the next start mends it.
+/// Killed in the middle of a task: nobody else cares, the file opens as it is, and the next start
+/// mends it.
 #[test]
 fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
     live(|| {
@@ -71,7 +72,8 @@ fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
     });
 }
 
-/// Files of a few seconds or a few hundred kilobytes, each whole by itself, and no message lost between them.
+/// Files of a few seconds or a few hundred kilobytes, each whole by itself, and no message lost
+/// between them.
 #[test]
 fn recordings_rotate_by_time_and_by_size() {
     live(|| {
@@ -79,7 +81,8 @@ fn recordings_rotate_by_time_and_by_size() {
             let mut cell = Cell::new(|cell| {
                 set(cell, &format!("recorder.{key}"), value);
             });
-            // Composed: a loaded machine may cost messages between processes, and those are not what is counted here.
+            // Composed: a loaded machine may cost messages between processes, and those are not
+            // what is counted here.
             cell.start_all(&["router simulator netft rtde controller estimator recorder"]);
             wait_for("files are written", PATIENCE, || {
                 (cell.files().len() > files).then_some(())

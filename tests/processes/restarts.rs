@@ -1,4 +1,5 @@
-//! Nothing is missing in the recordings when the recorder, the router or both are back within seconds.
+//! Nothing is missing in the recordings when the recorder, the router or both are back within
+//! seconds.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -1,5 +1,5 @@
-//! The robot's modes from the command line, as the documentation sends an operator to them: a protective stop and a power cycle end
-//! with a task that runs.
+//! The robot's modes from the command line, as the documentation sends an operator to them: a
+//! protective stop and a power cycle end with a task that runs.
 
 use tangent_runtime::clock::now_ns;
 

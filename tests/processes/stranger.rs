@@ -107,8 +107,8 @@ fn told(cell: &Cell, service: &str) -> Option<(String, f64)> {
     Some((fault, refused))
 }
 
-/// Zeros at 1.9 kHz beside the true wrench, while the tool slides: nobody takes them, and everybody who hears them says whose
-/// they are. A task is not started beside them.
+/// Zeros at 1.9 kHz beside the true wrench, while the tool slides: nobody takes them, and everybody
+/// who hears them says whose they are. A task is not started beside them.
 #[test]
 fn a_strangers_wrench_is_refused_by_name() {
     live(|| {
@@ -154,7 +154,8 @@ fn a_strangers_wrench_is_refused_by_name() {
     });
 }
 
-/// One that copies the ids it hears cannot be told from the sensor: neither is believed, and the arm leaves the surface.
+/// One that copies the ids it hears cannot be told from the sensor: neither is believed, and the
+/// arm leaves the surface.
 #[test]
 fn a_copied_id_stops_the_task_and_steers_nothing() {
     live(|| {

@@ -1,5 +1,6 @@
-//! A relay that holds bytes back on their way, as a delayed, lossy, reordering wire makes TCP do: what is lost or
-//! overtaken comes late, and everything behind it waits. Nothing is ever missing or out of order above TCP.
+//! A relay that holds bytes back on their way, as a delayed, lossy, reordering wire makes TCP do:
+//! what is lost or overtaken comes late, and everything behind it waits. Nothing is ever missing or
+//! out of order above TCP.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -14,7 +15,8 @@ use super::Wire;
 /// As the simulated robot's: it stands for a wire, which no load on this machine would delay.
 const PRIORITY: u8 = 84;
 
-/// Time in which three later packets come, s: a fast retransmit waits for them (RFC 5681, 3.2) besides a round trip.
+/// Time in which three later packets come, s: a fast retransmit waits for them (RFC 5681, 3.2)
+/// besides a round trip.
 const THREE_PACKETS_S: f64 = 0.006;
 
 /// Listens until the test process ends.

@@ -1,16 +1,17 @@
 //! Eq. (1) of Tugal et al.: force error in, compliant velocity out, `f_r - f_e = M v' + D v`.
 //!
-//! Called by the controller each cycle, in the axes of the contact: z is the surface normal, out of the material.
+//! Called by the controller each cycle, in the axes of the contact: z is the surface normal, out of
+//! the material.
 //!
-//! **Sign.** The paper's wrenches are what the robot does to the surface; ours are what the surface does to the robot.
-//! Both sides change sign, so the right-hand side stands and the error is *measured minus reference*: pressing too
-//! hard moves the tool out.
+//! **Sign.** The paper's wrenches are what the robot does to the surface; ours are what the surface
+//! does to the robot. Both sides change sign, so the right-hand side stands and the error is
+//! *measured minus reference*: pressing too hard moves the tool out.
 
 use nalgebra::Vector6;
 use tangent_mechanics::{Contact, Twist, Wrench};
 
-/// Diagonal virtual inertia and damping, and the paper's selection `Ω`. Plain numbers; the motion is in
-/// [`AdmittanceState`].
+/// Diagonal virtual inertia and damping, and the paper's selection `Ω`. Plain numbers; the motion
+/// is in [`AdmittanceState`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Admittance {
     /// Linear (kg), then angular (kg m²).
@@ -65,8 +66,9 @@ impl Admittance {
         }
     }
 
-    /// One cycle of `dt_s` with a constant `error` (measured minus reference, N and Nm): the exact solution of eq. (1),
-    /// so that no ratio of inertia to damping is too stiff for the rate. Returns the selected velocity.
+    /// One cycle of `dt_s` with a constant `error` (measured minus reference, N and Nm): the exact
+    /// solution of eq. (1), so that no ratio of inertia to damping is too stiff for the rate.
+    /// Returns the selected velocity.
     pub fn step(
         &self,
         state: &mut AdmittanceState,

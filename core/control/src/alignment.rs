@@ -2,13 +2,14 @@
 //!
 //! Called by the controller each cycle, in base axes.
 //!
-//! **Sign.** The paper prints `ω = -k_R z_ee × n`. With `n` out of the material and `ω × z` for the motion of the tool's
-//! axis, this drives `z_ee` to `-n`: what a square tool has here. The formula is used as printed.
+//! **Sign.** The paper prints `ω = -k_R z_ee × n`. With `n` out of the material and `ω × z` for the
+//! motion of the tool's axis, this drives `z_ee` to `-n`: what a square tool has here. The formula
+//! is used as printed.
 
 use nalgebra::Vector3;
 
-/// Turn rate that squares the tool, base axes, rad/s: `-gain * z × n`. Beyond a right angle it keeps its full strength
-/// instead of fading with the sine.
+/// Turn rate that squares the tool, base axes, rad/s: `-gain * z × n`. Beyond a right angle it
+/// keeps its full strength instead of fading with the sine.
 pub fn alignment_rate(
     gain_per_s: f64,
     z_tool: &Vector3<f64>,

@@ -1,10 +1,13 @@
-//! Whether the mean of the pressing force goes with the tool's depth: what a sensor that no longer feels and still makes noise gives away.
+//! Whether the mean of the pressing force goes with the tool's depth: what a sensor that no longer
+//! feels and still makes noise gives away.
 //!
-//! Called by `response_guard` in each cycle in which the tool presses. Noise is averaged away, and the depth is delayed as the force is, so
-//! that both are of one time. Whenever the mean has moved, depth and way count anew: a sensor whose reading moves, answers.
+//! Called by `response_guard` in each cycle in which the tool presses. Noise is averaged away, and
+//! the depth is delayed as the force is, so that both are of one time. Whenever the mean has moved,
+//! depth and way count anew: a sensor whose reading moves, answers.
 //!
-//! While the tool slides, a normal that is off makes a depth of the way along the surface. So that much of the way counts as slope, and what
-//! sinks less steeply is not judged: a surface that recedes at constant force cannot be told from a sensor that is deaf.
+//! While the tool slides, a normal that is off makes a depth of the way along the surface. So that
+//! much of the way counts as slope, and what sinks less steeply is not judged: a surface that
+//! recedes at constant force cannot be told from a sensor that is deaf.
 
 /// Time constant over which force and depth are averaged, s.
 const MEAN_S: f64 = 0.04;
@@ -12,7 +15,8 @@ const MEAN_S: f64 = 0.04;
 const LAG_S: f64 = 0.02;
 /// Memory of the noise's own size, s.
 const NOISE_S: f64 = 0.3;
-/// Standard errors by which the mean has to move to have moved, and the rise that it fails to make has to exceed.
+/// Standard errors by which the mean has to move to have moved, and the rise that it fails to make
+/// has to exceed.
 const MOVED_ERRORS: f64 = 6.0;
 const RISE_ERRORS: f64 = 8.0;
 /// Least movement that counts, N, and as a share of the reference.
@@ -21,11 +25,13 @@ const MOVED_SHARE: f64 = 0.03;
 /// Rise that must have come before its absence says anything, N, and as a share of the reference.
 const RISE_N: f64 = 1.5;
 const RISE_SHARE: f64 = 0.1;
-/// And as much as this way into the contact makes, m: a pad that settles, and the delay that is not known to the millisecond.
+/// And as much as this way into the contact makes, m: a pad that settles, and the delay that is not
+/// known to the millisecond.
 const RISE_M: f64 = 6e-5;
 /// Share of the rise below which the mean did not follow.
 const FOLLOWED: f64 = 0.2;
-/// Softest contact reckoned with until it has shown its own stiffness, N/m: its mean would have moved this many times over.
+/// Softest contact reckoned with until it has shown its own stiffness, N/m: its mean would have
+/// moved this many times over.
 const SOFTEST_N_PER_M: f64 = 500.0;
 const MOVED_TIMES: f64 = 2.0;
 /// Least depth that a stiffness is taken from, m.
@@ -150,7 +156,8 @@ impl Answer {
         self.variance += (0.5 * change * change - self.variance) * share(NOISE_S);
     }
 
-    /// The stiffest that the build-up of the force has shown: a reading that stops to follow does not make the contact softer.
+    /// The stiffest that the build-up of the force has shown: a reading that stops to follow does
+    /// not make the contact softer.
     fn learn(&mut self, pressed: &Pressed) {
         if !pressed.rule.settling {
             self.touched = None;
@@ -171,7 +178,8 @@ impl Answer {
 mod tests {
     use super::*;
 
-    /// A kilohertz of a tool that goes `speed` (m/s) deeper; the true rise of the force, N, when the answer is missed, or none in 20 s.
+    /// A kilohertz of a tool that goes `speed` (m/s) deeper; the true rise of the force, N, when
+    /// the answer is missed, or none in 20 s.
     fn missed_n(
         stiffness: f64,
         known: bool,

@@ -1,7 +1,9 @@
-//! Whether the tool hangs free: what is known of it when a task starts, and how a motion away from the surface shows it.
+//! Whether the tool hangs free: what is known of it when a task starts, and how a motion away from
+//! the surface shows it.
 //!
-//! A zero that is taken while the tool presses hides that force from everything that follows. So each law keeps a [`Clearance`]
-//! over its tasks, the service keeps it over restarts, and a start in doubt moves away first ([`crate::Phase::Clear`]).
+//! A zero that is taken while the tool presses hides that force from everything that follows. So
+//! each law keeps a [`Clearance`] over its tasks, the service keeps it over restarts, and a start
+//! in doubt moves away first ([`crate::Phase::Clear`]).
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -12,7 +14,8 @@ use crate::{ControlError, Limits};
 /// Whether the tool may touch something.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Clearance {
-    /// Nothing speaks against it: nothing was touched yet, or a person said so. No motion has shown it.
+    /// Nothing speaks against it: nothing was touched yet, or a person said so. No motion has shown
+    /// it.
     #[default]
     Assumed,
     /// A motion away from the surface has shown that it hangs free.
@@ -42,8 +45,8 @@ impl Clearance {
         }
     }
 
-    /// Whether a task may start with the tool at `position` (base axes, m): none if it hangs free, else the direction to move away
-    /// in first.
+    /// Whether a task may start with the tool at `position` (base axes, m): none if it hangs free,
+    /// else the direction to move away in first.
     ///
     /// # Errors
     /// [`ControlError::MayTouch`] where it may touch and the way out is not known.
@@ -84,7 +87,8 @@ pub struct LeaveConfig {
     pub steady_n: f64,
     /// Longest way in phase `clear`, m.
     pub distance_max_m: f64,
-    /// Force against the motion, or across it, that phase `clear` may meet beyond that at its start, N.
+    /// Force against the motion, or across it, that phase `clear` may meet beyond that at its
+    /// start, N.
     pub grow_n: f64,
     /// Force beyond the least one since its start that a retraction may meet, N.
     pub opposed_n: f64,
@@ -94,7 +98,8 @@ pub struct LeaveConfig {
     pub blind_speed_m_per_s: f64,
     /// The last known normal counts within this distance of the place it belongs to, m.
     pub near_m: f64,
-    /// A touch within this distance of the place of the tare says that the tare was taken in contact, m.
+    /// A touch within this distance of the place of the tare says that the tare was taken in
+    /// contact, m.
     pub touch_at_once_m: f64,
 }
 
@@ -127,15 +132,17 @@ pub(crate) enum Leaving {
     Opposed,
 }
 
-/// Way from which on the least force of a retraction counts where its zero is none to go by, m: until then the contact may have let go of
-/// a force that the zero hides.
+/// Way from which on the least force of a retraction counts where its zero is none to go by, m:
+/// until then the contact may have let go of a force that the zero hides.
 const LET_GO_M: f64 = 0.001;
-/// Longest time in which an arm that still moves in turns around, s: its own lag, and that of the reading. What presses harder meanwhile
-/// is no obstacle.
+/// Longest time in which an arm that still moves in turns around, s: its own lag, and that of the
+/// reading. What presses harder meanwhile is no obstacle.
 const TURN_S: f64 = 0.15;
-/// Way against the retraction that shows an arm still moving in, m: above a joint encoder's noise at the tool.
+/// Way against the retraction that shows an arm still moving in, m: above a joint encoder's noise
+/// at the tool.
 const STILL_IN_M: f64 = 2e-5;
-/// Time constant over which the force is averaged before it counts as steady, s: a sensor's noise is no touch.
+/// Time constant over which the force is averaged before it counts as steady, s: a sensor's noise
+/// is no touch.
 const STEADY_S: f64 = 0.02;
 
 /// What a retraction meets in one cycle.
@@ -209,7 +216,8 @@ impl Retreat {
         let gone_m = met.way_m - self.from_m;
         self.elapsed_s += met.dt_s;
         self.lowest_m = self.lowest_m.min(gone_m);
-        // Once it comes back along the retraction, the contact lets go: a force that grows from there is met on the way.
+        // Once it comes back along the retraction, the contact lets go: a force that grows from
+        // there is met on the way.
         let turns = self.elapsed_s <= TURN_S
             && self.lowest_m < -STILL_IN_M
             && gone_m <= self.lowest_m + STILL_IN_M;
@@ -232,7 +240,8 @@ impl Retreat {
     }
 }
 
-/// Watches the force while the tool moves away. Only differences count, so that any zero will do. A new one for each motion.
+/// Watches the force while the tool moves away. Only differences count, so that any zero will do. A
+/// new one for each motion.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LeaveWatch {
     /// Force at the start, base axes.
@@ -247,8 +256,8 @@ pub(crate) struct LeaveWatch {
 }
 
 impl LeaveWatch {
-    /// One cycle of phase `clear`, `way_m` along `normal` (unit) from its start, with the force on the tool in the same axes.
-    /// `release_max_n`: more than that nothing can have pressed.
+    /// One cycle of phase `clear`, `way_m` along `normal` (unit) from its start, with the force on
+    /// the tool in the same axes. `release_max_n`: more than that nothing can have pressed.
     pub fn clear(
         &mut self,
         config: &LeaveConfig,
@@ -262,7 +271,8 @@ impl LeaveWatch {
         let change = force - first;
         let along = change.dot(normal);
         let across = (change - normal * along).norm();
-        // What pressed against the normal lets go; what is met on the way pushes back the same way, and further.
+        // What pressed against the normal lets go; what is met on the way pushes back the same way,
+        // and further.
         if along > config.grow_n
             || along < -(release_max_n + config.grow_n)
             || across > release_max_n + config.grow_n
@@ -272,8 +282,9 @@ impl LeaveWatch {
         self.steadiness(config, way_m, force, dt_s)
     }
 
-    /// One cycle of a retraction: opposed by a load that grows beyond the least one since its start, by one beyond `ceiling` and that at
-    /// the start, and by an untared reading that comes to be beyond its limit.
+    /// One cycle of a retraction: opposed by a load that grows beyond the least one since its
+    /// start, by one beyond `ceiling` and that at the start, and by an untared reading that comes
+    /// to be beyond its limit.
     pub fn retract(&mut self, config: &LeaveConfig, ceiling: &Ceiling, met: &Met) -> Leaving {
         let retreat = match &mut self.retreat {
             // With another zero it is another reading.
@@ -399,7 +410,8 @@ mod tests {
             let off = |way: f64| (3.0 - stiffness * way).max(0.0);
             assert_eq!(opposed_m(away, off, true), None);
         }
-        // Six newtons that the zero hides come to light: no obstacle where the zero is known to be wrong.
+        // Six newtons that the zero hides come to light: no obstacle where the zero is known to be
+        // wrong.
         let hides = |way: f64| -6.0 * (way / 5e-4).min(1.0);
         assert!(opposed_m(away, hides, true).is_some());
         assert_eq!(opposed_m(away, hides, false), None);

@@ -1,4 +1,5 @@
-//! Parameters of the control law, and the two presets: `paper` (Tugal et al., Table 1) and `default`.
+//! Parameters of the control law, and the two presets: `paper` (Tugal et al., Table 1) and
+//! `default`.
 
 mod ranges;
 
@@ -7,7 +8,8 @@ use serde::{Deserialize, Serialize};
 use crate::energy_tank::EnergyTank;
 use crate::{ControlError, LeaveConfig};
 
-/// Parameters of the law. `ControllerConfig::preset` gives a complete one; a file may change single keys of it.
+/// Parameters of the law. `ControllerConfig::preset` gives a complete one; a file may change single
+/// keys of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
@@ -47,7 +49,8 @@ pub struct ForceConfig {
     pub delay_margin_rad: f64,
     /// Stiffest contact to expect, N/m: taken until touchdown shows better.
     pub stiffness_expected_n_per_m: f64,
-    /// Overshoot accepted at touchdown on the expected stiffness, as a share of the reference; bounds the approach speed.
+    /// Overshoot accepted at touchdown on the expected stiffness, as a share of the reference;
+    /// bounds the approach speed.
     pub overshoot_accepted: f64,
     /// The approach is slowed for the expected stiffness.
     pub approach_slowed: bool,
@@ -59,8 +62,9 @@ pub struct ForceConfig {
     pub speed_max_m_per_s: f64,
     /// Rate at which a changed reference comes into force, N/s.
     pub reference_rate_n_per_s: f64,
-    /// Bounds the energy that a task may put into the surface along the normal, however long it lasts: a surface that gives way for ever, or
-    /// a normal that is wrong. None: `limits.power_max_w` alone.
+    /// Bounds the energy that a task may put into the surface along the normal, however long it
+    /// lasts: a surface that gives way for ever, or a normal that is wrong. None:
+    /// `limits.power_max_w` alone.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tank: Option<EnergyTank>,
 }
@@ -95,7 +99,8 @@ pub struct AlignmentConfig {
 pub struct NormalConfig {
     /// Low pass on the way from the estimate to the normal in use, s; 0 is none.
     pub filter_s: f64,
-    /// Standard deviation per axis at which an estimate is filtered twice as long, rad; 0 takes every estimate alike.
+    /// Standard deviation per axis at which an estimate is filtered twice as long, rad; 0 takes
+    /// every estimate alike.
     pub sure_rad: f64,
     /// Rate at which the normal in use may turn, rad/s.
     pub turn_rate_max_rad_per_s: f64,
@@ -105,12 +110,13 @@ pub struct NormalConfig {
     pub switch_gate_rad: f64,
     /// Way along the surface without a valid estimate before the next estimator is taken, m.
     pub blind_distance_m: f64,
-    /// Way over which the surface's curvature is learnt from the turning of the normal when the estimator gives none, m.
+    /// Way over which the surface's curvature is learnt from the turning of the normal when the
+    /// estimator gives none, m.
     pub curvature_distance_m: f64,
     /// Largest curvature believed, 1/m.
     pub curvature_max_per_m: f64,
-    /// An estimate is turned on by its age along the path, with the surface's curvature, but by no more than this, rad;
-    /// 0 takes it as it is.
+    /// An estimate is turned on by its age along the path, with the surface's curvature, but by no
+    /// more than this, rad; 0 takes it as it is.
     pub prediction_max_rad: f64,
 }
 
@@ -118,7 +124,8 @@ pub struct NormalConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PathConfig {
-    /// Gain of the position error's feedback in the tangent plane, 1/s; 0 is the paper's velocity profile alone.
+    /// Gain of the position error's feedback in the tangent plane, 1/s; 0 is the paper's velocity
+    /// profile alone.
     pub gain_per_s: f64,
     /// Speed that the feedback may add, m/s.
     pub feedback_speed_max_m_per_s: f64,
@@ -132,7 +139,8 @@ pub struct PathConfig {
     pub clock_ramp_s: f64,
 }
 
-/// How a law of torques goes along its path: it follows the reference by its own gains, and does not wait for the arm.
+/// How a law of torques goes along its path: it follows the reference by its own gains, and does
+/// not wait for the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PathProfileConfig {
@@ -300,8 +308,9 @@ impl ControllerConfig {
     /// Names that [`ControllerConfig::preset`] knows.
     pub const PRESETS: [&'static str; 2] = ["default", "paper"];
 
-    /// A complete set of parameters by name: `default`, or `paper` (Table 1: `m_p` 1, `m_o` 0.04, `d_p` 150, `d_o` 1.5,
-    /// `k_R` 0.08; proportional, without feed-forward and without position feedback, as published).
+    /// A complete set of parameters by name: `default`, or `paper` (Table 1: `m_p` 1, `m_o` 0.04,
+    /// `d_p` 150, `d_o` 1.5, `k_R` 0.08; proportional, without feed-forward and without position
+    /// feedback, as published).
     pub fn preset(name: &str) -> Result<Self, ControlError> {
         match name {
             "default" => Ok(Self::default()),
@@ -363,9 +372,8 @@ pub(crate) fn with_changes<T: Serialize + serde::de::DeserializeOwned>(
     let wrong = |e: String| ControlError::Syntax(format!("controller settings: {e}"));
     let mut table = toml::Table::try_from(preset).map_err(|e| wrong(e.to_string()))?;
     overlay(&mut table, changes);
-    table
-        .try_into()
-        .map_err(|e: toml::de::Error| wrong(e.message().to_owned()))
+    serde_path_to_error::deserialize(toml::Value::Table(table))
+        .map_err(|e| wrong(format!("`{}`: {}", e.path(), e.inner().message())))
 }
 
 /// Puts `changes` over `base`, table by table.

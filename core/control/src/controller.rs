@@ -5,10 +5,10 @@ use tangent_mechanics::{Aligned, Arm, Base, Flange, Pose, Tool, Twist};
 
 use crate::alignment::{alignment_error, alignment_rate};
 use crate::force_law::ForceSample;
-use crate::ground::Ground;
 use crate::interface::{is_arm_state, is_place, is_time, is_velocity};
 use crate::joint_velocity::JointVelocity;
 use crate::limits::clamp_norm;
+use crate::moving_base::MovingBase;
 use crate::percept::{Percept, Requests};
 use crate::run::Run;
 use crate::switching::ChoiceRules;
@@ -30,11 +30,12 @@ pub struct Controller {
     activation: u64,
     requests: Requests,
     run: Run,
-    ground: Ground,
+    moving_base: MovingBase,
     limiter: TwistLimiter,
     joints: JointVelocity,
     estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
-    /// Targets of the live parameters, in the order of [`Parameter::ALL`]; `config` follows them on a ramp.
+    /// Targets of the live parameters, in the order of [`Parameter::ALL`]; `config` follows them on
+    /// a ramp.
     targets: [f64; 4],
     speed_m_per_s: f64,
 }
@@ -62,7 +63,7 @@ impl Controller {
             activation: 0,
             requests: Requests::default(),
             run: Run::idle(),
-            ground: Ground::default(),
+            moving_base: MovingBase::default(),
             limiter: TwistLimiter::default(),
             joints: JointVelocity::default(),
             estimates: [None; MAX_ESTIMATORS],
@@ -71,14 +72,16 @@ impl Controller {
         })
     }
 
-    /// Makes a program of a task and starts it. Allocates: for the closed loop and tests, not for the robot's cycle.
+    /// Makes a program of a task and starts it. Allocates: for the closed loop and tests, not for
+    /// the robot's cycle.
     pub fn start_task(&mut self, task: &Task) -> Result<(), ControlError> {
         let program = Program::new(task, &self.config)?;
         self.start(program, 0).map(drop)
     }
 
-    /// Starts a program from idle, done or fault; gives back the one before, to be dropped outside the loop.
-    /// `latched` is the activation that the bridge has latched out: the new one is greater.
+    /// Starts a program from idle, done or fault; gives back the one before, to be dropped outside
+    /// the loop. `latched` is the activation that the bridge has latched out: the new one is
+    /// greater.
     pub fn start(
         &mut self,
         program: Program,
@@ -93,7 +96,7 @@ impl Controller {
         self.activation = self.activation.max(latched).saturating_add(1);
         self.requests = Requests::default();
         self.run = Run::start(&program, self.run.clearance);
-        self.ground = Ground::default();
+        self.moving_base = MovingBase::default();
         self.names = program.estimators.clone();
         self.config = program.config;
         self.speed_m_per_s = program.task.path.speed_m_per_s();
@@ -109,7 +112,8 @@ impl Controller {
     /// Whether a task may start with the tool at `position` (base axes, m).
     ///
     /// # Errors
-    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not known.
+    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not
+    /// known.
     pub fn check_start(&self, position: &Vector3<f64>) -> Result<(), ControlError> {
         let leave = &self.config.leave;
         self.run.clearance.way_out(leave, position).map(drop)
@@ -132,7 +136,8 @@ impl Controller {
         Ok(())
     }
 
-    /// Stands still in every phase: the path stops where it is, what presses keeps its force, and no time limit runs.
+    /// Stands still in every phase: the path stops where it is, what presses keeps its force, and
+    /// no time limit runs.
     ///
     /// # Errors
     /// When no task runs, or it is leaving the surface.
@@ -163,20 +168,23 @@ impl Controller {
         self.requests.stopping = true;
     }
 
-    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal: for tests of what a wrong one does.
+    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal:
+    /// for tests of what a wrong one does.
     #[doc(hidden)]
     pub fn stop_along(&mut self, away: Vector3<f64>) {
         self.run.way_off = Some(away);
         self.stop();
     }
 
-    /// The task has ended, and the tool may still be where it touched: after a fault that let nothing move.
+    /// The task has ended, and the tool may still be where it touched: after a fault that let
+    /// nothing move.
     pub fn is_left_on_surface(&self) -> bool {
         self.run.is_left_on_surface()
     }
 
-    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface) along the last good normal, over the way of the task's
-    /// end. `latched` as in [`Controller::start`]: this is a motion of its own, with an activation of its own.
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface) along the last good
+    /// normal, over the way of the task's end. `latched` as in [`Controller::start`]: this is a
+    /// motion of its own, with an activation of its own.
     pub fn leave_surface(&mut self, latched: u64) {
         if self.run.is_left_on_surface() {
             self.activation = self.activation.max(latched) + 1;
@@ -193,7 +201,8 @@ impl Controller {
         }
     }
 
-    /// Adds an estimator to [`Controller::estimators`] without using it; its place in the list, none when it is full.
+    /// Adds an estimator to [`Controller::estimators`] without using it; its place in the list,
+    /// none when it is full.
     pub fn listen_to(&mut self, name: EstimatorName) -> Option<usize> {
         if let Some(index) = self.names.iter().position(|n| *n == name) {
             return Some(index);
@@ -202,8 +211,8 @@ impl Controller {
         Some(self.names.len() - 1)
     }
 
-    /// Switches to another estimator of [`Controller::estimators`], if it is fresh, valid and near the normal in use;
-    /// `force` waives the last two. The normal then turns at a bounded rate.
+    /// Switches to another estimator of [`Controller::estimators`], if it is fresh, valid and near
+    /// the normal in use; `force` waives the last two. The normal then turns at a bounded rate.
     pub fn select_estimator(&mut self, name: &str, force: bool) -> Result<(), SwitchRefusal> {
         if !self.run.phase.is_active() {
             return Err(SwitchRefusal::NoTask);
@@ -227,8 +236,8 @@ impl Controller {
         )
     }
 
-    /// Sets a live parameter, clamped to its range; it comes into force over a ramp. A task's start sets all of them
-    /// to the task's and the preset's.
+    /// Sets a live parameter, clamped to its range; it comes into force over a ramp. A task's start
+    /// sets all of them to the task's and the preset's.
     pub fn set(&mut self, parameter: Parameter, value: f64) {
         let (lower, upper) = parameter.range();
         if value.is_finite() {
@@ -279,7 +288,7 @@ impl Controller {
             }
             return self.stand(input);
         }
-        let placed = self.ground.place(input);
+        let placed = self.moving_base.place(input);
         self.estimates = placed.estimates;
         if self.run.phase.is_active() && !input.arm_ready {
             self.run.abort(Fault::ArmNotReady);
@@ -295,7 +304,7 @@ impl Controller {
             &self.config,
             &self.limits,
             &placed,
-            &self.ground,
+            &self.moving_base,
             reference_n,
         );
         self.run.decide(
@@ -321,11 +330,11 @@ impl Controller {
             reference_n,
             speed_factor,
         );
-        // The sensor is tared at rest; everything else is done over ground.
+        // The sensor is tared at rest; everything else is done relative to the floor.
         let wanted = if self.run.phase == Phase::Tare {
             wanted
         } else {
-            self.ground.against_base(&input.base_from_tool, wanted)
+            self.moving_base.against_base(&input.base_from_tool, wanted)
         };
         let twist = self.limiter.step(&self.limits, wanted, input.dt_s);
         let (qd, manipulability) = self.joints.step(
@@ -336,10 +345,10 @@ impl Controller {
             &twist,
             input.dt_s,
         );
-        if self.ground.moves() {
+        if self.moving_base.moves() {
             let jacobian = self.arm.jacobian_at(&input.q, &self.flange_from_tool);
             let made = Twist::from_vector(&(jacobian * qd));
-            self.ground.follow(&twist, &made, input.dt_s);
+            self.moving_base.follow(&twist, &made, input.dt_s);
         }
         let run = &self.run;
         ControlOutput {
@@ -396,7 +405,7 @@ impl Controller {
             estimator_cause: run.choice.cause,
             estimator_switches: run.choice.switches,
             normal: if active {
-                self.ground.direction(&run.surface.normal)
+                self.moving_base.direction(&run.surface.normal)
             } else {
                 hold.normal
             },
@@ -406,7 +415,7 @@ impl Controller {
                 0.0
             },
             path_reference: if active {
-                self.ground.point(&run.tracking.reference)
+                self.moving_base.point(&run.tracking.reference)
             } else {
                 hold.path_reference
             },
@@ -425,8 +434,8 @@ impl Controller {
     }
 }
 
-/// The tool's velocity that the phase asks for, base axes: motion in the tangent plane, force along the normal, the
-/// tool turned square.
+/// The tool's velocity that the phase asks for, base axes: motion in the tangent plane, force along
+/// the normal, the tool turned square.
 #[allow(clippy::too_many_arguments)] // One cycle's whole state; a struct for it would only be built and taken apart.
 fn wanted_twist(
     run: &mut Run,

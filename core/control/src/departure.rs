@@ -1,7 +1,8 @@
-//! How a tool that torques move leaves what it touches: off before its zero is taken, and the retraction at the end.
+//! How a tool that torques move leaves what it touches: off before its zero is taken, and the
+//! retraction at the end.
 //!
-//! One for both laws of torques: it says how far and how fast along which way, they say from where, and what holds the tool meanwhile.
-//! What the force says of the motion is judged in `clearance`.
+//! One for both laws of torques: it says how far and how fast along which way, they say from where,
+//! and what holds the tool meanwhile. What the force says of the motion is judged in `clearance`.
 
 use nalgebra::Vector3;
 
@@ -15,8 +16,8 @@ use crate::{Clearance, Fault, LeaveConfig, Limits, Phase, Profile};
 const GONE_SHARE: f64 = 0.5;
 /// A retraction's reference has stood so long at its end before it is over, s.
 const SETTLE_S: f64 = 0.1;
-/// Deceleration of a tool that slid when its retraction begins, m/s². A harder one would show in the reading: a force sensor feels the
-/// inertia of what it carries, and takes it for an obstacle.
+/// Deceleration of a tool that slid when its retraction begins, m/s². A harder one would show in
+/// the reading: a force sensor feels the inertia of what it carries, and takes it for an obstacle.
 const RUN_OUT_M_PER_S2: f64 = 0.5;
 
 /// What is known of the tool's touch, and the motion that ends it.
@@ -184,8 +185,8 @@ impl Departure {
         }
     }
 
-    /// Phase `clear`: off along the last known normal until the force has been steady over some way. In any doubt it stands, and
-    /// without a wrench until there is one again.
+    /// Phase `clear`: off along the last known normal until the force has been steady over some
+    /// way. In any doubt it stands, and without a wrench until there is one again.
     pub fn clear(
         &mut self,
         rules: &Rules,
@@ -238,7 +239,8 @@ impl Departure {
         self.after = then;
     }
 
-    /// The retraction, at its start along `away`: slow where nothing is felt, and it stops where something is in the way.
+    /// The retraction, at its start along `away`: slow where nothing is felt, and it stops where
+    /// something is in the way.
     pub fn retract(
         &mut self,
         rules: &Rules,

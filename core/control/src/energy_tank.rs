@@ -1,8 +1,8 @@
-//! An energy tank: a store that active control draws from and dissipation fills, so that what it feeds stays passive. Karacan et al.,
-//! eqs. (38)-(45) and (57)-(63).
+//! An energy tank: a store that active control draws from and dissipation fills, so that what it
+//! feeds stays passive. Karacan et al., eqs. (38)-(45) and (57)-(63).
 //!
-//! Held by `unified_force_impedance`, one for motion and one for force, and by the force law of the velocity-controlled arm, where
-//! `force.tank` is set.
+//! Held by `unified_force_impedance`, one for motion and one for force, and by the force law of the
+//! velocity-controlled arm, where `force.tank` is set.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +21,8 @@ pub struct EnergyTank {
     pub upper_j: f64,
     /// Energy over which a valve opens or closes, J.
     pub band_j: f64,
-    /// Kept above the lower limit with the valve shut, J: what the torques already on their way may still take.
+    /// Kept above the lower limit with the valve shut, J: what the torques already on their way may
+    /// still take.
     pub reserve_j: f64,
 }
 
@@ -48,17 +49,20 @@ impl EnergyTank {
         }
     }
 
-    /// σ of eqs. (44) and (63), 0 to 1: the share of its action that a law may take now. Smooth, and 0 from the reserve down.
+    /// σ of eqs. (44) and (63), 0 to 1: the share of its action that a law may take now. Smooth,
+    /// and 0 from the reserve down.
     pub fn valve(&self, state: &EnergyTankState) -> f64 {
         smooth((state.energy_j - self.lower_j - self.reserve_j) / self.band_j)
     }
 
-    /// β of eqs. (45) and (60), 0 to 1: the share of what is dissipated that the tank takes in now. Smooth, and 0 at the upper limit.
+    /// β of eqs. (45) and (60), 0 to 1: the share of what is dissipated that the tank takes in now.
+    /// Smooth, and 0 at the upper limit.
     pub fn inlet(&self, state: &EnergyTankState) -> f64 {
         smooth((self.upper_j - state.energy_j) / self.band_j)
     }
 
-    /// The tank's action did `work_j` (negative: work was done on it). The port of eqs. (42) and (61), over one period.
+    /// The tank's action did `work_j` (negative: work was done on it). The port of eqs. (42) and
+    /// (61), over one period.
     pub fn draw(&self, state: &mut EnergyTankState, work_j: f64) -> Exchange {
         let wanted = state.energy_j - work_j;
         state.energy_j = wanted.max(self.lower_j).min(self.upper_j);
@@ -68,7 +72,8 @@ impl EnergyTank {
         }
     }
 
-    /// `dissipated_j` (not negative) went into damping; the inlet decides how much of it is kept. Eqs. (39) and (57).
+    /// `dissipated_j` (not negative) went into damping; the inlet decides how much of it is kept.
+    /// Eqs. (39) and (57).
     pub fn fill(&self, state: &mut EnergyTankState, dissipated_j: f64) -> Exchange {
         let kept = self.inlet(state) * dissipated_j.max(0.0);
         let inside = self.draw(state, -kept);
@@ -146,7 +151,8 @@ mod tests {
 
         #[test]
         fn who_respects_the_valve_never_comes_short(powers in prop::collection::vec(-60.0f64..60.0, 1..2000)) {
-            // A motor of 60 W through the valve, a millisecond at a time, with the work of the last command still to come.
+            // A motor of 60 W through the valve, a millisecond at a time, with the work of the last
+            // command still to come.
             let mut state = FORCE.start();
             let mut late = 0.0;
             for power in powers {

@@ -16,9 +16,10 @@ use crate::{EstimateInput, MAX_ESTIMATORS, SwitchCause, SwitchRefusal};
 pub enum EstimateStatus {
     /// A normal to use, and its age.
     Usable(EstimateInput),
-    /// Alive, but without a normal now (standing still, no contact, a passing outlier): keep the last one.
+    /// Alive, but without a normal now (standing still, no contact, a passing outlier): keep the
+    /// last one.
     Waiting,
-    /// Nobody in the list can be used.
+    /// No estimator of the list can be used.
     None(Validity),
 }
 
@@ -64,7 +65,7 @@ impl EstimatorChoice {
         let gone = match reason {
             // Their age has used the patience up already.
             Validity::Missing | Validity::Stale => true,
-            // One outlier is no reason to leave; only words that stay nonsense are.
+            // A single outlier does not cause a switch; invalid estimates that persist do.
             Validity::NotFinite | Validity::Disagrees => self.bear(rules, dt_s),
             _ => !rules.felt_by_sliding && self.bear(rules, dt_s),
         };
@@ -85,7 +86,7 @@ impl EstimatorChoice {
                 return EstimateStatus::Usable(estimate);
             }
         }
-        // Before the first slide nobody can have a normal; one that is alive will do.
+        // Before the first slide no estimator has a normal; one that publishes is enough.
         if gone && self.blind_m < rules.blind_distance_m {
             let alive = |other: &Option<EstimateInput>| {
                 matches!(
@@ -103,7 +104,7 @@ impl EstimatorChoice {
         EstimateStatus::None(reason)
     }
 
-    /// Another cycle of nonsense: true when it has been borne for long enough.
+    /// Counts another cycle of invalid estimates: true once they have lasted beyond the patience.
     fn bear(&mut self, rules: &ChoiceRules, dt_s: f64) -> bool {
         self.nonsense_s += dt_s;
         self.nonsense_s > rules.patience_s

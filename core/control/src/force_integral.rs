@@ -1,9 +1,11 @@
-//! What is left of a force error after eq. (1): the velocity along the normal that the surface itself asks for.
+//! What is left of a force error after eq. (1): the velocity along the normal that the surface
+//! itself asks for.
 //!
-//! A proportional admittance holds a steady error while the surface moves under the tool (2.947 of 3 N on a slope).
-//! Standing, eq. (1) against a spring has no error left and needs no integral (one would only overshoot at touchdown).
-//! Sliding, the integral is kept as a *slope*, metres along the normal per metre along the surface: it starts, stops and
-//! turns with the path. Called by the controller each cycle in contact.
+//! A proportional admittance holds a steady error while the surface moves under the tool (2.947 of
+//! 3 N on a slope). Standing, eq. (1) against a spring has no error left and needs no integral (one
+//! would only overshoot at touchdown). Sliding, the integral is kept as a *slope*, metres along the
+//! normal per metre along the surface: it starts, stops and turns with the path. Called by the
+//! controller each cycle in contact.
 
 use nalgebra::Vector3;
 
@@ -12,7 +14,8 @@ use crate::limits::clamp_norm;
 
 /// Slower than this the slope is not observable, m/s.
 const SPEED_MIN: f64 = 0.004;
-/// Below this speed the slope is learnt ever more slowly, m/s: a force error over a small speed is a large slope.
+/// Below this speed the slope is learnt ever more slowly, m/s: a force error over a small speed is
+/// a large slope.
 const SPEED_SURE: f64 = 0.01;
 /// Time in which the slope fades while standing: from a stop the path goes on elsewhere, s.
 const FADE_S: f64 = 0.5;
@@ -22,7 +25,8 @@ const SLOPE_MAX: f64 = 0.5;
 /// Integral over the force error, as a slope along the surface.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ForceIntegral {
-    /// In the tangent plane, base axes: times the sliding velocity it is a velocity along the normal.
+    /// In the tangent plane, base axes: times the sliding velocity it is a velocity along the
+    /// normal.
     slope: Vector3<f64>,
 }
 
@@ -32,8 +36,8 @@ impl ForceIntegral {
         self.slope.dot(along)
     }
 
-    /// One cycle: `rate` is the integral's growth, m/s² (force error over damping and integral time), `along` the
-    /// commanded sliding velocity in the tangent plane of `normal`.
+    /// One cycle: `rate` is the integral's growth, m/s² (force error over damping and integral
+    /// time), `along` the commanded sliding velocity in the tangent plane of `normal`.
     pub fn step(
         &mut self,
         rate_m_per_s2: f64,

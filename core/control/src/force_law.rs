@@ -1,5 +1,6 @@
-//! The force-controlled half of the hybrid law: eq. (1) along the normal and about the tangential axes, with damping
-//! for the stiffness at hand, an integral for the surface's motion, and a reference that comes on a ramp.
+//! The force-controlled half of the hybrid law: eq. (1) along the normal and about the tangential
+//! axes, with damping for the stiffness at hand, an integral for the surface's motion, and a
+//! reference that comes on a ramp.
 //!
 //! Called by the controller each cycle while the tool presses.
 
@@ -14,8 +15,9 @@ use crate::limits::clamp_norm;
 use crate::stiffness::Stiffness;
 use crate::{ControllerConfig, Limits};
 
-/// After a touch the tool is called back at the speed it came with, for this share of the loop's delay: an arm that lags stops
-/// sooner for it, and ends where it felt the surface and not a whole delay deeper.
+/// After a touch the tool is called back at the speed it came with, for this share of the loop's
+/// delay: an arm that lags stops sooner for it, and ends where it felt the surface and not a whole
+/// delay deeper.
 const RECOIL_SHARE: f64 = 0.6;
 
 /// What the force law sees of one cycle.
@@ -31,7 +33,8 @@ pub struct ForceSample {
     pub along: Vector3<f64>,
     /// Delay of the wrench's filter, s.
     pub wrench_delay_s: f64,
-    /// The tool stands on the surface while the force builds up: depth and force tell the stiffness.
+    /// The tool stands on the surface while the force builds up: depth and force tell the
+    /// stiffness.
     pub settling: bool,
     /// s.
     pub dt_s: f64,
@@ -48,12 +51,14 @@ pub struct ForceLaw {
     /// Outward speed after a touch, m/s, and how long it still lasts, s.
     recoil: (f64, f64),
     damping: f64,
-    /// Depth along the normal, summed up from steps: the normal may turn meanwhile, and the origin is far away.
+    /// Depth along the normal, summed up from steps: the normal may turn meanwhile, and the origin
+    /// is far away.
     depth_m: f64,
     position: Option<Vector3<f64>>,
     /// What may still be put into the surface, where the configuration bounds it.
     tank: Option<EnergyTankState>,
-    /// Where the tool was when that was settled last: none after a time in which the law did not press.
+    /// Where the tool was when that was settled last: none after a time in which the law did not
+    /// press.
     settled_at: Option<Vector3<f64>>,
 }
 
@@ -80,8 +85,8 @@ impl ForceLaw {
         self.tank.map(|tank| tank.energy_j())
     }
 
-    /// Settles the work that the tool did on the surface since the last cycle, by its measured way, and returns the share of an inward
-    /// speed that the tank allows now.
+    /// Settles the work that the tool did on the surface since the last cycle, by its measured way,
+    /// and returns the share of an inward speed that the tank allows now.
     fn allowed(&mut self, tank: &EnergyTank, sample: &ForceSample, force_n: f64) -> f64 {
         let at = sample.base_from_tool.translation();
         let mut state = self.tank.unwrap_or_else(|| tank.start());
@@ -140,8 +145,8 @@ impl ForceLaw {
         self.settled_at = None;
     }
 
-    /// One cycle towards `reference_n`. Returns the velocity along the normal (out of the material, m/s) and the turn
-    /// rate from the torque (base axes, rad/s).
+    /// One cycle towards `reference_n`. Returns the velocity along the normal (out of the material,
+    /// m/s) and the turn rate from the torque (base axes, rad/s).
     pub fn step(
         &mut self,
         config: &ControllerConfig,
@@ -305,7 +310,8 @@ mod tests {
         }
     }
 
-    /// Touches down at `speed` and presses 3 N; returns overshoot in percent and the last second's worst error, N.
+    /// Touches down at `speed` and presses 3 N; returns overshoot in percent and the last second's
+    /// worst error, N.
     fn touchdown(preset: &str, stiffness: f64, dt: f64, delay_s: f64, speed: f64) -> (f64, f64) {
         let config = ControllerConfig::preset(preset).unwrap();
         let limits = Limits::default();

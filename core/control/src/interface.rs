@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist, Wrench};
+use tangent_schemas::CommandKind;
 use tangent_sensing::{BaseMotion, Validity};
 
 use crate::{Clearance, Fault, Phase, SwitchCause};
@@ -22,18 +23,20 @@ const WRENCH_MAX: f64 = 1e6;
 /// No joint turns faster, rad/s, and no tool moves faster, m/s.
 const SPEED_MAX_RAD_PER_S: f64 = 100.0;
 
-/// Whether a law can compute with this cycle's clock, s, and its period, s: neither is a matter of the arm, and no time-out runs on one that
-/// is no number.
+/// Whether a law can compute with this cycle's clock, s, and its period, s: neither is a matter of
+/// the arm, and no time-out runs on one that is no number.
 pub(crate) fn is_time(time_s: f64, dt_s: f64) -> bool {
     time_s.is_finite() && PERIOD_S.contains(&dt_s)
 }
 
-/// Whether these can be an arm's joints, rad and rad/s: finite, and not so large that what follows from them is not.
+/// Whether these can be an arm's joints, rad and rad/s: finite, and not so large that what follows
+/// from them is not.
 pub(crate) fn is_arm_state<const N: usize>(q: &Joints<N>, qd: &Joints<N>) -> bool {
     within(q.as_slice(), POSITION_MAX_RAD) && within(qd.as_slice(), SPEED_MAX_RAD_PER_S)
 }
 
-/// Whether this can be a pose near an arm, `translation` m: what is finite but beyond all reach overflows further on.
+/// Whether this can be a pose near an arm, `translation` m: what is finite but beyond all reach
+/// overflows further on.
 pub(crate) fn is_place<A, B>(pose: &Pose<A, B>) -> bool {
     within(pose.translation().as_slice(), PLACE_MAX_M)
         && (pose.rotation().coords.norm() - 1.0).abs() < 1e-6
@@ -50,7 +53,8 @@ pub(crate) fn is_point(point: &Vector3<f64>) -> bool {
     within(point.as_slice(), PLACE_MAX_M)
 }
 
-/// Whether this can be the covariance of a direction, rad²: symmetric, not negative in any direction, and not beyond all doubt.
+/// Whether this can be the covariance of a direction, rad²: symmetric, not negative in any
+/// direction, and not beyond all doubt.
 pub(crate) fn is_covariance(c: &Matrix3<f64>) -> bool {
     if !within(c.as_slice(), VARIANCE_MAX) {
         return false;
@@ -70,7 +74,8 @@ pub(crate) fn is_curvature(c: &Matrix3<f64>) -> bool {
     within(c.as_slice(), CURVATURE_MAX_PER_M)
 }
 
-/// Whether this can be a wrench that a sensor feels, N and Nm: what is finite but beyond every sensor overflows further on.
+/// Whether this can be a wrench that a sensor feels, N and Nm: what is finite but beyond every
+/// sensor overflows further on.
 pub(crate) fn is_wrench<F>(wrench: &Wrench<F>) -> bool {
     within(wrench.force.as_slice(), WRENCH_MAX) && within(wrench.torque.as_slice(), WRENCH_MAX)
 }
@@ -92,7 +97,8 @@ pub struct EstimateInput {
     pub age_s: f64,
 }
 
-/// How far the reading, before any zero is taken off and without the payload, is from an unloaded sensor: no zero hides a load in it.
+/// How far the reading, before any zero is taken off and without the payload, is from an unloaded
+/// sensor: no zero hides a load in it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct UntaredLoad {
     /// Force beyond the last good zero, N; none without one.
@@ -101,8 +107,8 @@ pub struct UntaredLoad {
     pub rated_share: Option<f64>,
 }
 
-/// One cycle as the controller sees it. Frames and signs as in DESIGN: the wrench is what the environment does to
-/// the tool, so a pressing tool reads a negative z.
+/// One cycle as the controller sees it. Frames and signs as in DESIGN: the wrench is what the
+/// environment does to the tool, so a pressing tool reads a negative z.
 #[derive(Clone, Copy, Debug)]
 pub struct ControlInput {
     /// Time of this cycle, s, on any clock that does not jump.
@@ -141,19 +147,6 @@ pub struct ControlInput {
     pub base: Option<BaseMotion>,
 }
 
-/// What kind of command an output is; the numeric value is that of `ArmCommand.kind`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(u8)]
-pub enum CommandKind {
-    /// Stand still; nothing is asked of the arm.
-    #[default]
-    Hold = 0,
-    /// Follow joint velocities.
-    JointVelocity = 1,
-    /// Give these joint torques.
-    JointTorque = 2,
-}
-
 /// One cycle's command and everything that `ControlState` publishes.
 #[derive(Clone, Copy, Debug)]
 pub struct ControlOutput {
@@ -183,9 +176,11 @@ pub struct ControlOutput {
     pub force_n: Option<f64>,
     /// Wrench used, tool axes; none when there is none to use.
     pub wrench: Option<Wrench<Tool>>,
-    /// Whether the tool may touch something. The next start goes by it, whichever controller makes it.
+    /// Whether the tool may touch something. The next start goes by it, whichever controller makes
+    /// it.
     pub clearance: Clearance,
-    /// The zero in force turned out to be taken in contact: the caller has the sensor's service take it back.
+    /// The zero in force turned out to be taken in contact: the caller has the sensor's service
+    /// take it back.
     pub zero_withdrawn: bool,
     /// Where the path wants the tool's origin, base axes, m.
     pub path_reference: Vector3<f64>,

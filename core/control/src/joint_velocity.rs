@@ -1,4 +1,5 @@
-//! Eq. (3): the tool's twist as joint velocities, damped near singularities and inside every joint's limits.
+//! Eq. (3): the tool's twist as joint velocities, damped near singularities and inside every
+//! joint's limits.
 //!
 //! Called by the controller each cycle, last.
 
@@ -21,8 +22,8 @@ impl Default for JointVelocity {
 }
 
 impl JointVelocity {
-    /// Joint velocities (rad/s) for `twist` at `q`, and the manipulability there. The direction of motion is kept when a
-    /// speed limit bites; near an end stop only that joint slows.
+    /// Joint velocities (rad/s) for `twist` at `q`, and the manipulability there. The direction of
+    /// motion is kept when a speed limit bites; near an end stop only that joint slows.
     pub fn step(
         &mut self,
         arm: &Arm<6>,
@@ -48,8 +49,8 @@ impl JointVelocity {
         wanted *= scale;
         let most = limits.joint_acceleration_max_rad_per_s2;
         for i in 0..6 {
-            // Fast enough to stop before the end stop, no faster: v² = 2 a s. Half the acceleration leaves room for the
-            // arm's delay.
+            // Fast enough to stop before the end stop, no faster: v² = 2 a s. Half the acceleration
+            // leaves room for the arm's delay.
             let brake = |room: f64| (most * room.max(0.0)).sqrt();
             let upper = brake(bounds.position_upper[i] - limits.joint_margin_rad - q[i]);
             let lower = -brake(q[i] - bounds.position_lower[i] - limits.joint_margin_rad);

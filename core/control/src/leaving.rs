@@ -1,6 +1,8 @@
-//! How a run leaves what it touches: off before a tare, off for a new zero, and the retraction at the end.
+//! How a run leaves what it touches: off before a tare, off for a new zero, and the retraction at
+//! the end.
 //!
-//! Called by the run's phase machine each cycle; what the force says of the motion is judged in `clearance`.
+//! Called by the run's phase machine each cycle; what the force says of the motion is judged in
+//! `clearance`.
 
 use tangent_sensing::Validity;
 
@@ -35,8 +37,9 @@ impl Run {
         };
     }
 
-    /// Phase `clear`: off along the last known normal until the force has been steady over some way. Without a wrench it
-    /// stands until there is one again; whatever else happens ends the task.
+    /// Phase `clear`: off along the last known normal until the force has been steady over some
+    /// way. Without a wrench it stands until there is one again; whatever else happens ends the
+    /// task.
     pub(crate) fn decide_clear(
         &mut self,
         program: &Program,
@@ -121,7 +124,8 @@ impl Run {
                     .leave
                     .retract(&config.leave, &Ceiling::of(limits), &met);
                 if self.left == Leaving::Opposed {
-                    // On along the same way it would press harder; which way is away is not known now.
+                    // On along the same way it would press harder; which way is away is not known
+                    // now.
                     self.clearance = Clearance::Unknown;
                     self.fault = self.fault.or(Some(Fault::RetractOpposed));
                     return self.enter(Phase::Fault, percept);
@@ -186,7 +190,8 @@ impl Run {
                 .is_none_or(|bound_n| bound_n > error_max_n)
     }
 
-    /// A zero that was taken anew in this run is too old as soon as the tool is back: another one would not help.
+    /// A zero that was taken anew in this run is too old as soon as the tool is back: another one
+    /// would not help.
     pub(crate) fn is_new_zero_no_help(&self) -> bool {
         self.renewed && self.phase == Phase::Slide && self.time_in_phase_s() < SLID_ON_S
     }

@@ -1,6 +1,7 @@
 //! Control laws, phases, tasks and paths, limits and guards: one step per robot cycle.
 //!
-//! Called by the `controller` service inside the robot's cycle, and by the closed loop of `evaluate`.
+//! Called by the `controller` service inside the robot's cycle, and by the closed loop of
+//! `evaluate`.
 
 pub mod admittance;
 pub mod alignment;
@@ -14,12 +15,12 @@ mod error;
 mod estimator_choice;
 pub mod force_integral;
 pub mod force_law;
-mod ground;
 pub mod hybrid_dynamics;
 mod interface;
 pub mod joint_velocity;
 mod leaving;
 mod limits;
+mod moving_base;
 mod parameter;
 mod path;
 mod percept;
@@ -53,9 +54,7 @@ pub use error::ControlError;
 pub use estimator_choice::{EstimateStatus, EstimatorChoice};
 pub use hybrid_dynamics::FrictionConfig;
 pub use hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
-pub use interface::{
-    CommandKind, ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS, UntaredLoad,
-};
+pub use interface::{ControlInput, ControlOutput, EstimateInput, MAX_ESTIMATORS, UntaredLoad};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameter::Parameter;
 pub use path::{Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, Waypoints};
@@ -64,6 +63,7 @@ pub use profile::Profile;
 pub use program::{EstimatorName, EstimatorNames, Program};
 pub use state_interval::StateInterval;
 pub use switching::{ChoiceRules, SwitchCause, SwitchRefusal};
+pub use tangent_schemas::CommandKind;
 pub use tare_permission::{ContactSign, ControllerWord};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,

@@ -1,4 +1,5 @@
-//! Limits of the cell that no task and no law may exceed, and the limiter that keeps a twist inside them.
+//! Limits of the cell that no task and no law may exceed, and the limiter that keeps a twist inside
+//! them.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -29,9 +30,9 @@ pub struct Limits {
     pub force_max_n: f64,
     /// Torque at the tool beyond which the arm retracts, Nm.
     pub torque_max_nm: f64,
-    /// Force beyond which the arm retracts whatever the zero, N: the untared reading against the last zero that was taken after a
-    /// motion had shown the tool free. None:
-    /// `force_max_n` and 5 N for a zero that drifts.
+    /// Force beyond which the arm retracts whatever the zero, N: the untared reading against the
+    /// last zero that was taken after a motion had shown the tool free. None: `force_max_n` and 5 N
+    /// for a zero that drifts.
     pub untared_force_max_n: Option<f64>,
     /// Largest share of the sensor's rating that the untared reading may take in any axis.
     pub untared_share_max: f64,
@@ -118,7 +119,8 @@ impl Limits {
 const DRIFT_N: f64 = 5.0;
 
 impl Limits {
-    /// Force of the untared reading, against the last zero that a motion has shown to be free of load, beyond which the arm retracts, N.
+    /// Force of the untared reading, against the last zero that a motion has shown to be free of
+    /// load, beyond which the arm retracts, N.
     pub fn untared_max_n(&self) -> f64 {
         self.untared_force_max_n
             .unwrap_or(self.force_max_n + DRIFT_N)
@@ -143,7 +145,8 @@ pub fn clamp_norm(vector: Vector3<f64>, length: f64) -> Vector3<f64> {
     }
 }
 
-/// Keeps a commanded twist inside speed and acceleration limits. Its state is the last twist given out.
+/// Keeps a commanded twist inside speed and acceleration limits. Its state is the last twist given
+/// out.
 #[derive(Clone, Copy, Debug)]
 pub struct TwistLimiter {
     last: Twist<Aligned<Tool, Base>>,
@@ -158,8 +161,8 @@ impl Default for TwistLimiter {
 }
 
 impl TwistLimiter {
-    /// The twist nearest to `wanted` (towards it from the last one) within `limits`. A twist that is not finite asks
-    /// for a stop.
+    /// The twist nearest to `wanted` (towards it from the last one) within `limits`. A twist that
+    /// is not finite asks for a stop.
     pub fn step(
         &mut self,
         limits: &Limits,

@@ -35,7 +35,8 @@ impl Parameter {
         }
     }
 
-    /// Least and largest value on an arm with these limits: no force is asked for at which the task would end.
+    /// Least and largest value on an arm with these limits: no force is asked for at which the task
+    /// would end.
     pub fn range_within(self, limits: &Limits) -> (f64, f64) {
         let (lower, upper) = self.range();
         match self {

@@ -1,7 +1,7 @@
 //! Paths in a plane, as a task names them, and their smooth run over time.
 //!
-//! A path starts at the origin (where the tool touched down) and is drawn in the plane's x and y. The controller lays
-//! the plane on the surface: see `tracking`.
+//! A path starts at the origin (where the tool touched down) and is drawn in the plane's x and y.
+//! The controller lays the plane on the surface: see `tracking`.
 
 mod places;
 
@@ -31,7 +31,8 @@ pub enum PathSpec {
     Stay(Stay),
 }
 
-/// Back and forth in x, stepping in y. The paper's: 0.02 m/s, 10 s (0.2 m) per axis, pauses between.
+/// Back and forth in x, stepping in y. The paper's: 0.02 m/s, 10 s (0.2 m) per axis, pauses
+/// between.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Raster {
@@ -94,7 +95,8 @@ pub struct Waypoints {
     pub pause_s: f64,
 }
 
-/// Loops: `x = r sin(w t)`, `y = r (cos(w t) - 1) - v t`. The paper's wiping policy has r = 0.04 m, w = 2 rad/s, v = 0.005 m/s.
+/// Loops: `x = r sin(w t)`, `y = r (cos(w t) - 1) - v t`. The paper's wiping policy has r = 0.04 m,
+/// w = 2 rad/s, v = 0.005 m/s.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Loops {
@@ -308,7 +310,8 @@ impl Path {
                 }
             }
             PathSpec::Loops(l) => {
-                // The policy's time runs up to its own rate and down again within the bounds of acceleration.
+                // The policy's time runs up to its own rate and down again within the bounds of
+                // acceleration.
                 let speed = l.speed();
                 path.push(
                     Shape::Loops {

@@ -1,8 +1,9 @@
-//! Checks a task against the cell before anything moves: its force and speeds against the limits, its start pose and its whole
-//! path against the workspace and the arm's reach. Each refusal says the number, the limit and the place.
+//! Checks a task against the cell before anything moves: its force and speeds against the limits,
+//! its start pose and its whole path against the workspace and the arm's reach. Each refusal says
+//! the number, the limit and the place.
 //!
-//! Called by the controller service when a task is to be started, and by `tangent up` and `tangent check`. Allocates; not for
-//! the robot's cycle.
+//! Called by the controller service when a task is to be started, and by `tangent up` and
+//! `tangent check`. Allocates; not for the robot's cycle.
 
 mod refusal;
 
@@ -19,12 +20,14 @@ pub use refusal::{Edge, Place, REFUSED, Refusal, words};
 
 /// Distance between the places of the path that are checked, m.
 const SPACING_M: f64 = 0.005;
-/// Where the surface may be met, as shares of the approach: the plane of the path is only known after touchdown.
+/// Where the surface may be met, as shares of the approach: the plane of the path is only known
+/// after touchdown.
 const DEPTHS: [f64; 3] = [0.0, 0.5, 1.0];
-/// Share of the singular value at which damping begins below which a path cannot be followed: with less, damping takes more
-/// than half of the velocity that is asked for.
+/// Share of the singular value at which damping begins below which a path cannot be followed: with
+/// less, damping takes more than half of the velocity that is asked for.
 const FLOOR_SHARE: f64 = 0.5;
-/// Tries of an arm with more joints than needed to reach a place that the nearest posture does not reach.
+/// Tries of an arm with more joints than needed to reach a place that the nearest posture does not
+/// reach.
 const REDUNDANT_STARTS: usize = 24;
 /// How near the tool must come to a place of the path, m and rad.
 const TOLERANCE: (f64, f64) = (1e-4, 1e-3);
@@ -45,11 +48,12 @@ pub struct Preflight<'a, const N: usize> {
 }
 
 impl<const N: usize> Preflight<'_, N> {
-    /// Why the task cannot run from joint positions `start` (rad), all reasons that are found; empty when it can. Without a start
-    /// pose only what does not depend on it is checked.
+    /// Why the task cannot run from joint positions `start` (rad), all reasons that are found;
+    /// empty when it can. Without a start pose only what does not depend on it is checked.
     ///
-    /// The surface is not known yet. The path's plane is taken to lie square to the approach, and to be met at the start, half way
-    /// along the approach, or at its end; a path is refused when it fits at none of the three.
+    /// The surface is not known yet. The path's plane is taken to lie square to the approach, and
+    /// to be met at the start, half way along the approach, or at its end; a path is refused when
+    /// it fits at none of the three.
     pub fn refusals(&self, start: Option<&Joints<N>>) -> Vec<Refusal> {
         let mut found = self.numbers();
         if let Some(q) = start {
@@ -117,7 +121,8 @@ impl<const N: usize> Preflight<'_, N> {
         furthest.map_or_else(Vec::new, |failed| failed.refusals)
     }
 
-    /// Goes along the whole path on the plane met after `depth_m` of approach; none when every place can be reached.
+    /// Goes along the whole path on the plane met after `depth_m` of approach; none when every
+    /// place can be reached.
     fn run(
         &self,
         places: &[PathPlace],
@@ -158,8 +163,8 @@ impl<const N: usize> Preflight<'_, N> {
         (!failed.refusals.is_empty()).then_some(failed)
     }
 
-    /// Joint positions for a tool pose, from those of the place before: the arm goes along the path without changing its posture.
-    /// Else how far the tool stays away, m.
+    /// Joint positions for a tool pose, from those of the place before: the arm goes along the path
+    /// without changing its posture. Else how far the tool stays away, m.
     fn posture(&self, target: &Pose<Base, Tool>, before: &Joints<N>) -> Result<Joints<N>, f64> {
         let search = |starts_max| InverseKinematics {
             position_tolerance_m: TOLERANCE.0,

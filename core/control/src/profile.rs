@@ -1,7 +1,8 @@
-//! The time law along one stretch of path: from rest to rest, with bounded speed, acceleration and jerk.
+//! The time law along one stretch of path: from rest to rest, with bounded speed, acceleration and
+//! jerk.
 //!
-//! Speed rises as `v u²(3 - 2u)` over the ramp, stays, and falls the same way: position, speed and acceleration are
-//! continuous, and the distance is exact in closed form.
+//! Speed rises as `v u²(3 - 2u)` over the ramp, stays, and falls the same way: position, speed and
+//! acceleration are continuous, and the distance is exact in closed form.
 
 /// A rest-to-rest motion over a length.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,7 +97,8 @@ mod tests {
                 let (s1, v1) = profile.at(t);
                 prop_assert!(s1 >= s0 && v1 <= v * (1.0 + 1e-9) && v1 >= 0.0);
                 prop_assert!((v1 - v0).abs() / h <= a * (1.0 + 1e-6));
-                // The speed is the distance's derivative: Simpson over the step, wrong by a jump of jerk at most.
+                // The speed is the distance's derivative: Simpson over the step, wrong by a jump of
+                // jerk at most.
                 let middle = profile.at(t - 0.5 * h).1;
                 let simpson = (v0 + 4.0 * middle + v1) * h / 6.0;
                 prop_assert!((s1 - s0 - simpson).abs() <= (j * h * h * h).min(v * h) + 1e-12);

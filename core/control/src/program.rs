@@ -1,4 +1,5 @@
-//! A task made ready to run: checked, its path timed, its names in fixed capacity. Made outside the loop.
+//! A task made ready to run: checked, its path timed, its names in fixed capacity. Made outside the
+//! loop.
 
 use arrayvec::{ArrayString, ArrayVec};
 

@@ -1,4 +1,5 @@
-//! What each number of a law's parameters may be: one kind of table for all laws, held against the parameters as they are written in a file.
+//! What each number of a law's parameters may be: one kind of table for all laws, held against the
+//! parameters as they are written in a file.
 
 use serde::Serialize;
 use toml::{Table, Value};
@@ -9,11 +10,12 @@ use crate::error::check_range;
 /// A key with its least and greatest value; of a list, each entry's.
 pub(crate) type Range = (&'static str, f64, f64);
 
-/// The numbers of each table of a configuration: the table's name, `force` or `force.tank`, and what its keys may be.
+/// The numbers of each table of a configuration: the table's name, `force` or `force.tank`, and
+/// what its keys may be.
 pub(crate) type Ranges = &'static [(&'static str, &'static [Range])];
 
-/// How long silence and nonsense are borne, in every law. These decide when an arm stops: the widest are what a simulated cell on a busy
-/// laptop needs.
+/// Timeouts of missing and of invalid input, in every law. These decide when an arm stops: the
+/// widest are what a simulated cell on a busy laptop needs.
 pub(crate) const PATIENCE: &[Range] = &[
     ("wrench_cycles", 1.0, 20.0),
     ("wrench_jitter_s", 0.0, 0.1),
@@ -61,7 +63,8 @@ pub(crate) const TANK: &[Range] = &[
     ("reserve_j", 0.0, 5000.0),
 ];
 
-/// Every number of `config` within its range; one without a range is refused too, so that none can be forgotten.
+/// Every number of `config` within its range; one without a range is refused too, so that none can
+/// be forgotten.
 ///
 /// # Errors
 /// [`ControlError::Range`] with the key, its value and what is allowed.
@@ -145,8 +148,9 @@ pub(crate) mod tests {
         table
     }
 
-    /// Every number of `config` has a range, every range a number, and no value outside of it passes `check`: not NaN, not an infinity, not
-    /// what lies beyond either end. `config` must have all that is optional.
+    /// Every number of `config` has a range, every range a number, and no value outside of it
+    /// passes `check`: not NaN, not an infinity, not what lies beyond either end. `config` must
+    /// have all that is optional.
     pub(crate) fn every_number_has_a_range_that_holds<T>(
         config: &T,
         ranges: Ranges,

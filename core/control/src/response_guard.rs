@@ -1,10 +1,12 @@
-//! A wrench that does not answer to what the tool does: judged by the arm's own way, whatever the sensor says of itself.
+//! A wrench that does not answer to what the tool does: judged by the arm's own way, whatever the
+//! sensor says of itself.
 //!
-//! Called in each cycle of each law beside the wrench guard, before the wrench is used. Three things cannot be with a sensor that
-//! feels the tool: that the tool goes deeper or comes out and the reading stays what it is; that it goes deeper and the reading's mean does
-//! not rise (`answer`: a dead sensor that still makes noise); and that it leaves the surface and the pressing force stays. What cannot be
-//! told from here is a dead sensor from a surface that recedes no more steeply than the normal in use may be off: both ask for more way at
-//! the same force.
+//! Called in each cycle of each law beside the wrench guard, before the wrench is used. Three
+//! things cannot be with a sensor that feels the tool: that the tool goes deeper or comes out and
+//! the reading stays what it is; that it goes deeper and the reading's mean does not rise
+//! (`answer`: a dead sensor that still makes noise); and that it leaves the surface and the
+//! pressing force stays. What cannot be told from here is a dead sensor from a surface that recedes
+//! no more steeply than the normal in use may be off: both ask for more way at the same force.
 
 use nalgebra::{Vector3, Vector6};
 use tangent_sensing::Validity;
@@ -12,13 +14,17 @@ use tangent_sensing::Validity;
 use crate::Phase;
 use crate::answer::{Answer, DepthRule, Pressed};
 
-/// Least stiffness that is reckoned with, N/m: a stiff one, so that little way is enough. A dead sensor makes every contact look soft.
+/// Least stiffness that is reckoned with, N/m: a stiff one, so that little way is enough. A dead
+/// sensor makes every contact look soft.
 const STIFFNESS_N_PER_M: f64 = 25_000.0;
-/// A reading that changes by less than this stands still, N: a payload that turns with the tool changes it by a little.
+/// A reading that changes by less than this stands still, N: a payload that turns with the tool
+/// changes it by a little.
 const STILL_N: f64 = 5e-3;
-/// And by less than this for each metre that the tool goes deeper, N/m: a quarter of what the softest surface gives back.
+/// And by less than this for each metre that the tool goes deeper, N/m: a quarter of what the
+/// softest surface gives back.
 const STILL_N_PER_M: f64 = 250.0;
-/// Force that may build up unfelt under a reading that stands still, N, or this share of the reference.
+/// Force that may build up unfelt under a reading that stands still, N, or this share of the
+/// reference.
 const UNFELT_N: f64 = 1.5;
 const UNFELT_SHARE: f64 = 0.5;
 /// Time that a reading takes to show what the tool did, s.
@@ -29,12 +35,15 @@ const WAY_MIN_M: f64 = 2e-5;
 const WAY_M: f64 = 2e-3;
 /// Softest surface that gives its force back over the way of a retraction, N/m.
 const SOFTEST_N_PER_M: f64 = 1000.0;
-/// Share of the pressing force that may be left when the tool has gone the way of its indentation and [`WAY_M`] more.
+/// Share of the pressing force that may be left when the tool has gone the way of its indentation
+/// and [`WAY_M`] more.
 const LEFT_SHARE: f64 = 0.8;
-/// Less than this, and than this share of the reference, is no contact: its loss has an answer of its own.
+/// Less than this, and than this share of the reference, is no contact: its loss has an answer of
+/// its own.
 const PRESSED_N: f64 = 0.2;
 const PRESSED_SHARE: f64 = 0.1;
-/// Share of the reference from which on the mean is held against the depth: a sensor may fall deaf at the first touch.
+/// Share of the reference from which on the mean is held against the depth: a sensor may fall deaf
+/// at the first touch.
 const TOUCHED_SHARE: f64 = 0.02;
 
 /// What the tool is about.
@@ -135,7 +144,8 @@ pub(crate) struct ResponseGuard {
 }
 
 impl ResponseGuard {
-    /// One cycle. [`Validity::Unresponsive`] for the rest of the task once the reading has not answered.
+    /// One cycle. [`Validity::Unresponsive`] for the rest of the task once the reading has not
+    /// answered.
     pub fn step(&mut self, touch: &Touch) -> Validity {
         self.since_s += touch.dt_s;
         let sound = touch.fresh
@@ -181,8 +191,8 @@ impl ResponseGuard {
             ..
         } = *still;
         let changed = (touch.wrench - still.wrench).fixed_rows::<3>(0).norm();
-        // On the way out nothing has to change by much: a hand that lifts the tool off gives a steady reading. It still does not stand still
-        // like a dead one, and the true force falls.
+        // On the way out nothing has to change by much: a hand that lifts the tool off gives a
+        // steady reading. It still does not stand still like a dead one, and the true force falls.
         let still_n = STILL_N.max(STILL_N_PER_M * late_m);
         if changed > still_n {
             *still = Still::at(touch);
@@ -328,7 +338,8 @@ mod tests {
                 (guard.step(&sample) == Validity::Unresponsive).then_some(away)
             })
         };
-        // Noise does not hide it; on 1 kN/m the force goes within 3 mm; off a surface that was never pressed nothing is said.
+        // Noise does not hide it; on 1 kN/m the force goes within 3 mm; off a surface that was
+        // never pressed nothing is said.
         let noticed = run(&|away| 3.0 + 0.1 * (1e5 * away).sin());
         assert!(noticed.is_some_and(|way| way < 5.1e-3), "{noticed:?}");
         assert_eq!(run(&|away| (3.0 - 1000.0 * away).max(0.0)), None);

@@ -1,6 +1,8 @@
-//! One run of a program: the memory that starts fresh with every task, and the phase machine's decisions.
+//! One run of a program: the memory that starts fresh with every task, and the phase machine's
+//! decisions.
 //!
-//! Called by the controller each cycle: `perceive` first, then `decide`; `controller` turns the outcome into motion.
+//! Called by the controller each cycle: `perceive` first, then `decide`; `controller` turns the
+//! outcome into motion.
 
 use nalgebra::Vector3;
 use tangent_sensing::Validity;
@@ -9,8 +11,8 @@ use crate::answer::DepthRule;
 use crate::clearance::{LeaveWatch, Leaving};
 use crate::estimator_choice::{EstimateStatus, EstimatorChoice};
 use crate::force_law::ForceLaw;
-use crate::ground::Ground;
 use crate::interface::is_wrench;
+use crate::moving_base::MovingBase;
 use crate::percept::{Percept, Requests};
 use crate::response_guard::{Doing, ResponseGuard, Touch};
 use crate::surface::Surface;
@@ -31,11 +33,13 @@ pub(crate) enum HoldReason {
     NoEstimate,
     /// How the base moves is not known.
     NoBase,
-    /// Not even force is controlled: nothing moves. Back to the phase it came from when the wrench is good again.
+    /// Not even force is controlled: nothing moves. Back to the phase it came from when the wrench
+    /// is good again.
     NoWrench(Phase),
 }
 
-/// Slope that the normal in use may be off by: 20 degrees, for touch alone finds it while it slides.
+/// Slope that the normal in use may be off by: 20 degrees, for touch alone finds it while it
+/// slides.
 const SLOPE: f64 = 0.36;
 
 /// One run of a program.
@@ -63,7 +67,8 @@ pub(crate) struct Run {
     elapsed_s: f64,
     settled_s: f64,
     low_cycles: u32,
-    /// How long there has been no normal to use while pressing; a wrench that comes and goes does not start it anew.
+    /// How long there has been no normal to use while pressing; a wrench that comes and goes does
+    /// not start it anew.
     blind_s: f64,
     /// How long the motion of the base has not been known.
     adrift_s: f64,
@@ -82,7 +87,8 @@ pub(crate) struct Run {
     pub clearance: Clearance,
     pub leave: LeaveWatch,
     pub left: Leaving,
-    /// Where the tool stood when the zero in force was taken; none once the surface was felt after it.
+    /// Where the tool stood when the zero in force was taken; none once the surface was felt after
+    /// it.
     tared_at: Option<Vector3<f64>>,
     /// The tool has lifted off for a new zero in this run.
     pub renewed: bool,
@@ -132,7 +138,8 @@ impl Run {
         }
     }
 
-    /// Ready for the first cycle of `program`. In doubt whether the tool hangs free, it moves off first.
+    /// Ready for the first cycle of `program`. In doubt whether the tool hangs free, it moves off
+    /// first.
     pub fn start(program: &Program, clearance: Clearance) -> Self {
         Self {
             phase: if !clearance.is_free() {
@@ -145,15 +152,15 @@ impl Run {
         }
     }
 
-    /// Takes the cycle's measurements: what touches, where the surface faces, whether the wrench can be believed. `input` is
-    /// as placed on `ground`.
+    /// Takes the cycle's measurements: what touches, where the surface faces, whether the wrench
+    /// can be believed. `input` is as placed by `moving_base`.
     pub fn perceive(
         &mut self,
         program: &Program,
         config: &ControllerConfig,
         limits: &Limits,
         input: &ControlInput,
-        ground: &Ground,
+        moving_base: &MovingBase,
         reference_n: f64,
     ) -> Percept {
         let pose = &input.base_from_tool;
@@ -202,8 +209,8 @@ impl Run {
             if self.estimated {
                 self.surface.step(&config.normal, usable, &slid, input.dt_s);
             } else {
-                // Until somebody knows better, the surface faces the tool (Tugal et al., IV.B.d): the torques alone
-                // lay the tool flat.
+                // Until somebody knows better, the surface faces the tool (Tugal et al., IV.B.d):
+                // the torques alone lay the tool flat.
                 self.surface = Surface::new(-z_tool);
             }
         } else if !self.touched {
@@ -223,9 +230,9 @@ impl Run {
         }
         Percept {
             position,
-            position_in_base: ground.point(&position),
+            position_in_base: moving_base.point(&position),
             base: input.base.and_then(|base| base.trouble),
-            out_of_reach: ground.out_of_reach(),
+            out_of_reach: moving_base.out_of_reach(),
             z_tool,
             wrench,
             verdict,
@@ -391,7 +398,8 @@ impl Run {
                 if input.bias_age_s.is_some_and(|age| age < self.in_phase_s)
                     && input.wrench_validity == Validity::Valid
                 {
-                    // An untared sensor's zero can look like a touch; only what is felt from here on is one.
+                    // An untared sensor's zero can look like a touch; only what is felt from here
+                    // on is one.
                     self.in_contact = false;
                     self.low_cycles = 0;
                     self.tared_at = Some(percept.position);
@@ -594,7 +602,8 @@ impl Run {
         !self.phase.is_active() && self.touched && !self.off && !self.clearance.is_free()
     }
 
-    /// Off a surface that the end of the task left the tool on, along the last good normal, as at the end of any task.
+    /// Off a surface that the end of the task left the tool on, along the last good normal, as at
+    /// the end of any task.
     pub fn leave_again(&mut self) {
         self.retract = self.surface.normal;
         self.phase = Phase::Retract;

@@ -1,7 +1,7 @@
 //! Contact stiffness from touchdown: how much force a millimetre of the arm's own motion makes.
 //!
-//! Called by the controller while the tool stands on the surface and the force builds up. While it slides, the depth
-//! changes with the surface's shape as well, and nothing is learnt.
+//! Called by the controller while the tool stands on the surface and the force builds up. While it
+//! slides, the depth changes with the surface's shape as well, and nothing is learnt.
 
 /// Regression of force on depth with forgetting.
 #[derive(Clone, Copy, Debug)]
@@ -48,7 +48,8 @@ impl Stiffness {
         self.known
     }
 
-    /// Takes one cycle: `depth_m` grows into the surface; `force_n` lags it by `delay_s`, the wrench filter's.
+    /// Takes one cycle: `depth_m` grows into the surface; `force_n` lags it by `delay_s`, the
+    /// wrench filter's.
     pub fn update(&mut self, depth_m: f64, force_n: f64, delay_s: f64, dt_s: f64) {
         let lagged = self.depth_lagged_m.map_or(depth_m, |lagged| {
             lagged + (depth_m - lagged) * (dt_s / (dt_s + delay_s.max(0.0)))
@@ -67,7 +68,8 @@ impl Stiffness {
         }
         let measured = (self.covariance / self.depth_var).clamp(BELIEVED.0, BELIEVED.1);
         self.known = true;
-        // Stiffer is believed at once: the loop may be ringing. Softer slowly: it only makes the loop brisker.
+        // Stiffer is believed at once: the loop may be ringing. Softer slowly: it only makes the
+        // loop brisker.
         let share = if measured > self.value_n_per_m {
             1.0
         } else {

@@ -1,7 +1,8 @@
 //! The surface as the controller believes it: the normal in use and how it turns along the way.
 //!
-//! Called by the controller each cycle. The normal moves with the surface's curvature and towards the estimate, at a
-//! bounded rate; so a switch of estimators, an outlier or a late packet never jerks the tool.
+//! Called by the controller each cycle. The normal moves with the surface's curvature and towards
+//! the estimate, at a bounded rate; so a switch of estimators, an outlier or a late packet never
+//! jerks the tool.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use tangent_estimation::NormalEstimate;
@@ -18,10 +19,11 @@ const SPEED_MIN: f64 = 0.002;
 pub struct Surface {
     /// Normal in use: unit, out of the material, base axes.
     pub normal: Vector3<f64>,
-    /// Rate at which the surface turns under the moving tool, rad/s, base axes: the feed-forward of eq. (4).
+    /// Rate at which the surface turns under the moving tool, rad/s, base axes: the feed-forward of
+    /// eq. (4).
     pub turn_rate: Vector3<f64>,
-    /// Shape operator in use, 1/m, base axes: the last that an estimator gave, or learnt from the normal's own turning
-    /// for those that give none.
+    /// Shape operator in use, 1/m, base axes: the last that an estimator gave, or learnt from the
+    /// normal's own turning for those that give none.
     shape: Matrix3<f64>,
 }
 
@@ -35,7 +37,8 @@ impl Surface {
         }
     }
 
-    /// One cycle: the tool moves with `velocity` (m/s, base axes); `input` is a usable estimate with its age, or none.
+    /// One cycle: the tool moves with `velocity` (m/s, base axes); `input` is a usable estimate
+    /// with its age, or none.
     pub fn step(
         &mut self,
         config: &NormalConfig,
@@ -53,7 +56,8 @@ impl Surface {
             // What was known of the surface holds for a short way only.
             self.shape *= 1.0 - (along.norm() * dt_s / config.curvature_distance_m).min(1.0);
         }
-        // The normal's derivative is the shape operator times the velocity; what turns it is n × n'.
+        // The normal's derivative is the shape operator times the velocity; what turns it is n ×
+        // n'.
         let turning = self.normal.cross(&(self.shape * along));
         self.turn_rate = clamp_norm(turning, config.turn_rate_max_rad_per_s);
         let correction = input.map_or_else(Vector3::zeros, |input| {
@@ -72,8 +76,9 @@ impl Surface {
         self.shape = turned * self.shape * turned.inverse();
     }
 
-    /// Time by which an old estimate is moved on along the surface, s: its age. A shape that is learnt from the very
-    /// turning that it foretells would run away where the age outlasts the learning, so half of that is the most.
+    /// Time by which an old estimate is moved on along the surface, s: its age. A shape that is
+    /// learnt from the very turning that it foretells would run away where the age outlasts the
+    /// learning, so half of that is the most.
     fn foresight_s(
         &self,
         config: &NormalConfig,
@@ -88,7 +93,8 @@ impl Surface {
         age_s.clamp(0.0, 0.5 * config.curvature_distance_m / speed)
     }
 
-    /// The low pass, slower for an estimate that is unsure of itself (standing on friction, for instance).
+    /// The low pass, slower for an estimate that is unsure of itself (standing on friction, for
+    /// instance).
     fn filter_s(config: &NormalConfig, estimate: &NormalEstimate) -> f64 {
         let variance = 0.5 * estimate.covariance.trace();
         if !(variance.is_finite() && variance > 0.0) || config.sure_rad <= 0.0 {
@@ -97,7 +103,8 @@ impl Surface {
         config.filter_s * (1.0 + variance / (config.sure_rad * config.sure_rad))
     }
 
-    /// Turning that the curvature did not foresee corrects it, over a way of `curvature_distance_m`.
+    /// Turning that the curvature did not foresee corrects it, over a way of
+    /// `curvature_distance_m`.
     fn learn(
         &mut self,
         config: &NormalConfig,
@@ -171,7 +178,8 @@ mod tests {
         }
     }
 
-    /// Along a cylinder of 0.25 m at 0.02 m/s the normal in use stays on the true one once the curvature is known.
+    /// Along a cylinder of 0.25 m at 0.02 m/s the normal in use stays on the true one once the
+    /// curvature is known.
     #[test]
     fn curvature_given_or_learnt_leaves_no_lag() {
         let (radius, speed, dt) = (0.25, 0.02, 0.008);
@@ -196,8 +204,8 @@ mod tests {
         }
     }
 
-    /// Error of the normal in use on a cylinder of 0.25 m, at `speed`, with estimates `age_s` old: the worst of the
-    /// last second.
+    /// Error of the normal in use on a cylinder of 0.25 m, at `speed`, with estimates `age_s` old:
+    /// the worst of the last second.
     fn lag_rad(config: &NormalConfig, speed: f64, age_s: f64, given: bool) -> f64 {
         let (radius, dt) = (0.25, 0.008);
         let at = |t: f64| Rotation3::new(Vector3::y() * (speed * t / radius));

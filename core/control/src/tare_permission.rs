@@ -1,4 +1,5 @@
-//! What the controller's word says against a tare: the sensor's service asks this before it averages.
+//! What the controller's word says against a tare: the sensor's service asks this before it
+//! averages.
 
 use std::fmt;
 
@@ -35,7 +36,8 @@ pub enum ContactSign {
 }
 
 impl ContactSign {
-    /// The sign in what the controller says `now`, or where it is silent in its `last` word, kept over restarts.
+    /// The sign in what the controller says `now`, or where it is silent in its `last` word, kept
+    /// over restarts.
     pub fn of(now: Option<ControllerWord>, last: Option<ControllerWord>) -> Option<Self> {
         let moves = |word: &ControllerWord| word.phase.is_active() && word.phase != Phase::Tare;
         match (now, last) {

@@ -47,13 +47,15 @@ pub struct Task {
     /// How long to wait for what.
     #[serde(default)]
     pub timeouts: TimeoutSpec,
-    /// Only moves a tool that may touch off the surface, and ends. For a stop after a restart; not in files.
+    /// Only moves a tool that may touch off the surface, and ends. For a stop after a restart; not
+    /// in files.
     #[serde(skip)]
     pub only_leaves: bool,
 }
 
 impl Task {
-    /// Moves a tool that may press with up to `force_max_n` off the surface, along the last known normal.
+    /// Moves a tool that may press with up to `force_max_n` off the surface, along the last known
+    /// normal.
     pub fn leave(force_max_n: f64) -> Self {
         Self {
             name: "leave".into(),
@@ -82,7 +84,8 @@ impl Task {
         }
     }
 
-    /// As [`Task::phase_when_free`], of a law that waits in `tare` for a good wrench, with a new zero or without.
+    /// As [`Task::phase_when_free`], of a law that waits in `tare` for a good wrench, with a new
+    /// zero or without.
     pub(crate) fn phase_at_rest(&self) -> Phase {
         if self.only_leaves {
             Phase::Done
@@ -159,7 +162,8 @@ pub struct ApproachSpec {
     pub speed_m_per_s: f64,
     /// Give up after this way without contact, m.
     pub distance_max_m: f64,
-    /// Stiffest contact expected, N/m: bounds the speed so that the first impact stays small. None: the preset's.
+    /// Stiffest contact expected, N/m: bounds the speed so that the first impact stays small. None:
+    /// the preset's.
     pub stiffness_expected_n_per_m: Option<f64>,
 }
 
@@ -174,7 +178,8 @@ impl Default for ApproachSpec {
     }
 }
 
-/// How the path's plane lies. Its z axis is against the approach direction; the path is drawn in x and y.
+/// How the path's plane lies. Its z axis is against the approach direction; the path is drawn in x
+/// and y.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlaneSpec {
@@ -238,7 +243,8 @@ impl Default for TimeoutSpec {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ZeroSpec {
-    /// Largest error that the zero's age and the sensor's stated drift may imply, N; none: no limit.
+    /// Largest error that the zero's age and the sensor's stated drift may imply, N; none: no
+    /// limit.
     pub error_max_n: Option<f64>,
     /// What happens beyond.
     pub at_limit: ZeroAtLimit,
@@ -251,8 +257,8 @@ pub enum ZeroAtLimit {
     /// The task ends with a retraction.
     #[default]
     Stop,
-    /// The tool lifts off, the sensor is tared, and the task goes on where it was. For velocity-controlled arms on a base that
-    /// stands; others stop.
+    /// The tool lifts off, the sensor is tared, and the task goes on where it was. For
+    /// velocity-controlled arms on a base that stands; others stop.
     Retare,
 }
 
@@ -260,9 +266,11 @@ pub enum ZeroAtLimit {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SwitchingSpec {
-    /// Farthest that a newcomer's normal may be from the one in use, rad; none: the law's `normal.switch_gate_rad`.
+    /// Largest angle between a candidate's normal and the one in use, rad; none: the law's
+    /// `normal.switch_gate_rad`.
     pub disagreement_max_rad: Option<f64>,
-    /// After a fall-back: take the preferred one again once it has been good for so long, s; none: only when asked for.
+    /// After a fall-back: take the preferred one again once it has been good for so long, s; none:
+    /// only when asked for.
     pub return_after_good_s: Option<f64>,
 }
 

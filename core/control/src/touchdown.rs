@@ -1,11 +1,12 @@
-//! How fast to meet a surface: the force that builds up before the loop can answer is speed times stiffness times delay, and no
-//! gain helps against it.
+//! How fast to meet a surface: the force that builds up before the loop can answer is speed times
+//! stiffness times delay, and no gain helps against it.
 //!
 //! Called by the run for the approach and for seeking a lost surface.
 
 use crate::{ControllerConfig, Program};
 
-/// Share of the loop's delay in which the force still builds up; the force law's recoil spares the rest.
+/// Share of the loop's delay in which the force still builds up; the force law's recoil spares the
+/// rest.
 const BLIND_SHARE: f64 = 0.85;
 /// Slowest touchdown, m/s.
 const SPEED_MIN_M_PER_S: f64 = 0.0005;
@@ -19,8 +20,8 @@ pub(crate) fn stiffness_expected(program: &Program, config: &ControllerConfig) -
         .unwrap_or(config.force.stiffness_expected_n_per_m)
 }
 
-/// Speed at which to meet a contact of `stiffness_n_per_m`, m/s: the first force stays within the accepted overshoot of
-/// `reference_n`.
+/// Speed at which to meet a contact of `stiffness_n_per_m`, m/s: the first force stays within the
+/// accepted overshoot of `reference_n`.
 pub(crate) fn touchdown_speed(
     config: &ControllerConfig,
     reference_n: f64,

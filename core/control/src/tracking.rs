@@ -1,9 +1,10 @@
 //! Following a plane path on a curved surface.
 //!
-//! The path's plane lies against the approach direction. Each cycle its velocity is turned from the plane into the
-//! tangent plane of the surface by the smallest rotation, so a metre of path is a metre on the surface however steep it
-//! gets, and the reference point moves with it; the error is fed back in the tangent plane. The path runs on its own
-//! clock: pause, speed, a waiting arm and a lost contact slow or stop the clock, and it goes on where it stood.
+//! The path's plane lies against the approach direction. Each cycle its velocity is turned from the
+//! plane into the tangent plane of the surface by the smallest rotation, so a metre of path is a
+//! metre on the surface however steep it gets, and the reference point moves with it; the error is
+//! fed back in the tangent plane. The path runs on its own clock: pause, speed, a waiting arm and a
+//! lost contact slow or stop the clock, and it goes on where it stood.
 
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
@@ -11,7 +12,8 @@ use crate::alignment::{any_perpendicular, tangential};
 use crate::limits::clamp_norm;
 use crate::{Path, PathConfig};
 
-/// The x and y axes of the path's plane, unit vectors: x along `x_axis` as far as the plane allows, y = normal × x.
+/// The x and y axes of the path's plane, unit vectors: x along `x_axis` as far as the plane allows,
+/// y = normal × x.
 pub(crate) fn plane_axes(
     plane_normal: &Vector3<f64>,
     x_axis: &Vector3<f64>,
@@ -38,8 +40,8 @@ pub struct Tracking {
 }
 
 impl Tracking {
-    /// A plane with `plane_normal` (unit, out of the material), x along `x_axis` as far as the plane allows, starting
-    /// at `start`; base axes.
+    /// A plane with `plane_normal` (unit, out of the material), x along `x_axis` as far as the
+    /// plane allows, starting at `start`; base axes.
     pub fn new(plane_normal: Vector3<f64>, x_axis: Vector3<f64>, start: Vector3<f64>) -> Self {
         let (x_axis, y_axis) = plane_axes(&plane_normal, &x_axis);
         Self {
@@ -64,8 +66,8 @@ impl Tracking {
         self.clock_rate = 0.0;
     }
 
-    /// One cycle: the velocity wanted in the tangent plane of `normal`, base axes, m/s. `speed_factor` is 1 at the
-    /// path's own speed and 0 to stand.
+    /// One cycle: the velocity wanted in the tangent plane of `normal`, base axes, m/s.
+    /// `speed_factor` is 1 at the path's own speed and 0 to stand.
     pub fn step(
         &mut self,
         config: &PathConfig,

@@ -1,4 +1,5 @@
-//! Silence and nonsense of the wrench, judged each cycle: stop within two, retract if it stays.
+//! Judges each cycle whether the wrench is missing or invalid: stop within two cycles, retract if
+//! it lasts.
 
 use tangent_sensing::Validity;
 
@@ -47,7 +48,8 @@ impl WrenchGuard {
         }
         self.bad_cycles = self.bad_cycles.saturating_add(1);
         let silent = matches!(reason, Validity::Stale | Validity::Missing);
-        // An old or frozen wrench has been waited for already; another bad one may be a single sample.
+        // An old or frozen wrench has been waited for already; another bad one may be a single
+        // sample.
         let waited = silent || reason.is_judged_over_time();
         if !waited && self.bad_cycles < patience.wrench_bad_cycles {
             return WrenchVerdict::Doubtful;

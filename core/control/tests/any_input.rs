@@ -128,7 +128,8 @@ fn pose<A, B>(next: &mut impl FnMut() -> f64) -> Pose<A, B> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// Whatever comes in, the command stays inside every limit (checked in `Bench::step`), and the tool's speed too.
+    /// Whatever comes in, the command stays inside every limit (checked in `Bench::step`), and the
+    /// tool's speed too.
     #[test]
     fn no_input_leads_beyond_the_limits(messes in prop::collection::vec(mess(), 1..60), from in 0usize..700) {
         let mut bench = Bench::new(TASK);

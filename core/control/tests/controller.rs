@@ -1,5 +1,5 @@
-//! The composed controller against a small plant with perfect or spoilt inputs. What it must never do is checked in
-//! every cycle; the finer physics is in the closed loop of `evaluate`.
+//! The composed controller against a small plant with perfect or spoilt inputs. What it must never
+//! do is checked in every cycle; the finer physics is in the closed loop of `evaluate`.
 
 #![allow(clippy::unwrap_used)]
 
@@ -559,7 +559,8 @@ fn a_zero_too_old_is_taken_anew_or_ends_the_task() {
     }
 }
 
-/// A sensor that drifts so fast that the zero is too old when the tool is back ends the task, and does not send it to and fro.
+/// A sensor that drifts so fast that the zero is too old when the tool is back ends the task, and
+/// does not send it to and fro.
 #[test]
 fn a_zero_that_ages_faster_than_it_is_taken_ends_the_task() {
     let task = TASK.replace("tare = false", "tare = true").replace(
@@ -586,7 +587,8 @@ fn a_zero_that_ages_faster_than_it_is_taken_ends_the_task() {
     assert_eq!(tares, 2);
 }
 
-/// A wrench that is late again and again, as on a busy host, interrupts the approach and does not begin it anew.
+/// A wrench that is late again and again, as on a busy host, interrupts the approach and does not
+/// begin it anew.
 #[test]
 fn an_approach_that_is_interrupted_counts_its_way_from_where_it_began() {
     let task = TASK.replace("tare = false", "tare = true");

@@ -1,4 +1,5 @@
-//! A pause stands still in every phase of the hybrid admittance, whatever time limit would have run out, and the task goes on from there.
+//! A pause stands still in every phase of the hybrid admittance, whatever time limit would have run
+//! out, and the task goes on from there.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -115,7 +116,8 @@ fn at_the_end_of_the_path() {
     bench.run_until(Phase::Done);
 }
 
-/// A protective stop ends the task without a motion; once the arm is ready again, the tool is taken off by a stop.
+/// A protective stop ends the task without a motion; once the arm is ready again, the tool is taken
+/// off by a stop.
 #[test]
 fn a_tool_that_a_fault_left_on_the_surface_is_retracted() {
     let mut bench = Bench::sliding(&task());
@@ -144,7 +146,8 @@ fn a_tool_that_a_fault_left_on_the_surface_is_retracted() {
     assert!((bench.tool().z - pressing - way).abs() < 1e-6);
 }
 
-/// A wrench that is late while the tool moves off before a tare is waited for, standing; only one that stays silent ends the task.
+/// A wrench that is late while the tool moves off before a tare is waited for, standing; only one
+/// that stays silent ends the task.
 #[test]
 fn a_late_wrench_while_moving_off_is_waited_for() {
     let pressed = || {

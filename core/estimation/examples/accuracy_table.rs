@@ -1,5 +1,5 @@
-//! Prints the accuracy of every estimator on contacts in closed form: `cargo run --release -p tangent-estimation
-//! --example accuracy_table`.
+//! Prints the accuracy of every estimator on contacts in closed form:
+//! `cargo run --release -p tangent-estimation --example accuracy_table`.
 #![allow(clippy::unwrap_used, clippy::disallowed_macros)]
 
 #[path = "../tests/synthetic/mod.rs"]

@@ -1,4 +1,5 @@
-//! What one update of the object-pose estimators costs: microseconds per cycle with a frame, with a touch, with neither.
+//! What one update of the object-pose estimators costs: microseconds per cycle with a frame, with a
+//! touch, with neither.
 //!
 //! `cargo run --release -p tangent-estimation --example object_pose_step`
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]

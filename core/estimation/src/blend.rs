@@ -1,12 +1,14 @@
 //! `blend`: reactive estimate and Gaussian-process prediction, fused (Tugal et al., IV.B.d).
 //!
-//! The published weight is a constant; here it follows from how sure each side is. Called by the registry.
+//! The published weight is a constant; here it follows from how sure each side is. Called by the
+//! registry.
 
 use crate::gaussian_process::GaussianProcess;
 use crate::tangent_frame::TangentFrame;
 use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
 
-/// `n = (1 - alpha) n_reactive + alpha n_predicted` with `alpha = tr(P_r) / (tr(P_r) + tr(P_p))`, bounded.
+/// `n = (1 - alpha) n_reactive + alpha n_predicted` with `alpha = tr(P_r) / (tr(P_r) + tr(P_p))`,
+/// bounded.
 #[derive(Clone, Debug)]
 pub struct Blend {
     config: EstimatorConfig,
@@ -23,8 +25,8 @@ impl Blend {
     }
 }
 
-/// Covariance intersection in the tangent plane of the reactive normal: the prediction has learnt from that same
-/// estimate, and this rule stays honest whatever they share.
+/// Covariance intersection in the tangent plane of the reactive normal: the prediction has learnt
+/// from that same estimate, and this rule stays honest whatever they share.
 fn fuse(
     reactive: &NormalEstimate,
     predicted: &NormalEstimate,

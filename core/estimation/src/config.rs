@@ -1,6 +1,7 @@
 //! What an estimator is told about its sensors, its tool and the surfaces it may meet.
 //!
-//! One `EstimatorConfig` serves every estimator of the registry; each reads the sections that concern it.
+//! One `EstimatorConfig` serves every estimator of the registry; each reads the sections that
+//! concern it.
 
 use serde::{Deserialize, Serialize};
 
@@ -36,8 +37,8 @@ pub struct SensingConfig {
     pub force_bias_sd_n: f64,
     /// Random walk of that bias, N per root second.
     pub force_bias_drift_n_per_sqrt_s: f64,
-    /// Weight that the payload compensation may be wrong by, N; a turn of the tool away from where it was tared
-    /// brings it out.
+    /// Weight that the payload compensation may be wrong by, N; a turn of the tool away from where
+    /// it was tared brings it out.
     pub payload_error_n: f64,
     /// Where gravity points, base axes; any length but zero.
     pub gravity_direction_in_base: [f64; 3],
@@ -45,7 +46,8 @@ pub struct SensingConfig {
     pub torque_sd_nm: f64,
     /// Error of the velocity across the surface, m/s: kinematics, roughness and seams.
     pub velocity_sd_m_per_s: f64,
-    /// Compliance of tool, wrist and surface along the normal, m/N: a force that changes is a motion across the surface.
+    /// Compliance of tool, wrist and surface along the normal, m/N: a force that changes is a
+    /// motion across the surface.
     pub compliance_m_per_n: f64,
 }
 

@@ -23,7 +23,8 @@ pub struct ContactSample {
     pub wrench_delay_s: f64,
     /// Whether `wrench` can be used.
     pub wrench_validity: Validity,
-    /// Age of the sensor's tare, s; `None` while there was none. A new tare makes an estimator forget the old bias.
+    /// Age of the sensor's tare, s; `None` while there was none. A new tare makes an estimator
+    /// forget the old bias.
     pub wrench_bias_age_s: Option<f64>,
     /// How the base moves at the time of the sample; `None` where it stands for good.
     pub base: Option<BaseMotion>,
@@ -42,13 +43,14 @@ pub struct NormalEstimate {
     pub validity: Validity,
     /// Coulomb friction coefficient; NaN-free: `None` while unknown.
     pub friction: Option<f64>,
-    /// Shape operator: moving by `dp` on the surface turns the normal by `curvature * dp`. Base axes, 1/m, symmetric,
-    /// zero along the normal; positive eigenvalues for a convex body.
+    /// Shape operator: moving by `dp` on the surface turns the normal by `curvature * dp`. Base
+    /// axes, 1/m, symmetric, zero along the normal; positive eigenvalues for a convex body.
     pub curvature: Option<Matrix3<f64>>,
 }
 
 impl NormalEstimate {
-    /// An estimate that says only why there is none; the normal falls back to `-z_tool` (Tugal et al., IV.B.d).
+    /// An estimate that says only why there is none; the normal falls back to `-z_tool` (Tugal et
+    /// al., IV.B.d).
     pub fn invalid(base_from_tool: &Pose<Base, Tool>, validity: Validity) -> Self {
         Self {
             point: base_from_tool.translation(),
@@ -73,7 +75,8 @@ impl NormalEstimate {
     }
 }
 
-/// A surface-normal estimator. One call per control cycle; no clock, no allocation after construction.
+/// A surface-normal estimator. One call per control cycle; no clock, no allocation after
+/// construction.
 pub trait NormalEstimator: Send {
     /// Name as in `estimate/NAME/normal`.
     fn name(&self) -> &'static str;

@@ -1,7 +1,8 @@
-//! `gaussian_process`: spatial memory of normals, asked a little ahead of the tool (Tugal et al., IV.B.c).
+//! `gaussian_process`: spatial memory of normals, asked a little ahead of the tool (Tugal et al.,
+//! IV.B.c).
 //!
-//! The published form is a kernel-weighted mean; this is a Gaussian process with the same kernel, whose predictive
-//! variance says where it knows nothing. Called by the registry and by `blend`.
+//! The published form is a kernel-weighted mean; this is a Gaussian process with the same kernel,
+//! whose predictive variance says where it knows nothing. Called by the registry and by `blend`.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
@@ -176,10 +177,11 @@ impl GaussianProcess {
             turn += mean.logarithm(&s.frame.normal) * weights[i];
             common += mean.project_matrix(&s.frame.lift_matrix(&s.covariance)) * weights[i].abs();
         }
-        // The samples come out of one filter and share its bias: their errors do not average away, so the weighted
-        // mean of their covariances stays on top of the process's own variance.
+        // The samples come out of one filter and share its bias: their errors do not average away,
+        // so the weighted mean of their covariances stays on top of the process's own variance.
         let share: f64 = weights.iter().map(|w| w.abs()).sum();
-        // The process's own doubt, with perfect samples, and their independent errors; the common ones are above.
+        // The process's own doubt, with perfect samples, and their independent errors; the common
+        // ones are above.
         let mut own = amplitude2 - 2.0 * cross.dot(&weights);
         for (i, (_, a)) in chosen.iter().enumerate() {
             own += weights[i] * weights[i] * (amplitude2 + g.noise_rad.powi(2));

@@ -1,7 +1,8 @@
-//! `gaussian_process_paper`: kernel-weighted mean of normals at a look-ahead point, then a constant blend, as
-//! published (Tugal et al., IV.B.c and d).
+//! `gaussian_process_paper`: kernel-weighted mean of normals at a look-ahead point, then a constant
+//! blend, as published (Tugal et al., IV.B.c and d).
 //!
-//! It has no variance: far from all samples the mean is as confident as ever. Called by the registry, for the tables.
+//! It has no variance: far from all samples the mean is as confident as ever. Called by the
+//! registry, for the tables.
 
 use nalgebra::Vector3;
 use tangent_sensing::Validity;

@@ -1,5 +1,5 @@
-//! Surface-normal estimators, one file each: contact samples in, a normal with its covariance out. And the pose of an object of
-//! known shape, from camera, force and joints.
+//! Surface-normal estimators, one file each: contact samples in, a normal with its covariance out.
+//! And the pose of an object of known shape, from camera, force and joints.
 //!
 //! Called by the `estimator` service and by the closed loop of `evaluate`.
 
@@ -13,7 +13,7 @@ mod gaussian_process;
 mod gaussian_process_paper;
 mod motion;
 pub mod object_pose;
-mod over_ground;
+mod on_moving_base;
 mod quadratic;
 mod quadratic_paper;
 mod reactive;

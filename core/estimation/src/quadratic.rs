@@ -1,8 +1,9 @@
-//! `quadratic`: a quadratic surface through the recent contact points, in the tangent frame of the present normal
-//! (Tugal et al., IV.B.b).
+//! `quadratic`: a quadratic surface through the recent contact points, in the tangent frame of the
+//! present normal (Tugal et al., IV.B.b).
 //!
-//! The published fit is of `z(x, y)` in base axes and without regularisation; here the direction of the force
-//! stands in where the points leave the slope open, as across a single straight stroke. Called by the registry.
+//! The published fit is of `z(x, y)` in base axes and without regularisation; here the direction of
+//! the force stands in where the points leave the slope open, as across a single straight stroke.
+//! Called by the registry.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
@@ -26,7 +27,8 @@ pub struct Quadratic {
     height_variance_m2: f64,
 }
 
-/// A point of the surface, and how far it may be off along the normal besides the common height error.
+/// A point of the surface, and how far it may be off along the normal besides the common height
+/// error.
 #[derive(Clone, Copy, Debug)]
 struct Touch {
     point: Vector3<f64>,
@@ -81,7 +83,8 @@ impl Quadratic {
         self.count = (self.count + 1).min(CAPACITY);
     }
 
-    /// Least squares in the frame, around the tool's origin. `z = -(k11 x² + k22 y²)/2 - k12 x y + d x + e y + f`.
+    /// Least squares in the frame, around the tool's origin.
+    /// `z = -(k11 x² + k22 y²)/2 - k12 x y + d x + e y + f`.
     fn fit(&mut self, motion: &Motion, frame: &TangentFrame, prior: &Matrix2<f64>) -> Option<Fit> {
         let q = &self.config.quadratic;
         let alike = (q.height_correlation_m / q.spacing_m).max(1.0);
@@ -149,7 +152,8 @@ impl Quadratic {
         let filter = self.reactive.filter();
         let frame = *filter.frame();
         let mut prior = filter.normal_covariance();
-        // Along the stroke the reactive estimate has seen the same motion as the points: half of it is not new.
+        // Along the stroke the reactive estimate has seen the same motion as the points: half of it
+        // is not new.
         let t = frame.project(&filter.slide_direction());
         prior += t * t.transpose() * (t.dot(&(prior * t)));
         let Some(fit) = self.fit(motion, &frame, &prior) else {

@@ -1,8 +1,10 @@
-//! `quadratic_paper`: `z = ax² + by² + cxy + dx + ey + f` in base axes, as published (Tugal et al., IV.B.b).
+//! `quadratic_paper`: `z = ax² + by² + cxy + dx + ey + f` in base axes, as published (Tugal et al.,
+//! IV.B.b).
 //!
-//! Fragile on steep surfaces, where z is no function of x and y: reported as degenerate where the fit is singular,
-//! wrong without a word where it is only bad. Along a single straight stroke, which leaves a slope open, the
-//! published text says nothing; the reactive normal stands in. Called by the registry, for the tables.
+//! Fragile on steep surfaces, where z is no function of x and y: reported as degenerate where the
+//! fit is singular, wrong without a word where it is only bad. Along a single straight stroke,
+//! which leaves a slope open, the published text says nothing; the reactive normal stands in.
+//! Called by the registry, for the tables.
 
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 use tangent_sensing::Validity;
@@ -75,7 +77,8 @@ impl QuadraticPaper {
             / count;
         let mut extents = scatter.symmetric_eigenvalues();
         extents.as_mut_slice().sort_by(f64::total_cmp);
-        // A single stroke: the slope across it is anybody's guess, and least squares would guess from noise.
+        // A single stroke: the slope across it is anybody's guess, and least squares would guess
+        // from noise.
         if extents[1] < STROKE_WIDTH.powi(2) * extents[2] {
             return Fit::TooEarly;
         }
@@ -129,7 +132,8 @@ impl NormalEstimator for QuadraticPaper {
             Fit::TooEarly => {}
             Fit::Singular => estimate.validity = Validity::Degenerate,
             Fit::Normal(n) => {
-                // The gradient has two signs; the reactive normal says which one leaves the material.
+                // The gradient has two signs; the reactive normal says which one leaves the
+                // material.
                 estimate.normal = if n.dot(&estimate.normal) < 0.0 { -n } else { n };
                 estimate = published_covariance(estimate);
             }

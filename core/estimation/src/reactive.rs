@@ -1,8 +1,8 @@
 //! `reactive`: the normal from force and velocity, cycle by cycle (Tugal et al., IV.B.a).
 //!
-//! The published decomposition with what hardware asks of it: measured velocity under the wrench filter's lag,
-//! friction forgotten by distance, force bias carried as a state, and a covariance. Called by the registry, and
-//! by the estimators that refine it.
+//! The published decomposition with what hardware asks of it: measured velocity under the wrench
+//! filter's lag, friction forgotten by distance, force bias carried as a state, and a covariance.
+//! Called by the registry, and by the estimators that refine it.
 
 use crate::contact_filter::ContactFilter;
 use crate::motion::{Motion, MotionTracker};
@@ -28,7 +28,8 @@ impl Reactive {
         }
     }
 
-    /// One step; also what the refining estimators need of it. The motion is `None` where the sample was refused.
+    /// One step; also what the refining estimators need of it. The motion is `None` where the
+    /// sample was refused.
     pub(crate) fn step(&mut self, sample: &ContactSample) -> (NormalEstimate, Option<Motion>) {
         match self.tracker.take(sample) {
             Ok(motion) => {

@@ -1,7 +1,7 @@
 //! `reactive_paper`: force-velocity decomposition exactly as published (Tugal et al., IV.B.a).
 //!
-//! Commanded velocity, no lag matching, no bias, no covariance to speak of: for the tables. Called by the
-//! registry and by the other published forms.
+//! Commanded velocity, no lag matching, no bias, no covariance to speak of: for the tables. Called
+//! by the registry and by the other published forms.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -127,7 +127,8 @@ impl ReactivePaper {
     }
 }
 
-/// The paper states no covariance; five degrees per axis is the order of its own errors (Table 2, RMSE 4.8).
+/// The paper states no covariance; five degrees per axis is the order of its own errors (Table 2,
+/// RMSE 4.8).
 pub(crate) fn published_covariance(mut estimate: NormalEstimate) -> NormalEstimate {
     let n = &estimate.normal;
     let tangent = Matrix3::identity() - n * n.transpose();

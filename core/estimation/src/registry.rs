@@ -1,6 +1,6 @@
 //! Estimators by name, as tasks, cells and the command line speak of them.
 
-use crate::over_ground::OverGround;
+use crate::on_moving_base::OnMovingBase;
 use crate::{
     Blend, EstimationError, EstimatorConfig, GaussianProcess, GaussianProcessPaper,
     NormalEstimator, Quadratic, QuadraticPaper, Reactive, ReactivePaper,
@@ -25,12 +25,14 @@ pub fn estimator_names() -> [&'static str; MAKERS.len()] {
     MAKERS.map(|(name, _)| name)
 }
 
-/// Makes an estimator by name. Its memory stays with the floor when the base moves ([`ContactSample::base`]).
+/// Makes an estimator by name. Its memory stays with the floor when the base moves
+/// ([`ContactSample::base`]).
 ///
 /// [`ContactSample::base`]: crate::ContactSample::base
 ///
 /// # Errors
-/// [`EstimationError::Unknown`] lists the names there are; [`EstimationError::OutOfRange`] names the setting.
+/// [`EstimationError::Unknown`] lists the names there are; [`EstimationError::OutOfRange`] names
+/// the setting.
 pub fn build(
     name: &str,
     config: &EstimatorConfig,
@@ -41,7 +43,7 @@ pub fn build(
         name: name.to_owned(),
         allowed: estimator_names().join(", "),
     })?;
-    Ok(Box::new(OverGround::new(make(config))))
+    Ok(Box::new(OnMovingBase::new(make(config))))
 }
 
 #[cfg(test)]

@@ -65,7 +65,8 @@ impl TangentFrame {
         self.lift_matrix(&self.project_matrix(m))
     }
 
-    /// Turns the normal by tangent components (rad) along a great circle; the axes go with it, without spin.
+    /// Turns the normal by tangent components (rad) along a great circle; the axes go with it,
+    /// without spin.
     pub fn turned(&self, tangent: &Vector2<f64>) -> Self {
         let angle = tangent.norm();
         if angle < 1e-15 {

@@ -21,12 +21,12 @@ const INTRINSICS: Intrinsics = Intrinsics {
 };
 const SIZE: [usize; 2] = [320, 240];
 
-/// Depth of every pixel; `depth` takes a line of sight.
+/// Depth of every pixel; `depth` takes a ray.
 fn render(size: [usize; 2], depth: impl Fn([f64; 2]) -> Option<f64>) -> Vec<f32> {
     (0..size[0] * size[1])
         .map(|i| {
-            let sight = INTRINSICS.sight((i % size[0]) as f64, (i / size[0]) as f64);
-            depth(sight).map_or(0.0, |z| z as f32)
+            let ray = INTRINSICS.ray((i % size[0]) as f64, (i / size[0]) as f64);
+            depth(ray).map_or(0.0, |z| z as f32)
         })
         .collect()
 }
@@ -84,7 +84,8 @@ fn look(size: [usize; 2], depth_m: &[f32], target: [f64; 2]) -> (VisualNormal, V
     (found, normals)
 }
 
-/// Whatever came in: numbers are finite, unit normals are units, and pixels without depth have none.
+/// Whatever came in: numbers are finite, unit normals are units, and pixels without depth have
+/// none.
 fn sound(found: &VisualNormal, depth_m: &[f32], normals: &[[f32; 3]]) {
     assert!((found.normal.norm() - 1.0).abs() < 1e-9);
     assert!(found.point.iter().all(|x| x.is_finite()));
@@ -182,13 +183,7 @@ fn a_step_is_not_smeared_over() {
     // Two planes of one orientation, one 5 cm before the other.
     let normal = Rotation3::from_euler_angles(0.3, 0.0, 0.0) * Vector3::z();
     let (near, far) = (plane(normal, 0.40), plane(normal, 0.45));
-    let depth_m = render(SIZE, |sight| {
-        if sight[0] < 0.02 {
-            near(sight)
-        } else {
-            far(sight)
-        }
-    });
+    let depth_m = render(SIZE, |ray| if ray[0] < 0.02 { near(ray) } else { far(ray) });
     let depth_m = noisy(&depth_m, 0.004, 11);
     let (found, normals) = look(SIZE, &depth_m, [100.0, 120.0]);
     assert_eq!(found.validity, VisualValidity::Valid);
@@ -242,8 +237,8 @@ fn mirrored_data_gives_the_mirrored_normal() {
     };
     let depth_m: Vec<f32> = (0..SIZE[0] * SIZE[1])
         .map(|i| {
-            let sight = symmetric.sight((i % SIZE[0]) as f64, (i / SIZE[0]) as f64);
-            sphere(centre, 0.15)(sight).map_or(0.0, |z| z as f32)
+            let ray = symmetric.ray((i % SIZE[0]) as f64, (i / SIZE[0]) as f64);
+            sphere(centre, 0.15)(ray).map_or(0.0, |z| z as f32)
         })
         .collect();
     let depth_m = noisy(&depth_m, 0.004, 4);
@@ -266,7 +261,8 @@ fn mirrored_data_gives_the_mirrored_normal() {
     );
     assert_eq!(one.validity, VisualValidity::Valid);
     let flip = Vector3::new(-1.0, 1.0, 1.0);
-    // Not to the last bit: the noise is measured on every other cell, and those are others in the mirror.
+    // Not to the last bit: the noise is measured on every other cell, and those are others in the
+    // mirror.
     assert!((one.normal.component_mul(&flip) - other.normal).norm() < 1e-3);
     assert!((one.point.component_mul(&flip) - other.point).norm() < 1e-4);
 }
@@ -489,13 +485,13 @@ proptest! {
         let depth_m: Vec<f32> = (0..width * height)
             .map(|i| {
                 let (u, v) = (i % width, i / width);
-                let sight = INTRINSICS.sight(u as f64, v as f64);
+                let ray = INTRINSICS.ray(u as f64, v as f64);
                 match kinds[v / block * 100 + u / block] {
                     0 => f32::NAN,
                     1 => f32::from_bits(rng.random()),
                     2 => 0.0,
                     3 => 0.3 + rng.random::<f32>() * 0.5,
-                    4 => ball(sight).unwrap_or(0.8) as f32,
+                    4 => ball(ray).unwrap_or(0.8) as f32,
                     _ => 0.6,
                 }
             })
@@ -540,7 +536,8 @@ fn the_covariance_is_honest_where_the_noise_is_white() {
             bends += ((station.bend_per_m - bend) / station.bend_sd_per_m).powi(2);
         }
         let (nees, bends) = (sum / runs as f64, bends / runs as f64);
-        // The mean of an honest one is 1 +- 0.1 (one sigma). The bend's doubt is for surfaces that wave, and these do not.
+        // The mean of an honest one is 1 +- 0.1 (one sigma). The bend's doubt is for surfaces that
+        // wave, and these do not.
         assert!(
             nees > 0.6 && nees < 1.4,
             "{name}: normal {nees}, bend {bends}"

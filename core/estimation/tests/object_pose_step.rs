@@ -20,7 +20,8 @@ fn camera() -> CameraModel {
     }
 }
 
-/// A flange that looks down on a target at the base's origin and comes nearer; from the third second on the tip touches.
+/// A flange that looks down on a target at the base's origin and comes nearer; from the third
+/// second on the tip touches.
 fn sample(step: u32, with_frame: bool) -> ObjectSample {
     let time_s = f64::from(step) * 1e-3;
     let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);

@@ -1,4 +1,5 @@
-//! What must hold whatever comes in: unit normals, honest covariances, no poison, no dependence on the frame.
+//! What must hold whatever comes in: unit normals, honest covariances, no poison, no dependence on
+//! the frame.
 
 #![allow(clippy::unwrap_used)]
 

@@ -9,9 +9,10 @@ use crate::Joints;
 
 /// Minimises |J qd - v|² + λ²|qd|² with a damping that grows towards a singularity.
 ///
-/// qd = Σ σᵢ/(σᵢ² + λ²) vᵢ uᵢᵀ v over the singular values of J, with
-/// λ² = (1 - (σ_min/ε)²) λ_max² where σ_min < ε, else 0. Damped least squares for arms: Nakamura, Hanafusa 1986;
-/// this damping, continuous and exactly zero away from singularities: Chiaverini 1997, eq. (17). For every Jacobian
+/// qd = Σ σᵢ/(σᵢ² + λ²) vᵢ uᵢᵀ v over the singular values of J, with λ² = (1 - (σ_min/ε)²) λ_max²
+/// where σ_min < ε, else 0. Damped least squares for arms: Nakamura, Hanafusa 1986; this damping,
+/// continuous and exactly zero away from singularities: Chiaverini 1997, eq. (17). For every
+/// Jacobian
 /// |qd| ≤ [`DampedLeastSquares::gain_max`] |v|.
 ///
 /// σ mixes metres and radians, as J does.
@@ -90,7 +91,8 @@ impl DampedLeastSquares {
         self.damping_max * (1.0 - share * share).max(0.0).sqrt()
     }
 
-    /// The largest |qd|/|v| that any Jacobian can lead to: the peak of σ/(σ² + λ²(σ)), and no less than 1/ε.
+    /// The largest |qd|/|v| that any Jacobian can lead to: the peak of σ/(σ² + λ²(σ)), and no less
+    /// than 1/ε.
     pub fn gain_max(&self) -> f64 {
         let ratio = self.damping_max / self.threshold;
         let at_threshold = 1.0 / self.threshold;
@@ -103,7 +105,8 @@ impl DampedLeastSquares {
     }
 }
 
-/// Singular values and vectors of a 6 × N Jacobian, by one-sided Jacobi rotations (Hestenes 1958) on its transpose.
+/// Singular values and vectors of a 6 × N Jacobian, by one-sided Jacobi rotations (Hestenes 1958)
+/// on its transpose.
 ///
 /// Fixed work without allocation, and small singular values keep their digits.
 pub(crate) struct Singular<const N: usize> {

@@ -1,7 +1,7 @@
 //! Comparing the arm models with numbers that another program computed.
 //!
-//! `tangent model check FILE` reads a file and hands its text to [`compare`]; what comes back is a row per model and
-//! quantity. The format is the one of `tests/golden/golden.json`.
+//! `tangent model check FILE` reads a file and hands its text to [`compare`]; what comes back is a
+//! row per model and quantity. The format is the one of `tests/golden/golden.json`.
 
 use std::collections::BTreeMap;
 
@@ -25,8 +25,8 @@ pub struct Row {
 }
 
 impl Row {
-    /// How far apart two sound programs may be: 1e-10, and 1e-9 for `fd_qdd`, which solves with a mass matrix of
-    /// condition number up to 3e4.
+    /// How far apart two sound programs may be: 1e-10, and 1e-9 for `fd_qdd`, which solves with a
+    /// mass matrix of condition number up to 3e4.
     pub fn tolerance(&self) -> f64 {
         if self.quantity == "fd_qdd" {
             1e-9

@@ -28,10 +28,12 @@ pub enum InverseKinematicsError {
     NotFinite,
 }
 
-/// Settings of the search: Levenberg-Marquardt steps from a seed, then from starts ever further from it.
+/// Settings of the search: Levenberg-Marquardt steps from a seed, then from starts ever further
+/// from it.
 ///
-/// The damping follows the error, so the steps stay bounded in singularities and become Newton's at the target:
-/// Sugihara 2011. The same input gives the same bits: the starts are a fixed low-discrepancy sequence.
+/// The damping follows the error, so the steps stay bounded in singularities and become Newton's at
+/// the target: Sugihara 2011. The same input gives the same bits: the starts are a fixed
+/// low-discrepancy sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InverseKinematics {
     /// Largest distance left, m.
@@ -66,7 +68,8 @@ pub fn inverse_kinematics<const N: usize>(
 }
 
 impl InverseKinematics {
-    /// Joint angles (rad) within the arm's limits that put the tool at `target`, near `seed` if there are such.
+    /// Joint angles (rad) within the arm's limits that put the tool at `target`, near `seed` if
+    /// there are such.
     ///
     /// A seed outside the limits is moved to them first.
     pub fn solve<const N: usize>(
@@ -186,8 +189,8 @@ fn angular(error: &Vector6<f64>) -> Vector3<f64> {
     error.fixed_rows::<3>(3).into_owned()
 }
 
-/// Zero for the first start, then points that fill a cube growing to ±180°: Roberts' R-sequence, whose steps are the
-/// powers of the root of x^(N+1) = x + 1.
+/// Zero for the first start, then points that fill a cube growing to ±180°: Roberts' R-sequence,
+/// whose steps are the powers of the root of x^(N+1) = x + 1.
 fn offset<const N: usize>(start: usize, starts: usize) -> Joints<N> {
     let mut root = 1.5_f64;
     for _ in 0..32 {
@@ -201,7 +204,8 @@ fn offset<const N: usize>(start: usize, starts: usize) -> Joints<N> {
     })
 }
 
-/// Full turns taken off each joint where that brings it nearer to the seed and stays within the limits.
+/// Full turns taken off each joint where that brings it nearer to the seed and stays within the
+/// limits.
 fn unwound<const N: usize>(arm: &Arm<N>, q: &Joints<N>, seed: &Joints<N>) -> Joints<N> {
     let limits = arm.limits();
     Joints::from_fn(|i, _| {

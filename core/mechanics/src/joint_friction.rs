@@ -1,4 +1,5 @@
-//! Friction in the joints: viscous and Coulomb, smooth through zero speed. The simulated arm has it, a torque law makes up for it.
+//! Friction in the joints: viscous and Coulomb, smooth through zero speed. The simulated arm has
+//! it, a torque law makes up for it.
 
 use nalgebra::SVector;
 
@@ -16,7 +17,8 @@ pub struct JointFriction<const N: usize> {
 }
 
 impl<const N: usize> JointFriction<N> {
-    /// From lists with an entry per joint, base to flange; a single entry holds for all, none is no friction.
+    /// From lists with an entry per joint, base to flange; a single entry holds for all, none is no
+    /// friction.
     pub fn from_lists(viscous: &[f64], coulomb: &[f64], speed: f64) -> Self {
         let per_joint = |values: &[f64]| {
             SVector::from_fn(|i, _| values.get(i).or(values.last()).copied().unwrap_or(0.0))

@@ -1,7 +1,7 @@
 //! Spatial algebra with frames as types, robot models from plain data, kinematics and dynamics.
 //!
-//! Everything above this crate (estimation, control, simulation, the services) takes its poses, wrenches and arm
-//! models from here. Nothing here reads a clock, allocates in a step or does I/O.
+//! Everything above this crate (estimation, control, simulation, the services) takes its poses,
+//! wrenches and arm models from here. Nothing here reads a clock, allocates in a step or does I/O.
 
 pub mod arm;
 pub mod damped_least_squares;

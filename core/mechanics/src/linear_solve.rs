@@ -1,5 +1,5 @@
-//! Solving with a small symmetric positive definite matrix, without allocation: forward dynamics here, the torque-controlled arm of
-//! the simulation above.
+//! Solving with a small symmetric positive definite matrix, without allocation: forward dynamics
+//! here, the torque-controlled arm of the simulation above.
 
 use nalgebra::{SMatrix, SVector};
 

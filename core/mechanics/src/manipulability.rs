@@ -8,8 +8,8 @@ use crate::damped_least_squares::Singular;
 ///
 /// Mixes metres and radians as the Jacobian does: compare it with itself, not between arms.
 pub fn manipulability<const N: usize>(jacobian: &SMatrix<f64, 6, N>) -> f64 {
-    // The volume that the rows (or columns) span, by Gram-Schmidt: unlike the determinant of a square, it keeps its
-    // digits near a singularity.
+    // The volume that the rows (or columns) span, by Gram-Schmidt: unlike the determinant of a
+    // square, it keeps its digits near a singularity.
     if N >= 6 {
         volume(std::array::from_fn::<SVector<f64, N>, 6, _>(|i| {
             jacobian.row(i).transpose()

@@ -1,10 +1,11 @@
-//! The known name that a misspelt one is nearest to, for error messages. Called wherever a user names something: models,
-//! scenarios, estimators, presets, parameters, configuration keys.
+//! The known name that a misspelt one is nearest to, for error messages. Called wherever a user
+//! names something: models, scenarios, estimators, presets, parameters, configuration keys.
 
 /// The candidate that a few typing errors turn into `word`; none where no candidate is near.
 ///
-/// The distance counts insertions, deletions, replacements and swapped neighbours (Damerau 1964), without regard to case.
-/// A third of the word's letters may be wrong. A candidate that begins with `word` is near too.
+/// The distance counts insertions, deletions, replacements and swapped neighbours (Damerau 1964),
+/// without regard to case. A third of the word's letters may be wrong. A candidate that begins with
+/// `word` is near too.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word = word.to_lowercase();
     let most = (word.chars().count() / 3).max(1);

@@ -16,7 +16,8 @@ use crate::{
 pub struct ConditioningConfig {
     /// Cut-off (-3 dB) of the low-pass, Hz; 0: off. Its delay is about 0.2251 / cut-off.
     pub filter_cutoff_hz: f64,
-    /// A fault of one reading stays visible for so long, s: a reader slower than the sensor must not miss it.
+    /// A fault of one reading stays visible for so long, s: a reader slower than the sensor must
+    /// not miss it.
     pub fault_hold_s: f64,
     /// Oldest orientation of the arm that the payload may be compensated with, s.
     pub orientation_age_max_s: f64,
@@ -67,9 +68,11 @@ pub struct Reading {
     pub condition: SensorCondition,
     /// Readings lost between the one before and this one.
     pub missed: u32,
-    /// Measured pose of the tool, and how old it is (s); none while the arm is silent. Not needed without a payload.
+    /// Measured pose of the tool, and how old it is (s); none while the arm is silent. Not needed
+    /// without a payload.
     pub base_from_tool: Option<(Pose<Base, Tool>, f64)>,
-    /// Measured motion, where it is good enough to take off the payload's inertia; otherwise only its weight is.
+    /// Measured motion, where it is good enough to take off the payload's inertia; otherwise only
+    /// its weight is.
     pub motion: Option<SensorMotion>,
 }
 
@@ -100,20 +103,26 @@ pub struct ConditionedWrench {
     pub bias: Wrench<Sensor>,
     /// Age of the zero, s; none while none was taken.
     pub bias_age_s: Option<f64>,
-    /// The filtered reading without the payload, before the zero is taken off: no zero hides a load in it.
+    /// The filtered reading without the payload, before the zero is taken off: no zero hides a load
+    /// in it.
     pub untared: Wrench<Sensor>,
     /// The zero was taken on a person's word that the tool hangs free.
     pub said_clear: bool,
-    /// The zero that the limit on the untared reading counts from ([`Tare::shown`]), and its age, s; none while there is none.
+    /// The zero that the limit on the untared reading counts from ([`Tare::shown`]), and its age,
+    /// s; none while there is none.
     pub reference: Option<(Wrench<Sensor>, f64)>,
 }
 
-/// Tare, payload, filter and eq. (2), computed once from plain numbers; all memory is in [`WrenchConditionerState`].
+/// Tare, payload, filter and eq. (2), computed once from plain numbers; all memory is in
+/// [`WrenchConditionerState`].
 ///
 /// ```
 /// use tangent_mechanics::{Pose, Sensor, Wrench};
-/// use tangent_sensing::{ConditioningConfig, Payload, Reading, WrenchConditioner, WrenchConditionerState};
-/// let conditioner = WrenchConditioner::new(&ConditioningConfig::default(), &Payload::default(), Pose::identity(), 1000.0)?;
+/// use tangent_sensing::{
+///     ConditioningConfig, Payload, Reading, WrenchConditioner, WrenchConditionerState,
+/// };
+/// let (config, payload) = (ConditioningConfig::default(), Payload::default());
+/// let conditioner = WrenchConditioner::new(&config, &payload, Pose::identity(), 1000.0)?;
 /// let mut state = WrenchConditionerState::default();
 /// let reading = Reading::new(0.001, Wrench::<Sensor>::zero(), Pose::identity());
 /// assert!(conditioner.update(&mut state, &reading).validity.is_valid());
@@ -205,8 +214,9 @@ impl WrenchConditioner {
         &self.filter
     }
 
-    /// Begins to average the zero over `tare.duration_s`; [`WrenchConditionerState::take_tare_outcome`] tells how it went. `ground`
-    /// is what says that nothing presses: a zero on a person's word is not judged against the last one or the rating.
+    /// Begins to average the zero over `tare.duration_s`;
+    /// [`WrenchConditionerState::take_tare_outcome`] tells how it went. `ground` is what says that
+    /// nothing presses: a zero on a person's word is not judged against the last one or the rating.
     pub fn start_tare(&self, state: &mut WrenchConditionerState, ground: TareGround) {
         let samples = (self.tare.duration_s * self.filter.sample_rate_hz()).round();
         state.outcome = None;
@@ -221,11 +231,12 @@ impl WrenchConditioner {
 
     /// One reading through tare, payload, filter and eq. (2).
     ///
-    /// Signs: the sensor, and everything here, tells what the environment does to the robot, so pressing with a square
-    /// tool reads a force along `-z_tool`. Tugal et al. turn the sign around before their eq. (2) (their `f_e` is what the
-    /// robot does to the environment), and take the lever `r_cs` from sensor to contact point in eq. (2) with a plus: for
-    /// the moment about the contact point, the lever is `-r_cs`. Here the transform is that of a rigid frame
-    /// change, `τ_tool = R (τ_sensor - r × f)` with `r` the tool's origin in the sensor's frame.
+    /// Signs: the sensor, and everything here, tells what the environment does to the robot, so
+    /// pressing with a square tool reads a force along `-z_tool`. Tugal et al. turn the sign around
+    /// before their eq. (2) (their `f_e` is what the robot does to the environment), and take the
+    /// lever `r_cs` from sensor to contact point in eq. (2) with a plus: for the moment about the
+    /// contact point, the lever is `-r_cs`. Here the transform is that of a rigid frame change,
+    /// `τ_tool = R (τ_sensor - r × f)` with `r` the tool's origin in the sensor's frame.
     pub fn update(
         &self,
         state: &mut WrenchConditionerState,
@@ -336,8 +347,8 @@ impl WrenchConditioner {
         }
     }
 
-    /// A good reading goes into the filter. With an orientation that is stale but there, the wrench goes on: it is marked, and
-    /// the filter need not swing in again afterwards.
+    /// A good reading goes into the filter. With an orientation that is stale but there, the wrench
+    /// goes on: it is marked, and the filter need not swing in again afterwards.
     fn take(
         &self,
         state: &mut WrenchConditionerState,
@@ -347,7 +358,8 @@ impl WrenchConditioner {
         let missed = state.skipped.saturating_add(reading.missed);
         state.skipped = 0;
         if matches!(orientation, Err(Validity::Missing | Validity::NotFinite)) {
-            // The payload's weight would enter as a contact force. Begin afresh when the arm speaks.
+            // The payload's weight would enter as a contact force. Begin afresh when the arm
+            // speaks.
             state.filter = LowPassState::default();
             return;
         }
@@ -357,7 +369,8 @@ impl WrenchConditioner {
             state.fault = Some((Validity::NotFinite, reading.time_s));
             return;
         }
-        // What was lost is taken to have been as this one, so that the filter's time stays the sensor's.
+        // What was lost is taken to have been as this one, so that the filter's time stays the
+        // sensor's.
         if missed >= self.filter.settling_samples() {
             state.filter = LowPassState::default();
         } else {
@@ -371,7 +384,8 @@ impl WrenchConditioner {
     fn end_tare(&self, state: &mut WrenchConditionerState, outcome: Result<Tare, TareRefusal>) {
         state.averaging = None;
         if let Ok(tare) = &outcome {
-            // The filter holds readings less the old zero: shift them, or the new zero would swing in.
+            // The filter holds readings less the old zero: shift them, or the new zero would swing
+            // in.
             let shift = (state.bias() - tare.bias).vector();
             state.filter.shift(&shift);
             state.output += shift;
@@ -389,7 +403,8 @@ impl WrenchConditionerState {
         self.tare.as_ref()
     }
 
-    /// Takes over a zero made elsewhere, or forgets the one in force. It becomes the last good zero too.
+    /// Takes over a zero made elsewhere, or forgets the one in force. It becomes the last good zero
+    /// too.
     pub fn set_tare(&mut self, tare: Option<Tare>) {
         self.tare = tare;
         self.reference = tare.or(self.reference);
@@ -401,7 +416,8 @@ impl WrenchConditionerState {
         self.reference.as_ref()
     }
 
-    /// Takes the zero in force back: it was taken in contact. The sensor is untared then, and the zero before is the last good one.
+    /// Takes the zero in force back: it was taken in contact. The sensor is untared then, and the
+    /// zero before is the last good one.
     pub fn withdraw_tare(&mut self) {
         if let Some(withdrawn) = self.tare.take() {
             self.output += withdrawn.bias.vector();

@@ -108,8 +108,9 @@ impl Fit {
     }
 }
 
-/// Fits `force = bias + G g(R)` with a free 3×3 matrix `G`, takes the rotation from it by polar decomposition and the mass
-/// from its scale, then the centre of mass from the torques. `gravity_in_base` in m/s².
+/// Fits `force = bias + G g(R)` with a free 3×3 matrix `G`, takes the rotation from it by polar
+/// decomposition and the mass from its scale, then the centre of mass from the torques.
+/// `gravity_in_base` in m/s².
 ///
 /// # Errors
 /// Too few poses, poses too much alike, numbers that are not finite, a mirrored sensor, or no mass.
@@ -372,7 +373,8 @@ mod tests {
             let off = found.payload.com_in_sensor_m[0] - truth.payload.com_in_sensor_m[0];
             com += (off / found.com_sd_m[0]).powi(2);
         }
-        // Rms of error over claimed error. A jackknife of nine poses is itself uncertain, and errs to the safe side.
+        // Rms of error over claimed error. A jackknife of nine poses is itself uncertain, and errs
+        // to the safe side.
         for rms in [mass, com].map(|sum| (sum / f64::from(draws)).sqrt()) {
             assert!((0.5..1.6).contains(&rms), "{rms}");
         }

@@ -1,12 +1,15 @@
-//! Wrench conditioning: from what a force/torque sensor reads to what the environment does to the tool.
+//! Wrench conditioning: from what a force/torque sensor reads to what the environment does to the
+//! tool.
 //!
-//! Called by the `netft` service for every record, and by the closed loop of `evaluate`. A record passes through, in
-//! this order: [`SensorWatch`] (records that no load can make), tare ([`Tare`], subtracted on the host and with its age), payload ([`Payload`], by the arm's measured
-//! orientation), low-pass ([`LowPass`], with a stated delay), and eq. (2) of Tugal et al. to the tool's frame.
-//! [`identify_payload`] finds the payload from static poses, each the mean of a [`PoseAverage`]. Beside it,
-//! [`BaseTracker`]: how the base moves that all this stands on.
+//! Called by the `netft` service for every record, and by the closed loop of `evaluate`. A record
+//! passes through, in this order: [`SensorWatch`] (records that no load can make), tare ([`Tare`],
+//! subtracted on the host and with its age), payload ([`Payload`], by the arm's measured
+//! orientation), low-pass ([`LowPass`], with a stated delay), and eq. (2) of Tugal et al. to the
+//! tool's frame. [`identify_payload`] finds the payload from static poses, each the mean of a
+//! [`PoseAverage`]. Beside it, [`BaseTracker`]: how the base moves that all this stands on.
 //!
-//! For arms without a sensor at the wrist: [`MomentumObserver`], the environment's torques from the arm's own motion.
+//! For arms without a sensor at the wrist: [`MomentumObserver`], the environment's torques from the
+//! arm's own motion.
 //!
 //! And images: [`TargetDetector`] finds the corners of a target.
 

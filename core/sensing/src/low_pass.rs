@@ -7,14 +7,16 @@ use crate::SensingError;
 /// Damping of a Butterworth pair, `1/Q`.
 const INVERSE_Q: f64 = std::f64::consts::SQRT_2;
 
-/// Highest cut-off as a share of the sample rate: above, the bilinear warping makes the name "Butterworth" a lie.
+/// Highest cut-off as a share of the sample rate: above, the bilinear warping makes the name
+/// "Butterworth" a lie.
 const CUTOFF_SHARE_MAX: f64 = 0.45;
 
 /// Coefficients for one cut-off and one sample rate.
 ///
-/// The analogue prototype under the bilinear transform, warped so that the cut-off (-3 dB) falls where it is asked for, in the
-/// trapezoidal state-variable form: its two states are integrals of the signal and not of the coefficients, so a
-/// cut-off that moves from sample to sample makes no step in the output.
+/// The analogue prototype under the bilinear transform, warped so that the cut-off (-3 dB) falls
+/// where it is asked for, in the trapezoidal state-variable form: its two states are integrals of
+/// the signal and not of the coefficients, so a cut-off that moves from sample to sample makes no
+/// step in the output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPass {
     sample_rate_hz: f64,
@@ -25,7 +27,8 @@ pub struct LowPass {
     delay_s: f64,
 }
 
-/// Memory of a [`LowPass`] on `N` channels. A new one is the reset: the first sample then passes as if it had always been there.
+/// Memory of a [`LowPass`] on `N` channels. A new one is the reset: the first sample then passes as
+/// if it had always been there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPassState<const N: usize> {
     first: SVector<f64, N>,
@@ -78,7 +81,8 @@ impl LowPass {
             a1,
             a2,
             a3: g * a2,
-            // H(s) = 1 - s √2/ω + ..., and the bilinear transform has s/ω = (z-1)/(z+1)/g, jωT/2/g at low frequency.
+            // H(s) = 1 - s √2/ω + ..., and the bilinear transform has s/ω = (z-1)/(z+1)/g, jωT/2/g
+            // at low frequency.
             delay_s: if cutoff_hz > 0.0 {
                 INVERSE_Q / (2.0 * g * sample_rate_hz)
             } else {
@@ -87,8 +91,9 @@ impl LowPass {
         })
     }
 
-    /// Delay of slow signals (phase and group delay at zero frequency), s: `√2 / (2 f_s tan(π f_c / f_s))`, which is
-    /// `0.2251 / f_c` for a cut-off far below the sample rate.
+    /// Delay of slow signals (phase and group delay at zero frequency), s:
+    /// `√2 / (2 f_s tan(π f_c / f_s))`, which is `0.2251 / f_c` for a cut-off far below the sample
+    /// rate.
     pub fn delay_s(&self) -> f64 {
         self.delay_s
     }
@@ -115,7 +120,8 @@ impl LowPass {
         (-7.5 / radius.ln()).ceil() as u32 + 1
     }
 
-    /// One sample in, one out. A sample that is not finite leaves the state as it was and returns the present output.
+    /// One sample in, one out. A sample that is not finite leaves the state as it was and returns
+    /// the present output.
     pub fn update<const N: usize>(
         &self,
         state: &mut LowPassState<N>,

@@ -1,15 +1,19 @@
-//! Torques that the environment puts on a torque-controlled arm's joints, from positions, velocities and motor torques alone.
+//! Torques that the environment puts on a torque-controlled arm's joints, from positions,
+//! velocities and motor torques alone.
 //!
-//! Called once per period by whoever has no force sensor at the wrist: the simulated Panda, whose own controller does the same. De Luca,
-//! Albu-Schäffer, Haddadin, Hirzinger 2006. Whatever the model leaves out is in the answer too, joint friction first of all.
+//! Called once per period for arms without a force sensor at the wrist: the simulated Panda, whose
+//! own controller does the same. De Luca, Albu-Schäffer, Haddadin, Hirzinger 2006. Whatever the
+//! model leaves out is in the answer too, joint friction first of all.
 
 use nalgebra::{SMatrix, Vector6};
 use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, Joints};
 
-/// Generalised-momentum observer, `r' = K (M q̈ - τ + C q̇ + g - r)`: the environment's torques behind a low-pass of gain `K`.
+/// Generalised-momentum observer, `r' = K (M q̈ - τ + C q̇ + g - r)`: the environment's torques
+/// behind a low-pass of gain `K`.
 ///
-/// The acceleration never appears: over a period the momentum changes by what the torques were on average.
+/// The acceleration never appears: over a period the momentum changes by what the torques were on
+/// average.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentumObserver {
     /// `K`, 1/s.
@@ -40,8 +44,9 @@ impl<const N: usize> Default for MomentumObserverState<N> {
 }
 
 impl MomentumObserver {
-    /// One period of `dt_s` that ended with the arm at `q` (rad) and `qd` (rad/s), and in which the motors gave `torque` (Nm).
-    /// Returns the estimate of what the environment did, Nm. Zero after the first period; input that is not finite changes nothing.
+    /// One period of `dt_s` that ended with the arm at `q` (rad) and `qd` (rad/s), and in which the
+    /// motors gave `torque` (Nm). Returns the estimate of what the environment did, Nm. Zero after
+    /// the first period; input that is not finite changes nothing.
     pub fn update<const N: usize>(
         &self,
         state: &mut MomentumObserverState<N>,
@@ -72,8 +77,8 @@ impl MomentumObserver {
     }
 }
 
-/// The wrench at the Jacobian's point and in its axes (N, then Nm) that comes nearest to `torque` (Nm) on the joints:
-/// `(J Jᵀ)⁻¹ J τ`, damped where the arm is nearly singular.
+/// The wrench at the Jacobian's point and in its axes (N, then Nm) that comes nearest to `torque`
+/// (Nm) on the joints: `(J Jᵀ)⁻¹ J τ`, damped where the arm is nearly singular.
 pub fn wrench_of_torques<const N: usize>(
     jacobian: &SMatrix<f64, 6, N>,
     torque: &Joints<N>,

@@ -14,7 +14,8 @@ pub struct Payload {
     pub mass_kg: f64,
     /// Centre of mass, sensor axes, m.
     pub com_in_sensor_m: [f64; 3],
-    /// Principal inertia about the centre of mass along sensor axes, kg m²; used only where the motion is given.
+    /// Principal inertia about the centre of mass along sensor axes, kg m²; used only where the
+    /// motion is given.
     pub inertia_kg_m2: [f64; 3],
 }
 
@@ -58,8 +59,8 @@ impl Payload {
         Ok(())
     }
 
-    /// What the payload alone does to the sensor, given the acceleration of gravity in sensor axes (m/s²):
-    /// weight, and with `motion` d'Alembert's forces.
+    /// What the payload alone does to the sensor, given the acceleration of gravity in sensor axes
+    /// (m/s²): weight, and with `motion` d'Alembert's forces.
     pub fn wrench(
         &self,
         gravity_in_sensor: &Vector3<f64>,

@@ -1,4 +1,5 @@
-//! One static pose for payload identification: the mean reading while the arm stands, refused when it does not.
+//! One static pose for payload identification: the mean reading while the arm stands, refused when
+//! it does not.
 
 use nalgebra::UnitQuaternion;
 use tangent_mechanics::{Base, Flange, Pose, Sensor, Tool, Wrench};
@@ -29,7 +30,8 @@ impl PoseAverage {
         }
     }
 
-    /// Takes one reading (before tare and payload) with the arm's pose at that time; `Some` when it is done or refused.
+    /// Takes one reading (before tare and payload) with the arm's pose at that time; `Some` when it
+    /// is done or refused.
     pub fn take(
         &mut self,
         reading: &Wrench<Sensor>,
@@ -51,8 +53,8 @@ impl PoseAverage {
     }
 }
 
-/// Finds the static poses in a stream of readings, as from a recording: wherever the arm stands for long enough, once per
-/// orientation in a row.
+/// Finds the static poses in a stream of readings, as from a recording: wherever the arm stands for
+/// long enough, once per orientation in a row.
 #[derive(Clone, Debug)]
 pub struct PoseFinder {
     config: TareConfig,

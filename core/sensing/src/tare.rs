@@ -1,4 +1,5 @@
-//! The sensor's zero: averaged on request while nothing touches and nothing moves, and refused otherwise.
+//! The sensor's zero: averaged on request while nothing touches and nothing moves, and refused
+//! otherwise.
 
 use nalgebra::Vector6;
 use serde::{Deserialize, Serialize};
@@ -38,7 +39,8 @@ pub struct TareConfig {
     pub drift_n_per_min: f64,
     /// Stated drift of the sensor's zero, Nm per minute.
     pub drift_nm_per_min: f64,
-    /// Most that this drift may explain of a jump where nothing has shown that the tool hangs free, N.
+    /// Most that this drift may explain of a jump where nothing has shown that the tool hangs free,
+    /// N.
     pub drift_max_n: f64,
     /// Most that the torque's drift may explain there, Nm.
     pub drift_max_nm: f64,
@@ -48,8 +50,8 @@ pub struct TareConfig {
     pub rated: Option<[f64; 6]>,
     /// Largest share of the rated load that a zero may take in any axis.
     pub rated_share_max: f64,
-    /// Largest force that can be a zero, N, also on a person's word: of a reading that is known to be near zero without a load.
-    /// None: any, as a sensor's strain gauges read.
+    /// Largest force that can be a zero, N, also on a person's word: of a reading that is known to
+    /// be near zero without a load. None: any, as a sensor's strain gauges read.
     pub zero_max_n: Option<f64>,
 }
 
@@ -123,8 +125,8 @@ impl TareConfig {
         Some(wrench.vector().component_div(&rated).amax())
     }
 
-    /// Whether a zero measured on this ground can be one: against the zero before as far as that still says something, and against
-    /// the rating. A person's word is not judged.
+    /// Whether a zero measured on this ground can be one: against the zero before as far as that
+    /// still says something, and against the rating. A person's word is not judged.
     ///
     /// # Errors
     /// [`TareRefusal::Jump`] or [`TareRefusal::Loaded`].
@@ -195,11 +197,12 @@ pub struct Tare {
     pub time_s: f64,
     /// What says that nothing pressed meanwhile.
     pub ground: TareGround,
-    /// The zero that later ones are judged against: this one where a person or a motion vouches for it, else the one before that
-    /// they vouched for. Small jumps do not add up.
+    /// The zero that later ones are judged against: this one where a person or a motion vouches for
+    /// it, else the one before that they vouched for. Small jumps do not add up.
     pub vouched: ZeroPoint,
-    /// The last zero that was taken after a motion had shown that the tool hangs free, or the first one ever. The limit on the
-    /// untared reading counts from it: no zero that came later can hide a load from it.
+    /// The last zero that was taken after a motion had shown that the tool hangs free, or the first
+    /// one ever. The limit on the untared reading counts from it: no zero that came later can hide
+    /// a load from it.
     pub shown: ZeroPoint,
 }
 

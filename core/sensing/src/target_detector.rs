@@ -1,8 +1,9 @@
 //! The four corners of a target in a grey image, with sub-pixel positions and the right labels.
 //!
-//! The target is a light plate with a mark of two dark and two light cells at each corner of a square, and a dark dot halfway
-//! between the square's middle and corner 0. The marks' saddle points are found by the ChESS detector of `chess-corners`. Called by
-//! whoever has images: the simulated camera, a camera service.
+//! The target is a light plate with a mark of two dark and two light cells at each corner of a
+//! square, and a dark dot halfway between the square's middle and corner 0. The marks' saddle
+//! points are found by the ChESS detector of `chess-corners`. Called wherever images are received:
+//! the simulated camera, a camera service.
 
 use chess_corners::{ChessRefiner, CornerDescriptor, Detector, DetectorConfig};
 use nalgebra::Vector2;
@@ -134,7 +135,8 @@ fn position(corner: &CornerDescriptor) -> Vector2<f64> {
     Vector2::new(f64::from(corner.x), f64::from(corner.y))
 }
 
-/// The strongest four that make a square seen from its front, beginning with the one that the dot belongs to.
+/// The strongest four that make a square seen from its front, beginning with the one that the dot
+/// belongs to.
 fn labelled(image: &GreyImage, points: &[Vector2<f64>]) -> Option<[Vector2<f64>; CORNERS]> {
     let count = points.len().min(CANDIDATES_MAX);
     for a in 0..count {
@@ -175,7 +177,8 @@ fn ordered(
     Some(four)
 }
 
-/// Where the diagonals cross, which is the square's middle under any perspective; none unless the four are convex.
+/// Where the diagonals cross, which is the square's middle under any perspective; none unless the
+/// four are convex.
 fn crossing(four: &[Vector2<f64>; CORNERS]) -> Option<Vector2<f64>> {
     let (u, v) = (four[2] - four[0], four[3] - four[1]);
     let cross = u.perp(&v);
@@ -189,7 +192,8 @@ fn crossing(four: &[Vector2<f64>; CORNERS]) -> Option<Vector2<f64>> {
 mod tests {
     use super::*;
 
-    /// A target seen flat: 100 px to a side, turned by `angle`, cells of 15 px, blurred over 2.4 px as by a lens.
+    /// A target seen flat: 100 px to a side, turned by `angle`, cells of 15 px, blurred over 2.4 px
+    /// as by a lens.
     fn drawn(middle: Vector2<f64>, angle: f64) -> (GreyImage, [Vector2<f64>; CORNERS]) {
         let (sin, cos) = angle.sin_cos();
         // x to the right, y up in the target; y down in the image.

@@ -43,7 +43,8 @@ impl Validity {
         self == Self::Valid
     }
 
-    /// The verdict took a run of readings: there is nothing to wait for, as there is after a single bad one.
+    /// The verdict took a run of readings: there is nothing to wait for, as there is after a single
+    /// bad one.
     pub fn is_judged_over_time(self) -> bool {
         matches!(
             self,

@@ -1,6 +1,10 @@
-//! `tangent evaluate` without a build of the network: a scenario file's figures, and with `trace=N` every Nth cycle.
+//! `tangent evaluate` without a build of the network: a scenario file's figures, and with `trace=N`
+//! every Nth cycle.
 //!
-//! `cargo run --release -p tangent-simulation --example evaluate -- scenarios/pipe_ideal.toml seed=2 trace=25`
+//! ```sh
+//! cargo run --release -p tangent-simulation --example evaluate -- \
+//!     scenarios/pipe_ideal.toml seed=2 trace=25
+//! ```
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
 use std::error::Error;

@@ -1,6 +1,9 @@
 //! The figures of `tangent reproduce lippiello`, without a build of the network.
 //!
-//! `cargo run --release -p tangent-simulation --example lippiello -- [seeds=20] [json] [key=value…]`
+//! ```sh
+//! cargo run --release -p tangent-simulation --example lippiello -- \
+//!     [seeds=20] [json] [key=value…]
+//! ```
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
 use std::error::Error;

@@ -1,6 +1,10 @@
-//! How honest the estimators' covariances are: mean of the normalised squared error per scenario, estimator and phase.
+//! How honest the estimators' covariances are: mean of the normalised squared error per scenario,
+//! estimator and phase.
 //!
-//! `cargo run --release -p tangent-simulation --example nees -- [seeds=5] [scenario=NAME…] [key=value…]`
+//! ```sh
+//! cargo run --release -p tangent-simulation --example nees -- \
+//!     [seeds=5] [scenario=NAME…] [key=value…]
+//! ```
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
 use std::path::Path;

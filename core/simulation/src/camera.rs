@@ -1,4 +1,5 @@
-//! A camera on the flange that sees an object's corners: pinhole, a frame rate, a delay, and a calibration that is wrong.
+//! A camera on the flange that sees an object's corners: pinhole, a frame rate, a delay, and a
+//! calibration that is wrong.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, UnitQuaternion, Vector2, Vector3};
@@ -27,8 +28,8 @@ pub enum FeatureSource {
     Image,
 }
 
-/// The `[plant.camera]` table. The calibration stated here is what the estimator is told; the true one differs from it by the
-/// errors, drawn from the seed.
+/// The `[plant.camera]` table. The calibration stated here is what the estimator is told; the true
+/// one differs from it by the errors, drawn from the seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraConfig {
@@ -50,9 +51,11 @@ pub struct CameraConfig {
     pub source: FeatureSource,
     /// The image, where one is drawn.
     pub image: ImageConfig,
-    /// Noise of a corner along each image axis, standard deviation, pixels; not with images, which have their own.
+    /// Noise of a corner along each image axis, standard deviation, pixels; not with images, which
+    /// have their own.
     pub noise_px: f64,
-    /// Largest error of the focal length, and of the principal point against its own coordinates; share.
+    /// Largest error of the focal length, and of the principal point against its own coordinates;
+    /// share.
     pub intrinsic_error_share: f64,
     /// Largest error of the camera's position along each axis, m.
     pub position_error_m: f64,
@@ -138,7 +141,7 @@ pub struct Camera {
     frames_taken: u64,
     under_way: ArrayVec<CameraFrame, FRAMES_MAX>,
     detector: TargetDetector,
-    /// Whoever draws elsewhere takes exposures instead of frames.
+    /// A caller that renders elsewhere takes exposures instead of frames.
     elsewhere: bool,
     exposed: Option<Exposure>,
 }
@@ -181,7 +184,8 @@ impl Camera {
         })
     }
 
-    /// From now on the images are drawn by the one returned, from [`Camera::take_exposure`]; no frame comes any more.
+    /// From now on the images are drawn by the one returned, from [`Camera::take_exposure`]; no
+    /// frame comes any more.
     pub fn hand_over(&mut self, corners_m: [Vector3<f64>; CORNERS]) -> Imager {
         self.elsewhere = true;
         Imager {
@@ -192,7 +196,7 @@ impl Camera {
         }
     }
 
-    /// The newest exposure that nobody took.
+    /// The newest exposure that has not been taken.
     pub fn take_exposure(&mut self) -> Option<Exposure> {
         self.exposed.take()
     }

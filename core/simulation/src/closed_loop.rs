@@ -404,7 +404,9 @@ impl ClosedLoop {
         }
         let command = match self.output.kind {
             // A velocity-controlled arm accepts no torques.
-            CommandKind::Hold | CommandKind::JointTorque => VelocityCommand::hold(),
+            CommandKind::Hold | CommandKind::SoftStop | CommandKind::JointTorque => {
+                VelocityCommand::hold()
+            }
             CommandKind::JointVelocity if !self.arm_ready => VelocityCommand::hold(),
             CommandKind::JointVelocity => VelocityCommand {
                 qd: self.output.qd,

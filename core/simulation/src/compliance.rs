@@ -32,11 +32,11 @@ impl Compliance {
         }
     }
 
-    /// One step of `dt` (s). `rigid` is the motion the pad would have on a stiff tool; returns the contact and the true
-    /// motion.
+    /// One step of `dt` (s). `rigid` is the motion the pad would have on a stiff tool; returns the
+    /// contact and the true motion.
     ///
-    /// The balance `W(x, x') = K d + C d'` is solved linearly implicit: contact and friction are far stiffer than what an
-    /// explicit step of a millisecond takes.
+    /// The balance `W(x, x') = K d + C d'` is solved linearly implicit: contact and friction are
+    /// far stiffer than what an explicit step of a millisecond takes.
     pub fn step(
         &mut self,
         pad: &mut Pad,

@@ -1,4 +1,5 @@
-//! One cycle of the closed loop in a line of text, for those who look for the moment when something goes wrong.
+//! One cycle of the closed loop in a line of text, for those who look for the moment when something
+//! goes wrong.
 
 use std::fmt;
 
@@ -8,8 +9,8 @@ use crate::LoopCycle;
 use crate::metrics::angle_deg;
 
 impl fmt::Display for LoopCycle<'_> {
-    /// Time, phase, forces along the true normal, errors of normal and tool, speeds along and across the surface, and what
-    /// the law makes of the contact.
+    /// Time, phase, forces along the true normal, errors of normal and tool, speeds along and
+    /// across the surface, and what the law makes of the contact.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let truth = self.truth;
         let normal_error = self

@@ -1,4 +1,5 @@
-//! Normals from drawn depth images: the simulated depth camera and `depth_normal` behind it, as the live system has them.
+//! Normals from drawn depth images: the simulated depth camera and `depth_normal` behind it, as the
+//! live system has them.
 
 use std::collections::VecDeque;
 
@@ -75,8 +76,8 @@ impl DepthSource {
         })
     }
 
-    /// Exposes a frame where one is due at `time_s`, with the flange where the arm measures it and the tool's origin moving at
-    /// `velocity` (base axes, m/s).
+    /// Exposes a frame where one is due at `time_s`, with the flange where the arm measures it and
+    /// the tool's origin moving at `velocity` (base axes, m/s).
     pub fn expose(
         &mut self,
         time_s: f64,

@@ -1,7 +1,8 @@
 //! Surfaces, contact, friction, arm and sensor models, and the closed loop of evaluate.
 //!
-//! Called by the `simulator` service, which puts the [`Plant`] behind sockets, and by `tangent evaluate`, which closes the
-//! loop in one thread. Nothing here reads a clock; equal configuration and seed give equal bits.
+//! Called by the `simulator` service, which puts the [`Plant`] behind sockets, and by
+//! `tangent evaluate`, which closes the loop in one thread. Nothing here reads a clock; equal
+//! configuration and seed give equal bits.
 
 mod camera;
 mod closed_loop;

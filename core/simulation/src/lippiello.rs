@@ -1,5 +1,5 @@
-//! The figures that `tangent reproduce lippiello` states: four systems over the same seeds of calibration error, and what to read
-//! off their runs.
+//! The figures that `tangent reproduce lippiello` states: four systems over the same seeds of
+//! calibration error, and what to read off their runs.
 
 use serde::Serialize;
 
@@ -186,7 +186,8 @@ pub fn figures(runs: &[Runs]) -> Vec<LippielloFigure> {
             0.1,
             |f| f.about_surface_settled_deg,
         );
-        // No peak lies below the force that is asked for: where the camera alone leaves less than that to take away, there is no goal.
+        // No peak lies below the force that is asked for: where the camera alone leaves less than
+        // that to take away, there is no goal.
         let vision_peak = median(&picked(of(vision), |f| f.peak_at_contact_n));
         let within_reach = vision_peak.is_none_or(|n| PEAK_SHARE * n >= REFERENCE_N);
         let share = if within_reach {

@@ -1,4 +1,5 @@
-//! The arm of a torque-controlled cell with what hangs on its flange: for the plant as it is, for the law as the cell file says.
+//! The arm of a torque-controlled cell with what hangs on its flange: for the plant as it is, for
+//! the law as the cell file says.
 
 use nalgebra::{Matrix3, Vector3};
 use tangent_mechanics::{Arm, ModelData, Payload};
@@ -6,7 +7,8 @@ use tangent_mechanics::{Arm, ModelData, Payload};
 use crate::plant_config::ToolConfig;
 use crate::plant_error::PlantError;
 
-/// The built-in model `robot` with the tool's payload; with `as_it_is`, the payload's error is in it too.
+/// The built-in model `robot` with the tool's payload; with `as_it_is`, the payload's error is in
+/// it too.
 ///
 /// # Errors
 /// An unknown robot, or one with another number of joints.

@@ -41,7 +41,8 @@ pub struct ArmMeasurement {
 pub struct SensorSample {
     /// Time since the plant was made, s.
     pub time_s: f64,
-    /// Fx, Fy, Fz, Tx, Ty, Tz in counts, sensor axes: what the environment and gravity do to the sensor.
+    /// Fx, Fy, Fz, Tx, Ty, Tz in counts, sensor axes: what the environment and gravity do to the
+    /// sensor.
     pub counts: [i32; 6],
     /// A gauge is at its end.
     pub saturated: bool,

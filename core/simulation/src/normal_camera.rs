@@ -1,5 +1,6 @@
-//! A camera reduced to what a law takes from it: the surface's normal at the tool with a camera's rate, delay and errors. No image is
-//! drawn, so runs are fast; the source that draws and reads depth images gives the same samples.
+//! A camera reduced to what a law takes from it: the surface's normal at the tool with a camera's
+//! rate, delay and errors. No image is drawn, so runs are fast; the source that draws and reads
+//! depth images gives the same samples.
 
 use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
@@ -31,7 +32,8 @@ pub struct NormalCameraConfig {
     pub delay_s: f64,
     /// Error of each frame's normal about each axis across it, standard deviation, rad.
     pub normal_sd_rad: f64,
-    /// Error that stays, from the camera's mounting: about each axis, standard deviation over seeds, rad.
+    /// Error that stays, from the camera's mounting: about each axis, standard deviation over
+    /// seeds, rad.
     pub mounting_sd_rad: f64,
     /// Error of the shape operator's entries, standard deviation, 1/m.
     pub curvature_sd_per_m: f64,
@@ -202,8 +204,9 @@ impl NormalCamera {
     }
 }
 
-/// λ₃ / tr Σ of the points on a round patch, eq. (16), in closed form: on `z = (k₁ x² + k₂ y²) / 2` over a disk of radius r the
-/// heights have the variance r⁴/64 (k₁² + k₂² - 2/3 k₁ k₂), and each axis across r²/4.
+/// λ₃ / tr Σ of the points on a round patch, eq. (16), in closed form: on `z = (k₁ x² + k₂ y²) / 2`
+/// over a disk of radius r the heights have the variance r⁴/64 (k₁² + k₂² - 2/3 k₁ k₂), and each
+/// axis across r²/4.
 pub(crate) fn surface_variation(curvature: &Matrix3<f64>, radius_m: f64, noise_m: f64) -> f64 {
     let eigen = SymmetricEigen::new(*curvature).eigenvalues;
     // The eigenvalue along the normal is the zero among them: sums leave it out by themselves.

@@ -1,5 +1,5 @@
-//! The simulated cell of object-pose scenarios: a torque-controlled arm with a stick, an object that yields, a force sensor and
-//! a camera on the wrist. One control period per step.
+//! The simulated cell of object-pose scenarios: a torque-controlled arm with a stick, an object
+//! that yields, a force sensor and a camera on the wrist. One control period per step.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use tangent_estimation::{CORNERS, CameraFrame, CameraModel};
@@ -47,7 +47,8 @@ pub struct ObjectPlant {
 }
 
 impl ObjectPlant {
-    /// Builds the cell at rest in its start pose, motors holding the arm. `corners` are the target's, object axes, m.
+    /// Builds the cell at rest in its start pose, motors holding the arm. `corners` are the
+    /// target's, object axes, m.
     ///
     /// # Errors
     /// Says which key is wrong and what is allowed, or why the start pose cannot be reached.
@@ -112,7 +113,8 @@ impl ObjectPlant {
         Ok(plant)
     }
 
-    /// One period under motor torques (Nm), from their delay line to the sensor's samples and the camera.
+    /// One period under motor torques (Nm), from their delay line to the sensor's samples and the
+    /// camera.
     pub fn step(&mut self, torque: &Joints<6>) {
         self.sensor.clear();
         let delay = self.config.arm.delay_periods;
@@ -225,12 +227,13 @@ impl ObjectPlant {
         self.camera.take(time)
     }
 
-    /// From now on the camera's images are drawn by the one returned, from [`ObjectPlant::take_exposure`].
+    /// From now on the camera's images are drawn by the one returned, from
+    /// [`ObjectPlant::take_exposure`].
     pub fn hand_over_camera(&mut self) -> Imager {
         self.camera.hand_over(self.corners)
     }
 
-    /// The camera's newest exposure that nobody took.
+    /// The camera's newest exposure that has not been taken.
     pub fn take_exposure(&mut self) -> Option<Exposure> {
         self.camera.take_exposure()
     }

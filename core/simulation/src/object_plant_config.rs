@@ -17,7 +17,8 @@ pub struct ObjectPlantConfig {
     /// Torque control, friction, encoders.
     #[serde(default)]
     pub arm: TorqueArmConfig,
-    /// The object's surface and where it stands when nothing presses: `base_from_object` is `base_from_surface`.
+    /// The object's surface and where it stands when nothing presses: `base_from_object` is
+    /// `base_from_surface`.
     pub surface: SurfaceConfig,
     /// How the object moves.
     #[serde(default)]
@@ -46,8 +47,8 @@ pub struct ObjectMotionConfig {
     pub velocity_m_per_s: [f64; 3],
     /// Constant angular velocity, base axes, rad/s.
     pub turn_rate_rad_per_s: [f64; 3],
-    /// Pressed, the whole object gives way along the normal and the camera sees it (the paper's elastic law); otherwise only
-    /// the spot under the tool does.
+    /// Pressed, the whole object gives way along the normal and the camera sees it (the paper's
+    /// elastic law); otherwise only the spot under the tool does.
     pub yields: bool,
 }
 

@@ -1,4 +1,5 @@
-//! A scenario of the `lippiello` system: a torque-controlled arm, an object of known shape, a camera. Files of kind `object_pose`.
+//! A scenario of the `lippiello` system: a torque-controlled arm, an object of known shape, a
+//! camera. Files of kind `object_pose`.
 
 use serde::{Deserialize, Serialize};
 use tangent_control::{HybridDynamicsConfig, Limits, Task};
@@ -61,7 +62,8 @@ impl ObjectScenario {
         is_of_kind(text, "object_pose")
     }
 
-    /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted keys.
+    /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted
+    /// keys.
     ///
     /// # Errors
     /// Names the file or override, the key, the value and what is allowed.
@@ -96,7 +98,8 @@ impl ObjectScenario {
         )?)
     }
 
-    /// The surface as the estimator knows it, which must be the plant's: the object's geometry is known.
+    /// The surface as the estimator knows it, which must be the plant's: the object's geometry is
+    /// known.
     ///
     /// # Errors
     /// A surface that is not among those with a φ, or another one than the estimator is told of.

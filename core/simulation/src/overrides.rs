@@ -43,8 +43,9 @@ pub enum OverrideError {
     },
 }
 
-/// Sets one value. Tables on the way that are not there are made; whether the key exists at all is decided when the
-/// scenario is read, which knows the allowed ones. A value that is no TOML is taken as text.
+/// Sets one value. Tables on the way that are not there are made; whether the key exists at all is
+/// decided when the scenario is read, which knows the allowed ones. A value that is no TOML is
+/// taken as text.
 ///
 /// # Errors
 /// Says which part of the path is wrong.

@@ -1,10 +1,13 @@
-//! What an arm that takes torques does by itself while nobody may move it: it brakes and holds the place where it was stopped.
+//! What a torque-controlled arm does by itself while it may not be moved: it brakes and holds the
+//! place where it was stopped.
 
 use tangent_mechanics::{Arm, Joints};
 
-/// Bandwidth of the hold, rad/s, critically damped. Acts on accelerations, so it is one for all joints.
+/// Bandwidth of the hold, rad/s, critically damped. Acts on accelerations, so it is one for all
+/// joints.
 const HOLD_RAD_PER_S: f64 = 60.0;
-/// Time constant in which the motion and the torques before the stop fade, s: no torque jumps, whose rate the motors would cut.
+/// Time constant in which the motion and the torques before the stop fade, s: no torque jumps,
+/// whose rate the motors would cut.
 const FADE_S: f64 = 0.08;
 
 /// The hold's memory; a new one for each stop.
@@ -23,8 +26,8 @@ struct Fading<const N: usize> {
 }
 
 impl<const N: usize> OwnHold<N> {
-    /// Torques (Nm) for the arm at `q` (rad) and `qd` (rad/s), gravity in them, by the `model` that the robot has of itself; `last` are
-    /// those of the period before, `dt` s long.
+    /// Torques (Nm) for the arm at `q` (rad) and `qd` (rad/s), gravity in them, by the `model` that
+    /// the robot has of itself; `last` are those of the period before, `dt` s long.
     pub fn torque(
         &mut self,
         model: &Arm<N>,

@@ -56,10 +56,11 @@ pub struct Scenario {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PipelineConfig {
-    /// From the arm's packet to the start of the period in which its answer acts: the robot program reads its registers once
-    /// per period.
+    /// From the arm's packet to the start of the period in which its answer acts: the robot program
+    /// reads its registers once per period.
     pub exchange_cycles: usize,
-    /// Age of an estimate when the controller uses it: an estimator in another process answers to the next cycle.
+    /// Age of an estimate when the controller uses it: an estimator in another process answers to
+    /// the next cycle.
     pub estimate_cycles: usize,
 }
 
@@ -142,8 +143,8 @@ pub enum ScenarioError {
 }
 
 impl Scenario {
-    /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted keys; `read` gives the text
-    /// of a file that the scenario names, or why not.
+    /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted
+    /// keys; `read` gives the text of a file that the scenario names, or why not.
     ///
     /// # Errors
     /// Names the file or override, the key, the value and what is allowed.

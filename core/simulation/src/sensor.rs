@@ -12,7 +12,8 @@ use crate::servo::quantise;
 /// Share of a gauge's range that one rated load alone takes up.
 const RATED_SHARE: f64 = 0.98;
 
-/// Steps of the random walk per second: fixed, so that it is the same walk whatever the sample rate.
+/// Steps of the random walk per second: fixed, so that it is the same walk whatever the sample
+/// rate.
 const WALK_RATE_HZ: f64 = 100.0;
 
 /// Sensor with its state. One [`Sensor::read`] per sample.
@@ -137,7 +138,8 @@ fn multiply(matrix: &Matrix6<f64>, vector: &Vector6<f64>) -> Vector6<f64> {
     Vector6::from_fn(|i, _| (0..6).map(|j| matrix[(i, j)] * vector[j]).sum())
 }
 
-/// Three beams at 120°, each with a gauge for bending up and one for bending sideways, as in a Maltese-cross sensor:
+/// Three beams at 120°, each with a gauge for bending up and one for bending sideways, as in a
+/// Maltese-cross sensor:
 ///
 /// ```text
 /// up_i   = Fz/Fz_max + (Tx sin a_i - Ty cos a_i)/T_max

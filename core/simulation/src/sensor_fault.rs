@@ -1,4 +1,5 @@
-//! What a force/torque sensor can do wrong while its records go on: for tests, and for `tangent evaluate --set`.
+//! What a force/torque sensor can do wrong while its records go on: for tests, and for
+//! `tangent evaluate --set`.
 
 use std::collections::VecDeque;
 
@@ -37,8 +38,8 @@ pub enum SensorFault {
         /// Since when.
         from_s: f64,
     },
-    /// The reading no longer answers to load: it stays at what was felt at `from_s`, and the noise, the drift and the steps of a living
-    /// sensor go on.
+    /// The reading no longer answers to load: it stays at what was felt at `from_s`, and the noise,
+    /// the drift and the steps of a living sensor go on.
     Deaf {
         /// The axis that does not answer, 0 Fx to 5 Tz; all of them where none is named.
         #[serde(default)]
@@ -109,7 +110,8 @@ impl FaultySensor {
         }
     }
 
-    /// What reaches the gauges in place of the load `wrench` (N, Nm) at `time_s`: noise, drift and steps come on top.
+    /// What reaches the gauges in place of the load `wrench` (N, Nm) at `time_s`: noise, drift and
+    /// steps come on top.
     pub fn load(&mut self, time_s: f64, wrench: &Vector6<f64>) -> Vector6<f64> {
         match self.fault {
             SensorFault::Deaf {

@@ -1,4 +1,5 @@
-//! What the sensor carries: the contact's wrench, and weight and inertia of everything on its tool side.
+//! What the sensor carries: the contact's wrench, and weight and inertia of everything on its tool
+//! side.
 
 use nalgebra::{Isometry3, Vector3, Vector6};
 use tangent_mechanics::{Flange, Pose, Sensor as SensorFrame};
@@ -9,7 +10,8 @@ use crate::plant_config::ToolConfig;
 /// Standard gravity, m/s², along minus z of the base.
 const GRAVITY_M_PER_S2: f64 = 9.80665;
 
-/// The flange at the end of a sub-step, floor axes: those of the base at time zero, in which the surface stands.
+/// The flange at the end of a sub-step, floor axes: those of the base at time zero, in which the
+/// surface stands.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Body {
     pub pose: Isometry3<f64>,
@@ -53,8 +55,8 @@ impl SensorLoad {
         self.flange_from_sensor
     }
 
-    /// Contact (at `contact_at`, base axes, m), gravity and inertia of the payload on the sensor: N and Nm, sensor axes.
-    /// Accelerations are those of the flange's origin, base axes.
+    /// Contact (at `contact_at`, base axes, m), gravity and inertia of the payload on the sensor: N
+    /// and Nm, sensor axes. Accelerations are those of the flange's origin, base axes.
     pub fn wrench(
         &self,
         body: &Body,

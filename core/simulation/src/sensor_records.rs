@@ -39,7 +39,8 @@ impl SensorRecords {
         self.records.clear();
     }
 
-    /// One sub-step of `dt` (s), at whose end the sensor feels `wrench`; between sub-steps the wrench is a straight line.
+    /// One sub-step of `dt` (s), at whose end the sensor feels `wrench`; between sub-steps the
+    /// wrench is a straight line.
     pub fn advance(&mut self, time_before: f64, dt: f64, wrench: Vector6<f64>) {
         let time_after = time_before + dt;
         loop {

@@ -1,4 +1,5 @@
-//! The arm as its maker's controller shows it from outside: a velocity servo with a delay, a limit and a lag.
+//! The arm as its maker's controller shows it from outside: a velocity servo with a delay, a limit
+//! and a lag.
 
 use tangent_mechanics::{Joints, Limits};
 

@@ -11,7 +11,8 @@ use crate::surfaces::Surface;
 pub fn tool_pose(start: &StartConfig, surface: &Surface) -> Pose<Base, Tool> {
     let at = surface.query(&Vector3::from(start.near_m));
     let z = -at.normal;
-    // The tool's x axis as near to the base's x as it can be; on a surface that faces along x, as near to y.
+    // The tool's x axis as near to the base's x as it can be; on a surface that faces along x, as
+    // near to y.
     let seed = if z.x.abs() < 0.9 {
         Vector3::x()
     } else {

@@ -1,4 +1,5 @@
-//! The `[plant]` table of a visuo-tactile scenario: a torque-controlled arm without a force sensor, a surface, a camera.
+//! The `[plant]` table of a visuo-tactile scenario: a torque-controlled arm without a force sensor,
+//! a surface, a camera.
 
 use serde::{Deserialize, Serialize};
 use tangent_estimation::depth_normal::DepthNormalConfig;
@@ -22,7 +23,8 @@ pub struct TactilePlantConfig {
     pub arm: TorqueArmConfig,
     /// The surface and where it stands.
     pub surface: SurfaceConfig,
-    /// Pad and what hangs on the flange; there is no sensor, and the pad's softness is in `contact`.
+    /// Pad and what hangs on the flange; there is no sensor, and the pad's softness is in
+    /// `contact`.
     #[serde(default)]
     pub tool: ToolConfig,
     /// Stiffness of surface and pad in series, friction.

@@ -1,4 +1,5 @@
-//! A scenario of the `karacan` system: a torque-controlled arm that feels through its joints, and a camera. Files of kind `visuo_tactile`.
+//! A scenario of the `karacan` system: a torque-controlled arm that feels through its joints, and a
+//! camera. Files of kind `visuo_tactile`.
 
 use serde::{Deserialize, Serialize};
 use tangent_control::{
@@ -57,7 +58,8 @@ impl TactileScenario {
         is_of_kind(text, "visuo_tactile")
     }
 
-    /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted keys.
+    /// Reads a scenario. `file` is its name for messages; `overrides` are `key=value` with dotted
+    /// keys.
     ///
     /// # Errors
     /// Names the file or override, the key, the value and what is allowed.

@@ -1,4 +1,5 @@
-//! The grey image that a camera takes of the target: what `tangent_sensing::TargetDetector` is to find, with blur and noise.
+//! The grey image that a camera takes of the target: what `tangent_sensing::TargetDetector` is to
+//! find, with blur and noise.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use rand_distr::{Distribution, StandardNormal};
@@ -104,9 +105,9 @@ pub fn draw(
         camera_from_object.rotate(&y),
         camera_from_object.transform_point(&corners_m[0]),
     ];
-    let plate_from_sight = Matrix3::from_columns(&columns).try_inverse();
+    let plate_from_ray = Matrix3::from_columns(&columns).try_inverse();
     let mut window = Window::empty(config.blur_px);
-    if let Some(plate_from_sight) = plate_from_sight {
+    if let Some(plate_from_ray) = plate_from_ray {
         let seen = seen_part(
             &plate,
             camera,
@@ -124,8 +125,8 @@ pub fn draw(
                     f64::from(column) + share(i % SAMPLES),
                     f64::from(row) + share(i / SAMPLES),
                 );
-                let sight = camera.normalised(&pixel).push(1.0);
-                let p = plate_from_sight * sight;
+                let ray = camera.normalised(&pixel).push(1.0);
+                let p = plate_from_ray * ray;
                 // A plate behind the camera is not seen.
                 sum += if p.z > 0.0 {
                     plate.grey(&(p.xy() / p.z))

@@ -1,4 +1,5 @@
-//! A torque-controlled arm: full rigid-body dynamics, joint friction, torque limits. Serves every arm model.
+//! A torque-controlled arm: full rigid-body dynamics, joint friction, torque limits. Serves every
+//! arm model.
 
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::linear_solve::solve_positive_definite;
@@ -10,7 +11,8 @@ use crate::servo::quantise;
 /// Longest delay of a torque, periods.
 pub(crate) const DELAY_PERIODS_MAX: usize = 8;
 
-/// The `[plant.arm]` table of a torque-controlled cell. One entry per joint, base to flange; a single entry holds for all.
+/// The `[plant.arm]` table of a torque-controlled cell. One entry per joint, base to flange; a
+/// single entry holds for all.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TorqueArmConfig {
@@ -150,10 +152,12 @@ impl<const N: usize> TorqueArm<N> {
         }
     }
 
-    /// One sub-step of `dt` (s) under motor torques and `external` ones (Nm, what the environment does to the joints).
+    /// One sub-step of `dt` (s) under motor torques and `external` ones (Nm, what the environment
+    /// does to the joints).
     ///
-    /// Velocity first, position with the new velocity: no energy is gained in a spring however long it is watched. Friction acts
-    /// on the new velocity, so it can stop a joint but not turn it back.
+    /// Velocity first, position with the new velocity: no energy is gained in a spring however long
+    /// it is watched. Friction acts on the new velocity, so it can stop a joint but not turn it
+    /// back.
     pub fn step(&mut self, torque: &Joints<N>, external: &Joints<N>, dt: f64) {
         let (mut mass, bias) = self.model.mass_matrix_and_bias(&self.q, &self.qd);
         let slope = self.friction.slope(&self.qd);

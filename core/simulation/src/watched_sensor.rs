@@ -1,4 +1,5 @@
-//! The sensor's samples as the conditioning takes them: in N and Nm, and past the watch that judges them.
+//! The sensor's samples as the conditioning takes them: in N and Nm, and past the watch that judges
+//! them.
 
 use nalgebra::{Vector3, Vector6};
 use tangent_mechanics::{Sensor as SensorFrame, Wrench};
@@ -39,7 +40,8 @@ impl WatchedSensor {
         }
     }
 
-    /// A reading without the arm's pose; none for a sample that is left out. `tool` is where it was last, m, and `felt` what it felt.
+    /// A reading without the arm's pose; none for a sample that is left out. `tool` is where it was
+    /// last, m, and `felt` what it felt.
     pub fn take(
         &mut self,
         sample: &SensorSample,

@@ -1,4 +1,5 @@
-//! The external wrench as a torque-controlled robot itself would give it: a momentum observer on its own model, late and noisy.
+//! The external wrench as a torque-controlled robot itself would give it: a momentum observer on
+//! its own model, late and noisy.
 
 use arrayvec::ArrayVec;
 use nalgebra::SMatrix;
@@ -111,8 +112,9 @@ impl<const N: usize> WrenchEstimate<N> {
         }
     }
 
-    /// One period that ended at measured `q` and `qd` under motor torques `torque` (Nm). `jacobian` is the tool's. Returns the wrench
-    /// on the tool and the torques on the joints that have arrived by now.
+    /// One period that ended at measured `q` and `qd` under motor torques `torque` (Nm). `jacobian`
+    /// is the tool's. Returns the wrench on the tool and the torques on the joints that have
+    /// arrived by now.
     pub fn step(
         &mut self,
         q: &Joints<N>,

@@ -1,4 +1,5 @@
-//! What the estimators claim holds against the truth, over scenarios, seeds, frictions, stiffnesses and noises.
+//! What the estimators claim holds against the truth, over scenarios, seeds, frictions, stiffnesses
+//! and noises.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used, clippy::disallowed_methods)]
@@ -39,8 +40,8 @@ fn over_seeds(name: &str, seeds: u64, overrides: &[&str]) -> [Phases; 4] {
     sums
 }
 
-/// Never over-confident by more than a factor of two in variance; what is claimed is of use; and where bias, friction or the
-/// surface's shape make the error, it is of the size claimed.
+/// Never over-confident by more than a factor of two in variance; what is claimed is of use; and
+/// where bias, friction or the surface's shape make the error, it is of the size claimed.
 #[test]
 fn what_is_claimed_is_true_and_of_use() {
     // Ideal sensing draws nothing from the seed.
@@ -50,7 +51,8 @@ fn what_is_claimed_is_true_and_of_use() {
                 "sheet" => 0.4,
                 "cone_realistic" => 0.25,
                 "pipe_realistic" => 0.08,
-                // Perfect sensors on a perfect surface: the error is next to nothing, the claim never is.
+                // Perfect sensors on a perfect surface: the error is next to nothing, the claim
+                // never is.
                 _ => 0.0,
             };
             for (estimator, phases) in ESTIMATORS.iter().zip(&over_seeds(name, seeds, &[])) {

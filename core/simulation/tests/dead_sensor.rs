@@ -1,4 +1,5 @@
-//! A sensor that stands still behind records that go on: the true force stays bounded, by the simulator's own truth.
+//! A sensor that stands still behind records that go on: the true force stays bounded, by the
+//! simulator's own truth.
 
 // A test says what it found, and reads the scenarios that ship.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
@@ -21,8 +22,8 @@ fn scenario(name: &str, settings: &[String]) -> Scenario {
     Scenario::parse(name, &text, settings, &|_| Err("no other file".to_owned())).unwrap()
 }
 
-/// A surface of so many N/m under an ATI Gamma as it comes from the box (steps of a micronewton, noise of a few hundredths of a
-/// newton), or under a sensor without any noise.
+/// A surface of so many N/m under an ATI Gamma as it comes from the box (steps of a micronewton,
+/// noise of a few hundredths of a newton), or under a sensor without any noise.
 fn settings(stiffness: f64, noisy: bool) -> Vec<String> {
     let mut all = vec![
         format!("plant.contact.stiffness_n_per_m={stiffness:.1}"),
@@ -151,7 +152,8 @@ fn a_stuck_axis_never_hides_more_than_ten_newtons() {
     }
 }
 
-/// Nothing can be learnt from a sensor without noise: what gives it away is that the tool moves and the reading does not.
+/// Nothing can be learnt from a sensor without noise: what gives it away is that the tool moves and
+/// the reading does not.
 #[test]
 fn a_frozen_sensor_without_noise_is_noticed_within_two_millimetres() {
     let mut worst: (f64, f64) = (0.0, 0.0);
@@ -184,7 +186,8 @@ fn a_frozen_sensor_without_noise_is_noticed_within_two_millimetres() {
     );
 }
 
-/// A reading that is too low or too late is no standstill. What bounds it is the law and its limits; what is left is stated.
+/// A reading that is too low or too late is no standstill. What bounds it is the law and its
+/// limits; what is left is stated.
 #[test]
 fn a_zero_that_leaps_and_an_old_reading_stay_bounded() {
     for name in SURFACES {
@@ -212,7 +215,8 @@ fn a_zero_that_leaps_and_an_old_reading_stay_bounded() {
     }
 }
 
-/// The torque-controlled arm with a sensor at its wrist: `hybrid_dynamics`, twice the reference being more than 10 N.
+/// The torque-controlled arm with a sensor at its wrist: `hybrid_dynamics`, twice the reference
+/// being more than 10 N.
 #[test]
 fn a_frozen_sensor_of_the_torque_arm_is_noticed_within_two_cycles() {
     for name in ["lippiello_plane", "lippiello_sphere", "lippiello_cylinder"] {
@@ -244,7 +248,8 @@ fn a_frozen_sensor_of_the_torque_arm_is_noticed_within_two_cycles() {
                 assert!(pressed, "{name}: nothing was pressed before {from_s} s");
                 assert_eq!(e.phase, "fault", "{name} {fault}: {:?}", e.fault);
                 assert!(peak_n <= bound_n, "{name} {fault}: {peak_n} N");
-                // Two cycles of a robot at 125 Hz; this arm's own are of a millisecond, which only finer counts could meet.
+                // Two cycles of a robot at 125 Hz; this arm's own are of a millisecond, which only
+                // finer counts could meet.
                 let late_s = left_s.unwrap() - from_s;
                 assert!(late_s <= 0.016, "{name} {fault}: {late_s} s");
             }

@@ -1,5 +1,6 @@
-//! A sensor whose reading no longer answers to load and still carries its noise: how far the true force goes under each law, by the
-//! simulator's own truth, and that no living sensor is taken for one.
+//! A sensor whose reading no longer answers to load and still carries its noise: how far the true
+//! force goes under each law, by the simulator's own truth, and that no living sensor is taken for
+//! one.
 
 // A test says what it found, and reads the scenarios that ship.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
@@ -76,7 +77,8 @@ fn calm(law: Law, world: &World, stiffness: f64) -> (f64, f64) {
     }
 }
 
-/// The largest true pressing force from the fault on, N, what bounds it, why the task ended, and how long that took, s.
+/// The largest true pressing force from the fault on, N, what bounds it, why the task ended, and
+/// how long that took, s.
 fn deaf(
     law: Law,
     world: &World,
@@ -162,8 +164,8 @@ fn table(law: Law, all: bool, is_held: impl Fn(&str, f64, bool) -> bool) {
     assert!(wrong.is_empty(), "{law:?}: {wrong:#?}");
 }
 
-/// Touch alone finds the normal: while it slides, a deaf sensor is a surface that recedes. On 50 kN/m the stiffness is not known yet when the
-/// sensor dies.
+/// Touch alone finds the normal: while it slides, a deaf sensor is a surface that recedes. On 50
+/// kN/m the stiffness is not known yet when the sensor dies.
 #[test]
 fn under_the_velocity_law() {
     table(Law::Velocity, false, velocity_holds);
@@ -173,7 +175,8 @@ fn velocity_holds(moment: &str, stiffness: f64, _: bool) -> bool {
     moment == "builds up" && stiffness < 2e4
 }
 
-/// The laws of torques do not judge the mean: their published gains let the force lag the depth, and a living sensor would be refused.
+/// The laws of torques do not judge the mean: their published gains let the force lag the depth,
+/// and a living sensor would be refused.
 fn torque_laws_hold(_: &str, _: f64, _: bool) -> bool {
     false
 }

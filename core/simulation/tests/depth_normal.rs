@@ -1,5 +1,5 @@
-//! Normals from the simulated depth camera: how far off they are, how much of the image has one, and whether the covariance at the
-//! tool is honest.
+//! Normals from the simulated depth camera: how far off they are, how much of the image has one,
+//! and whether the covariance at the tool is honest.
 
 // A whole file of tests: what fails here is the test.
 #![allow(

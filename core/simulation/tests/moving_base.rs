@@ -1,5 +1,5 @@
-//! A platform that moves under the working arm: the force holds, the map stays with the floor, and what its odometry does
-//! wrong ends in a word.
+//! A platform that moves under the working arm: the force holds, the map stays with the floor, and
+//! what its odometry does wrong ends in a word.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -46,11 +46,12 @@ fn well(result: &Evaluation, what: &str) {
     assert_eq!(result.figures.contact.lost_count, 0, "{what}");
 }
 
-/// 2 cm/s at most, rolling as a platform does, and straight at the tool as none does; with odometry that is noisy, slips and
-/// is 20 or 50 ms old without saying so.
+/// 2 cm/s at most, rolling as a platform does, and straight at the tool as none does; with odometry
+/// that is noisy, slips and is 20 or 50 ms old without saying so.
 #[test]
 fn the_force_stays_within_fifteen_percent_while_the_base_moves() {
-    // The sensor's own drift after the tare is 5 % on seed 3: with it the worst direction comes to 15.6 %.
+    // The sensor's own drift after the tare is 5 % on seed 3: with it the worst direction comes to
+    // 15.6 %.
     for (velocity, most) in [("[0.016,0.012,0.0]", SHARE), ("[0.0,0.0,0.02]", 0.17)] {
         for latency in ["0.02", "0.05"] {
             for seed in ["1", "2", "3"] {
@@ -68,8 +69,8 @@ fn the_force_stays_within_fifteen_percent_while_the_base_moves() {
     }
 }
 
-/// With ideal odometry a moving base costs next to nothing, so what is left above is the odometry's; and without any the
-/// same motion cannot be worked from.
+/// With ideal odometry a moving base costs next to nothing, so what is left above is the
+/// odometry's; and without any the same motion cannot be worked from.
 #[test]
 fn what_the_odometry_says_is_what_holds_the_force() {
     let fixed = run(&[
@@ -89,8 +90,8 @@ fn what_the_odometry_says_is_what_holds_the_force() {
     );
 }
 
-/// Every estimator keeps its memory with the floor: as good on a moving base as on a standing one, within what the velocity's
-/// filter adds.
+/// Every estimator keeps its memory with the floor: as good on a moving base as on a standing one,
+/// within what the velocity's filter adds.
 #[test]
 fn the_estimators_remember_the_floor() {
     for estimator in ["reactive", "quadratic", "gaussian_process", "blend"] {
@@ -115,7 +116,8 @@ fn the_estimators_remember_the_floor() {
     }
 }
 
-/// The path is drawn on the floor: at the same progress the tool is at the same place, wherever the base is.
+/// The path is drawn on the floor: at the same progress the tool is at the same place, wherever the
+/// base is.
 #[test]
 fn the_path_stays_on_the_floor() {
     let trace = |overrides: &[&str]| {

@@ -1,4 +1,5 @@
-//! The `lippiello` system in the loop: its scenarios are read and run, its figures hold, and bad inputs end as they should.
+//! The `lippiello` system in the loop: its scenarios are read and run, its figures hold, and bad
+//! inputs end as they should.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -289,7 +290,8 @@ fn a_target_partly_out_of_view_is_enough() {
 fn frames_out_of_order_repeated_or_from_another_time_are_refused() {
     let mut kept: Option<CameraFrame> = None;
     let run = with_frames(|_, frame| {
-        // Every tenth frame comes again, every eleventh after its successor, every thirteenth stamped wrongly.
+        // Every tenth frame comes again, every eleventh after its successor, every thirteenth
+        // stamped wrongly.
         match frame.sequence {
             n if n % 11 == 5 => kept.replace(frame),
             n if n % 10 == 9 && kept.is_some() => kept.take(),

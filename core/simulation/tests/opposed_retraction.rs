@@ -1,4 +1,5 @@
-//! A retraction that meets something, under each law: it stops, and the true force stays bounded where physics lets it.
+//! A retraction that meets something, under each law: it stops, and the true force stays bounded
+//! where physics lets it.
 
 // A test says what it found, and reads the scenarios that ship.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
@@ -28,8 +29,8 @@ enum Met {
     WrongNormal,
 }
 
-/// Slides for a second, is stopped, and meets something from there on. The largest true force since, N, how the task ended, and what is
-/// known of the way out.
+/// Slides for a second, is stopped, and meets something from there on. The largest true force
+/// since, N, how the task ended, and what is known of the way out.
 fn retract(law: Law, path: &str, stiffness: f64, met: Met) -> (f64, Cell, Option<Fault>) {
     let mut set = vec![format!("plant.contact.stiffness_n_per_m={stiffness:.1}")];
     if law == Law::Velocity {
@@ -78,8 +79,8 @@ fn retract(law: Law, path: &str, stiffness: f64, met: Met) -> (f64, Cell, Option
     panic!("{law:?}: still on its way");
 }
 
-/// What the force comes to while an arm whose velocity is commanded takes 50 ms to feel and to stand, from 20 mm/s, N. No judgement of the
-/// force makes it less: only a slower retraction does.
+/// What the force comes to while an arm whose velocity is commanded takes 50 ms to feel and to
+/// stand, from 20 mm/s, N. No judgement of the force makes it less: only a slower retraction does.
 fn until_it_stands_n(law: Law, stiffness: f64) -> f64 {
     match law {
         Law::Velocity => 3.0 + 5.0 + 0.02 * 0.05 * stiffness,
@@ -104,7 +105,8 @@ fn table(met: Met) {
     assert!(wrong.is_empty(), "{met:?}: {wrong:?}");
 }
 
-/// A stop in any phase, with any force: nothing is in the way, and the task ends done with a tool that hangs free.
+/// A stop in any phase, with any force: nothing is in the way, and the task ends done with a tool
+/// that hangs free.
 #[test]
 fn a_stop_with_nothing_in_the_way_ends_done() {
     let mut wrong = Vec::new();

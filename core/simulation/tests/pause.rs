@@ -1,4 +1,5 @@
-//! A pause stands still in every phase of both laws of torque, by the plant's truth, and the task goes on from there.
+//! A pause stands still in every phase of both laws of torque, by the plant's truth, and the task
+//! goes on from there.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -19,8 +20,8 @@ const WATCH_S: f64 = 4.0;
 const SETTLE_S: f64 = 2.0;
 /// A standing tool wanders by so much: sensor noise, stick-slip, an estimate that is refined, m.
 const WANDER_M: f64 = 2e-3;
-/// And its mean place moves by less than this from the first second of the watch to the last, m: the slowest of these tasks' motions
-/// goes ten times as far in three seconds.
+/// And its mean place moves by less than this from the first second of the watch to the last, m:
+/// the slowest of these tasks' motions goes ten times as far in three seconds.
 const DRIFT_M: f64 = 1e-3;
 
 /// One period by the plant's truth.
@@ -101,8 +102,8 @@ fn mean(places: &[Vector3<f64>]) -> Vector3<f64> {
     places.iter().sum::<Vector3<f64>>() / places.len() as f64
 }
 
-/// Pauses `after_s` into `phase`; the tool and the path's clock then stand, no phase moves on, and afterwards the task goes on along its
-/// path.
+/// Pauses `after_s` into `phase`; the tool and the path's clock then stand, no phase moves on, and
+/// afterwards the task goes on along its path.
 fn stands(law: &mut impl Paused, phase: Phase, after_s: f64) {
     run_until(law, phase);
     run_for(law, after_s);

@@ -1,4 +1,5 @@
-//! The scenarios that the repository ships: they are read, they run, and the physics comes out right.
+//! The scenarios that the repository ships: they are read, they run, and the physics comes out
+//! right.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]

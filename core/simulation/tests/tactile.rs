@@ -1,4 +1,5 @@
-//! Closed loops of `unified_force_impedance`: what must hold whatever the surface, the policy, and what fails.
+//! Closed loops of `unified_force_impedance`: what must hold whatever the surface, the policy, and
+//! what fails.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -76,7 +77,8 @@ impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> TactileDisturbance for S
     }
 }
 
-/// Largest change of a torque in one period while sliding, Nm. `event` gets the time since the policy began, s; negative before.
+/// Largest change of a torque in one period while sliding, Nm. `event` gets the time since the
+/// policy began, s; negative before.
 fn steepest(
     preset: &str,
     touch: bool,
@@ -164,7 +166,8 @@ fn no_step_in_torque_when_vision_comes_goes_or_jumps() {
             }
             let (worst, e) = steepest(preset, touch, event);
             assert_eq!((e.phase, e.fault), ("done", None), "{preset}, {name}");
-            // A step of the reference would ask for all that the motors can change in a period, 1 Nm.
+            // A step of the reference would ask for all that the motors can change in a period, 1
+            // Nm.
             assert!(worst < 0.35, "{preset}, {name}: {worst} Nm");
         }
     }

@@ -1,4 +1,5 @@
-//! Energy of `unified_force_impedance` in closed loop: its books against the plant's, its tanks, and the port to the world.
+//! Energy of `unified_force_impedance` in closed loop: its books against the plant's, its tanks,
+//! and the port to the world.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -35,7 +36,8 @@ impl Audit {
     fn see(&mut self, c: &TactileCycle<'_>) {
         let plant = c.plant;
         let arm = plant.arm();
-        // Gravity compensation is no part of the law's books: its work by the same rule, a period later as the torque acts.
+        // Gravity compensation is no part of the law's books: its work by the same rule, a period
+        // later as the torque acts.
         if let Some(q) = self.last {
             self.gravity_j += self.gravity_under_way[1].dot(&(arm.q - q));
         } else {

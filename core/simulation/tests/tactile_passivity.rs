@@ -1,5 +1,5 @@
-//! Passivity of `unified_force_impedance` at the port to the world: what its tanks promise in any world, and every world in which they
-//! did not keep it.
+//! Passivity of `unified_force_impedance` at the port to the world: what its tanks promise in any
+//! world, and every world in which they did not keep it.
 
 // A test says what it found, and reads the scenarios that ship.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
@@ -43,7 +43,8 @@ fn a_tool_that_slid_off_the_block_comes_back() {
     assert!(peak_n < 500.0, "{peak_n} N");
 }
 
-/// High above the block's wave, beyond its focal distance, the plant found the surface beside the tool, and pushed with kilonewtons.
+/// High above the block's wave, beyond its focal distance, the plant found the surface beside the
+/// tool, and pushed with kilonewtons.
 #[test]
 fn a_tool_high_above_the_wave_touches_nothing() {
     let world = World {
@@ -101,7 +102,8 @@ fn the_port_is_passive_whatever_the_world_and_the_policy() {
     );
 }
 
-/// Goes through PROPTEST_CASES worlds and says of each that fails why: for a search, not for every day.
+/// Goes through PROPTEST_CASES worlds and says of each that fails why: for a search, not for every
+/// day.
 #[test]
 #[ignore = "a search: .ci/search passivity"]
 fn every_world_that_breaks_the_promise_is_listed() {

@@ -1,4 +1,5 @@
-//! The force shown is the true force, under the laws of the arms that take torques: a start while the tool presses moves off first.
+//! The force shown is the true force, under the laws of the arms that take torques: a start while
+//! the tool presses moves off first.
 
 // A test says what it found, and reads the scenarios that ship.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
@@ -27,7 +28,8 @@ struct Seen {
     true_n: f64,
 }
 
-/// Steps until `wanted`, then for `more_s`; the phases on the way, the largest true force, and the mean difference while it slid.
+/// Steps until `wanted`, then for `more_s`; the phases on the way, the largest true force, and the
+/// mean difference while it slid.
 fn run_until(
     mut step: impl FnMut() -> Seen,
     period_s: f64,
@@ -131,8 +133,8 @@ fn hybrid_dynamics_moves_off_before_the_tare() {
     assert!(worst <= SHOWN_MAX_N, "{worst} N");
 }
 
-/// What the robot and the controller's service add to a law of torques. A stop ends the task to the robot: it holds itself until one is
-/// started anew, as it does while no task runs.
+/// What the robot and the controller's service add to a law of torques. A stop ends the task to the
+/// robot: it holds itself until one is started anew, as it does while no task runs.
 #[derive(Clone, Copy, Debug, Default)]
 struct Service {
     stopped: bool,
@@ -345,13 +347,15 @@ fn hybrid_cell(sequence: &Sequence) -> HybridCell {
     }
 }
 
-/// Without zero errors of its torque sensors: what they do is no matter of what was done to the cell.
+/// Without zero errors of its torque sensors: what they do is no matter of what was done to the
+/// cell.
 #[test]
 fn whatever_is_done_to_unified_force_impedance() {
     whatever_is_done(8, &[2e4, 5e4], 4.0, |sequence| unified_cell(sequence, 0.0));
 }
 
-/// Nothing is done to it. A joint's constant error is another wrench in another posture than that of the zero.
+/// Nothing is done to it. A joint's constant error is another wrench in another posture than that
+/// of the zero.
 #[test]
 #[ignore = "0.56 N: 0.05 Nm of a joint's own zero, and friction that is told a fifth too low, are in the robot's estimate"]
 fn the_zeros_of_the_robots_own_torque_sensors_are_not_shown() {

@@ -1,7 +1,8 @@
-//! One touchdown on 10 kN/m, cycle by cycle, as a table small enough to read in review; and from soft to stiff by its figures.
+//! One touchdown on 10 kN/m, cycle by cycle, as a table small enough to read in review; and from
+//! soft to stiff by its figures.
 //!
-//! It changes with every change of the force law, and should: read the difference, then accept it with
-//! `INSTA_UPDATE=always cargo test --release -p tangent-simulation --test touchdown`.
+//! It changes with every change of the force law, and should: read the difference, then accept it
+//! with `INSTA_UPDATE=always cargo test --release -p tangent-simulation --test touchdown`.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -46,7 +47,8 @@ fn on_a_stiff_surface() {
     insta::assert_snapshot!(table);
 }
 
-/// Nothing is told of the stiffness. With a real sensor, an arm's encoders and a tool that lands askew, too.
+/// Nothing is told of the stiffness. With a real sensor, an arm's encoders and a tool that lands
+/// askew, too.
 #[test]
 fn gentle_from_2_to_50_kn_per_m() {
     let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");

@@ -1,4 +1,5 @@
-//! The force shown is the true force, under the law of the arms that take velocities; by the simulator's truth.
+//! The force shown is the true force, under the law of the arms that take velocities; by the
+//! simulator's truth.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -163,14 +164,16 @@ fn a_tare_is_refused_while_pressing_sliding_or_paused_and_after() {
     cell.is_true();
 }
 
-/// Without any memory, the zero itself says so: it jumps against the last good one, or is touched at once.
+/// Without any memory, the zero itself says so: it jumps against the last good one, or is touched
+/// at once.
 #[test]
 fn a_zero_taken_in_contact_is_found_out_without_any_memory() {
     let mut cell = watched(5000.0, 3);
     cell.run_until(Phase::Slide);
     cell.run(1.0);
     cell.act(Action::ProtectiveStop);
-    // The state folder was lost: it counts as free. The zero jumps against the last one, so there is none.
+    // The state folder was lost: it counts as free. The zero jumps against the last one, so there
+    // is none.
     let forget = |cell: &mut Watched<VelocityCell>| {
         cell.cell
             .cell

@@ -22,7 +22,8 @@ pub fn cell_file(data: &[u8]) {
     });
 }
 
-/// A task file. A task that is accepted becomes a program whose path is finite, or is refused with words.
+/// A task file. A task that is accepted becomes a program whose path is finite, or is refused with
+/// words.
 pub fn task_file(data: &[u8]) {
     text(data, |text| {
         let Ok(task) = Task::from_str(text) else {

@@ -1,9 +1,10 @@
-//! Franka's FCI: the TCP stream of requests and replies, and the UDP datagrams of states and commands.
+//! Franka's FCI: the TCP stream of requests and replies, and the UDP datagrams of states and
+//! commands.
 
 use tangent_franka::fci::{Framer, Reply, Request, RobotCommand, RobotState};
 
-/// Cuts the bytes into messages, and reads each as a request and as a reply. What can be read is written and read again, and must
-/// be the same.
+/// Cuts the bytes into messages, and reads each as a request and as a reply. What can be read is
+/// written and read again, and must be the same.
 pub fn fci_stream(data: &[u8]) {
     let mut framer = Framer::new();
     for piece in data.chunks(113) {

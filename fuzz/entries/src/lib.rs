@@ -1,8 +1,9 @@
-//! One function per decoder of bytes or text that comes from outside: each takes arbitrary bytes, and panics where a property
-//! of the decoder does not hold.
+//! One function per decoder of bytes or text that comes from outside: each takes arbitrary bytes,
+//! and panics where a property of the decoder does not hold.
 //!
-//! The fuzz targets in `fuzz/fuzz_targets` call these functions, and so does the test that replays the kept corpus.
-//! A function that returns has found nothing: input that is refused with an error is as good as input that is accepted.
+//! The fuzz targets in `fuzz/fuzz_targets` call these functions, and so does the test that replays
+//! the kept corpus. A function that returns has found nothing: input that is refused with an error
+//! is as good as input that is accepted.
 
 mod cell;
 mod depth;
@@ -95,7 +96,8 @@ pub const TARGETS: [Target; 15] = [
     },
 ];
 
-/// Depth images have a target of their own beside [`TARGETS`]: one frame takes a thousand times as long as a package.
+/// Depth images have a target of their own beside [`TARGETS`]: one frame takes a thousand times as
+/// long as a package.
 pub const DEPTH_TARGET: Target = Target {
     name: "depth_image",
     run: depth_image,

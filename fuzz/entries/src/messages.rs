@@ -5,8 +5,8 @@ use serde::de::DeserializeOwned;
 use tangent_schemas::cdr::{decode, encode};
 use tangent_schemas::{standard, tangent};
 
-/// The first byte chooses the type. What can be read is written; what was written reads as the same and is written as the same
-/// bytes.
+/// The first byte chooses the type. What can be read is written; what was written reads as the same
+/// and is written as the same bytes.
 pub fn cdr(data: &[u8]) {
     let Some((&kind, bytes)) = data.split_first() else {
         return;

@@ -1,4 +1,5 @@
-//! ATI Net F/T: RDT records with the stream's book-keeping and its clock, and the web server's answer with its use.
+//! ATI Net F/T: RDT records with the stream's book-keeping and its clock, and the web server's
+//! answer with its use.
 
 use std::time::Duration;
 

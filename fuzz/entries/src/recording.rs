@@ -4,7 +4,8 @@ use std::fs;
 
 use tangent_recorder::{Recording, repair};
 
-/// Writes the bytes to a file, reads it as a recording, and mends it. A mended file can be read whole.
+/// Writes the bytes to a file, reads it as a recording, and mends it. A mended file can be read
+/// whole.
 pub fn recording(data: &[u8]) {
     let folder = tempfile::tempdir().expect("a folder for temporary files is there");
     let path = folder.path().join("cell.mcap");

@@ -1,16 +1,18 @@
-//! Universal Robots: RTDE packages, the bridge that takes them, the dashboard's lines and the primary stream.
+//! Universal Robots: RTDE packages, the bridge that takes them, the dashboard's lines and the
+//! primary stream.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
+use tangent_actuation::Command;
+use tangent_actuation::velocity::{Posture, VelocityLimits};
 use tangent_rtde::bridge::{Bridge, BridgeConfig};
 use tangent_rtde::codec::{Framer, PACKAGE_BYTES_MAX, Protocol, Reply, Request};
 use tangent_rtde::dashboard::{Lines, polyscope_version, ur_size};
-use tangent_rtde::guard::{GuardLimits, Posture, Wanted};
 use tangent_rtde::primary::PrimaryReader;
 use tangent_rtde::program::RegisterMap;
 use tangent_schemas::JointArray;
 
-/// Cuts the bytes into packages, and reads each as a request and as a reply of both protocol versions. What can be read is
-/// written and read again, and must be the same.
+/// Cuts the bytes into packages, and reads each as a request and as a reply of both protocol
+/// versions. What can be read is written and read again, and must be the same.
 pub fn rtde_packages(data: &[u8]) {
     let mut framer = Framer::new(PACKAGE_BYTES_MAX);
     let mut rest = data;
@@ -70,7 +72,7 @@ pub fn rtde_bridge(data: &[u8]) {
         model: "ur5".to_owned(),
         series: None,
         rate_hz: None,
-        limits: GuardLimits {
+        limits: VelocityLimits {
             speed_rad_per_s: Vector6::repeat(1.0),
             acceleration_rad_per_s2: Vector6::repeat(4.0),
             position_lower_rad: Vector6::repeat(-6.3),
@@ -105,7 +107,7 @@ pub fn rtde_bridge(data: &[u8]) {
         if bridge.package(package, now_s, &mut out).is_err() {
             return;
         }
-        let wanted = Wanted {
+        let wanted = Command {
             cycle: bridge.cycle(),
             kind: 1,
             values: &values,

@@ -1,4 +1,5 @@
-//! URScript as clients send it to the simulated controller: compiled, then run for a bounded number of cycles.
+//! URScript as clients send it to the simulated controller: compiled, then run for a bounded number
+//! of cycles.
 
 use tangent_simulator::urscript::{Frame, Machine, Motion, Program, Robot};
 

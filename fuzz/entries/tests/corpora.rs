@@ -1,4 +1,5 @@
-//! The kept corpora, replayed: every input that a fuzzing run has found worth keeping, and every input that once failed.
+//! The kept corpora, replayed: every input that a fuzzing run has found worth keeping, and every
+//! input that once failed.
 
 #![allow(clippy::unwrap_used)]
 

@@ -1,4 +1,5 @@
-//! CDR bytes to values. Input from the network is hostile until decoded: no panic, no reservation beyond its own size.
+//! CDR bytes to values. Input from the network is hostile until decoded: no panic, no reservation
+//! beyond its own size.
 
 use serde::de::{self, DeserializeSeed, Deserializer, Visitor};
 

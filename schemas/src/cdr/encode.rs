@@ -1,10 +1,12 @@
-//! Values to CDR bytes. The publishing thread calls it once per message that somebody outside the process wants.
+//! Values to CDR bytes. The publishing thread calls it once per message that somebody outside the
+//! process wants.
 
 use serde::ser::{self, Serialize};
 
 use super::{CdrError, CdrFault, HEADER};
 
-/// Replaces what is in `bytes` by the CDR form of `value`. Allocates only when `bytes` is too small.
+/// Replaces what is in `bytes` by the CDR form of `value`. Allocates only when `bytes` is too
+/// small.
 ///
 /// # Errors
 /// A sequence or string with more than 2³²-1 elements, or a serde type that messages do not have.

@@ -1,9 +1,11 @@
-//! What is known of the camera: from the cell file, from its driver, and where the two do not agree. Pure.
+//! What is known of the camera: from the cell file, from its driver, and where the two do not
+//! agree. Pure.
 
 use tangent_runtime::config::Calibration;
 use tangent_schemas::standard::{CameraInfo, Header};
 
-/// Cell file and driver may differ by so much of the focal length: more than two calibrations of one camera do.
+/// Cell file and driver may differ by so much of the focal length: more than two calibrations of
+/// one camera do.
 const DIFFERS_SHARE: f64 = 0.02;
 
 /// The cell file's calibration and the driver's.
@@ -55,7 +57,7 @@ impl Known {
         })
     }
 
-    /// To be published: without distortion where nobody has said anything of it.
+    /// To be published: without distortion where none is configured.
     pub fn info(&self, now_ns: i64) -> Option<CameraInfo> {
         let known = self.calibration()?;
         let header = Header::new(now_ns, "camera");

@@ -1,8 +1,9 @@
-//! The camera service: images come in from a driver's topic; the target's corners or the depth images themselves, the calibration
-//! and a few images for viewers go out.
+//! The camera service: images come in from a driver's topic; the target's corners or the depth
+//! images themselves, the calibration and a few images for viewers go out.
 //!
-//! Who drives the camera does not matter: the simulator, or a ROS 2 driver behind a bridge. It runs in a thread of its own, in
-//! any process; the newest image wins, and what was skipped, refused or found empty is counted.
+//! Who drives the camera does not matter: the simulator, or a ROS 2 driver behind a bridge. It runs
+//! in a thread of its own, in any process; the newest image wins, and what was skipped, refused or
+//! found empty is counted.
 
 mod calibration;
 mod config;
@@ -158,7 +159,7 @@ impl Service {
         })
     }
 
-    /// Says the calibration, so that whoever comes late has it too.
+    /// Publishes the calibration again, so that late subscribers have it too.
     fn announce(&mut self) {
         if let Some(driver) = &mut self.driver_info
             && let Some(info) = driver.take_new()

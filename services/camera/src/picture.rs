@@ -53,7 +53,8 @@ pub enum PictureError {
 /// Whether a depth image is what its header says, as `depth_normal` reads it.
 ///
 /// # Errors
-/// [`PictureError`]: another size than `size_px`, an encoding that is not depth, or data that does not fit the header.
+/// [`PictureError`]: another size than `size_px`, an encoding that is not depth, or data that does
+/// not fit the header.
 pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
     check_size(image, size_px)?;
     DepthLayout {
@@ -78,7 +79,8 @@ fn check_size(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
     })
 }
 
-/// Bytes of a row that are pixels, where the data is as long as the header says; the last row may come without its padding.
+/// Bytes of a row that are pixels, where the data is as long as the header says; the last row may
+/// come without its padding.
 fn check_data(image: &Image, bytes_per_pixel: u64) -> Result<u64, PictureError> {
     let row = u64::from(image.width) * bytes_per_pixel;
     let before_last = u64::from(image.height.saturating_sub(1)) * u64::from(image.step);
@@ -100,7 +102,8 @@ fn check_data(image: &Image, bytes_per_pixel: u64) -> Result<u64, PictureError> 
 /// The image as 8-bit grey values.
 ///
 /// # Errors
-/// [`PictureError`]: another size than `size_px`, an unknown encoding, or data that does not fit the header.
+/// [`PictureError`]: another size than `size_px`, an unknown encoding, or data that does not fit
+/// the header.
 pub fn grey(image: &Image, size_px: [u32; 2]) -> Result<GreyImage, PictureError> {
     check_size(image, size_px)?;
     let (channels, weights): (u64, [u32; 3]) = match image.encoding.as_str() {

@@ -1,5 +1,5 @@
-//! Plays the images of a recording as a driver would give them: at their own pace, over and over, stamped with the time at which they
-//! are shown. One image is in memory at a time.
+//! Plays the images of a recording as a driver would give them: at their own pace, over and over,
+//! stamped with the time at which they are shown. One image is in memory at a time.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -56,7 +56,8 @@ impl Player {
     /// Its images in the file's order.
     ///
     /// # Errors
-    /// A file that cannot be opened; as an item, one that is damaged there, or an image that does not decode.
+    /// A file that cannot be opened; as an item, one that is damaged there, or an image that does
+    /// not decode.
     pub fn images(
         &self,
     ) -> Result<impl Iterator<Item = Result<Image, CameraError>> + '_, CameraError> {
@@ -71,7 +72,8 @@ impl Player {
         }))
     }
 
-    /// Plays until `stop`. An image that is a little older than the one before it, or does not decode, is left out.
+    /// Plays until `stop`. An image that is a little older than the one before it, or does not
+    /// decode, is left out.
     pub fn play(&self, publisher: &Publisher<Image>, stop: &Stop) {
         while !stop.is_stopped() {
             match self.images() {

@@ -4,8 +4,9 @@ use std::time::{Duration, Instant};
 
 use tangent_schemas::tangent::ArmState;
 
-/// Age of the content of one publisher's messages. The clocks of two hosts need not agree: what counts is how much later
-/// a message came than the promptest one did. So a burst of old messages after a cut is old although it has just arrived.
+/// Age of the content of one publisher's messages. The clocks of two hosts need not agree: what
+/// counts is how much later a message came than the promptest one did. So a burst of old messages
+/// after a cut is old although it has just arrived.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ContentAge {
     first: Option<First>,
@@ -16,7 +17,8 @@ struct First {
     publisher: [u8; 16],
     stamp_ns: i64,
     arrived: Instant,
-    /// The last message's delay, and the least so far, s: both clocks' offset, and the quickest way.
+    /// The last message's delay, and the least so far, s: both clocks' offset, and the quickest
+    /// way.
     last_s: f64,
     least_s: f64,
     /// Since when every message has come late, s.
@@ -28,7 +30,8 @@ const DRIFT: f64 = 2e-4;
 
 /// Later than this is late, s.
 const LATE_S: f64 = 0.01;
-/// Whoever is late for this long has had its clock set back, s. Long after a task would have ended because of it.
+/// A publisher that is late for this long has had its clock set back, s. Long after a task would
+/// have ended because of it.
 const STEPPED_S: f64 = 2.0;
 
 impl ContentAge {
@@ -68,10 +71,11 @@ impl ContentAge {
     }
 }
 
-/// Age of what rests on the arm's state, from the measurement to its use: the robot's packets since the one it rests on, and the time
-/// since the newest of them came, by this host's monotonic clock. So no two clocks need agree, and a burst of old ones is old. One that
-/// goes on talking while its stamp stands still is as old as the stamp. It is the one age of an estimate there is: the law judges by
-/// it, `ControlState` publishes it, and every display shows what is published.
+/// Age of what rests on the arm's state, from the measurement to its use: the robot's packets since
+/// the one it rests on, and the time since the newest of them came, by this host's monotonic clock.
+/// So no two clocks need agree, and a burst of old ones is old. One that goes on talking while its
+/// stamp stands still is as old as the stamp. It is the one age of an estimate there is: the law
+/// judges by it, `ControlState` publishes it, and every display shows what is published.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CycleAge {
     /// Publisher and stamp of the newest message, and the robot's cycle in which they were new.
@@ -79,8 +83,8 @@ pub struct CycleAge {
 }
 
 impl CycleAge {
-    /// Of a message `said` by a publisher with a stamp (ns), resting on `cycle`, received `ago`; `arm` is the robot's newest packet,
-    /// which came `since_packet` ago; s.
+    /// Of a message `said` by a publisher with a stamp (ns), resting on `cycle`, received `ago`;
+    /// `arm` is the robot's newest packet, which came `since_packet` ago; s.
     pub fn of(
         &mut self,
         said: ([u8; 16], i64),

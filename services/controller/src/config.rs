@@ -21,7 +21,8 @@ pub struct Config {
     pub limits: Limits,
     /// Parameters of the law for tasks that name no preset.
     pub control: ControllerConfig,
-    /// Estimators that run in this cell: listened to from the start, so that a switch finds them fresh.
+    /// Estimators that run in this cell: listened to from the start, so that a switch finds them
+    /// fresh.
     pub estimators: Vec<String>,
     /// How the pose of a moving base is judged.
     pub base: BaseConfig,

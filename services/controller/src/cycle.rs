@@ -14,7 +14,7 @@ use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, ShapingState}
 use tangent_schemas::{Name, Text};
 
 use crate::inputs::{Packet, driven_by_another};
-use crate::mailbox::{Ask, Letter, Mailbox, Outcome, cannot_leave};
+use crate::mailbox::{Action, Mailbox, MailboxRequest, Outcome, cannot_leave};
 use crate::pinned::PinnedArm;
 use crate::runner::{Report, Runner, Start};
 use crate::watch::{Told, Watch};
@@ -102,8 +102,8 @@ impl<R: Runner> Cycle<R> {
         let other = driven_by_another(&arm.message, self.outlets.command.mark());
         self.ready = arm.message.ready && other.is_none();
         for slot in self.mailbox.waiting() {
-            if let Some(letter) = self.mailbox.take(slot, begin) {
-                self.deal_with(letter);
+            if let Some(request) = self.mailbox.take(slot, begin) {
+                self.carry_out(request);
             }
         }
         self.runner.take_parameters();
@@ -186,18 +186,18 @@ impl<R: Runner> Cycle<R> {
         });
     }
 
-    fn deal_with(&mut self, mut letter: Letter<R::Program>) {
+    fn carry_out(&mut self, mut request: MailboxRequest<R::Program>) {
         let runner = &mut self.runner;
         let phase = runner.phase();
-        let result = match letter.ask() {
-            Ask::Start { .. } if phase.is_active() => {
+        let result = match request.action() {
+            Action::Start { .. } if phase.is_active() => {
                 Err(Outcome::Refused(ControlError::WrongPhase {
                     request: "start a task",
                     phase: phase.name(),
                     remedy: "stop the running task first",
                 }))
             }
-            Ask::Start {
+            Action::Start {
                 program,
                 said_clear,
             } => {
@@ -212,9 +212,9 @@ impl<R: Runner> Cycle<R> {
                 }
                 started.map_err(Outcome::Refused)
             }
-            Ask::Pause => runner.pause().map_err(Outcome::Refused),
-            Ask::Resume => runner.resume().map_err(Outcome::Refused),
-            Ask::Stop if runner.is_left_on_surface() => {
+            Action::Pause => runner.pause().map_err(Outcome::Refused),
+            Action::Resume => runner.resume().map_err(Outcome::Refused),
+            Action::Stop if runner.is_left_on_surface() => {
                 if self.ready {
                     runner.leave_surface(self.latched);
                     Ok(())
@@ -222,17 +222,17 @@ impl<R: Runner> Cycle<R> {
                     Err(Outcome::Refused(cannot_leave(phase)))
                 }
             }
-            Ask::Stop if !phase.is_active() && !runner.clearance().is_free() => {
+            Action::Stop if !phase.is_active() && !runner.clearance().is_free() => {
                 Err(Outcome::MayTouch)
             }
-            Ask::Stop => {
+            Action::Stop => {
                 runner.stop();
                 Ok(())
             }
-            Ask::Select { name, force } => {
+            Action::Select { name, force } => {
                 runner.select(name, *force).map_err(Outcome::SwitchRefused)
             }
-            Ask::Listen(reader) => {
+            Action::Listen(reader) => {
                 if let Some(new) = reader.take() {
                     **reader = runner.listen(new);
                 }
@@ -240,7 +240,7 @@ impl<R: Runner> Cycle<R> {
             }
         };
         let (activation, phase) = (self.runner.activation(), self.runner.phase());
-        letter.answer(match result {
+        request.answer(match result {
             Ok(()) => Outcome::Done { activation, phase },
             Err(refused) => refused,
         });

@@ -1,4 +1,5 @@
-//! From what travels on the bus to what the law takes: one input per robot packet, every age judged here.
+//! From what travels on the bus to what the law takes: one input per robot packet, every age judged
+//! here.
 
 use std::time::{Duration, Instant};
 
@@ -37,7 +38,8 @@ pub struct EstimateReader {
     now: Option<EstimateInput>,
 }
 
-/// Age of an estimate as it is published: -1 where there is none, or where it is too old for a number.
+/// Age of an estimate as it is published: -1 where there is none, or where it is too old for a
+/// number.
 pub fn age_told(age_s: Option<f64>) -> f64 {
     age_s.filter(|age_s| age_s.is_finite()).unwrap_or(-1.0)
 }
@@ -124,8 +126,9 @@ impl WrenchReader {
         self.status.hold(held);
     }
 
-    /// A wrench counts only with the status of the same stamp, published just before it: where that was lost on the way, the one
-    /// before is used at its age. A status that says no counts at once.
+    /// A wrench counts only with the status of the same stamp, published just before it: where that
+    /// was lost on the way, the one before is used at its age. A status that says no counts at
+    /// once.
     pub fn read(&mut self) -> WrenchNow {
         self.status.refresh();
         if let Some(new) = self.wrench.take_new() {
@@ -199,13 +202,15 @@ impl Inputs {
         }
     }
 
-    /// While held, no other publisher takes the place of the present one of the wrench, nor of the base's pose.
+    /// While held, no other publisher takes the place of the present one of the wrench, nor of the
+    /// base's pose.
     pub fn hold(&self, held: bool) {
         self.wrench.hold(held);
         self.base.hold(held);
     }
 
-    /// Also listens to this one; gives it back when there is no room or the name is listened to already.
+    /// Also listens to this one; gives it back when there is no room or the name is listened to
+    /// already.
     pub fn listen(&mut self, reader: EstimateReader) -> Option<EstimateReader> {
         if self.estimates.iter().any(|own| own.name == reader.name) {
             return Some(reader);
@@ -216,7 +221,8 @@ impl Inputs {
             .map(|full| full.element())
     }
 
-    /// One cycle's input; none when the arm's state makes no sense (another number of joints, no rotation).
+    /// One cycle's input; none when the arm's state makes no sense (another number of joints, no
+    /// rotation).
     pub fn gather(&mut self, packet: &Packet<'_>, names: &[EstimatorName]) -> Option<ControlInput> {
         let arm = packet.arm;
         let state = &arm.message;
@@ -254,7 +260,8 @@ impl Inputs {
         Some(input)
     }
 
-    /// Every estimator that is read, with its newest estimate's age in this cycle, s; -1 without one.
+    /// Every estimator that is read, with its newest estimate's age in this cycle, s; -1 without
+    /// one.
     pub fn ages(&self) -> impl Iterator<Item = (EstimatorName, f64)> {
         self.estimates
             .iter()
@@ -267,7 +274,8 @@ pub fn driven_by_another(state: &ArmState, own_id: [u8; 16]) -> Option<Name> {
     (!state.commanded_by.is_empty() && state.commander_id != own_id).then_some(state.commanded_by)
 }
 
-/// The newest of one estimator with its age, `since_packet` after the robot's newest packet `arm` came; none before its first word.
+/// The newest of one estimator with its age, `since_packet` after the robot's newest packet `arm`
+/// came; none before its first word.
 pub fn read_estimate(
     reader: &mut EstimateReader,
     arm: &ArmState,

@@ -1,14 +1,14 @@
 //! The controller service: one step of the law per robot packet.
 //!
-//! It listens to `arm/state` in the publisher's thread, so that beside the bridge the whole cycle, packet to command,
-//! is one call. The wrench and the estimates are read as they are then, each with its age. It says `arm/command` and
-//! `control/state` every cycle; it answers `control/task`, `control/stop` and `control/select`; a side thread asks for
-//! the tare, writes the log and draws for the viewers. At its own end it retracts first.
+//! It listens to `arm/state` in the publisher's thread, so that beside the bridge the whole cycle,
+//! packet to command, is one call. The wrench and the estimates are read as they are then, each
+//! with its age. It says `arm/command` and `control/state` every cycle; it answers `control/task`,
+//! `control/stop` and `control/select`; a side thread asks for the tare, writes the log and draws
+//! for the viewers. At its own end it retracts first.
 
 mod age;
 mod config;
 mod cycle;
-mod desk;
 mod error;
 mod inputs;
 mod mailbox;
@@ -17,6 +17,7 @@ mod messages;
 mod normals;
 mod offline;
 mod pinned;
+mod requests;
 mod runner;
 mod start_check;
 mod torque;
@@ -43,11 +44,11 @@ pub use start_check::{known_estimators, unknown_estimators};
 pub use torque::{TorqueConfig, run_torque};
 
 use cycle::{Cycle, Outlets};
-use desk::{Desk, Kind};
 use inputs::{EstimateReader, Inputs, WrenchReader};
-use mailbox::{Ask, Mailbox, Note, Time};
+use mailbox::{Action, Mailbox, Note, Time};
 use memory::Memory;
 use normals::Normals;
+use requests::{Kind, RequestHandler};
 use runner::Runner;
 use velocity::{Live, VelocityRunner};
 use viewer::Viewer;
@@ -90,7 +91,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
     let own_id = command.mark();
     let normals = Normals::new(&bus, &config)?;
     let memory = Arc::new(Memory::open(config.state.clone()));
-    let desk = Desk::new(&bus, &mailbox, normals, own_id, &memory)?;
+    let handler = RequestHandler::new(&bus, &mailbox, normals, own_id, &memory)?;
     let mut controller = Controller::new(
         config.arm,
         config.flange_from_tool,
@@ -110,21 +111,21 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
     };
     let cycle = Cycle::new(runner, outlets, &mailbox, &health);
-    serve(&bus, cycle, desk, &mailbox, &memory, &health, &stop)
+    serve(&bus, cycle, handler, &mailbox, &memory, &health, &stop)
 }
 
 /// Runs the loop in each packet of the arm and answers requests until `stop`.
 fn serve<R: Runner + 'static, K: Kind<Program = R::Program>>(
     bus: &Bus,
     mut cycle: Cycle<R>,
-    desk: Arc<Desk<K>>,
+    handler: Arc<RequestHandler<K>>,
     mailbox: &Mailbox<R::Program>,
     memory: &Memory,
     health: &HealthReporter,
     stop: &Stop,
 ) -> Result<(), ControllerError> {
     health.running();
-    // Nobody calls it while the arm is silent; a cycle that has begun has to end.
+    // It is not called while the arm is silent; a cycle that has begun has to end.
     let beat = Beat::new(SERVICE);
     beat.rest();
     let _loop = bus.on(&topics::ARM_STATE, move |arm| {
@@ -132,7 +133,7 @@ fn serve<R: Runner + 'static, K: Kind<Program = R::Program>>(
         cycle.step(arm);
         beat.rest();
     })?;
-    let _answers = desk.open()?;
+    let _answers = handler.open()?;
     beside(bus, mailbox, memory, stop)
 }
 
@@ -233,7 +234,7 @@ fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
     }
 }
 
-/// The zero in force turned out to be taken in contact: nobody is to go by it.
+/// The zero in force turned out to be taken in contact: it must not be used.
 fn withdraw_zero(bus: &Bus) {
     let request = Request {
         action: "withdraw".into(),
@@ -261,7 +262,7 @@ fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
     if !mailbox.phase().is_active() {
         return;
     }
-    if mailbox.ask(Ask::Stop, Time::now()).is_err() {
+    if mailbox.ask(Action::Stop, Time::now()).is_err() {
         tracing::warn!("the robot is silent: ending without a retraction");
         return;
     }

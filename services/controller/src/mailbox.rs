@@ -20,12 +20,13 @@ use tangent_sensing::TareGround;
 use crate::inputs::EstimateReader;
 
 /// A request to the loop. `P` is a task prepared for the loop's law.
-pub enum Ask<P> {
+pub enum Action<P> {
     /// Start this program; the box comes back with the one before.
     Start {
         /// The program to start, and then the one before.
         program: Box<Option<P>>,
-        /// A person has looked and says that the tool hangs free. Without effect where the start is refused.
+        /// A person has looked and says that the tool hangs free. Without effect where the start is
+        /// refused.
         said_clear: bool,
     },
     /// Stand still.
@@ -45,7 +46,7 @@ pub enum Ask<P> {
     Listen(Box<Option<EstimateReader>>),
 }
 
-impl<P> Ask<P> {
+impl<P> Action<P> {
     /// Whether the request brings the arm to rest. Urgent requests have their own slots.
     fn is_urgent(&self) -> bool {
         matches!(self, Self::Pause | Self::Stop)
@@ -70,7 +71,8 @@ pub enum Outcome {
     TooLate,
     /// Not carried out: a stop was requested after this start.
     Stopped,
-    /// A stop where no task runs: the tool may still touch what it touched before this controller started.
+    /// A stop where no task runs: the tool may still touch what it touched before this controller
+    /// started.
     MayTouch,
 }
 
@@ -86,19 +88,19 @@ pub enum Silence {
 }
 
 /// A request on its way to the loop and back.
-pub struct Letter<P> {
-    ask: Ask<P>,
+pub struct MailboxRequest<P> {
+    action: Action<P>,
     outcome: Option<Outcome>,
     received: Instant,
     deadline: Instant,
-    back: Arc<ArrayQueue<Letter<P>>>,
+    back: Arc<ArrayQueue<MailboxRequest<P>>>,
     asker: Thread,
 }
 
-impl<P> Letter<P> {
+impl<P> MailboxRequest<P> {
     /// The request, to be carried out in the loop.
-    pub fn ask(&mut self) -> &mut Ask<P> {
-        &mut self.ask
+    pub fn action(&mut self) -> &mut Action<P> {
+        &mut self.action
     }
 
     /// Returns the request to its caller with the outcome. Takes no lock and allocates nothing.
@@ -154,7 +156,7 @@ pub enum Note {
 struct Slot<P> {
     /// Whether a caller holds this slot; it does so until its request has an outcome.
     taken: AtomicBool,
-    letter: ArrayQueue<Letter<P>>,
+    request: ArrayQueue<MailboxRequest<P>>,
 }
 
 /// State that the loop shares with other threads.
@@ -197,7 +199,7 @@ impl<P> Default for Mailbox<P> {
         Self {
             slots: std::array::from_fn(|_| Slot {
                 taken: AtomicBool::new(false),
-                letter: ArrayQueue::new(1),
+                request: ArrayQueue::new(1),
             }),
             waiting: AtomicU32::new(0),
             notes: ArrayQueue::new(64),
@@ -220,20 +222,20 @@ impl<P> Mailbox<P> {
     /// # Errors
     /// [`Silence`]. The request has no effect, except after [`Silence::Lost`], where that is
     /// unknown.
-    pub fn ask(&self, ask: Ask<P>, time: Time) -> Result<Outcome, Silence> {
+    pub fn ask(&self, action: Action<P>, time: Time) -> Result<Outcome, Silence> {
         let deadline = time.deadline.min(Instant::now() + PATIENCE);
         let index = loop {
-            match self.reserve(&ask) {
+            match self.reserve(&action) {
                 Some(index) => break index,
                 // A slot for urgent requests is free again within a cycle.
-                None if ask.is_urgent() && Instant::now() < deadline => {
+                None if action.is_urgent() && Instant::now() < deadline => {
                     std::thread::park_timeout(Duration::from_millis(1));
                 }
                 None => return Err(Silence::Full),
             }
         };
         let time = Time { deadline, ..time };
-        let mut posted = self.post(index, ask, time);
+        let mut posted = self.post(index, action, time);
         loop {
             let now = Instant::now();
             if let Some(outcome) = posted.poll(now) {
@@ -245,8 +247,8 @@ impl<P> Mailbox<P> {
     }
 
     /// Reserves a free slot for one request, if there is one.
-    fn reserve(&self, ask: &Ask<P>) -> Option<usize> {
-        let mut range = if ask.is_urgent() {
+    fn reserve(&self, action: &Action<P>) -> Option<usize> {
+        let mut range = if action.is_urgent() {
             ORDINARY..SLOTS
         } else {
             0..ORDINARY
@@ -255,11 +257,11 @@ impl<P> Mailbox<P> {
     }
 
     /// Puts a request into a slot that its caller has reserved.
-    fn post(&self, index: usize, ask: Ask<P>, time: Time) -> Posted<'_, P> {
+    fn post(&self, index: usize, action: Action<P>, time: Time) -> Posted<'_, P> {
         let slot = &self.slots[index];
         let back = Arc::new(ArrayQueue::new(1));
-        let letter = Letter {
-            ask,
+        let request = MailboxRequest {
+            action,
             outcome: None,
             received: time.received,
             deadline: time.deadline,
@@ -267,7 +269,7 @@ impl<P> Mailbox<P> {
             asker: std::thread::current(),
         };
         // The slot is reserved for this request: it is empty.
-        let _ = slot.letter.push(letter);
+        let _ = slot.request.push(request);
         self.waiting.fetch_or(1 << index, Ordering::AcqRel);
         Posted {
             slot,
@@ -295,17 +297,17 @@ impl<P> Mailbox<P> {
 
     /// Claims the request in this slot, unless its caller has withdrawn it. A request that must no
     /// longer be carried out is answered here. For the loop.
-    pub fn take(&self, index: usize, now: Instant) -> Option<Letter<P>> {
-        let letter = self.slots.get(index)?.letter.pop()?;
-        if now > letter.deadline {
-            letter.answer(Outcome::TooLate);
+    pub fn take(&self, index: usize, now: Instant) -> Option<MailboxRequest<P>> {
+        let request = self.slots.get(index)?.request.pop()?;
+        if now > request.deadline {
+            request.answer(Outcome::TooLate);
             return None;
         }
-        if matches!(letter.ask, Ask::Start { .. }) && self.stopped_after(letter.received) {
-            letter.answer(Outcome::Stopped);
+        if matches!(request.action, Action::Start { .. }) && self.stopped_after(request.received) {
+            request.answer(Outcome::Stopped);
             return None;
         }
-        Some(letter)
+        Some(request)
     }
 
     /// Records a stop request that arrived at `received`. Starts from before it are refused from
@@ -373,7 +375,7 @@ impl<P> Mailbox<P> {
 /// A request in its slot, as held by its caller.
 struct Posted<'a, P> {
     slot: &'a Slot<P>,
-    back: Arc<ArrayQueue<Letter<P>>>,
+    back: Arc<ArrayQueue<MailboxRequest<P>>>,
     deadline: Instant,
     /// Whether the loop has claimed it: it can no longer be withdrawn.
     claimed: bool,
@@ -391,7 +393,7 @@ impl<P> Posted<'_, P> {
             return Some(Err(Silence::Lost));
         }
         if !self.claimed && now >= self.deadline {
-            if self.slot.letter.pop().is_some() {
+            if self.slot.request.pop().is_some() {
                 return Some(Err(Silence::Withdrawn));
             }
             self.claimed = true;

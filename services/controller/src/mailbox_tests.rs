@@ -1,4 +1,5 @@
-//! Histories of requests against the mailbox: what was refused has no effect, what was done has one.
+//! Histories of requests against the mailbox: what was refused has no effect, what was done has
+//! one.
 //!
 //! Once stepped with a simulated clock through thousands of interleavings, once with threads.
 
@@ -23,11 +24,11 @@ impl Draw {
 /// Programs are their requests' numbers.
 type Number = u32;
 
-fn ask(number: Number, kind: u64) -> Ask<Number> {
+fn action(number: Number, kind: u64) -> Action<Number> {
     match kind {
-        0 => Ask::Pause,
-        1 => Ask::Stop,
-        _ => Ask::Start {
+        0 => Action::Pause,
+        1 => Action::Stop,
+        _ => Action::Start {
             program: Box::new(Some(number)),
             said_clear: false,
         },
@@ -43,7 +44,8 @@ struct Entry {
     stopped: bool,
 }
 
-/// Askers and a loop take single steps in random order; each step is one that threads can take between others' steps.
+/// Askers and a loop take single steps in random order; each step is one that threads can take
+/// between others' steps.
 fn history(seed: u64) -> (usize, usize, usize) {
     let mut draw = Draw(seed);
     let mailbox = Mailbox::<Number>::default();
@@ -51,7 +53,7 @@ fn history(seed: u64) -> (usize, usize, usize) {
     let mut now = begin + Duration::from_secs(1);
     let mut open: Vec<(Entry, Posted<'_, Number>)> = Vec::new();
     // What the loop has seen waiting, and what it has claimed.
-    let (mut slots, mut held) = (Vec::new(), Vec::<(Letter<Number>, usize)>::new());
+    let (mut slots, mut held) = (Vec::new(), Vec::<(MailboxRequest<Number>, usize)>::new());
     let mut effects: HashSet<Number> = HashSet::new();
     let (mut done, mut refused) = (HashSet::new(), HashSet::new());
     // Which request is in which slot.
@@ -67,7 +69,7 @@ fn history(seed: u64) -> (usize, usize, usize) {
                 let kind = draw.below(6);
                 let late = Duration::from_millis(draw.below(40));
                 let received = now - Duration::from_millis(draw.below(30));
-                let request = ask(number, kind);
+                let request = action(number, kind);
                 let Some(index) = mailbox.reserve(&request) else {
                     continue;
                 };
@@ -93,17 +95,17 @@ fn history(seed: u64) -> (usize, usize, usize) {
             4 => slots.extend(mailbox.waiting()),
             5 | 6 if !slots.is_empty() => {
                 let index = slots.remove(0);
-                if let Some(letter) = mailbox.take(index, now) {
+                if let Some(request) = mailbox.take(index, now) {
                     // From here on the loop acts on it.
                     let number = in_slot[index];
                     assert!(effects.insert(number), "{number} twice, seed {seed}");
-                    held.push((letter, index));
+                    held.push((request, index));
                 }
             }
             7 if !held.is_empty() => {
-                let (letter, _) = held.remove(0);
+                let (request, _) = held.remove(0);
                 let (activation, phase) = (1, Phase::Slide);
-                letter.answer(Outcome::Done { activation, phase });
+                request.answer(Outcome::Done { activation, phase });
             }
             _ if !open.is_empty() => {
                 let at = draw.below(open.len() as u64) as usize;
@@ -150,12 +152,12 @@ fn refused_means_no_effect_between_threads() {
             let mut effects = HashSet::new();
             while !ended.load(Ordering::Acquire) {
                 for index in mailbox.waiting() {
-                    if let Some(mut letter) = mailbox.take(index, Instant::now()) {
-                        if let Ask::Start { program, .. } = letter.ask() {
+                    if let Some(mut request) = mailbox.take(index, Instant::now()) {
+                        if let Action::Start { program, .. } = request.action() {
                             effects.insert(program.take().unwrap());
                         }
                         let (activation, phase) = (1, Phase::Slide);
-                        letter.answer(Outcome::Done { activation, phase });
+                        request.answer(Outcome::Done { activation, phase });
                     }
                 }
                 // Some cycles come at once, some later than a deadline.
@@ -173,7 +175,7 @@ fn refused_means_no_effect_between_threads() {
                             let number = (asker as u32) * 10_000 + i;
                             let received = Instant::now();
                             let deadline = received + Duration::from_micros(draw.below(300));
-                            let request = ask(number, 2);
+                            let request = action(number, 2);
                             let outcome = mailbox.ask(request, Time { received, deadline });
                             (number, matches!(outcome, Ok(Outcome::Done { .. })))
                         })
@@ -195,15 +197,15 @@ fn a_loop_that_ends_with_a_request_in_its_hands_is_told() {
     let mailbox = Mailbox::<Number>::default();
     let time = Time::now();
     std::thread::scope(|scope| {
-        let asking = scope.spawn(|| mailbox.ask(Ask::Pause, time));
-        let letter = loop {
+        let asking = scope.spawn(|| mailbox.ask(Action::Pause, time));
+        let request = loop {
             if let Some(index) = mailbox.waiting().next() {
                 break mailbox.take(index, time.received);
             }
             std::thread::yield_now();
         };
-        assert!(letter.is_some());
-        drop(letter);
+        assert!(request.is_some());
+        drop(request);
         assert!(matches!(asking.join().unwrap(), Err(Silence::Lost)));
     });
 }
@@ -214,16 +216,16 @@ fn a_stop_finds_a_slot_when_all_others_are_taken_and_is_dealt_with_last() {
     let time = Time::now();
     let ordinary: Vec<_> = (0..ORDINARY)
         .map(|i| {
-            let index = mailbox.reserve(&Ask::Resume).unwrap();
-            mailbox.post(index, ask(i as u32, 2), time)
+            let index = mailbox.reserve(&Action::Resume).unwrap();
+            mailbox.post(index, action(i as u32, 2), time)
         })
         .collect();
-    assert!(mailbox.reserve(&Ask::Resume).is_none());
-    let index = mailbox.reserve(&Ask::Stop).unwrap();
-    let _stop = mailbox.post(index, Ask::Stop, time);
+    assert!(mailbox.reserve(&Action::Resume).is_none());
+    let index = mailbox.reserve(&Action::Stop).unwrap();
+    let _stop = mailbox.post(index, Action::Stop, time);
     let order: Vec<usize> = mailbox.waiting().collect();
     assert_eq!(order.len(), ORDINARY + 1);
     let mut last = mailbox.take(order[ORDINARY], time.received).unwrap();
-    assert!(matches!(last.ask(), Ask::Stop));
+    assert!(matches!(last.action(), Action::Stop));
     drop(ordinary);
 }

@@ -1,6 +1,7 @@
 //! What outlasts the controller: that the tool may touch something, and which way is away.
 //!
-//! The desk writes it before a task starts, a side thread follows the loop's word, and the next controller begins with it.
+//! The request handler writes it before a task starts, a side thread follows the loop's word, and
+//! the next controller begins with it.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -15,7 +16,8 @@ use crate::mailbox::Mailbox;
 
 /// Name of the file.
 const FILE: &str = "controller";
-/// Between two looks at the loop's word: a tool that slides is then written down every few millimetres.
+/// Between two looks at the loop's word: a tool that slides is then written down every few
+/// millimetres.
 const PERIOD: Duration = Duration::from_millis(100);
 
 /// As it stands in the file.
@@ -112,7 +114,8 @@ impl Memory {
         self.lock().clearance
     }
 
-    /// Before a task starts: from now on the tool may touch something. What was known in doubt before stays.
+    /// Before a task starts: from now on the tool may touch something. What was known in doubt
+    /// before stays.
     ///
     /// # Errors
     /// It cannot be written.

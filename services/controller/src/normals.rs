@@ -8,9 +8,9 @@ use tangent_schemas::tangent::NormalEstimate;
 use tangent_schemas::topics;
 
 use crate::config::Config;
-use crate::desk::{FRESH, Kind, one_speaks, silence_text};
 use crate::inputs::EstimateReader;
-use crate::mailbox::{Ask, Mailbox, Time};
+use crate::mailbox::{Action, Mailbox, Time};
+use crate::requests::{FRESH, Kind, one_speaks, silence_text};
 use crate::start_check::StartCheck;
 
 /// Prepares tasks of the hybrid admittance, and keeps the loop subscribed to their estimators.
@@ -65,7 +65,7 @@ impl Normals {
         let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;
         let reader = EstimateReader::new(*name, newest);
         mailbox
-            .ask(Ask::Listen(Box::new(Some(reader))), time)
+            .ask(Action::Listen(Box::new(Some(reader))), time)
             .map_err(|silence| silence_text(silence).to_owned())?;
         // Only after the loop reads it: if the request was withdrawn, a later call repeats it.
         let newest = self.bus.latest(&topic).map_err(|e| e.to_string())?;

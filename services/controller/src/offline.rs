@@ -9,11 +9,12 @@ use tangent_schemas::convert::joints;
 
 use crate::{Config, ControllerError, TorqueConfig};
 
-/// Why the cell's controller would refuse this task; empty when it would not. `start` are joint positions, rad; without them only
-/// what does not depend on the start pose is checked.
+/// Why the cell's controller would refuse this task; empty when it would not. `start` are joint
+/// positions, rad; without them only what does not depend on the start pose is checked.
 ///
 /// # Errors
-/// A cell whose controller does not start, a task that is no task of its law, or another number of joints than the arm has.
+/// A cell whose controller does not start, a task that is no task of its law, or another number of
+/// joints than the arm has.
 pub fn refusals(
     cell: &CellConfig,
     model: &ModelData,

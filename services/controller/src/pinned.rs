@@ -7,8 +7,8 @@ pub struct PinnedArm {
 }
 
 impl PinnedArm {
-    /// Whether this state comes from another publisher than the one that the running task was started on. Without a task
-    /// every publisher is followed.
+    /// Whether this state comes from another publisher than the one that the running task was
+    /// started on. Without a task every publisher is followed.
     pub fn is_another(&mut self, publisher: [u8; 16], active: bool) -> bool {
         match self.of {
             Some(of) if active => of != publisher,

@@ -52,8 +52,8 @@ pub struct Report {
     pub estimator: Option<(EstimatorName, u32, Text)>,
 }
 
-/// A law with its inputs, called by the loop in each cycle. Nothing in it locks or allocates, except
-/// where a program is replaced.
+/// A law with its inputs, called by the loop in each cycle. Nothing in it locks or allocates,
+/// except where a program is replaced.
 pub trait Runner: Send {
     /// A task made ready outside the loop.
     type Program: Send;

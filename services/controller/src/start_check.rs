@@ -1,5 +1,6 @@
-//! What a task is checked for before it is started: numbers, workspace and reach against the arm as it stands, and the names of its
-//! estimators. Called when a task is made ready, in the asker's thread.
+//! What a task is checked for before it is started: numbers, workspace and reach against the arm as
+//! it stands, and the names of its estimators. Called when a task is made ready, in the asker's
+//! thread.
 
 use std::sync::mpsc::sync_channel;
 use std::sync::{Mutex, PoisonError};
@@ -18,7 +19,7 @@ use tangent_schemas::convert::joints;
 use tangent_schemas::tangent::ArmState;
 use tangent_schemas::topics::{self, Topic};
 
-use crate::desk::{FIRST_ESTIMATE, FRESH};
+use crate::requests::{FIRST_ESTIMATE, FRESH};
 
 /// The cell's side of the check.
 pub struct StartCheck<const N: usize> {
@@ -56,8 +57,8 @@ impl<const N: usize> StartCheck<N> {
         Task::leave(self.limits.force_max_n)
     }
 
-    /// The task's numbers, and its path from where the arm stands now. Where no arm is seen only the numbers are checked: the start is
-    /// then refused for the missing arm.
+    /// The task's numbers, and its path from where the arm stands now. Where no arm is seen only
+    /// the numbers are checked: the start is then refused for the missing arm.
     ///
     /// # Errors
     /// Every reason that is found, in words with numbers and places.
@@ -79,8 +80,9 @@ impl<const N: usize> StartCheck<N> {
         words(&refusals).map_or(Ok(()), Err)
     }
 
-    /// Every estimator that the task names is one that there is, that the cell file names, or that publishes on `topic` now. Names that
-    /// are none of these are listened to together, for [`FIRST_ESTIMATE`].
+    /// Every estimator that the task names is one that there is, that the cell file names, or that
+    /// publishes on `topic` now. Names that are none of these are listened to together, for
+    /// [`FIRST_ESTIMATE`].
     ///
     /// # Errors
     /// All unknown names, each with the known one nearest to it.
@@ -109,7 +111,7 @@ pub fn known_estimators(own: &[String]) -> Vec<&str> {
     [built_in, more].concat()
 }
 
-/// The error for names that nobody knows, all of them; none where there is no such name.
+/// The error that lists all unknown names; none where every name is known.
 pub fn unknown_estimators(names: &[&str], known: &[&str]) -> Option<String> {
     if names.is_empty() {
         return None;

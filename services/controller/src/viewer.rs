@@ -1,4 +1,5 @@
-//! What 3-D viewers draw: frames on `tf` (the moving base's in the world too), arrows and the path on `markers`, a few times a second from a side thread.
+//! What 3-D viewers draw: frames on `tf` (the moving base's in the world too), arrows and the path
+//! on `markers`, a few times a second from a side thread.
 
 use std::collections::VecDeque;
 

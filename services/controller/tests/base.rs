@@ -1,4 +1,5 @@
-//! The controller on a mobile platform: it listens to `base/pose` in its cycle, and stops in good order when it cannot be relied on.
+//! The controller on a mobile platform: it listens to `base/pose` in its cycle, and stops in good
+//! order when it cannot be relied on.
 
 #![allow(clippy::unwrap_used)]
 

@@ -1,4 +1,5 @@
-//! What becomes of requests when the loop stands, the sensor refuses, or a fault has left the tool on the surface.
+//! What becomes of requests when the loop stands, the sensor refuses, or a fault has left the tool
+//! on the surface.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -49,7 +50,8 @@ fn height(cell: &Cell) -> f64 {
     tool.translation().z
 }
 
-/// The asker gave up after 0.5 s, the request stayed, and the arm moved when the packets came again.
+/// The asker gave up after 0.5 s, the request stayed, and the arm moved when the packets came
+/// again.
 #[test]
 fn a_start_that_the_loop_did_not_take_in_time_never_runs() {
     timed(|| {

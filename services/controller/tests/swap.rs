@@ -1,4 +1,5 @@
-//! Estimators that change places while the tool slides: asked for, and because the one in use went bad.
+//! Estimators that change places while the tool slides: asked for, and because the one in use went
+//! bad.
 
 #![allow(clippy::unwrap_used)]
 

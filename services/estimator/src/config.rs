@@ -28,7 +28,8 @@ pub struct EstimatorChoice {
 /// One estimator of an object's pose and its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjectChoice {
-    /// One of [`OBJECT_ESTIMATORS`]; also its topics, `estimate/NAME/object` and `estimate/NAME/normal`.
+    /// One of [`OBJECT_ESTIMATORS`]; also its topics, `estimate/NAME/object` and
+    /// `estimate/NAME/normal`.
     pub name: String,
     /// Its settings.
     pub settings: ObjectPoseConfig,

@@ -1,7 +1,9 @@
-//! `depth_normal` in a thread of its own: depth images in, the surface's normal at the tool out, on `estimate/depth_normal/normal`.
+//! `depth_normal` in a thread of its own: depth images in, the surface's normal at the tool out, on
+//! `estimate/depth_normal/normal`.
 //!
-//! Each image is placed where the arm was when it was exposed, however late it comes. What is wrong with the images goes to the
-//! service, which tells it with its own health; an image that is refused is an estimate that is not valid, with the reason.
+//! Each image is placed where the arm was when it was exposed, however late it comes. What is wrong
+//! with the images goes to the service, which tells it with its own health; an image that is
+//! refused is an estimate that is not valid, with the reason.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::Sender;
@@ -183,12 +185,13 @@ impl Depth {
         if let Some(words) = &trouble {
             tracing::warn!("depth image refused: {words}");
         }
-        // Nobody listens any more only where the service ends.
+        // Without a listener the service is ending.
         let _ = self.news.send(trouble);
     }
 
-    /// An estimate that cannot be used, with the reason. It keeps the stamp and cycle of the last that could: to whoever judges by
-    /// age, a camera whose images are refused is as silent as one that sends none, and is left as soon.
+    /// An estimate that cannot be used, with the reason. It keeps the stamp and cycle of the last
+    /// that could: to a reader that judges by age, a camera whose images are refused is as silent
+    /// as one that sends none, and is left as soon.
     fn refuse(&self, reason: Text) {
         self.normals.publish(&Message {
             validity: Validity::SensorError as u8,

@@ -1,5 +1,5 @@
-//! Starts `depth_normal`, once its camera's calibration is known: at once where the cell file gives it, else when the camera
-//! service says what the driver does.
+//! Starts `depth_normal`, once its camera's calibration is known: at once where the cell file gives
+//! it, else when the camera service says what the driver does.
 
 use std::sync::mpsc::{Sender, channel};
 use std::time::Duration;

@@ -1,4 +1,5 @@
-//! What the service knows of `depth_normal`'s thread: what is wrong with its images, and that it lives.
+//! What the service knows of `depth_normal`'s thread: what is wrong with its images, and that it
+//! lives.
 
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::thread::JoinHandle;
@@ -46,7 +47,8 @@ pub struct DepthWatch {
 }
 
 impl DepthWatch {
-    /// Watches a thread that holds the other end of `news` for as long as it lives; `age` is that of the newest image.
+    /// Watches a thread that holds the other end of `news` for as long as it lives; `age` is that
+    /// of the newest image.
     pub fn new(news: Receiver<Option<Text>>, age: Age, thread: JoinHandle<()>) -> Self {
         Self {
             news,

@@ -23,7 +23,8 @@ pub(crate) struct Host {
     live: Live,
 }
 
-/// Settings that can be changed while it runs; they hold from the next task on, so that nothing jerks the arm.
+/// Settings that can be changed while it runs; they hold from the next task on, so that nothing
+/// jerks the arm.
 struct Live {
     force_on_n: Parameter,
     force_bias_sd_n: Parameter,

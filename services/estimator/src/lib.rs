@@ -1,8 +1,9 @@
-//! The estimator service: listens to the arm's state, the wrench and the camera's features, steps one or more estimators of
-//! the surface's normal or of an object's pose, and publishes each on topics of its own.
+//! The estimator service: listens to the arm's state, the wrench and the camera's features, steps
+//! one or more estimators of the surface's normal or of an object's pose, and publishes each on
+//! topics of its own.
 //!
-//! Runs in a thread of its own, in any process and on any host: the control loop's thread only leaves a message in
-//! a queue. The newest state wins; those that were skipped are counted.
+//! Runs in a thread of its own, in any process and on any host: the control loop's thread only
+//! leaves a message in a queue. The newest state wins; those that were skipped are counted.
 
 mod config;
 mod depth;
@@ -264,7 +265,8 @@ impl Service {
         }
     }
 
-    /// Tells what is wrong, when that has changed. The depth camera's trouble comes first: touch has none only while it presses.
+    /// Tells what is wrong, when that has changed. The depth camera's trouble comes first: touch
+    /// has none only while it presses.
     fn say(&mut self) {
         let eye = self.depth.as_mut().and_then(DepthWatch::trouble);
         let now = (self.trouble, eye);
@@ -305,7 +307,8 @@ impl Trouble {
     }
 }
 
-/// What the law made of the wrench, with its own zero; none while it takes that zero, or no task runs.
+/// What the law made of the wrench, with its own zero; none while it takes that zero, or no task
+/// runs.
 fn wrench_of_law(control: &ControlState) -> (WrenchStamped, WrenchStatus) {
     let phase = Phase::from_code(control.phase).unwrap_or_default();
     let usable = phase.is_active()

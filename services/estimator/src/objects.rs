@@ -1,5 +1,5 @@
-//! The estimators of an object's pose that one service runs: arm states and the camera's features in, the object's pose and the
-//! normal that it implies out.
+//! The estimators of an object's pose that one service runs: arm states and the camera's features
+//! in, the object's pose and the normal that it implies out.
 
 use std::time::Instant;
 
@@ -138,8 +138,8 @@ impl Objects {
     }
 }
 
-/// Features as the estimators take them: placed on their clock by the difference of the stamps. None when a label is not one of
-/// the target's, comes twice, or a coordinate is no number.
+/// Features as the estimators take them: placed on their clock by the difference of the stamps.
+/// None when a label is not one of the target's, comes twice, or a coordinate is no number.
 fn frame_of(features: &FeatureArray, time_s: f64, arm_stamp_ns: i64) -> Option<CameraFrame> {
     let mut corners = [None; CORNERS];
     for feature in &features.features {

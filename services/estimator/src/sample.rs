@@ -15,7 +15,8 @@ const PAIR_MAX_S: f64 = 0.05;
 /// A step of the robot's clock beyond this is a restart or a long cut, s.
 const JUMP_MAX_S: f64 = 1.0;
 
-/// The twist that commanded joint velocities stand for; none when the joints are not those of the arm.
+/// The twist that commanded joint velocities stand for; none when the joints are not those of the
+/// arm.
 pub(crate) type CommandedTwist =
     Box<dyn Fn(&[f64], &[f64]) -> Option<Twist<Aligned<Tool, Base>>> + Send>;
 

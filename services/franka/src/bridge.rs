@@ -1,20 +1,21 @@
 //! The bridge as a state machine. Inputs are states and replies of the robot, commands of the
-//! controller, and the time; outputs are bytes for the robot. It owns the session, the guard, the
+//! controller, and the time; outputs are bytes for the robot. It owns the session, the gate, the
 //! lease and the counters.
 //!
-//! The cycle is: [`Bridge::state`] takes a state, the caller publishes it, and [`Bridge::command`] writes the answer. Neither
-//! allocates while a motion runs.
+//! The cycle is: [`Bridge::state`] takes a state, the caller publishes it, and [`Bridge::command`]
+//! writes the answer. Neither allocates while a motion runs.
 //!
 //! The torque motion runs while a controller sends commands, whether the arm moves or not. A task
 //! therefore starts without waiting for a motion, and between tasks the arm is held. Without a
 //! controller the motion ends, and the robot holds itself.
 
 use nalgebra::Vector3;
+use tangent_actuation::Command;
+use tangent_actuation::lease::{Lease, LeaseDecision, Source};
+use tangent_actuation::torque::{Permission, Posture, TorqueGate, TorqueLimits};
 use tangent_mechanics::Joints;
-use tangent_runtime::lease::{Admission, Lease, Source};
 
 use crate::fci::{PERIOD_S, Reply, Request, RobotCommand, RobotState};
-use crate::guard::{Guard, GuardLimits, Permission, Posture, Wanted};
 use crate::session::{Reason, Session, SessionError};
 
 /// Time without commands after which the controller counts as gone, s.
@@ -32,8 +33,8 @@ const END_S: f64 = 2.0;
 pub struct BridgeConfig {
     /// Settings to send to the robot before its first motion.
     pub settings: Vec<Request>,
-    /// Limits of the guard.
-    pub limits: GuardLimits,
+    /// Limits of the gate.
+    pub limits: TorqueLimits<7>,
 }
 
 /// Errors after which the connection cannot continue.
@@ -67,7 +68,7 @@ enum Shutdown {
 #[derive(Debug)]
 pub struct Bridge {
     session: Session,
-    guard: Guard,
+    gate: TorqueGate<7>,
     lease: Lease,
     state: RobotState,
     has_state: bool,
@@ -89,7 +90,7 @@ impl Bridge {
     pub fn new(config: BridgeConfig) -> Self {
         Self {
             session: Session::new(config.settings),
-            guard: Guard::new(config.limits, PERIOD_S),
+            gate: TorqueGate::new(config.limits, PERIOD_S),
             lease: Lease::default(),
             state: RobotState::default(),
             has_state: false,
@@ -115,7 +116,7 @@ impl Bridge {
     /// older ones are rejected from now on.
     pub fn close(&mut self) {
         self.session.close();
-        self.guard.latch();
+        self.gate.admission.latch();
         self.has_state = false;
         self.recovering_for = None;
         self.recover_asked = false;
@@ -171,15 +172,21 @@ impl Bridge {
             self.session.recover(now_s, tcp);
         }
         let wanted = self.is_wanted(now_s);
-        if !wanted && self.session.is_running() && !self.guard.is_commanded() && self.rests() {
+        if !wanted
+            && self.session.is_running()
+            && !self.gate.admission.is_commanded()
+            && self.rests()
+        {
             self.session.finish();
         }
         self.session.state(state, wanted, now_s, tcp);
         self.session.check(now_s)?;
-        if self.guard.is_commanded() && !(self.session.is_running() && state.in_torque_motion()) {
+        if self.gate.admission.is_commanded()
+            && !(self.session.is_running() && state.in_torque_motion())
+        {
             // The activation that moved the arm when its motion ended is rejected at once.
             // Otherwise that task would request the recovery.
-            self.guard.latch();
+            self.gate.admission.latch();
         }
         self.advance_shutdown(now_s);
         Ok(true)
@@ -189,24 +196,24 @@ impl Bridge {
     /// time commands the arm. When the lease changes hands, `activation` of the new source and all
     /// older ones are rejected, so that a task has to be started again.
     pub fn admit(&mut self, source: &Source, activation: u64, now_s: f64) -> bool {
-        let rests = !self.guard.is_commanded() && self.rests();
+        let rests = !self.gate.admission.is_commanded() && self.rests();
         let admission = self.lease.admit(source, now_s, rests);
-        if admission == Admission::Taken {
-            self.guard.change_hands(activation);
+        if admission == LeaseDecision::Taken {
+            self.gate.admission.change_hands(activation);
             self.recovering_for = None;
         }
-        if admission != Admission::Refused {
+        if admission != LeaseDecision::Refused {
             self.heard_s = Some(now_s);
         }
-        admission != Admission::Refused
+        admission != LeaseDecision::Refused
     }
 
     /// Writes the answer to the last state into `udp`, if that state is to be answered. `posture`
     /// is of that state; `arrived` is a command that was not passed before.
     pub fn command(
         &mut self,
-        posture: &Posture,
-        arrived: Option<&Wanted<'_>>,
+        posture: &Posture<7>,
+        arrived: Option<&Command<'_>>,
         now_s: f64,
         tcp: &mut Vec<u8>,
         udp: &mut Vec<u8>,
@@ -222,7 +229,7 @@ impl Bridge {
             self.recovering_for = None;
         }
         let arrived = arrived.filter(|wanted| !self.waits_for_recovery(wanted, now_s, tcp));
-        let allowed = self.guard.step(self.cycle, permission, posture, arrived);
+        let allowed = self.gate.step(self.cycle, permission, posture, arrived);
         if allowed.soft_stop {
             self.session.stop(now_s, tcp);
             return;
@@ -246,7 +253,7 @@ impl Bridge {
 
     /// Has the robot end the motion by itself. The arm moves again only for a newer activation.
     pub fn stop(&mut self) {
-        self.guard.latch();
+        self.gate.admission.latch();
         self.stop_asked = true;
     }
 
@@ -287,9 +294,9 @@ impl Bridge {
         self.latency_s
     }
 
-    /// The guard with its counters.
-    pub fn guard(&self) -> &Guard {
-        &self.guard
+    /// The gate with its counters.
+    pub fn gate(&self) -> &TorqueGate<7> {
+        &self.gate
     }
 
     /// The lease: which source commands the arm.
@@ -326,8 +333,8 @@ impl Bridge {
 
     /// Handles a torque command with a new activation while the robot is in a reflex: asks the
     /// robot once to leave it, and keeps the activation for the motion that follows. Returns false
-    /// for a command that goes to the guard.
-    fn waits_for_recovery(&mut self, wanted: &Wanted<'_>, now_s: f64, tcp: &mut Vec<u8>) -> bool {
+    /// for a command that goes to the gate.
+    fn waits_for_recovery(&mut self, wanted: &Command<'_>, now_s: f64, tcp: &mut Vec<u8>) -> bool {
         if wanted.kind != 2 || self.shutdown != Shutdown::No {
             return false;
         }
@@ -337,7 +344,7 @@ impl Bridge {
                 Some(Reason::Recovering | Reason::Starting | Reason::Mode(_) | Reason::Reflex(_))
             );
         }
-        let fresh = wanted.activation > self.guard.activation_latched();
+        let fresh = wanted.activation > self.gate.admission.activation_latched();
         let reflex = matches!(self.session.reason(true), Some(Reason::Reflex(_)));
         if fresh && reflex && self.session.recover(now_s, tcp) {
             self.recovering_for = Some(wanted.activation);
@@ -376,19 +383,17 @@ impl Bridge {
     }
 }
 
-impl Posture {
-    /// Posture from a state; tool position and Jacobian come from the caller's model.
-    pub fn of(
-        state: &RobotState,
-        tool_m: Vector3<f64>,
-        tool_jacobian: nalgebra::SMatrix<f64, 6, 7>,
-    ) -> Self {
-        Self {
-            q: Joints::from(state.q),
-            qd: Joints::from(state.dq),
-            torque: Joints::from(state.tau_j_d),
-            tool_m,
-            tool_jacobian,
-        }
+/// Posture from a state; tool position and Jacobian come from the caller's model.
+pub fn posture_of(
+    state: &RobotState,
+    tool_m: Vector3<f64>,
+    tool_jacobian: nalgebra::SMatrix<f64, 6, 7>,
+) -> Posture<7> {
+    Posture {
+        q: Joints::from(state.q),
+        qd: Joints::from(state.dq),
+        torque: Joints::from(state.tau_j_d),
+        tool_m,
+        tool_jacobian,
     }
 }

@@ -1,19 +1,21 @@
-//! The state machine against a robot written by hand: what it asks when, and that a cycle takes no memory.
+//! The state machine against a robot written by hand: what it asks when, and that a cycle takes no
+//! memory.
 
 use nalgebra::{SMatrix, Vector3};
+use tangent_actuation::lease::Source;
 use tangent_mechanics::Joints;
-use tangent_runtime::lease::Source;
 use tangent_schemas::Name;
 
-use crate::bridge::{Bridge, BridgeConfig, BridgeError};
+use crate::bridge::{Bridge, BridgeConfig, BridgeError, posture_of};
 use crate::fci::*;
-use crate::guard::{GuardLimits, Posture, Wanted};
 use crate::session::{Reason, SessionError};
+use tangent_actuation::Command;
+use tangent_actuation::torque::TorqueLimits;
 
 fn config() -> BridgeConfig {
     BridgeConfig {
         settings: vec![Request::SetJointImpedance([3000.0; 7])],
-        limits: GuardLimits {
+        limits: TorqueLimits {
             torque_nm: Joints::repeat(10.0),
             torque_rate_nm_per_s: Joints::repeat(1000.0),
             speed_rad_per_s: Joints::repeat(1.0),
@@ -82,17 +84,18 @@ impl Bench {
         self.state.message_id += 1;
         let (state, tcp) = (self.state, &mut self.tcp);
         assert!(self.bridge.state(&state, 0, self.now_s, tcp).unwrap());
-        let posture = Posture::of(&state, Vector3::zeros(), SMatrix::zeros());
+        let posture = posture_of(&state, Vector3::zeros(), SMatrix::zeros());
         let wanted = commanded.and_then(|(kind, activation)| {
             let source = Source {
                 name: Name::from("test/1").unwrap(),
                 publisher: [1; 16],
             };
             let admitted = self.bridge.admit(&source, activation, self.now_s);
-            admitted.then_some(Wanted {
+            admitted.then_some(Command {
                 cycle: self.bridge.cycle(),
                 kind,
                 values: &[0.5; 7],
+                acceleration: 0.0,
                 activation,
             })
         });
@@ -249,14 +252,14 @@ fn a_reflex_is_left_when_a_fresh_task_comes_or_somebody_asks() {
         let mut bench = Bench::new();
         bench.running();
         bench.cycle(Some((2, 1)));
-        assert!(bench.bridge.guard().is_commanded());
+        assert!(bench.bridge.gate().admission.is_commanded());
         // The robot stops; its word on the motion comes.
         bench.state.robot_mode = RobotMode::Reflex.number();
         bench.state.motion_generator_mode = MotionMode::Idle.number();
         bench.state.controller_mode = ControllerMode::Other.number();
         bench.state.reflex_reason = ErrorFlags::only(ErrorFlags::CARTESIAN_REFLEX);
         let ended = Reply {
-            command: Command::Move,
+            command: crate::fci::Command::Move,
             id: 2,
             body: ReplyBody::Move(MoveStatus::ReflexAborted),
         };
@@ -292,7 +295,7 @@ fn a_reflex_is_left_when_a_fresh_task_comes_or_somebody_asks() {
         bench.state.controller_mode = ControllerMode::External.number();
         bench.cycle(Some(command));
         bench.cycle(Some(command));
-        assert_eq!(bench.bridge.guard().is_commanded(), !by_person);
+        assert_eq!(bench.bridge.gate().admission.is_commanded(), !by_person);
         assert_eq!(bench.bridge.session().recoveries(), 1);
     }
 }
@@ -321,7 +324,7 @@ fn a_soft_stop_stops_at_the_robot() {
     bench.cycle(Some((3, 1)));
     assert_eq!(bench.asked().unwrap().1, Request::StopMove);
     assert!(bench.udp.is_empty());
-    assert_eq!(bench.bridge.guard().activation_latched(), 1);
+    assert_eq!(bench.bridge.gate().admission.activation_latched(), 1);
 }
 
 #[test]

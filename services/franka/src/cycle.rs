@@ -1,8 +1,9 @@
 //! The loop: one state of the robot in, wrench and `arm/state` published, one answer out.
 //!
-//! The thread waits for the robot's packet, never for a timer of its own. Publishing the state runs a controller of the same
-//! process, so its command is there when publishing returns; it passes the guard and leaves in the same cycle. The TCP side
-//! is looked at after the answer has left. Once a motion runs, nothing here allocates, locks or waits but for the robot.
+//! The thread waits for the robot's packet, never for a timer of its own. Publishing the state runs
+//! a controller of the same process, so its command is there when publishing returns; it passes the
+//! guard and leaves in the same cycle. The TCP side is looked at after the answer has left. Once a
+//! motion runs, nothing here allocates, locks or waits but for the robot.
 
 use std::io::{Read, Write};
 use std::sync::Arc;
@@ -10,24 +11,25 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
+use tangent_actuation::lease::Source;
 use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist};
-use tangent_runtime::lease::{self, Source};
 use tangent_runtime::watchdog::TURN;
 use tangent_runtime::{Beat, Publisher, State, Stop, Subscription, clock};
 use tangent_schemas::convert::{cut_format, joint_array};
 use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmCommand, ArmState, WrenchStatus};
 
-use crate::bridge::{Bridge, BridgeError};
+use crate::bridge::{Bridge, BridgeError, posture_of};
 use crate::estimate::Estimate;
 use crate::fci::{COMMAND_BYTES, CodecError, FrameError, PERIOD_S, Reply, RobotMode, RobotState};
-use crate::guard::{Posture, Trip, Wanted};
 use crate::link::{Link, LinkError, is_nothing_yet};
 use crate::meters::Meters;
 use crate::session::Reason;
 use crate::settings::Config;
 use crate::shared::{Note, Shared};
 use crate::wrench::tool_wrench;
+use tangent_actuation::torque::{Posture, Trip};
+use tangent_actuation::{Command, CommandAccount};
 
 /// First and longest pause between attempts to connect.
 const BACKOFF: (Duration, Duration) = (Duration::from_millis(200), Duration::from_secs(5));
@@ -76,7 +78,7 @@ pub(crate) struct Cycle {
     meters: Meters,
     stop: Stop,
     start: Instant,
-    posture: Posture,
+    posture: Posture<7>,
     state: ArmState,
     wrench_status: WrenchStatus,
     /// Of the last state.
@@ -84,8 +86,7 @@ pub(crate) struct Cycle {
     estimate: Estimate,
     tcp_out: Vec<u8>,
     udp_out: Vec<u8>,
-    /// Commands refused by the guard and by the lease, as in the state.
-    refused: (u64, u64),
+    account_of_commands: CommandAccount,
     told: Option<(Option<Reason>, Option<Source>)>,
     trip_told: Option<Trip>,
     connections: u32,
@@ -112,7 +113,7 @@ impl Cycle {
             health,
             stop,
             start: Instant::now(),
-            posture: Posture::of(
+            posture: posture_of(
                 &RobotState::default(),
                 Vector3::zeros(),
                 nalgebra::SMatrix::zeros(),
@@ -123,7 +124,7 @@ impl Cycle {
             estimate,
             tcp_out: Vec::with_capacity(1024),
             udp_out: Vec::with_capacity(COMMAND_BYTES),
-            refused: (0, 0),
+            account_of_commands: CommandAccount::default(),
             told: None,
             trip_told: None,
             connections: 0,
@@ -195,7 +196,8 @@ impl Cycle {
         self.tcp_out.clear();
         self.bridge.open(port, self.now_s(heard), &mut self.tcp_out);
         loop {
-            // A turn waits for the robot's state no longer than the socket's patience: advancing, or waiting for the robot.
+            // A turn waits for the robot's state no longer than the socket's patience: advancing,
+            // or waiting for the robot.
             beat.beat();
             let received = link.receive()?;
             let arrival = Instant::now();
@@ -269,11 +271,13 @@ impl Cycle {
             self.bridge.stop();
         }
         self.fill_state(arrival);
-        // The wrench first: a controller is called when the state is published, and wants the wrench of this cycle.
+        // The wrench first: a controller is called when the state is published, and wants the
+        // wrench of this cycle.
         self.publish_wrench(arrival);
         self.outlets.state.publish(&self.state);
         let now_s = self.now_s(Instant::now());
-        // Every one that came, since another source's must not hide the holder's; of the holder's, the newest.
+        // Every one that came, since another source's must not hide the holder's; of the holder's,
+        // the newest.
         let mut newest = None;
         for _ in 0..COMMANDS_MAX {
             let Some(received) = self.commands.try_recv() else {
@@ -288,12 +292,7 @@ impl Cycle {
                 newest = Some(received.message);
             }
         }
-        let wanted = newest.as_ref().map(|command| Wanted {
-            cycle: command.cycle,
-            kind: command.kind,
-            values: &command.values,
-            activation: command.activation,
-        });
+        let wanted = newest.as_ref().map(Command::from);
         self.udp_out.clear();
         self.bridge.command(
             &self.posture,
@@ -333,11 +332,11 @@ impl Cycle {
             .config
             .arm
             .tool_and_jacobian(&q, &self.config.flange_from_tool);
-        self.posture = Posture::of(robot, base_from_tool.translation(), jacobian);
+        self.posture = posture_of(robot, base_from_tool.translation(), jacobian);
         self.base_from_tool = base_from_tool;
         let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * qd));
         let reason = self.bridge.reason(now_s);
-        let guard = self.bridge.guard();
+        let gate = self.bridge.gate();
         let state = &mut self.state;
         state.header = Header::in_frame::<Base>(clock::stamp_ns(arrival));
         state.cycle = self.bridge.cycle();
@@ -367,42 +366,19 @@ impl Cycle {
         if let Some(latency_s) = self.bridge.latency_s() {
             state.command_latency_s = latency_s;
         }
-        state.command_cycle_accepted = guard.cycle_accepted();
         let lease = self.bridge.lease();
-        let holder = lease.holder().copied().unwrap_or_default();
-        state.commanded_by = holder.name;
-        state.commander_id = lease::mark(&holder.publisher);
-        if self.refused != (guard.refused(), lease.refused()) {
-            if self.refused.0 != guard.refused()
-                && let Some(refusal) = guard.refusal()
-            {
-                state.refusal_reason = cut_format(format_args!("{refusal}"));
-            }
-            if self.refused.1 != lease.refused()
-                && let Some(rival) = lease.rival(now_s)
-            {
-                state.refusal_reason = match lease.holder() {
-                    Some(_) => {
-                        cut_format(format_args!("{rival} is refused: {holder} drives this arm"))
-                    }
-                    None => cut_format(format_args!("{rival} is refused until the arm rests")),
-                };
-            }
-            self.refused = (guard.refused(), lease.refused());
-            state.commands_refused = guard.refused() + lease.refused();
-        }
-        if self.trip_told != guard.trip().copied() {
-            self.trip_told = guard.trip().copied();
-            if let Some(trip) = guard.trip() {
+        self.account_of_commands
+            .fill(state, &gate.admission, lease, now_s);
+        if self.trip_told != gate.trip().copied() {
+            self.trip_told = gate.trip().copied();
+            if let Some(trip) = gate.trip() {
                 state.refusal_reason = cut_format(format_args!("held, since {trip}"));
                 self.shared
                     .notes
                     .force_push(Note::Refused(state.refusal_reason));
             }
         }
-        state.activation_latched = guard.activation_latched();
         state.packets_lost = self.bridge.packets_lost();
-        state.missed_cycles = guard.missed();
     }
 
     /// After the bytes have left: figures, and what is worth telling.
@@ -428,8 +404,7 @@ impl Cycle {
                 }
             }
             (None, Some(rival)) => {
-                let holder = lease.holder().copied().unwrap_or_default();
-                let text = cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
+                let text = lease.refusal_of(&rival);
                 self.health.set(State::Degraded, text);
                 self.note(Note::Refused(text));
             }

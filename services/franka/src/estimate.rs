@@ -1,7 +1,9 @@
-//! The robot's wrench estimate, conditioned as a sensor's readings are: watched, tared, and told with what it was before its zero.
+//! The robot's wrench estimate, conditioned as a sensor's readings are: watched, tared, and told
+//! with what it was before its zero.
 //!
-//! The estimate is treated as the reading of a sensor at the tool's origin, in tool axes, that carries nothing (the robot takes
-//! its load off by itself). So a tare is averaged, judged and taken back as `netft` does it.
+//! The estimate is treated as the reading of a sensor at the tool's origin, in tool axes, that
+//! carries nothing (the robot takes its load off by itself). So a tare is averaged, judged and
+//! taken back as `netft` does it.
 
 use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
 use tangent_schemas::tangent::WrenchStatus;
@@ -23,7 +25,8 @@ pub(crate) struct Estimate {
 }
 
 impl Estimate {
-    /// Goes on with the zero of `owner`, the robot and its tool, that the service before left. The clock of [`Estimate::take`] begins now.
+    /// Goes on with the zero of `owner`, the robot and its tool, that the service before left. The
+    /// clock of [`Estimate::take`] begins now.
     ///
     /// # Errors
     /// A number of the tare that is out of range.

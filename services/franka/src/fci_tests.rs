@@ -1,4 +1,5 @@
-//! The codec against the independent client's own types, both ways, and against whatever bytes there are.
+//! The codec against the independent client's own types, both ways, and against whatever bytes
+//! there are.
 
 use franka::wire::robot::v5;
 use franka::wire::{ROBOT_COMMAND_PORT, f64s_to_f64, f64s_to_wire};
@@ -363,7 +364,8 @@ fn replies_come_back_as_they_were_and_padding_is_let_be() {
 }
 
 proptest! {
-    /// Whatever comes is a message, an error, or not all there; never a panic, and never more than was sent.
+    /// Whatever comes is a message, an error, or not all there; never a panic, and never more than
+    /// was sent.
     #[test]
     fn hostile_bytes_are_refused(chunks in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..200), 0..20)) {
         let mut framer = Framer::new();

@@ -1,5 +1,6 @@
-//! Asks a robot over FCI how it is: the handshake and some of its states. It sets nothing, starts no motion and answers no state, so
-//! the arm stays as it is. For `tangent doctor`. A robot has one client at a time: while a bridge runs, it closes the door.
+//! Asks a robot over FCI how it is: the handshake and some of its states. It sets nothing, starts
+//! no motion and answers no state, so the arm stays as it is. For `tangent doctor`. A robot has one
+//! client at a time: while a bridge runs, it closes the door.
 
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
@@ -51,7 +52,8 @@ impl Found {
         };
     }
 
-    /// A state `pause_s` after the one before, which was number `before`; `skipped` others came with it.
+    /// A state `pause_s` after the one before, which was number `before`; `skipped` others came
+    /// with it.
     fn take(&mut self, state: &RobotState, before: u64, skipped: u64, pause_s: f64) {
         self.says(state);
         let since = state.message_id.saturating_sub(before);
@@ -108,11 +110,11 @@ impl From<LinkError> for InquiryError {
     }
 }
 
-/// Connects and listens to the robot's states for `listen` from the first on. `timeout` for the connection, for each reply and for
-/// the states.
+/// Connects and listens to the robot's states for `listen` from the first on. `timeout` for the
+/// connection, for each reply and for the states.
 ///
 /// # Errors
-/// [`InquiryError`]: nobody there, somebody else connected, another version, no states.
+/// [`InquiryError`]: no answer, another client connected, another version, no states.
 pub fn inquire(
     host: &str,
     port: u16,

@@ -1,9 +1,10 @@
 //! Franka bridge over FCI: state and external wrench out, guarded joint torque in.
 //!
-//! [`run`] keeps a connection to the robot for ever: it sets the robot up, runs a torque motion while somebody commands, and
-//! answers each of the robot's packets in the same cycle with what `arm/command` holds, once that has passed the [`guard`].
-//! The parts below it are pure: [`fci`] is the protocol (both sides), [`session`] the conversation, [`bridge`] the whole
-//! state machine.
+//! [`run`] keeps a connection to the robot for ever: it sets the robot up, runs a torque motion
+//! while somebody commands, and answers each of the robot's packets in the same cycle with what
+//! `arm/command` holds, once that has passed the gate ([`tangent_actuation`]). The parts below it
+//! are pure: [`fci`] is the protocol (both sides), [`session`] the conversation, [`bridge`] the
+//! whole state machine.
 
 pub mod bridge;
 #[cfg(test)]
@@ -13,14 +14,10 @@ mod estimate;
 pub mod fci;
 #[cfg(test)]
 mod fci_tests;
-pub mod guard;
-#[cfg(test)]
-mod guard_tests;
 pub mod inquiry;
 mod link;
 mod meters;
 mod modes;
-mod refusal;
 pub mod session;
 pub mod settings;
 mod shared;
@@ -47,7 +44,8 @@ pub use settings::{Config, SettingsError};
 /// Name of the service in topics, health and parameters.
 pub const SERVICE: &str = "franka";
 
-/// Keys of what can be asked of this service; none takes an argument. It answers `netft/tare` too, for its own wrench.
+/// Keys of what can be asked of this service; none takes an argument. It answers `netft/tare` too,
+/// for its own wrench.
 pub mod queries {
     /// Leave a reflex.
     pub const RECOVER: &str = "franka/recover";
@@ -65,7 +63,8 @@ pub mod queries {
     pub const STOP: &str = "franka/stop";
 }
 
-/// Why the service cannot run at all. A robot that cannot be reached is no reason: it is tried for ever.
+/// Why the service cannot run at all. A robot that cannot be reached is no reason: it is tried for
+/// ever.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A topic or query could not be declared.

@@ -72,7 +72,8 @@ impl Link {
         }
     }
 
-    /// The newest state that is there, and how many older ones were passed over; `None` when none comes for a while.
+    /// The newest state that is there, and how many older ones were passed over; `None` when none
+    /// comes for a while.
     ///
     /// # Errors
     /// The socket fails, or a datagram is no state.
@@ -101,7 +102,8 @@ impl Link {
         Ok(newest.map(|state| (state, skipped)))
     }
 
-    /// One datagram's length; `None` for one that is not the robot's. `only_waiting`: without waiting for it.
+    /// One datagram's length; `None` for one that is not the robot's. `only_waiting`: without
+    /// waiting for it.
     fn receive_one(
         &mut self,
         bytes: &mut [u8],
@@ -110,7 +112,7 @@ impl Link {
         if let Some(peer) = self.states_from
             && only_waiting
         {
-            // The socket is connected to the peer, so nobody else's datagram comes through.
+            // The socket is connected to the peer, so no other datagram is received.
             debug_assert_eq!(self.udp.peer_addr().ok(), Some(peer));
             return Ok(recv(self.udp.as_raw_fd(), bytes, MsgFlags::MSG_DONTWAIT).map(Some)?);
         }

@@ -47,19 +47,19 @@ impl Meters {
 
     /// Of one cycle. `late`: states passed over since the start because a newer one was there.
     pub fn take(&self, bridge: &Bridge, arrival: Instant, took: Duration, late: u64) {
-        let (guard, session) = (bridge.guard(), bridge.session());
+        let (gate, session) = (bridge.gate(), bridge.session());
         self.states.tick();
         self.packet.mark_at(arrival);
         self.packet_to_command.record(took);
         if let Some(latency_s) = bridge.latency_s() {
             self.command_latency.record_s(latency_s);
         }
-        self.missed.set(guard.missed());
+        self.missed.set(gate.admission.missed());
         self.lost.set(bridge.packets_lost());
         self.late.set(late as f64);
-        self.refused.set(guard.refused() as f64);
+        self.refused.set(gate.admission.refused() as f64);
         self.refused_others.set(bridge.lease().refused() as f64);
-        self.limited.set(guard.limited() as f64);
+        self.limited.set(gate.limited() as f64);
         self.success
             .set(bridge.robot().control_command_success_rate);
         self.reflexes.set(session.reflexes() as f64);

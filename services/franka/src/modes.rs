@@ -1,5 +1,5 @@
-//! The robot's modes on request, under the names that every arm has: `franka/unlock`, `franka/reset`, `franka/power_on`,
-//! `franka/power_off`, `franka/status`.
+//! The robot's modes on request, under the names that every arm has: `franka/unlock`,
+//! `franka/reset`, `franka/power_on`, `franka/power_off`, `franka/status`.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

@@ -4,14 +4,16 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 use tangent_mechanics::{Arm, Flange, Joints, ModelData, ModelError, Pose, Tool};
-use tangent_runtime::config::{FrankaConfig, RealtimeConfig, RobotDriver};
+use tangent_runtime::config::{
+    FRANKA_TORQUE_RATE_SHARE, FrankaConfig, RealtimeConfig, RobotDriver,
+};
 use tangent_runtime::{CellConfig, StateFolder};
 use tangent_schemas::JointArray;
 use tangent_sensing::TareConfig;
 
 use crate::bridge::BridgeConfig;
 use crate::fci::{CollisionBehavior, Load, Request};
-use crate::guard::GuardLimits;
+use tangent_actuation::torque::TorqueLimits;
 
 /// Silence of the controller after which its activation is latched out, s.
 const SILENCE_LATCH_S: f64 = 0.1;
@@ -87,7 +89,8 @@ pub struct Config {
     pub flange_from_tool: Pose<Flange, Tool>,
     /// When the zero of the wrench estimate may be taken.
     pub tare: TareConfig,
-    /// Where the last good zero and the controller's last word are kept over restarts; none: nowhere.
+    /// Where the last good zero and the controller's last word are kept over restarts; none:
+    /// nowhere.
     pub state: Option<StateFolder>,
     /// Scheduling of the loop's thread.
     pub realtime: RealtimeConfig,
@@ -163,8 +166,8 @@ fn tare(franka: &FrankaConfig) -> TareConfig {
     }
 }
 
-/// What the robot is set to, in order. The end effector's frame stays as set at the robot: the estimate of the wrench is moved
-/// to the cell's tool here.
+/// What the robot is set to, in order. The end effector's frame stays as set at the robot: the
+/// estimate of the wrench is moved to the cell's tool here.
 fn settings(cell: &CellConfig) -> Vec<Request> {
     let franka = cell.robot.franka();
     let com = cell
@@ -196,7 +199,7 @@ fn settings(cell: &CellConfig) -> Vec<Request> {
     ]
 }
 
-fn limits(cell: &CellConfig, arm: &Arm<7>) -> Result<GuardLimits, SettingsError> {
+fn limits(cell: &CellConfig, arm: &Arm<7>) -> Result<TorqueLimits<7>, SettingsError> {
     let per_joint = |key, list: &[f64], found: Option<JointArray>| {
         found
             .and_then(|joints| <[f64; 7]>::try_from(joints.as_slice()).ok())
@@ -218,11 +221,12 @@ fn limits(cell: &CellConfig, arm: &Arm<7>) -> Result<GuardLimits, SettingsError>
         l.joint_speed_max(7),
     )?;
     let margin = Joints::repeat(POSITION_MARGIN_RAD);
-    Ok(GuardLimits {
+    Ok(TorqueLimits {
         torque_nm: effort * franka.torque_share,
-        torque_rate_nm_per_s: own
-            .effort_rate
-            .unwrap_or_else(|| Joints::repeat(TORQUE_RATE_NM_PER_S)),
+        torque_rate_nm_per_s: FRANKA_TORQUE_RATE_SHARE
+            * own
+                .effort_rate
+                .unwrap_or_else(|| Joints::repeat(TORQUE_RATE_NM_PER_S)),
         // The arm's own limit counts where it is lower.
         speed_rad_per_s: speed.inf(&own.velocity),
         position_lower_rad: own.position_lower + margin,

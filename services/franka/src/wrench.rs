@@ -25,8 +25,9 @@ pub fn pose_from_columns<A, B>(columns: &[f64; 16]) -> Pose<A, B> {
 
 /// What the environment does to the robot at the tool's origin, tool axes, N and Nm.
 ///
-/// The robot gives what it does to the environment, at and in K, which sits on the end effector as the robot is set; the tool
-/// sits on the flange as the cell says. So the sign turns, and the pair is moved from K to the tool.
+/// The robot gives what it does to the environment, at and in K, which sits on the end effector as
+/// the robot is set; the tool sits on the flange as the cell says. So the sign turns, and the pair
+/// is moved from K to the tool.
 pub fn tool_wrench(state: &RobotState, flange_from_tool: &Pose<Flange, Tool>) -> Wrench<Tool> {
     let flange_from_end: Pose<Flange, Stiffness> = pose_from_columns(&state.f_t_ee);
     let end_from_k: Pose<Stiffness, Stiffness> = pose_from_columns(&state.ee_t_k);
@@ -47,7 +48,8 @@ mod tests {
 
     #[test]
     fn pressing_gives_a_force_out_of_the_surface() {
-        // Tool 0.2 m beyond the flange; K on the hand, turned by -45 deg about z as Desk sets it, 0.1034 m out.
+        // Tool 0.2 m beyond the flange; K on the hand, turned by -45 deg about z as Desk sets it,
+        // 0.1034 m out.
         let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, -std::f64::consts::FRAC_PI_4);
         let hand: Pose<Flange, Stiffness> = Pose::new(Vector3::new(0.0, 0.0, 0.1034), turn);
         let tool: Pose<Flange, Tool> =

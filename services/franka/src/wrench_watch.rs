@@ -1,4 +1,5 @@
-//! Whether the robot's wrench estimate lives: it rests on torques that are measured with noise, so it never repeats by chance.
+//! Whether the robot's wrench estimate lives: it rests on torques that are measured with noise, so
+//! it never repeats by chance.
 
 use nalgebra::Vector6;
 use tangent_sensing::{
@@ -7,7 +8,8 @@ use tangent_sensing::{
 
 use crate::fci::PERIOD_S;
 
-/// Parts of a newton or newton metre that a difference is seen in: the robot's numbers are of single precision.
+/// Parts of a newton or newton metre that a difference is seen in: the robot's numbers are of
+/// single precision.
 const COUNTS_PER_UNIT: f64 = 1e6;
 
 /// The record watch of `tangent_sensing` on the estimate, once per state of the robot.

@@ -9,7 +9,8 @@ use crate::codec::FT_RATE_HZ;
 /// Longest answer that is read: a real one has about 6 kB.
 const ANSWER_MAX: u64 = 256 * 1024;
 
-/// Newton per unit of force, by the names that boxes use; case, spaces, dots and dashes do not matter.
+/// Newton per unit of force, by the names that boxes use; case, spaces, dots and dashes do not
+/// matter.
 const FORCE_UNITS: [(&str, f64); 10] = [
     ("n", 1.0),
     ("kn", 1000.0),
@@ -63,7 +64,8 @@ pub struct BoxConfig {
     pub filter: Option<u32>,
 }
 
-/// What one count may be worth, N and Nm. Sensors in use are near 1e-6; their makers' largest units and coarsest counts lie within.
+/// What one count may be worth, N and Nm. Sensors in use are near 1e-6; their makers' largest units
+/// and coarsest counts lie within.
 const PER_COUNT: (f64, f64) = (1e-12, 10.0);
 /// Records per second that a box can send.
 const RATE_HZ: (f64, f64) = (1.0, FT_RATE_HZ);
@@ -81,8 +83,8 @@ impl BoxConfig {
         })
     }
 
-    /// Sets the rate of records, and for buffered streams how many share a datagram; the box may choose the nearest
-    /// it can do.
+    /// Sets the rate of records, and for buffered streams how many share a datagram; the box may
+    /// choose the nearest it can do.
     ///
     /// # Errors
     /// The box does not answer or refuses.
@@ -132,7 +134,8 @@ impl BoxConfig {
             )),
             None => Err(format!("<{tag}> is missing")),
         };
-        // Positive and finite is not enough: what is worth nothing, or a ship's weight, per count is no sensor's.
+        // Positive and finite is not enough: what is worth nothing, or a ship's weight, per count
+        // is no sensor's.
         let per_count = |tag: &str, unit: f64| -> Result<f64, String> {
             let counts = scale(tag)?;
             let value = unit / counts;
@@ -165,7 +168,8 @@ impl BoxConfig {
         };
         let mut transformed = false;
         for axis in ["x", "y", "z", "rx", "ry", "rz"] {
-            // A box with nothing typed in says 0; one that keeps the six in one element is looked at below.
+            // A box with nothing typed in says 0; one that keeps the six in one element is looked
+            // at below.
             transformed |= number(&format!("cfgtf{axis}"))
                 .unwrap_or(None)
                 .unwrap_or(0.0)

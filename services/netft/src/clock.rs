@@ -1,14 +1,16 @@
 //! The sensor's clock on this host: a line under the arrival times of its sequence numbers.
 //!
-//! Nothing arrives before it was sent, so the earliest arrivals tell the time and all others tell the queue. The line
-//! lies under every arrival of a window and as close to them as can be: the edge of their lower convex hull at the window's
-//! middle. Called by the receiving thread; no clock is read here.
+//! Nothing arrives before it was sent, so the earliest arrivals tell the time and all others tell
+//! the queue. The line lies under every arrival of a window and as close to them as can be: the
+//! edge of their lower convex hull at the window's middle. Called by the receiving thread; no clock
+//! is read here.
 
 /// Points kept: the earliest arrival of each slice.
 const SLICES: usize = 64;
 /// Length of a slice, s; the window is 64 of them, 4 s.
 const SLICE_S: f64 = 0.0625;
-/// Largest deviation of the sensor's rate from its nominal one that is believed: crystals are good to 0.0001.
+/// Largest deviation of the sensor's rate from its nominal one that is believed: crystals are good
+/// to 0.0001.
 const RATE_TOLERANCE: f64 = 0.002;
 /// An arrival so much before its time cannot be: the sensor's count has jumped, s.
 const EARLY_S: f64 = 0.02;
@@ -58,8 +60,9 @@ impl ClockRecovery {
         *self = Self::new(self.period_s);
     }
 
-    /// Takes in that `sequence` (which does not wrap around) arrived at `arrival_ns` on this host's monotonic clock, and returns when
-    /// it was measured on the same clock: never after its arrival. No allocation.
+    /// Takes in that `sequence` (which does not wrap around) arrived at `arrival_ns` on this host's
+    /// monotonic clock, and returns when it was measured on the same clock: never after its
+    /// arrival. No allocation.
     pub fn observe(&mut self, sequence: i64, arrival_ns: i64) -> i64 {
         let (sequence_0, arrival_0) = *self.anchor.get_or_insert((sequence, arrival_ns));
         let n = (sequence - sequence_0) as f64;
@@ -76,7 +79,8 @@ impl ClockRecovery {
         self.stamp(sequence, arrival_ns)
     }
 
-    /// When `sequence` was measured, for one that says nothing about the queue: not the last of its datagram, or overtaken.
+    /// When `sequence` was measured, for one that says nothing about the queue: not the last of its
+    /// datagram, or overtaken.
     pub fn stamp(&self, sequence: i64, arrival_ns: i64) -> i64 {
         let Some((sequence_0, arrival_0)) = self.anchor else {
             return arrival_ns;
@@ -134,7 +138,8 @@ impl ClockRecovery {
         (0..self.count).map(|i| self.points[(self.first + i) % SLICES])
     }
 
-    /// The edge of the lower hull over the window's middle. Of all lines under the points, it has the least sum of distances to them.
+    /// The edge of the lower hull over the window's middle. Of all lines under the points, it has
+    /// the least sum of distances to them.
     fn fit(&mut self) {
         if self.count < 2 {
             return;
@@ -201,7 +206,8 @@ mod tests {
         (*state >> 33) as f64 / (1u64 << 31) as f64
     }
 
-    /// Rms and largest error (s) of the stamps after the first second, against the sensor's truth plus its least delay.
+    /// Rms and largest error (s) of the stamps after the first second, against the sensor's truth
+    /// plus its least delay.
     fn errors(seed: u64, ppm: f64, seconds: f64, delay: impl Fn(f64, f64) -> f64) -> (f64, f64) {
         let mut clock = ClockRecovery::new(PERIOD);
         let mut state = seed;
@@ -228,7 +234,8 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(12))]
         #[test]
         fn stamps_are_right_to_20_us_rms_through_queueing(seed: u64, ppm in -100.0f64..100.0) {
-            // 50 µs of wire; one record in three waits an exponential 500 µs, one in a hundred up to 8 ms.
+            // 50 µs of wire; one record in three waits an exponential 500 µs, one in a hundred up
+            // to 8 ms.
             let (rms, worst) = errors(seed, ppm, 8.0, |_, u| {
                 let wait = match u {
                     u if u < 0.65 => u * 20e-6,

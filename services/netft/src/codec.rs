@@ -162,8 +162,8 @@ impl Status {
         "summary of errors and warnings",
     ];
 
-    /// Whether the reading beside it can be used. A tripped threshold is a warning only; a bit that this program has
-    /// no name for counts as an error.
+    /// Whether the reading beside it can be used. A tripped threshold is a warning only; a bit that
+    /// this program has no name for counts as an error.
     pub fn condition(self) -> SensorCondition {
         if self.0 & Self::SATURATION != 0 {
             SensorCondition::Saturated

@@ -7,7 +7,8 @@ use tangent_runtime::config::SensorMode;
 use tangent_runtime::{CellConfig, StateFolder};
 use tangent_sensing::{ConditioningConfig, Payload, TareConfig};
 
-/// `wrench/tool` per second where the cell file leaves it open: fresher than 1 ms for any reader, at 7 kHz in.
+/// `wrench/tool` per second where the cell file leaves it open: fresher than 1 ms for any reader,
+/// at 7 kHz in.
 pub const TOOL_RATE_DEFAULT_HZ: f64 = 1000.0;
 /// Socket buffer asked for: room for well over a second of records at 7 kHz.
 pub const SOCKET_BUFFER_BYTES: usize = 8 << 20;
@@ -43,7 +44,8 @@ pub struct Config {
     pub realtime_priority: Option<u8>,
     /// Socket buffer asked for, bytes.
     pub socket_buffer_bytes: usize,
-    /// Where the last good zero and the controller's last word are kept over restarts; none: nowhere.
+    /// Where the last good zero and the controller's last word are kept over restarts; none:
+    /// nowhere.
     pub state: Option<StateFolder>,
 }
 

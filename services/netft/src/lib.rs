@@ -1,8 +1,9 @@
 //! ATI Net F/T sensor service: RDT records in, conditioned wrench out.
 //!
-//! It reads units and scales from the box over HTTP, asks for the stream, and from then on: every record, with its time of
-//! measurement recovered from the box's own count, goes out on `wrench/raw`, and the newest, conditioned, on `wrench/status` and
-//! `wrench/tool`. Silence is met by asking again, for ever. `netft/tare` averages the zero, on this host, never in the box.
+//! It reads units and scales from the box over HTTP, asks for the stream, and from then on: every
+//! record, with its time of measurement recovered from the box's own count, goes out on
+//! `wrench/raw`, and the newest, conditioned, on `wrench/status` and `wrench/tool`. Silence is met
+//! by asking again, for ever. `netft/tare` averages the zero, on this host, never in the box.
 
 #![deny(missing_docs)]
 
@@ -41,7 +42,8 @@ const FIND_MAX: Duration = Duration::from_secs(60);
 /// Patience with the box's web server.
 const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Runs until `stop`. A box that is unreachable, silent or unusable is reported and tried again, for ever.
+/// Runs until `stop`. A box that is unreachable, silent or unusable is reported and tried again,
+/// for ever.
 ///
 /// # Errors
 /// Numbers out of range, or a bus, socket or thread that cannot be had.
@@ -59,7 +61,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
         .start()
         .map_err(system("starting the thread that writes state"))?;
     let mut receiver = Receiver::new(config, &bus, &parameters, health, taring)?;
-    // A thread of its own: real-time scheduling must not spread to whoever called.
+    // A thread of its own: real-time scheduling must not spread to the caller.
     let ended = std::thread::Builder::new()
         .name(SERVICE.into())
         .spawn(move || {
@@ -93,7 +95,8 @@ fn serve(receiver: &mut Receiver, stop: &Stop) {
             Ok(Ended::Restarted) => {
                 tracing::warn!("the box counts anew; reading its units and scales again");
             }
-            // Also a box whose rate does not go with the cell's filter: it may be set right on its web page.
+            // Also a box whose rate does not go with the cell's filter: it may be set right on its
+            // web page.
             Err(error) => {
                 receiver.report_fault(&error);
                 beat.within(pause + TURN);

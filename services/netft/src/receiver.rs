@@ -1,4 +1,5 @@
-//! The receiving thread: every datagram there is, every record published, the newest one conditioned.
+//! The receiving thread: every datagram there is, every record published, the newest one
+//! conditioned.
 
 use std::time::{Duration, Instant};
 
@@ -26,7 +27,8 @@ use crate::socket::RdtSocket;
 use crate::stream::{Kind, Stream, StreamCounts};
 use crate::{NetftError, SERVICE};
 
-/// Datagrams taken at once before the newest is published: after a stall the backlog must not hide the present for long.
+/// Datagrams taken at once before the newest is published: after a stall the backlog must not hide
+/// the present for long.
 const BATCH: usize = 512;
 /// Silence after which the box may be another one.
 const GONE: Duration = Duration::from_secs(2);
@@ -268,7 +270,8 @@ impl Receiver {
         }
     }
 
-    /// Unix time of this thread's epoch, ns; measured anew for every batch, so that stamps follow the host's clock.
+    /// Unix time of this thread's epoch, ns; measured anew for every batch, so that stamps follow
+    /// the host's clock.
     fn unix_offset_ns(&self) -> i64 {
         host_clock::now_ns() - nanoseconds(self.epoch.elapsed())
     }
@@ -393,7 +396,8 @@ impl Receiver {
         });
     }
 
-    /// What the box does not say: a load beyond the sensor's range. A record that leaps there and back was left out before.
+    /// What the box does not say: a load beyond the sensor's range. A record that leaps there and
+    /// back was left out before.
     fn within_range(&self, condition: SensorCondition, wrench: &Wrench<Sensor>) -> SensorCondition {
         let load = wrench.vector();
         let beyond = (0..6).any(|i| load[i].abs() > self.config.range[i]);
@@ -499,7 +503,8 @@ fn nanoseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX)
 }
 
-/// Silence of a stream at `rate_hz` that is reported: `asked`, or three records, so that a slow one is not silent.
+/// Silence of a stream at `rate_hz` that is reported: `asked`, or three records, so that a slow one
+/// is not silent.
 fn patience(asked: Duration, rate_hz: f64) -> Duration {
     let three = Duration::try_from_secs_f64(3.0 / rate_hz);
     asked.max(three.unwrap_or(asked))

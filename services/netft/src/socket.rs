@@ -11,7 +11,8 @@ use socket2::{Domain, Protocol, SockRef, Socket, Type};
 use crate::NetftError;
 use crate::codec::Request;
 
-/// Kernel memory that one waiting record takes, bytes: 36 bytes of record in a packet buffer of the smallest size.
+/// Kernel memory that one waiting record takes, bytes: 36 bytes of record in a packet buffer of the
+/// smallest size.
 const KERNEL_BYTES_PER_DATAGRAM: usize = 832;
 
 /// A connected socket: the kernel drops what anybody else sends.
@@ -22,7 +23,8 @@ pub struct RdtSocket {
 }
 
 impl RdtSocket {
-    /// Connects, with as deep a buffer as is granted of `buffer_bytes`. Reading waits at most `wait`.
+    /// Connects, with as deep a buffer as is granted of `buffer_bytes`. Reading waits at most
+    /// `wait`.
     ///
     /// # Errors
     /// The address is none, or the system has no socket to give.

@@ -1,4 +1,5 @@
-//! The stream's book-keeping without its socket: what to ask of the box and when, and what each record is.
+//! The stream's book-keeping without its socket: what to ask of the box and when, and what each
+//! record is.
 
 use std::time::Duration;
 
@@ -6,7 +7,8 @@ use crate::codec::{Command, FT_RATE_HZ, Record, Request};
 
 /// Longest pause between two requests while the box is silent.
 const PAUSE_MAX: Duration = Duration::from_secs(1);
-/// A count this far back can be a late record, if its place in the stream fits; further back, the box has begun anew.
+/// A count this far back can be a late record, if its place in the stream fits; further back, the
+/// box has begun anew.
 const LATE_MAX: i64 = 7000;
 /// Counts ahead of the time that has passed that clocks and waiting explain, s.
 const AHEAD_MAX_S: f64 = 1.0;
@@ -18,7 +20,8 @@ const REMEMBERED: usize = 256;
 pub enum Kind {
     /// Newer than all before it.
     Next {
-        /// Records lost between the one before and this one, in time: also over a pause of the stream.
+        /// Records lost between the one before and this one, in time: also over a pause of the
+        /// stream.
         missed: u32,
     },
     /// Overtaken by a newer one; worth recording, not filtering.
@@ -74,8 +77,8 @@ struct Last {
 }
 
 impl Stream {
-    /// Will ask with `command` (real-time or buffered) for records without end at `rate_hz`, and again whenever nothing came
-    /// for `patience`.
+    /// Will ask with `command` (real-time or buffered) for records without end at `rate_hz`, and
+    /// again whenever nothing came for `patience`.
     pub fn new(command: Command, rate_hz: f64, patience: Duration) -> Self {
         Self {
             request: Request {
@@ -100,7 +103,8 @@ impl Stream {
         self
     }
 
-    /// The request to send now, if one is due. After silence the pauses between requests double up to 1 s, for ever.
+    /// The request to send now, if one is due. After silence the pauses between requests double up
+    /// to 1 s, for ever.
     pub fn poll(&mut self, now: Duration) -> Option<Request> {
         if let Some(heard) = self.heard
             && now.saturating_sub(heard) < self.patience
@@ -125,7 +129,8 @@ impl Stream {
         Some(self.request)
     }
 
-    /// Takes one record that arrived at `now`; returns its sequence on the box's clock, which does not wrap around, and what it is.
+    /// Takes one record that arrived at `now`; returns its sequence on the box's clock, which does
+    /// not wrap around, and what it is.
     pub fn take(&mut self, record: &Record, now: Duration) -> (i64, Kind) {
         // Also over a change of connection, which keeps the counts.
         if self.silent && self.counts.records > 0 {
@@ -163,7 +168,8 @@ impl Stream {
         self.counts.malformed += 1;
     }
 
-    /// A record of the past, not of a box that counts anew: it came lately, or its two counts are equally far back.
+    /// A record of the past, not of a box that counts anew: it came lately, or its two counts are
+    /// equally far back.
     fn is_late(&self, last: &Last, record: &Record, ahead: i64) -> bool {
         let back = i64::from(last.rdt_sequence.wrapping_sub(record.rdt_sequence) as i32);
         let lately = ahead > -(REMEMBERED as i64) * self.step;
@@ -195,7 +201,8 @@ impl Stream {
         self.remember(sequence);
         self.counts.records += 1;
         self.counts.out_of_order += 1;
-        // It had been counted as lost when a newer one came; one from before all that is remembered may be a double.
+        // It had been counted as lost when a newer one came; one from before all that is remembered
+        // may be a double.
         if self.is_remembered(sequence) {
             self.counts.lost = self.counts.lost.saturating_sub(1);
         }

@@ -1,4 +1,5 @@
-//! Which cells are recorded: the bus's own, or several of one network, whose names then begin every key and topic.
+//! Which cells are recorded: the bus's own, or several of one network, whose names then begin every
+//! key and topic.
 
 /// Names of the cells; none for the bus's own.
 #[derive(Clone, Debug, Default)]

@@ -15,7 +15,8 @@ pub struct RecorderConfig {
     pub folder: PathBuf,
     /// First part of the files' names: the cell.
     pub prefix: String,
-    /// Key patterns to record, relative to the cell: `*` is one part of a key, `**` any number of parts.
+    /// Key patterns to record, relative to the cell: `*` is one part of a key, `**` any number of
+    /// parts.
     pub include: Vec<String>,
     /// Key patterns not to record, whatever `include` says.
     pub exclude: Vec<String>,
@@ -25,14 +26,16 @@ pub struct RecorderConfig {
     pub rotate_bytes: u64,
     /// A new file after this long.
     pub rotate_after: Duration,
-    /// What came is on the disk after this time, synced: the end of the process or a power cut loses at most that.
+    /// What came is on the disk after this time, synced: the end of the process or a power cut
+    /// loses at most that.
     pub flush_every: Duration,
-    /// All recordings of the folder together, torn copies counted: when there are more bytes, the oldest files are
-    /// deleted; `None`: never.
+    /// All recordings of the folder together, torn copies counted: when there are more bytes, the
+    /// oldest files are deleted; `None`: never.
     pub keep_bytes: Option<u64>,
     /// Recordings that were last written longer ago are deleted; `None`: never.
     pub keep_for: Option<Duration>,
-    /// Stop writing while the disk has less than this left, bytes: the file's index still needs room.
+    /// Stop writing while the disk has less than this left, bytes: the file's index still needs
+    /// room.
     pub free_min_bytes: u64,
     /// Chunks are compressed with zstd.
     pub compress: bool,
@@ -70,7 +73,8 @@ impl Default for RecorderConfig {
 }
 
 impl RecorderConfig {
-    /// From a cell's `[recorder]` section. The cell file's text is not in it: add it with [`Self::with_attachment`].
+    /// From a cell's `[recorder]` section. The cell file's text is not in it: add it with
+    /// [`Self::with_attachment`].
     pub fn from_cell(cell: &CellConfig) -> Self {
         let section = &cell.recorder;
         let mut facts = version_facts();

@@ -38,7 +38,8 @@ pub struct Disk {
     written: u64,
     /// Taken by the present file but not synced: gone if the disk refuses now.
     unsynced: u64,
-    /// When the newest sync began: a new file is synced as soon as the one before it would have been.
+    /// When the newest sync began: a new file is synced as soon as the one before it would have
+    /// been.
     flushed: Option<Instant>,
     /// How long the newest sync took.
     sync_took: Duration,
@@ -155,7 +156,8 @@ impl Disk {
         }
     }
 
-    /// Stores a table at the end of the present file and of all that follow; the newest of a name counts.
+    /// Stores a table at the end of the present file and of all that follow; the newest of a name
+    /// counts.
     pub fn last_words(&mut self, name: &str, entries: BTreeMap<String, String>) {
         self.last_words.insert(name.to_owned(), entries);
     }
@@ -175,7 +177,8 @@ impl Disk {
 
     /// Ends the present file; all files of this run.
     pub fn finish(mut self, now: Instant) -> (Vec<PathBuf>, u64, u64) {
-        // Files that the disk refused to go on with stay torn: they can be read, and the next start mends them.
+        // Files that the disk refused to go on with stay torn: they can be read, and the next start
+        // mends them.
         self.close(now);
         (self.finished, self.written, self.dropped)
     }

@@ -1,4 +1,5 @@
-//! What a recording needs of a file system: files that grow at their end, and a way to make them survive a power cut.
+//! What a recording needs of a file system: files that grow at their end, and a way to make them
+//! survive a power cut.
 
 use std::fs::{self, File, OpenOptions};
 use std::io;
@@ -7,7 +8,8 @@ use std::sync::Arc;
 
 /// A file that is written from its beginning to its end.
 pub(crate) trait OpenFile: Send + Sync {
-    /// Appends some of the bytes and returns how many. They survive the end of the process, not a power cut.
+    /// Appends some of the bytes and returns how many. They survive the end of the process, not a
+    /// power cut.
     ///
     /// # Errors
     /// When the disk refuses.
@@ -49,8 +51,9 @@ impl Files for SystemFiles {
             .write(true)
             .create_new(true)
             .open(&opening)?;
-        // Held while the file is written, so that no recorder takes it for torn or for old: it gets its name when it is
-        // locked already. Where a file system knows no locks, recordings are made all the same.
+        // Held while the file is written, so that no recorder takes it for torn or for old: it gets
+        // its name when it is locked already. Where a file system knows no locks, recordings are
+        // made all the same.
         let _ = file.try_lock();
         let named = name(&opening, path);
         if named.is_err() {
@@ -83,8 +86,8 @@ fn name(opening: &Path, path: &Path) -> io::Result<()> {
     }
 }
 
-/// Makes what was created, renamed and removed beside `path` survive a power cut. Some network file systems cannot sync
-/// a folder; there the files' own syncs have to do.
+/// Makes what was created, renamed and removed beside `path` survive a power cut. Some network file
+/// systems cannot sync a folder; there the files' own syncs have to do.
 pub(crate) fn sync_folder_of(path: &Path) {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -99,7 +102,8 @@ pub(crate) fn is_being_written(path: &Path) -> bool {
         .is_ok_and(|file| matches!(file.try_lock_shared(), Err(fs::TryLockError::WouldBlock)))
 }
 
-/// Bytes that unprivileged users may still write in the folder; `None` when the system does not say.
+/// Bytes that unprivileged users may still write in the folder; `None` when the system does not
+/// say.
 pub(crate) fn free_bytes(folder: &Path) -> Option<u64> {
     let stat = nix::sys::statvfs::statvfs(folder).ok()?;
     Some(stat.blocks_available() * stat.fragment_size())

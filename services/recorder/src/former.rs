@@ -1,8 +1,8 @@
-//! What a former recording of the cell ends with: which messages of whom are in it, so that a recorder that starts again
-//! asks for what came after.
+//! What a former recording of the cell ends with: which messages of whom are in it, so that a
+//! recorder that starts again asks for what came after.
 //!
-//! Reads the end of the newest files, whole or torn, before they are mended: the chunks of the last seconds, and of
-//! everything before no more than where the records are.
+//! Reads the end of the newest files, whole or torn, before they are mended: the chunks of the last
+//! seconds, and of everything before no more than where the records are.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
@@ -42,13 +42,14 @@ pub(crate) struct Former {
 pub(crate) struct Heard {
     /// Lower 32 bits of their sequences, in the file's order.
     pub sequences: Vec<u32>,
-    /// The last of them is in a file without an end: nobody has counted what is missing.
+    /// The last of them is in a file without an end: what is missing has not been counted.
     pub torn: bool,
 }
 
 impl Former {
-    /// Of the files in `folder` whose names begin with the cell's name; empty when the newest message is older than
-    /// what publishers keep. A file that cannot be read is left out: its messages are asked for again.
+    /// Of the files in `folder` whose names begin with the cell's name; empty when the newest
+    /// message is older than what publishers keep. A file that cannot be read is left out: its
+    /// messages are asked for again.
     pub(crate) fn read(folder: &Path, prefix: &str, now_ns: u64) -> Self {
         let oldest_ns = now_ns.saturating_sub(TAIL.as_nanos() as u64);
         let mut ends = Vec::new();
@@ -269,7 +270,8 @@ mod tests {
 
     const S: u64 = 1_000_000_000;
 
-    /// A file of two publishers of one topic and one of another, one message of each per 0.1 s from `from_s` on.
+    /// A file of two publishers of one topic and one of another, one message of each per 0.1 s from
+    /// `from_s` on.
     fn write(folder: &Path, name: &str, from_s: u64, to_s: u64, finish: bool) -> PathBuf {
         let path = folder.join(name);
         let mut writer = RecordingWriter::create(&path).unwrap();

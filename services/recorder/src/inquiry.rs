@@ -1,4 +1,5 @@
-//! Asks the other services what a recording should hold beside their messages, without keeping the disk waiting.
+//! Asks the other services what a recording should hold beside their messages, without keeping the
+//! disk waiting.
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender, channel};

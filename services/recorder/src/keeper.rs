@@ -1,5 +1,5 @@
-//! Keeps the folder in order while recordings are written: mends what crashes left torn, deletes what the budget does
-//! not cover. A thread of its own; recording never waits for it.
+//! Keeps the folder in order while recordings are written: mends what crashes left torn, deletes
+//! what the budget does not cover. A thread of its own; recording never waits for it.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -72,7 +72,8 @@ impl Keeper {
         self.mended.try_iter()
     }
 
-    /// Ends it at once: a file that is being mended is left torn, and what was written of its copy is removed.
+    /// Ends it at once: a file that is being mended is left torn, and what was written of its copy
+    /// is removed.
     pub(crate) fn finish(&mut self) {
         self.stop.trigger();
         self.wake = None;

@@ -1,7 +1,8 @@
-//! Which messages of each publisher are recorded, which are missing, and when to ask for those again.
+//! Which messages of each publisher are recorded, which are missing, and when to ask for those
+//! again.
 //!
-//! Judged by sequence, without a clock of its own: the service says what it takes, asks what this wants, and says when
-//! an answer is complete.
+//! Judged by sequence, without a clock of its own: the service says what it takes, asks what this
+//! wants, and says when an answer is complete.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -62,7 +63,8 @@ struct Gap {
     /// Times it was asked for.
     asked: usize,
     due: Instant,
-    /// It is known that somebody should have had it; before a publisher's first message nobody knows.
+    /// It is known that it should have arrived; before a publisher's first message nobody
+    /// knows.
     counts: bool,
 }
 
@@ -99,7 +101,8 @@ impl Gap {
 /// What is recorded, by publisher.
 pub(crate) struct Ledger {
     lines: HashMap<(Arc<str>, [u8; 16]), Line>,
-    /// Of publishers heard for the first time: nothing from before is asked for, ns since the Unix epoch.
+    /// Of publishers heard for the first time: nothing from before is asked for, ns since the Unix
+    /// epoch.
     since_ns: i64,
     taken: u64,
     recovered: u64,
@@ -132,8 +135,8 @@ impl Ledger {
         self.missing
     }
 
-    /// A publisher's messages in a former file, in the file's order: the lower 32 bits of their sequences. Holes in it
-    /// count as missing when `counts`.
+    /// A publisher's messages in a former file, in the file's order: the lower 32 bits of their
+    /// sequences. Holes in it count as missing when `counts`.
     pub(crate) fn seed(
         &mut self,
         key: &Arc<str>,
@@ -216,7 +219,8 @@ impl Ledger {
         let id = (Arc::clone(key), publisher);
         match self.lines.get_mut(&id) {
             Some(line) => {
-                // What lies between two messages is known to be missing; what lies before the first is from now on.
+                // What lies between two messages is known to be missing; what lies before the first
+                // is from now on.
                 let gaps = std::mem::take(&mut line.gaps);
                 line.gaps = gaps.iter().flat_map(|gap| gap.claim(from, to)).collect();
             }
@@ -252,8 +256,9 @@ impl Ledger {
         gaps.any(|gap| gap.due <= now)
     }
 
-    /// What to ask for now: holes whose time has come, and with `since_ns` all that was published after what is
-    /// recorded, by publishers not yet heard since that time. Holes that were asked for often enough are given up.
+    /// What to ask for now: holes whose time has come, and with `since_ns` all that was published
+    /// after what is recorded, by publishers not yet heard since that time. Holes that were asked
+    /// for often enough are given up.
     pub(crate) fn question(&mut self, since_ns: Option<i64>, now: Instant) -> Option<Question> {
         let mut spans = Vec::new();
         for ((_, publisher), line) in &mut self.lines {

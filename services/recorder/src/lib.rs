@@ -1,7 +1,7 @@
 //! Recorder service: every topic of the cell to MCAP, and recordings read back.
 //!
-//! It listens to everything through a bounded queue of its own, so that a slow disk costs recorded messages and never
-//! a publisher's time; what could not be written is counted and said.
+//! It listens to everything through a bounded queue of its own, so that a slow disk costs recorded
+//! messages and never a publisher's time; what could not be written is counted and said.
 
 mod cells;
 mod config;

@@ -11,7 +11,8 @@ pub struct Record<'a> {
     pub topic: &'a str,
     /// ROS 2 message type, `PACKAGE/msg/NAME`.
     pub type_name: &'a str,
-    /// Text of the `.msg` definition with its dependencies; `None` for a type this build does not know.
+    /// Text of the `.msg` definition with its dependencies; `None` for a type this build does not
+    /// know.
     pub definition: Option<&'a str>,
     /// Publisher's id; zeros for one that does not say.
     pub publisher: [u8; 16],

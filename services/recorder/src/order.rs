@@ -1,5 +1,5 @@
-//! The order in which a recording's messages came, or would have come: those that their publisher was asked for again
-//! stand in the file behind what came meanwhile.
+//! The order in which a recording's messages came, or would have come: those that their publisher
+//! was asked for again stand in the file behind what came meanwhile.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
@@ -26,7 +26,8 @@ pub(crate) struct Ordered<I> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Place {
     at_ns: u64,
-    /// Number in the file of the message in order that it stands at, its own for one in order; `u64::MAX`: none.
+    /// Number in the file of the message in order that it stands at, its own for one in order;
+    /// `u64::MAX`: none.
     at: u64,
     side: Side,
     /// Of messages at the same place: by their sequence.
@@ -46,7 +47,8 @@ struct Channel {
     /// Sequences are compared from here on, so that a wrap of their 32 bits is none.
     base: u32,
     newest: u32,
-    /// Time from publication to receipt, the least of late: of a message that came again it is longer.
+    /// Time from publication to receipt, the least of late: of a message that came again it is
+    /// longer.
     usual_ns: i128,
     /// By sequence, counted from `base`.
     places: VecDeque<(u32, Place)>,
@@ -69,7 +71,8 @@ impl Channel {
         (message.sequence.wrapping_sub(self.newest) as i32) < 0
     }
 
-    /// When a message of a batch was received, and not before the one before it: the file has others in between.
+    /// When a message of a batch was received, and not before the one before it: the file has
+    /// others in between.
     fn next_ns(&self, message: &RecordedMessage) -> u64 {
         let before_ns = self.places.back().map_or(0, |(_, place)| place.at_ns);
         message.log_time_ns.max(before_ns)
@@ -264,7 +267,8 @@ mod tests {
 
     #[test]
     fn a_publishers_messages_stand_in_the_order_of_their_sequences() {
-        // Receipt times that jitter by more than the time between two messages, at every wrap of the count.
+        // Receipt times that jitter by more than the time between two messages, at every wrap of
+        // the count.
         for base in [0, u32::MAX - 50] {
             let mut messages = Vec::new();
             for i in 0..100u64 {

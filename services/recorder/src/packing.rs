@@ -1,7 +1,9 @@
-//! Wrenches in arrays: at 7000 a second each message costs as much for its place in a file as for what it says.
+//! Wrenches in arrays: at 7000 a second each message costs as much for its place in a file as for
+//! what it says.
 //!
-//! A sensor counts in steps of a decimal fraction of its unit, so that a force is a whole number of steps. A wrench that does not come
-//! out of the arrays bit for bit as it went in stays a message of its own.
+//! A sensor counts in steps of a decimal fraction of its unit, so that a force is a whole number of
+//! steps. A wrench that does not come out of the arrays bit for bit as it went in stays a message
+//! of its own.
 
 use tangent_schemas::standard::{Header, Time, Vector3, Wrench, WrenchStamped};
 use tangent_schemas::tangent::WrenchBatch;
@@ -31,7 +33,8 @@ const KILOGRAM_FORCE_N: f64 = 9.806_65;
 /// A topic and who publishes on it.
 type Place = (String, [u8; 16]);
 
-/// Wrenches that wait for the rest of their batch: a list, since few publish them, and empty again after each flush, since strangers may.
+/// Wrenches that wait for the rest of their batch: a list, since few publish them, and empty again
+/// after each flush, since strangers may.
 #[derive(Default)]
 pub(crate) struct Packer {
     waiting: Vec<(Place, Waiting)>,
@@ -219,7 +222,8 @@ impl Waiting {
         Some(())
     }
 
-    /// The coarsest steps of which this wrench has whole numbers, for an empty batch; false where there are none.
+    /// The coarsest steps of which this wrench has whole numbers, for an empty batch; false where
+    /// there are none.
     fn find_steps(&mut self, one: &One<'_>) -> bool {
         let felt = &one.wrench.wrench;
         let steps = step(&felt.force, &FORCE_UNITS).zip(step(&felt.torque, &TORQUE_UNITS));

@@ -1,4 +1,5 @@
-//! Key patterns of `[recorder] include`: `*` stands for one part of a key, `**` for any number of parts.
+//! Key patterns of `[recorder] include`: `*` stands for one part of a key, `**` for any number of
+//! parts.
 
 /// True when any of the patterns matches.
 pub(crate) fn matches_any(patterns: &[String], key: &str) -> bool {

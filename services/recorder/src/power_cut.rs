@@ -1,5 +1,5 @@
-//! Power cuts at any moment on a simulated disk that forgets what was not synced: at most one second is lost, as long as
-//! a sync takes no longer than 0.3 s.
+//! Power cuts at any moment on a simulated disk that forgets what was not synced: at most one
+//! second is lost, as long as a sync takes no longer than 0.3 s.
 
 use std::io;
 use std::path::{Path, PathBuf};

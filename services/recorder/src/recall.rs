@@ -1,5 +1,5 @@
-//! Asks publishers for what the recorder missed, without keeping the disk waiting: after a restart of the recorder, a
-//! return of the router, and holes in what came.
+//! Asks publishers for what the recorder missed, without keeping the disk waiting: after a restart
+//! of the recorder, a return of the router, and holes in what came.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -11,7 +11,8 @@ use crate::ledger::Ledger;
 
 /// Publishers have this long to answer.
 const PATIENCE: Duration = Duration::from_secs(4);
-/// After a start or a return of the router, everybody is asked at these times: who is not there yet the first time is later.
+/// After a start or a return of the router, everybody is asked at these times: who is not there yet
+/// the first time is later.
 const ROUNDS: [Duration; 3] = [
     Duration::from_millis(300),
     Duration::from_millis(1500),
@@ -90,7 +91,7 @@ impl Recaller {
         self.rounds = ROUNDS.iter().map(|after| now + *after).collect();
     }
 
-    /// Asks what is due, unless a question is under way or there is nobody to pass it on.
+    /// Asks what is due, unless a query is under way or there is no session to send it on.
     pub(crate) fn tend(&mut self, ledger: &mut Ledger, now: Instant) {
         self.look(now);
         if self.under_way || self.router.is_none() {

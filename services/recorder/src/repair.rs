@@ -17,7 +17,8 @@ use crate::publisher::of_channel;
 use crate::recording::reader_options;
 use crate::writer::{PUBLISHERS, RecordingWriter};
 
-/// Bytes between two looks at the free space, the stop and the disk: what a mend leaves unsynced at most.
+/// Bytes between two looks at the free space, the stop and the disk: what a mend leaves unsynced at
+/// most.
 const STRIDE: u64 = 4 << 20;
 
 /// A file that is begun has its name long before that.
@@ -102,7 +103,8 @@ pub(crate) fn torn_files(folder: &Path) -> Result<Vec<PathBuf>, RecorderError> {
     Ok(torn)
 }
 
-/// Clears away what a mend left that was itself killed: a complete copy takes its place, a partial one goes.
+/// Clears away what a mend left that was itself killed: a complete copy takes its place, a partial
+/// one goes.
 ///
 /// # Errors
 /// When the folder cannot be listed or changed.
@@ -129,7 +131,8 @@ pub(crate) fn clear_mends(folder: &Path) -> Result<(), RecorderError> {
     Ok(())
 }
 
-/// Left by a recorder that was killed while it began a file, for so long that it cannot be about to go on.
+/// Left by a recorder that was killed while it began a file, for so long that it cannot be about to
+/// go on.
 fn was_being_opened(path: &Path) -> bool {
     let age = || fs::metadata(path).ok()?.modified().ok()?.elapsed().ok();
     path.to_string_lossy().ends_with(OPENING)
@@ -140,7 +143,8 @@ fn was_being_opened(path: &Path) -> bool {
 /// Mends every unfinished recording in `folder`, except those that another recorder is writing.
 ///
 /// # Errors
-/// When the folder cannot be listed or a file not be read or written; files mended before stay mended.
+/// When the folder cannot be listed or a file not be read or written; files mended before stay
+/// mended.
 pub fn repair_folder(folder: &Path) -> Result<Vec<Repair>, RecorderError> {
     torn_files(folder)?
         .iter()
@@ -148,7 +152,8 @@ pub fn repair_folder(folder: &Path) -> Result<Vec<Repair>, RecorderError> {
         .collect()
 }
 
-/// Rewrites one torn recording with everything in it that is whole, and puts the result in its place.
+/// Rewrites one torn recording with everything in it that is whole, and puts the result in its
+/// place.
 ///
 /// # Errors
 /// When it cannot be read or the mended copy not be written; the original is untouched then.
@@ -165,8 +170,8 @@ pub fn repair(path: &Path) -> Result<Repair, RecorderError> {
 /// Mends within bounds.
 ///
 /// # Errors
-/// As [`repair`], [`RecorderError::NoRoom`] and [`RecorderError::Stopped`]; the original is untouched then, and nothing
-/// else is left.
+/// As [`repair`], [`RecorderError::NoRoom`] and [`RecorderError::Stopped`]; the original is
+/// untouched then, and nothing else is left.
 pub(crate) fn repair_within(path: &Path, bounds: &Bounds<'_>) -> Result<Repair, RecorderError> {
     let fail = |source| RecorderError::io(path, source);
     let mut file = File::open(path).map_err(fail)?;
@@ -220,7 +225,8 @@ pub(crate) fn torn_path(path: &Path) -> PathBuf {
     path.with_extension("mcap.torn")
 }
 
-/// The original gets a second name before the mended file takes its first: there is no moment without either.
+/// The original gets a second name before the mended file takes its first: there is no moment
+/// without either.
 fn put_in_place(path: &Path, mended: &Path) -> io::Result<()> {
     let torn = torn_path(path);
     match fs::remove_file(&torn) {
@@ -236,7 +242,8 @@ fn put_in_place(path: &Path, mended: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Length of the longest prefix that ends with a whole record; seeks from record to record and reads none.
+/// Length of the longest prefix that ends with a whole record; seeks from record to record and
+/// reads none.
 fn whole_length(file: &mut File, length: u64) -> io::Result<u64> {
     const HEADER: usize = 9;
     let mut magic = [0; mcap::MAGIC.len()];
@@ -268,8 +275,8 @@ fn whole_length(file: &mut File, length: u64) -> io::Result<u64> {
     Ok(at)
 }
 
-/// True when the power went during the first sync, before the first record was taken: of the header came a part at
-/// most, and the rest of the file has its length and reads as zeros.
+/// True when the power went during the first sync, before the first record was taken: of the header
+/// came a part at most, and the rest of the file has its length and reads as zeros.
 fn was_never_synced(file: &mut File) -> io::Result<bool> {
     file.rewind()?;
     let mut bytes = BufReader::with_capacity(1 << 16, file).bytes();
@@ -289,7 +296,8 @@ fn was_never_synced(file: &mut File) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Copies everything up to the first damage. Messages copied, and bytes of the original they were read from.
+/// Copies everything up to the first damage. Messages copied, and bytes of the original they were
+/// read from.
 fn copy(
     path: &Path,
     whole: u64,

@@ -31,18 +31,21 @@ impl Budget {
 struct Kept {
     path: PathBuf,
     bytes: u64,
-    /// Part of the name that orders files: UTC, the number in its run, and a torn original before what was mended from it.
+    /// Part of the name that orders files: UTC, the number in its run, and a torn original before
+    /// what was mended from it.
     order: String,
     modified: SystemTime,
     /// It is being written or mended.
     busy: bool,
 }
 
-/// Deletes what the budget does not cover. Only files that are named as recordings are: `NAME-YYYYMMDDThhmmssZ-NNN.mcap`
-/// and `.mcap.torn`. Never one that is being written or mended. Returns what was deleted.
+/// Deletes what the budget does not cover. Only files that are named as recordings are:
+/// `NAME-YYYYMMDDThhmmssZ-NNN.mcap` and `.mcap.torn`. Never one that is being written or mended.
+/// Returns what was deleted.
 ///
 /// # Errors
-/// When the folder cannot be listed. A file that cannot be deleted is said in the log and tried again later.
+/// When the folder cannot be listed. A file that cannot be deleted is said in the log and tried
+/// again later.
 pub(crate) fn apply(
     folder: &Path,
     budget: Budget,

@@ -12,9 +12,10 @@ use crate::message::RecordedMessage;
 use crate::packing::{Unpacked, unpack};
 use crate::recording::message_reader;
 
-/// The messages of a file, read as they are asked for; never more than one chunk is in memory. Ends with the file, also a torn one,
-/// or with the first damage as its last item. In the file's order: what a publisher was asked for again comes behind what came
-/// meanwhile, and what was packed behind what came while its batch was filled.
+/// The messages of a file, read as they are asked for; never more than one chunk is in memory. Ends
+/// with the file, also a torn one, or with the first damage as its last item. In the file's order:
+/// what a publisher was asked for again comes behind what came meanwhile, and what was packed
+/// behind what came while its batch was filled.
 pub struct RecordingStream {
     path: PathBuf,
     file: File,

@@ -1,4 +1,5 @@
-//! One MCAP file being written: channels appear with their first message, chunks reach the disk whole.
+//! One MCAP file being written: channels appear with their first message, chunks reach the disk
+//! whole.
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::{self, Write};
@@ -21,10 +22,11 @@ use crate::publisher::{self, NOBODY};
 /// Level of zstd: higher ones cost several times the processor's time for a hundredth of the size.
 const ZSTD_LEVEL: u32 = 3;
 
-/// Name of the tables that say which channel is whose: `PUBLISHER TOPIC` by the channel's number. For whoever reads the
-/// end of a file that has no index.
+/// Name of the tables that say which channel is whose: `PUBLISHER TOPIC` by the channel's number.
+/// For readers of a file's end that has no index.
 pub(crate) const PUBLISHERS: &str = "publishers";
-/// Publishers that get channels of their own in one file; the messages of further ones share one to a topic.
+/// Publishers that get channels of their own in one file; the messages of further ones share one to
+/// a topic.
 const PUBLISHERS_MAX: usize = 8192;
 
 /// Counts what went to the disk, so that rotation by size needs no system call.
@@ -53,8 +55,8 @@ struct Channel {
 
 /// An open recording.
 ///
-/// Chunks are built in memory and written in one go: a recorder that is killed leaves whole chunks and at most one
-/// torn record at the end, which [`crate::repair`] cuts off.
+/// Chunks are built in memory and written in one go: a recorder that is killed leaves whole chunks
+/// and at most one torn record at the end, which [`crate::repair`] cuts off.
 pub struct RecordingWriter {
     writer: mcap::Writer<NoSeek<CountingFile>>,
     file: Arc<dyn OpenFile>,
@@ -134,7 +136,8 @@ impl RecordingWriter {
         })
     }
 
-    /// Appends one message; one that is packed reaches the file with its batch, at the next [`flush`](Self::flush) at the latest.
+    /// Appends one message; one that is packed reaches the file with its batch, at the next
+    /// [`flush`](Self::flush) at the latest.
     ///
     /// # Errors
     /// When the disk refuses; the file then stays readable up to its last whole chunk.
@@ -265,7 +268,8 @@ impl RecordingWriter {
         })
     }
 
-    /// Ends the present chunk and hands it to the operating system: the end of the process loses at most what came since.
+    /// Ends the present chunk and hands it to the operating system: the end of the process loses at
+    /// most what came since.
     ///
     /// # Errors
     /// When the disk refuses.
@@ -284,7 +288,8 @@ impl RecordingWriter {
         self.metadata(PUBLISHERS, unsaid)
     }
 
-    /// Ends the present chunk and waits until the disk has it: a power cut loses at most what came since.
+    /// Ends the present chunk and waits until the disk has it: a power cut loses at most what came
+    /// since.
     ///
     /// # Errors
     /// When the disk refuses.

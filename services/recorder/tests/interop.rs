@@ -1,4 +1,5 @@
-//! Recordings are read by other people's programs: `mcap` with `mcap-ros2-support`, and `rosbags`, both from PyPI.
+//! Recordings are read by other people's programs: `mcap` with `mcap-ros2-support`, and `rosbags`,
+//! both from PyPI.
 
 #![allow(clippy::unwrap_used)]
 

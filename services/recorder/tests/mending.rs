@@ -1,4 +1,5 @@
-//! A large torn file is mended while the recorder records, in little memory. Alone in its process: it measures the memory.
+//! A large torn file is mended while the recorder records, in little memory. Alone in its process:
+//! it measures the memory.
 
 #![allow(clippy::unwrap_used)]
 

@@ -48,7 +48,8 @@ fn wrench(stamp_ns: u64, frame: &str, values: [f64; 6]) -> WrenchStamped {
     }
 }
 
-/// A sensor at 7 kHz as a box sends it: whole counts, receipts in bursts, and every third cycle a message of the arm.
+/// A sensor at 7 kHz as a box sends it: whole counts, receipts in bursts, and every third cycle a
+/// message of the arm.
 fn sensor(samples: u32, force_noise_n: f64, steps: [f64; 2]) -> Vec<RecordedMessage> {
     let mut random = Pcg64::seed_from_u64(7);
     let noise = Normal::new(0.0, force_noise_n).unwrap();
@@ -182,7 +183,8 @@ fn an_hour_of_the_fastest_sensor_is_small() {
     }
 }
 
-/// Counts that are no decimal fractions come out of the arrays by chance alone: then many batches of a few would be larger than the messages.
+/// Counts that are no decimal fractions come out of the arrays by chance alone: then many batches
+/// of a few would be larger than the messages.
 #[test]
 fn a_sensor_whose_counts_do_not_fit_takes_no_more_than_before() {
     let folder = tempfile::tempdir().unwrap();
@@ -266,7 +268,8 @@ fn what_cannot_be_packed_is_kept_as_it_came() {
     write(&path, &expected, true);
     let recording = Recording::open(&path).unwrap();
     let mut found: Vec<_> = recording.messages().collect();
-    // Each publisher's messages are in their order; those of several are set against each other by what they are.
+    // Each publisher's messages are in their order; those of several are set against each other by
+    // what they are.
     let order = |m: &RecordedMessage| (m.publisher, m.sequence);
     found.sort_by_key(order);
     expected.sort_by_key(order);

@@ -1,6 +1,6 @@
 //! The bridge as a state machine. Inputs are packages of the robot, commands of the controller, and
 //! the time; outputs are bytes for the robot. It owns the link, the supervisor of the robot's
-//! program, the guard, and the counters.
+//! program, the gate, and the counters.
 //!
 //! One cycle: [`Bridge::package`] returns [`BridgeEvent::Cycle`], the caller publishes the state,
 //! and [`Bridge::command`] writes the answer. Neither allocates while streaming.
@@ -8,13 +8,14 @@
 use nalgebra::Vector6;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
-use crate::guard::{Guard, GuardLimits, Permission, Posture, Wanted};
 use crate::link::{Link, LinkError, LinkEvent};
 use crate::program::{CommandCode, ProgramState, RegisterMap};
 use crate::sample::Sample;
 use crate::status::RUNTIME_PLAYING;
 use crate::supervisor::{Reason, Supervisor};
-use tangent_runtime::lease::{Admission, Lease, Source};
+use tangent_actuation::Command;
+use tangent_actuation::lease::{Lease, LeaseDecision, Source};
+use tangent_actuation::velocity::{Permission, Posture, VelocityGate, VelocityLimits};
 
 /// Value at which sequence numbers wrap.
 const SEQUENCE_MAX: i32 = 1 << 30;
@@ -41,8 +42,8 @@ pub struct BridgeConfig {
     pub series: Option<Series>,
     /// Requested rate of states, Hz; `None`: the controller's own rate.
     pub rate_hz: Option<f64>,
-    /// Limits of the guard.
-    pub limits: GuardLimits,
+    /// Limits of the gate.
+    pub limits: VelocityLimits<6>,
     /// Smallest speed scaling at which the arm may move, 0 to 1.
     pub speed_scaling_min: f64,
     /// Seed of the session tokens; a new one at each start.
@@ -79,7 +80,7 @@ pub struct Bridge {
     config: BridgeConfig,
     link: Link,
     supervisor: Supervisor,
-    guard: Guard,
+    gate: VelocityGate<6>,
     lease: Lease,
     period_s: f64,
     sample: Sample,
@@ -107,7 +108,7 @@ impl Bridge {
                 config.rate_hz,
             ),
             supervisor: Supervisor::new(config.speed_scaling_min, config.seed),
-            guard: Guard::new(config.limits.clone(), period_s),
+            gate: VelocityGate::new(config.limits.clone(), period_s),
             lease: Lease::default(),
             period_s,
             sample: Sample::default(),
@@ -136,7 +137,7 @@ impl Bridge {
     pub fn close(&mut self) {
         self.link.close();
         self.supervisor.disconnected();
-        self.guard.latch();
+        self.gate.admission.latch();
         self.has_sample = false;
         self.soft_stop = 0;
         if self.ending != Ending::No {
@@ -156,7 +157,7 @@ impl Bridge {
             LinkEvent::Text(text) => Ok(BridgeEvent::Text(text)),
             LinkEvent::Version(version) => {
                 self.period_s = self.link.period_s();
-                self.guard.set_period(self.period_s);
+                self.gate.set_period(self.period_s);
                 Ok(BridgeEvent::Version(version))
             }
             LinkEvent::Paused => {
@@ -179,15 +180,15 @@ impl Bridge {
     /// time commands the arm. When the lease changes hands, `activation` of the new source and all
     /// older ones are rejected, so that a task has to be started again.
     pub fn admit(&mut self, source: &Source, activation: u64, now_s: f64) -> bool {
-        let rests = *self.guard.qd() == Vector6::zeros()
+        let rests = *self.gate.qd() == Vector6::zeros()
             && self.sample.qd.iter().all(|v| v.abs() < AT_REST_RAD_PER_S);
         match self.lease.admit(source, now_s, rests) {
-            Admission::Held => true,
-            Admission::Taken => {
-                self.guard.change_hands(activation);
+            LeaseDecision::Held => true,
+            LeaseDecision::Taken => {
+                self.gate.admission.change_hands(activation);
                 true
             }
-            Admission::Refused => false,
+            LeaseDecision::Refused => false,
         }
     }
 
@@ -196,8 +197,8 @@ impl Bridge {
     /// before.
     pub fn command(
         &mut self,
-        posture: &Posture,
-        arrived: Option<&Wanted<'_>>,
+        posture: &Posture<6>,
+        arrived: Option<&Command<'_>>,
         now_s: f64,
         out: &mut Vec<u8>,
     ) -> Result<(), LinkError> {
@@ -207,7 +208,7 @@ impl Bridge {
         } else if self.ending != Ending::No {
             permission = permission.min_with(Permission::RampDown);
         }
-        let allowed = self.guard.step(self.cycle, permission, posture, arrived);
+        let allowed = self.gate.step(self.cycle, permission, posture, arrived);
         if allowed.soft_stop {
             self.soft_stop = 1;
         }
@@ -238,7 +239,7 @@ impl Bridge {
         for v in &allowed.qd {
             self.values.push(Value::Double(*v));
         }
-        self.values.push(Value::Double(self.guard.acceleration()));
+        self.values.push(Value::Double(self.gate.acceleration()));
         recipe.encode(&self.values, out)?;
         Ok(())
     }
@@ -263,7 +264,7 @@ impl Bridge {
 
     /// Has the robot decelerate and latch. The arm moves again only for a newer activation.
     pub fn stop(&mut self) {
-        self.guard.latch();
+        self.gate.admission.latch();
         self.soft_stop = 1;
     }
 
@@ -314,9 +315,9 @@ impl Bridge {
         self.latency_is_new
     }
 
-    /// The guard with its counters.
-    pub fn guard(&self) -> &Guard {
-        &self.guard
+    /// The gate with its counters.
+    pub fn gate(&self) -> &VelocityGate<6> {
+        &self.gate
     }
 
     /// The lease: which source commands the arm.
@@ -408,7 +409,7 @@ impl Bridge {
         match self.ending {
             Ending::No | Ending::Pausing | Ending::Finished => {}
             Ending::ToRest { since_s } => {
-                let rests = *self.guard.qd() == Vector6::zeros();
+                let rests = *self.gate.qd() == Vector6::zeros();
                 if rests || now_s - since_s > REST_S {
                     self.ending = Ending::Exit { since_s: now_s };
                 }
@@ -424,16 +425,5 @@ impl Bridge {
             }
         }
         Ok(())
-    }
-}
-
-impl Permission {
-    /// The stricter of two permissions.
-    fn min_with(self, other: Self) -> Self {
-        match (self, other) {
-            (Self::Off, _) | (_, Self::Off) => Self::Off,
-            (Self::RampDown, _) | (_, Self::RampDown) => Self::RampDown,
-            _ => Self::Move,
-        }
     }
 }

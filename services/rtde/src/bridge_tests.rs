@@ -21,7 +21,7 @@ fn from_connection_to_motion_on_both_series() {
         cell.steps(100);
         assert!(cell.moves());
         assert_eq!(cell.bridge.packets_lost(), 0);
-        assert_eq!(cell.bridge.guard().missed(), 0);
+        assert_eq!(cell.bridge.gate().admission.missed(), 0);
         // Sent after one state, used in the next cycle, told in that cycle's state.
         let latency = cell.bridge.latency_s();
         assert!((latency - series.period_s()).abs() < 1e-9, "{latency}");
@@ -130,7 +130,7 @@ fn after_a_reconnection_nothing_moves_until_a_task_is_started() {
         cell.step().unwrap();
         assert!(cell.rests());
     }
-    assert!(cell.bridge.guard().refused() > 0);
+    assert!(cell.bridge.gate().admission.refused() > 0);
     cell.task();
     cell.until("motion", Cell::moves);
 }
@@ -182,7 +182,8 @@ fn a_foreign_program_at_the_start_is_not_killed() {
     assert_eq!(cell.bridge.reason(), Some(Reason::OtherProgram));
 }
 
-/// An operator's program runs where ours has ended: our registers still stand there, and nobody counts in them.
+/// An operator's program runs where ours has ended: our registers still stand there, and nobody
+/// counts in them.
 #[test]
 fn a_foreign_program_under_our_registers_is_not_killed() {
     let mut cell = Cell::ready(Series::Cb3);
@@ -251,7 +252,10 @@ fn skipped_packets_are_counted_and_a_long_gap_stops() {
     cell.steps(30);
     assert_eq!(cell.bridge.packets_lost(), 9);
     assert!(cell.rests());
-    assert_eq!(cell.bridge.guard().activation_latched(), cell.activation);
+    assert_eq!(
+        cell.bridge.gate().admission.activation_latched(),
+        cell.activation
+    );
 }
 
 #[test]
@@ -327,8 +331,8 @@ fn a_silent_controller_task_ramps_down() {
     cell.mute = true;
     cell.steps(40);
     assert!(cell.rests());
-    assert_eq!(cell.bridge.guard().activation_latched(), 1);
-    assert!(cell.bridge.guard().missed() > 2);
+    assert_eq!(cell.bridge.gate().admission.activation_latched(), 1);
+    assert!(cell.bridge.gate().admission.missed() > 2);
 }
 
 #[test]
@@ -348,6 +352,6 @@ fn a_silent_robot_is_no_missed_cycle() {
         cell.robot.cycle(&mut Vec::new());
     }
     assert!(cell.rests());
-    assert_eq!(cell.bridge.guard().activation_latched(), 1);
-    assert_eq!(cell.bridge.guard().missed(), 0);
+    assert_eq!(cell.bridge.gate().admission.activation_latched(), 1);
+    assert_eq!(cell.bridge.gate().admission.missed(), 0);
 }

@@ -1,8 +1,9 @@
 //! The loop: one robot packet in, one state published, one command out.
 //!
-//! The thread waits for the robot's packet, never for a timer of its own. Publishing the state runs a controller of the
-//! same process, so its command is there when publishing returns; it passes the guard and leaves in the same cycle.
-//! Once streaming, nothing here allocates, locks or waits but for the robot.
+//! The thread waits for the robot's packet, never for a timer of its own. Publishing the state runs
+//! a controller of the same process, so its command is there when publishing returns; it passes the
+//! guard and leaves in the same cycle. Once streaming, nothing here allocates, locks or waits but
+//! for the robot.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -22,13 +23,14 @@ use tangent_schemas::tangent::{ArmCommand, ArmState};
 
 use crate::bridge::{Bridge, BridgeEvent};
 use crate::codec::{Framer, PACKAGE_BYTES_MAX};
-use crate::guard::{Posture, Wanted};
 use crate::link::LinkError;
 use crate::robot_setup::resolve;
 use crate::settings::Config;
 use crate::shared::{Note, Shared, Upload};
 use crate::supervisor::Reason;
-use tangent_runtime::lease::{self, Source};
+use tangent_actuation::lease::Source;
+use tangent_actuation::velocity::Posture;
+use tangent_actuation::{Command, CommandAccount};
 use tangent_runtime::watchdog::TURN;
 
 /// First and longest pause between attempts to connect.
@@ -102,11 +104,10 @@ pub(crate) struct Cycle {
     meters: Meters,
     stop: Stop,
     start: Instant,
-    posture: Posture,
+    posture: Posture<6>,
     state: ArmState,
     out: Vec<u8>,
-    /// Commands refused by the guard and by the lease, as in the state.
-    refused: (u64, u64),
+    account_of_commands: CommandAccount,
     told: Option<(Option<Reason>, Option<Source>)>,
 }
 
@@ -137,7 +138,7 @@ impl Cycle {
             },
             state: ArmState::default(),
             out: Vec::with_capacity(4096),
-            refused: (0, 0),
+            account_of_commands: CommandAccount::default(),
             told: None,
         }
     }
@@ -211,7 +212,8 @@ impl Cycle {
             .open(self.now_s(Instant::now()), &mut self.out)?;
         stream.write_all(&self.out)?;
         loop {
-            // A turn waits for the robot's packet no longer than a period and a half: advancing, or waiting for the robot.
+            // A turn waits for the robot's packet no longer than a period and a half: advancing, or
+            // waiting for the robot.
             beat.beat();
             self.out.clear();
             let read = stream.read(framer.space());
@@ -253,7 +255,8 @@ impl Cycle {
         }
     }
 
-    /// Takes in every package that is there; true when a cycle is due. Of several states only the newest is answered.
+    /// Takes in every package that is there; true when a cycle is due. Of several states only the
+    /// newest is answered.
     fn packages(&mut self, framer: &mut Framer, arrival: Instant) -> Result<bool, Lost> {
         let now_s = self.now_s(arrival);
         let mut due = false;
@@ -292,7 +295,8 @@ impl Cycle {
         self.fill_state(arrival);
         self.publisher.publish(&self.state);
         let now_s = self.now_s(Instant::now());
-        // Every one that came, since another source's must not hide the holder's; of the holder's, the newest.
+        // Every one that came, since another source's must not hide the holder's; of the holder's,
+        // the newest.
         let mut newest = None;
         for _ in 0..COMMANDS_MAX {
             let Some(received) = self.commands.try_recv() else {
@@ -307,13 +311,7 @@ impl Cycle {
                 newest = Some(received.message);
             }
         }
-        let wanted = newest.as_ref().map(|command| Wanted {
-            cycle: command.cycle,
-            kind: command.kind,
-            values: &command.values,
-            acceleration: command.acceleration,
-            activation: command.activation,
-        });
+        let wanted = newest.as_ref().map(Command::from);
         self.bridge
             .command(&self.posture, wanted.as_ref(), now_s, &mut self.out)?;
         if let Some(session) = self.bridge.take_upload() {
@@ -352,7 +350,7 @@ impl Cycle {
         };
         let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * qd));
         let reason = self.bridge.reason();
-        let guard = self.bridge.guard();
+        let gate = self.bridge.gate();
         let program_there = self.bridge.supervisor().is_present();
         let now_s = self.now_s(arrival);
         let state = &mut self.state;
@@ -382,47 +380,28 @@ impl Cycle {
         }
         state.speed_scaling = sample.scaling();
         state.command_latency_s = self.bridge.latency_s();
-        state.command_cycle_accepted = guard.cycle_accepted();
         let lease = self.bridge.lease();
-        let holder = lease.holder().copied().unwrap_or_default();
-        state.commanded_by = holder.name;
-        state.commander_id = lease::mark(&holder.publisher);
-        if self.refused != (guard.refused(), lease.refused()) {
-            if self.refused.0 != guard.refused()
-                && let Some(refusal) = guard.refusal()
-            {
-                state.refusal_reason = cut_format(format_args!("{refusal}"));
-            }
-            if self.refused.1 != lease.refused()
-                && let Some(rival) = lease.rival(now_s)
-            {
-                state.refusal_reason =
-                    cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
-            }
-            self.refused = (guard.refused(), lease.refused());
-            state.commands_refused = guard.refused() + lease.refused();
-        }
-        state.activation_latched = guard.activation_latched();
+        self.account_of_commands
+            .fill(state, &gate.admission, lease, now_s);
         state.packets_lost = self.bridge.packets_lost();
-        state.missed_cycles = guard.missed();
     }
 
     /// After the bytes have left: figures, and what is worth telling.
     fn account(&mut self, arrival: Instant) {
         let took = arrival.elapsed();
         self.state.packet_to_command_s = took.as_secs_f64();
-        let guard = self.bridge.guard();
+        let gate = self.bridge.gate();
         let meters = &self.meters;
         meters.packet_to_command.record(took);
         meters.states.tick();
         meters.packet.mark_at(arrival);
-        meters.missed.set(guard.missed());
+        meters.missed.set(gate.admission.missed());
         meters.lost.set(self.bridge.packets_lost());
-        meters.refused.set(guard.refused() as f64);
+        meters.refused.set(gate.admission.refused() as f64);
         meters
             .refused_others
             .set(self.bridge.lease().refused() as f64);
-        meters.limited.set(guard.limited() as f64);
+        meters.limited.set(gate.limited() as f64);
         meters.scaling.set(self.state.speed_scaling);
         meters
             .stale_max
@@ -454,9 +433,7 @@ impl Cycle {
                     }
                 }
                 (None, Some(rival)) => {
-                    let holder = lease.holder().copied().unwrap_or_default();
-                    let text =
-                        cut_format(format_args!("{rival} is refused: {holder} drives this arm"));
+                    let text = lease.refusal_of(&rival);
                     self.health.set(State::Degraded, text);
                     self.note(Note::Refused(text));
                 }

@@ -1,7 +1,8 @@
-//! Client of the dashboard server: power, brakes, unlocking, remote mode, model. One line out, one line back.
+//! Client of the dashboard server: power, brakes, unlocking, remote mode, model. One line out, one
+//! line back.
 //!
-//! A convenience for people, never trusted for safety: its answers lag behind RTDE by more than half a second, and it
-//! does not know programs that were sent over a port.
+//! A convenience for people, never trusted for safety: its answers lag behind RTDE by more than
+//! half a second, and it does not know programs that were sent over a port.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -71,7 +72,8 @@ impl Lines {
     }
 }
 
-/// The version in an answer to `PolyscopeVersion`: `URSoftware 5.11.0.108249 (Feb 03 2021)` holds `5.11.0.108249`.
+/// The version in an answer to `PolyscopeVersion`: `URSoftware 5.11.0.108249 (Feb 03 2021)` holds
+/// `5.11.0.108249`.
 pub fn polyscope_version(reply: &str) -> Option<&str> {
     let (_, rest) = reply.split_once(' ')?;
     let version = rest.split(" (").next()?.trim();
@@ -80,7 +82,8 @@ pub fn polyscope_version(reply: &str) -> Option<&str> {
         .then_some(version)
 }
 
-/// The arm's size as a number that a model and a robot share: `UR5`, `ur5e` and `UR5e` are all 5; `None` for others.
+/// The arm's size as a number that a model and a robot share: `UR5`, `ur5e` and `UR5e` are all 5;
+/// `None` for others.
 pub fn ur_size(model: &str) -> Option<u32> {
     let rest = model.trim().to_ascii_lowercase();
     let rest = rest.strip_prefix("ur")?;
@@ -156,7 +159,8 @@ impl Dashboard {
         self.expect("brake release", "Brake releasing")
     }
 
-    /// Closes the safety pop-up and leaves a protective stop. The controller refuses in the first 5 s after the stop.
+    /// Closes the safety pop-up and leaves a protective stop. The controller refuses in the first 5
+    /// s after the stop.
     ///
     /// # Errors
     /// As [`Dashboard::ask`], and when it refuses.

@@ -1,5 +1,5 @@
-//! Asks a controller over RTDE which software it runs, and nothing else: no recipe, so that no register is claimed and a
-//! bridge that runs is not disturbed. For `tangent doctor`.
+//! Asks a controller over RTDE which software it runs, and nothing else: no recipe, so that no
+//! register is claimed and a bridge that runs is not disturbed. For `tangent doctor`.
 
 use std::io::{Error, ErrorKind, Read, Result, Write};
 use std::net::TcpStream;

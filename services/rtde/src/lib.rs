@@ -1,9 +1,10 @@
 //! Universal Robots bridge over RTDE: state out, guarded joint velocity in.
 //!
-//! [`run`] keeps a connection to the controller for ever: it sets RTDE up, sends its own program to the robot, and then
-//! answers each robot packet in the same cycle with what `arm/command` holds, once that has passed the [`guard`]. The
-//! parts below it are pure: [`codec`] is the protocol (both sides), [`bridge`] the state machine, [`program`] the
-//! robot's program and its registers.
+//! [`run`] keeps a connection to the controller for ever: it sets RTDE up, sends its own program to
+//! the robot, and then answers each robot packet in the same cycle with what `arm/command` holds,
+//! once that has passed the gate ([`tangent_actuation`]). The parts below it are pure: [`codec`] is
+//! the protocol (both sides), [`bridge`] the state machine, [`program`] the robot's program and its
+//! registers.
 
 pub mod bridge;
 #[cfg(test)]
@@ -11,15 +12,11 @@ mod bridge_tests;
 pub mod codec;
 mod cycle;
 pub mod dashboard;
-pub mod guard;
-#[cfg(test)]
-mod guard_tests;
 pub mod inquiry;
 pub mod link;
 mod modes;
 pub mod primary;
 pub mod program;
-mod refusal;
 mod robot_setup;
 pub mod sample;
 #[cfg(test)]
@@ -63,7 +60,8 @@ pub mod queries {
     pub const STATUS: &str = "rtde/status";
 }
 
-/// Why the service cannot run at all. A robot that cannot be reached is no reason: it is tried for ever.
+/// Why the service cannot run at all. A robot that cannot be reached is no reason: it is tried for
+/// ever.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A topic or query could not be declared.

@@ -1,7 +1,7 @@
 //! The RTDE connection up to streaming: versions, recipes, start; and pausing at the end.
 //!
-//! No socket and no clock: packages and monotonic seconds go in, bytes and what they mean come out. Every connection
-//! starts from nothing, since recipes do not survive the last one.
+//! No socket and no clock: packages and monotonic seconds go in, bytes and what they mean come out.
+//! Every connection starts from nothing, since recipes do not survive the last one.
 
 use crate::codec::{
     ControllerVersion, DataType, DecodeError, EncodeError, FrameError, Package, Protocol, Recipe,
@@ -164,8 +164,8 @@ pub struct Link {
 }
 
 impl Link {
-    /// `expected`: what the cell's `model` is, if that is known. `rate_hz`: states per second asked for; the
-    /// controller's own without it.
+    /// `expected`: what the cell's `model` is, if that is known. `rate_hz`: states per second asked
+    /// for; the controller's own without it.
     pub fn new(
         registers: RegisterMap,
         model: &str,

@@ -1,5 +1,6 @@
-//! The robot's modes on request: `rtde/unlock`, `rtde/reset`, `rtde/power_on`, `rtde/power_off`, `rtde/status`, `rtde/stop`. Each says
-//! what the robot answered, and refuses what would take the arm from a running task.
+//! The robot's modes on request: `rtde/unlock`, `rtde/reset`, `rtde/power_on`, `rtde/power_off`,
+//! `rtde/status`, `rtde/stop`. Each says what the robot answered, and refuses what would take the
+//! arm from a running task.
 
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -133,7 +134,8 @@ impl Modes {
         self.on_dashboard(Dashboard::power_off)
     }
 
-    /// What the dashboard server says to a command. One that got no answer may have been carried out.
+    /// What the dashboard server says to a command. One that got no answer may have been carried
+    /// out.
     fn on_dashboard(
         &self,
         command: impl FnOnce(&mut Dashboard) -> Result<String, DashboardError>,

@@ -1,6 +1,8 @@
-//! What the bridge reads on the controller's script port: messages about its program. States are skipped.
+//! What the bridge reads on the controller's script port: messages about its program. States are
+//! skipped.
 //!
-//! A package is `i32` length of the whole, `u8` type, body; type 20 is a message: `u64` time, `u8` source, `u8` type.
+//! A package is `i32` length of the whole, `u8` type, body; type 20 is a message: `u64` time, `u8`
+//! source, `u8` type.
 
 /// Longest package that is taken; robots send about 1.5 kB.
 const PACKAGE_MAX: usize = 1 << 16;

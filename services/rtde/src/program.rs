@@ -1,6 +1,7 @@
 //! The URScript program that the bridge uploads, and the register map both sides agree on.
 //!
-//! The text is `program.script`; [`ProgramConfig::render`] fills in numbers and leaves out comments.
+//! The text is `program.script`; [`ProgramConfig::render`] fills in numbers and leaves out
+//! comments.
 
 use crate::codec::Series;
 
@@ -110,8 +111,8 @@ impl RegisterMap {
         self.base
     }
 
-    /// Fields that the bridge writes, in the order of its input recipe: command, sequence, session and flags
-    /// (INT32), six joint velocities and the acceleration (DOUBLE).
+    /// Fields that the bridge writes, in the order of its input recipe: command, sequence, session
+    /// and flags (INT32), six joint velocities and the acceleration (DOUBLE).
     pub fn input_names(&self) -> Vec<String> {
         let b = self.base;
         (0..4)
@@ -120,8 +121,8 @@ impl RegisterMap {
             .collect()
     }
 
-    /// Fields that the program writes: state, sequence used, identity, session, cause, loops and longest stale run
-    /// (INT32), six joint velocities given to `speedj` (DOUBLE).
+    /// Fields that the program writes: state, sequence used, identity, session, cause, loops and
+    /// longest stale run (INT32), six joint velocities given to `speedj` (DOUBLE).
     pub fn output_names(&self) -> Vec<String> {
         let b = self.base;
         (0..7)
@@ -177,7 +178,8 @@ pub struct ProgramConfig {
 pub const HOLD_S: f64 = 0.016;
 /// Silence after which the ramp has reached zero and the program stops, s.
 pub const STALE_S: f64 = 0.040;
-/// Silence after which the program ends itself, s. Below 60 % of the watchdog's period, from where on trips were seen.
+/// Silence after which the program ends itself, s. Below 60 % of the watchdog's period, from where
+/// on trips were seen.
 pub const EXIT_S: f64 = 0.7;
 /// Least rate at which the controller's watchdog wants packages, Hz.
 pub const WATCHDOG_HZ: f64 = 0.8;

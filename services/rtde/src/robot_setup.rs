@@ -1,5 +1,6 @@
-//! What makes the robot ready and may wait: the script port (sending the program, hearing what becomes of it) and the
-//! dashboard (power, model, remote mode). Its own thread, so that none of it holds the loop up.
+//! What makes the robot ready and may wait: the script port (sending the program, hearing what
+//! becomes of it) and the dashboard (power, model, remote mode). Its own thread, so that none of it
+//! holds the loop up.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
@@ -132,7 +133,8 @@ impl<'a> RobotSetup<'a> {
 
     /// Power and brakes, as far as the robot lets us.
     fn power_up(&mut self) {
-        // The script port is not read meanwhile, and a controller drops a client that does not read.
+        // The script port is not read meanwhile, and a controller drops a client that does not
+        // read.
         self.connection = None;
         if let Err(error) = self.try_power_up() {
             tracing::warn!("powering on: {error}");
@@ -193,7 +195,8 @@ impl<'a> RobotSetup<'a> {
     }
 
     fn upload(&mut self, upload: Upload) {
-        // A connection made in local control stays read-only, so every further attempt gets a fresh one.
+        // A connection made in local control stays read-only, so every further attempt gets a fresh
+        // one.
         if self.uploads > 0 {
             self.connection = None;
         }

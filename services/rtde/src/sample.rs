@@ -122,8 +122,8 @@ impl Sample {
         rest.next().is_none().then_some(sample)
     }
 
-    /// Every number is finite, and one that an arm can have; a controller never sends others. What is finite but beyond all arms would
-    /// overflow in what follows from it.
+    /// Every number is finite, and one that an arm can have; a controller never sends others. What
+    /// is finite but beyond all arms would overflow in what follows from it.
     pub fn is_usable(&self) -> bool {
         let within = |values: &[f64], most: f64| values.iter().all(|x| x.abs() <= most);
         within(&self.q, JOINT_MAX)

@@ -239,7 +239,8 @@ fn a_second_source_is_refused_by_name_and_takes_over_after_silence_without_movin
     let first = service.controller(ready.activation_latched + 1);
     service.until("motion", |s| s.qd_target.first() == Some(&0.1));
 
-    // It commands the opposite whatever it is told, under a newer activation, and before the first in each cycle.
+    // It commands the opposite whatever it is told, under a newer activation, and before the first
+    // in each cycle.
     let commands = service.bus.publisher(&topics::ARM_COMMAND).unwrap();
     let intruder = service
         .bus

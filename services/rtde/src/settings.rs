@@ -10,8 +10,8 @@ use tangent_runtime::config::RealtimeConfig;
 use crate::bridge::BridgeConfig;
 use crate::codec::Series;
 use crate::dashboard::ur_size;
-use crate::guard::GuardLimits;
 use crate::program::{ProgramConfig, ProgramError, RegisterMap};
+use tangent_actuation::velocity::VelocityLimits;
 
 /// Time from a velocity sent to the arm following it, s: what the guard reckons with.
 const RESPONSE_CB3_S: f64 = 0.040;
@@ -178,7 +178,7 @@ fn guard_limits(
     cell: &CellConfig,
     arm: &Arm<6>,
     series: Option<Series>,
-) -> Result<GuardLimits, SettingsError> {
+) -> Result<VelocityLimits<6>, SettingsError> {
     let per_joint = |key, list: &[f64], found: Option<tangent_schemas::JointArray>| {
         found
             .and_then(|joints| <[f64; 6]>::try_from(joints.as_slice()).ok())
@@ -195,7 +195,7 @@ fn guard_limits(
         &l.joint_speed_max_rad_per_s,
         l.joint_speed_max(6),
     )?;
-    Ok(GuardLimits {
+    Ok(VelocityLimits {
         // The arm's own limit counts where it is lower.
         speed_rad_per_s: speed.inf(&own.velocity),
         acceleration_rad_per_s2: per_joint(

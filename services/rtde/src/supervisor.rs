@@ -7,13 +7,13 @@
 
 use std::fmt;
 
-use crate::guard::Permission;
 use crate::program::{IDENT, ProgramState, cause_text};
 use crate::sample::Sample;
 use crate::status::{
     ROBOT_RUNNING, RUNTIME_PLAYING, RUNTIME_STOPPED, robot_mode_text, runtime_state_text,
     safety_allows_motion, safety_mode_text,
 };
+use tangent_actuation::velocity::Permission;
 
 /// Number of states for which the program's loop counter may stand still.
 const STUCK_CYCLES: u32 = 5;

@@ -1,7 +1,8 @@
 //! `base/pose` as a service reads it: the motion of the arm's base, if it moves.
 //!
-//! Called by the controller in its cycle and by the estimators' service: every reader judges silence, jumps and nonsense by
-//! itself, on its own clock. No lock, no memory.
+//! Called by the controller in its cycle and by the estimators' service: every reader judges
+//! silence, jumps and invalid poses itself, by its own clock. It takes no lock and allocates
+//! nothing.
 
 use std::time::Instant;
 

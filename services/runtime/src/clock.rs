@@ -1,7 +1,7 @@
 //! Time for services: stamps since the Unix epoch, and waiting for points in time without drift.
 //!
-//! Age and silence are judged by [`Instant`] (monotonic, never stepped); stamps in messages are for people, for
-//! recordings and for other hosts.
+//! Age and silence are judged by [`Instant`] (monotonic, never stepped); stamps in messages are for
+//! people, for recordings and for other hosts.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -46,8 +46,8 @@ impl DeadlineClock {
         }
     }
 
-    /// Sleeps until the next deadline and returns how many whole periods were missed before the call: 0 when in time.
-    /// Missed deadlines are skipped, not caught up with.
+    /// Sleeps until the next deadline and returns how many whole periods were missed before the
+    /// call: 0 when in time. Missed deadlines are skipped, not caught up with.
     pub fn wait(&mut self) -> u64 {
         let late = monotonic_ns() - self.next_ns;
         if late > 0 {
@@ -72,7 +72,8 @@ impl DeadlineClock {
 }
 
 fn monotonic_ns() -> i64 {
-    // CLOCK_MONOTONIC exists on every Linux; were it missing, deadlines at zero would only stop the waiting.
+    // CLOCK_MONOTONIC exists on every Linux; were it missing, deadlines at zero would only stop the
+    // waiting.
     clock_gettime(ClockId::CLOCK_MONOTONIC)
         .map(|time| time.tv_sec() * 1_000_000_000 + time.tv_nsec())
         .unwrap_or(0)

@@ -1,7 +1,8 @@
 //! How far another process's clock is from ours, measured by asking it: `ping/SERVICE/INSTANCE`.
 //!
-//! Every service answers, `tangent status` asks. Nothing in the loop rests on it: a reader judges ages by its own clock
-//! and by the robot's packets. It tells a person why the stamps of two hosts do not fit each other.
+//! Every service answers, `tangent status` asks. Nothing in the loop rests on it: a reader judges
+//! ages by its own clock and by the robot's packets. It tells a person why the stamps of two hosts
+//! do not fit each other.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +14,8 @@ use crate::bus::answer::done_with;
 use crate::bus::{Bus, BusError, Handle};
 use crate::clock;
 
-/// Questions of one measurement. The quickest is the one that counts: its answer waited least on the way.
+/// Questions of one measurement. The quickest is the one that counts: its answer waited least on
+/// the way.
 const QUESTIONS: usize = 8;
 
 /// The answer's data.
@@ -27,11 +29,12 @@ struct Now {
 pub struct ClockOffset {
     /// Its clock less ours, s.
     pub offset_s: f64,
-    /// Way there and back, s. The offset may be wrong by half of it, if one way took all of the time.
+    /// Way there and back, s. The offset may be wrong by half of it, if one way took all of the
+    /// time.
     pub round_trip_s: f64,
 }
 
-/// Tells this host's time to whoever asks, until the handle is dropped.
+/// Answers queries for this host's time until the handle is dropped.
 ///
 /// # Errors
 /// A name that cannot stand in a key.
@@ -76,7 +79,8 @@ pub fn measure(bus: &Bus, service: &str, instance: &str, timeout: Duration) -> O
     best
 }
 
-/// Its clock was read halfway, as far as anybody can know (RFC 5905, clause 8, with one reading there).
+/// Its clock was read halfway, as far as anybody can know (RFC 5905, clause 8, with one reading
+/// there).
 fn offset(asked_ns: i64, round_trip: Duration, there_ns: i64) -> ClockOffset {
     let round_trip_s = round_trip.as_secs_f64();
     ClockOffset {

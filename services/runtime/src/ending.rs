@@ -1,8 +1,10 @@
-//! What ends the process: a panic in any of its threads, or a loop that stands still. One place decides how.
+//! What ends the process: a panic in any of its threads, or a loop that stands still. One place
+//! decides how.
 //!
-//! `main` calls [`on_panic`] once; a command that runs services hands over its [`Stop`] with [`in_order`]. From then on the first thing that
-//! goes wrong is written to the log with its name, everybody is told to stop, and what has not ended after [`GRACE`] is cut off. A process
-//! that lives on without one of its threads would look well and do nothing.
+//! `main` calls [`on_panic`] once; a command that runs services hands over its [`Stop`] with
+//! [`in_order`]. From then on the first thing that goes wrong is written to the log with its name,
+//! everybody is told to stop, and what has not ended after [`GRACE`] is cut off. A process that
+//! lives on without one of its threads would look well and do nothing.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::panic::PanicHookInfo;
@@ -13,7 +15,8 @@ use signal_hook::low_level;
 
 use crate::{Stop, log};
 
-/// Time that the other services get to end in order: the recorder closes its file, the bridge brings the arm to rest.
+/// Time that the other services get to end in order: the recorder closes its file, the bridge
+/// brings the arm to rest.
 pub const GRACE: Duration = Duration::from_secs(5);
 /// Time that the log gets to be written before the process is gone.
 const LAST_WORDS: Duration = Duration::from_secs(1);
@@ -47,7 +50,8 @@ pub fn cause() -> Option<&'static str> {
     CAUSE.get().map(String::as_str)
 }
 
-/// Ends the process with an error in `words`: at once where nobody has to be told, else when everybody has ended or [`GRACE`] is over.
+/// Ends the process with an error in `words`: at once where no supervisor has to be notified, else
+/// when everybody has ended or [`GRACE`] is over.
 pub fn end(words: String) {
     log::line(&format!("ERROR {words}"));
     let first = CAUSE.set(words).is_ok();

@@ -1,8 +1,8 @@
 //! The one way to be a service: bus, configuration, liveliness, health, parameters, shutdown.
 //!
-//! Every service has the shape `run(config, bus, stop)`: it reads a [`CellConfig`], speaks through a [`Bus`], ends
-//! when its [`Stop`] says so, tells how it fares through a [`HealthReporter`] and takes live [`Parameters`]. Zenoh is
-//! named nowhere else.
+//! Every service has the shape `run(config, bus, stop)`: it reads a [`CellConfig`], speaks through
+//! a [`Bus`], ends when its [`Stop`] says so, tells how it fares through a [`HealthReporter`] and
+//! takes live [`Parameters`]. Zenoh is named nowhere else.
 //!
 //! ```no_run
 //! use std::time::Duration;
@@ -32,7 +32,6 @@ pub mod clock_offset;
 pub mod config;
 pub mod ending;
 pub mod health;
-pub mod lease;
 pub mod log;
 pub mod meter;
 pub mod parameters;

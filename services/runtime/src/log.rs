@@ -1,7 +1,9 @@
-//! The process's log: lines go through a lock-free ring to one writing thread, so that no thread waits for whoever reads them.
+//! The process's log: lines go through a lock-free ring to one writing thread, so that no thread
+//! waits for whoever reads them.
 //!
-//! `main` starts it and gives it to `tracing`. A pipe that nobody empties blocks whoever writes to it; here that is a thread that nobody
-//! waits for. What finds the ring full is dropped and counted, and the count is written as soon as lines can be again.
+//! `main` starts it and gives it to `tracing`. A pipe that is not read blocks the thread that
+//! writes to it; here that is a thread of its own, which no other waits for. What finds the ring
+//! full is dropped and counted, and the count is written as soon as lines can be again.
 
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -68,7 +70,8 @@ impl Log {
         let _ = INSTALLED.set(self.clone());
     }
 
-    /// Writes one line, which ends with a newline. No lock, no memory, no waiting: for real-time threads too.
+    /// Writes one line, which ends with a newline. No lock, no memory, no waiting: for real-time
+    /// threads too.
     pub fn line(&self, text: &[u8]) {
         let mut line = Line {
             length: text.len().min(LINE_BYTES),
@@ -98,7 +101,8 @@ impl Log {
         self.shared.dropped.load(Ordering::Acquire)
     }
 
-    /// Waits until what was said before is written, at most so long; false when time was up. Before the process ends.
+    /// Waits until what was said before is written, at most so long; false when time was up. Before
+    /// the process ends.
     pub fn flush(&self, at_most: Duration) -> bool {
         let until = self.shared.pushed.load(Ordering::Acquire);
         let deadline = Instant::now() + at_most;
@@ -155,7 +159,7 @@ fn write_lines(shared: &Shared, mut sink: impl Write) {
     let mut told = 0;
     loop {
         while let Some(line) = shared.ring.pop() {
-            // Nobody is left to be told that the log cannot be written.
+            // There is no place left to report that the log cannot be written.
             let _ = sink.write_all(&line.bytes[..line.length]);
             shared.written.fetch_add(1, Ordering::AcqRel);
         }

@@ -142,8 +142,8 @@ impl Histogram {
         self.0.max_ns.fetch_max(ns, Ordering::Relaxed);
     }
 
-    /// [`Histogram::record`] of a time in seconds that came over a wire: what is no number or negative counts as none, what no duration
-    /// holds as the longest.
+    /// [`Histogram::record`] of a time in seconds that came over a wire: what is no number or
+    /// negative counts as none, what no duration holds as the longest.
     pub fn record_s(&self, seconds: f64) {
         let known = seconds.max(0.0);
         self.record(Duration::try_from_secs_f64(known).unwrap_or(Duration::MAX));

@@ -1,5 +1,5 @@
-//! Live parameters: read lock-free by the service, got and set through queries on `param/SERVICE/NAME`, listed on
-//! `parameters/SERVICE`.
+//! Live parameters: read lock-free by the service, got and set through queries on
+//! `param/SERVICE/NAME`, listed on `parameters/SERVICE`.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,7 +21,8 @@ impl Parameter {
         f64::from_bits(self.0.load(Ordering::Relaxed))
     }
 
-    /// The owner's own change, for instance when a task brings its value. Not checked against the range. No lock.
+    /// The owner's own change, for instance when a task brings its value. Not checked against the
+    /// range. No lock.
     pub fn set(&self, value: f64) {
         self.0.store(value.to_bits(), Ordering::Relaxed);
     }
@@ -86,8 +87,8 @@ impl Parameters {
         })
     }
 
-    /// Adds a number with its range (inclusive). A default outside of it is moved to the nearest end. A name that is
-    /// there already is returned as it is.
+    /// Adds a number with its range (inclusive). A default outside of it is moved to the nearest
+    /// end. A name that is there already is returned as it is.
     pub fn number(
         &self,
         name: &str,
@@ -197,8 +198,8 @@ impl Ramp {
         Self { value, rate_per_s }
     }
 
-    /// One step of `dt_s` seconds towards `target`; returns where it stands then. A target that is not finite is
-    /// ignored.
+    /// One step of `dt_s` seconds towards `target`; returns where it stands then. A target that is
+    /// not finite is ignored.
     pub fn step(&mut self, target: f64, dt_s: f64) -> f64 {
         let reach = self.rate_per_s * dt_s;
         let change = target - self.value;

@@ -1,4 +1,5 @@
-//! Real-time set-up of a thread, and in plain words what it got and what to do about what it did not get.
+//! Real-time set-up of a thread, and in plain words what it got and what to do about what it did
+//! not get.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -51,9 +52,9 @@ impl fmt::Display for RealtimeReport {
     }
 }
 
-/// Gives the calling thread SCHED_FIFO with `priority` (1 to 99) and locks the process's memory, as far as permitted.
-/// Never fails: the report says what is missing. Call it after sessions and helper threads are made, since a new
-/// thread inherits its maker's scheduling.
+/// Gives the calling thread SCHED_FIFO with `priority` (1 to 99) and locks the process's memory, as
+/// far as permitted. Never fails: the report says what is missing. Call it after sessions and
+/// helper threads are made, since a new thread inherits its maker's scheduling.
 pub fn setup_thread(name: &str, priority: u8) -> RealtimeReport {
     setup_thread_on(name, priority, None)
 }
@@ -84,8 +85,8 @@ pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> Realtime
     report
 }
 
-/// Whether a thread of this process may have SCHED_FIFO with `priority` (1 to 99), tried in a thread that ends with the
-/// call.
+/// Whether a thread of this process may have SCHED_FIFO with `priority` (1 to 99), tried in a
+/// thread that ends with the call.
 ///
 /// # Errors
 /// In words, with what to do.
@@ -96,8 +97,9 @@ pub fn try_schedule(priority: u8) -> Result<(), String> {
     }
 }
 
-/// Runs `work` in a thread of its own with SCHED_FIFO and `priority` (1 to 99) where that is granted, and waits for it; what
-/// came of the scheduling, in words, is handed to `work`. Memory is not locked. None when `work` panicked.
+/// Runs `work` in a thread of its own with SCHED_FIFO and `priority` (1 to 99) where that is
+/// granted, and waits for it; what came of the scheduling, in words, is handed to `work`. Memory is
+/// not locked. None when `work` panicked.
 pub fn in_scheduled_thread<T: Send>(
     priority: u8,
     work: impl FnOnce(Result<String, String>) -> T + Send,

@@ -1,4 +1,5 @@
-//! What a service keeps over its end, a crash and a power cut: small JSON files in the cell's state folder.
+//! What a service keeps over its end, a crash and a power cut: small JSON files in the cell's state
+//! folder.
 //!
 //! Written by side threads only: a write waits for the disk.
 
@@ -70,7 +71,8 @@ impl StateFolder {
             .map_err(|error| corrupt(&file, &error))
     }
 
-    /// Puts `value` in place of what `name.json` said, whole or not at all, and on the disk when it returns.
+    /// Puts `value` in place of what `name.json` said, whole or not at all, and on the disk when it
+    /// returns.
     ///
     /// # Errors
     /// [`StateError::System`].

@@ -28,7 +28,8 @@ impl Stop {
         Self::default()
     }
 
-    /// One that SIGINT and SIGTERM trigger too. A second signal ends the process at once, with status 130.
+    /// One that SIGINT and SIGTERM trigger too. A second signal ends the process at once, with
+    /// status 130.
     ///
     /// # Errors
     /// The system refused to register a handler.
@@ -37,7 +38,8 @@ impl Stop {
         let again = Arc::new(AtomicBool::new(false));
         let (mut signalled, signal_end) = UnixStream::pair()?;
         for signal in [SIGINT, SIGTERM] {
-            // Order matters: the check for a second signal runs before the flag of the first is set.
+            // Order matters: the check for a second signal runs before the flag of the first is
+            // set.
             flag::register_conditional_shutdown(signal, 130, Arc::clone(&again))?;
             flag::register(signal, Arc::clone(&again))?;
             low_level::pipe::register(signal, signal_end.try_clone()?)?;

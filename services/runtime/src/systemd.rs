@@ -1,14 +1,15 @@
 //! What systemd is told, with `Type=notify` and `WatchdogSec=` in the unit: ready, alive, stopping.
 //!
-//! systemd's own protocol: one datagram of `KEY=value` lines to the socket that `NOTIFY_SOCKET` names, `@` for one without a file; see
-//! sd_notify(3). Nothing is sent where that variable is not set.
+//! systemd's own protocol: one datagram of `KEY=value` lines to the socket that `NOTIFY_SOCKET`
+//! names, `@` for one without a file; see sd_notify(3). Nothing is sent where that variable is not
+//! set.
 
 use std::io;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
-/// The socket to whoever started this process.
+/// The socket to the process's supervisor.
 pub struct Notify {
     socket: UnixDatagram,
     to: SocketAddr,
@@ -16,7 +17,7 @@ pub struct Notify {
 }
 
 impl Notify {
-    /// Out of the environment; none where nobody wants to be told.
+    /// From the environment; none where no supervisor listens.
     pub fn from_environment() -> Option<Self> {
         let own = std::process::id().to_string();
         let named = |name| std::env::var(name).ok();
@@ -42,7 +43,7 @@ impl Notify {
             None => SocketAddr::from_pathname(name)?,
         };
         let socket = UnixDatagram::unbound()?;
-        // Whoever does not read must not hold this process up.
+        // A supervisor that does not read must not block this process.
         socket.set_nonblocking(true)?;
         Ok(Self {
             socket,

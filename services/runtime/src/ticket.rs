@@ -1,4 +1,5 @@
-//! One piece of work at a time between an asker and a thread that must not wait: done, or called off without an effect, never both.
+//! One piece of work at a time between an asker and a thread that must not wait: done, or called
+//! off without an effect, never both.
 
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
@@ -30,7 +31,8 @@ pub enum Order {
 pub struct Ticket(AtomicU8);
 
 impl Ticket {
-    /// Asks for the work, and waits until it is done; false when it was called off at `deadline`. One asker at a time.
+    /// Asks for the work, and waits until it is done; false when it was called off at `deadline`.
+    /// One asker at a time.
     pub fn ask_and_wait(&self, deadline: Instant) -> bool {
         self.0.store(ASKED, Ordering::Release);
         while Instant::now() < deadline {
@@ -49,7 +51,8 @@ impl Ticket {
         }
         if self.swap(BEGUN, CALLED_OFF) {
             let until = Instant::now() + ACKNOWLEDGE;
-            // The worker may just have been finishing it. One that does nothing now forgets the work before it does anything else.
+            // The worker may just have been finishing it. One that does nothing now forgets the
+            // work before it does anything else.
             while self.0.load(Ordering::Acquire) == CALLED_OFF && Instant::now() < until {
                 std::thread::park_timeout(LOOK);
             }

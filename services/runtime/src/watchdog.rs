@@ -1,8 +1,10 @@
-//! The watchdog over the loops of this process: each says that it goes on, and one that stands still ends the process.
+//! The watchdog over the loops of this process: each says that it goes on, and one that stands
+//! still ends the process.
 //!
-//! A loop takes a [`Beat`] when it begins and beats once per turn: an atomic count, for real-time threads too. [`watch`] counts its own turns
-//! meanwhile, not the clock's, so that a process that was stopped as a whole (SIGSTOP, a laptop's lid) does not end when it goes on. While
-//! every loop beats, systemd's watchdog is fed.
+//! A loop takes a [`Beat`] when it begins and beats once per turn: an atomic count, for real-time
+//! threads too. [`watch`] counts its own turns meanwhile, not the clock's, so that a process that
+//! was stopped as a whole (SIGSTOP, a laptop's lid) does not end when it goes on. While every loop
+//! beats, systemd's watchdog is fed.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -22,7 +24,7 @@ struct Loop {
     beats: AtomicU64,
     /// Ticks that the present turn may take.
     allowed: AtomicU32,
-    /// Nothing is being done: nobody called.
+    /// Idle: no call is in progress.
     idle: AtomicBool,
     gone: AtomicBool,
 }
@@ -34,7 +36,8 @@ static LOOPS: Mutex<Vec<Arc<Loop>>> = Mutex::new(Vec::new());
 pub struct Beat(Arc<Loop>);
 
 impl Beat {
-    /// Of the loop `name`, which is watched from now on and may take [`TURN`] for each of its turns.
+    /// Of the loop `name`, which is watched from now on and may take [`TURN`] for each of its
+    /// turns.
     pub fn new(name: &str) -> Self {
         let watched = Arc::new(Loop {
             name: name.to_owned(),
@@ -52,7 +55,8 @@ impl Beat {
         self.within(TURN);
     }
 
-    /// The loop goes on, and its next turn may take so long: it waits for somebody who may be slow. No lock, no memory.
+    /// The loop goes on, and its next turn may take so long: it waits for somebody who may be slow.
+    /// No lock, no memory.
     pub fn within(&self, allowed: Duration) {
         self.0.allowed.store(ticks(allowed), Ordering::Relaxed);
         self.0.idle.store(false, Ordering::Relaxed);
@@ -131,7 +135,8 @@ impl Watch {
     }
 }
 
-/// Watches over all loops of this process until `stop`, in a thread of its own. `notify` is told while all is well.
+/// Watches over all loops of this process until `stop`, in a thread of its own. `notify` is told
+/// while all is well.
 ///
 /// # Errors
 /// When the system has no thread to give.

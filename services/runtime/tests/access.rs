@@ -367,8 +367,8 @@ fn a_router_without_rules_or_with_lax_ones_does_not_start() {
     });
 }
 
-/// One laptop's key is lost: its identity is revoked, and from the router's next start on it can say nothing, while the other
-/// estimators go on.
+/// One laptop's key is lost: its identity is revoked, and from the router's next start on it can
+/// say nothing, while the other estimators go on.
 #[test]
 fn a_revoked_identity_is_locked_out_alone() {
     timed(|| {

@@ -46,7 +46,8 @@ fn a_message_beyond_the_bound_is_not_taken() {
     });
 }
 
-/// 3000 invented keys: the reader of everything follows some, counts the others, says so, and still hears the arm.
+/// 3000 invented keys: the reader of everything follows some, counts the others, says so, and still
+/// hears the arm.
 #[test]
 fn invented_keys_do_not_fill_a_reader_of_patterns() {
     timed(|| {

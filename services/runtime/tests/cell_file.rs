@@ -26,7 +26,8 @@ fn the_file_that_ships_shows_every_default_as_it_is() {
     assert_eq!(shipped.robot, robot);
 }
 
-/// The last line of the file that ships that begins so, what stands there instead, and what is said about it.
+/// The last line of the file that ships that begins so, what stands there instead, and what is said
+/// about it.
 const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "rtde_port =",

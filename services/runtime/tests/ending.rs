@@ -1,4 +1,5 @@
-//! Processes that must not live on: a panic in one of their threads, a loop that stands still. Each is a real process, started by its test.
+//! Processes that must not live on: a panic in one of their threads, a loop that stands still. Each
+//! is a real process, started by its test.
 
 #![allow(clippy::unwrap_used)]
 

@@ -37,7 +37,8 @@ fn a_message_arrives_once_in_order_with_its_attachment() {
         let raw = far.subscribe_raw("**", 1000).unwrap();
         let states = near.publisher(&topics::ARM_STATE).unwrap();
         until("a remote reader", || states.is_read_remotely());
-        // The router's reader and the client's are announced apart: wait until one message has reached both.
+        // The router's reader and the client's are announced apart: wait until one message has
+        // reached both.
         let (mut first, mut seen) = (0, 0);
         until("both readers", || {
             first = states.publish(&state(0));

@@ -1,4 +1,5 @@
-//! Whole images over a real router: from our own publishers, and from a client that knows nothing of us, as a ROS 2 bridge does.
+//! Whole images over a real router: from our own publishers, and from a client that knows nothing
+//! of us, as a ROS 2 bridge does.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -44,7 +45,8 @@ fn image((width, height, encoding, bytes): (u32, u32, &str, u32)) -> Image {
     }
 }
 
-/// Shows the image `FRAMES` times, at 30 Hz or as fast as a busy machine brings them; how many came to all readers, each whole.
+/// Shows the image `FRAMES` times, at 30 Hz or as fast as a busy machine brings them; how many came
+/// to all readers, each whole.
 fn came(readers: &[Subscription<Image>], sent: &Image, show: &mut dyn FnMut(&Image)) -> u64 {
     let mut whole = 0;
     for _ in 0..FRAMES {
@@ -74,7 +76,8 @@ fn all_sizes_come(readers: &[Subscription<Image>], mut show: impl FnMut(&Image))
     }
 }
 
-/// A session with Zenoh's own defaults: no namespace, no attachment, no encoding, `Priority::Data`, dropped under congestion.
+/// A session with Zenoh's own defaults: no namespace, no attachment, no encoding, `Priority::Data`,
+/// dropped under congestion.
 fn foreigner(config: &CellConfig) -> zenoh::Session {
     let mut foreign = zenoh::Config::default();
     foreign.insert_json5("mode", "\"client\"").unwrap();

@@ -1,4 +1,5 @@
-//! A router that anybody could reach starts only where the cell file says that it may, and says so for as long as it runs.
+//! A router that anybody could reach starts only where the cell file says that it may, and says so
+//! for as long as it runs.
 #![allow(clippy::unwrap_used)]
 
 mod common;

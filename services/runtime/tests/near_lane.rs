@@ -20,7 +20,8 @@ fn state(cycle: u64) -> ArmState {
     }
 }
 
-/// The loop of robot bridge and controller: state goes out, the command is there when `publish` returns.
+/// The loop of robot bridge and controller: state goes out, the command is there when `publish`
+/// returns.
 #[test]
 fn a_callback_answers_within_publish_in_the_senders_thread() {
     timed(|| {

@@ -1,7 +1,8 @@
-//! A third party on the bus: Python with `eclipse-zenoh` and `rosbags`, running the example that ships.
+//! A third party on the bus: Python with `eclipse-zenoh` and `rosbags`, running the example that
+//! ships.
 //!
-//! They come from `tests/interop/requirements.txt`. Without them the test says so and passes, unless
-//! `TANGENT_REQUIRE_INTEROP` is set.
+//! They come from `tests/interop/requirements.txt`. Without them the test says so and passes,
+//! unless `TANGENT_REQUIRE_INTEROP` is set.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -102,7 +103,8 @@ fn a_python_listener_reads_what_we_publish() {
     });
 }
 
-/// The codec that ships with the examples takes our bytes apart and puts the same bytes together again.
+/// The codec that ships with the examples takes our bytes apart and puts the same bytes together
+/// again.
 #[test]
 fn the_python_codec_gives_back_our_bytes() {
     timed(|| {

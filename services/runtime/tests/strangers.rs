@@ -62,7 +62,7 @@ fn the_second_is_refused_and_named_by_its_health() {
                     .take_new()
                     .is_none_or(|taken| taken.message.wrench.force.z == 3.0)
             );
-            began.elapsed().as_secs_f64() > 2.0 * tangent_runtime::lease::SILENCE_S
+            began.elapsed().as_secs_f64() > 2.0 * tangent_actuation::lease::SILENCE_S
         });
         assert!(reader.counts().second_source > before);
         reader.hold(false);

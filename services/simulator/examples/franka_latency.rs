@@ -1,9 +1,9 @@
-//! How long the Franka bridge takes from the robot's packet to its answer, with a torque law of the controller's cost in the
-//! same thread, over real sockets, while this machine works: `cargo run --release -p tangent-simulator --example franka_latency
-//! -- SECONDS LOAD_THREADS`.
+//! How long the Franka bridge takes from the robot's packet to its answer, with a torque law of the
+//! controller's cost in the same thread, over real sockets, while this machine works:
+//! `cargo run --release -p tangent-simulator --example franka_latency -- SECONDS LOAD_THREADS`.
 //!
-//! The answer has left when the clock is read. Real-time scheduling is asked for as the cell's `[realtime]` says; the report of
-//! what was got is printed first.
+//! The answer has left when the clock is read. Real-time scheduling is asked for as the cell's
+//! `[realtime]` says; the report of what was got is printed first.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};

@@ -1,4 +1,5 @@
-//! The program that `rtde` uploads, run by the controller: what the arm does when the bridge behaves and when it does not.
+//! The program that `rtde` uploads, run by the controller: what the arm does when the bridge
+//! behaves and when it does not.
 
 use tangent_rtde::codec::{Series, Value};
 use tangent_rtde::program::{IDENT, ProgramConfig, RegisterMap};

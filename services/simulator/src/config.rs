@@ -24,8 +24,8 @@ pub struct Config {
     /// Seed of all randomness.
     #[serde(default)]
     pub seed: u64,
-    /// SCHED_FIFO priority of the threads that stand for robot and sensor box, whose clocks no load on this machine would
-    /// delay; `None` for normal scheduling.
+    /// SCHED_FIFO priority of the threads that stand for robot and sensor box, whose clocks no load
+    /// on this machine would delay; `None` for normal scheduling.
     #[serde(default)]
     pub realtime_priority: Option<u8>,
 }
@@ -109,17 +109,19 @@ impl Flavour {
     }
 }
 
-/// How the controller behaves where real ones differ or nobody knows.
+/// How the controller behaves where real ones differ or are undocumented.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
     /// Which controller.
     pub flavour: Flavour,
-    /// Inputs that arrive within this share of a period after the state was sent count in that period.
+    /// Inputs that arrive within this share of a period after the state was sent count in that
+    /// period.
     pub input_window: f64,
     /// Starts with the brakes released, as after a shift's first minutes; else powered off.
     pub running: bool,
-    /// Time since boot that clients see at the start, s. Under 40 s some clients wait for the boot's end.
+    /// Time since boot that clients see at the start, s. Under 40 s some clients wait for the
+    /// boot's end.
     pub timestamp_s: f64,
     /// From power on to idle, and from idle to running, s.
     pub power_step_s: f64,
@@ -129,9 +131,11 @@ pub struct ControllerConfig {
     pub program_start_s: f64,
     /// And this much more per line of program, s.
     pub compile_s_per_line: f64,
-    /// A program that ends (or leaves the arm without a motion) above this joint speed ends in a protective stop, rad/s.
+    /// A program that ends (or leaves the arm without a motion) above this joint speed ends in a
+    /// protective stop, rad/s.
     pub program_end_speed_max_rad_per_s: f64,
-    /// `speedj` stops the arm when its time is over and no motion follows; else it goes on at that speed.
+    /// `speedj` stops the arm when its time is over and no motion follows; else it goes on at that
+    /// speed.
     pub speedj_stops_after_t: bool,
     /// A protective stop pauses the program instead of ending it.
     pub protective_stop_pauses: bool,

@@ -122,7 +122,8 @@ impl Connection {
         }
     }
 
-    /// Sends what was held back; call once per cycle. `limit`: how long a client may refuse to read.
+    /// Sends what was held back; call once per cycle. `limit`: how long a client may refuse to
+    /// read.
     pub fn tend(&mut self, now: Instant, limit: Duration) {
         while self.delayed.front().is_some_and(|(due, _)| *due <= now) {
             if let Some((_, bytes)) = self.delayed.pop_front() {

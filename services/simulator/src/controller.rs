@@ -1,7 +1,8 @@
-//! The controller without its sockets: modes, safety, program and motion, one control cycle per call.
+//! The controller without its sockets: modes, safety, program and motion, one control cycle per
+//! call.
 //!
-//! The cell's thread calls [`Controller::cycle`] once per period and the servers call the rest in between. Time is the
-//! controller's own: it counts cycles.
+//! The cell's thread calls [`Controller::cycle`] once per period and the servers call the rest in
+//! between. Time is the controller's own: it counts cycles.
 
 pub use state::Summary;
 
@@ -89,7 +90,8 @@ enum Action {
 }
 
 impl Controller {
-    /// Powered as configured, with no program. `model` names a built-in arm, `arm` is where it stands.
+    /// Powered as configured, with no program. `model` names a built-in arm, `arm` is where it
+    /// stands.
     ///
     /// # Errors
     /// The model is unknown.
@@ -134,7 +136,8 @@ impl Controller {
         })
     }
 
-    /// Starts over as after a reset: registers cleared, no program, time from 0. Power stays off unless configured on.
+    /// Starts over as after a reset: registers cleared, no program, time from 0. Power stays off
+    /// unless configured on.
     pub fn restart(&mut self) {
         let kinematics = self.kinematics.clone();
         let mut config = self.config.clone();
@@ -196,7 +199,8 @@ impl Controller {
         self.watchdogs.clear();
         let text = format!("RTDE watchdog: {} was not updated", watchdog.variable);
         match watchdog.action {
-            // CB3 calls it a lost fieldbus and stops protectively. Of e-Series nothing else is known.
+            // CB3 calls it a lost fieldbus and stops protectively. Of e-Series nothing else is
+            // known.
             Action::Stop => self.protective_stop(207, 0, &text),
             Action::Pause => {
                 self.say(Message::Error(207, 0, text));

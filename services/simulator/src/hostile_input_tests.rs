@@ -1,4 +1,5 @@
-//! Random and malformed input on every way in: no panic, and the next well-formed request is answered.
+//! Random and malformed input on every way in: no panic, and the next well-formed request is
+//! answered.
 
 use proptest::prelude::*;
 use tangent_rtde::codec::{Framer, Protocol, Reply};

@@ -1,4 +1,5 @@
-//! The controller's view of the arm: poses as six numbers, forward and inverse kinematics, steps towards a pose.
+//! The controller's view of the arm: poses as six numbers, forward and inverse kinematics, steps
+//! towards a pose.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::{

@@ -1,6 +1,8 @@
-//! A robot cell on sockets: UR controller and Net F/T box around the simulated plant, or ([`fci`]) a Franka arm.
+//! A robot cell on sockets: UR controller and Net F/T box around the simulated plant, or ([`fci`])
+//! a Franka arm.
 //!
-//! [`service::run`] is the service; tests of other crates start a [`SimulatedCell`] in their own process, on free ports.
+//! [`service::run`] is the service; tests of other crates start a [`SimulatedCell`] in their own
+//! process, on free ports.
 
 pub mod arm_plant;
 #[cfg(test)]

@@ -248,7 +248,8 @@ fn between(from: &[f64; 6], to: &[f64; 6], share: f64) -> [f64; 6] {
     [p.x, p.y, p.z, r.x, r.y, r.z]
 }
 
-/// A share of the way, 0 to 1, over time: constant acceleration, constant speed, constant deceleration.
+/// A share of the way, 0 to 1, over time: constant acceleration, constant speed, constant
+/// deceleration.
 #[derive(Clone, Copy, Debug)]
 struct Trapezoid {
     /// 1/s²

@@ -1,4 +1,5 @@
-//! Packages of the robot-state ports: the primary and secondary client's, and the real-time client's. All big-endian.
+//! Packages of the robot-state ports: the primary and secondary client's, and the real-time
+//! client's. All big-endian.
 
 use nalgebra::Vector3;
 
@@ -142,8 +143,8 @@ pub fn message(message: &Message, time_s: f64) -> Vec<u8> {
     })
 }
 
-/// Robot state with mode, joints, tool pose, calibration and configuration: what clients need at 10 Hz. Into `out`, whose
-/// memory is used again.
+/// Robot state with mode, joints, tool pose, calibration and configuration: what clients need at 10
+/// Hz. Into `out`, whose memory is used again.
 pub fn robot_state(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, geometry: &Geometry) {
     lengthened(out, |w| {
         w.u8(ROBOT_STATE);
@@ -204,8 +205,8 @@ pub fn robot_state(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, geometry: &
     });
 }
 
-/// The real-time client's package: 139 doubles on CB3 (1116 bytes), 152 on e-Series (1220 bytes). Into `out`,
-/// whose memory is used again.
+/// The real-time client's package: 139 doubles on CB3 (1116 bytes), 152 on e-Series (1220 bytes).
+/// Into `out`, whose memory is used again.
 pub fn realtime(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, joint_mode: f64) {
     lengthened(out, |w| realtime_body(w, s, flavour, joint_mode));
 }

@@ -1,4 +1,5 @@
-//! Everything RTDE clients write and programs leave behind: registers, digital and analog inputs and outputs.
+//! Everything RTDE clients write and programs leave behind: registers, digital and analog inputs
+//! and outputs.
 
 use tangent_rtde::codec::Value;
 
@@ -125,7 +126,8 @@ impl Registers {
         }
     }
 
-    /// Takes the fields of one input package. Masked outputs change only where their mask has a bit.
+    /// Takes the fields of one input package. Masked outputs change only where their mask has a
+    /// bit.
     pub fn write(&mut self, names: &[String], values: &[Value]) {
         let byte = |name: &str| {
             let at = names.iter().position(|n| n == name)?;

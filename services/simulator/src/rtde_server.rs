@@ -1,7 +1,8 @@
 //! RTDE, the controller's side: negotiation, recipes, ownership of inputs, the stream of outputs.
 //!
-//! [`Session`] is one client's conversation without its socket; [`RtdeServer`] puts sockets around sessions. The cell's
-//! thread polls it once per control cycle, so that inputs count in the cycle they arrive in.
+//! [`Session`] is one client's conversation without its socket; [`RtdeServer`] puts sockets around
+//! sessions. The cell's thread polls it once per control cycle, so that inputs count in the cycle
+//! they arrive in.
 
 use std::collections::HashMap;
 use std::net::TcpListener;
@@ -335,7 +336,7 @@ impl RtdeServer {
                     Effect::Inputs(names, values) => controller.write_inputs(&names, &values),
                     Effect::Log(line) => controller.log_line(&line),
                 }
-                // Nobody needs so many answers within a cycle.
+                // No client needs so many answers within a cycle.
                 if answers.len() > 1 << 20 {
                     connection.close();
                     break;

@@ -1,4 +1,5 @@
-//! The ports that take script text and stream the robot's state: primary, secondary, real-time, and their read-only twins.
+//! The ports that take script text and stream the robot's state: primary, secondary, real-time, and
+//! their read-only twins.
 
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
@@ -28,7 +29,8 @@ pub struct ScriptPort {
     read_only: bool,
     clients: Vec<(Connection, Collector)>,
     next_state_s: f64,
-    /// The state package: its memory is kept, since whoever holds the allocator's lock must not hold the robot up.
+    /// The state package: its memory is kept, since a thread that holds the allocator's lock must
+    /// not hold the robot up.
     state: Vec<u8>,
 }
 
@@ -154,7 +156,8 @@ pub struct Collector {
 pub struct TooLong;
 
 impl Collector {
-    /// Takes bytes as they come, gives what is complete: a program ends with `end` in column 1 and its newline.
+    /// Takes bytes as they come, gives what is complete: a program ends with `end` in column 1 and
+    /// its newline.
     pub fn push(&mut self, bytes: &[u8]) -> Result<Vec<String>, TooLong> {
         let mut out = Vec::new();
         for byte in bytes {

@@ -1,4 +1,5 @@
-//! The simulator as a service: the cell, its truth and its platform's odometry on the bus, and faults by query.
+//! The simulator as a service: the cell, its truth and its platform's odometry on the bus, and
+//! faults by query.
 
 use std::time::Duration;
 

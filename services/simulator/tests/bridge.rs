@@ -1,4 +1,5 @@
-//! The robot bridge on the simulated controller, both as they run: the program it sends is executed, faults are real.
+//! The robot bridge on the simulated controller, both as they run: the program it sends is
+//! executed, faults are real.
 
 #![allow(clippy::unwrap_used)]
 
@@ -184,7 +185,8 @@ fn a_protective_stop_is_said_unlocked_and_never_resumed() {
                 .ask(queries::UNLOCK, &Request::default(), PATIENCE)
                 .unwrap()
         };
-        // With the next packet, the stop's own has reached everybody, those too who judge requests by it.
+        // With the next packet, the stop's own has reached everybody, those too who judge requests
+        // by it.
         let shown = stopped.cycle;
         cell.until("the packet after it", |s| s.cycle > shown);
         let early = unlock();

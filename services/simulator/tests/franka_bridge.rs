@@ -1,4 +1,5 @@
-//! The Franka bridge on the simulated robot, both as they run: real sockets, real faults, a torque law in the same process.
+//! The Franka bridge on the simulated robot, both as they run: real sockets, real faults, a torque
+//! law in the same process.
 
 #![allow(clippy::unwrap_used)]
 
@@ -48,7 +49,8 @@ fn simulated(plant: PlantConfig) -> SimulatedFranka {
     SimulatedFranka::start(&FciConfig {
         ports: Ports::Ephemeral,
         plant,
-        // A busy machine shall make time slow, not lose answers: losses here are those that a test asks for.
+        // A busy machine shall make time slow, not lose answers: losses here are those that a test
+        // asks for.
         answer_wait_s: 1.0,
         ..FciConfig::default()
     })
@@ -101,7 +103,8 @@ impl Cell {
         }
     }
 
-    /// Another bridge in place of this one, on a bus of its own: whoever spoke on the other is silent.
+    /// Another bridge in place of this one, on a bus of its own: whoever spoke on the other is
+    /// silent.
     fn again(&mut self) {
         self.stop.trigger();
         self.bridge.take().unwrap().join().unwrap().unwrap();
@@ -201,7 +204,8 @@ impl Drop for Cell {
     }
 }
 
-/// Pushes the tool with a force that is never quite steady: an estimate that stands still has no zero.
+/// Pushes the tool with a force that is never quite steady: an estimate that stands still has no
+/// zero.
 struct Push {
     millinewtons: Arc<AtomicU64>,
     stop: Stop,
@@ -312,7 +316,8 @@ fn it_holds_then_follows_a_torque_law_for_seconds() {
         let state = cell.until("the way out again", |s| s.q[0] - q0 > 0.18);
         assert!(state.ready);
         assert_eq!(state.commanded_by.as_str(), "test/0");
-        // Before it was ready the arm sank a little under a tool it had not been told of, and nobody may take an arm that moves.
+        // Before it was ready the arm sank a little under a tool it had not been told of, and
+        // nobody may take an arm that moves.
         assert_eq!(
             state.commands_refused, first.commands_refused,
             "{}",
@@ -401,7 +406,8 @@ fn lost_packets_are_counted_and_borne() {
         cell.states(200);
         assert_eq!(cell.mode(), RobotMode::Move);
         cell.states(200);
-        // What the robot went by stayed where it was, and so did the next torque: no step after the gap either.
+        // What the robot went by stayed where it was, and so did the next torque: no step after the
+        // gap either.
         let snapshot = cell.simulated.snapshot().unwrap();
         assert!(snapshot.torque_step_max_nm <= 0.9 + 1e-9);
         let before = cell.until("a state", |_| true);
@@ -553,7 +559,8 @@ fn its_wrench_is_the_environments_and_can_be_tared() {
     });
 }
 
-/// A bridge that was started anew knew nothing of the controller's last word: it took the force of a pressing tool for its zero.
+/// A bridge that was started anew knew nothing of the controller's last word: it took the force of
+/// a pressing tool for its zero.
 #[test]
 fn a_tare_after_a_restart_is_refused_while_the_tool_presses() {
     timed(|| {

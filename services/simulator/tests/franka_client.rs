@@ -1,5 +1,5 @@
-//! A client that others wrote, `franka-rs`, against the simulated Franka: it connects, sets, moves by torque and by joint
-//! motions, sees a reflex and recovers.
+//! A client that others wrote, `franka-rs`, against the simulated Franka: it connects, sets, moves
+//! by torque and by joint motions, sees a reflex and recovers.
 
 #![allow(clippy::unwrap_used)]
 
@@ -208,7 +208,8 @@ fn it_is_told_of_a_collision_and_recovers() {
         let state = robot.read_once().unwrap();
         assert_eq!(state.robot_mode, RobotMode::Reflex);
         robot.automatic_error_recovery().unwrap();
-        // While it waited for the recovery its socket filled up, so the first states it reads are old.
+        // While it waited for the recovery its socket filled up, so the first states it reads are
+        // old.
         let mut reads = 0;
         robot
             .read(|state| {

@@ -148,7 +148,8 @@ fn at_7_khz_nothing_is_lost_and_every_record_is_published() {
         }
         assert_eq!(rig.raw.lost(), 0);
         assert!(stamps.len() as u64 >= last.records, "{}", stamps.len());
-        // Once the clock is known, a record's time is that of the box's count, whatever this machine did meanwhile.
+        // Once the clock is known, a record's time is that of the box's count, whatever this
+        // machine did meanwhile.
         let late = &stamps[stamps.len() / 2..];
         let span = (late[late.len() - 1] - late[0]) as f64 * 1e-9;
         let rate = (late.len() - 1) as f64 / span;
@@ -340,7 +341,8 @@ fn noisy_rig() -> (Rig, Subscription<WrenchStatus>) {
     (rig, statuses)
 }
 
-/// Stamps of the raw records, ns, from the first of the last run in which `same` holds for neighbours.
+/// Stamps of the raw records, ns, from the first of the last run in which `same` holds for
+/// neighbours.
 fn stands_since_ns(
     raw: &Subscription<WrenchStamped>,
     until_ns: i64,
@@ -368,7 +370,8 @@ fn a_frozen_sensor_is_noticed_within_two_cycles_and_until_it_lives_again() {
         rig.simulated.inject(NetbFault::Freeze(true));
         let told = wait_for(&statuses, "the frozen sensor", |s| s.validity > SATURATED);
         assert_eq!((told.validity, told.stuck_axes), (FROZEN, 0x3f));
-        // By the stamps of measurement: two cycles of a robot at 125 Hz, whatever this machine does meanwhile.
+        // By the stamps of measurement: two cycles of a robot at 125 Hz, whatever this machine does
+        // meanwhile.
         let at_ns = told.header.stamp.to_ns();
         let since_ns = stands_since_ns(&rig.raw, at_ns, |a, b| a.wrench == b.wrench);
         assert!(at_ns - since_ns <= 16_000_000, "{} ns", at_ns - since_ns);

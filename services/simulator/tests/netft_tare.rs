@@ -1,4 +1,5 @@
-//! Tares that must be refused, of the sensor's service behind a router: by whoever speaks as the controller, and at once.
+//! Tares that must be refused, of the sensor's service behind a router: by whoever speaks as the
+//! controller, and at once.
 
 #![allow(clippy::unwrap_used)]
 
@@ -148,7 +149,8 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
     }
 }
 
-/// Anybody who said that the task was done opened the tare under the controller's hands, and the service wrote it down.
+/// Anybody who said that the task was done opened the tare under the controller's hands, and the
+/// service wrote it down.
 #[test]
 fn a_stranger_who_says_that_the_task_is_done_does_not_open_the_tare() {
     timed(|| {

@@ -1,4 +1,5 @@
-//! ur_rtde, as it comes from PyPI, against the simulated cell. Skipped where Python or the package is missing.
+//! ur_rtde, as it comes from PyPI, against the simulated cell. Skipped where Python or the package
+//! is missing.
 
 #![allow(clippy::unwrap_used)]
 

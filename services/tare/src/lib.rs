@@ -1,14 +1,15 @@
 //! The answer to `netft/tare`, shared by the services that publish a wrench: `netft` and `franka`.
 //!
-//! [`open`] answers the query. Whether a tare is allowed is judged at once, in the bus's urgent lane, by what the controller says
-//! of contact; the average is taken by the service's loop through its [`Taring`], and waited for in the slow lane. What a
-//! restart must not forget (the last good zero, the controller's last word) stands in one file of the cell's state folder.
+//! [`open`] answers the query. Whether a tare is allowed is judged at once, in the bus's urgent
+//! lane, by what the controller says of contact; the average is taken by the service's loop through
+//! its [`Taring`], and waited for in the slow lane. What a restart must not forget (the last good
+//! zero, the controller's last word) stands in one file of the cell's state folder.
 
 #![deny(missing_docs)]
 
-mod desk;
 mod keeper;
 mod memory;
+mod requests;
 mod taring;
 
 use std::sync::Arc;
@@ -19,8 +20,8 @@ use tangent_schemas::topics::queries;
 pub use keeper::Keeper;
 pub use taring::{Taring, tell_zero};
 
-use desk::tare_desk;
 use memory::Memory;
+use requests::tare_requests;
 
 /// What differs from service to service.
 #[derive(Clone, Debug)]
@@ -49,12 +50,12 @@ pub struct Opened {
 pub fn open(bus: &Bus, setup: &TareSetup) -> Result<Opened, BusError> {
     let (memory, notes) = Memory::open(bus, setup.service, setup.state.clone())?;
     let memory = Arc::new(memory);
-    let (desk, work) = tare_desk(setup, &memory);
-    let judge = desk.clone();
+    let (requests, work) = tare_requests(setup, &memory);
+    let judge = requests.clone();
     let answering = bus.answer_judged(
         queries::NETFT_TARE,
         move |asked| judge.judge(&asked.request),
-        move |asked| desk.respond(&asked).into(),
+        move |asked| requests.respond(&asked).into(),
     )?;
     let taring = Taring::new(work, notes, memory.zero());
     Ok(Opened {
@@ -65,7 +66,8 @@ pub fn open(bus: &Bus, setup: &TareSetup) -> Result<Opened, BusError> {
 }
 
 impl Opened {
-    /// Starts the thread that writes the memory down. The query is answered while the second part is kept.
+    /// Starts the thread that writes the memory down. The query is answered while the second part
+    /// is kept.
     ///
     /// # Errors
     /// No thread can be started.

@@ -1,6 +1,8 @@
-//! What outlasts the service: the controller's last word on contact, and the sensor's last good zero.
+//! What outlasts the service: the controller's last word on contact, and the sensor's last good
+//! zero.
 //!
-//! The tare's desk asks it for signs of contact, a side thread writes it down, and the service's loop begins with its zero.
+//! The tare's request handler asks it for signs of contact, a side thread writes it down, and the
+//! service's loop begins with its zero.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -87,7 +89,8 @@ struct KeptWord {
 }
 
 impl KeptWord {
-    /// A phase that is not known here, from a controller of another version, may be one that presses.
+    /// A phase that is not known here, from a controller of another version, may be one that
+    /// presses.
     fn word(self) -> ControllerWord {
         match Phase::from_code(self.phase) {
             Some(phase) => ControllerWord {
@@ -130,7 +133,8 @@ struct Note {
 pub(crate) struct ZeroNotes(Arc<ArrayQueue<Option<Note>>>);
 
 impl ZeroNotes {
-    /// This zero of the sensor `serial`, taken `age_s` seconds ago, is the last good one from now on.
+    /// This zero of the sensor `serial`, taken `age_s` seconds ago, is the last good one from now
+    /// on.
     pub(crate) fn keep(&self, serial: &str, tare: &Tare, age_s: f64) {
         self.say(Some(Note {
             serial: cut(serial),
@@ -166,8 +170,8 @@ impl From<Note> for KeptZero {
 }
 
 impl KeptZero {
-    /// On the clock of [`tangent_sensing::Reading::time_s`], which says `now_s` now; none of another sensor, or older than
-    /// `age_max_s`.
+    /// On the clock of [`tangent_sensing::Reading::time_s`], which says `now_s` now; none of
+    /// another sensor, or older than `age_max_s`.
     pub(crate) fn tare(&self, serial: &str, now_s: f64, age_max_s: f64) -> Option<Tare> {
         let age_s = (now_ns() - self.taken_ns) as f64 * 1e-9;
         let numbers = [&self.bias, &self.std, &self.vouched.bias, &self.shown.bias];
@@ -187,7 +191,8 @@ impl KeptZero {
 }
 
 impl Memory {
-    /// Reads what the service before knew. A file that cannot be read is said, and counts as a controller that pressed.
+    /// Reads what the service before knew. A file that cannot be read is said, and counts as a
+    /// controller that pressed.
     pub(crate) fn open(
         bus: &Bus,
         file: &'static str,
@@ -239,7 +244,8 @@ impl Memory {
         ContactSign::of(now.map(KeptWord::word), last)
     }
 
-    /// Who else says what the controller does, in words: which of them is the controller cannot be known.
+    /// Who else says what the controller does, in words: which of them is the controller cannot be
+    /// known.
     pub(crate) fn second_controller(&self) -> Option<String> {
         let refused = self.bus.refused();
         let second = |refused: &&Refused| {

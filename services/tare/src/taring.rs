@@ -4,10 +4,11 @@ use tangent_runtime::ticket::Order;
 use tangent_schemas::tangent::WrenchStatus;
 use tangent_sensing::{ConditionedWrench, TareConfig, WrenchConditioner, WrenchConditionerState};
 
-use crate::desk::{Outcome, TareWork, Wanted};
 use crate::memory::{KeptZero, ZeroNotes};
+use crate::requests::{Outcome, TareWork, Wanted};
 
-/// The tare's end in the service's loop, which waits for nobody and allocates nothing but in [`Taring::adopt`].
+/// The part of the tare in the service's loop, which never blocks and allocates nothing but in
+/// [`Taring::adopt`].
 pub struct Taring {
     work: TareWork,
     notes: ZeroNotes,
@@ -27,9 +28,10 @@ impl Taring {
         }
     }
 
-    /// The zero belongs to `owner`, a sensor's serial number or what else tells one from another: the last good one of it, as
-    /// the service before left it, is in force from now on, and a zero of another owner no longer. `now_s` is on the clock of
-    /// [`tangent_sensing::Reading::time_s`]; a zero older than `config` allows does not come back.
+    /// The zero belongs to `owner`, a sensor's serial number or what else tells one from another:
+    /// the last good one of it, as the service before left it, is in force from now on, and a zero
+    /// of another owner no longer. `now_s` is on the clock of [`tangent_sensing::Reading::time_s`];
+    /// a zero older than `config` allows does not come back.
     pub fn adopt(
         &mut self,
         owner: &str,
@@ -97,8 +99,8 @@ impl Taring {
     }
 }
 
-/// Says in `status` what the wrench was before its zero, and how far that zero can be trusted. Its drift is bounded by its age,
-/// as a sensor's is.
+/// Says in `status` what the wrench was before its zero, and how far that zero can be trusted. Its
+/// drift is bounded by its age, as a sensor's is.
 pub fn tell_zero(conditioned: &ConditionedWrench, config: &TareConfig, status: &mut WrenchStatus) {
     let age_s = conditioned.bias_age_s;
     status.bias = (&conditioned.bias).into();

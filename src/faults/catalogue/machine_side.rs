@@ -13,7 +13,7 @@ pub(super) fn of_the_machine() -> Vec<Case> {
         Case {
             provoke: |s| s.cell.kill("router"),
             noticed_within_ms: Some(WRENCH_MS),
-            // Nobody hears the controller: the arm itself shows it.
+            // The controller is not heard: the arm itself shows it.
             by_motion: true,
             noticed: Evidence::slowed_ns,
             watch_s: 1.0,

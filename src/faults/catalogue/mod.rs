@@ -12,11 +12,11 @@ use super::stage::Stage;
 
 /// One cycle of the simulated robot, a CB3, ms.
 const CYCLE_MS: f64 = 8.0;
-/// From a command of zero to an arm at rest: ramp at the cell's limits from the sliding speed, the robot's own delay, and the
-/// cycle in which it is seen, ms.
+/// From a command of zero to an arm at rest: ramp at the cell's limits from the sliding speed, the
+/// robot's own delay, and the cycle in which it is seen, ms.
 const STOP_MS: f64 = 120.0;
-/// From a command to a joint velocity that can be seen, 3 to 5 cycles of a CB3: what is noticed by the arm's own motion is
-/// noticed later by this, ms.
+/// From a command to a joint velocity that can be seen, 3 to 5 cycles of a CB3: what is noticed by
+/// the arm's own motion is noticed later by this, ms.
 const ARM_MS: f64 = 5.0 * CYCLE_MS;
 /// The path slows down from the sliding speed at its own acceleration: 20 mm/s at 0.1 m/s², ms.
 const PATH_STOP_MS: f64 = 200.0;
@@ -57,7 +57,7 @@ pub struct Case {
     pub layout: Layout,
     /// What has to become of the task.
     pub outcome: Outcome,
-    /// How soon it has to be noticed, ms; none where nobody has to.
+    /// Bound on the time until it is noticed, ms; none where it need not be.
     pub noticed_within_ms: Option<f64>,
     /// Lets it happen.
     pub provoke: fn(&mut Stage) -> Result<()>,

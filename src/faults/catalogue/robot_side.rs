@@ -1,4 +1,4 @@
-//! Bridge, robot and controller that die, hang, stop or say what nobody should do.
+//! Bridge, robot and controller that die, hang, stop or send bad commands.
 
 use crate::faults::evidence::Evidence;
 use crate::faults::impostor::Lie;

@@ -1,4 +1,5 @@
-//! Sensor and estimator that die, hang, are cut off or say nonsense; clocks that step; a surface that ends.
+//! Sensor and estimator that die, hang, are cut off or send invalid data; clocks that step; a
+//! surface that ends.
 
 use tangent_control::Phase;
 

@@ -13,7 +13,7 @@ pub(super) fn faults(run: &Run, task: &TaskRun<'_>) -> String {
     let mut html =
         "<h2>Faults and notices</h2>\n<table><tr><th>When</th><th>Who and what</th></tr>\n"
             .to_owned();
-    /// More is a page that nobody reads; the recording has them all.
+    /// The page is limited to these; the recording has all of them.
     const ROWS: usize = 100;
     for (at_ns, text) in run.faults.iter().take(ROWS) {
         let at_s = (at_ns - task.start_ns) as f64 * 1e-9;

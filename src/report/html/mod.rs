@@ -1,4 +1,5 @@
-//! The report as one HTML file that needs nothing else: figures in plain words, plots, faults, and what was stored.
+//! The report as one HTML file that needs nothing else: figures in plain words, plots, faults, and
+//! what was stored.
 
 mod contents;
 mod figures;

@@ -1,7 +1,9 @@
-//! Tests of what happens in real time: one at a time on this machine, and again where the machine itself stood still.
+//! Tests of what happens in real time: one at a time on this machine, and again where the machine
+//! itself stood still.
 //!
-//! A virtual machine is taken off its processors by its host, at times for a tenth of a second. No robot would be driven by it, a task
-//! correctly ends, and the test has said nothing. Whether that happened is measured beside the test, not guessed from its failure.
+//! A virtual machine is taken off its processors by its host, at times for a tenth of a second. No
+//! robot would be driven by it, a task correctly ends, and the test has said nothing. Whether that
+//! happened is measured beside the test, not guessed from its failure.
 
 use std::cell::Cell;
 use std::fmt;
@@ -31,20 +33,22 @@ const RUNS: usize = 5;
 const PRIORITY: u8 = 98;
 const PERIOD: Duration = Duration::from_millis(2);
 
-/// File to which each run is added as a line, where this variable names one: a test runner shows nothing of what passes.
+/// File to which each run is added as a line, where this variable names one: a test runner shows
+/// nothing of what passes.
 const LOG: &str = "TANGENT_LIVE_LOG";
 const PASSED: &str = "passed in run";
 const NO_VERDICT: &str = "no verdict in run";
 const SKIPPED: &str = "skipped, because in the last of";
 
-/// Runs the test alone. Fails as it does, unless the machine stood still meanwhile: then it runs again, and says so; after the last run
-/// it says that it is skipped.
+/// Runs the test alone. Fails as it does, unless the machine stood still meanwhile: then it runs
+/// again, and says so; after the last run it says that it is skipped.
 pub fn live(test: impl Fn()) {
     let _alone = alone();
     timed(test);
 }
 
-/// As [`live`], beside other tests: for one service, which leaves the machine to others most of the time.
+/// As [`live`], beside other tests: for one service, which leaves the machine to others most of the
+/// time.
 pub fn timed(test: impl Fn()) {
     verdict(test, Watch::start, Watch::end, say);
 }
@@ -238,7 +242,8 @@ impl Ticks {
 mod tests {
     use super::*;
 
-    /// Runs a test that fails the first `failures` times, on a machine that stands still for so long each time; how often it ran.
+    /// Runs a test that fails the first `failures` times, on a machine that stands still for so
+    /// long each time; how often it ran.
     fn runs(failures: usize, longest: Duration) -> Result<usize, usize> {
         let ran = Cell::new(0);
         let machine = |()| Stood {

@@ -1,7 +1,8 @@
-//! What was asked of a cell and what came of it, and what the cell did meanwhile: the one is checked against the other.
+//! What was asked of a cell and what came of it, and what the cell did meanwhile: the one is
+//! checked against the other.
 //!
-//! A refused request has no effect. One that was done has its effect. Of one without an answer nobody knows, but what it does it does
-//! within its budget.
+//! A refused request has no effect. One that was done has its effect. Of one without an answer
+//! nobody knows, but what it does it does within its budget.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -71,7 +72,8 @@ pub fn task_name(number: usize) -> String {
     format!("r{number}")
 }
 
-/// Force that a request sets, N: each its own. Near 3 N, so that it does not matter for the contact.
+/// Force that a request sets, N: each its own. Near 3 N, so that it does not matter for the
+/// contact.
 pub fn force_n(number: usize) -> f64 {
     3.0 + 1e-5 * (number + 1) as f64
 }
@@ -197,8 +199,9 @@ impl History {
         let mut used = BTreeSet::new();
         let mut expect = |kind: Kind, at_ns: i64, what: String| {
             checked.effects += 1;
-            // A request has one effect. Changes come in the order of time, so each takes the request that can explain others for the
-            // shortest time: if there is an assignment, this finds one.
+            // A request has one effect. Changes come in the order of time, so each takes the
+            // request that can explain others for the shortest time: if there is an assignment,
+            // this finds one.
             let explains = self
                 .of(kind)
                 .filter(|o| o.explains(at_ns) && !used.contains(&o.number));
@@ -242,7 +245,8 @@ impl History {
         }
     }
 
-    /// A pause that was done is seen: between the request and a moment after its answer the task is paused.
+    /// A pause that was done is seen: between the request and a moment after its answer the task is
+    /// paused.
     fn check_pauses(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
         for pause in self.of(Kind::Pause).filter(|o| o.is_done()) {
             let until_ns = pause.told_ns + SEEN_NS;

@@ -7,7 +7,8 @@ use tangent_runtime::clock::now_ns;
 use super::Draw;
 use crate::cell::Cell;
 
-/// What may hang or die. The controller is apart from the bridge, so that every way between them goes over the bus.
+/// What may hang or die. The controller is apart from the bridge, so that every way between them
+/// goes over the bus.
 const VICTIMS: [&str; 3] = ["router", "rtde", "controller"];
 
 /// Until `until`; from and until when each fault lasted, ns.

@@ -18,7 +18,8 @@ pub struct HybridDynamicsConfig {
     pub force: ForceGains,
     /// What is known of the joints' friction.
     pub friction: FrictionConfig,
-    /// It is made up for at the reference's joint speeds instead of the measured ones: friction then still damps what deviates.
+    /// It is made up for at the reference's joint speeds instead of the measured ones: friction
+    /// then still damps what deviates.
     pub friction_at_reference: bool,
     /// How the estimated pose is taken over.
     pub estimate: EstimateUseConfig,
@@ -52,9 +53,11 @@ pub struct MotionGains {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ForceChannel {
-    /// Added to the torques along the constraint, as published: any error also moves what is not constrained.
+    /// Added to the torques along the constraint, as published: any error also moves what is not
+    /// constrained.
     Torque,
-    /// The measured force is taken off the torques whole, and its error becomes an acceleration along the normal alone.
+    /// The measured force is taken off the torques whole, and its error becomes an acceleration
+    /// along the normal alone.
     Acceleration,
 }
 
@@ -103,13 +106,15 @@ impl FrictionConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimateUseConfig {
-    /// The pose in use follows the estimate as a critically damped system of this time constant, s; 0: at once.
+    /// The pose in use follows the estimate as a critically damped system of this time constant, s;
+    /// 0: at once.
     pub follow_s: f64,
     /// Its highest speed, m/s.
     pub speed_max_m_per_s: f64,
     /// Its highest angular speed, rad/s.
     pub turn_rate_max_rad_per_s: f64,
-    /// The approach ends slowly within this many standard deviations of the estimated surface; 0: at the surface itself.
+    /// The approach ends slowly within this many standard deviations of the estimated surface; 0:
+    /// at the surface itself.
     pub slow_within_sd: f64,
 }
 
@@ -217,7 +222,8 @@ impl HybridDynamicsConfig {
     /// Names that [`HybridDynamicsConfig::preset`] knows.
     pub const PRESETS: [&'static str; 2] = ["default", "paper"];
 
-    /// A complete set of parameters: `default`, or `paper` (section V: K_Pr 250 and 15, K_Dr 220 and 10, k_Iλ 0.05).
+    /// A complete set of parameters: `default`, or `paper` (section V: K_Pr 250 and 15, K_Dr 220
+    /// and 10, k_Iλ 0.05).
     ///
     /// # Errors
     /// An unknown name.
@@ -258,8 +264,8 @@ impl HybridDynamicsConfig {
                 reference_rate_n_per_s: 1e5,
                 ..default.force
             },
-            // At the measured speed, compensation would take the last damping from the normal: on an elastic plane
-            // m s³ + k s + k k_I has no stable roots.
+            // At the measured speed, compensation would take the last damping from the normal: on
+            // an elastic plane m s³ + k s + k k_I has no stable roots.
             estimate: EstimateUseConfig {
                 follow_s: 0.0,
                 slow_within_sd: 0.0,

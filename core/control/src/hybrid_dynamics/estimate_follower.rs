@@ -1,5 +1,5 @@
-//! The object pose in use: it follows the estimate smoothly, so that a jump of the estimate (the first touch corrects it by
-//! centimetres) is no jump of the reference.
+//! The object pose in use: it follows the estimate smoothly, so that a jump of the estimate (the
+//! first touch corrects it by centimetres) is no jump of the reference.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_mechanics::{Base, Object, Pose};
@@ -41,8 +41,8 @@ impl EstimateFollower {
         self.angular *= 1.0 - share;
     }
 
-    /// One period towards `estimate`. `pivot` (object axes, m) is the point whose way counts: the one under the tool, not the
-    /// object's far origin.
+    /// One period towards `estimate`. `pivot` (object axes, m) is the point whose way counts: the
+    /// one under the tool, not the object's far origin.
     pub fn step(
         &mut self,
         config: &EstimateUseConfig,
@@ -75,7 +75,8 @@ impl EstimateFollower {
         self.pose = Pose::new(at + moved - rotation * pivot, rotation);
     }
 
-    /// Velocity of a point of the pose in use (object axes, m), base axes, m/s; `pivot` as in [`Self::step`].
+    /// Velocity of a point of the pose in use (object axes, m), base axes, m/s; `pivot` as in
+    /// [`Self::step`].
     pub fn velocity_at(&self, point: &Vector3<f64>, pivot: &Vector3<f64>) -> Vector3<f64> {
         self.linear + self.angular.cross(&self.pose.rotate(&(point - pivot)))
     }

@@ -57,7 +57,8 @@ pub struct HybridOutput {
     pub normal: Vector3<f64>,
     /// Desired pressing force along the normal, N; the paper's -λ_d.
     pub force_reference_n: f64,
-    /// Pressing force measured along the normal in use, N; the paper's -λ. None where no wrench can be used.
+    /// Pressing force measured along the normal in use, N; the paper's -λ. None where no wrench can
+    /// be used.
     pub force_n: Option<f64>,
     /// Whether the tool may touch something. The next start depends on it.
     pub clearance: Clearance,

@@ -1,4 +1,5 @@
-//! Joint and torque limits of a torque law: accelerations that keep joints off their stops, torques that motors can give.
+//! Joint and torque limits of a torque law: accelerations that keep joints off their stops, torques
+//! that motors can give.
 
 use tangent_mechanics::{Joints, Limits as ArmLimits};
 
@@ -7,8 +8,8 @@ use crate::Limits;
 /// Time in which a joint too fast, or too near its stop for its speed, is brought back, s.
 const BRAKING_S: f64 = 0.02;
 
-/// Accelerations (rad/s²) nearest to `wanted` that keep every joint within its speed and able to stop before its end.
-/// The flag says whether anything was cut.
+/// Accelerations (rad/s²) nearest to `wanted` that keep every joint within its speed and able to
+/// stop before its end. The flag says whether anything was cut.
 pub(super) fn bounded_acceleration(
     arm: &ArmLimits<6>,
     cell: &Limits,
@@ -41,8 +42,9 @@ pub(super) fn bounded_acceleration(
     (bounded, cut)
 }
 
-/// `needed` plus as much of `wanted` (Nm) as the motors can give. What holds the arm goes first; what moves it is cut as a whole,
-/// so that it keeps its direction. Also returns the share of `wanted` that is left. What is no number stays none: the caller has to see it.
+/// `needed` plus as much of `wanted` (Nm) as the motors can give. What holds the arm goes first;
+/// what moves it is cut as a whole, so that it keeps its direction. Also returns the share of
+/// `wanted` that is left. What is no number stays none: the caller has to see it.
 pub(crate) fn bounded_torque<const N: usize>(
     arm: &ArmLimits<N>,
     needed: &Joints<N>,

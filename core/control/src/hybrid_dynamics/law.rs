@@ -89,7 +89,8 @@ pub(super) struct MotionIntegral {
 }
 
 impl MotionIntegral {
-    /// Forgets what has gathered along `normal` (unit): there the force is controlled, and a position error means nothing.
+    /// Forgets what has gathered along `normal` (unit): there the force is controlled, and a
+    /// position error means nothing.
     pub fn forget_along(&mut self, normal: &Vector3<f64>) {
         self.linear -= normal * normal.dot(&self.linear);
     }
@@ -138,8 +139,9 @@ pub(super) struct HybridCommand {
     pub push: Joints<6>,
 }
 
-/// Eqs. (30)-(32). `motion` is eq. (31) for all directions, of which those along the surface are kept; `pressing_n` and
-/// `wanted_n` are -λ and -λ_d; `force` is what the environment does to the tip, base axes, N, with `moment`, Nm.
+/// Eqs. (30)-(32). `motion` is eq. (31) for all directions, of which those along the surface are
+/// kept; `pressing_n` and `wanted_n` are -λ and -λ_d; `force` is what the environment does to the
+/// tip, base axes, N, with `moment`, Nm.
 #[allow(clippy::too_many_arguments)]
 pub(super) fn hybrid(
     gains: &ForceGains,
@@ -186,7 +188,8 @@ pub(super) fn pressing_force(now: &ArmNow, normal: &Vector3<f64>, force: &Vector
     jphi.dot(&at_tip.tr_mul(force)) / jphi.norm_squared().max(1e-9)
 }
 
-/// Torques for an acceleration of the tool, and whether a limit cut them: τ = B J⁻¹ (a - J̇ q̇) + C q̇ + g + friction + push.
+/// Torques for an acceleration of the tool, and whether a limit cut them: τ = B J⁻¹ (a - J̇ q̇) + C
+/// q̇ + g + friction + push.
 #[allow(clippy::too_many_arguments)]
 pub(super) fn torque(
     model: &Arm<6>,
@@ -217,15 +220,16 @@ pub(super) fn torque(
     (torque, cut || left < 1.0)
 }
 
-/// (Jᵀ J + λ² I)⁻¹ Jᵀ, λ² = λ_max² (1 - w/w₀)² below a manipulability of w₀ (Nakamura, Hanafusa 1986): without damping the
-/// plain inverse, at a tenth of the price of singular values.
+/// (Jᵀ J + λ² I)⁻¹ Jᵀ, λ² = λ_max² (1 - w/w₀)² below a manipulability of w₀ (Nakamura, Hanafusa
+/// 1986): without damping the plain inverse, at a tenth of the price of singular values.
 fn damped_inverse(
     jacobian: &Matrix6<f64>,
     damping_max: f64,
     threshold: f64,
 ) -> Option<Matrix6<f64>> {
     let manipulability = jacobian.determinant().abs();
-    // In metres and radians the smallest singular value is the manipulability over the product of the others, which is near 1.
+    // In metres and radians the smallest singular value is the manipulability over the product of
+    // the others, which is near 1.
     if manipulability >= threshold * 0.5 {
         return jacobian.try_inverse();
     }
@@ -278,7 +282,8 @@ mod tests {
 
         #[test]
         fn a_force_error_moves_only_along_the_normal(q in prop::array::uniform6(-0.2f64..0.2), n in prop::array::uniform3(-1.0f64..1.0), force in 1.0f64..30.0) {
-            // Against a real contact force: the tip accelerates along the normal by the error, and nowhere else.
+            // Against a real contact force: the tip accelerates along the normal by the error, and
+            // nowhere else.
             let n = Vector3::from(n) + Vector3::z() * 2.0;
             let n = n.normalize();
             let arm = arm();

@@ -17,8 +17,8 @@ pub struct PathPlace {
 }
 
 impl Path {
-    /// The path from start to end in steps of at most about `spacing_m`, with every corner. A path of more than 100 m at 5 mm
-    /// gets wider steps, and keeps its corners. Allocates.
+    /// The path from start to end in steps of at most about `spacing_m`, with every corner. A path
+    /// of more than 100 m at 5 mm gets wider steps, and keeps its corners. Allocates.
     pub fn places(&self, spacing_m: f64) -> Vec<PathPlace> {
         let ends: Vec<(&Shape, f64)> = self
             .stretches

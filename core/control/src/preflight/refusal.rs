@@ -204,7 +204,8 @@ pub fn words(refusals: &[Refusal]) -> Option<String> {
         return None;
     }
     let each: Vec<String> = refusals.iter().map(ToString::to_string).collect();
-    // A task that fitted before a fault does not fit any more from where the fault has left the tool.
+    // A task that fitted before a fault does not fit any more from where the fault has left the
+    // tool.
     let begins = if refusals.iter().any(|refusal| refusal.place().is_some()) {
         "; a path begins where the tool stands when the task starts"
     } else {

@@ -197,7 +197,8 @@ fn an_arm_that_stretches_out_is_refused_for_the_singularity() {
         workspace_max_m: [2.0; 3],
         ..Limits::default()
     };
-    // Somewhere between far inside and out of reach the arm still gets there, but can no longer be steered.
+    // Somewhere between far inside and out of reach the arm still gets there, but can no longer be
+    // steered.
     let refused = (11_500..14_000).find_map(|steps| {
         let to_x = f64::from(steps) * 2e-5;
         let task = TASK.replace("to_m = [0.1, 0.0]", &format!("to_m = [{to_x}, 0.0]"));

@@ -50,7 +50,8 @@ pub struct ImpedanceConfig {
     pub stiffness_n_per_m: [f64; 3],
     /// Of turns about them, Nm/rad.
     pub stiffness_nm_per_rad: [f64; 3],
-    /// Damping ratios, translations then turns: `D = 2 ζ sqrt(K m)` with the arm's own inertia along each axis.
+    /// Damping ratios, translations then turns: `D = 2 ζ sqrt(K m)` with the arm's own inertia
+    /// along each axis.
     pub damping_ratio: [f64; 6],
     /// Damping along the tool's axis on top of that while pressing, Ns/m.
     pub normal_damping_n_s_per_m: f64,
@@ -94,7 +95,8 @@ pub struct MonitorConfig {
     pub gamma: f64,
     /// C_m; where it is found online, the one to begin with.
     pub margin: f64,
-    /// C_m is found online: what the monitor shows while all is well, and this many standard deviations more; 0: C_m stays.
+    /// C_m is found online: what the monitor shows while all is well, and this many standard
+    /// deviations more; 0: C_m stays.
     pub margin_sd: f64,
     /// Time over which that is gathered, s.
     pub margin_time_s: f64,
@@ -110,8 +112,8 @@ pub struct MonitorConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OrientationConfig {
-    /// T of eqs. (28)-(29), s: each new normal is turned to over this long. Where the normal's motion is fed forward, the time
-    /// constant with which the rest is followed.
+    /// T of eqs. (28)-(29), s: each new normal is turned to over this long. Where the normal's
+    /// motion is fed forward, the time constant with which the rest is followed.
     pub follow_s: f64,
     /// Fastest turn of the reference, rad/s.
     pub turn_rate_max_rad_per_s: f64,
@@ -127,8 +129,8 @@ pub struct OrientationConfig {
 pub struct ShapingConfig {
     /// δ_c, m.
     pub margin_m: f64,
-    /// x̃_z counts from where the tool touched last, not from the height at which the policy was laid: a tool that goes down with the
-    /// surface has not lost it.
+    /// x̃_z counts from where the tool touched last, not from the height at which the policy was
+    /// laid: a tool that goes down with the surface has not lost it.
     pub from_last_contact: bool,
 }
 
@@ -140,10 +142,11 @@ pub struct TankConfig {
     pub motion: EnergyTank,
     /// S_t,f.
     pub force: EnergyTank,
-    /// Share of what the dampers take that is offered to the force tank; the motion tank is offered the rest.
+    /// Share of what the dampers take that is offered to the force tank; the motion tank is offered
+    /// the rest.
     pub damping_share_to_force: f64,
-    /// λ of eq. (38) goes from one side to the other over a speed at which a damper of this size takes the whole push, Ns/m: with the
-    /// force tank's valve shut it is one.
+    /// λ of eq. (38) goes from one side to the other over a speed at which a damper of this size
+    /// takes the whole push, Ns/m: with the force tank's valve shut it is one.
     pub switch_n_s_per_m: f64,
     /// Most power that the motion tank's torques may be heading for, W.
     pub power_max_w: f64,
@@ -155,7 +158,8 @@ pub struct TankConfig {
 pub struct FusionConfig {
     /// Touch has a say; otherwise the camera alone, as published.
     pub touch: bool,
-    /// A frame is carried along by the curvature it saw, filtered and doubted; otherwise it stands as it came until the next, as published.
+    /// A frame is carried along by the curvature it saw, filtered and doubted; otherwise it stands
+    /// as it came until the next, as published.
     pub carry: bool,
     /// What stays of the camera's error however many frames are taken (its mounting), rad.
     pub vision_floor_rad: f64,
@@ -175,7 +179,8 @@ pub struct FusionConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PostureConfig {
-    /// Towards the middle of the joints' ranges, steeper near their ends, Nm/rad; 0: none, as published.
+    /// Towards the middle of the joints' ranges, steeper near their ends, Nm/rad; 0: none, as
+    /// published.
     pub stiffness_nm_per_rad: f64,
     /// Damping of what the tool does not see, Nm s/rad.
     pub damping_nm_s_per_rad: f64,
@@ -195,7 +200,8 @@ pub struct TactileTouchConfig {
     pub pause_cycles: u32,
     /// Losses after which the task ends.
     pub lost_count_max: u32,
-    /// A lost surface is sought with the policy's clock stopped; otherwise the force controller alone brings the tool back, as published.
+    /// A lost surface is sought with the policy's clock stopped; otherwise the force controller
+    /// alone brings the tool back, as published.
     pub seek: bool,
     /// Speed towards a surface that was lost, m/s.
     pub seek_speed_m_per_s: f64,
@@ -205,7 +211,8 @@ pub struct TactileTouchConfig {
     pub align_s: f64,
     /// Time standing still over which the wrench's zero is taken, s.
     pub tare_s: f64,
-    /// Largest force that this zero may be, N: beyond, the tool touches something or the load that the robot was told is wrong.
+    /// Largest force that this zero may be, N: beyond, the tool touches something or the load that
+    /// the robot was told is wrong.
     pub zero_max_n: f64,
     /// How the zero drifts, N per minute: bounds the error of a zero of some age.
     pub zero_drift_n_per_min: f64,
@@ -318,7 +325,8 @@ impl Default for TankConfig {
     fn default() -> Self {
         Self {
             motion: EnergyTank {
-                // Enough for twenty seconds against the published friction; x_t,i(0) = 7 of Table I is 24.5 J.
+                // Enough for twenty seconds against the published friction; x_t,i(0) = 7 of Table I
+                // is 24.5 J.
                 initial_j: 30.0,
                 lower_j: 1.0,
                 upper_j: 32.0,
@@ -417,8 +425,9 @@ impl UnifiedForceImpedanceConfig {
             impedance: ImpedanceConfig {
                 stiffness_n_per_m: [1000.0, 1000.0, 10.0],
                 damping_ratio: [0.7, 0.7, 0.7, 1.0, 1.0, 1.0],
-                // K_z = 10 N/m and a ratio of 0.7 alone leave 8 Ns/m, on which a stiff contact bounces. 100 Ns/m, as it has across its axis,
-                // hold 50 kN/m; these hold four times that.
+                // K_z = 10 N/m and a ratio of 0.7 alone leave 8 Ns/m, on which a stiff contact
+                // bounces. 100 Ns/m, as it has across its axis, hold 50 kN/m; these hold four times
+                // that.
                 normal_damping_n_s_per_m: 250.0,
                 feed_forward: false,
                 integral_per_s: 0.0,
@@ -428,7 +437,8 @@ impl UnifiedForceImpedanceConfig {
             force: ForceLoopConfig {
                 proportional: 0.6,
                 integral_per_s: 0.3,
-                // Without it K_p and the lag of the robot's own wrench estimate feed a stiff contact more than its dampers take.
+                // Without it K_p and the lag of the robot's own wrench estimate feed a stiff
+                // contact more than its dampers take.
                 filter_s: 0.05,
                 along_normal: false,
                 ..default.force
@@ -462,7 +472,7 @@ impl UnifiedForceImpedanceConfig {
                 ..default.fusion
             },
             compensate_friction: false,
-            // Dampers alone: a joint that nobody holds would drift for ever.
+            // Dampers alone would let an unconstrained joint drift for ever.
             posture: PostureConfig {
                 stiffness_nm_per_rad: 0.0,
                 ..default.posture

@@ -1,8 +1,10 @@
-//! The two tanks in use: which work each pays for, and what damping gives back. Eqs. (34)-(73), over periods instead of instants.
+//! The two tanks in use: which work each pays for, and what damping gives back. Eqs. (34)-(73),
+//! over periods instead of instants.
 //!
-//! A torque that is constant over a period does the work `τ · Δq`, whatever happens in between. So the books are kept one period
-//! late, from the positions measured, and close to rounding; a power `τ · q̇` taken in advance would not. The published shares count the
-//! same dissipation in both tanks (eqs. (39) and (57)); here every joule goes to one of them.
+//! A torque that is constant over a period does the work `τ · Δq`, whatever happens in between. So
+//! the books are kept one period late, from the positions measured, and close to rounding; a power
+//! `τ · q̇` taken in advance would not. The published shares count the same dissipation in both
+//! tanks (eqs. (39) and (57)); here every joule goes to one of them.
 
 use tangent_mechanics::Joints;
 
@@ -87,8 +89,8 @@ impl Tanks {
         }
     }
 
-    /// The period that ended at `q` (rad): what the torques in force did to the joints. `delay_periods` lie between a measurement and
-    /// the torque that answers it.
+    /// The period that ended at `q` (rad): what the torques in force did to the joints.
+    /// `delay_periods` lie between a measurement and the torque that answers it.
     pub fn settle(&mut self, config: &TankConfig, q: &Joints<JOINTS>, delay_periods: usize) {
         let Some(last) = self.last_q.replace(*q) else {
             return;
@@ -101,11 +103,13 @@ impl Tanks {
             parts.damping.dot(&moved),
         );
         self.work_j += by_motion + by_force + by_damping;
-        // A damper whose speed has turned since it was computed pushes for a moment: the motion tank pays for that too.
+        // A damper whose speed has turned since it was computed pushes for a moment: the motion
+        // tank pays for that too.
         let (pushed, damped) = (by_damping.max(0.0), (-by_damping).max(0.0));
         let drawn = config.motion.draw(&mut self.motion, by_motion + pushed);
         let pressed = config.force.draw(&mut self.force, by_force);
-        // A joule that one tank has no room for is offered to the other: each is counted once, and none is thrown away in haste.
+        // A joule that one tank has no room for is offered to the other: each is counted once, and
+        // none is thrown away in haste.
         let to_force = config
             .force
             .fill(&mut self.force, damped * config.damping_share_to_force);
@@ -114,7 +118,8 @@ impl Tanks {
             + pressed.overflow_j;
         let to_motion = config.motion.fill(&mut self.motion, rest);
         self.dissipated_j += drawn.overflow_j + to_motion.overflow_j;
-        // What one tank could not give is owed until the period's own income is in, and by either: it is one arm.
+        // What one tank could not give is owed until the period's own income is in, and by either:
+        // it is one arm.
         let owed = config
             .force
             .draw(&mut self.force, drawn.short_j + pressed.short_j);
@@ -137,9 +142,10 @@ impl Tanks {
         config.motion.valve(&self.motion)
     }
 
-    /// λ + σ(S_t,f) (1 - λ) of eq. (51) for a push (N) at a speed (m/s) along it. λ is 1 where it takes power out; the published
-    /// switch is a step, this one is a ramp on the side where nothing is at stake. With the valve shut a ramp is a damper: it is as
-    /// wide as makes that one of `switch_n_s_per_m` on average.
+    /// λ + σ(S_t,f) (1 - λ) of eq. (51) for a push (N) at a speed (m/s) along it. λ is 1 where it
+    /// takes power out; the published switch is a step, this one is a ramp on the side where
+    /// nothing is at stake. With the valve shut a ramp is a damper: it is as wide as makes that one
+    /// of `switch_n_s_per_m` on average.
     pub fn force_share(&self, config: &TankConfig, push_n: f64, speed_m_per_s: f64) -> f64 {
         let width_w = (push_n * push_n / config.switch_n_s_per_m).max(1e-9);
         let lambda = smooth(-push_n * speed_m_per_s / width_w);

@@ -13,8 +13,8 @@ pub const JOINTS: usize = 7;
 /// What stands between the law's torques and the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueInterface {
-    /// Periods between a measurement and the torque that answers it. The tanks account for the torques in force, and no damper is
-    /// stronger than this delay bears.
+    /// Periods between a measurement and the torque that answers it. The tanks account for the
+    /// torques in force, and no damper is stronger than this delay bears.
     pub delay_periods: usize,
     /// The arm adds what holds it against gravity itself: commands are without it.
     pub gravity_by_arm: bool,
@@ -47,12 +47,14 @@ pub struct VisionInput {
     pub normal: Vector3<f64>,
     /// Covariance of the normal, base axes, rad².
     pub covariance: Matrix3<f64>,
-    /// Surface variation λ₃ / tr Σ of the segment, eq. (16); the paper's l_s. None where the segment was lost or never cut out: that
-    /// says nothing of how flat the surface is.
+    /// Surface variation λ₃ / tr Σ of the segment, eq. (16); the paper's l_s. None where the
+    /// segment was lost or never cut out: that says nothing of how flat the surface is.
     pub surface_variation: Option<f64>,
-    /// Shape operator there: moving by `dp` turns the normal by `curvature * dp`. Base axes, 1/m; none where it is not known.
+    /// Shape operator there: moving by `dp` turns the normal by `curvature * dp`. Base axes, 1/m;
+    /// none where it is not known.
     pub curvature: Option<Matrix3<f64>>,
-    /// How the surface bends on where the tool goes, from the map ahead; none where it stands or nothing is seen there.
+    /// How the surface bends on where the tool goes, from the map ahead; none where it stands or
+    /// nothing is seen there.
     pub change: Option<BendChange>,
     /// Whether to use it.
     pub validity: Validity,
@@ -73,8 +75,9 @@ const CHANGE_REACH_M: f64 = 0.04;
 const CHANGE_MAX_PER_M2: f64 = 1000.0;
 
 impl BendChange {
-    /// The line through the bends (1/m) of a map's stations, each with its distance (m) and standard deviation (1/m), by least squares;
-    /// `way` from the first to the second. None of fewer than three stations.
+    /// The line through the bends (1/m) of a map's stations, each with its distance (m) and
+    /// standard deviation (1/m), by least squares; `way` from the first to the second. None of
+    /// fewer than three stations.
     pub fn of(way: &Vector3<f64>, stations: impl Iterator<Item = (f64, f64, f64)>) -> Option<Self> {
         let way = way.try_normalize(1e-9)?;
         let mut n = 0;
@@ -164,9 +167,11 @@ pub struct TankBooks {
 /// One period's command and what it was made of.
 #[derive(Clone, Copy, Debug)]
 pub struct UnifiedOutput {
-    /// Torques to command, Nm, within what the interface takes; gravity is in them unless the arm adds it.
+    /// Torques to command, Nm, within what the interface takes; gravity is in them unless the arm
+    /// adds it.
     pub torque: Joints<JOINTS>,
-    /// The part of them that depends on the joints' positions alone, Nm: against gravity, and the springs before the joints' ends.
+    /// The part of them that depends on the joints' positions alone, Nm: against gravity, and the
+    /// springs before the joints' ends.
     pub held_torque: Joints<JOINTS>,
     /// Phase after this period.
     pub phase: Phase,
@@ -182,7 +187,8 @@ pub struct UnifiedOutput {
     pub normal_covariance: Matrix3<f64>,
     /// Whether it comes from what is seen or felt now.
     pub normal_validity: Validity,
-    /// Wrench in use: without the zero, and without the joints' friction where that is made up for. None where none can be used.
+    /// Wrench in use: without the zero, and without the joints' friction where that is made up for.
+    /// None where none can be used.
     pub wrench: Option<Wrench<Tool>>,
     /// Pressing force asked for, shaped by ρ_frc, N.
     pub force_reference_n: f64,
@@ -196,7 +202,8 @@ pub struct UnifiedOutput {
     pub zero_bound_n: Option<f64>,
     /// Measured tool pose.
     pub base_from_tool: Pose<Base, Tool>,
-    /// Where the policy wants the tool's origin, base axes, m. Its height is only what the tool met at the last look.
+    /// Where the policy wants the tool's origin, base axes, m. Its height is only what the tool met
+    /// at the last look.
     pub path_reference: Vector3<f64>,
     /// Distance from it across the normal, m.
     pub path_error_m: f64,

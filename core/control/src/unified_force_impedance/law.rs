@@ -1,7 +1,8 @@
 //! The torques: eqs. (7)-(13), (31) and (73), sorted by who pays for them.
 //!
-//! Signs. The wrench is what the environment does to the robot, so a pressing tool feels a negative z in its own axes; the paper's f_d is
-//! what the robot does, along +z. The pressing force is therefore `p = -f_z`, and eq. (12)'s error enters eq. (11) as `f_d - p`.
+//! Signs. The wrench is what the environment does to the robot, so a pressing tool feels a negative
+//! z in its own axes; the paper's f_d is what the robot does, along +z. The pressing force is
+//! therefore `p = -f_z`, and eq. (12)'s error enters eq. (11) as `f_d - p`.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::linear_solve::solve_positive_definite;
@@ -14,8 +15,8 @@ pub(super) type Jacobian = SMatrix<f64, 6, JOINTS>;
 
 /// Keeps the tool's inertia finite at a singularity, 1/kg.
 const SINGULAR: f64 = 1e-6;
-/// Most that a damper may take of a motion in the time that it is late: at π/2 a lone mass would swing for ever, and an arm is more
-/// than one.
+/// Most that a damper may take of a motion in the time that it is late: at π/2 a lone mass would
+/// swing for ever, and an arm is more than one.
 const DELAYED_DAMPING: f64 = 0.8;
 /// Damping of the joint velocities that a reference stands for.
 const VELOCITY_DAMPING: f64 = 1e-5;
@@ -158,9 +159,10 @@ pub(super) struct Impedance {
 }
 
 impl Impedance {
-    /// `pressing`: the published K_max; otherwise translations are held alike in all directions. Damping follows the whole stiffness, not
-    /// the shaped one: a limp arm must not be a loose one. A damper that answers `delay_s` late shakes what it is to calm when it is too
-    /// strong for it: none is.
+    /// `pressing`: the published K_max; otherwise translations are held alike in all directions.
+    /// Damping follows the whole stiffness, not the shaped one: a limp arm must not be a loose one.
+    /// A damper that answers `delay_s` late shakes what it is to calm when it is too strong for it:
+    /// none is.
     pub fn new(config: &ImpedanceConfig, now: &ArmNow, pressing: bool, delay_s: f64) -> Self {
         let inertia = now.inertia();
         let stiffness = Vector6::from_fn(|i, _| match (i, pressing) {
@@ -189,8 +191,8 @@ pub(super) struct ForceLoop {
 }
 
 impl ForceLoop {
-    /// Pushing force (N, along the tool's axis) for a wanted and a measured pressing force. `shaped` is ρ_frc: an error that the shaping
-    /// keeps from acting is not gathered.
+    /// Pushing force (N, along the tool's axis) for a wanted and a measured pressing force.
+    /// `shaped` is ρ_frc: an error that the shaping keeps from acting is not gathered.
     pub fn step(
         &mut self,
         config: &ForceLoopConfig,
@@ -211,8 +213,8 @@ impl ForceLoop {
 /// Stiffness of the springs before the joints' ends, Nm/rad.
 const END_STIFFNESS_NM_PER_RAD: f64 = 400.0;
 
-/// Springs that begin at twice the cell's margin before the joints' ends, Nm. They stand still, so they need no tank: what they take they
-/// give back.
+/// Springs that begin at twice the cell's margin before the joints' ends, Nm. They stand still, so
+/// they need no tank: what they take they give back.
 pub(super) fn before_the_ends(
     model: &Arm<JOINTS>,
     margin_rad: f64,
@@ -240,8 +242,9 @@ pub(super) fn posture(
         // Ten times as steep at the ends as in the middle.
         -config.stiffness_nm_per_rad * half * u * (1.0 + 9.0 * u * u * u * u)
     });
-    // (I - J⁺ J) is symmetric, so this takes power in every posture; the dynamically consistent one, which the tool would not feel at all,
-    // would not. The tool feels what of it lasts: nothing, once the spare joint stands.
+    // (I - J⁺ J) is symmetric, so this takes power in every posture; the dynamically consistent
+    // one, which the tool would not feel at all, would not. The tool feels what of it lasts:
+    // nothing, once the spare joint stands.
     let damper = -now.spare_velocity() * config.damping_nm_s_per_rad;
     (now.unseen(&spring), damper)
 }

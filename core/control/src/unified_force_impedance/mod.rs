@@ -1,7 +1,9 @@
-//! `unified_force_impedance`: impedance, force control and their shaping by what is seen and felt, fed from two energy tanks so that the
-//! arm stays passive. Karacan, Zhang, Sadeghian, Wu, Haddadin, for torque-controlled arms of seven joints.
+//! `unified_force_impedance`: impedance, force control and their shaping by what is seen and felt,
+//! fed from two energy tanks so that the arm stays passive. Karacan, Zhang, Sadeghian, Wu,
+//! Haddadin, for torque-controlled arms of seven joints.
 //!
-//! Called once per control period by the closed loop of `evaluate`, and by whoever holds an arm's torque interface.
+//! Called once per control period by the closed loop of `evaluate`, and by the service that holds
+//! an arm's torque interface.
 
 mod config;
 mod controller;

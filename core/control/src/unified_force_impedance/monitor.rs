@@ -1,4 +1,5 @@
-//! Contact-alignment monitor, and the two shaping functions that follow from it: eqs. (17)-(21) and (30).
+//! Contact-alignment monitor, and the two shaping functions that follow from it: eqs. (17)-(21) and
+//! (30).
 
 use nalgebra::Vector6;
 
@@ -43,9 +44,11 @@ impl Monitor {
         config.margin + (found - config.margin) * share
     }
 
-    /// Eqs. (17)-(21). `wrench` and `error` are f_ext and x̃ in tool axes (N, Nm; m, rad), `theta_deg` the angle to the normal,
-    /// `variation` l_s. Where that is not known although a camera looks, C is too small by an unknown amount: ρ_align may fall and does
-    /// not rise, and C_m learns nothing. `well` says that the force is held and the path followed: C_m is learnt from such periods only.
+    /// Eqs. (17)-(21). `wrench` and `error` are f_ext and x̃ in tool axes (N, Nm; m, rad),
+    /// `theta_deg` the angle to the normal, `variation` l_s. Where that is not known although a
+    /// camera looks, C is too small by an unknown amount: ρ_align may fall and does not rise, and
+    /// C_m learns nothing. `well` says that the force is held and the path followed: C_m is learnt
+    /// from such periods only.
     #[allow(clippy::too_many_arguments)]
     pub fn step(
         &mut self,
@@ -81,8 +84,9 @@ impl Monitor {
     }
 }
 
-/// ρ_frc of eq. (30). `depth_m` is x̃_z in tool axes: how far the tool has gone beyond where it is wanted, towards the surface; f_d points
-/// the same way, so the sign of f_dᵀ x̃ is that of the depth.
+/// ρ_frc of eq. (30). `depth_m` is x̃_z in tool axes: how far the tool has gone beyond where it is
+/// wanted, towards the surface; f_d points the same way, so the sign of f_dᵀ x̃ is that of the
+/// depth.
 pub(super) fn rho_force(config: &ShapingConfig, depth_m: f64) -> f64 {
     if depth_m <= 0.0 {
         1.0

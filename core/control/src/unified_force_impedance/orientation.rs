@@ -1,6 +1,8 @@
-//! The tool's desired orientation from the normal in use: eqs. (22)-(29), and beyond them the surface's own turning, fed forward.
+//! The tool's desired orientation from the normal in use: eqs. (22)-(29), and beyond them the
+//! surface's own turning, fed forward.
 //!
-//! The paper's n_s points along the tool's axis, into the surface; the project's normal points out of it. So r_z' = -n here.
+//! The paper's n_s points along the tool's axis, into the surface; the project's normal points out
+//! of it. So r_z' = -n here.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -8,13 +10,14 @@ use super::config::OrientationConfig;
 use super::fused_normal::NormalInUse;
 use crate::clamp_norm;
 
-/// Time constant with which the arm's reference follows R_input, s: eq. (29) alone has a step in its rate with every frame.
+/// Time constant with which the arm's reference follows R_input, s: eq. (29) alone has a step in
+/// its rate with every frame.
 const INPUT_S: f64 = 0.04;
 /// Lag of what is fed forward, s.
 const TURNING_S: f64 = 0.03;
 
-/// R_ee,d of eqs. (24)-(27): square to the surface, its x axis as near to the present one as it can be. None where that axis is
-/// along the normal.
+/// R_ee,d of eqs. (24)-(27): square to the surface, its x axis as near to the present one as it can
+/// be. None where that axis is along the normal.
 pub(super) fn square_to(
     normal: &Vector3<f64>,
     present: &UnitQuaternion<f64>,
@@ -60,7 +63,8 @@ impl OrientationReference {
         }
     }
 
-    /// One period towards the normal in use, with the tool at `present` and moving at `velocity` (m/s).
+    /// One period towards the normal in use, with the tool at `present` and moving at `velocity`
+    /// (m/s).
     pub fn step(
         &mut self,
         config: &OrientationConfig,
@@ -71,7 +75,8 @@ impl OrientationReference {
     ) {
         let most = config.turn_rate_max_rad_per_s;
         let normal = &surface.normal;
-        // The rate itself has no step either: a frame that jumps turns the tool, it does not jerk it.
+        // The rate itself has no step either: a frame that jumps turns the tool, it does not jerk
+        // it.
         let (turning, wanted, lag_s) = if config.feed_forward {
             let n = self.normal();
             let across = velocity - n * n.dot(velocity);
@@ -138,8 +143,8 @@ impl OrientationReference {
         UnitQuaternion::from_scaled_axis(way * zeta) * *start
     }
 
-    /// The turn left towards `normal`, rad. Parallel to itself: from the reference's own x axis, so that noise does not turn the tool
-    /// about its axis.
+    /// The turn left towards `normal`, rad. Parallel to itself: from the reference's own x axis, so
+    /// that noise does not turn the tool about its axis.
     fn away(&self, normal: &Vector3<f64>) -> Vector3<f64> {
         square_to(normal, &self.rotation).map_or_else(Vector3::zeros, |r| {
             (r * self.rotation.inverse()).scaled_axis()

@@ -11,8 +11,8 @@ const FLUCTUATION_LENGTH_M: f64 = 0.002;
 const FORCE_CORRELATION_S: f64 = 0.01;
 /// Friction's fluctuation around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
-/// Doubt of what a tilt does to the centre of pressure, relative: radius and stiffness are known roughly, and a tilted pad
-/// touches with a part of itself only.
+/// Doubt of what a tilt does to the centre of pressure, relative: radius and stiffness are known
+/// roughly, and a tilted pad touches with a part of itself only.
 const FLUSH_DOUBT: f64 = 1.0;
 /// Softest and stiffest contact believed, as compliance.
 const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
@@ -53,8 +53,8 @@ impl ContactFilter {
         self.correct(&row, innovation, sd2 * alike);
     }
 
-    /// Motion across the surface that was larger than expected says that its curvature changes faster, and the
-    /// other way round. Velocity alone is asked: no force bias disturbs it.
+    /// Motion across the surface that was larger than expected says that its curvature changes
+    /// faster, and the other way round. Velocity alone is asked: no force bias disturbs it.
     fn learn_unrest(&mut self, innovation: f64, expected: f64, distance: f64) {
         let share = (distance / UNREST_LENGTH_M).min(0.2);
         self.innovation_m2_per_s2 += share * (innovation * innovation - self.innovation_m2_per_s2);
@@ -85,8 +85,8 @@ impl ContactFilter {
             * (2.0 * FORCE_CORRELATION_S / motion.dt_s).max(1.0);
         let across_innovation = across.dot(&force);
         let row = self.force_row(&across, &normal, &t, load, motion);
-        // Friction leaks across as far as the direction of sliding is in doubt: the arm's velocity, and as much again from
-        // a tool that gives way and turns.
+        // Friction leaks across as far as the direction of sliding is in doubt: the arm's velocity,
+        // and as much again from a tool that gives way and turns.
         let sideways = 2.0 * self.config.sensing.velocity_sd_m_per_s / speed;
         let leak = (self.friction * load * sideways.min(0.5)).powi(2);
         self.correct(&row, across_innovation, noise + leak * alike);
@@ -102,7 +102,8 @@ impl ContactFilter {
                 - self.friction_residual_n2);
     }
 
-    /// Pressing without sliding, friction points anywhere inside its cone: one look at the force, however long it takes.
+    /// Pressing without sliding, friction points anywhere inside its cone: one look at the force,
+    /// however long it takes.
     pub(super) fn measure_pressing_force(&mut self, motion: &Motion) {
         let force = self.force(motion);
         let load = self.frame.normal.dot(&force);
@@ -126,7 +127,8 @@ impl ContactFilter {
         }
     }
 
-    /// Way into the surface over force, since the touch: what tool, wrist and surface give way together.
+    /// Way into the surface over force, since the touch: what tool, wrist and surface give way
+    /// together.
     pub(super) fn learn_compliance(&mut self, motion: &Motion, pressing_n: f64) {
         let (point, force_n) = self.touch;
         let gained_n = pressing_n - force_n;
@@ -139,15 +141,17 @@ impl ContactFilter {
         self.compliance_known = true;
     }
 
-    /// A flat pad that stands askew is pressed harder on one side: the centre of pressure says how far, as well as pad
-    /// and stiffness are known. One best look: torque bias and stiffness are the same all the time.
+    /// A flat pad that stands askew is pressed harder on one side: the centre of pressure says how
+    /// far, as well as pad and stiffness are known. One best look: torque bias and stiffness are
+    /// the same all the time.
     pub(super) fn measure_flush(&mut self, motion: &Motion, pressing_n: f64) {
         let c = &self.config.contact;
         if pressing_n < c.force_on_n || c.pad_radius_m <= 0.0 {
             return;
         }
         let z: Vector3<f64> = motion.rotation.column(2).into();
-        // A bed of springs under a disk: tilt = 4 N c / (k R²), and what the surface itself turns by up to there.
+        // A bed of springs under a disk: tilt = 4 N c / (k R²), and what the surface itself turns
+        // by up to there.
         let soft = 4.0 * pressing_n * self.compliance_m_per_n / c.pad_radius_m.powi(2);
         let centre = self.frame.project(&self.centre);
         let tilt = centre * soft + self.shape * centre;
@@ -197,7 +201,8 @@ impl ContactFilter {
         motion: &Motion,
     ) -> Row {
         let mut row = Row::zeros();
-        // Turning the normal towards the direction of sliding tilts that direction out of the old tangent plane.
+        // Turning the normal towards the direction of sliding tilts that direction out of the old
+        // tangent plane.
         let sensitive = (axis + t * (self.friction * axis.dot(normal))) * load;
         let tangent = self.frame.project(&sensitive);
         row[NORMAL] = tangent.x;

@@ -1,11 +1,12 @@
-//! The filter under every sound estimator: normal on the sphere, shape operator, friction, and force bias, each
-//! with its covariance.
+//! The filter under every sound estimator: normal on the sphere, shape operator, friction, and
+//! force bias, each with its covariance.
 //!
-//! While sliding with contact force `N`, the force on the tool is `f = N (n - mu t) + b` with `t` the direction of
-//! sliding, and the contact point moves along the surface, `n · v = 0`. `N` is never estimated: the force is used
-//! only across the line it is expected along. Ten error states: the normal's two tangent components (rad), the
-//! shape operator's `k11, k22, k12` (1/m), friction, the bias's three components in tool axes (N), and the weight
-//! that the payload's compensation is wrong by (N), which shows as the tool turns away from where it was tared.
+//! While sliding with contact force `N`, the force on the tool is `f = N (n - mu t) + b` with `t`
+//! the direction of sliding, and the contact point moves along the surface, `n · v = 0`. `N` is
+//! never estimated: the force is used only across the line it is expected along. Ten error states:
+//! the normal's two tangent components (rad), the shape operator's `k11, k22, k12` (1/m), friction,
+//! the bias's three components in tool axes (N), and the weight that the payload's compensation is
+//! wrong by (N), which shows as the tool turns away from where it was tared.
 
 mod measurements;
 mod residual;

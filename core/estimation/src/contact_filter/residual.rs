@@ -1,7 +1,7 @@
 //! How noisy a measurement is, learnt from its own innovations.
 //!
-//! Called by the contact filter. What changes slowly in an innovation is the state's error and none of the noise's
-//! business, so only what is left above a slow mean counts.
+//! Called by the contact filter. What changes slowly in an innovation is the state's error and none
+//! of the noise's business, so only what is left above a slow mean counts.
 
 /// Variance of a noise whose neighbouring samples are alike over one correlation length.
 #[derive(Clone, Copy, Debug)]

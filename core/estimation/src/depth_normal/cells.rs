@@ -1,13 +1,15 @@
 //! One pass over the image: validity, edges and the sums of each cell that every fit is made of.
 //!
-//! Sums are kept per column first, over the rows of a cell, so that the pass is plain arithmetic on whole rows; then per cell.
-//! Coordinates count from the cell's middle and inverse depth from a value of the cell, so nothing cancels in single precision.
+//! Sums are kept per column first, over the rows of a cell, so that the pass is plain arithmetic on
+//! whole rows; then per cell. Coordinates count from the cell's middle and inverse depth from a
+//! value of the cell, so nothing cancels in single precision.
 
 use super::config::{CELL_PX_MAX, DepthNormalConfig};
 use super::image::DepthImage;
 
-/// Weighted sums over the pixels of a cell. `u`, `v` in cells from the cell's middle, `w` in 1/m from `reference`. A weight is the
-/// variance of a pixel with range noise only over the pixel's own.
+/// Weighted sums over the pixels of a cell. `u`, `v` in cells from the cell's middle, `w` in 1/m
+/// from `reference`. A weight is the variance of a pixel with range noise only over the pixel's
+/// own.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Cell {
     /// `1, u, v, uu, uv, vv, w, uw, vw, ww`.
@@ -95,7 +97,8 @@ impl Cells {
         }
     }
 
-    /// The pass. `left_out` is as large as the image; not zero means not looked at. `jump` as in [`DepthNormalConfig::jump`].
+    /// The pass. `left_out` is as large as the image; not zero means not looked at. `jump` as in
+    /// [`DepthNormalConfig::jump`].
     pub fn fill(
         &mut self,
         config: &DepthNormalConfig,
@@ -135,7 +138,8 @@ impl Cells {
         }
     }
 
-    /// Empties the columns and picks what each cell's inverse depths count from: a reading near its middle.
+    /// Empties the columns and picks what each cell's inverse depths count from: a reading near its
+    /// middle.
     fn begin(
         &mut self,
         image: &DepthImage<'_>,
@@ -195,8 +199,8 @@ impl Cells {
     }
 }
 
-/// Noise between neighbouring pixels along the rows, standard deviation, 1/m: the median of second differences over a sample of the
-/// image. 0 where there is too little to tell.
+/// Noise between neighbouring pixels along the rows, standard deviation, 1/m: the median of second
+/// differences over a sample of the image. 0 where there is too little to tell.
 pub(super) fn noise_between_neighbours(
     image: &DepthImage<'_>,
     range_m: [f64; 2],
@@ -222,7 +226,8 @@ pub(super) fn noise_between_neighbours(
     }
     let middle = differences.len() / 2;
     let median = *differences.select_nth_unstable_by(middle, f32::total_cmp).1;
-    // The median of a normal variable's size is 0.6745 of its deviation; three pixels weigh 1, 4 and 1.
+    // The median of a normal variable's size is 0.6745 of its deviation; three pixels weigh 1, 4
+    // and 1.
     f64::from(median) / (0.6745 * 6.0f64.sqrt())
 }
 
@@ -234,7 +239,8 @@ fn invert(depth_m: &[f32], [near, far]: [f32; 2], w: &mut [f32]) {
 }
 
 impl Columns {
-    /// Adds one row. The lines have an empty pixel at either end; `dv` is the row's place in its cells.
+    /// Adds one row. The lines have an empty pixel at either end; `dv` is the row's place in its
+    /// cells.
     fn add(
         &mut self,
         above: &[f32],

@@ -15,12 +15,14 @@ pub struct DepthNormalConfig {
     pub cell_px: usize,
     /// Depths outside are no reading, m.
     pub range_m: [f64; 2],
-    /// Noise of inverse depth, standard deviation, 1/m: the range noise of a stereo camera, divided by the depth's square. What
-    /// is found in the images takes its place for covariances; edges are told by this.
+    /// Noise of inverse depth, standard deviation, 1/m: the range noise of a stereo camera, divided
+    /// by the depth's square. What is found in the images takes its place for covariances; edges
+    /// are told by this.
     pub inverse_depth_sd_per_m: f64,
     /// Noise of depth that does not grow with it, standard deviation, m: whole millimetres.
     pub depth_sd_m: f64,
-    /// Steepest surface against the line of sight that is taken for one, rad; a steeper one is an edge.
+    /// Steepest surface against the ray that is taken for one, rad; a steeper one is an
+    /// edge.
     pub steepest_rad: f64,
     /// Reach of a window from its cell, cells, at most.
     pub window_cells_max: usize,
@@ -36,9 +38,11 @@ pub struct DepthNormalConfig {
     pub patch_radius_m: [f64; 2],
     /// How far its slopes may disagree with those of smaller patches, standard deviations.
     pub patch_consistency_sd: f64,
-    /// Depth error that is alike over many pixels and in every frame (the camera's steps of disparity and millimetres beat), m.
+    /// Depth error that is alike over many pixels and in every frame (the camera's steps of
+    /// disparity and millimetres beat), m.
     pub ripple_sd_m: f64,
-    /// How fast the bend of surfaces changes along them, standard deviation, 1/m²: what a patch may hide.
+    /// How fast the bend of surfaces changes along them, standard deviation, 1/m²: what a patch may
+    /// hide.
     pub bend_change_sd_per_m2: f64,
     /// Cells that a patch needs.
     pub patch_cells_min: usize,
@@ -156,8 +160,9 @@ impl DepthNormalConfig {
         Ok(())
     }
 
-    /// Difference of inverse depth between neighbouring pixels beyond which they are not of one surface: `[0] + [1] w`, 1/m.
-    /// `sd_found` is the noise of the frame, 1/m, where it is known to be more than configured.
+    /// Difference of inverse depth between neighbouring pixels beyond which they are not of one
+    /// surface: `[0] + [1] w`, 1/m. `sd_found` is the noise of the frame, 1/m, where it is known to
+    /// be more than configured.
     pub(super) fn jump(&self, focal_px: f64, sd_found: f64) -> [f64; 2] {
         [
             6.0 * self.inverse_depth_sd_per_m.max(sd_found),

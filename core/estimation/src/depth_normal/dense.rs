@@ -21,7 +21,8 @@ pub(super) struct Field<'a> {
     pub range_m: [f64; 2],
 }
 
-/// A stretch of a row over which inverse depth and its slopes are linear: value and change per cell.
+/// A stretch of a row over which inverse depth and its slopes are linear: value and change per
+/// cell.
 struct Line {
     /// Place of the first pixel, and from pixel to pixel, cells.
     first: f32,
@@ -30,9 +31,9 @@ struct Line {
     a: [f32; 2],
     b: [f32; 2],
     /// `x/z` of the first pixel, and from pixel to pixel.
-    sight: [f32; 2],
+    ray: [f32; 2],
     /// `y/z` of the row.
-    row_sight: f32,
+    row_ray: f32,
     range: [f32; 2],
 }
 
@@ -52,7 +53,7 @@ struct Square {
     corners: Option<[[f32; 3]; 4]>,
     /// Place of the first pixel from the first node, cells, and its `x/z`.
     first: f32,
-    sight: f32,
+    ray: f32,
 }
 
 impl Line {
@@ -80,7 +81,7 @@ impl Line {
             let w = self.w[0] + self.w[1] * share;
             let wa = self.a[0] + self.a[1] * share;
             let wb = self.b[0] + self.b[1] * share;
-            let wc = w - (self.sight[0] + self.sight[1] * i) * wa - self.row_sight * wb;
+            let wc = w - (self.ray[0] + self.ray[1] * i) * wa - self.row_ray * wb;
             let square = wa * wa + wb * wb + wc * wc;
             let reads = (z[k] >= self.range[0]) & (z[k] <= self.range[1]) & (square > 0.0);
             let length = if reads { square } else { 1.0 }.sqrt();
@@ -98,8 +99,9 @@ impl Line {
 impl Field<'_> {
     /// Fills `normals`, one per pixel of the image.
     pub fn fill(&self, image: &DepthImage<'_>, normals: &mut [PixelNormal]) {
-        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost, their own square goes on. Several squares
-        // together row by row: memory is written in the order in which it lies.
+        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost, their
+        // own square goes on. Several squares together row by row: memory is written in the order
+        // in which it lies.
         let (rows, columns) = (self.rows.max(2) - 1, self.columns.max(2) - 1);
         let mut squares: [Square; SQUARES] = Default::default();
         for row in 0..rows {
@@ -144,7 +146,7 @@ impl Field<'_> {
             at: [column, row],
             corners: self.corners(column, row),
             first: (first - column as f64) as f32,
-            sight: self.mesh.sight(first, 0.0)[0] as f32,
+            ray: self.mesh.ray(first, 0.0)[0] as f32,
             pixels,
         }
     }
@@ -177,8 +179,8 @@ impl Field<'_> {
             w: mix(0),
             a: mix(1),
             b: mix(2),
-            sight: [square.sight, (self.mesh.step[0] / cell) as f32],
-            row_sight: self.mesh.sight(0.0, at)[1] as f32,
+            ray: [square.ray, (self.mesh.step[0] / cell) as f32],
+            row_ray: self.mesh.ray(0.0, at)[1] as f32,
             range: self.range_m.map(|m| m as f32),
         };
         line.fill(depths, normals);
@@ -215,8 +217,8 @@ impl Field<'_> {
         }))
     }
 
-    /// The plane around that is nearest to what the pixel itself says: of the square's own nodes, or of those beyond where none
-    /// of them fits.
+    /// The plane around that is nearest to what the pixel itself says: of the square's own nodes,
+    /// or of those beyond where none of them fits.
     fn nearest(&self, square: [usize; 2], [column, row]: [f64; 2], z: f32) -> PixelNormal {
         if !self.reads(z) {
             return [0.0; 3];
@@ -241,7 +243,8 @@ impl Field<'_> {
                     }
                 }
             }
-            // Further away only for a pixel that is of no surface here, and furthest only where there is none.
+            // Further away only for a pixel that is of no surface here, and furthest only where
+            // there is none.
             if best.0 < limit || (reach == 1 && best.1.is_some()) {
                 break;
             }
@@ -249,10 +252,10 @@ impl Field<'_> {
         let Some((node, there)) = best.1 else {
             return [0.0; 3];
         };
-        let sight = self.mesh.sight(column, row);
+        let ray = self.mesh.ray(column, row);
         let [step_a, step_b] = self.mesh.step;
         let [wa, wb] = [node.slope[0] / step_a, node.slope[1] / step_b].map(|x| x as f32);
-        self.unit(there as f32, wa, wb, sight[0] as f32, sight[1] as f32, z)
+        self.unit(there as f32, wa, wb, ray[0] as f32, ray[1] as f32, z)
     }
 
     fn reads(&self, z: f32) -> bool {

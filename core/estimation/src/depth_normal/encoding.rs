@@ -1,4 +1,5 @@
-//! Payloads of `sensor_msgs/Image` to metres. Called by whoever receives frames, before the first step.
+//! Payloads of `sensor_msgs/Image` to metres. Called where frames are received, before the first
+//! step.
 
 use thiserror::Error;
 
@@ -65,7 +66,8 @@ pub struct DepthLayout {
 }
 
 impl DepthEncoding {
-    /// By its name in `sensor_msgs/Image`: `16UC1`, `mono16` as some drivers call the same, `32FC1`.
+    /// By its name in `sensor_msgs/Image`: `16UC1`, `mono16` as some drivers call the same,
+    /// `32FC1`.
     ///
     /// # Errors
     /// [`DepthEncodingError::Encoding`] for anything that is not depth.
@@ -87,8 +89,8 @@ impl DepthEncoding {
 }
 
 impl DepthLayout {
-    /// Whether `bytes` of data are an image of this layout; the last row may come without its padding. Returns the bytes of a
-    /// row that are pixels.
+    /// Whether `bytes` of data are an image of this layout; the last row may come without its
+    /// padding. Returns the bytes of a row that are pixels.
     ///
     /// # Errors
     /// Says what does not fit.
@@ -127,7 +129,8 @@ impl DepthLayout {
         Ok(row)
     }
 
-    /// Fills `depth_m` (m; 0 for no reading) with `width * height` pixels; allocates only where it has to grow.
+    /// Fills `depth_m` (m; 0 for no reading) with `width * height` pixels; allocates only where it
+    /// has to grow.
     ///
     /// # Errors
     /// Says what does not fit; `depth_m` is empty then.

@@ -33,7 +33,7 @@ impl Mesh {
     pub fn new(intrinsics: &Intrinsics, cell_px: usize) -> Self {
         let middle = 0.5 * (cell_px as f64 - 1.0);
         Self {
-            first: intrinsics.sight(middle, middle),
+            first: intrinsics.ray(middle, middle),
             step: [
                 cell_px as f64 / intrinsics.fx_px,
                 cell_px as f64 / intrinsics.fy_px,
@@ -42,7 +42,7 @@ impl Mesh {
     }
 
     /// Ray through a place in the grid, given in cells.
-    pub fn sight(&self, column: f64, row: f64) -> [f64; 2] {
+    pub fn ray(&self, column: f64, row: f64) -> [f64; 2] {
         [
             self.first[0] + column * self.step[0],
             self.first[1] + row * self.step[1],
@@ -50,14 +50,14 @@ impl Mesh {
     }
 
     /// Place in the grid that a ray passes through, cells.
-    pub fn place(&self, sight: [f64; 2]) -> [f64; 2] {
-        [0, 1].map(|i| (sight[i] - self.first[i]) / self.step[i])
+    pub fn place(&self, ray: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|i| (ray[i] - self.first[i]) / self.step[i])
     }
 
     /// The surface around a node, as inverse depth.
     pub fn inverse_depth(&self, node: &Node, column: usize, row: usize) -> InverseDepth {
         InverseDepth {
-            sight: self.sight(column as f64, row as f64),
+            ray: self.ray(column as f64, row as f64),
             w: node.w,
             slope: [node.slope[0] / self.step[0], node.slope[1] / self.step[1]],
             bend: [0.0; 3],

@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// A pinhole without distortion. Pixel (0, 0) is the middle of the upper left pixel, as in `sensor_msgs/CameraInfo`.
+/// A pinhole without distortion. Pixel (0, 0) is the middle of the upper left pixel, as in
+/// `sensor_msgs/CameraInfo`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Intrinsics {
@@ -18,8 +19,8 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// `[x/z, y/z]` of a pixel's line of sight.
-    pub fn sight(&self, u_px: f64, v_px: f64) -> [f64; 2] {
+    /// `[x/z, y/z]` of a pixel's ray.
+    pub fn ray(&self, u_px: f64, v_px: f64) -> [f64; 2] {
         [
             (u_px - self.cx_px) / self.fx_px,
             (v_px - self.cy_px) / self.fy_px,
@@ -54,7 +55,8 @@ pub struct DepthImage<'a> {
 }
 
 impl<'a> DepthImage<'a> {
-    /// `depth_m` along the optical axis, m; 0, negative and NaN are no reading. None where the size does not fit the data.
+    /// `depth_m` along the optical axis, m; 0, negative and NaN are no reading. None where the size
+    /// does not fit the data.
     pub fn new(width: usize, height: usize, depth_m: &'a [f32]) -> Option<Self> {
         (width > 0 && height > 0 && width.checked_mul(height) == Some(depth_m.len())).then_some(
             Self {

@@ -1,15 +1,16 @@
 //! What a fit of inverse depth says about the surface: point, normal and curvature, in camera axes.
 //!
-//! With `a = x/z` and `b = y/z` the surface is `G(x, y, z) = z w(x/z, y/z) - 1 = 0`, where `w = 1/z`: a plane in space is a plane
-//! in `w`, which is why the fits are made there. `G` is homogeneous of degree one, so gradient and second derivatives are short.
+//! With `a = x/z` and `b = y/z` the surface is `G(x, y, z) = z w(x/z, y/z) - 1 = 0`, where
+//! `w = 1/z`: a plane in space is a plane in `w`, which is why the fits are made there. `G` is
+//! homogeneous of degree one, so gradient and second derivatives are short.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Inverse depth and its derivatives at a line of sight `[a, b]`.
+/// Inverse depth and its derivatives at a ray `[a, b]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InverseDepth {
     /// `x/z`, `y/z`.
-    pub sight: [f64; 2],
+    pub ray: [f64; 2],
     /// 1/m.
     pub w: f64,
     /// By `a` and `b`, 1/m.
@@ -21,13 +22,13 @@ pub struct InverseDepth {
 impl InverseDepth {
     /// Point of the surface, m; none where inverse depth is not positive.
     pub fn point(&self) -> Option<Vector3<f64>> {
-        let [a, b] = self.sight;
+        let [a, b] = self.ray;
         (self.w > 0.0).then(|| Vector3::new(a, b, 1.0) / self.w)
     }
 
     /// ∇G, into the material, 1/m.
     pub fn gradient(&self) -> Vector3<f64> {
-        let ([a, b], [wa, wb]) = (self.sight, self.slope);
+        let ([a, b], [wa, wb]) = (self.ray, self.slope);
         Vector3::new(wa, wb, self.w - a * wa - b * wb)
     }
 
@@ -46,7 +47,7 @@ impl InverseDepth {
 
     /// How the normal turns with `[w, w_a, w_b]`.
     pub fn normal_jacobian(&self) -> Matrix3<f64> {
-        let [a, b] = self.sight;
+        let [a, b] = self.ray;
         let gradient = self.gradient();
         let length = gradient.norm().max(1e-12);
         let n = gradient / length;
@@ -54,14 +55,14 @@ impl InverseDepth {
         (n * n.transpose() - Matrix3::identity()) * of_gradient / length
     }
 
-    /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a convex body. None where there is no
-    /// point.
+    /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a
+    /// convex body. None where there is no point.
     pub fn curvature(&self) -> Option<Matrix3<f64>> {
         let normal = self.normal()?;
         if self.w <= 0.0 {
             return None;
         }
-        let [a, b] = self.sight;
+        let [a, b] = self.ray;
         // Second derivatives of G are z⁻¹ Aᵀ B A with A = [1 0 -a; 0 1 -b].
         let [aa, ab, bb] = self.bend;
         let (xz, yz) = (-(a * aa + b * ab), -(a * ab + b * bb));
@@ -77,19 +78,19 @@ mod tests {
     use super::*;
 
     /// Inverse depth of a sphere, by its closed form and finite differences.
-    fn sphere(sight: [f64; 2], centre: Vector3<f64>, radius: f64) -> InverseDepth {
+    fn sphere(ray: [f64; 2], centre: Vector3<f64>, radius: f64) -> InverseDepth {
         let w = |a: f64, b: f64| {
-            let ray = Vector3::new(a, b, 1.0);
-            let (dot, square) = (ray.dot(&centre), ray.norm_squared());
+            let direction = Vector3::new(a, b, 1.0);
+            let (dot, square) = (direction.dot(&centre), direction.norm_squared());
             let rest = centre.norm_squared() - radius * radius;
             square / (dot - (dot * dot - square * rest).sqrt())
         };
-        let [a, b] = sight;
+        let [a, b] = ray;
         let h = 1e-4;
         let bend_ab =
             (w(a + h, b + h) - w(a + h, b - h) - w(a - h, b + h) + w(a - h, b - h)) / (4.0 * h * h);
         InverseDepth {
-            sight,
+            ray,
             w: w(a, b),
             slope: [
                 (w(a + h, b) - w(a - h, b)) / (2.0 * h),
@@ -106,8 +107,8 @@ mod tests {
     #[test]
     fn a_sphere_has_its_normal_and_curvature() {
         let centre = Vector3::new(0.05, -0.02, 0.6);
-        for sight in [[0.0, 0.0], [0.1, -0.1], [0.2, 0.1], [0.3, -0.05]] {
-            let at = sphere(sight, centre, 0.2);
+        for ray in [[0.0, 0.0], [0.1, -0.1], [0.2, 0.1], [0.3, -0.05]] {
+            let at = sphere(ray, centre, 0.2);
             let normal = (at.point().unwrap() - centre).normalize();
             assert!((at.normal().unwrap() - normal).norm() < 1e-5);
             let expected = (Matrix3::identity() - normal * normal.transpose()) / 0.2;

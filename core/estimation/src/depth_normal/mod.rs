@@ -1,8 +1,10 @@
-//! Depth images to normals: the segment under the tool, its normal and curvature with covariance, and the map ahead.
+//! Depth images to normals: the segment under the tool, its normal and curvature with covariance,
+//! and the map ahead.
 //!
-//! Karacan et al., "Visuo-Tactile Exploration of Unknown Rigid 3D Curvatures", (14)-(16). `depth_normal` never builds a point
-//! cloud: for a plane inverse depth is linear in the pixel, so planes of any size follow from summed tables. Called with each
-//! frame by whoever receives the camera's, and by the closed loop of `evaluate`.
+//! Karacan et al., "Visuo-Tactile Exploration of Unknown Rigid 3D Curvatures", (14)-(16).
+//! `depth_normal` never builds a point cloud: for a plane inverse depth is linear in the pixel, so
+//! planes of any size follow from summed tables. Called with each frame by the receiver of the
+//! camera's, and by the closed loop of `evaluate`.
 
 mod ahead;
 mod cells;

@@ -1,7 +1,9 @@
-//! `depth_normal_paper`: the published way, for comparison. Point cloud, voxel grid, principal components of each voxel's
-//! neighbours, region growing from the tool, principal components of the segment (Karacan et al., II.B, (14)-(16)).
+//! `depth_normal_paper`: the published way, for comparison. Point cloud, voxel grid, principal
+//! components of each voxel's neighbours, region growing from the tool, principal components of the
+//! segment (Karacan et al., II.B, (14)-(16)).
 //!
-//! The paper leaves voxel size, neighbours and angles open; the defaults are what its library's own examples use.
+//! The paper leaves voxel size, neighbours and angles open; the defaults are what its library's own
+//! examples use.
 
 use std::collections::VecDeque;
 
@@ -97,8 +99,8 @@ pub struct SegmentNormal {
     pub segment: Option<SegmentShape>,
     /// (15): between the surface's inward normal and the camera's z axis, rad.
     pub tilt_rad: f64,
-    /// Of the normal, rad²: what the points' scatter about the segment's plane gives. The paper has none, and a bent segment's own
-    /// bias is not in it.
+    /// Of the normal, rad²: what the points' scatter about the segment's plane gives. The paper has
+    /// none, and a bent segment's own bias is not in it.
     pub covariance: Matrix3<f64>,
     /// Points in the cloud after the voxel grid.
     pub points: usize,
@@ -168,9 +170,9 @@ impl DepthNormalPaper {
         };
         let mut voxels = self.voxels(sample);
         result.points = voxels.len();
-        let [a, b] = sample.intrinsics.sight(u, v);
+        let [a, b] = sample.intrinsics.ray(u, v);
         self.add_normals(&mut voxels);
-        // The point nearest to the line of sight; within a few voxels, or nothing is seen there.
+        // The point nearest to the ray; within a few voxels, or nothing is seen there.
         let direction = Vector3::new(a, b, 1.0).normalize();
         let aside = |p: &Vector3<f64>| (p - direction * direction.dot(p)).norm();
         let seeds = voxels
@@ -225,7 +227,7 @@ impl DepthNormalPaper {
             }
             let [a, b] = sample
                 .intrinsics
-                .sight((i % width) as f64, (i / width) as f64);
+                .ray((i % width) as f64, (i / width) as f64);
             let point = Vector3::new(a, b, 1.0) * z;
             points.push((self.key(&point), point));
         }

@@ -1,7 +1,9 @@
-//! A cubic through the cells around a point, as height over the tangent plane there: normal and curvature, and how sure they are.
+//! A cubic through the cells around a point, as height over the tangent plane there: normal and
+//! curvature, and how sure they are.
 //!
-//! In the tangent frame a bent surface has no third derivative but the change of its bend, however steeply it is seen; that change
-//! is believed to be as small as surfaces are smooth, and what it may hide is in the covariance.
+//! In the tangent frame a bent surface has no third derivative but the change of its bend, however
+//! steeply it is seen; that change is believed to be as small as surfaces are smooth, and what it
+//! may hide is in the covariance.
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -65,9 +67,9 @@ pub(super) struct Patch {
 }
 
 impl Ground<'_> {
-    /// The widest patch of the body whose slopes agree with those of the narrower ones; once more in its own tangent frame,
-    /// under `sight`.
-    pub fn widest(&self, place: &Place, sight: [f64; 2], body: u16) -> Result<Patch, PatchError> {
+    /// The widest patch of the body whose slopes agree with those of the narrower ones; once more
+    /// in its own tangent frame, under `ray`.
+    pub fn widest(&self, place: &Place, ray: [f64; 2], body: u16) -> Result<Patch, PatchError> {
         let [small, large] = self.config.patch_radius_m;
         let frame = TangentFrame::new(place.normal, Vector3::x());
         let mut best = Err(PatchError::TooFew);
@@ -105,15 +107,15 @@ impl Ground<'_> {
             radius = (radius * GROWTH).min(limit);
         }
         let found = best?;
-        let [a, b] = sight;
-        let ray = Vector3::new(a, b, 1.0);
+        let [a, b] = ray;
+        let direction = Vector3::new(a, b, 1.0);
         let normal = found.frame.normal;
-        let depth = found.place.point.dot(&normal) / ray.dot(&normal);
+        let depth = found.place.point.dot(&normal) / direction.dot(&normal);
         if !(depth.is_finite() && depth > 0.0) {
             return Err(PatchError::TooFew);
         }
         let there = Place {
-            point: ray * depth,
+            point: direction * depth,
             ..found.place
         };
         self.patch(&there, body, found.radius_m).or(Ok(found))
@@ -157,9 +159,9 @@ impl Ground<'_> {
                 let w = self.cells.cells[k].reference + sums[6] / p;
                 let [a, b] = self
                     .mesh
-                    .sight(i as f64 + sums[1] / p, j as f64 + sums[2] / p);
-                let ray = Vector3::new(a, b, 1.0);
-                let offset = ray / w - place.point;
+                    .ray(i as f64 + sums[1] / p, j as f64 + sums[2] / p);
+                let direction = Vector3::new(a, b, 1.0);
+                let offset = direction / w - place.point;
                 // Over the radius, so that the matrix is well scaled.
                 let xy = frame.project(&offset) / radius_m;
                 let height = frame.normal.dot(&offset);
@@ -183,8 +185,8 @@ impl Ground<'_> {
                     x * y * y,
                     y * y * y,
                 ]);
-                // Noise lies along the line of sight; what of it is height?
-                let along = frame.normal.dot(&ray) / (w * w);
+                // Noise lies along the ray; what of it is height?
+                let along = frame.normal.dot(&direction) / (w * w);
                 let information = p / (expected * along * along).max(1e-30);
                 matrix.syger(information, &line, &line, 1.0);
                 right.axpy(information * height, &line, 1.0);
@@ -212,7 +214,8 @@ impl Ground<'_> {
         let covariance = cholesky.inverse() * shown.max(1.0);
         let slope = Vector2::new(solution[1], solution[2]) / radius_m;
         let bend = [3, 4, 5].map(|i| solution[i] / (radius_m * radius_m));
-        // Of the height to the operator, and of slopes that are nearly zero to the frame's own turn.
+        // Of the height to the operator, and of slopes that are nearly zero to the frame's own
+        // turn.
         let length = (1.0 + slope.norm_squared()).sqrt();
         let shape = Matrix2::new(-2.0 * bend[0], -bend[1], -bend[1], -2.0 * bend[2]) / length;
         let steep = slope.norm();
@@ -270,7 +273,8 @@ mod tests {
 
     #[test]
     fn octants_are_in_the_order_of_the_gap() {
-        // A point in each eighth of the circle, in turn: a gap of n neighbours is n wide wherever it begins.
+        // A point in each eighth of the circle, in turn: a gap of n neighbours is n wide wherever
+        // it begins.
         let turn: Vec<u8> = (0..8)
             .map(|i| {
                 let angle = (f64::from(i) + 0.5) * std::f64::consts::FRAC_PI_4;

@@ -1,12 +1,13 @@
-//! The tool's own picture, to be left out: a rod between two points, seen from the camera. Camera and tool are both fixed to the
-//! flange, so this is drawn once.
+//! The tool's own picture, to be left out: a rod between two points, seen from the camera. Camera
+//! and tool are both fixed to the flange, so this is drawn once.
 
 use nalgebra::Vector3;
 
 use super::image::Intrinsics;
 
-/// Marks in `left_out` (one entry per pixel of `size_px`) the pixels whose line of sight passes within `radius_m` of the rod from
-/// `ends[0]` to `ends[1]`, camera axes, m. What is marked stays so. False, and nothing is drawn, where the sizes do not fit.
+/// Marks in `left_out` (one entry per pixel of `size_px`) the pixels whose ray passes
+/// within `radius_m` of the rod from `ends[0]` to `ends[1]`, camera axes, m. What is marked stays
+/// so. False, and nothing is drawn, where the sizes do not fit.
 pub fn leave_out_rod(
     intrinsics: &Intrinsics,
     size_px: [usize; 2],
@@ -19,7 +20,7 @@ pub fn leave_out_rod(
         return false;
     }
     for (i, out) in left_out.iter_mut().enumerate() {
-        let [a, b] = intrinsics.sight((i % width) as f64, (i / width) as f64);
+        let [a, b] = intrinsics.ray((i % width) as f64, (i / width) as f64);
         if distance(&Vector3::new(a, b, 1.0), ends) <= radius_m {
             *out = 1;
         }
@@ -28,10 +29,10 @@ pub fn leave_out_rod(
 }
 
 /// Between a half line from the origin and a segment, m.
-fn distance(sight: &Vector3<f64>, ends: [&Vector3<f64>; 2]) -> f64 {
-    let direction = sight.normalize();
+fn distance(ray: &Vector3<f64>, ends: [&Vector3<f64>; 2]) -> f64 {
+    let direction = ray.normalize();
     let rod = ends[1] - ends[0];
-    // Within the plane across the line of sight the line is a point, and the rod a segment.
+    // Within the plane across the ray the line is a point, and the rod a segment.
     let across = |v: &Vector3<f64>| v - direction * direction.dot(v);
     let (start, run) = (across(ends[0]), across(&rod));
     let length = run.norm_squared();

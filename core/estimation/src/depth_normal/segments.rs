@@ -1,7 +1,8 @@
-//! Segments of alike orientation, and bodies: what hangs together without a jump or a crease, however it turns.
+//! Segments of alike orientation, and bodies: what hangs together without a jump or a crease,
+//! however it turns.
 //!
-//! Region growing over the grid's nodes, after the paper's II.B (Westfechtel et al.), but without a point cloud: neighbours are
-//! neighbours in the image.
+//! Region growing over the grid's nodes, after the paper's II.B (Westfechtel et al.), but without a
+//! point cloud: neighbours are neighbours in the image.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -20,7 +21,8 @@ pub(super) struct Segments {
     /// By connection, from 1.
     pub body: Vec<u16>,
     queue: Vec<u32>,
-    /// Over which of its sides, in the order of [`Neighbours::of`], a cell's surface goes on: a bit each.
+    /// Over which of its sides, in the order of [`Neighbours::of`], a cell's surface goes on: a bit
+    /// each.
     sides: Vec<u8>,
     /// How much of each body is around the tool.
     votes: Vec<f64>,
@@ -99,7 +101,8 @@ impl Segments {
         self.votes.resize(usize::from(bodies) + 1, 0.0);
     }
 
-    /// Labels the segments; the tool's own first, so that it is centred there. After [`Segments::grow_bodies`].
+    /// Labels the segments; the tool's own first, so that it is centred there. After
+    /// [`Segments::grow_bodies`].
     pub fn grow_segments(
         &mut self,
         config: &DepthNormalConfig,
@@ -138,8 +141,9 @@ impl Segments {
         }
     }
 
-    /// The cell at `place` (cells): of the body that has most around it, within `reach(cell)` cells, the nearest. A cell that hangs
-    /// together with nothing is not taken for the surface because it lies nearest.
+    /// The cell at `place` (cells): of the body that has most around it, within `reach(cell)`
+    /// cells, the nearest. A cell that hangs together with nothing is not taken for the surface
+    /// because it lies nearest.
     pub fn at(
         &mut self,
         place: [f64; 2],
@@ -261,7 +265,8 @@ impl Seams<'_> {
         }
     }
 
-    /// Whether the surface goes on to the next cell along an axis without a jump or a crease, and from there back.
+    /// Whether the surface goes on to the next cell along an axis without a jump or a crease, and
+    /// from there back.
     fn joins(&self, from: usize, to: usize, axis: usize) -> [bool; 2] {
         let (a, b) = (&self.facets[from], &self.facets[to]);
         if !b.valid {
@@ -294,7 +299,8 @@ fn flood(
     queue.clear();
     queue.push(seed as u32);
     labels[seed] = label;
-    // Every cell enters once, so the queue never outgrows the grid; first in, first out grows evenly around the seed.
+    // Every cell enters once, so the queue never outgrows the grid; first in, first out grows
+    // evenly around the seed.
     let mut next = 0;
     while let Some(from) = queue.get(next).copied() {
         next += 1;

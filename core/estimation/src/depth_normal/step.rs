@@ -35,7 +35,8 @@ pub struct DepthSample<'a> {
     pub intrinsics: Intrinsics,
     /// Where to say what the surface does.
     pub target: ToolTarget,
-    /// As large as the image; not zero where the tool itself (or anything else that is not the surface) is seen.
+    /// As large as the image; not zero where the tool itself (or anything else that is not the
+    /// surface) is seen.
     pub left_out: Option<&'a [u8]>,
     /// Direction of travel, camera axes, any length; for the map ahead.
     pub travel: Option<Vector3<f64>>,
@@ -47,8 +48,8 @@ pub struct DepthNormal {
     config: DepthNormalConfig,
 }
 
-/// What the step works in, kept between frames so that nothing is allocated while the image's size stays. A fresh one is the
-/// reset; no frame depends on an earlier one.
+/// What the step works in, kept between frames so that nothing is allocated while the image's size
+/// stays. A fresh one is the reset; no frame depends on an earlier one.
 #[derive(Clone, Debug, Default)]
 pub struct DepthNormalState {
     cells: Cells,
@@ -94,7 +95,7 @@ impl DepthNormal {
             let mesh = state.mesh;
             let step = mesh.step[0].max(mesh.step[1]);
             let far = self.config.patch_radius_m[1];
-            let place = mesh.place(sample.intrinsics.sight(u, v));
+            let place = mesh.place(sample.intrinsics.ray(u, v));
             state
                 .segments
                 .at(place, &state.facets, |facet| far / (step * facet.point.z))
@@ -135,16 +136,16 @@ impl DepthNormal {
         if body == NONE {
             return invalid(VisualValidity::TooSteep);
         }
-        let sight = sample.intrinsics.sight(u, v);
+        let ray = sample.intrinsics.ray(u, v);
         let facet = &state.facets[tool];
-        let [a, b] = sight;
-        let depth_m = plane_depth(facet, sight).unwrap_or(facet.point.z);
+        let [a, b] = ray;
+        let depth_m = plane_depth(facet, ray).unwrap_or(facet.point.z);
         let place = Place {
             point: Vector3::new(a, b, 1.0) * depth_m,
             normal: facet.normal,
             shape: Matrix3::zeros(),
         };
-        let patch = match ground.widest(&place, sight, body) {
+        let patch = match ground.widest(&place, ray, body) {
             Ok(patch) => patch,
             Err(PatchError::TooFew) => return invalid(VisualValidity::TooFew),
             Err(PatchError::OneSided) => return invalid(VisualValidity::Edge),
@@ -182,8 +183,9 @@ impl DepthNormal {
         }
     }
 
-    /// A normal for every pixel of the frame that `state` has seen last; `normals` has one entry per pixel. All zero for a pixel
-    /// without depth; false, and nothing is written, where the sizes do not fit.
+    /// A normal for every pixel of the frame that `state` has seen last; `normals` has one entry
+    /// per pixel. All zero for a pixel without depth; false, and nothing is written, where the
+    /// sizes do not fit.
     pub fn normals(
         &self,
         state: &DepthNormalState,
@@ -244,7 +246,7 @@ impl DepthNormalState {
     }
 }
 
-/// Depth at which a line of sight meets a facet's plane, m.
+/// Depth at which a ray meets a facet's plane, m.
 fn plane_depth(facet: &Facet, [a, b]: [f64; 2]) -> Option<f64> {
     let along = facet.normal.dot(&Vector3::new(a, b, 1.0));
     let depth = facet.normal.dot(&facet.point) / along;

@@ -74,13 +74,14 @@ pub struct VisualNormal {
     pub time_s: f64,
     /// Whether to use what follows.
     pub validity: VisualValidity,
-    /// On the surface, on the line of sight to the tool's target, m.
+    /// On the surface, on the ray to the tool's target, m.
     pub point: Vector3<f64>,
     /// Unit, out of the material.
     pub normal: Vector3<f64>,
     /// Of the normal, rad²; singular along it.
     pub covariance: Matrix3<f64>,
-    /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a convex body.
+    /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a
+    /// convex body.
     pub curvature: Matrix3<f64>,
     /// Its eigenvalues in the tangent plane, the larger first, 1/m.
     pub principal_curvatures_per_m: [f64; 2],

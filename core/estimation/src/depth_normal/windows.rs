@@ -1,8 +1,9 @@
 //! A plane in inverse depth around every cell, over a window as large as the surface allows.
 //!
-//! For a plane inverse depth is linear in the pixel's coordinates, so the weighted least-squares plane over any rectangle of cells
-//! follows from four corners of summed tables, whatever its size. A window grows while the slopes of all sizes so far agree
-//! within their standard deviations (intersection of confidence intervals): beyond, the surface's bend would show in the slope.
+//! For a plane inverse depth is linear in the pixel's coordinates, so the weighted least-squares
+//! plane over any rectangle of cells follows from four corners of summed tables, whatever its size.
+//! A window grows while the slopes of all sizes so far agree within their standard deviations
+//! (intersection of confidence intervals): beyond, the surface's bend would show in the slope.
 
 use super::cells::{Cell, Cells};
 use super::config::DepthNormalConfig;
@@ -30,7 +31,8 @@ pub(super) struct Node {
 pub struct FrameNoise {
     /// Variance of a pixel over the configured one.
     pub scale: f64,
-    /// How much slower averages get better than those of independent pixels: neighbours share their noise.
+    /// How much slower averages get better than those of independent pixels: neighbours share their
+    /// noise.
     pub correlation: f64,
 }
 
@@ -118,7 +120,8 @@ impl Windows {
         self.ratios.reserve(2 * columns * rows);
     }
 
-    /// Node of every cell without an edge that has depth, or neighbours with depth: from the smallest window.
+    /// Node of every cell without an edge that has depth, or neighbours with depth: from the
+    /// smallest window.
     pub fn begin(&mut self, config: &DepthNormalConfig, grid: &Cells) {
         self.sum(grid);
         self.measure_noise(config, grid);
@@ -206,7 +209,8 @@ impl Windows {
         sums
     }
 
-    /// Medians over the cells: of what a plane leaves within a cell, and of fourth differences between cells.
+    /// Medians over the cells: of what a plane leaves within a cell, and of fourth differences
+    /// between cells.
     fn measure_noise(&mut self, config: &DepthNormalConfig, grid: &Cells) {
         let full = (config.cell_px * config.cell_px) as f64;
         let expected = config.inverse_depth_sd_per_m.powi(2);
@@ -374,8 +378,8 @@ fn moved(cell: &Cell, [x, y]: [f64; 2], origin: f64) -> [f64; 10] {
     ]
 }
 
-/// Squared fourth difference of five cells' means in a row over what independent pixels would give; quadratics and cubics vanish
-/// in it. None unless all are full.
+/// Squared fourth difference of five cells' means in a row over what independent pixels would give;
+/// quadratics and cubics vanish in it. None unless all are full.
 fn fourth_difference(cells: &[Cell], first: usize, step: usize, full: f64) -> Option<f64> {
     let mut difference = 0.0;
     let mut variance = 0.0;

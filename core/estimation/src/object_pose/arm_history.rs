@@ -1,4 +1,5 @@
-//! Where the flange was and how hard the tool pressed, over the last moments: a frame is used with the arm of its exposure.
+//! Where the flange was and how hard the tool pressed, over the last moments: a frame is used with
+//! the arm of its exposure.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;

@@ -1,4 +1,5 @@
-//! What is known of a camera on the wrist, and what it reports: the pinhole of eq. (7), frames of labelled corners.
+//! What is known of a camera on the wrist, and what it reports: the pinhole of eq. (7), frames of
+//! labelled corners.
 
 use nalgebra::{Vector2, Vector3};
 use tangent_mechanics::{Camera, Flange, Pose};

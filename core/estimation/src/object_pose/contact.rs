@@ -20,7 +20,8 @@ pub(super) struct TouchDetector {
 }
 
 impl TouchDetector {
-    /// `normal` is the best guess of where the surface faces, base axes: a force across it is no pressing.
+    /// `normal` is the best guess of where the surface faces, base axes: a force across it is no
+    /// pressing.
     pub fn step(
         &mut self,
         config: &ContactNoiseConfig,

@@ -1,7 +1,8 @@
 //! `object_pose`: an error-state filter for the object's pose that also calibrates the camera.
 //!
-//! A frame is used with the arm of its exposure and the object of that time. The force gives the normal, eqs. (18)-(22); the
-//! joints say that the tip lies on the surface, which replaces eqs. (23)-(26); a yielding object and friction are states.
+//! A frame is used with the arm of its exposure and the object of that time. The force gives the
+//! normal, eqs. (18)-(22); the joints say that the tip lies on the surface, which replaces eqs.
+//! (23)-(26); a yielding object and friction are states.
 
 use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector3};
 use tangent_mechanics::{Base, Object, Pose, Twist};
@@ -157,8 +158,9 @@ impl ObjectPose {
         }
     }
 
-    /// The first pose: a start to linearise at, then all its corners against the calibration's errors. All at one linearisation:
-    /// one corner alone leaves the tilt free, and would take it far away.
+    /// The first pose: a start to linearise at, then all its corners against the calibration's
+    /// errors. All at one linearisation: one corner alone leaves the tilt free, and would take it
+    /// far away.
     fn start(&mut self, frame: &CameraFrame, moment: &ArmMoment, now_s: f64) -> bool {
         let mut image = [Vector2::zeros(); CORNERS];
         for (slot, corner) in image.iter_mut().zip(&frame.corners) {
@@ -206,7 +208,8 @@ impl ObjectPose {
             .hypot(noise.direction_sd_rad * touch.force_n)
             / touch.force_n;
         if noise.friction_sd > 0.0 {
-            // At rest, friction points where it likes and stays so: another look would be the same one again.
+            // At rest, friction points where it likes and stays so: another look would be the same
+            // one again.
             if sliding.is_none() && !first {
                 return;
             }
@@ -239,8 +242,8 @@ impl ObjectPose {
         self.covariance = map * state.covariance * map.transpose();
     }
 
-    /// Error of the filter's own state, over its covariance and degrees of freedom, for judging consistency: against the
-    /// object at rest and the true camera.
+    /// Error of the filter's own state, over its covariance and degrees of freedom, for judging
+    /// consistency: against the object at rest and the true camera.
     pub fn nees_per_dof(&self, rest: &Pose<Base, Object>, camera: &CameraModel) -> Option<f64> {
         let state = self.state.as_ref()?;
         let mut error = SVector::<f64, 15>::zeros();
@@ -375,8 +378,9 @@ impl ObjectPoseEstimator for ObjectPose {
     }
 }
 
-/// Noise of a corner, and what the linear model leaves out while the camera's turn is in doubt by σ: up to σ²/2 of the line of
-/// sight, the same from frame to frame. Without it the filter grows sure of what it linearised wrongly.
+/// Noise of a corner, and what the linear model leaves out while the camera's turn is in doubt by
+/// σ: up to σ²/2 of the ray, the same from frame to frame. Without it the filter grows
+/// sure of what it linearised wrongly.
 fn corner_variance(config: &ObjectPoseConfig, camera: &CameraModel, state: &FilterState) -> f64 {
     let noise = config.corner_sd_px / camera.focal_px;
     let doubt: f64 = (CAMERA_TURN..CAMERA_TURN + 3)

@@ -1,4 +1,5 @@
-//! What `object_pose` measures: corners, the tip on the surface, the force's direction; each as expected, with its Jacobian.
+//! What `object_pose` measures: corners, the tip on the surface, the force's direction; each as
+//! expected, with its Jacobian.
 
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
@@ -10,8 +11,9 @@ use super::filter_state::{
     PRINCIPAL, SPIN, TURN, VELOCITY,
 };
 
-/// Where a corner (object axes, m) should appear in a frame that is `age` (s) old, as this calibration counts, and how that
-/// depends on the state now: eqs. (13)-(17) with the camera's own errors. None where it is not before the camera.
+/// Where a corner (object axes, m) should appear in a frame that is `age` (s) old, as this
+/// calibration counts, and how that depends on the state now: eqs. (13)-(17) with the camera's own
+/// errors. None where it is not before the camera.
 pub(super) fn expected_corner(
     state: &FilterState,
     moment: &ArmMoment,
@@ -66,7 +68,8 @@ pub(super) fn expected_corner(
     Some((ratio * state.focal + state.principal, columns))
 }
 
-/// How far the tip lies above the surface as pressed, m: φ/|∇φ| + c F, zero by measurement; and how that depends on the state.
+/// How far the tip lies above the surface as pressed, m: φ/|∇φ| + c F, zero by measurement; and how
+/// that depends on the state.
 fn expected_gap(
     state: &FilterState,
     surface: &dyn ImplicitSurface,
@@ -123,7 +126,8 @@ fn tangents(normal: &Vector3<f64>, sliding: Option<Vector3<f64>>) -> [Vector3<f6
     [first, normal.cross(&first)]
 }
 
-/// The force's direction across the estimated normal, expected from the state: n - μ s of eq. (19) with friction.
+/// The force's direction across the estimated normal, expected from the state: n - μ s of eq. (19)
+/// with friction.
 fn expected_direction(
     state: &FilterState,
     surface: &dyn ImplicitSurface,
@@ -203,7 +207,8 @@ mod tests {
         );
         let mut state = FilterState::new(&ObjectPoseConfig::default(), &camera, rest);
         state.velocity = Vector3::new(0.02, -0.01, 0.03);
-        // At rest the derivative by the spin is exact; at 0.1 rad/s and 20 ms it is wrong by a thousandth.
+        // At rest the derivative by the spin is exact; at 0.1 rad/s and 20 ms it is wrong by a
+        // thousandth.
         state.spin = Vector3::zeros();
         state.focal = 1.02;
         state.principal = Vector2::new(0.01, -0.02);

@@ -1,9 +1,11 @@
-//! State and covariance of `object_pose`: prediction, and one correction for every kind of measurement.
+//! State and covariance of `object_pose`: prediction, and one correction for every kind of
+//! measurement.
 //!
-//! Error states, in this order: the object's position (m) and small rotation (rad), its velocity (m/s) and angular velocity
-//! (rad/s), all base axes; the camera's position (m) and small rotation (rad), flange axes; focal length (share); principal
-//! point (2, share of the focal length); compliance along the normal (m/N); friction coefficient. Rotations are turned from
-//! the left by `exp(δ)`: the error lives on the group, the state is never out of it.
+//! Error states, in this order: the object's position (m) and small rotation (rad), its velocity
+//! (m/s) and angular velocity (rad/s), all base axes; the camera's position (m) and small rotation
+//! (rad), flange axes; focal length (share); principal point (2, share of the focal length);
+//! compliance along the normal (m/N); friction coefficient. Rotations are turned from the left by
+//! `exp(δ)`: the error lives on the group, the state is never out of it.
 
 use nalgebra::{Matrix2, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use tangent_mechanics::{Base, Camera, Flange, Object, Pose};
@@ -126,8 +128,9 @@ impl FilterState {
         }
     }
 
-    /// Kalman's correction. `columns` is Hᵀ, `innovation` measured less expected, `variance` the noise of each measurement.
-    /// False, and nothing changed, where the innovation lies beyond `gate_sd` or is not a number.
+    /// Kalman's correction. `columns` is Hᵀ, `innovation` measured less expected, `variance` the
+    /// noise of each measurement. False, and nothing changed, where the innovation lies beyond
+    /// `gate_sd` or is not a number.
     pub fn correct<const M: usize>(
         &mut self,
         columns: &Columns<M>,
@@ -142,7 +145,8 @@ impl FilterState {
         change.is_some()
     }
 
-    /// The correction of the state, with Joseph's covariance already in force; the state itself is left where it is.
+    /// The correction of the state, with Joseph's covariance already in force; the state itself is
+    /// left where it is.
     pub fn change<const M: usize>(
         &mut self,
         columns: &Columns<M>,

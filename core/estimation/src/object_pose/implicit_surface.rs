@@ -1,4 +1,5 @@
-//! The object's surface as φ(p) = 0 in object axes, with gradient and Hessian: all that eqs. (1), (2), (19)-(26) ask of a shape.
+//! The object's surface as φ(p) = 0 in object axes, with gradient and Hessian: all that eqs. (1),
+//! (2), (19)-(26) ask of a shape.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -27,7 +28,8 @@ pub trait ImplicitSurface: Send {
         (Matrix3::identity() - normal * normal.transpose()) * self.hessian(point) / size
     }
 
-    /// φ over the gradient's size: the distance to first order, m; and its derivative by the point where φ is small.
+    /// φ over the gradient's size: the distance to first order, m; and its derivative by the point
+    /// where φ is small.
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.value(point) / self.gradient(point).norm()
     }

@@ -22,7 +22,8 @@ pub struct ObjectSample {
     pub wrench_delay_s: f64,
     /// Whether `wrench` can be used.
     pub wrench_validity: Validity,
-    /// Age of the sensor's tare, s; while there was none, its zero may look like a contact, and nothing is felt.
+    /// Age of the sensor's tare, s; while there was none, its zero may look like a contact, and
+    /// nothing is felt.
     pub wrench_bias_age_s: Option<f64>,
     /// The camera's frame that arrived in this cycle.
     pub frame: Option<CameraFrame>,
@@ -70,7 +71,8 @@ impl ObjectEstimate {
         }
     }
 
-    /// The normal that this pose implies under `tip` (base axes, m), as any normal estimator publishes it.
+    /// The normal that this pose implies under `tip` (base axes, m), as any normal estimator
+    /// publishes it.
     pub fn normal_at(
         &self,
         surface: &dyn super::ImplicitSurface,
@@ -105,7 +107,8 @@ impl ObjectEstimate {
     }
 }
 
-/// An estimator of an object's pose. One call per control cycle; no clock, no allocation after construction.
+/// An estimator of an object's pose. One call per control cycle; no clock, no allocation after
+/// construction.
 pub trait ObjectPoseEstimator: Send {
     /// Name as in `estimate/NAME/object`.
     fn name(&self) -> &'static str;
@@ -122,8 +125,9 @@ pub trait ObjectPoseEstimator: Send {
     /// What it has learnt of the camera; none where the calibration is taken for granted.
     fn calibration(&self) -> Option<CalibrationEstimate>;
 
-    /// Squared error of pose and camera over their covariance and degrees of freedom, against the truth: the object at rest and
-    /// the camera as it is. None where the covariance does not speak of both.
+    /// Squared error of pose and camera over their covariance and degrees of freedom, against the
+    /// truth: the object at rest and the camera as it is. None where the covariance does not speak
+    /// of both.
     fn nees(&self, rest: &Pose<Base, Object>, camera: &super::CameraModel) -> Option<f64>;
 }
 

@@ -1,8 +1,9 @@
-//! The pose of an object of known shape, from a camera on the wrist, the force at the tool's tip and the joints: Lippiello,
-//! Siciliano, Villani, "Robot Force/Position Control with Force and Visual Feedback".
+//! The pose of an object of known shape, from a camera on the wrist, the force at the tool's tip
+//! and the joints: Lippiello, Siciliano, Villani, "Robot Force/Position Control with Force and
+//! Visual Feedback".
 //!
-//! `object_pose_paper` is the published filter, `object_pose` the sound form. Called by the closed loop of `evaluate` and by
-//! whoever publishes `estimate/NAME/object`.
+//! `object_pose_paper` is the published filter, `object_pose` the sound form. Called by the closed
+//! loop of `evaluate` and by the service that publishes `estimate/NAME/object`.
 
 mod arm_history;
 mod camera_model;

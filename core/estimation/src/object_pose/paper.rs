@@ -1,5 +1,6 @@
-//! `object_pose_paper`: the extended Kalman filter as published. Constant velocity over 20 ms, eq. (27); features, normal and
-//! offset as measurements, eq. (28), the last two in contact only; the paper's Π and Q; a calibration taken for granted.
+//! `object_pose_paper`: the extended Kalman filter as published. Constant velocity over 20 ms, eq.
+//! (27); features, normal and offset as measurements, eq. (28), the last two in contact only; the
+//! paper's Π and Q; a calibration taken for granted.
 
 use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector3};
 use tangent_mechanics::{Base, Camera, Object, Pose, Twist};
@@ -33,7 +34,8 @@ const OFFSET_VARIANCE_M2: f64 = 1e-6;
 const Q: [f64; STATES] = [
     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5e-11, 5e-11, 0.5e-11, 1e-9, 1e-8, 1e-8, 1e-8,
 ];
-/// What the first pose may be off by, which the paper does not say: 1 cm and 3°, as its calibration.
+/// What the first pose may be off by, which the paper does not say: 1 cm and 3°, as its
+/// calibration.
 const START_POSITION_SD_M: f64 = 0.01;
 const START_QUATERNION_SD: f64 = 0.026;
 /// Speeds at the start, per second.

@@ -1,4 +1,5 @@
-//! The paper's measurements and their Jacobians, eqs. (13), (17), (19), (22), (23), (26), with the unit quaternion in the state.
+//! The paper's measurements and their Jacobians, eqs. (13), (17), (19), (22), (23), (26), with the
+//! unit quaternion in the state.
 
 use nalgebra::{
     Matrix3x4, Matrix6, Quaternion, SMatrix, UnitQuaternion, Vector2, Vector3, Vector4,
@@ -25,7 +26,8 @@ pub(super) fn vector(pose: &Pose<Base, Object>) -> PoseVector {
     PoseVector::from_column_slice(&[t.x, t.y, t.z, q.w, q.i, q.j, q.k])
 }
 
-/// L(x_o) of eq. (12): takes ẋ_o to the velocity screw, 6 × 7. With ω = 2 E(Q) Q̇ and E = [-ε, η I + S(ε)] in base axes.
+/// L(x_o) of eq. (12): takes ẋ_o to the velocity screw, 6 × 7. With ω = 2 E(Q) Q̇ and E = [-ε, η I
+/// + S(ε)] in base axes.
 pub(super) fn screw_from_rate(x: &PoseVector) -> SMatrix<f64, 6, 7> {
     let q = Vector4::new(x[3], x[4], x[5], x[6]);
     let q = q / q.norm().max(1e-12);
@@ -110,8 +112,8 @@ pub(super) fn normal_jacobian(
     by_screw * screw_from_rate(x)
 }
 
-/// Eq. (23) as a function of the pose: δ = nᵀ p of the surface's point under the tip. The paper measures it with the tip, which
-/// lies on the surface; at the estimate it may lie φ above.
+/// Eq. (23) as a function of the pose: δ = nᵀ p of the surface's point under the tip. The paper
+/// measures it with the tip, which lies on the surface; at the estimate it may lie φ above.
 pub(super) fn offset(x: &PoseVector, surface: &dyn ImplicitSurface, tip: &Vector3<f64>) -> f64 {
     let in_object = pose(x).inverse().transform_point(tip);
     normal(x, surface, tip).dot(tip) - surface.distance(&in_object)

@@ -1,4 +1,5 @@
-//! The pose of a flat target from one image of its four corners: a homography, then least squares on the image.
+//! The pose of a flat target from one image of its four corners: a homography, then least squares
+//! on the image.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use tangent_mechanics::{Camera, Object, Pose};
@@ -121,16 +122,17 @@ impl PlanarTarget {
         let centre = self.corners.iter().sum::<Vector3<f64>>() / CORNERS as f64;
         let at = pose.transform_point(&centre);
         let out = pose.rotate(&(self.axes * Vector3::z()));
-        let sight = at.normalize();
-        // The rotation that takes the normal to its mirror image about the line of sight.
-        let mirrored = sight * (2.0 * out.dot(&sight)) - out;
+        let ray = at.normalize();
+        // The rotation that takes the normal to its mirror image about the ray.
+        let mirrored = ray * (2.0 * out.dot(&ray)) - out;
         let turn = UnitQuaternion::rotation_between(&out, &mirrored)
             .unwrap_or_else(UnitQuaternion::identity);
         let rotation = turn * pose.rotation();
         Pose::new(at - rotation * centre, rotation)
     }
 
-    /// Gauss-Newton on the image; the root mean square left is NaN where a corner came behind the camera.
+    /// Gauss-Newton on the image; the root mean square left is NaN where a corner came behind the
+    /// camera.
     fn refined(
         &self,
         start: Pose<Camera, Object>,

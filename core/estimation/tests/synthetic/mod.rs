@@ -195,7 +195,8 @@ impl Trial {
     }
 }
 
-/// Velocity along and across at a time since the path began: 10 s per axis, pauses, soft starts and stops.
+/// Velocity along and across at a time since the path began: 10 s per axis, pauses, soft starts and
+/// stops.
 fn raster(t: f64) -> (f64, f64) {
     if t < 0.0 {
         return (0.0, 0.0);

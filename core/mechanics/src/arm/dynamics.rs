@@ -1,6 +1,7 @@
 //! Inverse dynamics, mass matrix and what follows from the two.
 //!
-//! Equation of motion: tau = M(q) qdd + c(q, qd) + g(q); tau is what the motors supply. No friction, no motor inertia.
+//! Equation of motion: tau = M(q) qdd + c(q, qd) + g(q); tau is what the motors supply. No
+//! friction, no motor inertia.
 
 use nalgebra::{SMatrix, Vector3};
 
@@ -10,9 +11,11 @@ use crate::Joints;
 use crate::linear_solve::solve_positive_definite;
 
 impl<const N: usize> Arm<N> {
-    /// Torques (Nm) that give the joints the acceleration `qdd` (rad/s²) at `q` (rad) and `qd` (rad/s).
+    /// Torques (Nm) that give the joints the acceleration `qdd` (rad/s²) at `q` (rad) and `qd`
+    /// (rad/s).
     ///
-    /// Recursive Newton-Euler in base axes: Luh, Walker, Paul 1980; gravity enters as an acceleration of the base.
+    /// Recursive Newton-Euler in base axes: Luh, Walker, Paul 1980; gravity enters as an
+    /// acceleration of the base.
     pub fn inverse_dynamics(&self, q: &Joints<N>, qd: &Joints<N>, qdd: &Joints<N>) -> Joints<N> {
         self.newton_euler(&self.frames(q), qd, qdd, &self.gravity)
     }
@@ -35,8 +38,8 @@ impl<const N: usize> Arm<N> {
         self.mass_matrix_of(&self.frames(q))
     }
 
-    /// Mass matrix (kg m²) and C(q, qd) qd + g(q) (Nm) for the price of one pass over the frames: what an
-    /// inverse-dynamics law and an implicit integrator need in every step.
+    /// Mass matrix (kg m²) and C(q, qd) qd + g(q) (Nm) for the price of one pass over the frames:
+    /// what an inverse-dynamics law and an implicit integrator need in every step.
     pub fn mass_matrix_and_bias(
         &self,
         q: &Joints<N>,
@@ -47,7 +50,8 @@ impl<const N: usize> Arm<N> {
         (self.mass_matrix_of(&frames), bias)
     }
 
-    /// Acceleration of the joints (rad/s²) under the torques `tau` (Nm). Not a number if an input is not.
+    /// Acceleration of the joints (rad/s²) under the torques `tau` (Nm). Not a number if an input
+    /// is not.
     pub fn forward_dynamics(&self, q: &Joints<N>, qd: &Joints<N>, tau: &Joints<N>) -> Joints<N> {
         let frames = self.frames(q);
         let bias = self.newton_euler(&frames, qd, &Joints::zeros(), &self.gravity);
@@ -184,7 +188,8 @@ mod tests {
             prop_assert!(difference < 1e-6, "{name}: gravity off by {difference}");
         }
 
-        // Passivity: qd' (Mdot - 2 C) qd = 0, so Coriolis forces do no work but what M's change asks for.
+        // Passivity: qd' (Mdot - 2 C) qd = 0, so Coriolis forces do no work but what M's change
+        // asks for.
         let mass_dot =
             (arm.mass_matrix(&(q + qd * h)) - arm.mass_matrix(&(q - qd * h))) / (2.0 * h);
         let power = 0.5 * qd.dot(&(mass_dot * qd));

@@ -1,4 +1,5 @@
-//! An arm with `N` revolute joints: kinematics and dynamics of fixed size, computed from [`ModelData`] once.
+//! An arm with `N` revolute joints: kinematics and dynamics of fixed size, computed from
+//! [`ModelData`] once.
 //!
 //! Control, simulation and the robot bridge hold one of these by value; no method allocates.
 
@@ -17,7 +18,8 @@ struct Step {
     origin: Vector3<f64>,
 }
 
-/// Mass properties of one moving body in its joint's frame (or of several, in base axes, while they are summed).
+/// Mass properties of one moving body in its joint's frame (or of several, in base axes, while they
+/// are summed).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Body {
     mass: f64,
@@ -112,7 +114,8 @@ impl<const N: usize> Arm<N> {
         let mut bodies = [Body::NONE; N];
         for (i, row) in dh.rows.iter().enumerate() {
             let link = &model.links[i];
-            // From joint i, already turned, to DH frame i: what follows the rotation about z in either convention.
+            // From joint i, already turned, to DH frame i: what follows the rotation about z in
+            // either convention.
             let (before, after) = match dh.convention {
                 DhConvention::Standard => (
                     Step::IDENTITY,

@@ -2,8 +2,8 @@
 
 use crate::names::did_you_mean;
 
-/// Why a robot model was refused. Messages name the model, the key, its value and what is allowed; the caller adds
-/// the file's name.
+/// Why a robot model was refused. Messages name the model, the key, its value and what is allowed;
+/// the caller adds the file's name.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ModelError {
     /// The text is no model file: not TOML, a key that does not exist, a missing key, a wrong type.

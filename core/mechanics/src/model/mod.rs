@@ -1,7 +1,8 @@
-//! A robot as plain data: Denavit-Hartenberg table, link masses, limits, and where each figure comes from.
+//! A robot as plain data: Denavit-Hartenberg table, link masses, limits, and where each figure
+//! comes from.
 //!
-//! Built-in robots are the files in `models/`, compiled in; a robot of one's own is one more such file, read by the
-//! caller and handed over as text. [`crate::Arm`] is computed from this once.
+//! Built-in robots are the files in `models/`, compiled in; a robot of one's own is one more such
+//! file, read by the caller and handed over as text. [`crate::Arm`] is computed from this once.
 
 mod error;
 mod validate;
@@ -24,7 +25,8 @@ const BUILTIN: [(&str, &str); 5] = [
     ("planar2", include_str!("../../models/planar2.toml")),
 ];
 
-/// One robot arm with revolute joints, as its data file says. SI units, radians, joints ordered base to flange.
+/// One robot arm with revolute joints, as its data file says. SI units, radians, joints ordered
+/// base to flange.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelData {
@@ -68,7 +70,8 @@ pub struct ModelData {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DhConvention {
-    /// T(i-1,i) = RotZ(q_i + offset) TransZ(d) TransX(a) RotX(alpha): frame i at the far end of link i.
+    /// T(i-1,i) = RotZ(q_i + offset) TransZ(d) TransX(a) RotX(alpha): frame i at the far end of
+    /// link i.
     Standard,
     /// T(i-1,i) = RotX(alpha) TransX(a) RotZ(q_i + offset) TransZ(d) (Craig): frame i at joint i.
     Modified,
@@ -188,7 +191,8 @@ impl ModelData {
             .map(|(_, text)| *text)
     }
 
-    /// Checks what the types cannot: lengths, signs, limits the right way round, inertias of real bodies.
+    /// Checks what the types cannot: lengths, signs, limits the right way round, inertias of real
+    /// bodies.
     pub fn validate(&self) -> Result<(), ModelError> {
         validate::validate(self)
     }

@@ -4,7 +4,8 @@ use nalgebra::{Matrix3, Matrix4};
 
 use super::{DOF_MAX, ModelData, ModelError};
 
-/// How far a tensor may be from symmetric, and a transform from rigid; files are often rounded to six digits or so.
+/// How far a tensor may be from symmetric, and a transform from rigid; files are often rounded to
+/// six digits or so.
 const ASYMMETRY_MAX: f64 = 1e-9;
 const RIGID_MAX: f64 = 1e-6;
 

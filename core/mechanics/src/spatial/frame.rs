@@ -40,7 +40,8 @@ frames! {
 
 /// The frame with the origin of `O` and axes parallel to those of `A`.
 ///
-/// A geometric Jacobian speaks in `Aligned<Flange, Base>`: velocity of the flange's origin, in base axes.
+/// A geometric Jacobian speaks in `Aligned<Flange, Base>`: velocity of the flange's origin, in base
+/// axes.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Aligned<O, A>(PhantomData<(O, A)>);
 

@@ -6,7 +6,8 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 use nalgebra::{Vector3, Vector6};
 
-/// Velocity of a rigid body: `linear` of the origin of `F` (m/s), then `angular` (rad/s), in the axes of `F`.
+/// Velocity of a rigid body: `linear` of the origin of `F` (m/s), then `angular` (rad/s), in the
+/// axes of `F`.
 pub struct Twist<F> {
     /// m/s, in the axes of `F`.
     pub linear: Vector3<f64>,

@@ -6,7 +6,8 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 use nalgebra::{Vector3, Vector6};
 
-/// What the environment does to the robot, at the origin and in the axes of `F`: `force` (N), then `torque` (Nm).
+/// What the environment does to the robot, at the origin and in the axes of `F`: `force` (N), then
+/// `torque` (Nm).
 pub struct Wrench<F> {
     /// N, in the axes of `F`.
     pub force: Vector3<f64>,

@@ -1,9 +1,11 @@
 //! Pose, velocity and acceleration from a sequence of poses: a critically damped filter of third
 //! order.
 //!
-//! The fading-memory polynomial filter of second degree (Brookner, *Tracking and Kalman Filtering Made Easy*, 1998, ch. 7):
-//! `θ = exp(-ω T)`, gains `1 - θ³`, `1.5 (1 - θ²)(1 - θ) / T`, `(1 - θ)³ / T²`. Its three poles are at `-ω`; a constant velocity
-//! and a constant acceleration leave no lag. Turns are small between samples and filtered as rotation vectors in the fixed axes.
+//! The fading-memory polynomial filter of second degree (Brookner, *Tracking and Kalman Filtering
+//! Made Easy*, 1998, ch. 7): `θ = exp(-ω T)`, gains `1 - θ³`, `1.5 (1 - θ²)(1 - θ) / T`,
+//! `(1 - θ)³ / T²`. Its three poles are at `-ω`; a constant velocity and a constant acceleration
+//! leave no lag. Turns are small between samples and filtered as rotation vectors in the fixed
+//! axes.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 

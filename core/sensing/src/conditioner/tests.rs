@@ -132,7 +132,8 @@ fn pressing_reads_negative_force_along_the_tools_z() {
     )
     .unwrap();
     let down = turned([std::f64::consts::PI, 0.0, 0.0]);
-    // 3 N up in base is -3 N in z of a sensor that looks down; 1 N in x at the tip bends by 0.1 Nm at the sensor.
+    // 3 N up in base is -3 N in z of a sensor that looks down; 1 N in x at the tip bends by 0.1 Nm
+    // at the sensor.
     let at_sensor = Wrench::from_vector(&Vector6::new(1.0, 0.0, -3.0, 0.0, 0.1, 0.0));
     let out = conditioner.update(
         &mut WrenchConditionerState::default(),
@@ -206,7 +207,8 @@ fn a_tare_while_moving_shaking_wandering_or_blind_is_refused_and_the_old_one_kep
     );
 }
 
-/// A tare on this ground under a load of `load_n` along z, from sample `start` on; what became of it, and the sample after.
+/// A tare on this ground under a load of `load_n` along z, from sample `start` on; what became of
+/// it, and the sample after.
 fn tare_under(
     state: &mut WrenchConditionerState,
     ground: TareGround,
@@ -224,7 +226,8 @@ fn tare_under(
     (state.take_tare_outcome().unwrap(), i)
 }
 
-/// Force of the untared reading beyond the zero that the limit counts from, N, under a load along z.
+/// Force of the untared reading beyond the zero that the limit counts from, N, under a load along
+/// z.
 fn beyond_n(state: &mut WrenchConditionerState, load_n: f64, start: usize) -> f64 {
     let load = Wrench::from_vector(&Vector6::new(0.0, 0.0, load_n, 0.0, 0.0, 0.0));
     let mut out = None;
@@ -274,7 +277,8 @@ fn a_zero_on_a_persons_word_hides_no_load_from_the_untared_limit() {
     let (outcome, i) = tare_under(&mut state, TareGround::Assumed, -20.2, i + 500);
     assert!(outcome.is_ok());
     assert!((beyond_n(&mut state, -40.0, i) - 40.0).abs() < 1e-6);
-    // Where a motion has shown that nothing presses, it is a zero to count from: a tool was changed.
+    // Where a motion has shown that nothing presses, it is a zero to count from: a tool was
+    // changed.
     let (outcome, i) = tare_under(&mut state, TareGround::Shown, -20.2, i + 500);
     assert!(outcome.is_ok());
     assert!((beyond_n(&mut state, -40.0, i) - 19.8).abs() < 1e-6);

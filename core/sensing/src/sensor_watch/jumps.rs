@@ -1,11 +1,14 @@
-//! Records that leap and come back, as no load on a sensor does: well-formed, and damaged on their way or in the box.
+//! Records that leap and come back, as no load on a sensor does: well-formed, and damaged on their
+//! way or in the box.
 //!
-//! A load has a mass and a stiffness behind it. It may rise within a record (a collision), but then the next record is near it. A
-//! record that is far from the one before, with the next one back, was no load. So a leap waits for the next record before it counts.
+//! A load has a mass and a stiffness behind it. It may rise within a record (a collision), but then
+//! the next record is near it. A record that is far from the one before, with the next one back,
+//! was no load. So a leap waits for the next record before it counts.
 
 /// Part of the rated load that two records in a row may differ by at any rate.
 const SHARE: f64 = 0.05;
-/// And per second between them: 2000 N/s for a range of 130 N, a tool that meets 25 kN/m at 80 mm/s.
+/// And per second between them: 2000 N/s for a range of 130 N, a tool that meets 25 kN/m at 80
+/// mm/s.
 const SHARE_PER_S: f64 = 15.0;
 /// A step may be larger than the one before it by this factor.
 const GROWTH: f64 = 1.5;
@@ -37,14 +40,16 @@ pub struct JumpWatchState {
     last: Option<[f64; 6]>,
     /// The leap that waits for its confirmation.
     suspect: Option<[f64; 6]>,
-    /// Step to the last one that counted from the record before it, in parts of the range: what rises goes on rising.
+    /// Step to the last one that counted from the record before it, in parts of the range: what
+    /// rises goes on rising.
     stride: f64,
     /// One bit per record, the newest lowest: it was left out.
     left_out: u32,
 }
 
 impl JumpWatch {
-    /// For `rate_hz` records per second of a sensor rated for `range` (N, then Nm; 0 or infinity: no bound on that axis).
+    /// For `rate_hz` records per second of a sensor rated for `range` (N, then Nm; 0 or infinity:
+    /// no bound on that axis).
     pub fn new(rate_hz: f64, range: [f64; 6]) -> Self {
         Self {
             range: range.map(|r| if r > 0.0 { r } else { f64::INFINITY }),
@@ -85,7 +90,8 @@ impl JumpWatch {
         }
     }
 
-    /// Largest difference on any axis, in parts of its range; a number that is none is far from everything.
+    /// Largest difference on any axis, in parts of its range; a number that is none is far from
+    /// everything.
     fn distance(&self, a: &[f64; 6], b: &[f64; 6]) -> f64 {
         let mut most: f64 = 0.0;
         for i in 0..6 {

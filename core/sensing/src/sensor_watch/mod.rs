@@ -1,7 +1,8 @@
 //! Whether a sensor's records can be the effect of a load: a record watch for values that stand
 //! still, a jump watch for values that jump.
 //!
-//! Called for every record before tare and filter: by `netft`, `franka`, and the closed loops of `evaluate`.
+//! Called for every record before tare and filter: by `netft`, `franka`, and the closed loops of
+//! `evaluate`.
 
 mod jumps;
 mod records;

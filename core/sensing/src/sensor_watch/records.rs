@@ -1,9 +1,12 @@
-//! A sensor that stands still behind records that go on: whole records that repeat, or one axis of them.
+//! A sensor that stands still behind records that go on: whole records that repeat, or one axis of
+//! them.
 //!
-//! An analogue sensor is never quite still: its converters see noise, so consecutive counts differ most of the time. The watch learns
-//! how often, at the quietest that the sensor has been, and calls a run of repeats a fault when noise alone would make one like it
-//! less than once in 10^11 records. A sensor that repeats by its nature (coarse resolution, an ideal one in a simulation) is
-//! never judged by its repeats: they are likely. What it cannot do either is to repeat to the count while a tool that presses moves on.
+//! An analogue sensor is never quite still: its converters see noise, so consecutive counts differ
+//! most of the time. The watch learns how often, at the quietest that the sensor has been, and
+//! calls a run of repeats a fault when noise alone would make one like it less than once in 10^11
+//! records. A sensor that repeats by its nature (coarse resolution, an ideal one in a simulation)
+//! is never judged by its repeats: they are likely. What it cannot do either is to repeat to the
+//! count while a tool that presses moves on.
 
 use nalgebra::Vector3;
 
@@ -18,7 +21,8 @@ pub struct RecordWatchConfig {
     pub least_s: f64,
     /// The fault is over when everything has lived for so long, s.
     pub heal_s: f64,
-    /// A loaded tool that moves so far under records that repeat exactly has a frozen sensor, noise or not, m.
+    /// A loaded tool that moves so far under records that repeat exactly has a frozen sensor, noise
+    /// or not, m.
     pub way_max_m: f64,
 }
 
@@ -34,23 +38,26 @@ impl Default for RecordWatchConfig {
     }
 }
 
-/// Looks that the quietest one is kept of: it is remembered for one to two such blocks, 4 to 8 minutes.
+/// Looks that the quietest one is kept of: it is remembered for one to two such blocks, 4 to 8
+/// minutes.
 const BLOCK_WINDOWS: u32 = 256;
 /// Fewest pairs of records in a look.
 const PAIRS_MIN: u32 = 64;
-/// Least share of steps by more than one count: an axis with less of it is too coarse for its noise, and may rightly stand still.
+/// Least share of steps by more than one count: an axis with less of it is too coarse for its
+/// noise, and may rightly stand still.
 const WIDE_MIN: f64 = 0.02;
 /// Least share of changes of direction: what moves without them is a load that moves, not noise.
 const TURNS_MIN: f64 = 0.01;
-/// Repeats at the worst place between two counts, by the noise's mean step in counts: at most 0.65 where [`WIDE_MIN`] holds; for
-/// wider noise 0.32 counts over the step, and half as much again.
+/// Repeats at the worst place between two counts, by the noise's mean step in counts: at most 0.65
+/// where [`WIDE_MIN`] holds; for wider noise 0.32 counts over the step, and half as much again.
 const REPEAT_MAX: f64 = 0.65;
 const REPEAT_PER_COUNT: f64 = 0.5;
 /// An axis that repeats more often than this is not judged.
 const LIVELY_MAX: f64 = 0.8;
 /// A whole record that repeats by chance is believed to be no rarer than this.
 const WHOLE_MIN: f64 = 1e-6;
-/// Share of repeated whole records from which on the box sends faster than it measures, and from which on the sensor is still.
+/// Share of repeated whole records from which on the box sends faster than it measures, and from
+/// which on the sensor is still.
 const OVERSAMPLED: f64 = 0.3;
 const STILL: f64 = 0.9;
 
@@ -162,7 +169,8 @@ impl RecordWatchState {
         if self.frozen { 0x3f } else { self.stuck }
     }
 
-    /// What comes next is not a neighbour of what came last: the sensor said itself that it was not right.
+    /// What comes next is not a neighbour of what came last: the sensor said itself that it was not
+    /// right.
     pub(super) fn interrupt(&mut self) {
         self.last = None;
         self.run = [0; 6];
@@ -185,8 +193,8 @@ impl RecordWatch {
         }
     }
 
-    /// One record's counts, in the order of their measurement. `pressing_at` is where the tool is (m, in axes that rest), as long as
-    /// it is known to press.
+    /// One record's counts, in the order of their measurement. `pressing_at` is where the tool is
+    /// (m, in axes that rest), as long as it is known to press.
     pub fn take(
         &self,
         state: &mut RecordWatchState,
@@ -290,7 +298,8 @@ impl RecordWatch {
         }
         state.bound_whole = u32::MAX;
         if ln_whole < 0.0 {
-            // Records per measurement: where every measurement comes several times, so must a repeat of it.
+            // Records per measurement: where every measurement comes several times, so must a
+            // repeat of it.
             let copies = if noise.repeats >= OVERSAMPLED {
                 noise.longest_whole.saturating_add(1)
             } else {
@@ -301,8 +310,8 @@ impl RecordWatch {
         }
     }
 
-    /// Repeats in a row that are rarer than the false alarm, of measurements that come in `copies` records each, and rarer than what was
-    /// seen.
+    /// Repeats in a row that are rarer than the false alarm, of measurements that come in `copies`
+    /// records each, and rarer than what was seen.
     fn run_of(&self, ln_repeat: f64, copies: u32, longest: u32) -> u32 {
         let rare = (self.ln_false_alarm / ln_repeat).ceil();
         (rare as u32)

@@ -3,7 +3,8 @@
 use super::*;
 use proptest::prelude::*;
 
-/// Noise that is the same everywhere: sums of a linear congruential generator, close to normal, standard deviation 1.
+/// Noise that is the same everywhere: sums of a linear congruential generator, close to normal,
+/// standard deviation 1.
 struct Gauss(u64);
 
 impl Gauss {
@@ -146,7 +147,8 @@ fn it_is_a_fault_until_it_has_lived_for_a_while() {
 
 #[test]
 fn a_sensor_that_is_quiet_by_its_nature_is_never_judged() {
-    // No noise at all while it stands, a load that moves smoothly for a minute, and standing again for a minute.
+    // No noise at all while it stands, a load that moves smoothly for a minute, and standing again
+    // for a minute.
     for rate_hz in [7000.0, 1000.0, 125.0] {
         let watch = RecordWatch::new(&RecordWatchConfig::default(), rate_hz);
         let mut state = RecordWatchState::default();
@@ -211,7 +213,8 @@ fn a_box_that_sends_every_measurement_several_times_is_no_frozen_one() {
 
 #[test]
 fn a_load_between_two_coarse_counts_may_stand_still() {
-    // Noise of a quarter of a count: an edge flickers, the middle does not. The load rests now here, now there.
+    // Noise of a quarter of a count: an edge flickers, the middle does not. The load rests now
+    // here, now there.
     let watch = RecordWatch::new(&RecordWatchConfig::default(), 1000.0);
     let mut state = RecordWatchState::default();
     let mut gauss = Gauss(11);

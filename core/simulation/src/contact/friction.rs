@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 
 use crate::plant_config::{FrictionConfig, FrictionModel};
 
-/// LuGre (Canudas de Wit, Olsson, Åström, Lischinsky 1995) scaled by the normal force, or Coulomb with Stribeck:
+/// LuGre (Canudas de Wit, Olsson, Åström, Lischinsky 1995) scaled by the normal force, or Coulomb
+/// with Stribeck:
 ///
 /// ```text
 /// z' = v - |v| s0 / g(v) z        g(v) = mu_c + (mu_s - mu_c) exp(-(v / v_s)²)
@@ -40,7 +41,8 @@ impl Friction {
     /// `exp(-(v / v_s)²)`: 1 at rest, 0 when sliding.
     fn stribeck(&self, speed: f64) -> f64 {
         let ratio = speed / self.config.stribeck_m_per_s;
-        // Below the last digit beyond six times the Stribeck speed, which is where most of a wipe is.
+        // Below the last digit beyond six times the Stribeck speed, which is where most of a wipe
+        // is.
         if ratio > 6.1 {
             0.0
         } else {
@@ -53,8 +55,8 @@ impl Friction {
         c.coulomb_coefficient + (c.static_coefficient - c.coulomb_coefficient) * stribeck
     }
 
-    /// One step of `dt` (s): `bristle` (m) is the point's state, `velocity` (m/s) its sliding velocity in the tangent
-    /// plane of `normal`, `load` its normal force (N).
+    /// One step of `dt` (s): `bristle` (m) is the point's state, `velocity` (m/s) its sliding
+    /// velocity in the tangent plane of `normal`, `load` its normal force (N).
     pub fn step(
         &self,
         bristle: &mut Vector3<f64>,
@@ -75,7 +77,8 @@ impl Friction {
                 };
             }
             FrictionModel::Coulomb => {
-                // A line through zero speed as steep as reaches the cone at a tenth of the Stribeck speed.
+                // A line through zero speed as steep as reaches the cone at a tenth of the Stribeck
+                // speed.
                 let steepest = c.static_coefficient / (0.1 * c.stribeck_m_per_s);
                 let slope = steepest.min(slide / speed.max(1e-12));
                 return FrictionForce {

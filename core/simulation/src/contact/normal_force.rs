@@ -1,4 +1,5 @@
-//! Normal force of one pad point: a spring whose damping grows with depth, so that contact starts and ends without a jump.
+//! Normal force of one pad point: a spring whose damping grows with depth, so that contact starts
+//! and ends without a jump.
 
 /// Hunt and Crossley (1975): `F = k x^e (1 + 1.5 a x')`, never pulling.
 #[derive(Clone, Copy, Debug)]
@@ -78,7 +79,8 @@ mod tests {
 
     #[test]
     fn the_energy_lost_in_a_cycle_is_the_closed_form() {
-        // x = A sin(w t) for half a period: the elastic part returns, the lost part is 1.5 a k ∫ x x'² dt = 1.5 a k w A³ 2/3.
+        // x = A sin(w t) for half a period: the elastic part returns, the lost part is 1.5 a k ∫ x
+        // x'² dt = 1.5 a k w A³ 2/3.
         let law = HuntCrossley {
             stiffness: 5e3,
             exponent: 1.0,

@@ -59,7 +59,8 @@ impl PadContact {
     }
 }
 
-/// Change of the pad's wrench with its motion, for an implicit step; base axes, at the tool's origin.
+/// Change of the pad's wrench with its motion, for an implicit step; base axes, at the tool's
+/// origin.
 #[derive(Clone, Copy, Debug)]
 pub struct PadLinearisation {
     /// Minus the derivative by displacement and small rotation.
@@ -78,7 +79,8 @@ impl PadLinearisation {
     }
 
     fn add(&mut self, arm: &Vector3<f64>, stiffness: &Matrix3<f64>, damping: &Matrix3<f64>) {
-        // A point at `arm` moves by u + φ × arm = u - [arm] φ, and its force turns by arm × f = [arm] f.
+        // A point at `arm` moves by u + φ × arm = u - [arm] φ, and its force turns by arm × f =
+        // [arm] f.
         let cross = arm.cross_matrix();
         for (sum, k) in [
             (&mut self.stiffness, stiffness),
@@ -150,7 +152,8 @@ impl Pad {
         self.points.is_empty()
     }
 
-    /// Advances the bristles by `dt` (s) and returns the wrench; `linearisation` is filled when given.
+    /// Advances the bristles by `dt` (s) and returns the wrench; `linearisation` is filled when
+    /// given.
     pub fn step(
         &mut self,
         surface: &Surface,

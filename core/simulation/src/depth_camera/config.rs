@@ -19,17 +19,21 @@ pub struct DepthCameraConfig {
     pub image_px: [usize; 2],
     /// Focal length of the whole image, pixels.
     pub focal_px: f64,
-    /// Principal point of the whole image, pixels, counted from the middle of the upper left pixel; the image's middle unless given.
+    /// Principal point of the whole image, pixels, counted from the middle of the upper left pixel;
+    /// the image's middle unless given.
     pub principal_px: Option<[f64; 2]>,
-    /// Part of the image that is rendered and sent: left, top, width, height in pixels; all of it unless given.
+    /// Part of the image that is rendered and sent: left, top, width, height in pixels; all of it
+    /// unless given.
     pub region_px: Option<[usize; 4]>,
     /// Only every so many pixels along either axis are rendered and sent.
     pub decimation: usize,
     /// Nearest and furthest depth that the camera reads, m.
     pub range_m: [f64; 2],
-    /// Where the surface ends: a box in its own axes that cuts the material off, lower and upper corner, m. Endless unless given.
+    /// Where the surface ends: a box in its own axes that cuts the material off, lower and upper
+    /// corner, m. Endless unless given.
     pub extent_m: Option<[[f64; 3]; 2]>,
-    /// Height of the table around the surface over the base's origin, m; nothing is behind the surface unless given.
+    /// Height of the table around the surface over the base's origin, m; nothing is behind the
+    /// surface unless given.
     pub table_height_m: Option<f64>,
     /// The tool before the lens.
     pub tool: Option<ToolInViewConfig>,
@@ -65,7 +69,7 @@ pub struct DepthNoiseConfig {
     pub holes_per_frame: f64,
     /// Largest radius of a hole, pixels.
     pub hole_radius_px: f64,
-    /// Between line of sight and normal: from here on pixels are lost, rad.
+    /// Between ray and normal: from here on pixels are lost, rad.
     pub grazing_from_rad: f64,
     /// And from here on all of them, rad.
     pub grazing_to_rad: f64,

@@ -87,8 +87,8 @@ impl DepthCamera {
             let camera_from_tool = flange_from_camera.inverse() * flange_from_tool.isometry();
             let mut rod = vec![0.0; width * height];
             for (i, w) in rod.iter_mut().enumerate() {
-                let sight = intrinsics.sight((i % width) as f64, (i / width) as f64);
-                *w = rod_inverse_depth(&camera_from_tool, &tool, sight) as f32;
+                let ray = intrinsics.ray((i % width) as f64, (i / width) as f64);
+                *w = rod_inverse_depth(&camera_from_tool, &tool, ray) as f32;
             }
             rod
         });
@@ -213,11 +213,11 @@ impl DepthCamera {
 fn rod_inverse_depth(
     camera_from_tool: &Isometry3<f64>,
     tool: &ToolInViewConfig,
-    sight: [f64; 2],
+    ray: [f64; 2],
 ) -> f64 {
     let tool_from_camera = camera_from_tool.inverse();
     let origin = tool_from_camera.translation.vector;
-    let direction = tool_from_camera.rotation * Vector3::new(sight[0], sight[1], 1.0);
+    let direction = tool_from_camera.rotation * Vector3::new(ray[0], ray[1], 1.0);
     let (o, d) = (origin.xy(), direction.xy());
     let (a, b) = (d.norm_squared(), o.dot(&d));
     let c = o.norm_squared() - tool.radius_m * tool.radius_m;

@@ -1,4 +1,5 @@
-//! From the true inverse depth to what a stereo camera says: noise of the disparity, its steps, holes, flying pixels, millimetres.
+//! From the true inverse depth to what a stereo camera says: noise of the disparity, its steps,
+//! holes, flying pixels, millimetres.
 
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, Poisson, StandardNormal};
@@ -34,7 +35,8 @@ impl StereoNoise {
         }
     }
 
-    /// Standard deviation of inverse depth, 1/m, whatever the depth: that is what "grows with its square" means.
+    /// Standard deviation of inverse depth, 1/m, whatever the depth: that is what "grows with its
+    /// square" means.
     pub fn inverse_sd(config: &DepthNoiseConfig) -> f64 {
         config.sd_at_half_metre_m / 0.25
     }
@@ -74,7 +76,8 @@ impl StereoNoise {
                 let right = truth[if u + 1 < width { i + 1 } else { i }];
                 let up = truth[if v > 0 { i - width } else { i }];
                 let down = truth[if v + 1 < height { i + width } else { i }];
-                // A jump: more than a surface at the end of the grazing range could climb in a pixel.
+                // A jump: more than a surface at the end of the grazing range could climb in a
+                // pixel.
                 let jump = (slope_end * f64::from(w) / intrinsics.fx_px) as f32 + 0.02 * w;
                 let furthest = [left, right, up, down]
                     .into_iter()
@@ -99,10 +102,10 @@ impl StereoNoise {
                 let (along, span_v) = slope(up, w, down);
                 let w_a = f64::from(across) * intrinsics.fx_px / span_u;
                 let w_b = f64::from(along) * intrinsics.fy_px / span_v;
-                let [a, b] = intrinsics.sight(u as f64, v as f64);
+                let [a, b] = intrinsics.ray(u as f64, v as f64);
                 let gradient = w_a * w_a + w_b * w_b + (f64::from(w) - a * w_a - b * w_b).powi(2);
-                let sight = a * a + b * b + 1.0;
-                let cos2 = f64::from(w).powi(2) / (gradient * sight);
+                let ray = a * a + b * b + 1.0;
+                let cos2 = f64::from(w).powi(2) / (gradient * ray);
                 if cos2 < cos_from * cos_from {
                     let share = (cos_from - cos2.sqrt()) / (cos_from - cos_to).max(1e-9);
                     if rng.random::<f64>() < share {

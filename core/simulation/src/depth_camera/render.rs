@@ -1,5 +1,5 @@
-//! True inverse depth of every pixel: rays at the corners of blocks, a quadratic between them where the scene is smooth, and a
-//! ray per pixel where it is not.
+//! True inverse depth of every pixel: rays at the corners of blocks, a quadratic between them where
+//! the scene is smooth, and a ray per pixel where it is not.
 
 use super::scene::{Scene, Thing};
 use tangent_estimation::depth_normal::Intrinsics;
@@ -27,7 +27,8 @@ impl Renderer {
         }
     }
 
-    /// Fills `inverse_depth`; a block may be off by `tolerance` (1/m) at most where that can be told from a few more rays.
+    /// Fills `inverse_depth`; a block may be off by `tolerance` (1/m) at most where that can be
+    /// told from a few more rays.
     pub fn render(
         &mut self,
         scene: &Scene<'_>,
@@ -35,7 +36,7 @@ impl Renderer {
         tolerance: f64,
         inverse_depth: &mut [f32],
     ) {
-        let sight = |u: usize, v: usize| intrinsics.sight(u as f64, v as f64);
+        let ray = |u: usize, v: usize| intrinsics.ray(u as f64, v as f64);
         let inverse = |(thing, depth): (Thing, f64)| match thing {
             Thing::Nothing => (thing, 0.0),
             _ => (thing, 1.0 / depth),
@@ -44,7 +45,7 @@ impl Renderer {
         let columns = 2 * blocks[0] + 1;
         for (i, node) in self.nodes.iter_mut().enumerate() {
             let (row, column) = (i / columns, i % columns);
-            *node = inverse(scene.cast(sight(column * STEP, row * STEP)));
+            *node = inverse(scene.cast(ray(column * STEP, row * STEP)));
         }
         for block in 0..blocks[0] * blocks[1] {
             let (row, column) = (block / blocks[0], block % blocks[0]);
@@ -62,7 +63,7 @@ impl Renderer {
             // Between the nodes, where the quadratic is off the most.
             let smooth = alike
                 && [(4, 4), (12, 4), (4, 12), (12, 12)].iter().all(|&(i, j)| {
-                    let (thing, w) = inverse(scene.cast(sight(left + i, top + j)));
+                    let (thing, w) = inverse(scene.cast(ray(left + i, top + j)));
                     thing == first && (w - biquadratic(&nodes, i, j)).abs() <= tolerance
                 });
             let right = (left + BLOCK).min(self.width);
@@ -76,7 +77,7 @@ impl Renderer {
                     }
                 } else {
                     for (i, w) in line.iter_mut().enumerate() {
-                        *w = inverse(scene.cast(sight(left + i, v))).1 as f32;
+                        *w = inverse(scene.cast(ray(left + i, v))).1 as f32;
                     }
                 }
             }

@@ -1,4 +1,5 @@
-//! What the depth camera looks at: the surface, where it ends, and the table around it. The tool is laid over the image later.
+//! What the depth camera looks at: the surface, where it ends, and the table around it. The tool is
+//! laid over the image later.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -48,10 +49,10 @@ impl<'a> Scene<'a> {
     }
 
     /// Depth (m) along the optical axis of what stands at `[x/z, y/z]`.
-    pub fn cast(&self, sight: [f64; 2]) -> (Thing, f64) {
+    pub fn cast(&self, through: [f64; 2]) -> (Thing, f64) {
         let ray = Ray {
             origin: self.base_from_camera.translation.vector,
-            direction: self.base_from_camera.rotation * Vector3::new(sight[0], sight[1], 1.0),
+            direction: self.base_from_camera.rotation * Vector3::new(through[0], through[1], 1.0),
         };
         let mut found = (Thing::Nothing, self.far_m);
         if let Some((thing, depth)) = self.surface(&ray) {
@@ -77,13 +78,14 @@ impl<'a> Scene<'a> {
         Some((if cut { Thing::Cut } else { Thing::Surface }, depth))
     }
 
-    /// Unit normal of the surface there, camera axes, out of the material; of the table where that was met.
-    pub fn normal(&self, sight: [f64; 2], met: (Thing, f64)) -> Option<Vector3<f64>> {
+    /// Unit normal of the surface there, camera axes, out of the material; of the table where that
+    /// was met.
+    pub fn normal(&self, through: [f64; 2], met: (Thing, f64)) -> Option<Vector3<f64>> {
         let in_base = match met.0 {
             Thing::Nothing | Thing::Cut => return None,
             Thing::Table => Vector3::z(),
             Thing::Surface => {
-                let point = Vector3::new(sight[0], sight[1], 1.0) * met.1;
+                let point = Vector3::new(through[0], through[1], 1.0) * met.1;
                 let at = self.base_from_camera * nalgebra::Point3::from(point);
                 self.surface.distance_and_normal(&at.coords).1
             }

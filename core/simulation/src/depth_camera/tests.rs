@@ -77,8 +77,8 @@ fn rays_end_where_the_material_begins() {
                 continue;
             }
             let found = surface.enter(&local, [0.0, 3.0]);
-            // Whether a point lies inside, along the way in small steps. Far from a height field its distance is only an
-            // estimate; there the one point is asked for itself.
+            // Whether a point lies inside, along the way in small steps. Far from a height field
+            // its distance is only an estimate; there the one point is asked for itself.
             let graph = matches!(
                 shape,
                 ShapeConfig::Sheet { .. } | ShapeConfig::HeightField { .. }
@@ -123,7 +123,7 @@ fn every_pixel_lies_on_the_surface_or_on_the_table() {
             if *mm == 0 {
                 continue;
             }
-            let [a, b] = frame.intrinsics.sight((i % 160) as f64, (i / 160) as f64);
+            let [a, b] = frame.intrinsics.ray((i % 160) as f64, (i / 160) as f64);
             let point = flange.transform_point(&(Vector3::new(a, b, 1.0) * f64::from(*mm) * 1e-3));
             let off = surface
                 .distance_and_normal(&point)
@@ -242,7 +242,8 @@ fn holes_edges_and_grazing_cost_pixels() {
             ..none
         })) < 160 * 120 - 100
     );
-    // The blind strip lies on one side: where the right imager, to the camera's right, looks past the ball.
+    // The blind strip lies on one side: where the right imager, to the camera's right, looks past
+    // the ball.
     let shadow = readings(DepthNoiseConfig {
         stereo_shadow: true,
         ..none
@@ -289,7 +290,7 @@ fn the_tool_hides_what_is_behind_it() {
         let v = frame.intrinsics.cy_px + 100.0 * y_m / z;
         frame.depth_mm[v.round() as usize * 160 + 80]
     };
-    // The line of sight to the middle of its end meets its side first, 0.06 m from the axis.
+    // The ray to the middle of its end meets its side first, 0.06 m from the axis.
     let side = at(0.08, 0.3);
     assert!((220..=230).contains(&side), "{side}");
     let side = at(0.06, 0.25);

@@ -1,7 +1,8 @@
 //! The figures of a run, computed from plain per-cycle samples. Used by `evaluate`, and by `report`
 //! on a recording.
 //!
-//! Every figure's definition is in `docs/evaluate.md`; the two commands agree because both call this.
+//! Every figure's definition is in `docs/evaluate.md`; the two commands agree because both call
+//! this.
 
 pub mod object_pose;
 pub mod tactile;

@@ -1,4 +1,5 @@
-//! What the figures of every law leave out of `unified_force_impedance`: shaping, the camera's rate, the tanks' books.
+//! What the figures of every law leave out of `unified_force_impedance`: shaping, the camera's
+//! rate, the tanks' books.
 
 use serde::{Deserialize, Serialize};
 use tangent_control::{Phase, UnifiedOutput};
@@ -88,8 +89,8 @@ pub struct TactileFigures {
     pub monitor_share_max: Option<f64>,
     /// Largest force across the tool's axis, N.
     pub lateral_force_max_n: Option<f64>,
-    /// Energy that a tank was short of, J; 0 unless a valve closed too late. Like the other figures of what only the law knows:
-    /// none of a recording.
+    /// Energy that a tank was short of, J; 0 unless a valve closed too late. Like the other figures
+    /// of what only the law knows: none of a recording.
     pub short_j: Option<f64>,
     /// Time that the sliding took, s: the policy's clock waits for a limp arm.
     pub sliding_s: f64,

@@ -1,4 +1,5 @@
-//! The simulated cell: arm, tool, surface and sensor, one arm period per step. Driven by the live simulator and by `evaluate`.
+//! The simulated cell: arm, tool, surface and sensor, one arm period per step. Driven by the live
+//! simulator and by `evaluate`.
 
 mod check;
 
@@ -45,7 +46,8 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Builds the cell at rest in its start pose. Equal configuration and seed give equal bits for ever after.
+    /// Builds the cell at rest in its start pose. Equal configuration and seed give equal bits for
+    /// ever after.
     ///
     /// # Errors
     /// Says which key is wrong and what is allowed, or why the start pose cannot be reached.

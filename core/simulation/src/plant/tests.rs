@@ -273,7 +273,8 @@ fn bad_numbers_are_refused_with_key_and_range() {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
-    /// Into contact, about on the surface, and out again to where it began: the surface has taken energy, never given it.
+    /// Into contact, about on the surface, and out again to where it began: the surface has taken
+    /// energy, never given it.
     #[test]
     fn a_closed_tour_never_gains_energy(speed in 0.002f64..0.03, angle in 0.0f64..std::f64::consts::TAU, tilt in -0.15f64..0.15,
                                         stiffness in 1_000.0f64..25_000.0, compliant: bool, lugre: bool) {

@@ -6,7 +6,8 @@ use super::cylinder::radial;
 use super::ray::roots;
 use super::{Ray, Shape};
 
-/// Material inside the side of the cone whose tip is at `z = height` and whose radius at `z = 0` is `base_radius`.
+/// Material inside the side of the cone whose tip is at `z = height` and whose radius at `z = 0` is
+/// `base_radius`.
 #[derive(Clone, Copy, Debug)]
 pub struct Cone {
     height: f64,
@@ -38,7 +39,8 @@ impl Shape for Cone {
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
         let (out, rho) = radial(point);
         let (distance, _) = self.distance_and_normal(point);
-        // Meusnier: the circle around the axis has curvature 1/rho, of which cos(half angle) is along the normal.
+        // Meusnier: the circle around the axis has curvature 1/rho, of which cos(half angle) is
+        // along the normal.
         let rho_on_surface = (rho - distance * self.cos).max(1e-6);
         let around = Vector3::z().cross(&out);
         around * around.transpose() * (self.cos / rho_on_surface)
@@ -55,7 +57,8 @@ impl Shape for Cone {
         let under = |t: f64| below[0] + below[1] * t >= 0.0;
         let inside = match roots(a, b, c) {
             Some([one, two]) if a > 0.0 => under(0.5 * (one + two)).then_some([one, two]),
-            // Steeper than the side: one root on each half of the double cone, and the lower half goes on for ever.
+            // Steeper than the side: one root on each half of the double cone, and the lower half
+            // goes on for ever.
             Some([one, two]) => {
                 if below[1] > 0.0 {
                     Some([two, f64::INFINITY])

@@ -18,7 +18,8 @@ impl Cylinder {
     }
 }
 
-/// Unit vector from the z axis to `point`, and its distance from the axis; x where the point lies on the axis.
+/// Unit vector from the z axis to `point`, and its distance from the axis; x where the point lies
+/// on the axis.
 pub(super) fn radial(point: &Vector3<f64>) -> (Vector3<f64>, f64) {
     let rho = (point.x * point.x + point.y * point.y).sqrt();
     if rho > 1e-12 {

@@ -1,4 +1,5 @@
-//! Surfaces given as a height over the xy plane: closest point by Newton's method, curvature from the second derivatives.
+//! Surfaces given as a height over the xy plane: closest point by Newton's method, curvature from
+//! the second derivatives.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -15,7 +16,8 @@ fn normal_of(gradient: &Vector2<f64>) -> Vector3<f64> {
     Vector3::new(-gradient.x, -gradient.y, 1.0).normalize()
 }
 
-/// Rounds of Newton's method at most. Near the surface two or three reach 1e-12 m; beyond a focal distance it takes more.
+/// Rounds of Newton's method at most. Near the surface two or three reach 1e-12 m; beyond a focal
+/// distance it takes more.
 const ROUNDS: usize = 30;
 /// A step is halved so often at most.
 const HALVINGS: usize = 20;
@@ -29,8 +31,8 @@ struct Foot {
     above: f64,
 }
 
-/// A foot of the perpendicular from `point`: the nearest place, or beyond a focal distance one that no step makes nearer. Starts straight
-/// below the point and only ever comes nearer to it.
+/// A foot of the perpendicular from `point`: the nearest place, or beyond a focal distance one that
+/// no step makes nearer. Starts straight below the point and only ever comes nearer to it.
 fn foot<G: Graph>(graph: &G, point: &Vector3<f64>) -> Foot {
     let (mut x, mut y) = (point.x, point.y);
     let (mut h, mut g, mut hessian) = graph.height(x, y);
@@ -40,7 +42,8 @@ fn foot<G: Graph>(graph: &G, point: &Vector3<f64>) -> Foot {
         let above = point.z - h;
         let residual = Vector2::new(point.x - x, point.y - y) + g * above;
         let exact = Matrix2::identity() + g * g.transpose() - hessian * above;
-        // Inside a focal distance the exact matrix is positive; beyond it, the Gauss-Newton one still descends.
+        // Inside a focal distance the exact matrix is positive; beyond it, the Gauss-Newton one
+        // still descends.
         let matrix = if exact.m11 > 0.0 && exact.determinant() > 0.0 {
             exact
         } else {

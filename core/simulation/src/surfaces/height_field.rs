@@ -1,4 +1,5 @@
-//! A table of heights from CSV text, interpolated by a uniform bicubic spline: twice differentiable, so curvature exists.
+//! A table of heights from CSV text, interpolated by a uniform bicubic spline: twice
+//! differentiable, so curvature exists.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -66,13 +67,14 @@ pub struct HeightField {
     size: [usize; 2],
     /// Spline coefficients with one extra on every side, row by row.
     coefficients: Vec<f64>,
-    /// Bound of the gradient's length: a spline's slope is an average of its coefficients' differences.
+    /// Bound of the gradient's length: a spline's slope is an average of its coefficients'
+    /// differences.
     slope_max: f64,
 }
 
 impl HeightField {
-    /// First row: an ignored cell, then the x coordinates. Further rows: y, then heights. All in m; empty lines and lines
-    /// that start with `#` are skipped.
+    /// First row: an ignored cell, then the x coordinates. Further rows: y, then heights. All in m;
+    /// empty lines and lines that start with `#` are skipped.
     ///
     /// # Errors
     /// Says which line, what stands there and what is allowed.
@@ -149,7 +151,8 @@ impl HeightField {
         })
     }
 
-    /// Interval, and the four cubic weights with their first and second derivatives, per unit of the step.
+    /// Interval, and the four cubic weights with their first and second derivatives, per unit of
+    /// the step.
     fn weights(&self, axis: usize, coordinate: f64) -> (usize, [[f64; 4]; 3], f64) {
         let last = (self.size[axis] - 1) as f64;
         let u = (coordinate - self.origin[axis]) / self.step[axis];
@@ -249,11 +252,13 @@ fn uniform_step(axis: char, values: &[f64]) -> Result<f64, HeightFieldError> {
     Ok(step)
 }
 
-/// Uniform cubic B-spline coefficients (two more than values) that interpolate `values`, with natural ends.
+/// Uniform cubic B-spline coefficients (two more than values) that interpolate `values`, with
+/// natural ends.
 fn spline_coefficients(values: &[f64]) -> Vec<f64> {
     let n = values.len();
     let mut c = vec![0.0; n + 2];
-    // Natural ends make the end coefficients equal to the end values; between them a tridiagonal system (1, 4, 1).
+    // Natural ends make the end coefficients equal to the end values; between them a tridiagonal
+    // system (1, 4, 1).
     c[1] = values[0];
     c[n] = values[n - 1];
     let inner = n - 2;

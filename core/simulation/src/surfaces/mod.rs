@@ -1,7 +1,8 @@
-//! Surfaces to press on: signed distance, closest point, outward normal and curvature, in base axes.
+//! Surfaces to press on: signed distance, closest point, outward normal and curvature, in base
+//! axes.
 //!
-//! Each shape lives in its own file and speaks in its own frame; [`Surface`] places one in the arm's base. Used by the
-//! plant for contact and by everything that needs the truth about a normal.
+//! Each shape lives in its own file and speaks in its own frame; [`Surface`] places one in the
+//! arm's base. Used by the plant for contact and by everything that needs the truth about a normal.
 
 mod cone;
 mod cylinder;
@@ -38,8 +39,8 @@ pub struct SurfacePoint {
     pub point: Vector3<f64>,
     /// Unit normal at that point, out of the material.
     pub normal: Vector3<f64>,
-    /// Shape operator at that point, 1/m: moving by `dp` on the surface turns the normal by `curvature * dp`. Symmetric,
-    /// zero along the normal, positive eigenvalues for a convex body.
+    /// Shape operator at that point, 1/m: moving by `dp` on the surface turns the normal by
+    /// `curvature * dp`. Symmetric, zero along the normal, positive eigenvalues for a convex body.
     pub curvature: Matrix3<f64>,
 }
 
@@ -51,8 +52,8 @@ pub trait Shape {
     /// Shape operator at the closest point, 1/m.
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64>;
 
-    /// The first `t` within `range` at which the ray is inside the material; its start where it begins there. Sphere tracing
-    /// unless a shape knows a shorter way.
+    /// The first `t` within `range` at which the ray is inside the material; its start where it
+    /// begins there. Sphere tracing unless a shape knows a shorter way.
     fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
         ray::march(ray, range, |p| self.distance_and_normal(p).0)
     }
@@ -95,7 +96,8 @@ pub enum ShapeConfig {
         /// `[l_x, l_y]`, m.
         wavelength_m: [f64; 2],
     },
-    /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, with upright sides.
+    /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, with upright
+    /// sides.
     Wave {
         /// `a`, m.
         amplitude_m: f64,
@@ -110,10 +112,11 @@ pub enum ShapeConfig {
     },
     /// A table of heights, interpolated by a cubic spline.
     HeightField {
-        /// The table as CSV text: first row `,x0,x1,…`, then `y0,z00,z01,…` (m). Either this or `csv_file`.
+        /// The table as CSV text: first row `,x0,x1,…`, then `y0,z00,z01,…` (m). Either this or
+        /// `csv_file`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         csv: Option<String>,
-        /// Name of a file with that text, resolved by whoever loads the scenario.
+        /// Name of a file with that text, resolved where the scenario is loaded.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         csv_file: Option<String>,
     },
@@ -315,12 +318,14 @@ impl Surface {
         }
     }
 
-    /// The first `t` within `range` at which a ray given in the surface's axes ([`Surface::ray_in_surface`]) is inside the material.
+    /// The first `t` within `range` at which a ray given in the surface's axes
+    /// ([`Surface::ray_in_surface`]) is inside the material.
     pub fn enter(&self, ray_in_surface: &Ray, range: [f64; 2]) -> Option<f64> {
         self.shape.enter(ray_in_surface, range)
     }
 
-    /// Signed distance (m) and unit normal at the closest point, base axes. The cheap part of [`Surface::query`].
+    /// Signed distance (m) and unit normal at the closest point, base axes. The cheap part of
+    /// [`Surface::query`].
     pub fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let (distance, normal) = self.shape.distance_and_normal(&self.local(point));
         (distance, self.rotation * normal)

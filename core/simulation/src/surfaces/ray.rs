@@ -1,4 +1,4 @@
-//! Where a line of sight enters a shape's material: the geometry of the simulated depth camera.
+//! Where a ray enters a shape's material: the geometry of the simulated depth camera.
 
 use nalgebra::Vector3;
 
@@ -26,7 +26,8 @@ impl Ray {
     }
 }
 
-/// Both roots of `a t² + 2 b t + c`, the smaller first; none where they are not real or `a` vanishes.
+/// Both roots of `a t² + 2 b t + c`, the smaller first; none where they are not real or `a`
+/// vanishes.
 pub(super) fn roots(a: f64, b: f64, c: f64) -> Option<[f64; 2]> {
     let discriminant = b * b - a * c;
     if a == 0.0 || discriminant < 0.0 {
@@ -55,7 +56,8 @@ pub(super) fn march(
     walk([from, to], |t| distance(&ray.at(t)), speed)
 }
 
-/// Down to a height over the plane: the clearance changes at most so fast along the ray, which bounds each step.
+/// Down to a height over the plane: the clearance changes at most so fast along the ray, which
+/// bounds each step.
 pub(super) fn march_graph<G: Graph>(graph: &G, ray: &Ray, [from, to]: [f64; 2]) -> Option<f64> {
     let along = (ray.direction.x * ray.direction.x + ray.direction.y * ray.direction.y).sqrt();
     let rate = ray.direction.z.abs() + graph.slope_max() * along;

@@ -232,7 +232,8 @@ fn past_its_sides_a_wave_is_not_there() {
 }
 
 proptest! {
-    /// A point that comes in through the side of the block is as deep as it has gone, not as far below the top as it came.
+    /// A point that comes in through the side of the block is as deep as it has gone, not as far
+    /// below the top as it came.
     #[test]
     fn nothing_is_deep_in_a_block_at_once(
         from in prop::array::uniform3(-1.0f64..1.0),
@@ -255,8 +256,8 @@ proptest! {
 }
 
 proptest! {
-    /// Beyond a focal distance there are several feet: whichever is found, the point is on its own side of the surface, and neither farther than
-    /// straight below nor nearer than it is.
+    /// Beyond a focal distance there are several feet: whichever is found, the point is on its own
+    /// side of the surface, and neither farther than straight below nor nearer than it is.
     #[test]
     fn a_point_far_above_or_below_is_not_on_the_other_side(
         at in prop::array::uniform3(-1.0f64..1.0),

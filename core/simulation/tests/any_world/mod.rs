@@ -1,4 +1,5 @@
-//! `unified_force_impedance` in a world that is not as it should be: any surface, any policy, somebody who pushes, a camera that lies.
+//! `unified_force_impedance` in a world that is not as it should be: any surface, any policy,
+//! somebody who pushes, a camera that lies.
 
 // A world's numbers are also read by what prints it.
 #![allow(dead_code)]

@@ -1,4 +1,5 @@
-//! The scenes that normals from depth are judged on: a pipe, a waved sheet and a cone before a table, seen from 0.3 to 0.6 m.
+//! The scenes that normals from depth are judged on: a pipe, a waved sheet and a cone before a
+//! table, seen from 0.3 to 0.6 m.
 
 #[allow(dead_code)]
 pub mod pcl;
@@ -102,7 +103,8 @@ pub fn scenes(image_px: [usize; 2], focal_px: f64, errors: DepthNoiseConfig) -> 
         .collect()
 }
 
-/// The true normal of every pixel of a frame, camera axes; all zero where there is no reading, or none of a smooth face.
+/// The true normal of every pixel of a frame, camera axes; all zero where there is no reading, or
+/// none of a smooth face.
 pub fn true_normals(
     camera: &DepthCamera,
     scene: &DepthScene,
@@ -116,10 +118,10 @@ pub fn true_normals(
                 return [0.0; 3];
             }
             let (u, v) = (i % frame.width, i / frame.width);
-            let sight = frame.intrinsics.sight(u as f64, v as f64);
-            let met = seen.cast(sight);
+            let ray = frame.intrinsics.ray(u as f64, v as f64);
+            let met = seen.cast(ray);
             let normal = (met.0 == Thing::Surface)
-                .then(|| seen.normal(sight, met))
+                .then(|| seen.normal(ray, met))
                 .flatten();
             normal.map_or([0.0; 3], |n| [n.x as f32, n.y as f32, n.z as f32])
         })

@@ -1,4 +1,5 @@
-//! The Point Cloud Library's normals of the same frames, from a small program that is built when it is needed.
+//! The Point Cloud Library's normals of the same frames, from a small program that is built when it
+//! is needed.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
-//! The force shown is the true force whatever people and faults do to a cell: random sequences of starts, pauses, stops, deaths and tares,
-//! for every law.
+//! The force shown is the true force whatever people and faults do to a cell: random sequences of
+//! starts, pauses, stops, deaths and tares, for every law.
 
 // A test says what it found.
 #![allow(clippy::disallowed_macros)]
@@ -17,8 +17,9 @@ use tangent_control::{Fault, Phase};
 
 /// Largest difference between the force shown and the true one, N.
 pub const SHOWN_MAX_N: f64 = 0.5;
-/// Shown and true are compared as means over so long, s: noise is no lie. Every period ends such a window, and the true force is taken as
-/// much earlier as the filter is late. A window begins anew where the comparison was interrupted: nothing more is left out to settle.
+/// Shown and true are compared as means over so long, s: noise is no lie. Every period ends such a
+/// window, and the true force is taken as much earlier as the filter is late. A window begins anew
+/// where the comparison was interrupted: nothing more is left out to settle.
 pub const WINDOW_S: f64 = 0.2;
 /// How long a task runs after the sequence, s.
 const AFTER_S: f64 = 10.0;
@@ -235,7 +236,8 @@ pub fn play<C: Cell>(sequence: &Sequence, cell: C) -> Watched<C> {
     cell
 }
 
-/// The tool stands or slides; it does not move through the air, where what hangs on the sensor and the joints' friction are felt too.
+/// The tool stands or slides; it does not move through the air, where what hangs on the sensor and
+/// the joints' friction are felt too.
 pub fn stands_or_slides(phase: Phase) -> bool {
     !matches!(
         phase,
@@ -243,7 +245,8 @@ pub fn stands_or_slides(phase: Phase) -> bool {
     )
 }
 
-/// So many sequences, or PROPTEST_CASES, from PROPTEST_RNG_SEED: see .ci/search. At least four of five have to slide.
+/// So many sequences, or PROPTEST_CASES, from PROPTEST_RNG_SEED: see .ci/search. At least four of
+/// five have to slide.
 pub fn whatever_is_done<C: Cell>(
     cases: u32,
     stiffnesses: &'static [f64],

@@ -57,7 +57,8 @@ fn text(path: &str) -> String {
     std::fs::read_to_string(&file).unwrap()
 }
 
-/// [`Seen`] of a cycle: the three laws' cycles are types of their own, with fields of the same names.
+/// [`Seen`] of a cycle: the three laws' cycles are types of their own, with fields of the same
+/// names.
 macro_rules! seen {
     ($c:ident, $at:expr, $stiffness:expr) => {
         Seen {

@@ -1,7 +1,8 @@
-//! The controller for arms that take torques: one step of the law per packet of the arm, at 1 kHz in one process with it.
+//! The controller for arms that take torques: one step of the law per packet of the arm, at 1 kHz
+//! in one process with it.
 //!
-//! It is what [`crate::run`] is for arms that take velocities, with the same topics and queries; the law and what it reads
-//! besides the wrench come with each task as a [`TorqueProgram`].
+//! It is what [`crate::run`] is for arms that take velocities, with the same topics and queries;
+//! the law and what it reads besides the wrench come with each task as a [`TorqueProgram`].
 
 mod choice;
 mod config;
@@ -21,10 +22,10 @@ use tangent_schemas::topics;
 pub use config::TorqueConfig;
 
 use crate::cycle::{Cycle, Outlets};
-use crate::desk::{Desk, Kind};
 use crate::inputs::WrenchReader;
 use crate::mailbox::Mailbox;
 use crate::memory::Memory;
+use crate::requests::{Kind, RequestHandler};
 use crate::{ControllerError, SERVICE, serve};
 use objects::Objects;
 use runner::{Boxed, TorqueRunner};
@@ -68,7 +69,7 @@ fn run_kind<K: Kind<Program = Boxed>>(
         "Pressing force of the running task.",
     );
     let memory = Arc::new(Memory::open(state));
-    let desk = Desk::new(bus, &mailbox, kind, own_id, &memory)?;
+    let handler = RequestHandler::new(bus, &mailbox, kind, own_id, &memory)?;
     let wrench = WrenchReader::new(
         bus.latest(&topics::WRENCH_TOOL)?,
         bus.latest(&topics::WRENCH_STATUS)?,
@@ -81,5 +82,5 @@ fn run_kind<K: Kind<Program = Boxed>>(
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
     };
     let cycle = Cycle::new(runner, outlets, &mailbox, &health);
-    serve(bus, cycle, desk, &mailbox, &memory, &health, stop)
+    serve(bus, cycle, handler, &mailbox, &memory, &health, stop)
 }

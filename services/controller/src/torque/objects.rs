@@ -1,4 +1,5 @@
-//! Tasks of `hybrid_dynamics`: made ready for the loop, with the estimators of the object's pose that they name.
+//! Tasks of `hybrid_dynamics`: made ready for the loop, with the estimators of the object's pose
+//! that they name.
 
 use nalgebra::Vector3;
 use tangent_control::{
@@ -15,14 +16,14 @@ use super::config::ObjectsConfig;
 use super::object_readers::ObjectReaders;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use super::runner::Boxed;
-use crate::desk::{Kind, one_speaks};
 use crate::inputs::age_told;
 use crate::mailbox::{Mailbox, Time};
 use crate::messages::{no_wrench, tell_ages};
+use crate::requests::{Kind, one_speaks};
 use crate::runner::Report;
 use crate::start_check::StartCheck;
 
-/// Makes tasks ready. In the desk.
+/// Prepares tasks outside the loop.
 pub struct Objects {
     bus: Bus,
     config: ObjectsConfig,

@@ -47,7 +47,8 @@ pub struct TorqueAnswer {
     pub report: Report,
 }
 
-/// A task made ready: its law, what it reads, what it remembers. Made and dropped outside the loop; nothing in it allocates.
+/// A task made ready: its law, what it reads, what it remembers. Made and dropped outside the loop;
+/// nothing in it allocates.
 pub trait TorqueProgram: Send {
     /// What it was made from.
     fn task(&self) -> &Task;

@@ -1,4 +1,5 @@
-//! Tasks of `unified_force_impedance`: made ready for the loop, with the estimators of normals that they name.
+//! Tasks of `unified_force_impedance`: made ready for the loop, with the estimators of normals that
+//! they name.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
@@ -18,14 +19,14 @@ use super::choice::{Choice, rules};
 use super::config::UnifiedConfig;
 use super::program::{TorqueAnswer, TorqueInput, TorqueProgram};
 use super::runner::Boxed;
-use crate::desk::{Kind, one_speaks};
 use crate::inputs::{EstimateReader, age_told, normal_estimate, read_estimate};
 use crate::mailbox::{Mailbox, Time};
 use crate::messages::{no_wrench, tell_ages};
+use crate::requests::{Kind, one_speaks};
 use crate::runner::Report;
 use crate::start_check::StartCheck;
 
-/// Makes tasks ready. In the desk.
+/// Prepares tasks outside the loop.
 pub struct Unified {
     bus: Bus,
     config: UnifiedConfig,
@@ -150,11 +151,13 @@ struct UnifiedProgram {
 }
 
 impl UnifiedProgram {
-    /// The newest frame. It is about a moment ago, which its arm state tells; the law places it there, and sees when it grows old.
+    /// The newest frame. It is about a moment ago, which its arm state tells; the law places it
+    /// there, and sees when it grows old.
     fn look(&mut self, input: &TorqueInput<'_>) -> Option<VisionInput> {
         if let Some(new) = self.frames.take_new() {
             let seen = normal_estimate(&new.message);
-            // Said just before the normal of the same image; what was lost on the way is done without.
+            // Said just before the normal of the same image; what was lost on the way is done
+            // without.
             let cycle = new.message.cycle;
             self.segments.refresh();
             let segment = self.segments.get().map(|segment| &segment.message);

@@ -1,5 +1,6 @@
-//! Everything of a cell but the controller: a small arm over a plane publishes packets and obeys the commands, and
-//! estimators of every mood speak. The packet's publisher is this thread, as the bridge's is in the cell.
+//! Everything of a cell but the controller: a small arm over a plane publishes packets and obeys
+//! the commands, and estimators of every mood speak. The packet's publisher is this thread, as the
+//! bridge's is in the cell.
 
 // Each test file takes what it needs.
 #![allow(dead_code, clippy::unwrap_used)]
@@ -84,7 +85,8 @@ impl Cell {
         Self::with_state(|_| None)
     }
 
-    /// The controller begins with the state that is made for a tool that stands there, base axes, m.
+    /// The controller begins with the state that is made for a tool that stands there, base axes,
+    /// m.
     pub fn with_state(state: impl FnOnce(Vector3<f64>) -> Option<StateFolder>) -> Self {
         let bus = Bus::in_process("test");
         let model = ModelData::builtin("ur5").unwrap();
@@ -176,7 +178,8 @@ impl Cell {
         self.run_until("slide");
     }
 
-    /// One packet of the robot: the sensor and the estimator speak, then the arm, and the command is obeyed.
+    /// One packet of the robot: the sensor and the estimator speak, then the arm, and the command
+    /// is obeyed.
     pub fn packet(&mut self, sensor: bool) -> Option<ArmCommand> {
         let (tool, jacobian) = self
             .arm

@@ -1,4 +1,5 @@
-//! `depth_normal` in the service. The camera is the tool's: it looks the way the tool points, 0.3 m over the surface.
+//! `depth_normal` in the service. The camera is the tool's: it looks the way the tool points, 0.3 m
+//! over the surface.
 
 use super::*;
 use tangent_runtime::State;

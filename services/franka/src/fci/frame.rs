@@ -1,10 +1,12 @@
-//! Frames of the TCP side: 12 bytes of header (command, id, size with the header), then the payload.
+//! Frames of the TCP side: 12 bytes of header (command, id, size with the header), then the
+//! payload.
 
 use super::wire::Wire;
 
 /// Bytes before the payload.
 pub const HEADER_BYTES: usize = 12;
-/// No message that a bridge or a simulator has to take is longer; the model library is never asked for.
+/// No message that a bridge or a simulator has to take is longer; the model library is never asked
+/// for.
 const MESSAGE_BYTES_MAX: usize = 64 * 1024;
 
 /// One message, header taken apart.

@@ -1,8 +1,10 @@
-//! The bytes of the Franka Control Interface, version 5 (Franka Emika Robot, "Panda"): pure, both sides of it.
+//! The bytes of the Franka Control Interface, version 5 (Franka Emika Robot, "Panda"): pure, both
+//! sides of it.
 //!
-//! The bridge speaks the client's side, the simulator the robot's. Commands go over TCP ([`Request`], [`Reply`], in frames of
-//! [`Framer`]); the robot's state ([`RobotState`]) and the answer to it ([`RobotCommand`]) are one UDP datagram each, 1000
-//! times a second. All numbers are little-endian and packed. Layouts, numbers and names are those of libfranka 0.9.2
+//! The bridge speaks the client's side, the simulator the robot's. Commands go over TCP
+//! ([`Request`], [`Reply`], in frames of [`Framer`]); the robot's state ([`RobotState`]) and the
+//! answer to it ([`RobotCommand`]) are one UDP datagram each, 1000 times a second. All numbers are
+//! little-endian and packed. Layouts, numbers and names are those of libfranka 0.9.2
 //! (`common/include/research_interface/robot/`), and are tested against an independent client.
 
 mod answer;

@@ -39,8 +39,8 @@ impl fmt::Display for RobotMode {
 }
 
 numbered! {
-    /// `motion_generator_mode` of the state. A torque motion runs with a joint velocity generator of zeros: this version has
-    /// no mode without a generator.
+    /// `motion_generator_mode` of the state. A torque motion runs with a joint velocity generator
+    /// of zeros: this version has no mode without a generator.
     pub enum MotionMode: u8 {
         /// None runs.
         Idle = 0,

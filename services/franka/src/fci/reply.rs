@@ -100,9 +100,11 @@ pub enum ReplyBody {
     Recovery(RecoveryStatus),
     /// To everything that sets a value.
     Setter(SetterStatus),
-    /// To a request for a wall: its size (m), its pose in the base (column by column) and whether it counts.
+    /// To a request for a wall: its size (m), its pose in the base (column by column) and whether
+    /// it counts.
     Wall(SetterStatus, [f64; 3], [f64; 16], bool),
-    /// To a request for the model's code: whether it comes. What follows a success is not read here.
+    /// To a request for the model's code: whether it comes. What follows a success is not read
+    /// here.
     Model(bool),
 }
 

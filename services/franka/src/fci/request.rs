@@ -86,8 +86,9 @@ impl Deviation {
 }
 
 wire_struct! {
-    /// Thresholds of external torque (Nm per joint) and force (N, Nm in base axes). Between lower and upper it is a contact,
-    /// beyond upper a collision, and the robot stops. "Acceleration" holds while the motion accelerates, "nominal" else.
+    /// Thresholds of external torque (Nm per joint) and force (N, Nm in base axes). Between lower
+    /// and upper it is a contact, beyond upper a collision, and the robot stops. "Acceleration"
+    /// holds while the motion accelerates, "nominal" else.
     pub struct CollisionBehavior {
         /// Nm.
         pub lower_torque_acceleration: [f64; 7],

@@ -5,11 +5,12 @@ use super::wire::{Wire, exact, wire_struct};
 use super::{CodecError, ErrorFlags};
 
 wire_struct! {
-    /// One state. Names are the vendor's: `A_T_B` is the pose of B in A, column by column, m; O base, F flange, NE nominal end
-    /// effector, EE end effector, K stiffness frame.
+    /// One state. Names are the vendor's: `A_T_B` is the pose of B in A, column by column, m; O
+    /// base, F flange, NE nominal end effector, EE end effector, K stiffness frame.
     ///
-    /// External wrenches and torques carry the vendor's sign: what the robot does to the environment. Pulled along +z it reports
-    /// -z ([libfranka issue 26](https://github.com/frankarobotics/libfranka/issues/26)).
+    /// External wrenches and torques carry the vendor's sign: what the robot does to the
+    /// environment. Pulled along +z it reports -z ([libfranka issue
+    /// 26](https://github.com/frankarobotics/libfranka/issues/26)).
     pub struct RobotState {
         /// Counts milliseconds.
         pub message_id: u64,

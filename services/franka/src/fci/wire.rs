@@ -1,4 +1,5 @@
-//! Packed little-endian values and structures: one list of fields gives layout, encoding and decoding.
+//! Packed little-endian values and structures: one list of fields gives layout, encoding and
+//! decoding.
 
 use super::errors::ErrorFlags;
 
@@ -8,7 +9,8 @@ pub(super) trait Wire: Sized {
     const BYTES: usize;
     /// Appends it.
     fn put(&self, out: &mut Vec<u8>);
-    /// Reads it from the front of `bytes` and moves past it. `bytes` holds enough: the length was checked before.
+    /// Reads it from the front of `bytes` and moves past it. `bytes` holds enough: the length was
+    /// checked before.
     fn take(bytes: &mut &[u8]) -> Self;
 }
 

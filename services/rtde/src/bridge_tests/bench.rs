@@ -5,13 +5,14 @@ use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::bridge::*;
 use crate::codec::*;
-use crate::guard::{GuardLimits, Posture, Wanted};
 use crate::link::LinkError;
 use crate::program::RegisterMap;
 use crate::scripted_robot::Robot;
+use tangent_actuation::Command;
+use tangent_actuation::velocity::{Posture, VelocityLimits};
 
 /// Only the joints count here.
-pub fn posture(bridge: &Bridge) -> Posture {
+pub fn posture(bridge: &Bridge) -> Posture<6> {
     Posture {
         q: Vector6::from(bridge.sample().q),
         tool_m: Vector3::zeros(),
@@ -42,7 +43,7 @@ impl Cell {
             model: "ur5".into(),
             series,
             rate_hz: None,
-            limits: GuardLimits {
+            limits: VelocityLimits {
                 speed_rad_per_s: Vector6::repeat(1.0),
                 acceleration_rad_per_s2: Vector6::repeat(8.0),
                 position_lower_rad: Vector6::repeat(-6.0),
@@ -95,7 +96,7 @@ impl Cell {
                 BridgeEvent::Cycle => {
                     let cycle = bridge.cycle();
                     let values = self.wanted.unwrap_or_default();
-                    let wanted = (!self.mute).then_some(Wanted {
+                    let wanted = (!self.mute).then_some(Command {
                         cycle,
                         kind: u8::from(self.wanted.is_some()),
                         values: &values,
@@ -153,7 +154,8 @@ impl Cell {
     pub fn task(&mut self) {
         self.activation = self
             .bridge
-            .guard()
+            .gate()
+            .admission
             .activation_latched()
             .max(self.activation)
             + 1;

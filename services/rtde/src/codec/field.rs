@@ -1,11 +1,13 @@
 //! Which fields a controller has, their types, and since when.
 //!
-//! Types and releases are those of the vendor's RTDE guide. Register families are matched by pattern.
+//! Types and releases are those of the vendor's RTDE guide. Register families are matched by
+//! pattern.
 
 use super::{ControllerVersion, DataType, Series};
 use DataType::{Bool, Double, Int32, Uint8, Uint32, Uint64, Vector3d, Vector6Int32, Vector6d};
 
-/// First release that has a field: `(minor, bugfix)` of software 3 and of software 5; `None` where it never came.
+/// First release that has a field: `(minor, bugfix)` of software 3 and of software 5; `None` where
+/// it never came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Availability {
     /// CB3, software 3.
@@ -50,7 +52,8 @@ impl Field {
         };
         first.is_some_and(|(minor, bugfix)| {
             (version.major, version.minor, version.bugfix) >= (major, minor, bugfix)
-                // RTDE itself is as old as software 3.4; fields without a date are on every controller that speaks it.
+                // RTDE itself is as old as software 3.4; fields without a date are on every
+                // controller that speaks it.
                 || (minor, bugfix) == (0, 0)
         })
     }

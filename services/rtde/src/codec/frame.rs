@@ -66,8 +66,8 @@ impl Framer {
         }
     }
 
-    /// Takes as many bytes as there is room for and says how many; after taking out all packages there is always
-    /// room for more.
+    /// Takes as many bytes as there is room for and says how many; after taking out all packages
+    /// there is always room for more.
     pub fn push(&mut self, bytes: &[u8]) -> usize {
         let space = self.space();
         let n = space.len().min(bytes.len());

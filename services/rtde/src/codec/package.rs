@@ -1,4 +1,5 @@
-//! What every package has, whichever way it goes: its kind, its frame, its lists, and what can be wrong with it.
+//! What every package has, whichever way it goes: its kind, its frame, its lists, and what can be
+//! wrong with it.
 
 use super::{DataType, HEADER_BYTES, PACKAGE_BYTES_MAX};
 

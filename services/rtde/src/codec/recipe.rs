@@ -78,8 +78,8 @@ impl Recipe {
         self.bytes
     }
 
-    /// Appends a whole data package with its id: what a client sends, and a controller in protocol 2.
-    /// Allocates only when `out` has no room left; on an error `out` is as before.
+    /// Appends a whole data package with its id: what a client sends, and a controller in protocol
+    /// 2. Allocates only when `out` has no room left; on an error `out` is as before.
     pub fn encode(&self, values: &[Value], out: &mut Vec<u8>) -> Result<(), RecipeError> {
         self.check(values)?;
         self.header(1, out);
@@ -100,7 +100,8 @@ impl Recipe {
         Ok(())
     }
 
-    /// Replaces `values` by what `payload` (id, then fields) carries. Allocates only when `values` has no room.
+    /// Replaces `values` by what `payload` (id, then fields) carries. Allocates only when `values`
+    /// has no room.
     pub fn decode(&self, payload: &[u8], values: &mut Vec<Value>) -> Result<(), RecipeError> {
         match payload.split_first() {
             Some((&id, fields)) if id == self.id => self.decode_without_id(fields, values),

@@ -6,7 +6,8 @@ use super::{Protocol, TextMessage};
 /// From client to controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Request<'a> {
-    /// Speak this version from now on. Any number may come; [`Protocol::from_number`] says which exist.
+    /// Speak this version from now on. Any number may come; [`Protocol::from_number`] says which
+    /// exist.
     ProtocolVersion(u16),
     /// Which software runs there.
     ControllerVersion,
@@ -115,7 +116,8 @@ fn encode_names(names: &[String], out: &mut Vec<u8>) {
     }
 }
 
-/// Names between commas. A comma at the very end is no further name: one well-known client always sends it.
+/// Names between commas. A comma at the very end is no further name: one well-known client always
+/// sends it.
 fn decode_names(list: &[u8]) -> Result<Vec<String>, DecodeError> {
     if list.len() > NAMES_BYTES_MAX {
         return Err(DecodeError::NamesTooLong { bytes: list.len() });

@@ -41,7 +41,8 @@ impl TextLevel {
     }
 }
 
-/// A line for the log. With a length on the wire a text is at most 255 bytes; what is longer is cut.
+/// A line for the log. With a length on the wire a text is at most 255 bytes; what is longer is
+/// cut.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextMessage {
     /// What is said.
@@ -105,7 +106,8 @@ fn counted(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     rest.split_at_checked(usize::from(*n))
 }
 
-/// As text. The sign in place of a byte that is none is longer than the byte, so that the whole may have to be cut.
+/// As text. The sign in place of a byte that is none is longer than the byte, so that the whole may
+/// have to be cut.
 fn readable(bytes: &[u8]) -> String {
     cut(&String::from_utf8_lossy(bytes)).to_owned()
 }

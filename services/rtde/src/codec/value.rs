@@ -90,7 +90,8 @@ impl DataType {
         }
     }
 
-    /// Reads one value from the front of `bytes` and says what remains; `None` when there are too few.
+    /// Reads one value from the front of `bytes` and says what remains; `None` when there are too
+    /// few.
     pub fn decode(self, bytes: &[u8]) -> Option<(Value, &[u8])> {
         let (head, rest) = bytes.split_at_checked(self.bytes())?;
         let value = match self {

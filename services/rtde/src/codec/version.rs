@@ -118,8 +118,9 @@ impl fmt::Display for ControllerVersion {
     }
 }
 
-/// Every how many control cycles an output package is sent when a client asks for `frequency_hz`: the controller
-/// only divides its rate by whole numbers, so 50 Hz asked of a CB3 gives 62.5 Hz. At least 1.
+/// Every how many control cycles an output package is sent when a client asks for `frequency_hz`:
+/// the controller only divides its rate by whole numbers, so 50 Hz asked of a CB3 gives 62.5 Hz. At
+/// least 1.
 pub fn output_cycles(series: Series, frequency_hz: f64) -> u32 {
     if !frequency_hz.is_finite() || frequency_hz <= 0.0 {
         return 1;

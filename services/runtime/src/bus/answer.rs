@@ -79,7 +79,8 @@ impl Asked {
 pub enum Reply {
     /// Done, or refused without an effect.
     Answered(Answer),
-    /// It may or may not have been done, and why nobody knows: a device did not answer, for instance.
+    /// Whether it was done is not known, and why: a device did not answer, for
+    /// instance.
     Unknown(String),
 }
 

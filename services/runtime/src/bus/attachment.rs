@@ -1,11 +1,12 @@
-//! What every sample carries beside its payload, in rmw_zenoh's layout: sequence, source time, publisher's id.
+//! What every sample carries beside its payload, in rmw_zenoh's layout: sequence, source time,
+//! publisher's id.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes of an attachment: i64 sequence, i64 source time in ns since the Unix epoch, u8 16, 16 bytes of id; all
-/// little-endian.
+/// Bytes of an attachment: i64 sequence, i64 source time in ns since the Unix epoch, u8 16, 16
+/// bytes of id; all little-endian.
 pub const LENGTH: usize = 33;
 
 /// The attachment in words.

@@ -1,4 +1,5 @@
-//! How long a request may wait before it is carried out: travels with each query, judged by the service that gets it.
+//! How long a request may wait before it is carried out: travels with each query, judged by the
+//! service that gets it.
 //!
 //! The asker waits longer than the budget, so that an answer of any kind still reaches it.
 
@@ -15,7 +16,8 @@ pub const BUDGET_UNNAMED: Duration = Duration::from_secs(4);
 /// Part of the asker's patience that is kept for the answer's way back.
 const RESERVE_SHARE: f64 = 0.2;
 const RESERVE_MAX: Duration = Duration::from_secs(1);
-/// i64 budget in ns, u64 clock, i64 time on that clock in ns; little-endian, behind rmw_zenoh's attachment.
+/// i64 budget in ns, u64 clock, i64 time on that clock in ns; little-endian, behind rmw_zenoh's
+/// attachment.
 const BUDGET_LENGTH: usize = LENGTH + 24;
 
 /// What an asker says about its own time.
@@ -23,7 +25,8 @@ const BUDGET_LENGTH: usize = LENGTH + 24;
 pub struct Budget {
     /// The request may be carried out so long after it was sent.
     pub budget: Duration,
-    /// Names the clock of `sent_ns`: two processes with the same one read the same time. 0 where there is none.
+    /// Names the clock of `sent_ns`: two processes with the same one read the same time. 0 where
+    /// there is none.
     clock: u64,
     sent_ns: i64,
 }
@@ -63,11 +66,12 @@ impl Budget {
         })
     }
 
-    /// Until when the request may be carried out, on the receiver's clock. The way here counts where both read the same clock;
-    /// elsewhere the budget runs from the receipt.
+    /// Until when the request may be carried out, on the receiver's clock. The way here counts
+    /// where both read the same clock; elsewhere the budget runs from the receipt.
     pub fn deadline(&self, received: Instant) -> Instant {
         let under_way_ns = if self.clock != 0 && self.clock == clock_name() {
-            // This order: time between the two readings shortens what is left, and never adds to the budget.
+            // This order: time between the two readings shortens what is left, and never adds to
+            // the budget.
             let since = received.elapsed();
             monotonic_ns()
                 .saturating_sub(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
@@ -100,7 +104,8 @@ fn clock_name() -> u64 {
         let space = std::fs::read_link("/proc/self/ns/time");
         match (boot, space) {
             (Ok(boot), Ok(space)) => {
-                // Fixed keys: the same in every process of one build, and of another build of the same toolchain.
+                // Fixed keys: the same in every process of one build, and of another build of the
+                // same toolchain.
                 let mut hasher = DefaultHasher::new();
                 boot.trim().hash(&mut hasher);
                 space.hash(&mut hasher);

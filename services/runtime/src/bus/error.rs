@@ -44,7 +44,7 @@ pub enum BusError {
         /// The endpoint asked for.
         endpoint: String,
     },
-    /// A router would listen beyond this host without certificates, and nobody said that it may.
+    /// A router would listen beyond this host without certificates, and the file does not allow it.
     #[error(
         "zenoh.listen = {endpoint}: beyond this host, and without certificates. Whoever reaches it may start tasks and speak \
          as the sensor. Listen on 127.0.0.1; or make certificates with `tangent keys new` (docs/security.md); or, where the \
@@ -101,7 +101,7 @@ pub enum BusError {
         /// What Zenoh says.
         reason: String,
     },
-    /// Nobody answered a request.
+    /// No service answered a request.
     #[error(
         "nobody answered on `{key}` within {:.1} s: whether it was done is unknown. Look with `tangent task status` before you \
          ask again; `tangent status` shows whether the service runs", .waited.as_secs_f64()
@@ -109,7 +109,8 @@ pub enum BusError {
     NoAnswer {
         /// Key asked.
         key: String,
-        /// How long an answer was waited for; less than the patience where the bus knows of nobody who answers.
+        /// How long an answer was waited for; less than the patience where the bus knows of nobody
+        /// who answers.
         waited: Duration,
     },
     /// The service itself does not know what came of a request.

@@ -1,7 +1,8 @@
 //! Refuses what is old, doubled or out of order, and counts what is missing, per publisher.
 //!
-//! After a cut shorter than the lease, TCP delivers seconds of queued samples in one burst (measured: 67 samples, up
-//! to 2 s old, within 3.5 ms). Sequence alone lets them pass, since they are in order; age stops them, where clocks agree.
+//! After a cut shorter than the lease, TCP delivers seconds of queued samples in one burst
+//! (measured: 67 samples, up to 2 s old, within 3.5 ms). Sequence alone lets them pass, since they
+//! are in order; age stops them, where clocks agree.
 
 use std::time::Duration;
 
@@ -24,7 +25,8 @@ pub enum Verdict {
     TooOld,
 }
 
-/// Remembers each publisher's last sequence, for so many publishers; then the one silent longest is forgotten.
+/// Remembers each publisher's last sequence, for so many publishers; then the one silent longest is
+/// forgotten.
 #[derive(Debug)]
 pub struct Guard {
     capacity: usize,

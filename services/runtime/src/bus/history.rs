@@ -1,7 +1,8 @@
 //! The last seconds of a publisher, as they went out: for a recorder that missed some of them.
 //!
-//! Kept by the publishing thread, behind the queue that the publisher fills, so that the control loop has no part in
-//! it. Full blocks never change: who answers questions shares them and needs no lock.
+//! Kept by the publishing thread, behind the queue that the publisher fills, so that the control
+//! loop has no part in it. Full blocks never change: who answers questions shares them and needs no
+//! lock.
 
 use std::collections::VecDeque;
 use std::sync::Arc;

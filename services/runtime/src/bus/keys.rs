@@ -1,12 +1,13 @@
-//! How many keys a reader of patterns follows: whoever may publish may invent keys, and each costs its reader memory, a
-//! recorder a channel of its file.
+//! Limit on the keys that a reader of patterns follows: every publisher can invent keys, and each
+//! costs its reader memory, a recorder a channel of its file.
 
 use std::collections::{BTreeMap, HashSet};
 
 /// Keys under each topic of a cell, such as `estimate/`; and under all other words together.
 pub(crate) const KEYS_MAX: usize = 256;
 
-/// First words of a cell's own topics. What a stranger invents beside them takes no place of theirs.
+/// First words of a cell's own topics. What a stranger invents beside them takes no place of
+/// theirs.
 const TOPICS: [&str; 13] = [
     "arm",
     "base",
@@ -67,7 +68,8 @@ impl Keys {
         true
     }
 
-    /// The topic's first word, with its cell's name where the keys have one; one group for everything else.
+    /// The topic's first word, with its cell's name where the keys have one; one group for
+    /// everything else.
     fn group<'k>(&self, key: &'k str) -> &'k str {
         let cell = match self.outside {
             true => key.find('/').map_or(0, |at| at + 1),

@@ -1,4 +1,5 @@
-//! Lanes of requests from other processes: what is slow in one service holds up nobody else, and nothing holds up a stop.
+//! Lanes of requests from other processes: a slow request of one service does not delay others, and
+//! nothing holds up a stop.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -24,8 +25,8 @@ pub enum Lane {
     Prompt,
     /// May wait for a device, the loop or another service: a thread for this key alone.
     Slow,
-    /// Brings the arm to rest, or judges whether a request is allowed: a thread for this key alone, with the bus's real-time
-    /// priority. Waits for the loop at most.
+    /// Brings the arm to rest, or judges whether a request is allowed: a thread for this key alone,
+    /// with the bus's real-time priority. Waits for the loop at most.
     Urgent,
 }
 

@@ -47,14 +47,15 @@ impl<M: Message> Latest<M> {
         }
     }
 
-    /// Refuses samples from other processes whose source time is older than `age` when they arrive. Only where the
-    /// hosts' clocks agree.
+    /// Refuses samples from other processes whose source time is older than `age` when they arrive.
+    /// Only where the hosts' clocks agree.
     pub fn refuse_older_than(&self, age: Duration) {
         self.core.refuse_older_than(age);
     }
 
-    /// While it is held, no other publisher takes the place of the present one, even when that falls silent. For topics
-    /// that have one publisher ([`tangent_schemas::topics::Sources::One`]). No lock, no memory.
+    /// While it is held, no other publisher takes the place of the present one, even when that
+    /// falls silent. For topics that have one publisher
+    /// ([`tangent_schemas::topics::Sources::One`]). No lock, no memory.
     pub fn hold(&self, held: bool) {
         self.core.hold(held);
     }

@@ -1,4 +1,5 @@
-//! The way out of the process: each publisher's queue, and the two threads that empty them: one for images, one for everything else.
+//! The way out of the process: each publisher's queue, and the two threads that empty them: one for
+//! images, one for everything else.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -25,7 +26,8 @@ const BURST: usize = 8;
 /// How many messages wait for the publishing thread before the oldest goes.
 fn capacity<M>(delivery: Delivery) -> usize {
     match delivery {
-        // What fits into two mebibytes: more than a second of raw records at 7 kHz. A recorder wants every one.
+        // What fits into two mebibytes: more than a second of raw records at 7 kHz. A recorder
+        // wants every one.
         Delivery::RealTime | Delivery::Stream => {
             ((2 << 20) / size_of::<Received<M>>()).clamp(256, 1 << 14)
         }
@@ -103,7 +105,8 @@ pub(crate) trait AnyOutlet: Send + Sync {
     fn delivery(&self) -> Delivery;
     /// The publisher's id.
     fn publisher(&self) -> [u8; 16];
-    /// Sends the oldest waiting message, and keeps it where it may be asked for; false when none waits.
+    /// Sends the oldest waiting message, and keeps it where it may be asked for; false when none
+    /// waits.
     fn send_one(&self, scratch: &mut Vec<u8>, history: &mut History) -> bool;
     /// Its publisher is gone and everything is sent.
     fn is_done(&self) -> bool;
@@ -171,7 +174,8 @@ struct Shared {
     recall: Option<Arc<Recall>>,
 }
 
-/// The publishing threads. Images have their own: Zenoh lets the pieces of one wait for the wire, and nothing else may wait for them.
+/// The publishing threads. Images have their own: Zenoh lets the pieces of one wait for the wire,
+/// and nothing else may wait for them.
 pub(crate) struct Pump {
     dropped: Arc<AtomicU64>,
     messages: Lane,
@@ -179,7 +183,8 @@ pub(crate) struct Pump {
 }
 
 impl Pump {
-    /// `priority`: of SCHED_FIFO for the publishing threads, that of images one lower; `None` for normal scheduling.
+    /// `priority`: of SCHED_FIFO for the publishing threads, that of images one lower; `None` for
+    /// normal scheduling.
     pub(crate) fn start(priority: Option<u8>, recall: Option<Arc<Recall>>) -> Self {
         let behind = priority.map(|priority| priority.saturating_sub(1).max(1));
         Self {
@@ -349,7 +354,8 @@ fn pump(shared: &Shared) {
             continue;
         }
         if lines.iter().any(|line| line.outlet.is_done()) {
-            // Their Zenoh publishers are undeclared here, not in the thread that dropped the publisher.
+            // Their Zenoh publishers are undeclared here, not in the thread that dropped the
+            // publisher.
             lines.retain(|line| !line.outlet.is_done());
             lock(&shared.outlets).retain(|outlet| !outlet.is_done());
             shared.generation.fetch_add(1, Ordering::Release);

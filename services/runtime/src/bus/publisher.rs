@@ -18,7 +18,7 @@ use super::reader::{Arrival, Received};
 use super::registry::{Channel, Readers, parse_concrete_key};
 use super::session::RemotePublisher;
 use crate::clock;
-use crate::lease;
+use tangent_actuation::lease;
 
 /// Publishes one topic from one thread at a time.
 ///

@@ -1,6 +1,7 @@
 //! What a recorder asks publishers to say again, and what they answer: as bytes and in words.
 //!
-//! A question and its answers name messages by publisher and sequence, so that nothing is sent that is there already.
+//! A question and its answers name messages by publisher and sequence, so that nothing is sent that
+//! is there already.
 
 use super::attachment::Attachment;
 
@@ -24,14 +25,16 @@ pub struct Span {
     pub from: u64,
     /// Last sequence.
     pub to: u64,
-    /// Only what was published since, ns since the Unix epoch on the publisher's host; `i64::MIN`: all.
+    /// Only what was published since, ns since the Unix epoch on the publisher's host; `i64::MIN`:
+    /// all.
     pub since_ns: i64,
 }
 
 /// Which messages are wanted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Question {
-    /// Of publishers that no span names: what they published since, ns since the Unix epoch; `i64::MAX`: nothing.
+    /// Of publishers that no span names: what they published since, ns since the Unix epoch;
+    /// `i64::MAX`: nothing.
     pub others_since_ns: i64,
     /// At most [`SPANS_MAX`]; further ones are not asked for.
     pub spans: Vec<Span>,
@@ -40,7 +43,8 @@ pub struct Question {
 const SPAN_LENGTH: usize = 40;
 
 impl Question {
-    /// i64 `others_since_ns`; for each span 16 bytes of id, u64 `from`, u64 `to`, i64 `since_ns`; little-endian.
+    /// i64 `others_since_ns`; for each span 16 bytes of id, u64 `from`, u64 `to`, i64 `since_ns`;
+    /// little-endian.
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(8 + SPAN_LENGTH * self.spans.len());
         bytes.extend(self.others_since_ns.to_le_bytes());
@@ -110,8 +114,8 @@ impl Reader<'_> {
 
 /// One answer of several: messages of one publisher, in the order of their sequences.
 ///
-/// 16 bytes of id; u8 length and text of the type's name; for each message i64 sequence, i64 time of publication,
-/// u32 length and the bytes; little-endian.
+/// 16 bytes of id; u8 length and text of the type's name; for each message i64 sequence, i64 time
+/// of publication, u32 length and the bytes; little-endian.
 pub(crate) struct Batch {
     bytes: Vec<u8>,
     header: usize,

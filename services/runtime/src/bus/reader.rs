@@ -1,4 +1,5 @@
-//! The reading ends: newest value, queue, callback. Delivery from the same process takes no lock and no memory.
+//! The reading ends: newest value, queue, callback. Delivery from the same process takes no lock
+//! and no memory.
 
 use std::any::Any;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
@@ -76,8 +77,8 @@ type Callback<M> = Box<dyn FnMut(&Received<M>) + Send>;
 
 /// Where messages go.
 pub(crate) enum Sink<M: Message> {
-    /// The newest value. The lock is between publishers of the same topic only: reader and writer never wait for one
-    /// another, even when one of them is pre-empted in the middle.
+    /// The newest value. The lock is between publishers of the same topic only: reader and writer
+    /// never wait for one another, even when one of them is pre-empted in the middle.
     Newest(Mutex<Input<Option<Received<M>>>>),
     Queue {
         queue: Box<ArrayQueue<Received<M>>>,
@@ -125,7 +126,8 @@ pub(crate) struct Arrival<'a> {
     pub near: bool,
 }
 
-/// The reader's end of a triple buffer: three values, of which writer and reader own one each and swap for the third.
+/// The reader's end of a triple buffer: three values, of which writer and reader own one each and
+/// swap for the third.
 pub(crate) type Output<M> = triple_buffer::Output<Option<Received<M>>>;
 
 pub(crate) struct ReaderCore<M: Message> {
@@ -312,8 +314,8 @@ fn thread_number() -> u64 {
     NUMBER.with(|number| *number)
 }
 
-/// Keeps a callback, an answerer or a subscription in force; dropping it ends it. Do not drop one inside its own
-/// callback.
+/// Keeps a callback, an answerer or a subscription in force; dropping it ends it. Do not drop one
+/// inside its own callback.
 #[must_use = "dropping the handle ends what it stands for"]
 pub struct Handle {
     release: Option<Box<dyn FnOnce() + Send + Sync>>,
@@ -372,8 +374,8 @@ impl<M: Message> Subscription<M> {
         sleep_for(queue, sleeper, timeout)
     }
 
-    /// Refuses samples from other processes whose source time is older than `age` when they arrive. Only where the
-    /// hosts' clocks agree.
+    /// Refuses samples from other processes whose source time is older than `age` when they arrive.
+    /// Only where the hosts' clocks agree.
     pub fn refuse_older_than(&self, age: Duration) {
         self.core.refuse_older_than(age);
     }

@@ -1,8 +1,9 @@
-//! Publishers say again what a recorder missed: a thread of each process answers from the kept messages.
+//! Publishers say again what a recorder missed: a thread of each process answers from the kept
+//! messages.
 //!
-//! A question is looked at in Zenoh's thread, the publishing thread hands over what is kept without copying it, and a
-//! thread of its own sends the answers, at a bounded rate. However many ask, a bounded number of questions is under way;
-//! further ones stay without an answer.
+//! A question is looked at in Zenoh's thread, the publishing thread hands over what is kept without
+//! copying it, and a thread of its own sends the answers, at a bounded rate. However many ask, a
+//! bounded number of questions is under way; further ones stay without an answer.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -22,7 +23,8 @@ use super::reader::Arrival;
 use super::session;
 use super::{Bus, Inner};
 
-/// Questions that one process has under way: one to each publisher of a process that runs everything, twice.
+/// Questions that one process has under way: one to each publisher of a process that runs
+/// everything, twice.
 const UNDER_WAY_MAX: usize = 64;
 /// A batch is sent when it has so many bytes: with one more message, still one packet.
 const BATCH_BYTES: usize = 32 << 10;
@@ -60,7 +62,8 @@ struct Job {
     blocks: Vec<Arc<Block>>,
 }
 
-/// The questions that a process has under way, and the thread that answers them; it ends with this value.
+/// The questions that a process has under way, and the thread that answers them; it ends with this
+/// value.
 pub(crate) struct Recall {
     under_way: Arc<AtomicUsize>,
     asks: ArrayQueue<Ask>,
@@ -175,9 +178,10 @@ fn send(ask: &Ask, batch: &mut Batch) {
 }
 
 impl Bus {
-    /// Asks every publisher of a cell for messages that it still has (about the last 12 s, no images), waits until all
-    /// have answered or `patience` is over, and gives each to `take`. `prefix` stands before the cell's keys: `CELL/`
-    /// on a bus outside any cell, nothing otherwise. Without a network nothing is kept, and nothing comes.
+    /// Asks every publisher of a cell for messages that it still has (about the last 12 s, no
+    /// images), waits until all have answered or `patience` is over, and gives each to `take`.
+    /// `prefix` stands before the cell's keys: `CELL/` on a bus outside any cell, nothing
+    /// otherwise. Without a network nothing is kept, and nothing comes.
     ///
     /// # Errors
     /// A bad key, or a closed session.
@@ -213,8 +217,8 @@ impl Bus {
         Ok(())
     }
 
-    /// Name of the router that this process is connected to now; of the process itself where that is the router. `None`
-    /// while there is none, and without a network.
+    /// Name of the router that this process is connected to now; of the process itself where that
+    /// is the router. `None` while there is none, and without a network.
     pub fn router(&self) -> Option<String> {
         self.inner.session.as_ref()?.router()
     }

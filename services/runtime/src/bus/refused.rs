@@ -1,4 +1,5 @@
-//! Who was refused as a second publisher, in words: ids are told by the name that a service's health gives.
+//! Who was refused as a second publisher, in words: ids are told by the name that a service's
+//! health gives.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -23,7 +24,7 @@ pub(super) type Names = Arc<Mutex<BTreeMap<[u8; 8], String>>>;
 pub struct Refused {
     /// Key or pattern of the reader.
     pub topic: String,
-    /// Who is refused now, as far as it is known; none when nobody is.
+    /// The source that is refused now, if known; none when none is.
     pub who: Option<String>,
     /// It uses the id of the publisher that is listened to.
     pub forged: bool,

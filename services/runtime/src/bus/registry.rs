@@ -161,7 +161,8 @@ impl Registry {
         };
         let entry = state.readers.remove(index);
         rebuild_matching(&state, &entry.pattern);
-        // A callback may own a publisher or a bus; it must not be dropped under the registry's lock.
+        // A callback may own a publisher or a bus; it must not be dropped under the registry's
+        // lock.
         drop(state);
         drop(entry);
     }

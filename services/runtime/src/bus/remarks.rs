@@ -1,4 +1,5 @@
-//! What is said of a session at its start and in the health of its services for as long as it holds.
+//! What is said of a session at its start and in the health of its services for as long as it
+//! holds.
 
 use super::Role;
 use super::error::BusError;
@@ -19,8 +20,8 @@ impl Remarks {
     /// On a session that is about to be opened.
     ///
     /// # Errors
-    /// A router that would listen beyond this host in the clear, where the file does not say that it may; a certificate
-    /// that cannot be read.
+    /// A router that would listen beyond this host in the clear, where the file does not say that
+    /// it may; a certificate that cannot be read.
     pub(crate) fn on(config: &ZenohConfig, role: Role) -> Result<Self, BusError> {
         let endpoint = match role {
             Role::Router => config.open_to_anybody(),

@@ -46,7 +46,7 @@ pub(crate) struct Answerers {
 }
 
 impl Answerers {
-    /// Nobody answers yet; `priority` as in the field.
+    /// Without an answering service; `priority` as in the field.
     pub fn new(priority: Option<u8>) -> Self {
         Self {
             priority,

@@ -47,8 +47,9 @@ pub(crate) struct Session {
     stale_after: Duration,
     message_max: usize,
     remarks: Remarks,
-    /// One declaration at a time. Zenoh 1.10.2 gives a key its number before it tells the network of it: a thread that declares the same key
-    /// in between uses a number that nobody knows yet, and what it declared is never matched (`Session::declare_prefix`).
+    /// One declaration at a time. Zenoh 1.10.2 gives a key its number before it tells the network
+    /// of it: a thread that declares the same key in between uses a number that is not known yet,
+    /// and what it declared is never matched (`Session::declare_prefix`).
     declaring: Mutex<()>,
 }
 
@@ -79,7 +80,8 @@ fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
 }
 
 impl Session {
-    /// Opens on a thread of its own, since `open` says nothing while it waits; logs each second until it is there.
+    /// Opens on a thread of its own, since `open` says nothing while it waits; logs each second
+    /// until it is there.
     pub(crate) fn open(opening: Opening<'_>) -> Result<Self, BusError> {
         let Opening {
             config,
@@ -186,7 +188,8 @@ impl Session {
             .congestion_control(CongestionControl::Drop)
             .priority(priority)
             .express(express)
-            // Readers in this process were served before; the session must not bring them the same again.
+            // Readers in this process were served before; the session must not bring them the same
+            // again.
             .allowed_destination(Locality::Remote)
             .wait()
             .map_err(failed(format!("publishing `{key}`")))?;
@@ -315,7 +318,8 @@ impl Session {
         Ok(Replies { replies })
     }
 
-    /// Has questions for what a publisher said come in. Also those of a recorder in this process. Part of a publisher's declaration.
+    /// Has questions for what a publisher said come in. Also those of a recorder in this process.
+    /// Part of a publisher's declaration.
     fn questions(&self, entrance: Entrance) -> Result<zenoh::query::Queryable<()>, BusError> {
         let key = entrance.key.clone();
         self.session
@@ -325,8 +329,9 @@ impl Session {
             .map_err(failed(format!("answering on `{key}`")))
     }
 
-    /// Asks behind everything that is measured; key and payload of each answer. They end when all have answered. Beyond
-    /// `bytes_max` that nobody has taken, answers are dropped.
+    /// Asks behind everything that is measured; key and payload of each answer. They end when all
+    /// have answered. Beyond `bytes_max` of answers that have not been taken, further ones are
+    /// dropped.
     pub(crate) fn recall(
         &self,
         key: &str,
@@ -424,7 +429,7 @@ impl Replies {
             ))),
             Err(error) => {
                 let reason = String::from_utf8_lossy(&error.payload().to_bytes()).into_owned();
-                // Zenoh's own word for nobody having answered in time.
+                // Zenoh's own text for a missing answer.
                 (reason != TIMEOUT).then_some(Err(reason))
             }
         }
@@ -434,7 +439,7 @@ impl Replies {
 /// What Zenoh answers itself with when a query's time is up.
 const TIMEOUT: &str = "Timeout";
 
-/// Says that nobody knows whether it was done, and why.
+/// The answer that it is not known whether it was done, and why.
 pub(crate) fn reply_unknown(query: &Query, key: &str, reason: &str) {
     let result = query
         .reply_err(reason.as_bytes())

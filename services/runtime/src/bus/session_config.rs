@@ -1,5 +1,5 @@
-//! What Zenoh is told about a session: the cell file's section, certificates, access rules, and what was measured to
-//! matter.
+//! What Zenoh is told about a session: the cell file's section, certificates, access rules, and
+//! what was measured to matter.
 
 use std::time::Duration;
 
@@ -12,8 +12,9 @@ use crate::clock;
 use crate::config::{TlsConfig, ZenohConfig};
 use crate::security;
 
-/// What the router does with everything that takes more than half a packet, whoever sent it: a ROS 2 bridge sends images as it
-/// sends measurements, whose queue holds two packets, and a reliable one would have a slow reader's link closed.
+/// What the router does with every message of more than half a packet: a ROS
+/// 2 bridge sends images as it sends measurements, whose queue holds two packets, and a reliable
+/// one would have a slow reader's link closed.
 const IMAGES_BEHIND: &str = r#"[{
     id: "images behind the measurements",
     messages: ["put"],
@@ -22,7 +23,8 @@ const IMAGES_BEHIND: &str = r#"[{
     overwrite: { priority: "data_low", congestion_control: "drop" },
 }]"#;
 
-/// The session's configuration: what was measured to matter for a control loop's neighbours, and nothing else.
+/// The session's configuration: what was measured to matter for a control loop's neighbours, and
+/// nothing else.
 pub(crate) fn session_config(
     config: &ZenohConfig,
     namespace: Option<&str>,
@@ -72,16 +74,18 @@ pub(crate) fn session_config(
             "connect/retry",
             "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 1.5 }",
         ),
-        // Nobody joins who was not told where.
+        // No peer joins without an address.
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
         ("timestamping/enabled", "false"),
         // With the default of 2, express messages were lost under CPU load.
         ("transport/link/tx/queue/size/real_time", "16"),
-        // Images go out in pieces of 64 KiB: with 2 of them, none would ever be whole. 16, the most there can be, hold 1 MB.
+        // Images go out in pieces of 64 KiB: with 2 of them, none would ever be whole. 16, the most
+        // there can be, hold 1 MB.
         ("transport/link/tx/queue/size/data_low", "16"),
-        // A message hardly waits before it is dropped, the next one is newer. The time doubles with each piece sent: the
-        // 17th of an image may wait until the deadline below, and a depth image of 1.6 MB has 25.
+        // A message hardly waits before it is dropped, the next one is newer. The time doubles with
+        // each piece sent: the 17th of an image may wait until the deadline below, and a depth
+        // image of 1.6 MB has 25.
         (
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
             "100",
@@ -104,7 +108,7 @@ pub(crate) fn session_config(
         "transport/link/tx/keep_alive",
         config.keep_alive.to_string(),
     )?;
-    // What is put together from pieces is held in memory by whoever receives it.
+    // The receiver holds the fragments of a message in memory.
     set(
         "transport/link/rx/max_message_size",
         config.message_max_bytes().to_string(),

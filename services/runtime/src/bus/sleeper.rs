@@ -15,8 +15,8 @@ pub(crate) struct Sleeper {
 }
 
 impl Sleeper {
-    /// Wakes the reader if it sleeps. Call it after the push. Never waits: a reader that is busy with this sleeper has
-    /// not lain down yet, and looks at its queue once more before it does.
+    /// Wakes the reader if it sleeps. Call it after the push. Never waits: a reader that is busy
+    /// with this sleeper has not lain down yet, and looks at its queue once more before it does.
     pub(crate) fn wake(&self) {
         if self.asleep.swap(false, Ordering::SeqCst)
             && let Ok(thread) = self.thread.try_lock()
@@ -48,7 +48,8 @@ pub(crate) fn sleep_for<T>(
             return Some(item);
         }
         sleeper.lie_down();
-        // Between the first look and lying down something may have come, whose sender saw nobody asleep.
+        // Between the first look and lying down something may have come, whose sender saw nobody
+        // asleep.
         if let Some(item) = queue.pop() {
             sleeper.get_up();
             return Some(item);
@@ -73,7 +74,8 @@ mod tests {
         let queue = Arc::new(ArrayQueue::new(4));
         let sleeper = Arc::new(Sleeper::default());
         let (pushes, wakes) = (Arc::clone(&queue), Arc::clone(&sleeper));
-        // One at a time, each pushed the moment the one before was taken: the worst moment for a sleeper.
+        // One at a time, each pushed the moment the one before was taken: the worst moment for a
+        // sleeper.
         let sender = std::thread::spawn(move || {
             for i in 0..20_000 {
                 while !pushes.is_empty() {

@@ -1,9 +1,11 @@
-//! One publisher at a time, on topics that have one: who else speaks there is refused, counted and named.
+//! One publisher at a time, on topics that have one: who else speaks there is refused, counted and
+//! named.
 //!
-//! A sample from the same process is taken as it is: what runs together trusts each other. Of the network's publishers
-//! the first one heard is listened to while it speaks; another one is taken after [`SILENCE`], and not while the reader
-//! is held to its publisher. An id can be copied by whoever hears it. A publisher of this bus is never taken from the
-//! network; and two that count apart under one id are both refused until only one is left.
+//! A sample from the same process is taken as it is: what runs together trusts each other. Of the
+//! network's publishers the first one heard is listened to while it speaks; another one is taken
+//! after [`SILENCE`], and not while the reader is held to its publisher. An id can be copied by
+//! whoever hears it. A publisher of this bus is never taken from the network; and two that count
+//! apart under one id are both refused until only one is left.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -12,7 +14,7 @@ use std::time::{Duration, Instant};
 use tangent_schemas::topics::Sources;
 
 use super::attachment::BusId;
-use crate::lease::SILENCE_S;
+use tangent_actuation::lease::SILENCE_S;
 
 /// A publisher that says nothing for so long has gone.
 const SILENCE: Duration = Duration::from_millis((1e3 * SILENCE_S) as u64);
@@ -79,12 +81,14 @@ impl Admission {
         }
     }
 
-    /// No other publisher is taken until this is released, however long the present one is silent. No lock, no memory.
+    /// No other publisher is taken until this is released, however long the present one is silent.
+    /// No lock, no memory.
     pub(crate) fn hold(&self, held: bool) {
         self.held.store(held, Ordering::Relaxed);
     }
 
-    /// Whether to take a sample that came over the network. To be asked before its sequence is judged.
+    /// Whether to take a sample that came over the network. To be asked before its sequence is
+    /// judged.
     pub(crate) fn admit(&self, publisher: [u8; 16], now: Instant) -> bool {
         if self.kind == Sources::Any {
             return true;
@@ -110,7 +114,7 @@ impl Admission {
             }
             _ => far.holder = Some((publisher, now)),
         }
-        // Who is listened to is nobody's rival.
+        // The pinned publisher is not a rival.
         let own = Rival {
             publisher,
             forged: false,
@@ -121,7 +125,8 @@ impl Admission {
         true
     }
 
-    /// A sample was overtaken by one of the same id: on a link that keeps the order, two publishers count apart.
+    /// A sample was overtaken by one of the same id: on a link that keeps the order, two publishers
+    /// count apart.
     pub(crate) fn overtaken(&self, publisher: [u8; 16], now: Instant) {
         if self.one_at_a_time() {
             let mut far = self.lock();
@@ -130,7 +135,8 @@ impl Admission {
         }
     }
 
-    /// Whether two speak under the id of the publisher that is listened to; then neither is believed.
+    /// Whether two speak under the id of the publisher that is listened to; then neither is
+    /// believed.
     pub(crate) fn is_contested(&self, publisher: [u8; 16], now: Instant) -> bool {
         if self.kind == Sources::Any {
             return false;

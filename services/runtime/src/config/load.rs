@@ -1,11 +1,11 @@
-//! TOML with errors that a person can act on: which file, line and key, what stands there, and what may.
+//! TOML with errors that a person can act on: which file, line and key, what stands there, and what
+//! may.
 
-use std::ops::Range;
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use tangent_mechanics::names::nearest;
-use toml::de::{DeTable, DeValue};
+use toml::de::DeTable;
 
 /// What is wrong with a configuration file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -28,7 +28,7 @@ pub enum ConfigError {
         /// What the parser says.
         reason: String,
     },
-    /// A key that nobody reads.
+    /// An unknown key.
     #[error("{file}, line {line}: unknown key `{key}`{}", suggest(.suggestion, .allowed))]
     UnknownKey {
         /// Path as given.
@@ -105,25 +105,24 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
 /// # Errors
 /// [`ConfigError`].
 pub fn toml_from_str<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, ConfigError> {
-    let document = match DeTable::parse(text) {
-        Ok(document) => document,
-        Err(error) => {
-            let span = error.span().unwrap_or_default();
-            return Err(ConfigError::Syntax {
-                file: file.to_owned(),
-                line: line_of(text, span.start),
-                reason: error.message().replace('\n', ", "),
-            });
-        }
+    let syntax = |error: toml::de::Error| ConfigError::Syntax {
+        file: file.to_owned(),
+        line: line_of(text, error.span().unwrap_or_default().start),
+        reason: error.message().replace('\n', ", "),
     };
-    toml::from_str(text).map_err(|error| explain(file, text, document.get_ref(), &error))
+    let document = toml::Deserializer::parse(text).map_err(syntax)?;
+    serde_path_to_error::deserialize(document).map_err(|error| {
+        let path = error.path().to_string();
+        let path = if path == "." { String::new() } else { path };
+        explain(file, text, path, error.inner())
+    })
 }
 
-fn explain(file: &str, text: &str, document: &DeTable<'_>, error: &toml::de::Error) -> ConfigError {
+/// `path` is the dotted key that the error is about, or the table that it is in.
+fn explain(file: &str, text: &str, path: String, error: &toml::de::Error) -> ConfigError {
     let file = file.to_owned();
     let span = error.span().unwrap_or(0..0);
     let line = line_of(text, span.start);
-    let path = path_at(document, &span);
     let message = error.message();
     if let Some(field) = quoted_after(message, "missing field `") {
         return ConfigError::Missing {
@@ -177,53 +176,6 @@ pub(super) fn line_of(text: &str, offset: usize) -> usize {
         .filter(|byte| **byte == b'\n')
         .count()
         + 1
-}
-
-/// The dotted key whose key or value is at `span`.
-fn path_at(table: &DeTable<'_>, span: &Range<usize>) -> String {
-    for (key, value) in table {
-        let name = key.get_ref().to_string();
-        if contains(&key.span(), span) && !span.is_empty() {
-            return name;
-        }
-        if let Some(inner) = inside(value.get_ref(), span) {
-            return join_index(&name, &inner);
-        }
-        if contains(&value.span(), span) && !span.is_empty() {
-            return name;
-        }
-    }
-    String::new()
-}
-
-/// The path within a value, when something of it is at `span`. A table's own span covers only its header, so every
-/// value is looked into.
-fn inside(value: &DeValue<'_>, span: &Range<usize>) -> Option<String> {
-    match value {
-        DeValue::Table(table) => Some(path_at(table, span)).filter(|path| !path.is_empty()),
-        DeValue::Array(items) => {
-            items
-                .iter()
-                .enumerate()
-                .find_map(|(index, item)| match inside(item.get_ref(), span) {
-                    Some(path) => Some(join_index(&format!("[{index}]"), &path)),
-                    None => contains(&item.span(), span).then(|| format!("[{index}]")),
-                })
-        }
-        _ => None,
-    }
-}
-
-fn join_index(name: &str, inner: &str) -> String {
-    if inner.starts_with('[') {
-        format!("{name}{inner}")
-    } else {
-        format!("{name}.{inner}")
-    }
-}
-
-fn contains(outer: &Range<usize>, inner: &Range<usize>) -> bool {
-    outer.start <= inner.start && inner.end <= outer.end
 }
 
 /// Where a dotted key's value stands: line and text.

@@ -1,5 +1,5 @@
-//! `cell.toml`: everything about one cell that is not the task. Every key is checked when it is loaded, and an error
-//! says file, key, value and what is allowed.
+//! `cell.toml`: everything about one cell that is not the task. Every key is checked when it is
+//! loaded, and an error says file, key, value and what is allowed.
 
 mod check;
 mod load;
@@ -102,19 +102,22 @@ impl CellConfig {
         Ok(config)
     }
 
-    /// The text that the cell was read from, for recordings; what was changed since then is not in it.
+    /// The text that the cell was read from, for recordings; what was changed since then is not in
+    /// it.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// The cell that ships ([`DEFAULT_CELL`]); its relative paths stay relative to the working directory.
+    /// The cell that ships ([`DEFAULT_CELL`]); its relative paths stay relative to the working
+    /// directory.
     pub fn default_cell() -> Self {
         Self::parse("the built-in cell.toml", DEFAULT_CELL)
             .expect("the cell file that ships is loaded by a test")
     }
 
-    /// The cell as if other values stood in its file, checked like a file. [`CellConfig::text`] is then the changed text, so that a
-    /// recording holds the cell that ran. `title` becomes the first line of the text and is what errors call it.
+    /// The cell as if other values stood in its file, checked like a file. [`CellConfig::text`] is
+    /// then the changed text, so that a recording holds the cell that ran. `title` becomes the
+    /// first line of the text and is what errors call it.
     ///
     /// # Errors
     /// [`ConfigError`], naming key, value and what is allowed.

@@ -1,7 +1,8 @@
 //! The router's rules as Zenoh takes them: everything is denied but what a role needs.
 //!
-//! Zenoh's rules are by message and direction. A session's own messages are the router's ingress, what it is sent the
-//! router's egress. A rule holds for a message when one of its key expressions includes the message's.
+//! Zenoh's rules are by message and direction. A session's own messages are the router's ingress,
+//! what it is sent the router's egress. A rule holds for a message when one of its key expressions
+//! includes the message's.
 
 use serde_json::{Value, json};
 
@@ -38,8 +39,8 @@ pub fn text(fleet: &Fleet) -> String {
     )
 }
 
-/// Rules for a router that serves this fleet: an object with Zenoh's `access_control`. A revoked identity is in none, so
-/// that everything is denied to it.
+/// Rules for a router that serves this fleet: an object with Zenoh's `access_control`. A revoked
+/// identity is in none, so that everything is denied to it.
 pub fn rules(fleet: &Fleet) -> Value {
     let mut table = Table::default();
     let identities = fleet.identities();

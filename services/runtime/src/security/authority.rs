@@ -108,11 +108,12 @@ impl Authority {
         Ok(file)
     }
 
-    /// Makes a key and a certificate for `identity`; files that are there are replaced. `hosts`: names and addresses
-    /// under which it is dialled, for the router.
+    /// Makes a key and a certificate for `identity`; files that are there are replaced. `hosts`:
+    /// names and addresses under which it is dialled, for the router.
     ///
     /// # Errors
-    /// A name that is no identity, a host that is neither name nor address, or a folder that cannot be written.
+    /// A name that is no identity, a host that is neither name nor address, or a folder that cannot
+    /// be written.
     pub fn issue(
         &self,
         identity: &str,

@@ -1,4 +1,5 @@
-//! What a session presents: looked at before Zenoh is, which says little about what is wrong with a file.
+//! What a session presents: looked at before Zenoh is, which says little about what is wrong with a
+//! file.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,5 @@
-//! Who a folder of keys is for, kept in it as `keys.toml`: what is added or renewed later forgets nobody.
+//! Who a folder of keys is for, kept in it as `keys.toml`: what is added or renewed later forgets
+//! nobody.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -35,7 +36,8 @@ impl Fleet {
         }
     }
 
-    /// The folder's. Without a `keys.toml`, as its certificates tell it; empty where there are none.
+    /// The folder's. Without a `keys.toml`, as its certificates tell it; empty where there are
+    /// none.
     ///
     /// # Errors
     /// A file that cannot be read, or is no such list.

@@ -1,8 +1,10 @@
-//! Who may do what on a cell's network: certificates that say who a process is, and the router's rules for each.
+//! Who may do what on a cell's network: certificates that say who a process is, and the router's
+//! rules for each.
 //!
-//! An identity is a role in a cell (`controller.cell1`) or in the whole fleet (`operator`); it is the common name of a
-//! certificate. [`Authority`] makes certificates, [`roles`] says what each role may do, [`access`] writes that down as
-//! Zenoh's access rules, and [`Certificate`] reads a file back and says what is wrong with it.
+//! An identity is a role in a cell (`controller.cell1`) or in the whole fleet (`operator`); it is
+//! the common name of a certificate. [`Authority`] makes certificates, [`roles`] says what each
+//! role may do, [`access`] writes that down as Zenoh's access rules, and [`Certificate`] reads a
+//! file back and says what is wrong with it.
 
 pub mod access;
 mod authority;
@@ -51,7 +53,7 @@ pub enum SecurityError {
         /// What to do.
         remedy: String,
     },
-    /// A path says `{identity}`, and nobody said who this process is.
+    /// A path contains `{identity}`, and this process was given no identity.
     #[error(
         "`zenoh.tls.{key}` = {value} stands for several identities: say which one with --identity (`tangent keys list` \
          shows them)"

@@ -16,7 +16,8 @@ pub struct Role {
 /// What one service does on the network.
 #[derive(Clone, Copy, Debug)]
 pub struct Service {
-    /// In `health/NAME`, `alive/NAME/*` and `param/NAME/*`; empty for people, who have none of these.
+    /// In `health/NAME`, `alive/NAME/*` and `param/NAME/*`; empty for people, who have none of
+    /// these.
     pub name: &'static str,
     /// Topics it publishes besides its health.
     pub publishes: &'static [&'static str],
@@ -193,8 +194,9 @@ pub fn identity(role: &str, cell: &str) -> String {
     }
 }
 
-/// What an identity stands for: `ROLE.CELL`, or `ROLE` for the whole fleet. `ROLE-NAME` in place of `ROLE` is one holder
-/// of several, for instance `estimator-laptop2.cell1` or `operator-anna`: the role's rights, and a key of its own.
+/// What an identity stands for: `ROLE.CELL`, or `ROLE` for the whole fleet. `ROLE-NAME` in place of
+/// `ROLE` is one holder of several, for instance `estimator-laptop2.cell1` or `operator-anna`: the
+/// role's rights, and a key of its own.
 pub fn parse(identity: &str) -> Option<(&'static Role, Option<&str>)> {
     let (words, cell) = match identity.split_once('.') {
         Some((words, cell)) => (words, Some(cell)),

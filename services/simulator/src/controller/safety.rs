@@ -89,7 +89,8 @@ impl Controller {
         Ok(())
     }
 
-    /// The emergency button: `robot` its own, else the cell's. `pressed` false releases it; power stays off.
+    /// The emergency button: `robot` its own, else the cell's. `pressed` false releases it; power
+    /// stays off.
     pub fn emergency_stop(&mut self, robot: bool, pressed: bool) {
         if pressed {
             self.set_safety(if robot {

@@ -1,4 +1,5 @@
-//! What the controller tells about itself: RTDE outputs by name, and the summary for the other ports.
+//! What the controller tells about itself: RTDE outputs by name, and the summary for the other
+//! ports.
 
 use tangent_mechanics::Joints;
 use tangent_rtde::codec::{DataType, Value, output_field};
@@ -125,7 +126,8 @@ impl Controller {
         }
     }
 
-    /// An RTDE output's value; what the simulated robot does not have reads as rest: zero, 48 V, 25 °C.
+    /// An RTDE output's value; what the simulated robot does not have reads as rest: zero, 48 V, 25
+    /// °C.
     pub fn output(&self, name: &str, s: &Summary) -> Value {
         let six = |q: &Joints<6>| Value::Vector6d((*q).into());
         match name {

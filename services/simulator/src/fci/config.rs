@@ -17,8 +17,9 @@ pub struct FciConfig {
     pub ports: Ports,
     /// Arm, tool and plane.
     pub plant: PlantConfig,
-    /// The robot waits so long for the answer to a state while a motion runs, s. A real one waits a part of a millisecond;
-    /// more makes simulated time wait for a busy machine instead of losing answers.
+    /// The robot waits so long for the answer to a state while a motion runs, s. A real one waits a
+    /// part of a millisecond; more makes simulated time wait for a busy machine instead of losing
+    /// answers.
     pub answer_wait_s: f64,
     /// From a move request to the motion, cycles.
     pub start_cycles: u32,

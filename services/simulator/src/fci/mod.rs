@@ -1,7 +1,8 @@
 //! A Franka arm on sockets: the Franka Control Interface, version 5, around a simulated arm.
 //!
-//! [`SimulatedFranka`] is the running thing, for the service ([`run`]) and for tests; [`FciRobot`] inside it is the robot's
-//! own controller without sockets and clock; [`TorquePlant`] is what it moves.
+//! [`SimulatedFranka`] is the running thing, for the service ([`run`]) and for tests; [`FciRobot`]
+//! inside it is the robot's own controller without sockets and clock; [`TorquePlant`] is what it
+//! moves.
 
 mod bench;
 mod config;

@@ -24,6 +24,7 @@ pub trait TorquePlant: Send {
     fn truth(&self) -> Option<Truth>;
     /// Where the tool really sits.
     fn flange_from_tool(&self) -> Pose<Flange, Tool>;
-    /// Something pushes the tool from now on: force at the tool's origin, base axes, N. Zero ends it.
+    /// Something pushes the tool from now on: force at the tool's origin, base axes, N. Zero ends
+    /// it.
     fn push(&mut self, force_n: [f64; 3]);
 }

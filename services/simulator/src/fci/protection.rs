@@ -12,8 +12,8 @@ const RATE_TOLERANCE: f64 = 1e-6;
 /// So near its stop a joint counts as beyond its limit, rad.
 const STOP_MARGIN_RAD: f64 = 1e-6;
 
-/// External force and moment from joint torques: the one of all that fit that is least sensitive to a singular pose.
-/// `jacobian`: of the point it acts on.
+/// External force and moment from joint torques: the one of all that fit that is least sensitive to
+/// a singular pose. `jacobian`: of the point it acts on.
 pub(super) fn wrench_of(jacobian: &SMatrix<f64, 6, 7>, torque: &Joints<7>) -> Vector6<f64> {
     let damped: SMatrix<f64, 6, 6> = jacobian * jacobian.transpose() + Matrix6::identity() * 1e-6;
     solve_positive_definite(&damped, &(jacobian * torque)).unwrap_or_else(Vector6::zeros)

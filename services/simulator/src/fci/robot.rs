@@ -20,8 +20,8 @@ use super::settings::{RobotSettings, column_major, matrix};
 /// Bandwidth, rad/s, and damping ratio of the robot's own position control in a motion. It acts on
 /// accelerations, so they are equal for all joints.
 const TRACK_RAD_PER_S: f64 = 60.0;
-/// Bandwidth of its hold outside of motions, rad/s: with more, the limited rate of the motors' torques
-/// turns the stop of an arm that was pushed into a swing that grows.
+/// Bandwidth of its hold outside of motions, rad/s: with more, the limited rate of the motors'
+/// torques turns the stop of an arm that was pushed into a swing that grows.
 const HOLD_RAD_PER_S: f64 = 30.0;
 const HOLD_DAMPING: f64 = 1.0;
 /// Time constant in which the motion and the torques before the hold fade, s: none of them jumps.

@@ -1,15 +1,16 @@
 //! The robot and the bridge's state machine in lockstep, byte for byte, without sockets and clock.
 
 use nalgebra::Vector3;
-use tangent_franka::bridge::{Bridge, BridgeConfig};
+use tangent_actuation::Command;
+use tangent_actuation::lease::Source;
+use tangent_actuation::torque::Posture;
+use tangent_franka::bridge::{Bridge, BridgeConfig, posture_of};
 use tangent_franka::fci::*;
-use tangent_franka::guard::{Posture, Wanted};
 use tangent_franka::session::Reason;
 use tangent_franka::wrench::tool_wrench;
 use tangent_mechanics::{Arm, Joints, ModelData};
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::RobotDriver;
-use tangent_runtime::lease::Source;
 use tangent_schemas::Name;
 
 use super::bench::{BenchPlant, Plane, PlantConfig};
@@ -40,7 +41,7 @@ struct Rig {
 }
 
 /// A command of one cycle: kind and torques.
-type Law<'a> = &'a dyn Fn(&Posture) -> Option<(u8, Joints<7>)>;
+type Law<'a> = &'a dyn Fn(&Posture<7>) -> Option<(u8, Joints<7>)>;
 
 impl Rig {
     fn new(plant: &PlantConfig) -> Self {
@@ -94,7 +95,7 @@ impl Rig {
         let tool = self.robot.plant().flange_from_tool();
         let q = Joints::from(state.q);
         let (pose, jacobian) = self.arm.tool_and_jacobian(&q, &tool);
-        let posture = Posture::of(&state, pose.translation(), jacobian);
+        let posture = posture_of(&state, pose.translation(), jacobian);
         let command = law(&posture);
         let values: Option<[f64; 7]> = command.map(|(_, torque)| torque.into());
         let wanted = match (&command, &values) {
@@ -106,10 +107,11 @@ impl Rig {
                 // As a controller without a task says it.
                 let activation = if *kind == 0 { 0 } else { self.activation };
                 let admitted = self.bridge.admit(&source, activation, self.now_s);
-                admitted.then_some(Wanted {
+                admitted.then_some(Command {
                     cycle: self.bridge.cycle(),
                     kind: *kind,
                     values,
+                    acceleration: 0.0,
                     activation,
                 })
             }
@@ -159,19 +161,19 @@ impl Rig {
     }
 }
 
-fn still(_: &Posture) -> Option<(u8, Joints<7>)> {
+fn still(_: &Posture<7>) -> Option<(u8, Joints<7>)> {
     Some((0, Joints::zeros()))
 }
 
-fn silent(_: &Posture) -> Option<(u8, Joints<7>)> {
+fn silent(_: &Posture<7>) -> Option<(u8, Joints<7>)> {
     None
 }
 
 /// A spring and damper of all joints to `q`.
-fn impedance(q: Joints<7>) -> impl Fn(&Posture) -> Option<(u8, Joints<7>)> {
+fn impedance(q: Joints<7>) -> impl Fn(&Posture<7>) -> Option<(u8, Joints<7>)> {
     let stiffness = Joints::from([150.0, 150.0, 120.0, 120.0, 40.0, 30.0, 10.0]);
     let damping = Joints::from([30.0, 30.0, 20.0, 20.0, 4.0, 3.0, 1.0]);
-    move |p: &Posture| {
+    move |p: &Posture<7>| {
         let spring = stiffness.component_mul(&(q - p.q));
         Some((2, spring - damping.component_mul(&p.qd)))
     }
@@ -211,7 +213,9 @@ fn a_torque_law_moves_it_and_silence_brings_it_to_rest_without_a_step() {
     }
     assert!(rig.speed() > 0.05);
     rig.cycles(3, &silent);
-    assert!(!rig.bridge.guard().is_commanded() || rig.bridge.guard().missed() > 0);
+    assert!(
+        !rig.bridge.gate().admission.is_commanded() || rig.bridge.gate().admission.missed() > 0
+    );
     rig.cycles(900, &silent);
     assert!(rig.speed() < 0.01, "{} rad/s", rig.speed());
     assert!(rig.bridge.session().is_running(), "held, not dropped");
@@ -235,7 +239,7 @@ fn every_step_and_every_number_that_is_none_is_kept_from_the_robot() {
             3 => Joints::from([f64::NAN; 7]),
             5 => Joints::from([30.0, 0.0, 0.0, -20.0, 5.0, 0.0, -3.0]),
             _ => {
-                hold(&Posture::of(
+                hold(&posture_of(
                     &rig.robot.state(),
                     Vector3::zeros(),
                     nalgebra::SMatrix::zeros(),
@@ -247,8 +251,8 @@ fn every_step_and_every_number_that_is_none_is_kept_from_the_robot() {
         rig.cycle(&|_| Some((2, torque)), false);
     }
     assert_eq!(rig.robot.mode(), RobotMode::Move);
-    assert!(rig.bridge.guard().refused() > 50);
-    assert!(rig.bridge.guard().limited() > 50);
+    assert!(rig.bridge.gate().admission.refused() > 50);
+    assert!(rig.bridge.gate().limited() > 50);
 }
 
 #[test]
@@ -296,7 +300,7 @@ fn a_collision_is_a_reflex_and_a_fresh_task_recovers() {
     rig.activation = 2;
     rig.cycles(600, &hold);
     assert_eq!(rig.robot.mode(), RobotMode::Move);
-    assert!(rig.bridge.guard().is_commanded());
+    assert!(rig.bridge.gate().admission.is_commanded());
     rig.cycles(2000, &hold);
     assert!((rig.q() - rig.q_start).amax() < 0.01);
     assert_eq!(rig.bridge.session().recoveries(), 1);
@@ -335,7 +339,7 @@ fn a_user_stop_ends_the_motion_and_nothing_resumes_by_itself() {
     rig.robot.set_user_stop(false);
     rig.cycles(300, &impedance(goal));
     assert_eq!(rig.robot.mode(), RobotMode::Move, "held again");
-    assert!(!rig.bridge.guard().is_commanded(), "but not moved");
+    assert!(!rig.bridge.gate().admission.is_commanded(), "but not moved");
     rig.activation = 2;
     rig.cycles(3000, &impedance(goal));
     assert!((rig.q() - goal).amax() < 0.01);
@@ -360,7 +364,7 @@ fn pressing_on_a_plane_is_felt_with_the_projects_sign() {
     });
     rig.ready();
     let hold = impedance(q);
-    let press = |p: &Posture| {
+    let press = |p: &Posture<7>| {
         let (kind, torque) = hold(p)?;
         let force = p.tool_jacobian.fixed_rows::<3>(0).transpose() * Vector3::new(0.0, 0.0, -15.0);
         Some((kind, torque + force))

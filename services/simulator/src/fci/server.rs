@@ -1,7 +1,8 @@
 //! The running robot: one thread that paces it by absolute deadlines, and its two sockets.
 //!
-//! A cycle takes in requests, sends the state, gives the client a moment to answer and steps the robot. A cycle that comes
-//! late is not made up for: simulated time then runs slow, but no client ever sees two states in a burst.
+//! A cycle takes in requests, sends the state, gives the client a moment to answer and steps the
+//! robot. A cycle that comes late is not made up for: simulated time then runs slow, but no client
+//! ever sees two states in a burst.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -197,7 +198,8 @@ impl SimulatedFranka {
             .clone()
     }
 
-    /// Waits until `condition` holds, looking once per millisecond; false when it does not within `at_most`.
+    /// Waits until `condition` holds, looking once per millisecond; false when it does not within
+    /// `at_most`.
     pub fn wait_for(&self, at_most: Duration, condition: impl Fn(&Snapshot) -> bool) -> bool {
         let deadline = Instant::now() + at_most;
         loop {
@@ -534,7 +536,7 @@ impl Server {
             connections: self.connections,
             truth,
         };
-        // Whoever reads the last one must not hold the robot up: it sees the next.
+        // A reader of the last state must not delay the robot: it gets the next one.
         match self.snapshot.try_lock() {
             Ok(mut shown) => *shown = Some(snapshot),
             Err(TryLockError::Poisoned(shown)) => *shown.into_inner() = Some(snapshot),

@@ -28,7 +28,8 @@ pub enum NetbFault {
         /// How many records.
         records: u32,
     },
-    /// Every record says what the last one before says, with its own sequence (true), or lives again.
+    /// Every record says what the last one before says, with its own sequence (true), or lives
+    /// again.
     Freeze(bool),
     /// One axis stands still, 0 Fx to 5 Tz; none: all live again.
     StickAxis(Option<usize>),

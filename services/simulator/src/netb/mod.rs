@@ -1,7 +1,9 @@
-//! A Net F/T box on sockets: RDT over UDP, its configuration over HTTP, fed with the plant's samples.
+//! A Net F/T box on sockets: RDT over UDP, its configuration over HTTP, fed with the plant's
+//! samples.
 //!
-//! Usable alone, for tests of any client: `NetbBox::start(NetbConfig::default())`. Its clock counts at 7 kHz whatever
-//! the rate of records; samples are played out at the times they are stamped with.
+//! Usable alone, for tests of any client: `NetbBox::start(NetbConfig::default())`. Its clock counts
+//! at 7 kHz whatever the rate of records; samples are played out at the times they are stamped
+//! with.
 
 mod fault;
 mod rdt;
@@ -51,7 +53,8 @@ pub struct NetbConfig {
     pub rate_hz: u32,
     /// Records per buffered datagram at the start, 1 to 40.
     pub buffer_records: u32,
-    /// Number of the low-pass filter that its web page shows; 0: off. The readings are not filtered.
+    /// Number of the low-pass filter that its web page shows; 0: off. The readings are not
+    /// filtered.
     pub filter: u32,
     /// A count beyond latches the threshold warning.
     pub threshold_counts: Option<[i32; 6]>,
@@ -83,8 +86,9 @@ impl Default for NetbConfig {
     }
 }
 
-/// Half width of the converters' noise of a cell's box. A real box never sends the same record twice; a simulated one on a busy machine
-/// would, whenever no new sample has come in time, and would rightly be called frozen.
+/// Half width of the converters' noise of a cell's box. A real box never sends the same record
+/// twice; a simulated one on a busy machine would, whenever no new sample has come in time, and
+/// would rightly be called frozen.
 const CONVERTER_NOISE_COUNTS: u32 = 5;
 
 /// Why a box cannot start.
@@ -264,15 +268,15 @@ pub struct SampleFeed {
 }
 
 impl SampleFeed {
-    /// One period's samples: the first was measured at `first`, the others `interval` apart. Each is read by the box from its
-    /// time on, until the next one's; samples of the past are skipped. A record whose sample has not come waits for it, up to
-    /// 10 ms; after that the last stays.
+    /// One period's samples: the first was measured at `first`, the others `interval` apart. Each
+    /// is read by the box from its time on, until the next one's; samples of the past are skipped.
+    /// A record whose sample has not come waits for it, up to 10 ms; after that the last stays.
     pub fn push(&self, first: Instant, interval: Duration, samples: &[BoxSample]) {
         lock(&self.shared.samples).push(first, interval, samples);
     }
 
-    /// A plant's records of the period that began at `start`, then `before_s` on the plant's clock, read when they belong. Works in
-    /// `scratch`.
+    /// A plant's records of the period that began at `start`, then `before_s` on the plant's clock,
+    /// read when they belong. Works in `scratch`.
     pub(crate) fn play(
         &self,
         start: Instant,

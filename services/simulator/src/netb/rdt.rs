@@ -22,8 +22,9 @@ pub struct BoxSample {
     pub saturated: bool,
 }
 
-/// Longest wait for a sample whose time has come: a plant computes a period a little after it began. Without the wait,
-/// the records of that little would all repeat one sample, and its noise would weigh as much as theirs together.
+/// Longest wait for a sample whose time has come: a plant computes a period a little after it
+/// began. Without the wait, the records of that little would all repeat one sample, and its noise
+/// would weigh as much as theirs together.
 const SAMPLE_PATIENCE: Duration = Duration::from_millis(10);
 
 /// Samples that wait for their time.
@@ -198,7 +199,8 @@ impl RdtBox {
         }
     }
 
-    /// Counts of the box's clock between two records at this rate: the box divides its 7 kHz by a whole number.
+    /// Counts of the box's clock between two records at this rate: the box divides its 7 kHz by a
+    /// whole number.
     pub(super) fn step(rate_hz: u32) -> u32 {
         (FT_RATE_HZ / f64::from(rate_hz.max(1))).round().max(1.0) as u32
     }
@@ -512,7 +514,8 @@ mod tests {
 
     #[test]
     fn a_plant_that_computes_its_period_late_has_every_sample_read_once() {
-        // As in the cell: samples of a period of 8 ms, known 2.3 ms after it began; the box looks every 0.2 ms.
+        // As in the cell: samples of a period of 8 ms, known 2.3 ms after it began; the box looks
+        // every 0.2 ms.
         let us = Duration::from_micros;
         let (start, interval) = (Instant::now(), us(125));
         let mut queue = SampleQueue::default();

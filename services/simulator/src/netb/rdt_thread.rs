@@ -13,7 +13,7 @@ use tangent_runtime::realtime::setup_thread;
 use super::rdt::RdtBox;
 use super::{NetbFault, Shared, lock};
 
-/// Pause between two looks for a request while nobody is served.
+/// Polling interval for requests while no client is served.
 const IDLE: Duration = Duration::from_millis(1);
 /// Pause between two looks for a sample that the plant has still to compute.
 const LOOK: Duration = Duration::from_micros(200);
@@ -66,13 +66,15 @@ fn serve(socket: &UdpSocket, shared: &Shared, faults: &Receiver<NetbFault>) {
         }
         let mut waits = false;
         while due <= now {
-            // Late, but with the count of its time: the receiver's clock goes by the earliest records.
+            // Late, but with the count of its time: the receiver's clock goes by the earliest
+            // records.
             let Some(sample) = lock(&shared.samples).at(due, now) else {
                 waits = true;
                 break;
             };
             let made = simulated.tick(sample, settings, |datagram, to| {
-                // A client that is gone, or a full buffer, is the network's loss as with a real box.
+                // A client that is gone, or a full buffer, is the network's loss as with a real
+                // box.
                 if !deaf {
                     let _ = socket.send_to(datagram, to);
                 }

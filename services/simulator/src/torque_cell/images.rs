@@ -18,7 +18,7 @@ pub struct Shot {
     pub stamp_ns: i64,
 }
 
-/// Draws and publishes until nobody takes pictures any more.
+/// Renders and publishes until the camera is dropped.
 pub fn draw_images(mut imager: Imager, shots: &Receiver<Shot>, images: &Publisher<Image>) {
     let delay_ns = (imager.delay_s() * 1e9) as i64;
     while let Ok(shot) = shots.recv() {

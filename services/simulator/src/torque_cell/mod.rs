@@ -1,8 +1,10 @@
-//! A simulated arm with a torque interface: `arm/state` and `arm/command` at 1 kHz in one process with the controller, a force
-//! sensor behind a Net F/T box, and a camera on the wrist whose images come as a driver's would.
+//! A simulated arm with a torque interface: `arm/state` and `arm/command` at 1 kHz in one process
+//! with the controller, a force sensor behind a Net F/T box, and a camera on the wrist whose images
+//! come as a driver's would.
 //!
-//! One thread is the arm: it publishes its state, in which the controller answers at once, lets the answer through the
-//! guard of [`TorqueGate`], and moves by one period. Images are drawn in a thread of their own.
+//! One thread is the arm: it publishes its state, in which the controller answers at once, lets the
+//! answer through the guard of [`TorqueGate`], and moves by one period. Images are drawn in a
+//! thread of their own.
 
 mod gate;
 mod images;
@@ -14,10 +16,10 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use tangent_actuation::lease::Source;
 use tangent_estimation::CORNERS;
 use tangent_mechanics::Joints;
 use tangent_runtime::clock::{DeadlineClock, now_ns};
-use tangent_runtime::lease::Source;
 use tangent_runtime::realtime::setup_thread;
 use tangent_runtime::{
     Bus, BusError, Counter, HealthReporter, Histogram, Publisher, Rate, Stop, Subscription,
@@ -32,7 +34,7 @@ use crate::config::Ports;
 use crate::netb::{BoxSample, NetbBox, SampleFeed};
 use crate::service::{FAULT_KEY, truth_message};
 
-pub use gate::{TorqueGate, TorqueRefusal};
+pub use gate::TorqueGate;
 use images::{Shot, draw_images};
 use state::StateMaker;
 
@@ -42,7 +44,8 @@ const SHOTS: usize = 2;
 /// Commands that may wait for a period, from all sources together.
 const COMMANDS_MAX: usize = 64;
 
-/// SCHED_FIFO priority of the image thread: behind everything that is in a hurry, before what the machine does besides.
+/// SCHED_FIFO priority of the image thread: behind everything that is in a hurry, before what the
+/// machine does besides.
 const IMAGE_PRIORITY: u8 = 20;
 
 /// What the simulated cell is made of.
@@ -124,7 +127,7 @@ pub fn run_torque_cell(
     let model = loaded_arm::<6>(&config.plant.robot, &config.plant.tool, false)?;
     let arm = plant.arm();
     let mut cell = TorqueCell {
-        gate: TorqueGate::new(model, &arm.q),
+        gate: TorqueGate::new(model, &arm.q, plant.period_s()),
         state: StateMaker::new(model, plant.flange_from_tool(), plant.period_s()),
         publisher: bus.publisher(&topics::ARM_STATE)?,
         commands: bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?,
@@ -276,7 +279,8 @@ impl TorqueCell {
             self.publisher.publish(&state);
         }
         let now_s = self.began.elapsed().as_secs_f64();
-        // Every one that came, since another source's must not hide the holder's; of the holder's, the newest.
+        // Every one that came, since another source's must not hide the holder's; of the holder's,
+        // the newest.
         let mut newest = None;
         for _ in 0..COMMANDS_MAX {
             let Some(received) = self.commands.try_recv() else {
@@ -305,7 +309,8 @@ impl TorqueCell {
             && !self.faults.camera_off.load(Ordering::Acquire)
             && let Some(shots) = &self.shots
         {
-            // The exposure belongs to the end of this period. A painter that is behind leaves one out, as a camera does.
+            // The exposure belongs to the end of this period. A painter that is behind leaves one
+            // out, as a camera does.
             let stamp_ns = stamp_ns + (self.plant.period_s() * 1e9) as i64;
             let _ = shots.try_send(Shot { exposure, stamp_ns });
         }

@@ -1,7 +1,7 @@
 //! The arm's state as it travels on the bus. No allocation.
 
+use tangent_actuation::lease;
 use tangent_mechanics::{Aligned, Arm, Base, Flange, Pose, Tool, Twist};
-use tangent_runtime::lease;
 use tangent_schemas::Text;
 use tangent_schemas::convert::{cut, cut_format, joint_array};
 use tangent_schemas::standard::Header;
@@ -46,7 +46,7 @@ impl StateMaker {
     ) -> ArmState {
         let (pose, jacobian) = self.model.tool_and_jacobian(&arm.q, &self.flange_from_tool);
         let twist: Twist<Aligned<Tool, Base>> = Twist::from_vector(&(jacobian * arm.qd));
-        let holder = gate.holder();
+        let holder = gate.lease().holder();
         ArmState {
             header: Header::new(stamp_ns, "base"),
             cycle,
@@ -69,12 +69,12 @@ impl StateMaker {
             },
             speed_scaling: 1.0,
             command_latency_s: self.period_s,
-            command_cycle_accepted: gate.cycle_accepted,
-            commands_refused: gate.refused,
-            refusal_reason: gate.reason(),
-            activation_latched: gate.activation_latched,
+            command_cycle_accepted: gate.admission().cycle_accepted(),
+            commands_refused: gate.admission().refused() + gate.lease().refused(),
+            refusal_reason: *gate.reason(),
+            activation_latched: gate.admission().activation_latched(),
             packet_to_command_s: answer_s,
-            missed_cycles: gate.missed,
+            missed_cycles: gate.admission().missed(),
             commanded_by: holder.map_or_else(Default::default, |source| {
                 cut_format(format_args!("{source}"))
             }),

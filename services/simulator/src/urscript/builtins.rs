@@ -276,7 +276,8 @@ builtins! {
     set_target_payload(m, cog, inertia, transition_time) = |r, a| payload(r, a);
     get_target_payload() = |r, _| float(r.payload().0);
     set_gravity(d) = |_, a| upright(&a[0]);
-    // What ends a mode that is never on does nothing; what begins it is an error, not a silent success.
+    // What ends a mode that is never on does nothing; what begins it is an error, not a silent
+    // success.
     force_mode(task_frame, selection_vector, wrench, type, limits) = |_, _| absent("force_mode");
     end_force_mode() = |_, _| nothing();
     force_mode_set_damping(damping) = |_, _| nothing();
@@ -344,7 +345,8 @@ fn absent(name: &str) -> Done {
     Err(format!("{name}: the simulated controller has no such mode"))
 }
 
-/// Cycles since the contact began: one while the tool is pushed against the direction of its motion, or of `direction`, else none.
+/// Cycles since the contact began: one while the tool is pushed against the direction of its
+/// motion, or of `direction`, else none.
 fn contact(r: &dyn Robot, direction: &Value) -> Done {
     let along = match direction {
         Value::None => r.tcp_speed(false),

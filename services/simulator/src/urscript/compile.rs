@@ -1,7 +1,8 @@
-//! Syntax to instructions: names become slots, calls are checked, keyword arguments find their places.
+//! Syntax to instructions: names become slots, calls are checked, keyword arguments find their
+//! places.
 //!
-//! Variables of the program's outermost function are visible in the functions and threads inside it, as those declared
-//! `global` are; everything else that a function assigns is its own.
+//! Variables of the program's outermost function are visible in the functions and threads inside
+//! it, as those declared `global` are; everything else that a function assigns is its own.
 
 use std::collections::HashMap;
 
@@ -74,8 +75,8 @@ pub struct Program {
 }
 
 impl Program {
-    /// Reads a whole program: one `def` or `sec` with all it holds, or plain statements. `e_series` decides which
-    /// built-in functions there are.
+    /// Reads a whole program: one `def` or `sec` with all it holds, or plain statements. `e_series`
+    /// decides which built-in functions there are.
     ///
     /// # Errors
     /// Line, column and what is wrong there.

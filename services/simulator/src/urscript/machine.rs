@@ -1,11 +1,13 @@
-//! Runs a program one control cycle at a time: threads take turns, each until it waits for the next frame.
+//! Runs a program one control cycle at a time: threads take turns, each until it waits for the next
+//! frame.
 
 use super::builtins::{Motion, Outcome, Robot, Wait};
 use super::compile::{Op, Program, Slot};
 use super::lexer::Position;
 use super::value::Value;
 
-/// Instructions that all threads together may take in one frame. A real controller has a time slice instead.
+/// Instructions that all threads together may take in one frame. A real controller has a time slice
+/// instead.
 const INSTRUCTIONS_PER_FRAME: u32 = 50_000;
 const THREADS_MAX: usize = 16;
 const CALLS_MAX: usize = 60;
@@ -448,7 +450,8 @@ fn jump(thread: &mut Thread, to: usize) {
     }
 }
 
-/// The compiler leaves as many values as are taken; a missing one would be its fault, and reads as nothing.
+/// The compiler leaves as many values as are taken; a missing one would be its fault, and reads as
+/// nothing.
 fn pop(thread: &mut Thread) -> Value {
     thread.stack.pop().unwrap_or(Value::None)
 }

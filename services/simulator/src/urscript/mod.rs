@@ -1,8 +1,9 @@
-//! The subset of URScript that a bridge's and a client's control program use: text to a running program.
+//! The subset of URScript that a bridge's and a client's control program use: text to a running
+//! program.
 //!
-//! [`Program::compile`] turns a program's text into instructions, [`Machine::frame`] runs them one control cycle at a
-//! time against a [`Robot`]. Nothing here knows sockets, clocks or the simulated arm. Whatever the text says, memory,
-//! recursion and time per frame are bounded.
+//! [`Program::compile`] turns a program's text into instructions, [`Machine::frame`] runs them one
+//! control cycle at a time against a [`Robot`]. Nothing here knows sockets, clocks or the simulated
+//! arm. Whatever the text says, memory, recursion and time per frame are bounded.
 
 mod builtins;
 mod compile;
@@ -33,7 +34,7 @@ pub struct CompileError {
     pub column: u32,
     /// What is wrong and what is allowed.
     pub reason: String,
-    /// The text is well formed, but calls or reads a name that does not exist. The controller reports these on its
-    /// ports; about a text that is not well formed it says nothing there.
+    /// The text is well formed, but calls or reads a name that does not exist. The controller
+    /// reports these on its ports; about a text that is not well formed it says nothing there.
     pub unknown_name: bool,
 }

@@ -77,7 +77,8 @@ fn lists_are_copied_and_elements_assigned() {
 
 #[test]
 fn newlines_end_nothing() {
-    // As ur_rtde uploads it: a number that its loader put behind the newline, and a statement behind the number.
+    // As ur_rtde uploads it: a number that its loader put behind the newline, and a statement
+    // behind the number.
     let text = "global a = # comment\n0    global b = # another\n5    global c = 2\nwrite_output_integer_register(0, a + b * 10 + c)";
     assert_eq!(result(text), 52);
     assert_eq!(

@@ -1,7 +1,11 @@
-//! A UR cell in simulated time: the robot's controller with the uploaded program, the bridge, conditioning, an estimator, the law. Bytes go
-//! to and fro between robot and bridge; there is no socket, clock or thread, so that a fault comes in the very cycle that a test names.
+//! A UR cell in simulated time: the robot's controller with the uploaded program, the bridge,
+//! conditioning, an estimator, the law. Bytes go to and fro between robot and bridge; there is no
+//! socket, clock or thread, so that a fault comes in the very cycle that a test names.
 
 use nalgebra::Vector6;
+use tangent_actuation::Command;
+use tangent_actuation::lease::{SILENCE_S, Source};
+use tangent_actuation::velocity::Posture;
 use tangent_control::{
     CommandKind, ControlInput, ControlOutput, Controller as Law, EstimateInput, MAX_ESTIMATORS,
     Phase, Program, StateInterval, UntaredLoad,
@@ -10,9 +14,7 @@ use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench};
 use tangent_rtde::bridge::{Bridge, BridgeConfig, BridgeEvent};
 use tangent_rtde::codec::Framer;
-use tangent_rtde::guard::{Posture, Wanted};
 use tangent_runtime::CellConfig;
-use tangent_runtime::lease::{SILENCE_S, Source};
 use tangent_schemas::Name;
 use tangent_sensing::{
     ConditionedWrench, Payload, Reading, RecordWatchConfig, SensorCondition, SensorRecord,
@@ -226,7 +228,7 @@ impl Cell {
 
     /// Starts the task.
     pub fn start_task(&mut self) {
-        let latched = self.bridge.guard().activation_latched();
+        let latched = self.bridge.gate().admission.activation_latched();
         let at = self.tool().0.translation();
         self.law.check_start(&at).unwrap();
         self.law.start(self.program.clone(), latched).unwrap();
@@ -587,7 +589,7 @@ impl Cell {
         if self.has(Fault::CommandOld) {
             cycle = cycle.saturating_sub((1.0 / self.period_s()) as u64);
         }
-        let wanted = Wanted {
+        let wanted = Command {
             cycle,
             kind: output.kind as u8,
             values: &values,
@@ -624,7 +626,7 @@ impl Cell {
         });
         // As the service does: a task that the bridge has latched out moves nothing any more.
         let latched = self.law.phase().is_active()
-            && self.bridge.guard().activation_latched() >= self.law.activation();
+            && self.bridge.gate().admission.activation_latched() >= self.law.activation();
         let input = ControlInput {
             time_s: now_s,
             dt_s: self

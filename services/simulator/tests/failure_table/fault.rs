@@ -3,7 +3,8 @@
 /// What is wrong in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The bridge's process is gone, and the controller in it: nothing reaches the robot. Afterwards both begin anew.
+    /// The bridge's process is gone, and the controller in it: nothing reaches the robot.
+    /// Afterwards both begin anew.
     BridgeDead,
     /// The controller does not answer.
     NoCommand,
@@ -31,7 +32,8 @@ pub enum Fault {
     SensorDead,
     /// One record in four is off by 30 N: well-formed, and of no load.
     SensorCorrupt,
-    /// The sensor's service begins anew, and no record comes while it does. It keeps the last good zero.
+    /// The sensor's service begins anew, and no record comes while it does. It keeps the last good
+    /// zero.
     SensorRestart,
     /// No estimate comes.
     EstimateSilent,

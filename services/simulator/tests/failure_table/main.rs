@@ -1,5 +1,6 @@
-//! The failure table of docs/architecture.md where it is logic: robot program, bridge and controller stepped together in simulated time,
-//! with the fault in every cycle. The bounds are met exactly: no machine is in it. What a machine adds is what `tangent faults` measures.
+//! The failure table of docs/architecture.md where it is logic: robot program, bridge and
+//! controller stepped together in simulated time, with the fault in every cycle. The bounds are met
+//! exactly: no machine is in it. What a machine adds is what `tangent faults` measures.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -25,7 +26,8 @@ const WRENCH_RETRACT_S: f64 = 0.1;
 const ESTIMATE_S: f64 = 0.1;
 const ESTIMATE_RETRACT_S: f64 = 1.0;
 
-/// Where both series are looked at: every cycle at 125 Hz, and cycles of all phases of that at 500 Hz.
+/// Where both series are looked at: every cycle at 125 Hz, and cycles of all phases of that at 500
+/// Hz.
 fn both() -> impl Iterator<Item = (Flavour, u64)> {
     let cb3 = (0..OFFSETS).map(|offset| (Flavour::Cb3, offset));
     cb3.chain(
@@ -35,7 +37,8 @@ fn both() -> impl Iterator<Item = (Flavour, u64)> {
     )
 }
 
-/// Every third cycle offset, starting with `of`: three faults that are judged alike share the offsets.
+/// Every third cycle offset, starting with `of`: three faults that are judged alike share the
+/// offsets.
 fn every_third(of: usize) -> impl Iterator<Item = (Flavour, u64)> {
     both().filter(move |(_, offset)| *offset as usize % 3 == of)
 }
@@ -64,8 +67,8 @@ fn first_beyond(limit_s: f64, period_s: f64) -> u64 {
     cycles
 }
 
-/// The cycle in which an age goes beyond `limit_s`, one period more in each; where that is a whole number of periods, rounding decides
-/// whether it is the cycle before, which the cell says.
+/// The cycle in which an age goes beyond `limit_s`, one period more in each; where that is a whole
+/// number of periods, rounding decides whether it is the cycle before, which the cell says.
 fn cycle_beyond(limit_s: f64, period_s: f64, is_earlier: bool) -> u64 {
     let cycles = limit_s / period_s;
     let whole = (cycles - cycles.round()).abs() < 1e-6;
@@ -111,20 +114,27 @@ fn without_a_command_the_bridge_holds_for_two_cycles_and_ramps_in_the_third() {
         let last = cell.output.unwrap().qd;
         for _ in 0..2 {
             cell.step();
-            assert_eq!(*cell.bridge().guard().qd(), last, "{offset}");
+            assert_eq!(*cell.bridge().gate().qd(), last, "{offset}");
         }
         let mut before = last.norm();
         while before > 0.0 {
             cell.step();
-            let now = cell.bridge().guard().qd().norm();
+            let now = cell.bridge().gate().qd().norm();
             assert!(now < before, "{offset}: {now} after {before}");
             before = now;
         }
-        let guard = cell.bridge().guard();
-        assert!(guard.missed() >= 3, "{offset}: {}", guard.missed());
+        let gate = cell.bridge().gate();
+        assert!(
+            gate.admission.missed() >= 3,
+            "{offset}: {}",
+            gate.admission.missed()
+        );
         // 0.1 s of silence end the task.
         cell.steps((0.16 / cell.period_s()) as u64);
-        assert!(cell.bridge().guard().activation_latched() > 0, "{offset}");
+        assert!(
+            cell.bridge().gate().admission.activation_latched() > 0,
+            "{offset}"
+        );
     }
 }
 
@@ -137,13 +147,13 @@ fn a_bad_command_is_refused_and_ramped_down_from_in_its_cycle() {
         for (flavour, offset) in every_third(i) {
             let mut cell = with(fault, flavour, offset);
             let (last, refused) = (
-                cell.bridge().guard().qd().norm(),
-                cell.bridge().guard().refused(),
+                cell.bridge().gate().qd().norm(),
+                cell.bridge().gate().admission.refused(),
             );
             cell.step();
-            let guard = cell.bridge().guard();
-            assert_eq!(guard.refused(), refused + 1, "{fault:?}, {offset}");
-            assert!(guard.qd().norm() < last, "{fault:?}, {offset}");
+            let gate = cell.bridge().gate();
+            assert_eq!(gate.admission.refused(), refused + 1, "{fault:?}, {offset}");
+            assert!(gate.qd().norm() < last, "{fault:?}, {offset}");
         }
     }
 }
@@ -152,18 +162,18 @@ fn a_bad_command_is_refused_and_ramped_down_from_in_its_cycle() {
 fn an_old_command_is_refused_in_its_cycle_and_counts_as_none() {
     for (flavour, offset) in both() {
         let mut cell = with(Fault::CommandOld, flavour, offset);
-        let mut last = *cell.bridge().guard().qd();
+        let mut last = *cell.bridge().gate().qd();
         for silent in 1..=3 {
-            let refused = cell.bridge().guard().refused();
+            let refused = cell.bridge().gate().admission.refused();
             cell.step();
-            let guard = cell.bridge().guard();
-            assert_eq!(guard.refused(), refused + 1, "{offset}");
+            let gate = cell.bridge().gate();
+            assert_eq!(gate.admission.refused(), refused + 1, "{offset}");
             assert_eq!(
-                guard.qd().norm() < last.norm(),
+                gate.qd().norm() < last.norm(),
                 silent > 2,
                 "{offset}, {silent}"
             );
-            last = *guard.qd();
+            last = *gate.qd();
         }
     }
 }
@@ -209,8 +219,8 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
     }
 }
 
-/// Records that repeat, that repeat on one axis, or that are of a transducer that is cut off: 1 kHz gives 8 of them in a cycle at 125 Hz, and
-/// 2 at 500 Hz.
+/// Records that repeat, that repeat on one axis, or that are of a transducer that is cut off: 1 kHz
+/// gives 8 of them in a cycle at 125 Hz, and 2 at 500 Hz.
 #[test]
 fn a_sensor_that_does_not_live_retracts_within_two_cycles() {
     let faults = [
@@ -267,7 +277,8 @@ fn records_that_leap_are_left_out_until_they_are_too_many() {
     }
 }
 
-/// The robot's own stops, and its restart: the task ends with the first packet that says so, and nothing moves before a new start.
+/// The robot's own stops, and its restart: the task ends with the first packet that says so, and
+/// nothing moves before a new start.
 #[test]
 fn a_robot_that_stops_by_itself_ends_the_task_in_that_cycle() {
     for fault in [
@@ -304,7 +315,7 @@ fn a_robot_that_stops_by_itself_ends_the_task_in_that_cycle() {
                 true
             });
             assert!(
-                cell.bridge().guard().activation_latched() >= activation,
+                cell.bridge().gate().admission.activation_latched() >= activation,
                 "{what}"
             );
             cell.steps(100);
@@ -323,8 +334,9 @@ fn off_the_surface(cell: &mut Cell) {
     cell.until("it rests", |c| c.robot_speed() < 1e-6);
 }
 
-/// What is silent for `silent_s` stops the path in the cycle that sees it, and after `patience_s` more the tool retracts. `during` looks
-/// at each cycle before that, with its number and that of the stop. The latest cycle for the stop.
+/// What is silent for `silent_s` stops the path in the cycle that sees it, and after `patience_s`
+/// more the tool retracts. `during` looks at each cycle before that, with its number and that of
+/// the stop. The latest cycle for the stop.
 fn stops_then_retracts(
     cell: &mut Cell,
     silent_s: f64,
@@ -370,7 +382,8 @@ fn a_silent_wrench_stops_after_two_cycles_and_retracts_after_its_patience() {
             let what = format!("{fault:?}, {flavour:?}, {offset}");
             let mut cell = with(fault, flavour, offset);
             let period_s = cell.period_s();
-            // The newest record is as old as its filter's neighbours make it: at a packet, the last of the period that ended.
+            // The newest record is as old as its filter's neighbours make it: at a packet, the last
+            // of the period that ended.
             let silent_s = WRENCH_SILENT_CYCLES * period_s + WRENCH_JITTER_S;
             let late =
                 stops_then_retracts(&mut cell, silent_s, WRENCH_RETRACT_S, &what, |_, _, _| {});

@@ -1,4 +1,5 @@
-//! Two faults at once, and what comes after one: how hard the tool truly presses, and that nothing goes on by itself.
+//! Two faults at once, and what comes after one: how hard the tool truly presses, and that nothing
+//! goes on by itself.
 
 use tangent_control::Phase;
 use tangent_simulator::Flavour;
@@ -8,10 +9,12 @@ use crate::fault::Fault;
 
 /// Twice the reference, or this: what the tool may press with whatever happens, N.
 const PEAK_N: f64 = 10.0;
-/// How long the faults last, s: what follows from them is decided by then. Of a silent estimate that takes a second.
+/// How long the faults last, s: what follows from them is decided by then. Of a silent estimate
+/// that takes a second.
 const LASTS_S: f64 = 0.5;
 const BLIND_S: f64 = 1.2;
-/// Time in which the arm is at rest after them, s: a protective stop is unlocked after 5 s, and the program is sent again after that.
+/// Time in which the arm is at rest after them, s: a protective stop is unlocked after 5 s, and the
+/// program is sent again after that.
 const REST_S: f64 = 12.0;
 /// Time over which it is seen to rest, s.
 const RESTS_S: f64 = 0.2;
@@ -37,13 +40,14 @@ fn seconds(cell: &Cell, s: f64) -> u64 {
     (s / cell.period_s()) as u64
 }
 
-/// What the law cannot answer by itself is left out: with a reading that is zero, alive, and said to be valid, it seeks a surface that it is
-/// on. `limits.blind_distance_max_m` bounds that.
+/// What the law cannot answer by itself is left out: with a reading that is zero, alive, and said
+/// to be valid, it seeks a surface that it is on. `limits.blind_distance_max_m` bounds that.
 fn faults() -> impl Iterator<Item = Fault> + Clone {
     Fault::ALL.into_iter().filter(|f| *f != Fault::ContactLost)
 }
 
-/// What happens to the cell: `first` so many cycles into the phase and, `apart` later, `second` as well; then neither.
+/// What happens to the cell: `first` so many cycles into the phase and, `apart` later, `second` as
+/// well; then neither.
 #[derive(Clone, Copy, Debug)]
 struct Play {
     flavour: Flavour,
@@ -91,7 +95,8 @@ fn come_to_rest(cell: &mut Cell, what: &Play) {
     assert!(cell.robot_speed() < 1e-6, "{what:?}: moves on");
 }
 
-/// What is left of a task in any phase: it is over and the arm at rest, or it goes on as it should and leaves the surface when it is told.
+/// What is left of a task in any phase: it is over and the arm at rest, or it goes on as it should
+/// and leaves the surface when it is told.
 fn judge(play: &Play, worst: &mut (f64, Option<Play>)) {
     let mut cell = play.run();
     let only_another = play.first == Fault::SecondSource && play.second == play.first;
@@ -128,7 +133,8 @@ fn judge_all(plays: impl Iterator<Item = Play>) {
     );
 }
 
-/// All pairs in a phase, at times that `times` gives for each: cycles at 125 Hz between both, and before them.
+/// All pairs in a phase, at times that `times` gives for each: cycles at 125 Hz between both, and
+/// before them.
 fn pairs(
     flavour: Flavour,
     phase: Phase,

@@ -1,23 +1,24 @@
-//! A Franka's cell in simulated time: the robot's controller with arm and surface, the bridge, the watch of the wrench estimate, camera and
-//! touch, the law. Bytes go to and fro between robot and bridge; there is no socket, clock or thread, so that a fault comes in the very cycle
-//! that a test names.
+//! A Franka's cell in simulated time: the robot's controller with arm and surface, the bridge, the
+//! watch of the wrench estimate, camera and touch, the law. Bytes go to and fro between robot and
+//! bridge; there is no socket, clock or thread, so that a fault comes in the very cycle that a test
+//! names.
 
 use std::sync::OnceLock;
 
 use nalgebra::Vector3;
+use tangent_actuation::Command;
+use tangent_actuation::lease::{SILENCE_S, Source};
 use tangent_control::{
     Clearance, ControlError, Phase, StateInterval, TorqueInterface, UnifiedForceImpedance,
     UnifiedInput, UnifiedOutput, VisionInput,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
-use tangent_franka::bridge::Bridge;
+use tangent_franka::bridge::{Bridge, posture_of};
 use tangent_franka::fci::{Framer, PERIOD_S, Reply, Request, RobotCommand, RobotMode, RobotState};
-use tangent_franka::guard::{Posture, Wanted};
 use tangent_franka::wrench::tool_wrench;
 use tangent_mechanics::{Arm, Joints, Pose, Tool, Twist, Wrench};
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::FRANKA_TORQUE_RATE_SHARE;
-use tangent_runtime::lease::{SILENCE_S, Source};
 use tangent_schemas::Name;
 use tangent_sensing::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState, Validity};
 use tangent_simulation::{NormalCamera, Surface, TactileScenario, Truth, loaded_arm};
@@ -28,7 +29,8 @@ use crate::fault::Fault;
 /// The published wave and the cell that ships for it.
 const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
 const CELL: &str = include_str!("../../../../deploy/cell.karacan.toml");
-/// Two millimetres above the surface and square to it, on the path soon after the touch, and soon off the surface.
+/// Two millimetres above the surface and square to it, on the path soon after the touch, and soon
+/// off the surface.
 const CHANGES: [&str; 11] = [
     "plant.start.clearance_m=0.002",
     "plant.start.tilt_rad=0.0",
@@ -44,10 +46,12 @@ const CHANGES: [&str; 11] = [
 ];
 /// Longest wait for anything, cycles.
 const PATIENCE: u64 = 30_000;
-/// Cycles in which the watch of the wrench learns how it lives, and what it has learnt; nothing is judged before.
+/// Cycles in which the watch of the wrench learns how it lives, and what it has learnt; nothing is
+/// judged before.
 const LEARNS: u64 = 1_100;
 static LEARNT: OnceLock<RecordWatchState> = OnceLock::new();
-/// A robot that sends nothing for so long is gone to the bridge, and the pause before it connects again, s.
+/// A robot that sends nothing for so long is gone to the bridge, and the pause before it connects
+/// again, s.
 const GONE_S: f64 = 1.0;
 const PAUSE_S: f64 = 0.2;
 /// Parts of a newton that a difference of the estimate is seen in.
@@ -81,7 +85,8 @@ pub struct Cell {
     settings: tangent_franka::Config,
     bridge: Bridge,
     connected: bool,
-    /// When the bridge may connect again, the pause after that, and how many states it had when it connected last.
+    /// When the bridge may connect again, the pause after that, and how many states it had when it
+    /// connected last.
     retry: (f64, f64, u64),
     heard_s: f64,
     tcp: Vec<u8>,
@@ -223,7 +228,7 @@ impl Cell {
         self.law
             .check_start(&clearance, &self.tool().translation())?;
         self.law.begin(clearance);
-        let latched = self.bridge.guard().activation_latched();
+        let latched = self.bridge.gate().admission.activation_latched();
         self.activation = self.activation.max(latched) + 1;
         Ok(())
     }
@@ -591,7 +596,7 @@ impl Cell {
         self.sense(state, now_s);
         let (q, tool) = (Joints::from(state.q), &self.settings.flange_from_tool);
         let (pose, jacobian) = self.settings.arm.tool_and_jacobian(&q, tool);
-        let posture = Posture::of(state, pose.translation(), jacobian);
+        let posture = posture_of(state, pose.translation(), jacobian);
         let mut queue = Vec::new();
         if self.has(Fault::SecondSource) {
             let sent = Sent {
@@ -622,10 +627,11 @@ impl Cell {
                 newest = Some(sent);
             }
         }
-        let wanted = newest.as_ref().map(|sent| Wanted {
+        let wanted = newest.as_ref().map(|sent| Command {
             cycle: sent.cycle,
             kind: sent.kind,
             values: &sent.values,
+            acceleration: 0.0,
             activation: sent.activation,
         });
         let mut udp = Vec::new();
@@ -687,7 +693,7 @@ impl Cell {
     /// The controller answers a state.
     fn law_step(&mut self, state: &RobotState, now_s: f64) -> Sent {
         let touch = self.look(now_s);
-        let latched = self.bridge.guard().activation_latched();
+        let latched = self.bridge.gate().admission.activation_latched();
         // As the service does: a task that the bridge has latched out moves nothing any more.
         let ended = self.law.phase().is_active() && latched >= self.activation;
         let heard = self.wrench;

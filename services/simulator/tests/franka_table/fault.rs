@@ -3,9 +3,11 @@
 /// What is wrong in a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The process of bridge and controller is gone, and its connection closed. Afterwards both begin anew.
+    /// The process of bridge and controller is gone, and its connection closed. Afterwards both
+    /// begin anew.
     BridgeDead,
-    /// That process stands still with its sockets open. Afterwards it goes on with the newest state.
+    /// That process stands still with its sockets open. Afterwards it goes on with the newest
+    /// state.
     BridgeHung,
     /// The controller does not answer. Afterwards it goes on.
     NoCommand,

@@ -1,5 +1,6 @@
-//! The failure table of docs/architecture.md for an arm that takes torques over FCI: robot, Franka bridge and `unified_force_impedance`
-//! stepped together at 1 kHz in simulated time, with the fault in every cycle. The bounds are met exactly: no machine is in it.
+//! The failure table of docs/architecture.md for an arm that takes torques over FCI: robot, Franka
+//! bridge and `unified_force_impedance` stepped together at 1 kHz in simulated time, with the fault
+//! in every cycle. The bounds are met exactly: no machine is in it.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -18,12 +19,14 @@ use tangent_sensing::Validity;
 const OFFSETS: u64 = 24;
 /// Silence after which a task is latched out, cycles.
 const LATCHED: u64 = 101;
-/// Age beyond which a wrench is silent (two cycles and the sensor's jitter of 2 ms), and patience after that, cycles.
+/// Age beyond which a wrench is silent (two cycles and the sensor's jitter of 2 ms), and patience
+/// after that, cycles.
 const WRENCH_SILENT: u64 = 5;
 const WRENCH_RETRACT: u64 = 100;
 /// Age of the last frame beyond which the camera is dark, s.
 const CAMERA_S: f64 = 0.3;
-/// Cycles without a normal until the path's clock is slowed down, until it stands then, and until the tool retracts.
+/// Cycles without a normal until the path's clock is slowed down, until it stands then, and until
+/// the tool retracts.
 const ESTIMATE: u64 = 100;
 const CLOCK: u64 = 200;
 const ESTIMATE_RETRACT: u64 = 1000;
@@ -78,7 +81,8 @@ fn stands(cell: &mut Cell, what: &str) {
     assert!(cell.peak_n <= most_n, "{what}: {} N", cell.peak_n);
 }
 
-/// Two cycles are followed with the command before, in the third the hold begins with the torque in force, and from the fourth on it fades.
+/// Two cycles are followed with the command before, in the third the hold begins with the torque in
+/// force, and from the fourth on it fades.
 #[test]
 fn without_a_good_command_the_bridge_follows_for_two_cycles_then_holds_and_latches_after_a_tenth_of_a_second()
  {
@@ -93,17 +97,21 @@ fn without_a_good_command_the_bridge_follows_for_two_cycles_then_holds_and_latch
         let what = format!("{fault:?}, {offset}");
         let mut cell = with(fault, offset);
         let (last, activation) = (cell.answered, cell.activation());
-        let guard = cell.bridge().guard();
-        let (missed, refused) = (guard.missed(), guard.refused());
+        let gate = cell.bridge().gate();
+        let (missed, refused) = (gate.admission.missed(), gate.admission.refused());
         let silent = matches!(fault, Fault::NoCommand | Fault::ControllerDead);
         for cycle in 1..=LATCHED {
             cell.step();
-            let guard = cell.bridge().guard();
+            let gate = cell.bridge().gate();
             assert_eq!(cell.answered == last, cycle <= 3, "{what}, cycle {cycle}");
-            assert_eq!(guard.missed(), missed + cycle, "{what}, cycle {cycle}");
+            assert_eq!(
+                gate.admission.missed(),
+                missed + cycle,
+                "{what}, cycle {cycle}"
+            );
             let counted = if silent { 0 } else { cycle };
-            assert_eq!(guard.refused(), refused + counted, "{what}");
-            let latched = guard.activation_latched() >= activation;
+            assert_eq!(gate.admission.refused(), refused + counted, "{what}");
+            let latched = gate.admission.activation_latched() >= activation;
             assert_eq!(latched, cycle == LATCHED, "{what}, cycle {cycle}");
         }
         if is_followed(offset) {
@@ -118,14 +126,14 @@ fn a_bad_command_is_refused_and_the_arm_held_in_its_cycle() {
         let what = format!("{fault:?}, {offset}");
         let mut cell = with(fault, offset);
         let (last, activation) = (cell.answered, cell.activation());
-        let refused = cell.bridge().guard().refused();
+        let refused = cell.bridge().gate().admission.refused();
         for cycle in 1..=LATCHED {
             cell.step();
-            let guard = cell.bridge().guard();
+            let gate = cell.bridge().gate();
             // The hold begins with the torque in force.
             assert_eq!(cell.answered == last, cycle == 1, "{what}, cycle {cycle}");
-            assert_eq!(guard.refused(), refused + cycle, "{what}");
-            let latched = guard.activation_latched() >= activation;
+            assert_eq!(gate.admission.refused(), refused + cycle, "{what}");
+            let latched = gate.admission.activation_latched() >= activation;
             assert_eq!(latched, cycle == LATCHED, "{what}, cycle {cycle}");
         }
         if is_followed(offset) {
@@ -151,7 +159,8 @@ fn a_second_source_is_refused_in_its_cycle_and_the_first_notices_nothing() {
     }
 }
 
-/// Answers that come late by a cycle, states that come twice, and half of either: no task ends for it.
+/// Answers that come late by a cycle, states that come twice, and half of either: no task ends for
+/// it.
 #[test]
 fn what_is_borne_is_borne() {
     let faults = [
@@ -172,11 +181,12 @@ fn what_is_borne_is_borne() {
         let thinned = matches!(fault, Fault::StatesThinned | Fault::AnswersThinned);
         assert_eq!(arrived, if thinned { 500 } else { 1000 }, "{fault:?}");
         assert!(cell.peak_n <= most_n(&cell), "{fault:?}: {} N", cell.peak_n);
-        assert_eq!(cell.bridge().guard().refused(), 0, "{fault:?}");
+        assert_eq!(cell.bridge().gate().admission.refused(), 0, "{fault:?}");
     }
 }
 
-/// The robot stops by itself; its task ends with the first state that says so, and the arm moves again for a start alone.
+/// The robot stops by itself; its task ends with the first state that says so, and the arm moves
+/// again for a start alone.
 #[test]
 fn twenty_lost_answers_are_a_reflex_and_end_the_task() {
     let faults = [
@@ -210,7 +220,7 @@ fn twenty_lost_answers_are_a_reflex_and_end_the_task() {
         assert_eq!(cell.phase(), Phase::Retract, "{what}");
         let why = cell.output.unwrap().fault;
         assert_eq!(why, Some(TaskFault::ArmNotReady), "{what}");
-        let latched = cell.bridge().guard().activation_latched();
+        let latched = cell.bridge().gate().admission.activation_latched();
         assert!(latched >= activation, "{what}");
         if is_followed(offset) {
             cell.until("the task is over", |c| !c.phase().is_active());
@@ -252,7 +262,7 @@ fn a_robot_that_stops_by_itself_ends_the_task() {
             assert_eq!(cell.mode(), RobotMode::UserStopped, "{what}");
         }
         assert_eq!(cell.phase(), Phase::Retract, "{what}");
-        let latched = cell.bridge().guard().activation_latched();
+        let latched = cell.bridge().gate().admission.activation_latched();
         assert!(latched >= activation, "{what}");
         if is_followed(offset) {
             cell.until("the task is over", |c| !c.phase().is_active());
@@ -261,7 +271,8 @@ fn a_robot_that_stops_by_itself_ends_the_task() {
     }
 }
 
-/// The robot holds itself from that cycle on, and what was commanded before is latched out when the bridge is there again.
+/// The robot holds itself from that cycle on, and what was commanded before is latched out when the
+/// bridge is there again.
 #[test]
 fn without_a_connection_the_robot_holds_itself() {
     let faults = [Fault::BridgeDead, Fault::Disconnected, Fault::StateNan];
@@ -272,7 +283,7 @@ fn without_a_connection_the_robot_holds_itself() {
         cell.step();
         assert_eq!(cell.mode(), RobotMode::Idle, "{what}");
         if fault != Fault::BridgeDead {
-            let latched = cell.bridge().guard().activation_latched();
+            let latched = cell.bridge().gate().admission.activation_latched();
             assert!(latched >= activation, "{what}");
         }
         if is_followed(offset) {

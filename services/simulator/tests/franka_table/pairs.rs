@@ -1,4 +1,5 @@
-//! Two faults at once, and what comes after one: how hard the tool truly presses, and that nothing goes on by itself.
+//! Two faults at once, and what comes after one: how hard the tool truly presses, and that nothing
+//! goes on by itself.
 
 use tangent_control::Phase;
 
@@ -6,7 +7,8 @@ use crate::cell::Cell;
 use crate::fault::Fault;
 use crate::{AT_REST, most_n};
 
-/// How long the faults last, cycles: what follows from them is decided by then. Of silent estimates that takes more than a second.
+/// How long the faults last, cycles: what follows from them is decided by then. Of silent estimates
+/// that takes more than a second.
 const LASTS: u64 = 300;
 const BLIND: u64 = 1_600;
 /// Time in which the arm is at rest after them, and over which it is seen to rest, cycles.
@@ -24,9 +26,11 @@ const PHASES: [Phase; 7] = [
     Phase::Hold,
     Phase::Retract,
 ];
-/// One of each that the others are like to bridge and law: answers that are refused for what they say; answers to a state to come, or twice
-/// to one, are none like old ones; what the law is told not to use and what it sees itself; a frame without numbers is none; a state that
-/// comes twice is not answered, and the answer to a late one is lost; a connection that is cut ends like one whose bridge is dead.
+/// One of each that the others are like to bridge and law: answers that are refused for what they
+/// say; answers to a state to come, or twice to one, are none like old ones; what the law is told
+/// not to use and what it sees itself; a frame without numbers is none; a state that comes twice is
+/// not answered, and the answer to a late one is lost; a connection that is cut ends like one whose
+/// bridge is dead.
 const DISTINCT: [Fault; 21] = [
     Fault::BridgeDead,
     Fault::BridgeHung,
@@ -51,15 +55,16 @@ const DISTINCT: [Fault; 21] = [
     Fault::UserStop,
 ];
 
-/// What the law cannot answer by itself is left out: with a reading that is zero, alive, and said to be valid, it seeks a surface that it is
-/// on. `limits.blind_distance_max_m` bounds that.
+/// What the law cannot answer by itself is left out: with a reading that is zero, alive, and said
+/// to be valid, it seeks a surface that it is on. `limits.blind_distance_max_m` bounds that.
 ///
 /// Nor a camera that lies while touch is silent: there is nothing to know it by.
 fn faults() -> impl Iterator<Item = Fault> + Clone {
     Fault::ALL.into_iter().filter(|f| *f != Fault::ContactLost)
 }
 
-/// What happens to the cell: `first` so many cycles into the phase and, `apart` later, `second` as well; then neither.
+/// What happens to the cell: `first` so many cycles into the phase and, `apart` later, `second` as
+/// well; then neither.
 #[derive(Clone, Copy, Debug)]
 struct Play {
     phase: Phase,
@@ -121,7 +126,8 @@ fn come_to_rest(cell: &mut Cell, what: &Play) {
     assert!(speed < AT_REST, "{what:?}: moves on, {speed} rad/s");
 }
 
-/// What is left of a task in any phase: it is over and the arm at rest, or it goes on as it should and leaves the surface when it is told.
+/// What is left of a task in any phase: it is over and the arm at rest, or it goes on as it should
+/// and leaves the surface when it is told.
 fn judge(play: &Play, worst: &mut (f64, Option<Play>)) {
     let mut cell = play.run();
     if play.phase != Phase::Slide || !play.ends_it() {
@@ -203,7 +209,8 @@ fn no_fault_in_any_phase_presses_hard_or_leaves_the_arm_in_motion() {
     }));
 }
 
-/// Every pair in both orders and every phase, at times from PROPTEST_RNG_SEED: others in each round of .ci/search.
+/// Every pair in both orders and every phase, at times from PROPTEST_RNG_SEED: others in each round
+/// of .ci/search.
 #[test]
 #[ignore = "every pair in every phase, half an hour: .ci/search"]
 fn no_two_faults_in_any_phase() {

@@ -1,15 +1,16 @@
-//! A torque cell in simulated time: arm, object, force sensor and camera, the gate before the motors, conditioning, the object's pose, the law.
-//! There is no bus, clock or thread, so that a fault comes in the very cycle that a test names.
+//! A torque cell in simulated time: arm, object, force sensor and camera, the gate before the
+//! motors, conditioning, the object's pose, the law. There is no bus, clock or thread, so that a
+//! fault comes in the very cycle that a test names.
 
 use std::sync::OnceLock;
 
 use nalgebra::Vector6;
+use tangent_actuation::lease::{SILENCE_S, Source};
 use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
 use tangent_control::{Clearance, ControlError, Phase, StateInterval, UntaredLoad};
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{ObjectEstimate, ObjectPoseEstimator, ObjectSample};
 use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};
-use tangent_runtime::lease::{SILENCE_S, Source};
 use tangent_schemas::Name;
 use tangent_schemas::convert::joint_array;
 use tangent_schemas::tangent::ArmCommand;
@@ -34,7 +35,8 @@ const CHANGES: [&str; 4] = [
 ];
 /// Longest wait for anything, cycles.
 const PATIENCE: u64 = 20_000;
-/// Cycles in which the watch of the sensor learns how it lives, and what it has learnt; nothing is judged before.
+/// Cycles in which the watch of the sensor learns how it lives, and what it has learnt; nothing is
+/// judged before.
 const LEARNS: u64 = 1_100;
 static LEARNT: OnceLock<SensorWatchState> = OnceLock::new();
 
@@ -116,7 +118,7 @@ impl Cell {
         let camera = scenario.plant.camera.model();
         let learnt = LEARNT.get().copied();
         let mut cell = Self {
-            gate: TorqueGate::new(model, &q),
+            gate: TorqueGate::new(model, &q, plant.period_s()),
             torque: model.gravity(&q),
             model,
             conditioning: WrenchConditionerState::default(),
@@ -168,7 +170,10 @@ impl Cell {
         self.law
             .check_start(&clearance, &self.tool().translation())?;
         self.law.begin(clearance);
-        self.activation = self.activation.max(self.gate.activation_latched) + 1;
+        self.activation = self
+            .activation
+            .max(self.gate.admission().activation_latched())
+            + 1;
         Ok(())
     }
 
@@ -235,7 +240,7 @@ impl Cell {
 
     /// A task could move the arm: it is taken, and nobody else drives it.
     pub fn is_ready(&self) -> bool {
-        !self.has(Fault::EmergencyStop) && self.gate.holder() == Some(&self.source)
+        !self.has(Fault::EmergencyStop) && self.gate.lease().holder() == Some(&self.source)
     }
 
     pub fn activation(&self) -> u64 {
@@ -269,7 +274,7 @@ impl Cell {
                 self.cycle - begun < PATIENCE,
                 "never: {what}; {:?}, {:?}, {:?}",
                 self.law.phase(),
-                self.gate.refusal,
+                self.gate.reason(),
                 self.output.and_then(|o| o.fault)
             );
         }
@@ -463,7 +468,7 @@ impl Cell {
     /// The controller answers a state.
     fn law_step(&mut self, now_s: f64) -> ArmCommand {
         let arm = self.plant.arm();
-        let latched = self.gate.activation_latched;
+        let latched = self.gate.admission().activation_latched();
         // As the service does: a task that the gate has latched out moves nothing any more.
         let ended = self.law.phase().is_active() && latched >= self.activation;
         let (wrench, tare) = (self.wrench, self.conditioner.tare_config());

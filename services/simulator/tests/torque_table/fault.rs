@@ -39,7 +39,8 @@ pub enum Fault {
     SensorFrozen,
     /// One axis of them does, the one that presses.
     AxisStuck,
-    /// The sensor's service begins anew, and no record comes while it does. It keeps the last good zero.
+    /// The sensor's service begins anew, and no record comes while it does. It keeps the last good
+    /// zero.
     SensorRestart,
     /// The camera takes no frames.
     CameraDark,

@@ -1,4 +1,5 @@
-//! How the tool leaves what it touches: off before the tare where it may touch, and the retraction at the end.
+//! How the tool leaves what it touches: off before the tare where it may touch, and the retraction
+//! at the end.
 //!
 //! Called by `advance`; the motion itself is that of `departure`.
 

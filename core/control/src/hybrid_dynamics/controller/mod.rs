@@ -163,7 +163,8 @@ impl HybridDynamics {
         self.run.departure.clearance
     }
 
-    /// Whether a task may start with the tool at `position` (base axes, m) after what is known of it.
+    /// Whether a task may start with the tool at `position` (base axes, m) after what is known of
+    /// it.
     ///
     /// # Errors
     /// [`ControlError::MayTouch`] if the tool may touch something and the direction away from it is
@@ -183,14 +184,16 @@ impl HybridDynamics {
         }
     }
 
-    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal: for tests of what a wrong one does.
+    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal:
+    /// for tests of what a wrong one does.
     #[doc(hidden)]
     pub fn stop_along(&mut self, away: Vector3<f64>) {
         self.run.departure.way_off = Some(away);
         self.stop();
     }
 
-    /// Stands still in every phase: the path stops where it is, what presses keeps its force; false resumes.
+    /// Stands still in every phase: the path stops where it is, what presses keeps its force; false
+    /// resumes.
     ///
     /// # Errors
     /// No task runs, or it is retracting.

@@ -1,4 +1,5 @@
-//! The phases of a task, step by step: tare, descent, touchdown, path, retraction, and back after an interruption.
+//! The phases of a task, step by step: tare, descent, touchdown, path, retraction, and back after
+//! an interruption.
 
 use tangent_estimation::ObjectEstimate;
 use tangent_mechanics::{Base, Object, Pose};
@@ -209,7 +210,7 @@ impl HybridDynamics {
         }
     }
 
-    /// Settling, sliding, and holding where the path ended or the object is out of sight.
+    /// Settling, sliding, and holding where the path ended or the object is out of view.
     fn along_the_path(&mut self, seen: bool, dt: f64) {
         let ended = self.run.path_s >= self.path.duration_s();
         match self.run.phase {

@@ -1,5 +1,5 @@
-//! The law in its period: what is felt and seen, and which torques follow. What it makes of what it feels is in `senses`, the phases are in
-//! `phase_steps`, the torques' make-up in `torques`.
+//! The law in its period: what is felt and seen, and which torques follow. What it makes of what it
+//! feels is in `senses`, the phases are in `phase_steps`, the torques' make-up in `torques`.
 
 mod leaving;
 mod phase_steps;
@@ -97,7 +97,8 @@ struct Run {
     reference_n: f64,
     /// What the force controller pushed with last, N.
     push_n: f64,
-    /// What was asked of the tool last, N and Nm, base axes, in which way, and what is left of the way before.
+    /// What was asked of the tool last, N and Nm, base axes, in which way, and what is left of the
+    /// way before.
     last_wrench: Vector6<f64>,
     was_pressing: bool,
     bridge: Vector6<f64>,
@@ -196,7 +197,8 @@ impl UnifiedForceImpedance {
         self.begin(self.run.departure.clearance);
     }
 
-    /// Begins the task with what is known of the tool. In doubt whether it hangs free, it moves off first.
+    /// Begins the task with what is known of the tool. In doubt whether it hangs free, it moves off
+    /// first.
     pub fn begin(&mut self, clearance: Clearance) {
         self.run = Run::new(&self.config);
         self.run.departure = Departure::new(clearance);
@@ -212,10 +214,12 @@ impl UnifiedForceImpedance {
         self.run.departure.clearance
     }
 
-    /// Whether a task may start with the tool at `position` (base axes, m) after what is known of it.
+    /// Whether a task may start with the tool at `position` (base axes, m) after what is known of
+    /// it.
     ///
     /// # Errors
-    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not known.
+    /// [`ControlError::MayTouch`] where the tool may touch something and which way is away is not
+    /// known.
     pub fn check_start(
         &self,
         clearance: &Clearance,
@@ -231,14 +235,16 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal: for tests of what a wrong one does.
+    /// Ends the task with a retraction along `away` (base axes) in place of the last good normal:
+    /// for tests of what a wrong one does.
     #[doc(hidden)]
     pub fn stop_along(&mut self, away: Vector3<f64>) {
         self.run.departure.way_off = Some(away);
         self.stop();
     }
 
-    /// Stands still in every phase: the policy stops where it is, what presses keeps its force; false goes on.
+    /// Stands still in every phase: the policy stops where it is, what presses keeps its force;
+    /// false goes on.
     ///
     /// # Errors
     /// When no task runs, or it is leaving the surface.
@@ -261,7 +267,8 @@ impl UnifiedForceImpedance {
             && self.run.departure.may_be_on_surface()
     }
 
-    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), over the way of the task's end.
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), over the way of the
+    /// task's end.
     pub fn leave_surface(&mut self) {
         if !self.is_left_on_surface() {
             return;
@@ -375,8 +382,8 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// The arm's state or its period is no number, or nothing finite follows from them: what held it against gravity last is the best guess,
-    /// and what moved it or pushed fades.
+    /// The arm's state or its period is no number, or nothing finite follows from them: what held
+    /// it against gravity last is the best guess, and what moved it or pushed fades.
     fn blind_output(&mut self) -> UnifiedOutput {
         self.run.fault = Some(Fault::ArmState);
         self.enter(Phase::Fault);
@@ -449,7 +456,8 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// Off the surface, then `then`; straight there where the tool stands as it did at the start, or moves off already.
+    /// Off the surface, then `then`; straight there where the tool stands as it did at the start,
+    /// or moves off already.
     fn leave(&mut self, then: Phase) {
         if matches!(self.run.phase, Phase::Tare | Phase::Clear) {
             self.run.held = None;

@@ -1,4 +1,5 @@
-//! The phases of a task, step by step: tare, alignment by eye, descent, touchdown, policy, retraction, and back after an interruption.
+//! The phases of a task, step by step: tare, alignment by eye, descent, touchdown, policy,
+//! retraction, and back after an interruption.
 
 use nalgebra::Vector3;
 use tangent_sensing::Validity;
@@ -11,7 +12,8 @@ use super::{Felt, Lay, UnifiedForceImpedance, Wanted, at_rest};
 use crate::wrench_guard::WrenchVerdict;
 use crate::{Fault, Phase};
 
-/// ρ_align counts as full from here: the arm that presses after the approach is not to be a limp one.
+/// ρ_align counts as full from here: the arm that presses after the approach is not to be a limp
+/// one.
 const FULL_RHO: f64 = 0.99;
 /// Periods above the threshold that make a touch.
 const TOUCH_CYCLES: u32 = 3;
@@ -114,7 +116,8 @@ impl UnifiedForceImpedance {
         self.run.orientation = Some(orientation);
     }
 
-    /// Stands. A tool that was pressing keeps its push in the spring that takes over: the reference lies below the surface.
+    /// Stands. A tool that was pressing keeps its push in the spring that takes over: the reference
+    /// lies below the surface.
     pub(super) fn hold(&mut self, now: &ArmNow) -> Wanted {
         let mut orientation = self.orientation(now);
         orientation.hold();
@@ -198,7 +201,8 @@ impl UnifiedForceImpedance {
         start
     }
 
-    /// Lays the policy where the tool touched; the force controller takes over what the approach's spring was pushing with.
+    /// Lays the policy where the tool touched; the force controller takes over what the approach's
+    /// spring was pushing with.
     fn touch_down(&mut self, now: &ArmNow, direction: &Vector3<f64>, reference: &Vector3<f64>) {
         let up = -direction;
         let at = now.tool.translation();
@@ -285,7 +289,8 @@ impl UnifiedForceImpedance {
         }
     }
 
-    /// The policy's clock. It runs as fast as the arm is stiff enough to follow, and stands while something is missing. Returns its rate.
+    /// The policy's clock. It runs as fast as the arm is stiff enough to follow, and stands while
+    /// something is missing. Returns its rate.
     fn keep_time(&mut self, normal: &NormalInUse, felt: &Felt, dt: f64) -> f64 {
         let ended = self.run.path_s >= self.path.duration_s();
         let sees = self.run.blind_s <= self.config.patience.estimate_s;
@@ -332,8 +337,9 @@ impl UnifiedForceImpedance {
         dt: f64,
     ) -> (Vector3<f64>, Vector3<f64>) {
         let at = now.tool.translation();
-        // The paper: a limp arm's pose becomes the desired one, and the policy goes on from there. ρ_align never falls to 0 itself: while C
-        // is beyond its margin it settles where its own decay and ρ_min are even.
+        // The paper: a limp arm's pose becomes the desired one, and the policy goes on from there.
+        // ρ_align never falls to 0 itself: while C is beyond its margin it settles where its own
+        // decay and ρ_min are even.
         let rho = self.run.monitor.rho;
         let limp = (1.0 - rho / LIMP_RHO).max(0.0) * (dt / YIELD_S).min(1.0);
         self.run.offset += (at - drawn - self.run.offset) * limp;
@@ -346,7 +352,8 @@ impl UnifiedForceImpedance {
         if !self.config.shaping.from_last_contact || slope < 0.2 {
             return (point, velocity);
         }
-        // At the height at which the plane under the tool is met there: the error then lies in that plane.
+        // At the height at which the plane under the tool is met there: the error then lies in that
+        // plane.
         point += lay.up * (n.dot(&(at - point)) / slope);
         (point, velocity - lay.up * (n.dot(&velocity) / slope))
     }

@@ -19,7 +19,8 @@ const SHUT: f64 = 0.25;
 const EMPTY_S: f64 = 5.0;
 
 impl UnifiedForceImpedance {
-    /// The wrench in use: the robot's estimate without its zero, and without the joints' friction, which stands in it like a force.
+    /// The wrench in use: the robot's estimate without its zero, and without the joints' friction,
+    /// which stands in it like a force.
     pub(super) fn feel(&mut self, input: &UnifiedInput, now: &ArmNow) -> Felt {
         let dt = input.dt_s;
         let validity = self.answering(input, now);
@@ -80,7 +81,8 @@ impl UnifiedForceImpedance {
             Vector6::zeros()
         };
         let wrench = input.wrench.vector() - zero;
-        // What presses, as the law has it: the joints' friction comes and goes with the tool's motion like a load.
+        // What presses, as the law has it: the joints' friction comes and goes with the tool's
+        // motion like a load.
         let pressing = wrench + now.in_tool(&self.run.rubbing);
         let force = pressing.fixed_rows::<3>(0).into_owned();
         self.run.response.step(&Touch {
@@ -151,7 +153,8 @@ impl UnifiedForceImpedance {
             return;
         }
         let touching = self.run.phase.is_pressing() || self.run.phase == Phase::Seek;
-        // Before contact a tool may come down as it stands; while it slides, somebody must say where the surface faces.
+        // Before contact a tool may come down as it stands; while it slides, somebody must say
+        // where the surface faces.
         let blind = self.run.phase == Phase::Slide && !normal.validity.is_valid();
         let on_hold = self.run.phase == Phase::Hold && self.run.blind_s > 0.0;
         self.run.blind_s = match (blind || on_hold, normal.validity.is_valid()) {

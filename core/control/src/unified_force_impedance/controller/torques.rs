@@ -107,8 +107,8 @@ impl UnifiedForceImpedance {
         (self.within_limits(parts, now, dt), reference_n)
     }
 
-    /// Where pressing gives way to plain motion, or the other way, what one asked for and the other does not fades instead of ending:
-    /// the wrench to add to `asked`, base axes.
+    /// Where pressing gives way to plain motion, or the other way, what one asked for and the other
+    /// does not fades instead of ending: the wrench to add to `asked`, base axes.
     fn bridge(&mut self, pressing: bool, asked: &Vector6<f64>, dt: f64) -> Vector6<f64> {
         let run = &mut self.run;
         if run.was_pressing != pressing {
@@ -120,7 +120,8 @@ impl UnifiedForceImpedance {
         run.bridge
     }
 
-    /// What the surface takes from a sliding tool, given back: its friction, found online, and the integral of what is left. N, base axes.
+    /// What the surface takes from a sliding tool, given back: its friction, found online, and the
+    /// integral of what is left. N, base axes.
     fn on_the_surface(
         &mut self,
         wanted: &Wanted,
@@ -156,15 +157,17 @@ impl UnifiedForceImpedance {
         let gain = c.stiffness_n_per_m[0] * c.integral_per_s * self.run.monitor.rho * dt;
         let drawn = across(&(self.run.drawn + away * gain));
         self.run.drawn = clamp_norm(drawn, c.integral_max_n);
-        // Along the reference's motion, fading in with its speed: friction itself does not know where it will be asked for.
+        // Along the reference's motion, fading in with its speed: friction itself does not know
+        // where it will be asked for.
         let way = across(&wanted.reference.velocity);
         let along = way / way.norm().max(SLIDING_M_PER_S);
         self.run.drawn + along * (self.run.surface_friction * self.run.reference_n)
     }
 
-    /// Gravity and `wanted` as the motors can give them. What they cannot is taken from all parts alike, and a joint that their rate holds
-    /// back has gone as far in each of its parts: the books hold the torques in force, part by part. Were a part booked whole and the rest
-    /// against it, two tanks would pay each other for work that nobody does.
+    /// Gravity and `wanted` as the motors can give them. What they cannot is taken from all parts
+    /// alike, and a joint that their rate holds back has gone as far in each of its parts: the
+    /// books hold the torques in force, part by part. Were a part booked whole and the rest against
+    /// it, the two tanks would exchange energy for work that is not done.
     fn within_limits(&mut self, wanted: TorqueParts, now: &ArmNow, dt: f64) -> Joints<JOINTS> {
         let interface = &self.interface;
         let mut limits = *self.model.limits();

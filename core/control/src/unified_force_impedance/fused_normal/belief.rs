@@ -92,7 +92,8 @@ pub fn tangents(normal: &Vector3<f64>) -> Matrix3x2<f64> {
     Matrix3x2::from_columns(&[u, normal.cross(&u)])
 }
 
-/// A covariance in a plane. One that is none there is taken for one that is the same in every direction.
+/// A covariance in a plane. One that is none there is taken for one that is the same in every
+/// direction.
 fn planar(covariance: &Matrix3<f64>, plane: &Matrix3x2<f64>) -> Matrix2<f64> {
     let m = plane.transpose() * covariance * plane;
     let m = (m + m.transpose()) * 0.5 + Matrix2::identity() * VARIANCE_LEAST;

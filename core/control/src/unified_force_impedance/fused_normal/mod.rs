@@ -1,5 +1,5 @@
-//! The normal in use: the camera's, early and slow, carried along the surface by the curvature it saw, and touch's, late and fast, each
-//! weighted by how sure it is in each direction.
+//! The normal in use: the camera's, early and slow, carried along the surface by the curvature it
+//! saw, and touch's, late and fast, each weighted by how sure it is in each direction.
 
 mod belief;
 
@@ -14,14 +14,14 @@ use belief::{Belief, VARIANCE_LEAST};
 
 /// Way over which an error of the curvature stays the same, m.
 const CURVATURE_LENGTH_M: f64 = 0.01;
-/// How fast a curvature seen becomes doubtful as the tool moves on: variance per way, 1/m² per m. A wave of 0.38 m changes by 90 1/m²,
-/// one of 0.15 m by 220 1/m².
+/// How fast a curvature seen becomes doubtful as the tool moves on: variance per way, 1/m² per m. A
+/// wave of 0.38 m changes by 90 1/m², one of 0.15 m by 220 1/m².
 const CURVATURE_DOUBT_PER_M: f64 = 100.0;
 /// Share of a frame's change of the bend that is taken over.
 const CHANGE_SHARE: f64 = 0.2;
 /// No frame surprises by less than this, rad.
 const GATE_LEAST_RAD: f64 = 0.1;
-/// How fast a normal that nobody measures becomes doubtful, rad²/s.
+/// Growth of a normal's variance while it is not measured, rad²/s.
 const DOUBT_PER_S: f64 = 1e-4;
 /// A frame's time and the loop's may differ by this for rounding, s.
 const AHEAD_MAX_S: f64 = 0.01;
@@ -135,7 +135,8 @@ impl FusedNormal {
         }
     }
 
-    /// The tool moved: the normal turns with the curvature, the curvature changes as it was seen to, and both are known less well.
+    /// The tool moved: the normal turns with the curvature, the curvature changes as it was seen
+    /// to, and both are known less well.
     fn carry(&mut self, config: &FusionConfig, time_s: f64, moved: &Vector3<f64>, dt_s: f64) {
         let way = moved.norm();
         let grown =
@@ -243,7 +244,8 @@ impl Seen {
         time_s - self.believed_s <= config.vision_patience_s
     }
 
-    /// A frame without its segment leaves the one before in force for a moment; then nothing is known.
+    /// A frame without its segment leaves the one before in force for a moment; then nothing is
+    /// known.
     fn variation(&self, config: &FusionConfig, time_s: f64) -> SurfaceVariation {
         match self.variation {
             Some((variation, at_s)) if time_s - at_s <= config.vision_patience_s => {
@@ -271,7 +273,8 @@ fn is_unit(v: &Vector3<f64>) -> bool {
     (v.norm() - 1.0).abs() < 1e-6
 }
 
-/// A frame of the future would stay fresh for ever; what is finite but no surface's would overflow in what follows from it.
+/// A frame of the future would stay fresh for ever; what is finite but no surface's would overflow
+/// in what follows from it.
 fn usable(v: &VisionInput, time_s: f64) -> bool {
     v.validity.is_valid()
         && is_unit(&v.normal)

@@ -84,7 +84,8 @@ impl Calibration {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraConfig {
-    /// Key of the images, `sensor_msgs/msg/Image`: the simulator's, or a ROS 2 camera's behind a bridge.
+    /// Key of the images, `sensor_msgs/msg/Image`: the simulator's, or a ROS 2 camera's behind a
+    /// bridge.
     #[serde(default = "simulated")]
     pub topic: String,
     /// A recording (MCAP) whose images are played on `topic` in place of a driver's.
@@ -99,8 +100,8 @@ pub struct CameraConfig {
     /// Key of the driver's calibration, `sensor_msgs/msg/CameraInfo`; none: only what stands here.
     #[serde(default)]
     pub info_topic: Option<String>,
-    /// Width and height of an image, pixels. Images of another size are refused. This and the two below: all or none, and none of
-    /// them only for depth with an `info_topic`.
+    /// Width and height of an image, pixels. Images of another size are refused. This and the two
+    /// below: all or none, and none of them only for depth with an `info_topic`.
     #[serde(default)]
     pub size_px: Option<[u32; 2]>,
     /// Focal length of the calibration, pixels.

@@ -13,8 +13,9 @@ use crate::config::load::ConfigError;
 pub struct CellSection {
     /// Namespace of all keys on the network.
     pub name: String,
-    /// Folder for what services keep over restarts and power cuts: that the tool may touch, the sensor's last good zero. Default:
-    /// the folder that systemd gives the service (`$STATE_DIRECTORY`), else `state` beside the cell file; in it one per cell's name.
+    /// Folder for what services keep over restarts and power cuts: that the tool may touch, the
+    /// sensor's last good zero. Default: the folder that systemd gives the service
+    /// (`$STATE_DIRECTORY`), else `state` beside the cell file; in it one per cell's name.
     #[serde(default)]
     pub state_folder: Option<PathBuf>,
 }

@@ -1,5 +1,5 @@
-//! `[robot.franka]`: what the bridge to a Franka arm has to know beyond `[robot]`. Per joint from base to flange; forces and
-//! moments are x, y, z and about x, y, z.
+//! `[robot.franka]`: what the bridge to a Franka arm has to know beyond `[robot]`. Per joint from
+//! base to flange; forces and moments are x, y, z and about x, y, z.
 
 use serde::Deserialize;
 
@@ -26,21 +26,24 @@ pub struct FrankaConfig {
     pub contact_force_n_nm: [f64; 6],
     /// External force and moment at which the robot stops with a reflex, N, Nm.
     pub collision_force_n_nm: [f64; 6],
-    /// Stiffness with which the robot holds itself while nobody commands it, Nm/rad.
+    /// Stiffness with which the robot holds itself without commands, Nm/rad.
     pub joint_impedance_nm_per_rad: [f64; 7],
     /// Inertia of the tool about its centre of mass, kg m²: about x, y, z.
     pub tool_inertia_kg_m2: [f64; 3],
     /// Share of a joint's greatest torque that a command may ask for.
     pub torque_share: f64,
-    /// Periods of 1 ms that pass before the answer to a state acts, beyond the one it is given in. The law's tanks and dampers go by it.
+    /// Periods of 1 ms that pass before the answer to a state acts, beyond the one it is given in.
+    /// The law's tanks and dampers go by it.
     pub delay_periods: usize,
-    /// Stiffness with which the bridge holds the arm in a torque motion while no command moves it, Nm/rad.
+    /// Stiffness with which the bridge holds the arm in a torque motion while no command moves it,
+    /// Nm/rad.
     pub hold_stiffness_nm_per_rad: [f64; 7],
     /// Damping of the same, Nm s/rad.
     pub hold_damping_nm_s_per_rad: [f64; 7],
     /// Largest force that a tare may take for the zero of the robot's wrench estimate, N.
     pub zero_max_n: f64,
-    /// Farthest that a new zero may be from the last good one, N in any axis: the estimate is off differently in every pose.
+    /// Farthest that a new zero may be from the last good one, N in any axis: the estimate is off
+    /// differently in every pose.
     pub zero_jump_max_n: f64,
     /// Farthest that a new zero may be from the last good one, Nm about any axis.
     pub zero_jump_max_nm: f64,

@@ -1,5 +1,5 @@
-//! The sections of `cell.toml`. What a key means stands here and, for users, in `deploy/cell.toml` and
-//! `docs/services/runtime.md`.
+//! The sections of `cell.toml`. What a key means stands here and, for users, in `deploy/cell.toml`
+//! and `docs/services/runtime.md`.
 
 mod camera;
 mod cell;

@@ -64,7 +64,8 @@ pub struct RobotConfig {
     /// Least speed scaling (limiter times slider, 0 to 1) at which the arm may move.
     #[serde(default = "speed_scaling_min")]
     pub speed_scaling_min: f64,
-    /// Arm the controller's own watchdog behind the bridge's program. On CB3 a trip is a protective stop.
+    /// Arm the controller's own watchdog behind the bridge's program. On CB3 a trip is a protective
+    /// stop.
     #[serde(default = "controller_watchdog")]
     pub controller_watchdog: bool,
     /// Connection attempts wait this long, s.

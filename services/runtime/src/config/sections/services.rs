@@ -17,7 +17,8 @@ pub enum WrenchSource {
     /// `wrench/tool`, as measured.
     #[default]
     Measured,
-    /// The one in `control/state`: for arms that only estimate it, a law takes the joints' friction and the zero out of it.
+    /// The one in `control/state`: for arms that only estimate it, a law takes the joints' friction
+    /// and the zero out of it.
     Law,
 }
 
@@ -78,7 +79,8 @@ pub enum Law {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
-    /// `hybrid_admittance` for arms that take velocities, `hybrid_dynamics` for those that take torques.
+    /// `hybrid_admittance` for arms that take velocities, `hybrid_dynamics` for those that take
+    /// torques.
     pub law: Law,
     /// Set of gains: `default` or `paper`.
     pub preset: String,
@@ -104,7 +106,8 @@ pub struct RecorderConfig {
     pub folder: PathBuf,
     /// Key patterns to record.
     pub include: Vec<String>,
-    /// Key patterns not to record, whatever `include` says: the camera's raw images are many, what was found in them is not.
+    /// Key patterns not to record, whatever `include` says: the camera's raw images are many, what
+    /// was found in them is not.
     pub exclude: Vec<String>,
     /// Cells to record through one router; none: this cell.
     pub cells: Vec<String>,
@@ -112,7 +115,8 @@ pub struct RecorderConfig {
     pub rotate_mb: f64,
     /// A new file after so many seconds.
     pub rotate_s: f64,
-    /// All recordings of the folder together, torn copies counted, bytes: with more, the oldest are deleted; 0: never.
+    /// All recordings of the folder together, torn copies counted, bytes: with more, the oldest are
+    /// deleted; 0: never.
     pub keep_bytes: u64,
     /// Recordings that were last written so many days ago are deleted; 0: never.
     pub keep_days: f64,
@@ -174,7 +178,8 @@ impl RecorderConfig {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimulatorConfig {
-    /// Where the simulated robot and sensor listen: an address of this host; 0.0.0.0 for all of them.
+    /// Where the simulated robot and sensor listen: an address of this host; 0.0.0.0 for all of
+    /// them.
     pub address: IpAddr,
     /// Scenario file: surface, contact, sensor noise. Without one: the built-in pipe.
     pub scenario: Option<PathBuf>,

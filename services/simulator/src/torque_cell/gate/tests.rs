@@ -1,4 +1,5 @@
 use super::*;
+use tangent_actuation::Refusal;
 use tangent_mechanics::ModelData;
 use tangent_schemas::convert::joint_array;
 use tangent_simulation::{TorqueArm, TorqueArmConfig};
@@ -23,7 +24,7 @@ impl Bench {
         let model = Arm::<6>::new(&ModelData::builtin("smart3s_substitute").unwrap()).unwrap();
         let q = model.home();
         Self {
-            gate: TorqueGate::new(model, &q),
+            gate: TorqueGate::new(model, &q, 1e-3),
             arm: TorqueArm::new(model, &TorqueArmConfig::default(), q),
             cycle: 10,
             speeds: Vec::new(),
@@ -77,6 +78,10 @@ impl Bench {
         }
     }
 
+    fn refusal(&self) -> Refusal {
+        *self.gate.admission().refusal().unwrap()
+    }
+
     fn moving(mut self) -> Self {
         let before = self.hold(1);
         self.cycle(Some(&before));
@@ -97,7 +102,7 @@ fn the_arm_holds_until_it_is_told_to_move() {
         bench.cycle(None);
     }
     assert!((bench.arm.q - start).amax() < 1e-6);
-    assert_eq!(bench.gate.missed, 0);
+    assert_eq!(bench.gate.admission().missed(), 0);
 }
 
 #[test]
@@ -111,27 +116,30 @@ fn silence_is_ridden_out_then_the_arm_comes_to_rest_smoothly_and_stays() {
         bench.cycle(None);
     }
     assert!(bench.speeds.last().unwrap() < &1e-3);
-    let effort = bench.gate.model.limits().effort.unwrap();
+    let effort = bench.gate.effort;
     for pair in bench.torques[torques..].windows(2) {
         let step = (pair[1] - pair[0]).component_div(&effort).amax();
         assert!(step < 0.05, "{step} of the effort at once");
     }
-    assert_eq!(bench.gate.activation_latched, 2);
+    assert_eq!(bench.gate.admission().activation_latched(), 2);
     let late = bench.command();
     bench.cycle(Some(&late));
-    assert_eq!(bench.gate.refusal, Some(TorqueRefusal::Latched(2)));
+    assert!(matches!(
+        bench.refusal(),
+        Refusal::Latched { activation: 2, .. }
+    ));
     let mut anew = bench.command();
     anew.activation = 3;
     bench.cycle(Some(&anew));
-    assert_eq!(bench.gate.stance, Stance::Follow);
+    assert_eq!(bench.gate.rest, None);
 }
 
 #[test]
 fn what_makes_no_sense_is_refused_with_the_reason_and_ends_the_motion() {
     type Spoil = fn(&mut ArmCommand);
     let bad: [(Spoil, &str); 6] = [
-        (|c| c.values[2] = f64::NAN, "joint 3"),
-        (|c| c.values[1] = 1e9, "effort"),
+        (|c| c.values[2] = f64::NAN, "finite"),
+        (|c| c.values[1] = 1e9, "joint 2"),
         (|c| c.values.truncate(5), "5 joint values"),
         (|c| c.kind = 1, "kind 1"),
         (|c| c.cycle -= 50, "cycle"),
@@ -158,13 +166,14 @@ fn a_second_source_is_refused_and_the_first_goes_on() {
     let now_s = bench.cycle as f64 * 1e-3;
     assert!(!bench.gate.admit(&source(2), 2, now_s));
     bench.cycle(Some(&command));
-    assert_eq!(bench.gate.refusal, Some(TorqueRefusal::Lease));
-    assert_eq!(bench.gate.stance, Stance::Follow);
+    assert!(bench.gate.reason().contains("drives this arm"));
+    assert_eq!(bench.gate.rest, None);
 }
 
 #[test]
 fn a_new_holder_cannot_go_on_with_what_it_brings() {
-    // A controller that comes back in the middle of its task, or another one, with whatever activation.
+    // A controller that comes back in the middle of its task, or another one, with whatever
+    // activation.
     for brought in [1, 2, 3, 1_000_000] {
         let mut bench = Bench::new().moving();
         for _ in 0..600 {
@@ -176,15 +185,17 @@ fn a_new_holder_cannot_go_on_with_what_it_brings() {
             command.activation = brought;
             bench.cycle_of(2, Some(&command));
         }
-        assert_eq!(bench.gate.holder(), Some(&source(2)));
+        assert_eq!(bench.gate.lease().holder(), Some(&source(2)));
         let moved = (bench.arm.q - start).amax();
         assert!(moved < 1e-3, "activation {brought} moved {moved} rad");
-        let latched = bench.gate.activation_latched;
-        assert_eq!(bench.gate.refusal, Some(TorqueRefusal::Latched(brought)));
+        let latched = bench.gate.admission().activation_latched();
+        assert!(
+            matches!(bench.refusal(), Refusal::Latched { activation, .. } if activation == brought)
+        );
         let mut anew = bench.command();
         anew.activation = latched + 1;
         bench.cycle_of(2, Some(&anew));
-        assert_eq!(bench.gate.stance, Stance::Follow);
+        assert_eq!(bench.gate.rest, None);
     }
 }
 
@@ -208,15 +219,15 @@ fn the_same_answer_twice_is_refused_and_moves_nothing() {
     let mut bench = Bench::new().moving();
     let again = bench.command();
     bench.cycle(Some(&again));
-    let missed = bench.gate.missed;
+    let missed = bench.gate.admission().missed();
     for _ in 0..400 {
         bench.cycle(Some(&again));
-        let late = bench.cycle - 1 - again.cycle > LATE_CYCLES;
-        let refusal = bench.gate.refusal;
-        let duplicate = refusal == Some(TorqueRefusal::Duplicate(again.cycle));
+        let late = bench.cycle - 1 - again.cycle > u64::from(PATIENCE);
+        let refusal = bench.refusal();
+        let duplicate = refusal == Refusal::Duplicate { cycle: again.cycle };
         assert!(duplicate || late, "{refusal:?}");
     }
-    assert!(bench.gate.missed > missed);
+    assert!(bench.gate.admission().missed() > missed);
     assert!(bench.speeds.last().unwrap() < &1e-3);
 }
 
@@ -230,7 +241,10 @@ fn what_is_refused_cannot_come_back_with_its_activation() {
     let mut next = bench.command();
     next.activation = 5;
     bench.cycle(Some(&next));
-    assert_eq!(bench.gate.refusal, Some(TorqueRefusal::Latched(5)));
+    assert!(matches!(
+        bench.refusal(),
+        Refusal::Latched { activation: 5, .. }
+    ));
 }
 
 #[test]
@@ -242,5 +256,5 @@ fn a_hold_brings_it_to_rest_without_latching() {
         bench.cycle(Some(&hold));
     }
     assert!(bench.speeds.last().unwrap() < &1e-3);
-    assert_eq!(bench.gate.activation_latched, 1);
+    assert_eq!(bench.gate.admission().activation_latched(), 1);
 }

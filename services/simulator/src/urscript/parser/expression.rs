@@ -19,7 +19,7 @@ impl Parser {
                 break;
             }
             let position = self.position();
-            // The tree leans left as deep as the chain is long, and whoever walks it recurses.
+            // The tree leans left as deep as the chain is long, and walking it recurses.
             operators += 1;
             if operators > CHAIN_MAX {
                 return Err(position.error(format!("more than {CHAIN_MAX} operators in a row")));
@@ -96,7 +96,7 @@ impl Parser {
         Ok(value)
     }
 
-    /// `x[0][0][0]...` nests without recursion here, but whoever walks it later recurses.
+    /// `x[0][0][0]...` nests without recursion here, but walking it later recurses.
     fn check_chain(&self, position: Position, value: &Located) -> Result<(), CompileError> {
         let mut length = 0;
         let mut inner = &value.expression;

@@ -1,9 +1,11 @@
-//! A moving base, put before the law: everything is seen from where the base stood when the task began.
+//! A moving base, put before the law: everything is seen from where the base stood when the task
+//! began.
 //!
-//! Called by the controller each cycle, first and last. The surface stands on the floor, so path, normal and force live there: the
-//! law works in the base's axes of the task's first cycle, as if the base had stayed. What it asks of the tool is an
-//! absolute motion; what the base already does of it is taken off (`against_base`), which is the feed-forward of the base's
-//! velocity. On a base that stands nothing is changed, not a bit.
+//! Called by the controller each cycle, first and last. The surface stands on the floor, so path,
+//! normal and force live there: the law works in the base's axes of the task's first cycle, as if
+//! the base had stayed. What it asks of the tool is an absolute motion; what the base already does
+//! of it is taken off (`against_base`), which is the feed-forward of the base's velocity. On a base
+//! that stands nothing is changed, not a bit.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World};
@@ -20,14 +22,14 @@ const ESTIMATE_AGE_MAX_S: f64 = 0.5;
 
 /// The base where the task began. A fresh one at every start.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Ground {
+pub(crate) struct MovingBase {
     origin: Option<Pose<World, Base>>,
     /// The base of this cycle, as seen from there; none where it stands for good.
     now: Option<BaseMotion>,
     short_s: f64,
 }
 
-impl Ground {
+impl MovingBase {
     /// The cycle as seen from where the base stood when the task began.
     pub fn place(&mut self, input: &ControlInput) -> ControlInput {
         self.now = input.base.map(|base| {
@@ -48,7 +50,8 @@ impl Ground {
         }
     }
 
-    /// What the arm does for a tool at `base_from_tool` (of the base now) to move so over ground.
+    /// What the arm does for a tool at `base_from_tool` (of the base now) to move so relative to
+    /// the floor.
     pub fn against_base(
         &self,
         base_from_tool: &Pose<Base, Tool>,
@@ -59,8 +62,8 @@ impl Ground {
         })
     }
 
-    /// What the joints make of the motion asked for. A standing base leaves the arm all the time it needs; a moving one takes the
-    /// surface away, or drives it into the tool.
+    /// What the joints make of the motion asked for. A standing base leaves the arm all the time it
+    /// needs; a moving one takes the surface away, or drives it into the tool.
     pub fn follow(
         &mut self,
         asked: &Twist<Aligned<Tool, Base>>,
@@ -71,7 +74,8 @@ impl Ground {
         self.short_s = if short { self.short_s + dt_s } else { 0.0 };
     }
 
-    /// The base moves and the arm cannot make up for it: the end of its reach, a singularity, a joint's limit.
+    /// The base moves and the arm cannot make up for it: the end of its reach, a singularity, a
+    /// joint's limit.
     pub fn out_of_reach(&self) -> bool {
         self.short_s > SHORTFALL_S
     }
@@ -128,15 +132,15 @@ mod tests {
     }
 
     proptest! {
-        /// What stands on the floor stands in the law's axes, however the base moves; and a tool that is to stand there is
-        /// moved against the base.
+        /// What stands on the floor stands in the law's axes, however the base moves; and a tool
+        /// that is to stand there is moved against the base.
         #[test]
         fn the_floor_stands(t in prop::array::uniform3(-5.0f64..5.0), r in prop::array::uniform3(-1.0f64..1.0),
                             v in prop::array::uniform3(-0.05f64..0.05), w in prop::array::uniform3(-0.1f64..0.1),
                             p in prop::array::uniform3(-1.0f64..1.0)) {
             let start = pose(t, r);
             let twist = Twist::<Base>::new(Vector3::from(v), Vector3::from(w));
-            let mut ground = Ground::default();
+            let mut base = MovingBase::default();
             let at = |dt: f64| BaseMotion {
                 // One short step of the twist.
                 world_from_base: start * Pose::<Base, Base>::new(twist.linear * dt, UnitQuaternion::new(twist.angular * dt)),
@@ -145,19 +149,19 @@ mod tests {
                 trouble: None,
             };
             let floor_point = start.transform_point(&Vector3::from(p));
-            let seen = |ground: &mut Ground, dt: f64| {
+            let seen = |base: &mut MovingBase, dt: f64| {
                 let motion = at(dt);
-                let origin = *ground.origin.get_or_insert(motion.world_from_base);
-                ground.now = Some(motion.seen_from(&origin));
+                let origin = *base.origin.get_or_insert(motion.world_from_base);
+                base.now = Some(motion.seen_from(&origin));
                 motion.world_from_base.inverse().transform_point(&floor_point)
             };
-            let before = seen(&mut ground, 0.0);
+            let before = seen(&mut base, 0.0);
             prop_assert!((before - Vector3::from(p)).norm() < 1e-9);
             let tool = Pose::<Base, Tool>::new(before, UnitQuaternion::identity());
-            let arm = ground.against_base(&tool, Twist::zero());
+            let arm = base.against_base(&tool, Twist::zero());
             let h = 1e-6;
-            let after = seen(&mut ground, h);
-            prop_assert!((ground.point(&before) - after).norm() < 1e-9);
+            let after = seen(&mut base, h);
+            prop_assert!((base.point(&before) - after).norm() < 1e-9);
             prop_assert!(((after - before) / h - arm.linear).norm() < 1e-5);
         }
     }

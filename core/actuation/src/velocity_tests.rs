@@ -1,14 +1,15 @@
-//! Whatever the guard is told, every limit holds.
+//! Whatever the gate is told, every limit holds.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use proptest::prelude::*;
 
-use super::guard::*;
+use crate::velocity::*;
+use crate::{Command, Refusal};
 
 const PERIOD: f64 = 0.008;
 
-fn limits() -> GuardLimits {
-    GuardLimits {
+fn limits() -> VelocityLimits<6> {
+    VelocityLimits {
         speed_rad_per_s: Vector6::repeat(1.0),
         acceleration_rad_per_s2: Vector6::new(8.0, 8.0, 8.0, 12.0, 12.0, 15.0),
         position_lower_rad: Vector6::repeat(-2.0),
@@ -34,7 +35,7 @@ fn tool(q: &Vector6<f64>) -> Vector3<f64> {
 }
 
 /// Its Jacobian; the turn rates are made up too.
-fn posture(q: &Vector6<f64>) -> Posture {
+fn posture(q: &Vector6<f64>) -> Posture<6> {
     Posture {
         q: *q,
         tool_m: tool(q),
@@ -46,7 +47,7 @@ fn posture(q: &Vector6<f64>) -> Posture {
 }
 
 /// An arm whose tool never moves: only the joints count.
-fn joints_only(q: &Vector6<f64>) -> Posture {
+fn joints_only(q: &Vector6<f64>) -> Posture<6> {
     Posture {
         q: *q,
         tool_m: Vector3::zeros(),
@@ -54,8 +55,8 @@ fn joints_only(q: &Vector6<f64>) -> Posture {
     }
 }
 
-fn velocity(values: &[f64], cycle: u64) -> Wanted<'_> {
-    Wanted {
+fn velocity(values: &[f64], cycle: u64) -> Command<'_> {
+    Command {
         cycle,
         kind: 1,
         values,
@@ -64,8 +65,8 @@ fn velocity(values: &[f64], cycle: u64) -> Wanted<'_> {
     }
 }
 
-fn step(guard: &mut Guard, cycle: u64, wanted: Option<&Wanted<'_>>) -> Allowed {
-    guard.step(
+fn step(gate: &mut VelocityGate<6>, cycle: u64, wanted: Option<&Command<'_>>) -> Allowed<6> {
+    gate.step(
         cycle,
         Permission::Move,
         &joints_only(&Vector6::zeros()),
@@ -133,15 +134,15 @@ proptest! {
         start in prop::array::uniform6(-2.0f64..2.0), moves in moves(),
     ) {
         let limits = limits();
-        let mut guard = Guard::new(limits.clone(), PERIOD);
+        let mut gate = VelocityGate::new(limits.clone(), PERIOD);
         let mut q = Vector6::from(start);
         let mut before = Vector6::<f64>::zeros();
         let mut cycle = 0;
         for m in &moves {
             for _ in 0..m.repeat {
                 cycle += 1;
-                let activation = if m.activation == u64::MAX { guard.activation_latched() + 1 } else { m.activation };
-                let wanted = Wanted {
+                let activation = if m.activation == u64::MAX { gate.admission.activation_latched() + 1 } else { m.activation };
+                let wanted = Command {
                     cycle: u64::saturating_sub(cycle, m.late),
                     kind: m.kind,
                     values: &m.values,
@@ -150,11 +151,11 @@ proptest! {
                 };
                 let posture = posture(&q);
                 let soft = m.kind == 3;
-                let out = guard.step(cycle, m.permission, &posture, m.given.then_some(&wanted));
+                let out = gate.step(cycle, m.permission, &posture, m.given.then_some(&wanted));
                 prop_assert!(out.qd.iter().all(|v| v.is_finite()));
                 for i in 0..6 {
                     prop_assert!(out.qd[i].abs() <= limits.speed_rad_per_s[i] + 1e-12);
-                    // A soft stop is the robot's own ramp: there the guard lets go at once.
+                    // A soft stop is the robot's own ramp: there the gate lets go at once.
                     if !soft {
                         let reach = limits.acceleration_rad_per_s2[i] * PERIOD;
                         prop_assert!((out.qd[i] - before[i]).abs() <= reach * (1.0 + 1e-9),
@@ -165,7 +166,7 @@ proptest! {
                 let (speed, turn) = (twist.fixed_rows::<3>(0).norm(), twist.fixed_rows::<3>(3).norm());
                 prop_assert!(speed <= limits.tool_speed_max_m_per_s * (1.0 + 1e-9), "tool at {speed} m/s");
                 prop_assert!(turn <= limits.tool_turn_rate_max_rad_per_s * (1.0 + 1e-9), "tool at {turn} rad/s");
-                if m.kind == 1 && m.acceleration > 0.0 && m.given && guard.cycle_accepted() == cycle
+                if m.kind == 1 && m.acceleration > 0.0 && m.given && gate.admission.cycle_accepted() == cycle
                     && out.qd.norm() > before.norm() {
                     for i in 0..6 {
                         prop_assert!((out.qd[i] - before[i]).abs() <= m.acceleration * PERIOD * (1.0 + 1e-9) + 1e-12);
@@ -193,11 +194,11 @@ proptest! {
     fn from_beyond_a_stop_it_only_moves_inwards(
         over in 0.0f64..1.0, joint in 0usize..6, values in prop::array::uniform6(-1.0f64..1.0),
     ) {
-        let mut guard = Guard::new(limits(), PERIOD);
+        let mut gate = VelocityGate::new(limits(), PERIOD);
         let mut q = Vector6::zeros();
         q[joint] = 2.0 + over;
         for cycle in 1..200 {
-            let out = guard.step(cycle, Permission::Move, &joints_only(&q), Some(&velocity(&values, cycle)));
+            let out = gate.step(cycle, Permission::Move, &joints_only(&q), Some(&velocity(&values, cycle)));
             prop_assert!(q[joint] < 2.0 || out.qd[joint] <= 0.0);
             q += out.qd * PERIOD;
         }
@@ -206,27 +207,31 @@ proptest! {
 
 #[test]
 fn a_good_stream_is_followed_exactly_once_up_to_speed() {
-    let mut guard = Guard::new(limits(), PERIOD);
+    let mut gate = VelocityGate::new(limits(), PERIOD);
     let values = [0.1, -0.2, 0.3, 0.0, 0.05, -0.05];
     for cycle in 1..=10 {
-        let out = step(&mut guard, cycle, Some(&velocity(&values, cycle)));
+        let out = step(&mut gate, cycle, Some(&velocity(&values, cycle)));
         assert!(out.streaming);
     }
-    assert_eq!(*guard.qd(), Vector6::from(values));
+    assert_eq!(*gate.qd(), Vector6::from(values));
     assert_eq!(
-        (guard.refused(), guard.missed(), guard.limited()),
+        (
+            gate.admission.refused(),
+            gate.admission.missed(),
+            gate.limited()
+        ),
         (0, 0, 0)
     );
 }
 
 #[test]
 fn it_slows_down_before_a_joint_limit_and_gets_close_to_it() {
-    let mut guard = Guard::new(limits(), PERIOD);
+    let mut gate = VelocityGate::new(limits(), PERIOD);
     let mut q = Vector6::new(1.5, 0.0, 0.0, 0.0, 0.0, 0.0);
     let values = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     for cycle in 1..1000 {
         let wanted = velocity(&values, cycle);
-        let out = guard.step(cycle, Permission::Move, &joints_only(&q), Some(&wanted));
+        let out = gate.step(cycle, Permission::Move, &joints_only(&q), Some(&wanted));
         q += out.qd * PERIOD;
     }
     assert!(q[0] <= 2.0 && q[0] > 1.9999, "{}", q[0]);
@@ -234,44 +239,44 @@ fn it_slows_down_before_a_joint_limit_and_gets_close_to_it() {
 
 #[test]
 fn silence_is_ridden_out_for_two_cycles_then_ramps_then_latches() {
-    let mut guard = Guard::new(limits(), PERIOD);
+    let mut gate = VelocityGate::new(limits(), PERIOD);
     let values = [0.5; 6];
     let mut cycle = 0;
     for _ in 0..20 {
         cycle += 1;
-        step(&mut guard, cycle, Some(&velocity(&values, cycle)));
+        step(&mut gate, cycle, Some(&velocity(&values, cycle)));
     }
     for _ in 0..2 {
         cycle += 1;
-        assert_eq!(step(&mut guard, cycle, None).qd, Vector6::repeat(0.5));
+        assert_eq!(step(&mut gate, cycle, None).qd, Vector6::repeat(0.5));
     }
     cycle += 1;
-    let first = step(&mut guard, cycle, None).qd;
+    let first = step(&mut gate, cycle, None).qd;
     assert!((first[0] - (0.5 - 8.0 * PERIOD)).abs() < 1e-12);
-    assert_eq!(guard.activation_latched(), 0);
+    assert_eq!(gate.admission.activation_latched(), 0);
     for _ in 0..12 {
         cycle += 1;
-        step(&mut guard, cycle, None);
+        step(&mut gate, cycle, None);
     }
-    assert_eq!(*guard.qd(), Vector6::zeros());
-    assert_eq!(guard.activation_latched(), 1);
+    assert_eq!(*gate.qd(), Vector6::zeros());
+    assert_eq!(gate.admission.activation_latched(), 1);
     // The same task does not go on by itself; a newer one does.
     cycle += 1;
-    let out = step(&mut guard, cycle, Some(&velocity(&values, cycle)));
+    let out = step(&mut gate, cycle, Some(&velocity(&values, cycle)));
     assert!(!out.streaming && out.qd == Vector6::zeros());
     assert!(matches!(
-        guard.refusal(),
+        gate.admission.refusal(),
         Some(Refusal::Latched {
             activation: 1,
             latched: 1
         })
     ));
     cycle += 1;
-    let newer = Wanted {
+    let newer = Command {
         activation: 2,
         ..velocity(&values, cycle)
     };
-    assert!(step(&mut guard, cycle, Some(&newer)).qd[0] > 0.0);
+    assert!(step(&mut gate, cycle, Some(&newer)).qd[0] > 0.0);
 }
 
 #[test]
@@ -282,12 +287,12 @@ fn every_refusal_is_named_counted_and_slows_down() {
     let base = velocity(&good, 0);
     for (bad, text, ramps) in [
         (
-            Wanted { kind: 2, ..base },
-            "kind 2; 0 hold, 1 joint velocity, 3 soft stop are taken",
+            Command { kind: 2, ..base },
+            "kind 2 is none of 0 (hold), 1 (joint velocity), 3 (soft stop)",
             true,
         ),
         (
-            Wanted {
+            Command {
                 values: &good[..5],
                 ..base
             },
@@ -295,7 +300,7 @@ fn every_refusal_is_named_counted_and_slows_down() {
             true,
         ),
         (
-            Wanted {
+            Command {
                 values: &nan,
                 ..base
             },
@@ -303,7 +308,7 @@ fn every_refusal_is_named_counted_and_slows_down() {
             true,
         ),
         (
-            Wanted {
+            Command {
                 acceleration: f64::NAN,
                 ..base
             },
@@ -311,7 +316,7 @@ fn every_refusal_is_named_counted_and_slows_down() {
             true,
         ),
         (
-            Wanted {
+            Command {
                 values: &fast,
                 ..base
             },
@@ -319,67 +324,73 @@ fn every_refusal_is_named_counted_and_slows_down() {
             true,
         ),
     ] {
-        let mut guard = Guard::new(limits(), PERIOD);
+        let mut gate = VelocityGate::new(limits(), PERIOD);
         for cycle in 1..=20 {
-            step(&mut guard, cycle, Some(&velocity(&good, cycle)));
+            step(&mut gate, cycle, Some(&velocity(&good, cycle)));
         }
-        let out = step(&mut guard, 21, Some(&Wanted { cycle: 21, ..bad }));
-        assert_eq!(guard.refused(), 1, "{text}");
-        assert_eq!(guard.refusal().unwrap().to_string(), text);
+        let out = step(&mut gate, 21, Some(&Command { cycle: 21, ..bad }));
+        assert_eq!(gate.admission.refused(), 1, "{text}");
+        assert_eq!(gate.admission.refusal().unwrap().to_string(), text);
         assert_eq!(out.qd[0] < 0.3, ramps, "{text}");
         // One bad command among good ones is not yet a reason to start over.
         for cycle in 22..=40 {
-            step(&mut guard, cycle, Some(&velocity(&good, cycle)));
+            step(&mut gate, cycle, Some(&velocity(&good, cycle)));
         }
-        assert_eq!(*guard.qd(), Vector6::repeat(0.3), "{text}");
+        assert_eq!(*gate.qd(), Vector6::repeat(0.3), "{text}");
     }
 }
 
 #[test]
 fn old_future_and_repeated_cycles_are_refused() {
-    let mut guard = Guard::new(limits(), PERIOD);
+    let mut gate = VelocityGate::new(limits(), PERIOD);
     let values = [0.1; 6];
-    step(&mut guard, 100, Some(&velocity(&values, 97)));
-    assert_eq!(guard.refusal(), Some(&Refusal::Old { age: 3 }));
-    step(&mut guard, 101, Some(&velocity(&values, 102)));
-    assert_eq!(guard.refusal(), Some(&Refusal::Future { cycle: 102 }));
-    step(&mut guard, 102, Some(&velocity(&values, 101)));
-    step(&mut guard, 103, Some(&velocity(&values, 101)));
-    assert_eq!(guard.refusal(), Some(&Refusal::Duplicate { cycle: 101 }));
-    assert_eq!(guard.refused(), 3);
+    step(&mut gate, 100, Some(&velocity(&values, 97)));
+    assert_eq!(gate.admission.refusal(), Some(&Refusal::Old { age: 3 }));
+    step(&mut gate, 101, Some(&velocity(&values, 102)));
+    assert_eq!(
+        gate.admission.refusal(),
+        Some(&Refusal::Future { cycle: 102 })
+    );
+    step(&mut gate, 102, Some(&velocity(&values, 101)));
+    step(&mut gate, 103, Some(&velocity(&values, 101)));
+    assert_eq!(
+        gate.admission.refusal(),
+        Some(&Refusal::Duplicate { cycle: 101 })
+    );
+    assert_eq!(gate.admission.refused(), 3);
 }
 
 #[test]
 fn what_was_running_while_the_robot_could_not_move_stays_out() {
-    let mut guard = Guard::new(limits(), PERIOD);
+    let mut gate = VelocityGate::new(limits(), PERIOD);
     let values = [0.1; 6];
-    let five = |cycle| Wanted {
+    let five = |cycle| Command {
         activation: 5,
         ..velocity(&values, cycle)
     };
     let zero = joints_only(&Vector6::zeros());
-    guard.step(1, Permission::Off, &zero, Some(&five(1)));
-    assert_eq!(guard.activation_latched(), 5);
+    gate.step(1, Permission::Off, &zero, Some(&five(1)));
+    assert_eq!(gate.admission.activation_latched(), 5);
     for cycle in 2..10 {
-        let out = guard.step(cycle, Permission::Move, &zero, Some(&five(cycle)));
+        let out = gate.step(cycle, Permission::Move, &zero, Some(&five(cycle)));
         assert!(!out.streaming);
     }
 }
 
 #[test]
 fn a_soft_stop_goes_to_the_robot_whatever_the_activation() {
-    let mut guard = Guard::new(limits(), PERIOD);
+    let mut gate = VelocityGate::new(limits(), PERIOD);
     let values = [0.3; 6];
     for cycle in 1..=10 {
-        step(&mut guard, cycle, Some(&velocity(&values, cycle)));
+        step(&mut gate, cycle, Some(&velocity(&values, cycle)));
     }
-    let stop = Wanted {
+    let stop = Command {
         kind: 3,
         values: &[],
         activation: 0,
         ..velocity(&values, 11)
     };
-    let out = step(&mut guard, 11, Some(&stop));
+    let out = step(&mut gate, 11, Some(&stop));
     assert!(out.soft_stop && !out.streaming);
-    assert_eq!(guard.activation_latched(), 1);
+    assert_eq!(gate.admission.activation_latched(), 1);
 }

@@ -70,7 +70,7 @@ impl Wanted {
     }
 }
 
-/// Between the desk and the loop. No lock and no memory in the loop.
+/// Between the requests and the loop that tares. No lock and no memory in the loop.
 #[derive(Debug)]
 struct Counter {
     ticket: Ticket,
@@ -82,7 +82,7 @@ struct Counter {
 
 /// The asking end.
 #[derive(Clone)]
-pub(crate) struct TareDesk {
+pub(crate) struct TareRequests {
     counter: Arc<Counter>,
     memory: Arc<Memory>,
     patience: Duration,
@@ -101,20 +101,20 @@ struct TareFigures {
     samples: u32,
 }
 
-pub(crate) fn tare_desk(setup: &TareSetup, memory: &Arc<Memory>) -> (TareDesk, TareWork) {
+pub(crate) fn tare_requests(setup: &TareSetup, memory: &Arc<Memory>) -> (TareRequests, TareWork) {
     let counter = Arc::new(Counter {
         ticket: Ticket::default(),
         wanted: AtomicU8::new(0),
         outcomes: ArrayQueue::new(1),
         turn: Mutex::new(()),
     });
-    let desk = TareDesk {
+    let requests = TareRequests {
         counter: Arc::clone(&counter),
         memory: Arc::clone(memory),
         patience: Duration::from_secs_f64(setup.duration_s) + SLACK,
         silence: setup.silence,
     };
-    (desk, TareWork(counter))
+    (requests, TareWork(counter))
 }
 
 impl TareWork {
@@ -135,8 +135,9 @@ impl TareWork {
     }
 }
 
-impl TareDesk {
-    /// Why a request is refused without asking the loop; none where it may be carried out. Waits for nothing.
+impl TareRequests {
+    /// Why a request is refused without asking the loop; none where it may be carried out. Waits
+    /// for nothing.
     pub(crate) fn judge(&self, request: &Request) -> Option<Answer> {
         let wanted = match Wanted::of(request) {
             Ok(wanted) => wanted,
@@ -161,7 +162,8 @@ impl TareDesk {
         ))
     }
 
-    /// Answers one request that was judged; waits for its turn and the average, until the request's deadline at most.
+    /// Answers one request that was judged; waits for its turn and the average, until the request's
+    /// deadline at most.
     pub(crate) fn respond(&self, asked: &Asked) -> Answer {
         let wanted = match Wanted::of(&asked.request) {
             Ok(wanted) => wanted,

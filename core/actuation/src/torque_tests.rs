@@ -2,16 +2,17 @@ use nalgebra::{SMatrix, Vector3};
 use proptest::prelude::*;
 use tangent_mechanics::Joints;
 
-use crate::guard::*;
+use crate::torque::*;
+use crate::{Command, Refusal};
 
 const PERIOD_S: f64 = 0.001;
 /// What leaves may change by at most, Nm per cycle: below the robot's 1.
 const STEP_NM: f64 = 0.9 + 1e-12;
 
-fn limits() -> GuardLimits {
-    GuardLimits {
+fn limits() -> TorqueLimits<7> {
+    TorqueLimits {
         torque_nm: Joints::from([70.0, 70.0, 70.0, 70.0, 9.6, 9.6, 9.6]),
-        torque_rate_nm_per_s: Joints::repeat(1000.0),
+        torque_rate_nm_per_s: Joints::repeat(900.0),
         speed_rad_per_s: Joints::repeat(1.0),
         position_lower_rad: Joints::repeat(-2.0),
         position_upper_rad: Joints::repeat(2.0),
@@ -26,7 +27,7 @@ fn limits() -> GuardLimits {
     }
 }
 
-fn at_rest() -> Posture {
+fn at_rest() -> Posture<7> {
     Posture {
         q: Joints::zeros(),
         qd: Joints::zeros(),
@@ -38,30 +39,31 @@ fn at_rest() -> Posture {
 
 /// Steps with a robot that goes by whatever leaves.
 struct Bench {
-    guard: Guard,
-    posture: Posture,
+    gate: TorqueGate<7>,
+    posture: Posture<7>,
     cycle: u64,
 }
 
 impl Bench {
     fn new() -> Self {
         Self {
-            guard: Guard::new(limits(), PERIOD_S),
+            gate: TorqueGate::new(limits(), PERIOD_S),
             posture: at_rest(),
             cycle: 0,
         }
     }
 
-    fn step(&mut self, command: Option<(u8, &[f64], u64)>) -> Allowed {
+    fn step(&mut self, command: Option<(u8, &[f64], u64)>) -> Allowed<7> {
         self.cycle += 1;
-        let wanted = command.map(|(kind, values, activation)| Wanted {
+        let wanted = command.map(|(kind, values, activation)| Command {
             cycle: self.cycle,
             kind,
             values,
+            acceleration: 0.0,
             activation,
         });
         let allowed = self
-            .guard
+            .gate
             .step(self.cycle, Permission::Move, &self.posture, wanted.as_ref());
         let step = (allowed.torque - self.posture.torque).amax();
         assert!(
@@ -86,10 +88,10 @@ fn a_step_in_the_command_leaves_as_a_ramp() {
     let torque = [10.0, -5.0, 3.0, 0.0, 0.5, 0.0, -2.0];
     bench.follow(torque, 1);
     assert!((bench.posture.torque[0] - 0.9).abs() < 1e-9);
-    assert_eq!(bench.guard.limited(), 1);
+    assert_eq!(bench.gate.limited(), 1);
     bench.follow(torque, 20);
     assert_eq!(bench.posture.torque, Joints::from(torque));
-    assert_eq!(bench.guard.refused(), 0);
+    assert_eq!(bench.gate.admission.refused(), 0);
 }
 
 #[test]
@@ -111,11 +113,11 @@ fn silence_is_ridden_out_for_two_cycles_then_the_arm_is_held_without_a_step() {
         before = bench.posture.torque;
     }
     assert_eq!(bench.posture.torque, Joints::<7>::zeros());
-    assert_eq!(bench.guard.activation_latched(), 1);
+    assert_eq!(bench.gate.admission.activation_latched(), 1);
     // The old activation moves nothing any more, a new one does.
     assert!(!bench.step(Some((2, &torque, 1))).following);
     assert!(matches!(
-        bench.guard.refusal(),
+        bench.gate.admission.refusal(),
         Some(Refusal::Latched { .. })
     ));
     assert!(bench.step(Some((2, &torque, 2))).following);
@@ -170,9 +172,9 @@ fn what_is_bad_is_refused_and_not_followed_in_that_cycle() {
         let mut bench = Bench::new();
         bench.follow(good, 10);
         assert!(!bench.step(Some((kind, values, 1))).following, "{words}");
-        let said = bench.guard.refusal().unwrap().to_string();
+        let said = bench.gate.admission.refusal().unwrap().to_string();
         assert!(said.contains(words), "{said}");
-        assert_eq!(bench.guard.refused(), 1);
+        assert_eq!(bench.gate.admission.refused(), 1);
         // One bad command is no end: the next good one is followed.
         assert!(bench.step(Some((2, &good, 1))).following);
     }
@@ -180,17 +182,18 @@ fn what_is_bad_is_refused_and_not_followed_in_that_cycle() {
 
 #[test]
 fn old_duplicate_and_future_answers_are_refused() {
-    let mut guard = Guard::new(limits(), PERIOD_S);
+    let mut gate = TorqueGate::new(limits(), PERIOD_S);
     let torque = [1.0; 7];
     let mut give = |now: u64, answers: u64| {
-        let wanted = Wanted {
+        let wanted = Command {
             cycle: answers,
             kind: 2,
             values: &torque,
+            acceleration: 0.0,
             activation: 1,
         };
-        guard.step(now, Permission::Move, &at_rest(), Some(&wanted));
-        guard.refusal().copied()
+        gate.step(now, Permission::Move, &at_rest(), Some(&wanted));
+        gate.admission.refusal().copied()
     };
     assert_eq!(give(10, 10), None);
     assert_eq!(give(11, 10), Some(Refusal::Duplicate { cycle: 10 }));
@@ -200,7 +203,7 @@ fn old_duplicate_and_future_answers_are_refused() {
 
 #[test]
 fn an_arm_that_leaves_its_limits_is_held_and_latched() {
-    type Change = fn(&mut Posture);
+    type Change = fn(&mut Posture<7>);
     let cases: [(Change, &str); 4] = [
         (|p| p.qd[2] = 1.3, "joint 3 at 1.30 rad/s"),
         (
@@ -224,11 +227,11 @@ fn an_arm_that_leaves_its_limits_is_held_and_latched() {
         bench.follow([2.0; 7], 10);
         change(&mut bench.posture);
         assert!(!bench.step(Some((2, &[2.0; 7], 1))).following, "{words}");
-        let said = bench.guard.trip().unwrap().to_string();
+        let said = bench.gate.trip().unwrap().to_string();
         assert!(said.contains(words), "{said}");
         assert!(!bench.step(Some((2, &[2.0; 7], 1))).following);
         assert!(matches!(
-            bench.guard.refusal(),
+            bench.gate.admission.refusal(),
             Some(Refusal::Latched { .. })
         ));
     }
@@ -259,14 +262,14 @@ fn act() -> impl Strategy<Value = Act> {
 }
 
 proptest! {
-    /// Whatever comes in whatever order, what leaves is finite, inside the limits, and never further from what the robot
-    /// goes by than it bears.
+    /// Whatever comes in whatever order, what leaves is finite, inside the limits, and never
+    /// further from what the robot goes by than it bears.
     #[test]
     fn what_leaves_is_always_within_the_robots_bounds(
         acts in proptest::collection::vec(act(), 1..60),
         motion in proptest::array::uniform7(-3.0..3.0f64),
     ) {
-        let mut guard = Guard::new(limits(), PERIOD_S);
+        let mut gate = TorqueGate::new(limits(), PERIOD_S);
         let mut posture = at_rest();
         let mut cycle = 0;
         let mut activation = 1;
@@ -279,7 +282,7 @@ proptest! {
                 _ => (1, Permission::Move),
             };
             if let Act::Latch = act {
-                guard.latch();
+                gate.admission.latch();
                 activation += 1;
             }
             for _ in 0..times {
@@ -289,8 +292,8 @@ proptest! {
                     Act::Bad(value) => Some([*value; 7]),
                     _ => None,
                 };
-                let wanted = values.as_ref().map(|values| Wanted { cycle, kind: 2, values, activation });
-                let allowed = guard.step(cycle, permission, &posture, wanted.as_ref());
+                let wanted = values.as_ref().map(|values| Command { cycle, kind: 2, values, acceleration: 0.0, activation });
+                let allowed = gate.step(cycle, permission, &posture, wanted.as_ref());
                 if permission == Permission::Off {
                     // The robot goes by its own controller; torques begin at zero again.
                     posture.torque = Joints::zeros();

@@ -15,11 +15,11 @@ use tangent_sensing::{BaseMotion, BaseTrouble, Validity};
 use crate::{ContactSample, NormalEstimate, NormalEstimator};
 
 /// Estimator whose state is kept in axes of the floor.
-pub(crate) struct OverGround {
+pub(crate) struct OnMovingBase {
     inner: Box<dyn NormalEstimator>,
 }
 
-impl OverGround {
+impl OnMovingBase {
     pub fn new(inner: Box<dyn NormalEstimator>) -> Self {
         Self { inner }
     }
@@ -77,7 +77,7 @@ fn is_sane(base: &BaseMotion) -> bool {
         && base.twist.vector().amax() < FASTEST
 }
 
-impl NormalEstimator for OverGround {
+impl NormalEstimator for OnMovingBase {
     fn name(&self) -> &'static str {
         self.inner.name()
     }

@@ -9,7 +9,8 @@
 use std::fmt;
 
 use sha2::{Digest, Sha256};
-use tangent_schemas::Name;
+use tangent_schemas::convert::cut_format;
+use tangent_schemas::{Name, Text};
 
 /// Time without commands after which the holder counts as gone, s: well above the delay of a late
 /// packet, well below a person's patience.
@@ -50,7 +51,7 @@ impl fmt::Display for Source {
 
 /// Decision on a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Admission {
+pub enum LeaseDecision {
     /// The command is from the holder.
     Held,
     /// The source of the command holds the lease from now on.
@@ -70,21 +71,21 @@ pub struct Lease {
 
 impl Lease {
     /// Decides on one command by its source. `rests`: the arm neither moves nor is about to.
-    pub fn admit(&mut self, source: &Source, now_s: f64, rests: bool) -> Admission {
+    pub fn admit(&mut self, source: &Source, now_s: f64, rests: bool) -> LeaseDecision {
         match &mut self.holder {
             Some((holder, heard_s)) if holder == source => {
                 *heard_s = now_s;
-                return Admission::Held;
+                return LeaseDecision::Held;
             }
             Some((_, heard_s)) if now_s - *heard_s <= SILENCE_S || !rests => {
                 self.rival = Some((*source, now_s));
                 self.refused += 1;
-                return Admission::Refused;
+                return LeaseDecision::Refused;
             }
             None if !rests => {
                 self.rival = Some((*source, now_s));
                 self.refused += 1;
-                return Admission::Refused;
+                return LeaseDecision::Refused;
             }
             _ => {}
         }
@@ -92,7 +93,7 @@ impl Lease {
         if self.rival.is_some_and(|(rival, _)| rival == *source) {
             self.rival = None;
         }
-        Admission::Taken
+        LeaseDecision::Taken
     }
 
     /// The source that holds the lease, or held it last.
@@ -106,6 +107,16 @@ impl Lease {
             .as_ref()
             .filter(|(_, heard_s)| now_s - heard_s <= REMEMBERED_S)
             .map(|(source, _)| source)
+    }
+
+    /// Why `rival` is refused, in words.
+    pub fn refusal_of(&self, rival: &Source) -> Text {
+        match self.holder() {
+            Some(holder) => {
+                cut_format(format_args!("{rival} is refused: {holder} drives this arm"))
+            }
+            None => cut_format(format_args!("{rival} is refused until the arm rests")),
+        }
     }
 
     /// Number of commands refused since the start.
@@ -129,11 +140,11 @@ mod tests {
     fn the_second_is_refused_by_name_while_the_first_speaks() {
         let (a, b) = (source("controller/a-1", 1), source("controller/b-2", 2));
         let mut lease = Lease::default();
-        assert_eq!(lease.admit(&a, 0.0, true), Admission::Taken);
+        assert_eq!(lease.admit(&a, 0.0, true), LeaseDecision::Taken);
         for cycle in 1..100 {
             let now_s = 0.008 * f64::from(cycle);
-            assert_eq!(lease.admit(&b, now_s, true), Admission::Refused);
-            assert_eq!(lease.admit(&a, now_s, false), Admission::Held);
+            assert_eq!(lease.admit(&b, now_s, true), LeaseDecision::Refused);
+            assert_eq!(lease.admit(&a, now_s, false), LeaseDecision::Held);
         }
         assert_eq!(lease.holder(), Some(&a));
         assert_eq!(lease.rival(0.8), Some(&b));
@@ -145,14 +156,23 @@ mod tests {
     fn it_passes_on_after_silence_and_at_rest_only() {
         let (a, b) = (source("controller/a-1", 1), source("controller/b-2", 2));
         let mut lease = Lease::default();
-        assert_eq!(lease.admit(&b, 0.0, false), Admission::Refused);
-        assert_eq!(lease.admit(&a, 0.0, true), Admission::Taken);
-        assert_eq!(lease.admit(&b, SILENCE_S, true), Admission::Refused);
-        assert_eq!(lease.admit(&b, SILENCE_S + 0.01, false), Admission::Refused);
-        assert_eq!(lease.admit(&b, SILENCE_S + 0.02, true), Admission::Taken);
+        assert_eq!(lease.admit(&b, 0.0, false), LeaseDecision::Refused);
+        assert_eq!(lease.admit(&a, 0.0, true), LeaseDecision::Taken);
+        assert_eq!(lease.admit(&b, SILENCE_S, true), LeaseDecision::Refused);
+        assert_eq!(
+            lease.admit(&b, SILENCE_S + 0.01, false),
+            LeaseDecision::Refused
+        );
+        assert_eq!(
+            lease.admit(&b, SILENCE_S + 0.02, true),
+            LeaseDecision::Taken
+        );
         assert_eq!(lease.rival(SILENCE_S + 0.02), None);
         // The first source returns: it is now the second one.
-        assert_eq!(lease.admit(&a, SILENCE_S + 0.03, true), Admission::Refused);
+        assert_eq!(
+            lease.admit(&a, SILENCE_S + 0.03, true),
+            LeaseDecision::Refused
+        );
         assert_eq!(lease.holder(), Some(&b));
     }
 
@@ -169,7 +189,7 @@ mod tests {
     fn one_name_on_two_publishers_is_two_sources() {
         let (a, b) = (source("controller/x-1", 1), source("controller/x-1", 2));
         let mut lease = Lease::default();
-        assert_eq!(lease.admit(&a, 0.0, true), Admission::Taken);
-        assert_eq!(lease.admit(&b, 0.1, true), Admission::Refused);
+        assert_eq!(lease.admit(&a, 0.0, true), LeaseDecision::Taken);
+        assert_eq!(lease.admit(&b, 0.1, true), LeaseDecision::Refused);
     }
 }

@@ -1,4 +1,5 @@
-//! Answers people and programs: `control/task`, `control/stop`, `control/select`. Runs in the askers' threads.
+//! Answers people and programs: `control/task`, `control/stop`, `control/select`. Runs in the
+//! askers' threads.
 
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -15,14 +16,14 @@ use tangent_schemas::topics::{self, Topic, queries};
 use tangent_sensing::Validity;
 
 use crate::inputs::driven_by_another;
-use crate::mailbox::{Ask, Mailbox, Outcome, Silence, Time, cannot_leave};
+use crate::mailbox::{Action, Mailbox, Outcome, Silence, Time, cannot_leave};
 use crate::memory::Memory;
 
 /// Older than this, an input does not count as there when a task is to start.
 pub const FRESH: Duration = Duration::from_millis(200);
 /// Older than this, `control/state` says nothing of now.
 const OLD: Duration = Duration::from_millis(500);
-/// How long an estimator that nobody listened to yet is waited for.
+/// Timeout of the first message of an estimator that was not subscribed to yet.
 pub const FIRST_ESTIMATE: Duration = Duration::from_millis(400);
 
 /// What differs from law to law when a task is started or an estimator chosen.
@@ -44,14 +45,15 @@ pub trait Kind: Send + Sync + 'static {
         time: Time,
     ) -> Result<(), String>;
 
-    /// Makes sure that this estimator is listened to. A program that listens to all that its task names, and to no others, leaves it
-    /// at that.
+    /// Makes sure that this estimator is listened to. A program that listens to all that its task
+    /// names, and to no others, leaves it at that.
     fn hear(&self, _: &EstimatorName, _: &Mailbox<Self::Program>, _: Time) -> Result<(), String> {
         Ok(())
     }
 }
 
-/// Whether something fresh comes on one of these topics. All are waited for together, for [`FIRST_ESTIMATE`].
+/// Whether something fresh comes on one of these topics. All are waited for together, for
+/// [`FIRST_ESTIMATE`].
 ///
 /// # Errors
 /// The bus's reason, where a topic cannot be read.
@@ -75,7 +77,7 @@ pub fn one_speaks<M: Message>(
 }
 
 /// Where requests are answered.
-pub struct Desk<K: Kind> {
+pub struct RequestHandler<K: Kind> {
     bus: Bus,
     mailbox: Arc<Mailbox<K::Program>>,
     kind: K,
@@ -86,7 +88,7 @@ pub struct Desk<K: Kind> {
     seen: Mutex<Seen>,
 }
 
-/// The desk's own readers: the loop's belong to the loop.
+/// The handler's own readers: the loop's belong to the loop.
 struct Seen {
     arm: Latest<ArmState>,
     wrench: Latest<WrenchStatus>,
@@ -95,8 +97,8 @@ struct Seen {
     task_toml: String,
 }
 
-impl<K: Kind> Desk<K> {
-    /// Opens the desk's readers.
+impl<K: Kind> RequestHandler<K> {
+    /// Opens the handler's readers.
     pub fn new(
         bus: &Bus,
         mailbox: &Arc<Mailbox<K::Program>>,
@@ -156,8 +158,8 @@ impl<K: Kind> Desk<K> {
         match asked.request.action.as_str() {
             "start" => self.start(&asked.request.argument, time, false),
             "start_clear" => self.start(&asked.request.argument, time, true),
-            "pause" => self.ask(Ask::Pause, time, |phase| paused(phase).to_owned()),
-            "resume" => self.ask(Ask::Resume, time, |_| "going on".to_owned()),
+            "pause" => self.ask(Action::Pause, time, |phase| paused(phase).to_owned()),
+            "resume" => self.ask(Action::Resume, time, |_| "going on".to_owned()),
             "stop" => self.stop(time),
             "status" => self.status(),
             other => refused(format!(
@@ -170,7 +172,7 @@ impl<K: Kind> Desk<K> {
         // A start that is still being prepared does not come after it.
         self.mailbox.stop_asked(time.received);
         let name = EstimatorName::new();
-        let answer = match self.mailbox.ask(Ask::Stop, time) {
+        let answer = match self.mailbox.ask(Action::Stop, time) {
             Ok(Outcome::MayTouch) => self.leave(time),
             outcome => told(outcome, &name, |phase| stopped(phase).to_owned()),
         };
@@ -192,11 +194,11 @@ impl<K: Kind> Desk<K> {
         }
         match self.kind.leave() {
             Ok(program) => {
-                let ask = Ask::Start {
+                let action = Action::Start {
                     program: Box::new(Some(program)),
                     said_clear: false,
                 };
-                self.ask(ask, time, |_| LEAVING.to_owned())
+                self.ask(action, time, |_| LEAVING.to_owned())
             }
             Err(reason) => refused(reason),
         }
@@ -222,11 +224,11 @@ impl<K: Kind> Desk<K> {
         let kept = self.expect_contact(said_clear);
         // Before the start: the recorder asks as soon as it sees one.
         let before = std::mem::replace(&mut self.seen().task_toml, text.to_owned());
-        let ask = Ask::Start {
+        let action = Action::Start {
             program: Box::new(Some(program)),
             said_clear,
         };
-        let mut answer = self.ask(ask, time, |_| format!("task \"{name}\" started"));
+        let mut answer = self.ask(action, time, |_| format!("task \"{name}\" started"));
         if !answer.done {
             self.seen().task_toml = before;
             if !self.mailbox.phase().is_active() {
@@ -239,8 +241,8 @@ impl<K: Kind> Desk<K> {
         answer
     }
 
-    /// Writes down that the tool may touch something from now on, in front of it as it stands. What was known in doubt before stays,
-    /// unless a person has looked.
+    /// Writes down that the tool may touch something from now on, in front of it as it stands. What
+    /// was known in doubt before stays, unless a person has looked.
     fn expect_contact(&self, said_clear: bool) -> Result<(), String> {
         let Some(arm) = self
             .seen()
@@ -335,7 +337,7 @@ impl<K: Kind> Desk<K> {
             return refused(reason);
         }
         let words = |_| format!("{name} in use; what is steered by turns to it at a bounded rate");
-        let first = self.ask(Ask::Select { name, force }, time, words);
+        let first = self.ask(Action::Select { name, force }, time, words);
         if first.done {
             return first;
         }
@@ -343,7 +345,7 @@ impl<K: Kind> Desk<K> {
         let cycles = self.mailbox.cycles();
         for _ in 0..50 {
             if self.mailbox.cycles() >= cycles + 3 {
-                return self.ask(Ask::Select { name, force }, time, words);
+                return self.ask(Action::Select { name, force }, time, words);
             }
             std::thread::park_timeout(Duration::from_millis(2));
         }
@@ -351,12 +353,17 @@ impl<K: Kind> Desk<K> {
     }
 
     /// Asks the loop; `done` says in words what was done, by the phase that the request found.
-    fn ask(&self, ask: Ask<K::Program>, time: Time, done: impl Fn(Phase) -> String) -> Answer {
-        let name = match &ask {
-            Ask::Select { name, .. } => *name,
+    fn ask(
+        &self,
+        action: Action<K::Program>,
+        time: Time,
+        done: impl Fn(Phase) -> String,
+    ) -> Answer {
+        let name = match &action {
+            Action::Select { name, .. } => *name,
             _ => EstimatorName::new(),
         };
-        told(self.mailbox.ask(ask, time), &name, done)
+        told(self.mailbox.ask(action, time), &name, done)
     }
 
     fn status(&self) -> Answer {
@@ -507,5 +514,5 @@ const STOPPED: &str =
 
 /// No cycle of the loop: nothing is known of now.
 const NO_STATE: &str = "the loop does not run: no arm/state comes in; is the bridge (rtde or franka) running, and the robot reached?";
-/// Nobody turns the loop.
+/// The loop is not called.
 pub const NO_LOOP: &str = "the loop does not run: no arm/state comes in; nothing was done; is the bridge (rtde or franka) running, and the robot reached?";

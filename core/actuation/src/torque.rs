@@ -1,18 +1,22 @@
-//! The last guard before the robot: whatever it is told, the torques that leave are finite, inside every joint's limit, and
-//! never change faster than the robot bears.
+//! The gate of an arm that takes joint torques and compensates gravity itself: whatever it is told,
+//! the torques that leave are finite, inside every joint's limit, and never change faster than the
+//! robot bears.
 //!
-//! Pure; the cycle calls [`Guard::step`] once per answer. A good command is followed. A bad one is refused and the arm goes
-//! over to being held; silence is ridden out for a few cycles, then it is held too. After longer silence, when the arm leaves
-//! its limits, or whenever it may not move, the present activation is latched out: only a newer one moves the arm again.
+//! The bridge calls [`TorqueGate::step`] once per answer. A good command is followed. A bad one is
+//! refused and the arm goes over to being held; silence is ridden out for a few cycles, then it is
+//! held too. After longer silence, when the arm leaves its limits, or whenever it may not move, the
+//! present activation is latched out: only a newer one moves the arm again.
 //!
-//! Holding is a torque law of its own, since a torque that merely stays or vanishes is no stop: the last torque fades out
-//! while damping takes the motion away, and a spring to where the arm then is keeps it there. The robot adds gravity itself.
+//! Holding is a torque law of its own, since a torque that merely stays or vanishes is no stop: the
+//! last torque fades out while damping takes the motion away, and a spring to where the arm then is
+//! keeps it there. The robot adds gravity itself.
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_mechanics::Joints;
-use tangent_runtime::config::FRANKA_TORQUE_RATE_SHARE;
+use tangent_schemas::CommandKind;
 
-pub use crate::refusal::Refusal;
+use crate::admission::{Admission, AdmissionRules};
+use crate::{Command, Refusal};
 
 /// A torque this much beyond its limit is rounding, and is cut; beyond it, it is refused.
 const TORQUE_TOLERANCE: f64 = 1.01;
@@ -22,22 +26,23 @@ const FADE_S: f64 = 0.05;
 const SPRING_S: f64 = 0.2;
 /// Share of a joint's limit that the hold's spring uses at most.
 const SPRING_SHARE: f64 = 0.3;
-/// Speed limits are judged with this much room: what is measured is noisy, and a torque does not set a speed.
+/// Speed limits are judged with this much room: what is measured is noisy, and a torque does not
+/// set a speed.
 const SPEED_ROOM: f64 = 1.2;
 
 /// Limits of the cell, per joint from base to flange.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GuardLimits {
+pub struct TorqueLimits<const N: usize> {
     /// Without gravity, Nm.
-    pub torque_nm: Joints<7>,
-    /// The robot's own bound, Nm/s.
-    pub torque_rate_nm_per_s: Joints<7>,
+    pub torque_nm: Joints<N>,
+    /// Nm/s.
+    pub torque_rate_nm_per_s: Joints<N>,
     /// rad/s.
-    pub speed_rad_per_s: Joints<7>,
+    pub speed_rad_per_s: Joints<N>,
     /// rad.
-    pub position_lower_rad: Joints<7>,
+    pub position_lower_rad: Joints<N>,
     /// rad.
-    pub position_upper_rad: Joints<7>,
+    pub position_upper_rad: Joints<N>,
     /// Speed of the tool's origin, m/s.
     pub tool_speed_max_m_per_s: f64,
     /// Turn rate of the tool, rad/s.
@@ -47,41 +52,28 @@ pub struct GuardLimits {
     /// Upper corner, base axes, m.
     pub workspace_upper_m: Vector3<f64>,
     /// Stiffness of the hold, Nm/rad.
-    pub hold_stiffness: Joints<7>,
+    pub hold_stiffness: Joints<N>,
     /// Damping of the hold, Nm s/rad.
-    pub hold_damping: Joints<7>,
+    pub hold_damping: Joints<N>,
     /// Cycles without a good command through which the last one is kept.
     pub patience_cycles: u32,
     /// Silence after which the activation is latched out, s.
     pub silence_latch_s: f64,
 }
 
-/// A command as it arrived; only new arrivals are given to the guard.
-#[derive(Clone, Copy, Debug)]
-pub struct Wanted<'a> {
-    /// `ArmState.cycle` that it answers.
-    pub cycle: u64,
-    /// 0 hold, 2 joint torque, 3 soft stop.
-    pub kind: u8,
-    /// Without gravity, Nm.
-    pub values: &'a [f64],
-    /// Counts task starts.
-    pub activation: u64,
-}
-
 /// Where the arm is and what its joints do, as measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Posture {
+pub struct Posture<const N: usize> {
     /// rad.
-    pub q: Joints<7>,
+    pub q: Joints<N>,
     /// rad/s.
-    pub qd: Joints<7>,
+    pub qd: Joints<N>,
     /// The torque that the robot goes by now, without gravity, Nm.
-    pub torque: Joints<7>,
+    pub torque: Joints<N>,
     /// Tool's origin, base axes, m.
     pub tool_m: Vector3<f64>,
     /// Joint velocity to the twist of the tool's origin, base axes: m/s above rad/s.
-    pub tool_jacobian: SMatrix<f64, 6, 7>,
+    pub tool_jacobian: SMatrix<f64, 6, N>,
 }
 
 /// Whether the robot would follow.
@@ -89,7 +81,7 @@ pub struct Posture {
 pub enum Permission {
     /// It would.
     Move,
-    /// It would, but nobody may move it: it is held.
+    /// It would, but no source may move it: it is held.
     Hold,
     /// It does not follow torques now.
     Off,
@@ -138,9 +130,9 @@ impl std::fmt::Display for Trip {
 
 /// What goes to the robot this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Allowed {
+pub struct Allowed<const N: usize> {
     /// Without gravity, Nm.
-    pub torque: Joints<7>,
+    pub torque: Joints<N>,
     /// A command is being followed; otherwise the arm is held.
     pub following: bool,
     /// The robot itself shall end the motion.
@@ -148,106 +140,74 @@ pub struct Allowed {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Hold {
-    from: Joints<7>,
-    q: Joints<7>,
+struct Hold<const N: usize> {
+    from: Joints<N>,
+    q: Joints<N>,
     age_s: f64,
 }
 
-/// The guard with its memory.
+/// The gate with its memory.
 #[derive(Clone, Debug)]
-pub struct Guard {
-    limits: GuardLimits,
+pub struct TorqueGate<const N: usize> {
+    limits: TorqueLimits<N>,
     period_s: f64,
-    target: Option<Joints<7>>,
-    hold: Option<Hold>,
-    silent_cycles: u32,
-    cycle_stepped: u64,
-    cycle_accepted: u64,
-    activation_seen: u64,
-    activation_latched: u64,
-    refused: u64,
-    refusal: Option<Refusal>,
-    missed: u64,
+    /// Which commands are taken.
+    pub admission: Admission<Joints<N>>,
+    hold: Option<Hold<N>>,
     limited: u64,
     trip: Option<Trip>,
 }
 
-impl Guard {
+impl<const N: usize> TorqueGate<N> {
     /// `period_s`: the robot's control period.
-    pub fn new(limits: GuardLimits, period_s: f64) -> Self {
+    pub fn new(limits: TorqueLimits<N>, period_s: f64) -> Self {
         Self {
+            admission: Admission::new(AdmissionRules {
+                moves: CommandKind::JointTorque,
+                patience_cycles: limits.patience_cycles,
+                silence_latch_s: limits.silence_latch_s,
+                refusal_ends_task: false,
+            }),
             limits,
             period_s,
-            target: None,
             hold: None,
-            silent_cycles: 0,
-            cycle_stepped: 0,
-            cycle_accepted: 0,
-            activation_seen: 0,
-            activation_latched: 0,
-            refused: 0,
-            refusal: None,
-            missed: 0,
             limited: 0,
             trip: None,
         }
     }
 
-    /// One answer. `arrived` is a command that was not given before; `cycle` the number of the robot's packet in hand.
+    /// One answer. `arrived` is a command that was not given before; `cycle` the number of the
+    /// robot's packet in hand.
     pub fn step(
         &mut self,
         cycle: u64,
         permission: Permission,
-        posture: &Posture,
-        arrived: Option<&Wanted<'_>>,
-    ) -> Allowed {
-        let mut soft_stop = false;
-        let mut bad = false;
-        self.silent_cycles = self.silent_cycles.saturating_add(1);
-        if let Some(wanted) = arrived {
-            self.activation_seen = self.activation_seen.max(wanted.activation);
-            if permission != Permission::Move {
-                self.latch();
-            }
-            match self.accept(cycle, wanted) {
-                Ok(()) => {
-                    soft_stop = wanted.kind == 3;
-                    self.silent_cycles = 0;
-                }
-                Err(refusal) => {
-                    self.refused += 1;
-                    self.refusal = Some(refusal);
-                    bad = refusal.is_bad();
-                }
-            }
-        }
-        if permission != Permission::Move || soft_stop {
-            self.latch();
-        }
-        if permission == Permission::Off || soft_stop {
+        posture: &Posture<N>,
+        arrived: Option<&Command<'_>>,
+    ) -> Allowed<N> {
+        let most = &self.limits.torque_nm;
+        let may_move = permission == Permission::Move;
+        let heard = self.admission.hear(cycle, may_move, arrived, |command| {
+            read_torques(most, command)
+        });
+        if permission == Permission::Off || heard.soft_stop {
             // The robot goes by its own controller; the next motion starts from nothing.
             self.hold = None;
             return Allowed {
                 torque: Joints::zeros(),
                 following: false,
-                soft_stop,
+                soft_stop: heard.soft_stop,
             };
         }
-        if self.target.is_some() {
-            if cycle > self.cycle_stepped && self.silent_cycles > 0 {
-                self.missed += 1;
-            }
+        self.admission.count_missed(cycle);
+        if self.admission.is_commanded() {
             self.trip = self.tripped(posture);
-            let silent_s = f64::from(self.silent_cycles) * self.period_s;
-            if self.trip.is_some() || silent_s > self.limits.silence_latch_s {
-                self.latch();
+            if self.trip.is_some() {
+                self.admission.latch();
             }
         }
-        self.cycle_stepped = self.cycle_stepped.max(cycle);
-        let followed = self
-            .target
-            .filter(|_| !bad && self.silent_cycles <= self.limits.patience_cycles);
+        self.admission.latch_after_silence(self.period_s);
+        let followed = self.admission.followed(heard);
         let aim = match followed {
             Some(target) => {
                 self.hold = None;
@@ -262,48 +222,6 @@ impl Guard {
         }
     }
 
-    /// Refuses the present activation, and older ones, from now on; the arm is held.
-    pub fn latch(&mut self) {
-        self.activation_latched = self.activation_latched.max(self.activation_seen);
-        self.target = None;
-    }
-
-    /// Somebody else commands from now on, who brought `activation`: like every one before, it moves nothing.
-    pub fn change_hands(&mut self, activation: u64) {
-        self.activation_seen = self.activation_seen.max(activation);
-        self.latch();
-    }
-
-    /// A command is kept that may be followed.
-    pub fn is_commanded(&self) -> bool {
-        self.target.is_some()
-    }
-
-    /// Cycle of the last command accepted.
-    pub fn cycle_accepted(&self) -> u64 {
-        self.cycle_accepted
-    }
-
-    /// Newest activation that is refused.
-    pub fn activation_latched(&self) -> u64 {
-        self.activation_latched
-    }
-
-    /// Commands refused since the start.
-    pub fn refused(&self) -> u64 {
-        self.refused
-    }
-
-    /// Why the last refused command was.
-    pub fn refusal(&self) -> Option<&Refusal> {
-        self.refusal.as_ref()
-    }
-
-    /// Packets of the robot that no good command answered while one was due.
-    pub fn missed(&self) -> u64 {
-        self.missed
-    }
-
     /// Cycles in which a limit changed what was commanded.
     pub fn limited(&self) -> u64 {
         self.limited
@@ -314,58 +232,8 @@ impl Guard {
         self.trip.as_ref()
     }
 
-    fn accept(&mut self, cycle: u64, wanted: &Wanted<'_>) -> Result<(), Refusal> {
-        if wanted.cycle > cycle {
-            return Err(Refusal::Future {
-                cycle: wanted.cycle,
-            });
-        }
-        let age = cycle - wanted.cycle;
-        if age > u64::from(self.limits.patience_cycles) {
-            return Err(Refusal::Old { age });
-        }
-        if wanted.cycle <= self.cycle_accepted {
-            return Err(Refusal::Duplicate {
-                cycle: wanted.cycle,
-            });
-        }
-        let target = match wanted.kind {
-            0 | 3 => None,
-            2 => Some(self.target_of(wanted.values)?),
-            kind => return Err(Refusal::Kind { kind }),
-        };
-        if target.is_some() && wanted.activation <= self.activation_latched {
-            return Err(Refusal::Latched {
-                activation: wanted.activation,
-                latched: self.activation_latched,
-            });
-        }
-        self.cycle_accepted = wanted.cycle;
-        self.target = target;
-        Ok(())
-    }
-
-    fn target_of(&self, values: &[f64]) -> Result<Joints<7>, Refusal> {
-        let Ok(values) = <[f64; 7]>::try_from(values) else {
-            return Err(Refusal::JointCount { got: values.len() });
-        };
-        if values.iter().any(|v| !v.is_finite()) {
-            return Err(Refusal::NotFinite);
-        }
-        for (joint, (value, limit)) in values.iter().zip(&self.limits.torque_nm).enumerate() {
-            if value.abs() > limit * TORQUE_TOLERANCE {
-                return Err(Refusal::Torque {
-                    joint,
-                    value: *value,
-                    limit: *limit,
-                });
-            }
-        }
-        Ok(Joints::from(values))
-    }
-
     /// Torque that brings the arm to rest and keeps it there.
-    fn held(&mut self, posture: &Posture) -> Joints<7> {
+    fn held(&mut self, posture: &Posture<N>) -> Joints<N> {
         let hold = self.hold.get_or_insert(Hold {
             from: posture.torque,
             q: posture.q,
@@ -389,11 +257,11 @@ impl Guard {
     }
 
     /// Inside the joints' limits, and within reach of what the robot goes by now.
-    fn limit(&mut self, aim: &Joints<7>, posture: &Posture, counts: bool) -> Joints<7> {
+    fn limit(&mut self, aim: &Joints<N>, posture: &Posture<N>, counts: bool) -> Joints<N> {
         let limits = &self.limits;
         let period_s = self.period_s;
         let torque = Joints::from_fn(|i, _| {
-            let reach = FRANKA_TORQUE_RATE_SHARE * limits.torque_rate_nm_per_s[i] * period_s;
+            let reach = limits.torque_rate_nm_per_s[i] * period_s;
             let most = limits.torque_nm[i];
             aim[i]
                 .clamp(-most, most)
@@ -405,9 +273,9 @@ impl Guard {
         torque
     }
 
-    fn tripped(&self, posture: &Posture) -> Option<Trip> {
+    fn tripped(&self, posture: &Posture<N>) -> Option<Trip> {
         let l = &self.limits;
-        for i in 0..7 {
+        for i in 0..N {
             let (q, qd) = (posture.q[i], posture.qd[i]);
             if qd.abs() > SPEED_ROOM * l.speed_rad_per_s[i] {
                 return Some(Trip::JointSpeed(i, qd, l.speed_rad_per_s[i]));
@@ -434,6 +302,27 @@ impl Guard {
             out.then_some(Trip::Workspace(i, x))
         })
     }
+}
+
+/// Torques (Nm) of a command, each within `most` but for rounding, or why they are refused.
+///
+/// # Errors
+/// [`Refusal`]: another number of joints, a value that is not finite or beyond its limit.
+pub fn read_torques<const N: usize>(
+    most: &Joints<N>,
+    command: &Command<'_>,
+) -> Result<Joints<N>, Refusal> {
+    let torque: Joints<N> = command.joints()?;
+    for (joint, (value, limit)) in torque.iter().zip(most).enumerate() {
+        if value.abs() > limit * TORQUE_TOLERANCE {
+            return Err(Refusal::Torque {
+                joint,
+                value: *value,
+                limit: *limit,
+            });
+        }
+    }
+    Ok(torque)
 }
 
 /// From 0 to 1 without a step in value or slope.

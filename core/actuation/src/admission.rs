@@ -1,0 +1,214 @@
+//! Which commands an arm takes: by their age and order, their kind, and the task that they belong
+//! to.
+//!
+//! The part that all gates share. A gate hands each command in with a function that checks its
+//! values, and gets back the target that is to be followed in this cycle, if any.
+
+use tangent_schemas::CommandKind;
+
+use crate::command::Command;
+use crate::refusal::Refusal;
+
+/// When a command is too late, and how long silence may last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdmissionRules {
+    /// The one kind that moves this arm.
+    pub moves: CommandKind,
+    /// Cycles without a good command through which the last one is followed; an older one is
+    /// refused.
+    pub patience_cycles: u32,
+    /// Silence after which the activation is latched out, s.
+    pub silence_latch_s: f64,
+    /// A refused command that does more than repeat an answer ends the task; else the next good one
+    /// goes on with it.
+    pub refusal_ends_task: bool,
+}
+
+/// What a command meant for the cycle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Heard {
+    /// The robot itself shall stop.
+    pub soft_stop: bool,
+    /// The command was wrong: nothing is followed in this cycle.
+    pub bad: bool,
+}
+
+/// Admission of commands, with its memory. `T` is what a command asks of the arm.
+#[derive(Clone, Debug)]
+pub struct Admission<T> {
+    rules: AdmissionRules,
+    target: Option<T>,
+    silent_cycles: u32,
+    cycle_stepped: u64,
+    cycle_accepted: u64,
+    activation_seen: u64,
+    activation_latched: u64,
+    refused: u64,
+    refusal: Option<Refusal>,
+    missed: u64,
+}
+
+impl<T: Copy> Admission<T> {
+    /// Before the first command.
+    pub fn new(rules: AdmissionRules) -> Self {
+        Self {
+            rules,
+            target: None,
+            silent_cycles: 0,
+            cycle_stepped: 0,
+            cycle_accepted: 0,
+            activation_seen: 0,
+            activation_latched: 0,
+            refused: 0,
+            refusal: None,
+            missed: 0,
+        }
+    }
+
+    /// Begins cycle `cycle` with the command that arrived in it, if one did. `may_move`: the arm
+    /// follows commands now. `target` is the meaning of a command that moves, or why its values are
+    /// refused.
+    pub fn hear(
+        &mut self,
+        cycle: u64,
+        may_move: bool,
+        arrived: Option<&Command<'_>>,
+        target: impl FnOnce(&Command<'_>) -> Result<T, Refusal>,
+    ) -> Heard {
+        let mut heard = Heard::default();
+        self.silent_cycles = self.silent_cycles.saturating_add(1);
+        if let Some(command) = arrived {
+            self.activation_seen = self.activation_seen.max(command.activation);
+            if !may_move {
+                self.latch();
+            }
+            match self.accept(cycle, command, target) {
+                Ok(kind) => {
+                    heard.soft_stop = kind == CommandKind::SoftStop;
+                    self.silent_cycles = 0;
+                }
+                Err(refusal) => {
+                    heard.bad = refusal.is_bad();
+                    self.refused += 1;
+                    self.refusal = Some(refusal);
+                    let repeats = matches!(refusal, Refusal::Duplicate { .. });
+                    if self.rules.refusal_ends_task && !repeats && self.target.is_some() {
+                        self.latch();
+                    }
+                }
+            }
+        }
+        if !may_move || heard.soft_stop {
+            self.latch();
+        }
+        heard
+    }
+
+    /// Counts the cycle as missed where a command was due and none came. The same `cycle` again is
+    /// a heartbeat, sent because the robot's packet is late, and not counted.
+    pub fn count_missed(&mut self, cycle: u64) {
+        if self.target.is_some() && cycle > self.cycle_stepped && self.silent_cycles > 0 {
+            self.missed += 1;
+        }
+        self.cycle_stepped = self.cycle_stepped.max(cycle);
+    }
+
+    /// Latches the activation out after too long a silence, in cycles of `period_s`.
+    pub fn latch_after_silence(&mut self, period_s: f64) {
+        let silent_s = f64::from(self.silent_cycles) * period_s;
+        if self.target.is_some() && silent_s > self.rules.silence_latch_s {
+            self.latch();
+        }
+    }
+
+    /// What to follow in this cycle.
+    pub fn followed(&self, heard: Heard) -> Option<T> {
+        self.target
+            .filter(|_| !heard.bad && self.silent_cycles <= self.rules.patience_cycles)
+    }
+
+    /// Refuses the present activation, and older ones, from now on.
+    pub fn latch(&mut self) {
+        self.activation_latched = self.activation_latched.max(self.activation_seen);
+        self.target = None;
+    }
+
+    /// Another source commands from now on, and brought `activation`: it moves nothing, like every
+    /// one before.
+    pub fn change_hands(&mut self, activation: u64) {
+        self.activation_seen = self.activation_seen.max(activation);
+        self.latch();
+    }
+
+    /// A command is kept that may be followed.
+    pub fn is_commanded(&self) -> bool {
+        self.target.is_some()
+    }
+
+    /// Cycle of the last command accepted.
+    pub fn cycle_accepted(&self) -> u64 {
+        self.cycle_accepted
+    }
+
+    /// Newest activation that is refused.
+    pub fn activation_latched(&self) -> u64 {
+        self.activation_latched
+    }
+
+    /// Commands refused since the start.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// Why the last refused command was.
+    pub fn refusal(&self) -> Option<&Refusal> {
+        self.refusal.as_ref()
+    }
+
+    /// Packets of the robot that no good command answered while one was due. A packet that itself
+    /// is late is not among them.
+    pub fn missed(&self) -> u64 {
+        self.missed
+    }
+
+    fn accept(
+        &mut self,
+        cycle: u64,
+        command: &Command<'_>,
+        target: impl FnOnce(&Command<'_>) -> Result<T, Refusal>,
+    ) -> Result<CommandKind, Refusal> {
+        let Some(age) = cycle.checked_sub(command.cycle) else {
+            return Err(Refusal::Future {
+                cycle: command.cycle,
+            });
+        };
+        if age > u64::from(self.rules.patience_cycles) {
+            return Err(Refusal::Old { age });
+        }
+        if command.cycle <= self.cycle_accepted {
+            return Err(Refusal::Duplicate {
+                cycle: command.cycle,
+            });
+        }
+        let moves = self.rules.moves;
+        let (kind, target) = match CommandKind::from_number(command.kind) {
+            Some(kind @ (CommandKind::Hold | CommandKind::SoftStop)) => (kind, None),
+            Some(kind) if kind == moves => (kind, Some(target(command)?)),
+            _ => {
+                return Err(Refusal::Kind {
+                    kind: command.kind,
+                    moves,
+                });
+            }
+        };
+        if target.is_some() && command.activation <= self.activation_latched {
+            return Err(Refusal::Latched {
+                activation: command.activation,
+                latched: self.activation_latched,
+            });
+        }
+        self.cycle_accepted = command.cycle;
+        self.target = target;
+        Ok(kind)
+    }
+}
