@@ -77,6 +77,7 @@ const TASK: &str = r#"
     estimators = ["blend", "reactive"]
     switching.return_after_good_s = 0.3
     force.reference_n = 3.0
+    end.retract_distance_m = 0.01
     [path]
     kind = "circle"
     radius_m = 0.04
@@ -177,7 +178,15 @@ fn wipe(host: &mut Host, case: &Case) -> (Value, f64) {
             &format!("listen = [\"tcp/0.0.0.0:{router}\"]\ninsecure = true"),
         );
     let run_line = r#"run = ["reactive", "quadratic", "gaussian_process", "blend"]"#;
-    let here = text.replace(run_line, r#"run = ["reactive"]"#);
+    // Close to the surface: the approach is not measured.
+    let scenario = std::fs::read_to_string(root().join("scenarios/pipe_realistic.toml")).unwrap();
+    let scenario = scenario.replace("clearance_m = 0.01", "clearance_m = 0.003");
+    let scenario = write("scenario.toml", &scenario);
+    let commented = "# scenario = \"../scenarios/pipe_ideal.toml\"";
+    assert!(text.contains(commented));
+    let here = text
+        .replace(run_line, r#"run = ["reactive"]"#)
+        .replace(commented, &format!("scenario = {scenario:?}\n#"));
     let there = text.replace(run_line, r#"run = ["blend"]"#);
     let local = format!("tcp/127.0.0.1:{router}");
     let here = write("here.toml", &here.replace("tcp/127.0.0.1:7447", &local));

@@ -82,7 +82,9 @@ pub fn port_offset() -> u16 {
     let start = (std::process::id() % 97) as u16;
     for _ in 0..100 {
         let turn = TAKEN.fetch_add(1, Ordering::Relaxed);
-        let offset = 100 + (start * 151 + turn * 37) % 15_900;
+        // The robot's ports stay below those that the system gives to outgoing connections, which
+        // would take one between this look and the simulator's start.
+        let offset = 100 + (start + turn) % 70 * 37;
         let ports = [
             1337, 7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152,
         ];
