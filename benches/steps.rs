@@ -205,9 +205,12 @@ fn depth_normal(c: &mut Criterion) {
             travel: Some(Vector3::x()),
         };
         let [width, height] = size_px;
-        c.bench_function(&format!("depth_normal, one frame {width} x {height}"), |b| {
-            b.iter(|| black_box(step.update(&mut state, &sample)));
-        });
+        c.bench_function(
+            &format!("depth_normal, one frame {width} x {height}"),
+            |b| {
+                b.iter(|| black_box(step.update(&mut state, &sample)));
+            },
+        );
         let mut normals = vec![[0.0; 3]; depth_m.len()];
         let name = format!("depth_normal, a normal for every pixel {width} x {height}");
         c.bench_function(&name, |b| {
