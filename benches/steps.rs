@@ -1,5 +1,6 @@
-//! Each step of a cell by itself, on the inputs of a whole simulated wipe: what `tangent bench steps`
-//! times once, with criterion's statistics and its comparison with the run before.
+//! Each step of a cell by itself, on the inputs of a whole simulated wipe: what
+//! `tangent bench steps` times once, with criterion's statistics and its comparison with the run
+//! before.
 //!
 //! ```sh
 //! cargo bench --bench steps                 # all of them

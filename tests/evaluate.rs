@@ -193,19 +193,22 @@ fn the_papers_tables_are_beaten() {
 
 #[test]
 fn models_agree_with_the_reference_values() {
-    let file = common::root().join("core/mechanics/tests/golden/golden.json");
-    let output = run(&["model", "check", file.to_str().unwrap(), "--json"]);
-    assert_eq!(output.status.code(), Some(0));
-    let value = json(&output);
-    let rows = value["models"].as_array().unwrap();
-    assert_eq!(rows.len(), 45);
-    for row in rows {
-        let difference = row["max_relative_difference"].as_f64().unwrap();
-        let bound = if row["quantity"] == "fd_qdd" {
-            1e-9
-        } else {
-            1e-10
-        };
-        assert!(difference <= bound, "{row}");
+    let folder = common::root().join("core/mechanics/tests/golden");
+    for (file, rows_expected) in [("golden.json", 45), ("golden_ur.json", 63)] {
+        let file = folder.join(file);
+        let output = run(&["model", "check", file.to_str().unwrap(), "--json"]);
+        assert_eq!(output.status.code(), Some(0));
+        let value = json(&output);
+        let rows = value["models"].as_array().unwrap();
+        assert_eq!(rows.len(), rows_expected);
+        for row in rows {
+            let difference = row["max_relative_difference"].as_f64().unwrap();
+            let bound = if row["quantity"] == "fd_qdd" {
+                1e-9
+            } else {
+                1e-10
+            };
+            assert!(difference <= bound, "{row}");
+        }
     }
 }

@@ -261,7 +261,18 @@ mod tests {
     #[test]
     fn every_near_singular_pose_of_every_model_is_bounded_and_seen() {
         let law = DampedLeastSquares::default();
-        for name in ["ur5", "ur5e", "smart3s_substitute"] {
+        for name in [
+            "ur3",
+            "ur3e",
+            "ur5",
+            "ur5e",
+            "ur10",
+            "ur10e",
+            "ur16e",
+            "ur20",
+            "ur30",
+            "smart3s_substitute",
+        ] {
             let model = ModelData::builtin(name).unwrap();
             let arm = arm::<6>(name);
             for pose in &model.near_singular {

@@ -282,18 +282,27 @@ fn column(values: &[f64]) -> Vec<Vec<f64>> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     const FILE: &str = include_str!("../tests/golden/golden.json");
+    const UR_FILE: &str = include_str!("../tests/golden/golden_ur.json");
 
     #[test]
     fn every_model_agrees_in_every_quantity() {
-        let rows = compare(FILE, &[]).unwrap();
-        assert_eq!(rows.len(), 5 * 9);
-        for row in &rows {
-            assert_eq!(row.cases, 15, "{row:?}");
-            assert!(row.agrees(), "{row:?}");
+        let mut compared = BTreeSet::new();
+        for (file, models, cases) in [(FILE, 5, 15), (UR_FILE, 7, 10)] {
+            let rows = compare(file, &[]).unwrap();
+            assert_eq!(rows.len(), models * 9);
+            for row in &rows {
+                assert_eq!(row.cases, cases, "{row:?}");
+                assert!(row.agrees(), "{row:?}");
+            }
+            compared.extend(rows.into_iter().map(|row| row.name));
         }
+        let builtin: BTreeSet<_> = ModelData::builtin_names().map(str::to_owned).collect();
+        assert_eq!(compared, builtin, "a built-in arm without reference values");
     }
 
     #[test]

@@ -365,7 +365,14 @@ mod tests {
         for (name, size) in [
             ("UR5", Some(5)),
             ("ur5e", Some(5)),
+            ("UR3", Some(3)),
+            ("ur3e", Some(3)),
+            ("ur10", Some(10)),
             ("UR10e", Some(10)),
+            ("UR16", Some(16)),
+            ("ur16e", Some(16)),
+            ("UR20", Some(20)),
+            ("ur30", Some(30)),
             ("UR", None),
             ("could not understand: 'get robot model'", None),
         ] {

@@ -26,7 +26,7 @@ const STOP_DECELERATION: f64 = 4.0;
 pub enum SettingsError {
     /// The arm is none of this vendor's.
     #[error(
-        "[robot] model = \"{model}\" is no Universal Robots arm: rtde drives ur5, ur5e and their relatives (or a model_file of six joints)"
+        "[robot] model = \"{model}\" is no Universal Robots arm: rtde drives ur3 to ur30 of `tangent model list` (or a model_file of six joints)"
     )]
     NotUr {
         /// The cell file's model.
@@ -260,12 +260,33 @@ mod tests {
     #[test]
     fn a_model_says_its_series() {
         for (model, series) in [
+            ("ur3", Some(Series::Cb3)),
             ("ur5", Some(Series::Cb3)),
+            ("ur10", Some(Series::Cb3)),
+            ("ur3e", Some(Series::ESeries)),
             ("ur5e", Some(Series::ESeries)),
+            ("ur10e", Some(Series::ESeries)),
+            ("ur16e", Some(Series::ESeries)),
             ("ur20", Some(Series::ESeries)),
+            ("ur30", Some(Series::ESeries)),
+            ("ur7", None),
             ("my_arm", None),
         ] {
             assert_eq!(series_of(model), series, "{model}");
         }
+    }
+
+    #[test]
+    fn every_built_in_ur_arm_is_driven_and_says_its_series() {
+        let mut driven = 0;
+        for name in ModelData::builtin_names().filter(|name| name.starts_with("ur")) {
+            let mut cell = CellConfig::default_cell();
+            cell.robot.model = name.into();
+            let config = Config::from_cell(&cell).unwrap();
+            assert_eq!(config.bridge.series, series_of(name), "{name}");
+            assert!(config.bridge.series.is_some(), "{name}");
+            driven += 1;
+        }
+        assert_eq!(driven, 9);
     }
 }

@@ -14,6 +14,7 @@ use std::collections::VecDeque;
 
 use tangent_mechanics::{Joints, ModelError};
 use tangent_rtde::codec::Value;
+use tangent_rtde::dashboard::ur_size;
 use tangent_simulation::{ArmMeasurement, VelocityCommand};
 
 use crate::config::ControllerConfig;
@@ -46,6 +47,7 @@ pub enum Message {
 pub struct Controller {
     config: ControllerConfig,
     kinematics: Kinematics,
+    robot_model: String,
     /// Registers, inputs and outputs.
     pub registers: Registers,
     arm: ArmMeasurement,
@@ -107,6 +109,7 @@ impl Controller {
         };
         Ok(Self {
             kinematics: Kinematics::builtin(model)?,
+            robot_model: format!("UR{}", ur_size(model).unwrap_or(5)),
             registers: Registers::default(),
             arm,
             qd_target_before: Joints::<6>::zeros(),
@@ -140,14 +143,22 @@ impl Controller {
     /// unless configured on.
     pub fn restart(&mut self) {
         let kinematics = self.kinematics.clone();
+        let robot_model = self.robot_model.clone();
         let mut config = self.config.clone();
         config.timestamp_s = 0.0;
         // The model was known before.
         if let Ok(mut fresh) = Self::new(&config, "ur5", self.arm) {
             fresh.kinematics = kinematics;
+            fresh.robot_model = robot_model;
             fresh.config = self.config.clone();
             *self = fresh;
         }
+    }
+
+    /// `UR10` and the like, as the dashboard says it: without the e of an e-Series arm, and `UR5`
+    /// for an arm of another maker.
+    pub fn robot_model(&self) -> &str {
+        &self.robot_model
     }
 
     /// The configuration.

@@ -151,7 +151,7 @@ impl Dashboard {
                 return config.remote_control.to_string();
             }
             "get serial number" => return config.serial_number.clone(),
-            "get robot model" => "UR5",
+            "get robot model" => return controller.robot_model().to_owned(),
             "get operational mode" if e_series => "NONE",
             "shutdown" => "Shutting down",
             "quit" => "Disconnected",

@@ -19,6 +19,8 @@ pub struct Geometry {
     pub position: [[f64; 2]; 6],
     /// Joint speed limit, rad/s.
     pub speed: [f64; 6],
+    /// Robot type: 1 for a UR5.
+    pub robot_type: i32,
 }
 
 struct Writer(Vec<u8>);
@@ -196,10 +198,10 @@ pub fn robot_state(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, geometry: &
             for row in &geometry.rows {
                 w.f64s(row);
             }
-            // Master board, controller box, robot type (1: UR5) and sub type.
+            // Master board, controller box, robot type and sub type.
             w.i32(2)
                 .i32(if flavour == Flavour::Cb3 { 2 } else { 5 })
-                .i32(1)
+                .i32(geometry.robot_type)
                 .i32(0);
         });
     });

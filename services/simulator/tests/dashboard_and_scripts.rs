@@ -9,6 +9,8 @@ use std::net::TcpStream;
 
 use common::{PATIENCE, cb3, connect, start, start_at};
 use tangent_live::timed;
+use tangent_simulation::ServoConfig;
+use tangent_simulator::arm_plant::BareArm;
 use tangent_simulator::modes::{RobotMode, RuntimeState, SafetyMode};
 use tangent_simulator::{ControllerConfig, Fault, Flavour, Ports, SimulatedCell};
 
@@ -181,6 +183,45 @@ fn read_only_ports_and_local_control_take_no_script() {
         let mut ask = lines(&cell);
         assert_eq!(ask("is in remote control"), "false");
         assert!(ask("power off").contains("remote control"));
+    });
+}
+
+/// The bridge moves no arm of another size than its model.
+#[test]
+fn the_controller_says_which_arm_it_is() {
+    timed(|| {
+        for (model, said, number) in [
+            ("ur3e", "UR3", 3i32),
+            ("ur5", "UR5", 1),
+            ("ur10", "UR10", 2),
+            ("ur16e", "UR16", 4),
+            ("ur20", "UR20", 7),
+            ("ur30", "UR30", 8),
+            ("smart3s_substitute", "UR5", 1),
+        ] {
+            let arm = BareArm::builtin(model, &ServoConfig::cb3()).unwrap();
+            let cell = SimulatedCell::start_with_plant(
+                "127.0.0.1".parse().unwrap(),
+                Ports::Ephemeral,
+                &ControllerConfig::default(),
+                model,
+                Box::new(arm),
+                None,
+            )
+            .unwrap();
+            let mut ask = lines(&cell);
+            assert_eq!(ask("get robot model"), said, "{model}");
+            let mut stream = connect(cell.endpoints().primary);
+            let state = loop {
+                let (kind, body) = robot_package(&mut stream);
+                if kind == 16 {
+                    break body;
+                }
+            };
+            // The last part ends with the robot's type and sub type.
+            let end = state.len();
+            assert_eq!(state[end - 8..end - 4], number.to_be_bytes(), "{model}");
+        }
     });
 }
 

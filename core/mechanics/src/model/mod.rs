@@ -14,9 +14,16 @@ pub use error::ModelError;
 /// Most joints that a model may have.
 pub const DOF_MAX: usize = 8;
 
-const BUILTIN: [(&str, &str); 5] = [
+const BUILTIN: [(&str, &str); 12] = [
+    ("ur3", include_str!("../../models/ur3.toml")),
+    ("ur3e", include_str!("../../models/ur3e.toml")),
     ("ur5", include_str!("../../models/ur5.toml")),
     ("ur5e", include_str!("../../models/ur5e.toml")),
+    ("ur10", include_str!("../../models/ur10.toml")),
+    ("ur10e", include_str!("../../models/ur10e.toml")),
+    ("ur16e", include_str!("../../models/ur16e.toml")),
+    ("ur20", include_str!("../../models/ur20.toml")),
+    ("ur30", include_str!("../../models/ur30.toml")),
     ("panda", include_str!("../../models/panda.toml")),
     (
         "smart3s_substitute",

@@ -15,7 +15,20 @@ fn refused(change: impl FnOnce(&mut ModelData)) -> String {
 fn every_builtin_loads_under_its_own_name_and_survives_a_round_trip() {
     assert_eq!(
         ModelData::builtin_names().collect::<Vec<_>>(),
-        ["ur5", "ur5e", "panda", "smart3s_substitute", "planar2"]
+        [
+            "ur3",
+            "ur3e",
+            "ur5",
+            "ur5e",
+            "ur10",
+            "ur10e",
+            "ur16e",
+            "ur20",
+            "ur30",
+            "panda",
+            "smart3s_substitute",
+            "planar2"
+        ]
     );
     for name in ModelData::builtin_names() {
         let model = ModelData::builtin(name).unwrap();
@@ -35,10 +48,16 @@ fn a_substitute_says_that_it_is_one() {
 }
 
 #[test]
+fn borrowed_inertias_are_owned_up_to() {
+    let model = ModelData::builtin("ur30").unwrap();
+    assert!(model.assumed[0].contains("those of the UR16e"));
+}
+
+#[test]
 fn an_unknown_robot_names_those_there_are() {
     let error = ModelData::builtin("ur6").unwrap_err().to_string();
     assert!(
-        error.contains("`ur6`") && error.contains("ur5, ur5e, panda"),
+        error.contains("`ur6`") && error.contains("ur3, ur3e, ur5, ur5e"),
         "{error}"
     );
 }

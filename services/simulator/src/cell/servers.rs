@@ -4,6 +4,7 @@ use std::net::{SocketAddr, TcpListener};
 
 use tangent_mechanics::ModelData;
 use tangent_rtde::codec::{PORT_DASHBOARD, PORT_PRIMARY, PORT_REALTIME, PORT_RTDE, PORT_SECONDARY};
+use tangent_rtde::dashboard::ur_size;
 
 use super::StartError;
 use crate::config::Ports;
@@ -144,7 +145,18 @@ impl Servers {
 }
 
 pub(super) fn geometry(model: &ModelData) -> Geometry {
-    let mut geometry = Geometry::default();
+    let mut geometry = Geometry {
+        // The maker's numbers; an arm of another maker goes as a UR5.
+        robot_type: match ur_size(&model.name) {
+            Some(3) => 3,
+            Some(10) => 2,
+            Some(16) => 4,
+            Some(20) => 7,
+            Some(30) => 8,
+            _ => 1,
+        },
+        ..Geometry::default()
+    };
     for (i, row) in model.dh.rows.iter().take(6).enumerate() {
         geometry.rows[0][i] = row.a_m;
         geometry.rows[1][i] = row.d_m;
