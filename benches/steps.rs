@@ -7,7 +7,8 @@
 //! cargo bench --bench steps -- estimator    # those with this word in their names
 //! ```
 
-#![allow(clippy::unwrap_used)]
+// The macro writes a function without documentation.
+#![allow(clippy::unwrap_used, missing_docs)]
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
