@@ -19,8 +19,8 @@ pub struct AdmissionRules {
     pub patience_cycles: u32,
     /// Silence after which the activation is latched out, s.
     pub silence_latch_s: f64,
-    /// A refused command that does more than repeat an answer ends the task; else the next good one
-    /// goes on with it.
+    /// A refused command that does more than repeat an answer ends the task that is followed; else
+    /// the next good one goes on with it.
     pub refusal_ends_task: bool,
 }
 
@@ -91,8 +91,10 @@ impl<T: Copy> Admission<T> {
                     heard.bad = refusal.is_bad();
                     self.refused += 1;
                     self.refusal = Some(refusal);
+                    // In silence the arm is coming to rest already.
+                    let follows = self.silent_cycles <= self.rules.patience_cycles;
                     let repeats = matches!(refusal, Refusal::Duplicate { .. });
-                    if self.rules.refusal_ends_task && !repeats && self.target.is_some() {
+                    if self.rules.refusal_ends_task && follows && !repeats {
                         self.latch();
                     }
                 }
