@@ -92,7 +92,8 @@ impl<T: Copy> Admission<T> {
                     self.refused += 1;
                     self.refusal = Some(refusal);
                     // In silence the arm is coming to rest already.
-                    let follows = self.silent_cycles <= self.rules.patience_cycles;
+                    let follows =
+                        self.target.is_some() && self.silent_cycles <= self.rules.patience_cycles;
                     let repeats = matches!(refusal, Refusal::Duplicate { .. });
                     if self.rules.refusal_ends_task && follows && !repeats {
                         self.latch();
