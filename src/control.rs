@@ -7,25 +7,27 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
+use tangent_client::session::{self, ANSWER_PATIENCE, data};
 use tangent_control::{Phase, Task};
+use tangent_follow::{Start, start_when_ready};
 use tangent_runtime::parameters::ParameterInfo;
 use tangent_runtime::{Bus, CellConfig, Stop};
 use tangent_schemas::tangent::{Answer, Request};
 use tangent_schemas::topics::queries;
 
-use crate::cell::{self, ANSWER_PATIENCE, ask_and_print, data};
+use crate::cell::{self, ask_and_print};
 use crate::cli::{ParamCommand, TaskCommand};
-use crate::follow;
+use crate::live_view;
 use crate::output::{Outcome, bad_usage, print_json};
 
-/// How long `task start --follow` waits for a cell that is not ready, s, unless told otherwise.
+/// Time for which `task start --follow` waits for a cell that is not ready, s, unless given.
 const FOLLOW_WAIT_S: f64 = 3.0;
 
-/// The text of a task file. A mistake in it is told here, with the file's name, before anything is
-/// asked of the cell.
+/// Reads the text of a task file. An error in it is reported here, with the file's name, before any
+/// request to the cell.
 ///
 /// # Errors
-/// A file that cannot be read or is no task: exit code 2.
+/// The file cannot be read or is not a task: exit code 2.
 pub fn task_text(file: &Path) -> Result<String> {
     let bad = |e: &dyn fmt::Display| bad_usage(format!("task file {}: {e}", file.display()));
     let text = fs::read_to_string(file).map_err(|e| bad(&e))?;
@@ -36,7 +38,7 @@ pub fn task_text(file: &Path) -> Result<String> {
 /// Runs one of the task commands.
 ///
 /// # Errors
-/// A bad task file, or a cell that does not answer.
+/// The task file is invalid, or the cell does not answer.
 pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Outcome> {
     let (key, action, argument) = match command {
         TaskCommand::Start {
@@ -49,7 +51,7 @@ pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Ou
             let start = if *clear { "start_clear" } else { "start" };
             if *follow || wait_s.is_some() {
                 let wait_s = wait_s.unwrap_or(FOLLOW_WAIT_S);
-                return start_when_ready(start, &text, wait_s, *follow, config, json);
+                return start_within(start, &text, wait_s, *follow, config, json);
             }
             (queries::CONTROL_TASK, start, text)
         }
@@ -58,12 +60,12 @@ pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Ou
         TaskCommand::Stop => (queries::CONTROL_STOP, "stop", String::new()),
         TaskCommand::Status => (queries::CONTROL_TASK, "status", String::new()),
     };
-    ask_and_print(&cell::join(config)?, key, action, &argument, json)
+    ask_and_print(&session::join(config)?, key, action, &argument, json)
 }
 
 /// Starts a task as soon as the cell is ready, and with `to_its_end` waits for that.
-fn start_when_ready(
-    start: &str,
+fn start_within(
+    action: &str,
     task: &str,
     wait_s: f64,
     to_its_end: bool,
@@ -73,10 +75,14 @@ fn start_when_ready(
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
     let began = Instant::now();
     let patience = Duration::from_secs_f64(wait_s);
-    let bus = cell::join_within(config, patience.max(cell::ROUTER_PATIENCE), &stop)?;
-    let left = patience.saturating_sub(began.elapsed());
+    let bus = session::join_within(config, patience.max(session::ROUTER_PATIENCE), &stop)?;
+    let start = Start {
+        action,
+        task,
+        patience: patience.saturating_sub(began.elapsed()),
+    };
     if !to_its_end {
-        let message = follow::start_when_ready(&bus, start, task, &stop, left)?;
+        let message = start_when_ready(&bus, &start, &stop, &mut live_view::waiting)?;
         let answer = Answer {
             done: true,
             message,
@@ -85,46 +91,45 @@ fn start_when_ready(
         cell::print_answer(&answer, json)?;
         return Ok(Outcome::Done);
     }
-    let (phase, fault) = follow::follow(&bus, start, task, &stop, left, false)?;
+    let ended = live_view::follow(&bus, &start, &stop, false)?;
     if json {
-        print_json(&json!({ "phase": phase.name(), "fault": fault }))?;
+        print_json(&json!({ "phase": ended.phase.name(), "fault": ended.fault }))?;
     }
-    Ok(match phase {
+    Ok(match ended.phase {
         Phase::Done => Outcome::Done,
         _ => Outcome::Failed,
     })
 }
 
-/// Sets the force sensor's zero; with `clear`, on the word of a person who has looked that the tool
-/// hangs free.
+/// Sets the force sensor's zero. With `clear`, a person has checked that the tool hangs free.
 ///
 /// # Errors
-/// A cell that does not answer.
+/// The cell does not answer.
 pub fn tare(clear: bool, config: &CellConfig, json: bool) -> Result<Outcome> {
     let argument = if clear { "clear" } else { "" };
-    let bus = cell::join(config)?;
+    let bus = session::join(config)?;
     ask_and_print(&bus, queries::NETFT_TARE, "tare", argument, json)
 }
 
 /// Reads or sets live parameters.
 ///
 /// # Errors
-/// A bad name, or a cell that does not answer.
+/// The name is unknown, or the cell does not answer.
 pub fn param(command: &ParamCommand, config: &CellConfig, json: bool) -> Result<Outcome> {
     match command {
         ParamCommand::Set { name, value } => {
             let (service, parameter) = split(name)?;
             let key = queries::parameter(service, parameter);
-            ask_and_print(&cell::join(config)?, &key, "set", value, json)
+            ask_and_print(&session::join(config)?, &key, "set", value, json)
         }
         ParamCommand::Get { name: Some(name) } if name.contains('/') => {
             let (service, parameter) = split(name)?;
             let key = queries::parameter(service, parameter);
-            ask_and_print(&cell::join(config)?, &key, "get", "", json)
+            ask_and_print(&session::join(config)?, &key, "get", "", json)
         }
         ParamCommand::Get { name } => {
             let key = queries::parameters(name.as_deref().unwrap_or("*"));
-            list(&cell::join(config)?, &key, json)
+            list(&session::join(config)?, &key, json)
         }
     }
 }

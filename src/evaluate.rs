@@ -1,21 +1,21 @@
-//! `tangent evaluate`: a scenario in a closed loop, one thread, no bus.
+//! `tangent evaluate`: runs a scenario in a closed loop, in one thread and without a bus.
 
 use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
-use tangent_simulation::metrics::object_pose::ObjectPoseFigures;
-use tangent_simulation::metrics::tactile::TactileFigures;
-use tangent_simulation::{Evaluation, evaluate, evaluate_object, evaluate_tactile};
+use tangent_simulated_cell::scenarios;
+use tangent_simulation::Evaluation;
+use tangent_simulation::metrics::object::ObjectFigures;
+use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
 
 use crate::cli::Evaluate;
 use crate::output::{Outcome, bad_usage, print_json};
-use crate::scenarios;
 
 /// Runs one scenario and prints its figures.
 ///
 /// # Errors
-/// A bad scenario, override, estimator or preset.
+/// The scenario, an override, the estimator or the preset is invalid.
 pub fn run(args: &Evaluate, json: bool) -> Result<Outcome> {
     if args.scenario == "list" {
         return list(json);
@@ -35,16 +35,8 @@ pub fn run(args: &Evaluate, json: bool) -> Result<Outcome> {
 
 fn list(json: bool) -> Result<Outcome> {
     let mut rows = Vec::new();
-    for (name, _) in scenarios::builtin() {
-        rows.push((name, scenarios::load(name, &[])?.title));
-    }
-    for (name, _) in scenarios::builtin_objects() {
-        let title = scenarios::load_object(name, &[])?.map(|s| s.title);
-        rows.push((name, title.unwrap_or_default()));
-    }
-    for (name, _) in scenarios::builtin_tactile() {
-        let title = scenarios::load_tactile(name, &[])?.map(|s| s.title);
-        rows.push((name, title.unwrap_or_default()));
+    for (name, _) in scenarios::BUILTIN {
+        rows.push((name, scenarios::load(name, &[])?.title().to_owned()));
     }
     if json {
         let rows: Vec<_> = rows
@@ -60,7 +52,7 @@ fn list(json: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The options of the command line as overrides of the scenario.
+/// Converts the options of the command line to overrides of the scenario.
 fn overrides(args: &Evaluate) -> Vec<String> {
     let mut set = args.set.clone();
     if let Some(name) = &args.estimator {
@@ -75,24 +67,14 @@ fn overrides(args: &Evaluate) -> Vec<String> {
     set
 }
 
-/// Runs a scenario by name with overrides, timed.
+/// Runs a scenario by name with overrides, and measures the time.
 ///
 /// # Errors
-/// As [`run`].
+/// The scenario or an override is invalid.
 pub fn once(scenario: &str, overrides: &[String]) -> Result<Evaluation> {
-    if let Some(object) = scenarios::load_object(scenario, overrides)? {
-        let start = Instant::now();
-        let evaluation = evaluate_object(&object).map_err(bad_usage)?;
-        return Ok(evaluation.with_wall_time(start.elapsed().as_secs_f64()));
-    }
-    if let Some(tactile) = scenarios::load_tactile(scenario, overrides)? {
-        let start = Instant::now();
-        let evaluation = evaluate_tactile(&tactile).map_err(bad_usage)?;
-        return Ok(evaluation.with_wall_time(start.elapsed().as_secs_f64()));
-    }
     let scenario = scenarios::load(scenario, overrides)?;
     let start = Instant::now();
-    let evaluation = evaluate(&scenario).map_err(bad_usage)?;
+    let evaluation = scenario.evaluate().map_err(bad_usage)?;
     Ok(evaluation.with_wall_time(start.elapsed().as_secs_f64()))
 }
 
@@ -160,7 +142,7 @@ fn print(e: &Evaluation) {
     println!("  {:<26} {}", "digest", e.state_digest);
 }
 
-fn print_tactile(e: &Evaluation, t: &TactileFigures) {
+fn print_tactile(e: &Evaluation, t: &VisuoTactileFigures) {
     let or_dash = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
     if let (Some(mad), Some(rmse)) = (e.figures.path.mad_xyz_m, e.figures.path.rmse_xyz_m) {
         let mm = |v: [f64; 3]| v.map(|x| format!("{:.2}", x * 1e3)).join(", ");
@@ -197,7 +179,7 @@ fn print_tactile(e: &Evaluation, t: &TactileFigures) {
     );
 }
 
-fn print_object(o: &ObjectPoseFigures) {
+fn print_object(o: &ObjectFigures) {
     let number =
         |x: Option<f64>, scale: f64| x.map_or("-".to_owned(), |x| format!("{:.3}", x * scale));
     println!(

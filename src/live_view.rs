@@ -1,19 +1,38 @@
-//! What a person sees while a task runs: one line that renews itself in a terminal, plain lines
-//! elsewhere.
+//! A task that is followed, as a person sees it: one line that renews itself in a terminal, plain
+//! lines elsewhere.
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use tangent_runtime::{Bus, BusError, Latest};
+use tangent_follow::{Ended, FollowError, FollowView, Start};
+use tangent_runtime::{Bus, Stop};
 use tangent_schemas::tangent::{ContactTruth, ControlState};
-use tangent_schemas::topics;
+
+/// Follows a task to its end, shown on standard error. With `stay`, the end is when `stop` is
+/// triggered.
+///
+/// # Errors
+/// The task is not started, or its end is not seen.
+pub fn follow(bus: &Bus, start: &Start, stop: &Stop, stay: bool) -> Result<Ended, FollowError> {
+    let mut view = LiveView::new();
+    let ended = tangent_follow::follow(bus, start, stop, stay, &mut view);
+    view.end();
+    let ended = ended?;
+    if !ended.fault.is_empty() {
+        eprintln!("the task ended with a fault: {}", ended.fault);
+    }
+    Ok(ended)
+}
+
+/// Prints why a task is not started yet.
+pub fn waiting(reason: &str) {
+    eprintln!("waiting: {reason}");
+}
 
 /// Shows the cell's state as it changes.
-pub struct LiveView {
+struct LiveView {
     bar: Option<ProgressBar>,
-    control: Latest<ControlState>,
-    truth: Latest<ContactTruth>,
     phase: String,
     printed: Option<Instant>,
 }
@@ -24,46 +43,47 @@ const OLD: Duration = Duration::from_millis(500);
 const PLAIN_EVERY: Duration = Duration::from_secs(1);
 
 impl LiveView {
-    /// Listens to the cell.
-    ///
-    /// # Errors
-    /// When the bus refuses.
-    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+    fn new() -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             ProgressBar::new(1000).with_style(
                 ProgressStyle::with_template("{prefix:>9} {bar:24} {msg}")
                     .expect("the template is well formed"),
             )
         });
-        Ok(Self {
+        Self {
             bar,
-            control: bus.latest(&topics::CONTROL_STATE)?,
-            truth: bus.latest(&topics::TRUTH_CONTACT)?,
             phase: String::new(),
             printed: None,
-        })
+        }
     }
 
-    /// The controller's newest state.
-    pub fn control(&mut self) -> Option<&ControlState> {
-        self.control.get().map(|r| &r.message)
+    /// Clears the live line.
+    fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl FollowView for LiveView {
+    fn waiting(&mut self, reason: &str) {
+        waiting(reason);
     }
 
-    /// How long ago the controller's newest state came; `None` before the first.
-    pub fn silence(&mut self) -> Option<Duration> {
-        self.control.get().map(|r| r.received.elapsed())
+    /// Prints above the live line.
+    fn say(&mut self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.println(text),
+            None => eprintln!("{text}"),
+        }
     }
 
     /// Draws or prints what is new.
-    pub fn refresh(&mut self) {
-        let Some((control, age)) = self.control.get().map(|r| (r.message.clone(), r.age())) else {
-            return;
-        };
-        let truth = self.truth.get().map(|r| r.message.clone());
+    fn show(&mut self, control: &ControlState, age: Duration, truth: Option<&ContactTruth>) {
         let text = if age > OLD {
             format!("no control/state for {:.1} s", age.as_secs_f64())
         } else {
-            describe(&control, truth.as_ref())
+            describe(control, truth)
         };
         let changed = self.phase != control.phase_text.as_str();
         if changed {
@@ -88,24 +108,9 @@ impl LiveView {
             }
         }
     }
-
-    /// Says something above the live line.
-    pub fn say(&self, text: &str) {
-        match &self.bar {
-            Some(bar) => bar.println(text),
-            None => eprintln!("{text}"),
-        }
-    }
-
-    /// Clears the live line.
-    pub fn end(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
-    }
 }
 
-/// What presses, in words: no number where no wrench can be used.
+/// The pressing force in words, without a number while no wrench can be used.
 fn shown_force(control: &ControlState) -> String {
     if control.force_n.is_finite() {
         format!("{:5.2}", control.force_n)

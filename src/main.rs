@@ -5,13 +5,11 @@ mod calibrate;
 mod cell;
 mod check;
 mod cli;
-mod compose;
 mod control;
 mod doctor;
 mod estimators;
 mod evaluate;
 mod faults;
-mod follow;
 mod health;
 mod keys;
 mod live_view;
@@ -21,8 +19,6 @@ mod report;
 mod reproduce;
 mod robot;
 mod run;
-mod scenarios;
-mod simulated_plant;
 mod status;
 mod up;
 
@@ -36,7 +32,7 @@ use tangent_runtime::log::{self, Log};
 use tracing_subscriber::EnvFilter;
 
 use cli::{CalibrateCommand, Cli, Command};
-use output::{BadUsage, Outcome};
+use output::Outcome;
 
 fn main() -> ExitCode {
     ending::on_panic();
@@ -66,14 +62,14 @@ fn main() -> ExitCode {
         (Ok(outcome), None) => *outcome as u8,
         (Err(error), None) => {
             log::line(&format!("tangent: {error:#}"));
-            if error.is::<BadUsage>() { 2 } else { 1 }
+            if output::is_usage(error) { 2 } else { 1 }
         }
     };
     log::flush(LAST_WORDS);
     ExitCode::from(code)
 }
 
-/// Time allowed to write the log at the end: its reader may have stopped.
+/// Time allowed to write the log at the end: its reader may be blocked.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {

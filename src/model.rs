@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use serde_json::json;
+use tangent_compose::model_file;
 use tangent_mechanics::names::did_you_mean;
 use tangent_mechanics::{ModelData, golden};
 
@@ -14,7 +15,7 @@ use crate::output::{Outcome, bad_usage, print_json};
 /// Runs one of the model commands.
 ///
 /// # Errors
-/// Unknown names, files that cannot be read or are not models.
+/// A name is unknown, or a file cannot be read or is not a model.
 pub fn run(command: &ModelCommand, json: bool) -> Result<Outcome> {
     match command {
         ModelCommand::List => list(json),
@@ -41,7 +42,7 @@ fn list(json: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A built-in model by name, or one of the user's own by file.
+/// Loads a built-in model by name, or a model file of the user.
 pub fn load(name: &str) -> Result<ModelData> {
     if let Ok(model) = ModelData::builtin(name) {
         return Ok(model);
@@ -54,18 +55,7 @@ pub fn load(name: &str) -> Result<ModelData> {
             did_you_mean(name, names.iter().copied())
         )));
     }
-    load_file(Path::new(name))
-}
-
-/// A model file of the user's own.
-///
-/// # Errors
-/// A file that cannot be read or is no model: exit code 2.
-pub fn load_file(path: &Path) -> Result<ModelData> {
-    let text = fs::read_to_string(path)
-        .map_err(|e| bad_usage(format!("robot model {}: {e}", path.display())))?;
-    ModelData::from_toml(&text)
-        .map_err(|e| bad_usage(format!("robot model {}: {e}", path.display())))
+    Ok(model_file(Path::new(name))?)
 }
 
 fn show(name: &str, json: bool) -> Result<Outcome> {
@@ -85,8 +75,8 @@ fn check(file: &Path, own: &[PathBuf], json: bool) -> Result<Outcome> {
         .map_err(|e| bad_usage(format!("reference values {}: {e}", file.display())))?;
     let own: Vec<ModelData> = own
         .iter()
-        .map(|path| load_file(path))
-        .collect::<Result<_>>()?;
+        .map(|path| model_file(path))
+        .collect::<Result<_, _>>()?;
     let rows = golden::compare(&text, &own)
         .map_err(|e| bad_usage(format!("reference values {}: {e}", file.display())))?;
     if json {

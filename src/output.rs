@@ -1,25 +1,32 @@
-//! How a command ends: words or JSON on standard output, and an exit code.
+//! Result of a command: text or JSON on standard output, and an exit code.
 
 use std::fmt;
 
 use anyhow::Result;
 use serde::Serialize;
+use tangent_calibrate::CalibrateError;
+use tangent_check::CheckError;
+use tangent_compose::ComposeError;
+use tangent_faults::FaultsError;
+use tangent_follow::FollowError;
+use tangent_keys::KeysError;
+use tangent_simulated_cell::SimulatedCellError;
 
-/// How a command that ran to its end fared; its number is the process's exit code.
+/// Outcome of a command that ran to its end; its number is the process's exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Outcome {
-    /// Everything asked for was done.
+    /// Everything requested was done.
     Done = 0,
-    /// It was tried and did not work out.
+    /// The command was tried and failed.
     Failed = 1,
-    /// What was given is not right: said file by file.
+    /// The input is invalid; messages per file say why.
     Refused = 2,
-    /// Done, but something was lost on the way.
+    /// Everything was done, but something was lost on the way.
     Lossy = 3,
 }
 
-/// A mistake in how the command was called or configured: exit code 2 instead of 1.
+/// An error in the call or configuration of the command: exit code 2 instead of 1.
 #[derive(Debug)]
 pub struct BadUsage(pub String);
 
@@ -36,18 +43,32 @@ pub fn bad_usage(error: impl fmt::Display) -> anyhow::Error {
     BadUsage(error.to_string()).into()
 }
 
+/// Whether the user has to change the command or a file that it names: exit code 2. Every other
+/// error is a failure.
+pub fn is_usage(error: &anyhow::Error) -> bool {
+    error.is::<BadUsage>()
+        || error.is::<CheckError>()
+        || matches!(error.downcast_ref(), Some(FaultsError::Usage(_)))
+        || matches!(error.downcast_ref(), Some(KeysError::Usage(_)))
+        || error.downcast_ref().is_some_and(ComposeError::is_usage)
+        || error.downcast_ref().is_some_and(CalibrateError::is_usage)
+        || error.downcast_ref().is_some_and(FollowError::is_usage)
+        || error
+            .downcast_ref()
+            .is_some_and(SimulatedCellError::is_usage)
+}
+
 /// Prints one JSON object.
 ///
 /// # Errors
-/// When the value cannot be written as JSON.
+/// The value cannot be written as JSON.
 pub fn print_json(value: &impl Serialize) -> Result<()> {
     println!("{}", serde_json::to_string_pretty(value)?);
     Ok(())
 }
 
-/// Lets the program end quietly when its output is closed, as in
-/// `tangent status | head`. To the standard library that is a panic; every other panic is told as
-/// before.
+/// Lets the program end quietly if its output is closed, as in `tangent status | head`. The
+/// standard library panics in this case; every other panic is reported as before.
 pub fn end_with_the_reader() {
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -1,36 +1,38 @@
-//! `tangent robot`: the robot's own modes, asked of its bridge over the bus. Each command says what
-//! the robot answered, then waits until the arm is as it was asked to be, or says why it is not.
+//! `tangent robot`: requests changes of the robot's modes from its bridge over the bus. Each
+//! command prints the robot's answer, then waits until the arm is in the requested state, or prints
+//! why it is not.
 
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use serde_json::{Value, json};
+use tangent_client::session::{self, data};
 use tangent_runtime::config::RobotDriver;
 use tangent_runtime::{Bus, CellConfig, Latest};
 use tangent_schemas::tangent::{Answer, ArmState};
 use tangent_schemas::topics;
 
-use crate::cell::{self, data};
+use crate::cell;
 use crate::cli::RobotCommand;
 use crate::output::{Outcome, print_json};
 
-/// Older than this, the arm's state is not what the arm does now.
+/// Largest age at which the arm's state counts as current.
 const FRESH: Duration = Duration::from_millis(500);
-/// How long the bridge's first packet is waited for.
+/// Timeout of the bridge's first packet.
 const FIRST_STATE: Duration = Duration::from_secs(3);
-/// Between two looks at the arm's state.
+/// Interval between two checks of the arm's state.
 const LOOK: Duration = Duration::from_millis(50);
-/// The arm stays ready for so long before it is called ready: a mode that is left again is none.
+/// Time for which the arm must stay ready: a mode that is left at once does not count.
 const STEADY: Duration = Duration::from_millis(300);
-/// How long power may take to go.
+/// Longest time until the power is off.
 const POWER_OFF_WAIT: Duration = Duration::from_secs(10);
 
 /// Runs one of the robot commands.
 ///
 /// # Errors
-/// A cell that cannot be reached, or whose bridge does not answer.
+/// The cell cannot be reached, or its bridge does not answer.
 pub fn run(command: &RobotCommand, config: &CellConfig, json: bool) -> Result<Outcome> {
-    let bus = cell::join(config)?;
+    let bus = session::join(config)?;
     let mut arm = bus.latest(&topics::ARM_STATE)?;
     let franka = config.robot.driver == RobotDriver::Franka;
     let service = if franka { "franka" } else { "rtde" };
@@ -41,7 +43,7 @@ pub fn run(command: &RobotCommand, config: &CellConfig, json: bool) -> Result<Ou
         RobotCommand::PowerOff => ("power_off", Wait::Off),
         RobotCommand::Status => return status(&bus, service, &mut arm, json),
     };
-    let answer = cell::ask(&bus, &format!("{service}/{action}"), action, "")?;
+    let answer = session::ask(&bus, &format!("{service}/{action}"), action, "")?;
     if !answer.done {
         cell::print_answer(&answer, json)?;
         return Ok(Outcome::Failed);
@@ -67,16 +69,16 @@ pub fn run(command: &RobotCommand, config: &CellConfig, json: bool) -> Result<Ou
     })
 }
 
-/// What the arm is watched for after a request.
+/// The state of the arm to wait for after a request.
 enum Wait {
-    /// Ready to move, within so many seconds.
+    /// Ready to move, within this many seconds.
     Ready(f64),
-    /// Not ready: without power.
+    /// Without power.
     Off,
 }
 
 impl Wait {
-    /// Whether it came to be, and the arm's state in words.
+    /// Waits for the state. Returns whether it was reached, and the arm's state as text.
     fn watch(&self, arm: &mut Latest<ArmState>) -> (bool, String) {
         let patience = match self {
             Self::Ready(wait_s) => Duration::from_secs_f64(*wait_s),
@@ -126,9 +128,9 @@ fn reason(state: Option<&ArmState>) -> String {
     }
 }
 
-/// The bridge's answer, with what `arm/state` says now.
+/// Prints the bridge's answer, with the newest `arm/state`.
 fn status(bus: &Bus, service: &str, arm: &mut Latest<ArmState>, json: bool) -> Result<Outcome> {
-    let answer = cell::ask(bus, &format!("{service}/status"), "status", "")?;
+    let answer = session::ask(bus, &format!("{service}/status"), "status", "")?;
     let until = Instant::now() + FIRST_STATE;
     while arm.fresh(FRESH).is_none() && Instant::now() < until {
         std::thread::sleep(LOOK);

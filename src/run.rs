@@ -1,21 +1,22 @@
-//! `tangent run`: services in this process until SIGINT or SIGTERM.
+//! `tangent run`: runs services in this process until SIGINT or SIGTERM.
 
 mod rules;
 
 use anyhow::{Context, Result};
+use tangent_compose::RecorderExtra;
 use tangent_runtime::security::roles;
 use tangent_runtime::systemd::Notify;
 use tangent_runtime::{CellConfig, Role, Stop, ending, watchdog};
+use tangent_simulated_cell::start_simulator;
 
 use crate::cli::{Record, Run};
-use crate::compose::{self, RecorderExtra};
 use crate::output::{Outcome, bad_usage};
 use rules::Rules;
 
-/// Runs the named services; the router, if it is among them, in the same session.
+/// Runs the named services; if the router is among them, it uses the same session.
 ///
 /// # Errors
-/// A service that cannot start, or that ends with an error.
+/// A service cannot start, or ends with an error.
 pub fn run(args: &Run, config: &CellConfig) -> Result<Outcome> {
     let role = if args.services.iter().any(|name| name == "router") {
         Role::Router
@@ -27,7 +28,7 @@ pub fn run(args: &Run, config: &CellConfig) -> Result<Outcome> {
     if !args.estimators.is_empty() {
         config.estimators.run.clone_from(&args.estimators);
     }
-    // Without a role that covers them all, the cell file must name one certificate, or --identity.
+    // If no single role covers them all, the cell file or --identity must name one certificate.
     if let Some(role) = roles::role_of(&names) {
         let identity = roles::identity(role, &config.cell.name);
         config.zenoh.identify(&identity);
@@ -43,7 +44,7 @@ pub fn run(args: &Run, config: &CellConfig) -> Result<Outcome> {
 /// Records the cell until Ctrl-C.
 ///
 /// # Errors
-/// When the recorder cannot start.
+/// The recorder cannot start.
 pub fn record(args: &Record, config: &CellConfig) -> Result<Outcome> {
     let extra = RecorderExtra {
         folder: Some(args.folder.clone()),
@@ -63,8 +64,8 @@ fn services(
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
     ending::in_order(&stop);
     let mut notify = Some(Notify::from_environment());
-    // A router alone begins anew with other rules; whatever else runs beside it would be torn down
-    // with the session.
+    // A process with the router alone restarts its session for new rules; with other services in
+    // the process, it would end their session too.
     let mut rules = Rules::of(config, role);
     while serve(names, config, role, extra, &stop, &mut rules, &mut notify)? == Ended::NewRules {
         tracing::warn!("the access rules have changed: the router begins anew with them");
@@ -78,7 +79,7 @@ enum Ended {
     NewRules,
 }
 
-/// From the opening of the session to its end.
+/// Runs the services from the opening of the session to its end.
 fn serve(
     names: &[String],
     config: &CellConfig,
@@ -89,23 +90,23 @@ fn serve(
     notify: &mut Option<Option<Notify>>,
 ) -> Result<Ended> {
     let bus = rules.open(config, role, stop)?;
-    // The router says how it fares like any other.
+    // The router publishes its health like any other service.
     let router = match role {
-        Role::Router => Some(compose::router(&bus)?),
+        Role::Router => Some(tangent_compose::router(&bus)?),
         Role::Client => None,
     };
     let mut running = Vec::new();
     for name in names {
         match name.as_str() {
             "router" => {}
-            "simulator" => running.push(compose::simulator(config, None, &bus, stop)?),
+            "simulator" => running.push(start_simulator(config, None, &bus, stop)?),
             // Registered before the bridge, a controller answers each packet within the bridge's
-            // own publish.
-            name => running.push(compose::service(name, config, &bus, stop, extra)?),
+            // own publish call.
+            name => running.push(tangent_compose::service(name, config, &bus, stop, extra)?),
         }
     }
     tracing::info!("cell {}: {} running", config.cell.name, names.join(", "));
-    // Once for the process: the loops are watched from now on, and systemd is told that they run.
+    // Once per process: the loops are monitored from now on, and systemd is notified that they run.
     if let Some(notify) = notify.take() {
         watchdog::watch(stop, notify).context("starting the watchdog")?;
     }

@@ -1,5 +1,5 @@
-//! Mistakes in what the user gives: each is answered with its name, the value, what is allowed, and
-//! exit code 2.
+//! Errors in the user's input: each is reported with its name, the value, what is allowed, and exit
+//! code 2.
 
 #![allow(clippy::unwrap_used)]
 
@@ -11,7 +11,7 @@ use std::process::Stdio;
 
 use common::{json, port_offset, root, run, stderr, tangent};
 
-/// Runs and checks that the exit code is 2 and the message has all these words.
+/// Runs the program, and checks that the exit code is 2 and the message contains all these words.
 fn refused(args: &[&str], words: &[&str]) {
     let output = run(args);
     let said = stderr(&output);
@@ -21,7 +21,7 @@ fn refused(args: &[&str], words: &[&str]) {
     }
 }
 
-/// `tangent ... | head -1`: a reader that has seen enough is no failure.
+/// `tangent ... | head -1`: output that is closed early is no failure.
 #[test]
 fn a_reader_that_leaves() {
     let mut child = tangent()
@@ -153,7 +153,7 @@ fn check_passes_what_ships() {
         assert_eq!(row["good"], true, "{row}");
     }
     assert_eq!(output.status.code(), Some(0));
-    // Each task on a cell that runs it, from the start of the cell's scenario.
+    // Each task is checked on a cell that runs it, from the start of the cell's scenario.
     for (task, cell) in [
         ("raster", "cell.toml"),
         ("circle", "cell.toml"),
@@ -171,7 +171,7 @@ fn check_passes_what_ships() {
     }
 }
 
-/// What was printed.
+/// The output as text.
 fn said(output: &std::process::Output) -> String {
     format!(
         "{}{}",
@@ -336,7 +336,7 @@ fn check_refuses_what_is_wrong() {
         let good = fs::read_to_string(root().join(file)).unwrap();
         let text = good.replacen(from, to, 1);
         assert_ne!(text, good, "{from} is not in {file}");
-        // Paths in a file start at its folder.
+        // Paths in a file are relative to its folder.
         let base = root().join(file);
         let scenarios = format!("\"{}/../scenarios", base.parent().unwrap().display());
         let text = text.replace("\"../scenarios", &scenarios);

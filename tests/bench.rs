@@ -1,11 +1,11 @@
-//! `tangent bench` measures what it names; how fast this machine is, is not asserted.
+//! `tangent bench` measures everything that it names. The speed of this machine is not asserted.
 #![allow(clippy::unwrap_used)]
 
 mod common;
 
 use common::{json, run};
 
-/// Names of the rows, all of them sound.
+/// Names of the rows, after a check that the figures are consistent.
 fn rows(args: &[&str]) -> Vec<String> {
     let output = run(args);
     let table = json(&output);

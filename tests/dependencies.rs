@@ -1,6 +1,6 @@
-//! Licences, sources and duplicates of everything that the program is built from, held to
-//! `deny.toml` without cargo-deny and without a network. Advisories are cargo-deny's alone: their
-//! database has to be fetched.
+//! Checks licences, sources and duplicates of all dependencies against `deny.toml`, without
+//! cargo-deny and without a network. Only cargo-deny checks advisories: their database has to be
+//! fetched.
 
 #![allow(clippy::unwrap_used)]
 
@@ -23,7 +23,7 @@ struct Package {
 fn packages() -> Vec<Package> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--offline", "--locked"])
-        // Crates of other systems are not fetched for a build.
+        // Crates for other platforms are not fetched for a build.
         .args(["--filter-platform", "x86_64-unknown-linux-gnu"])
         .current_dir(root())
         .output()
@@ -65,8 +65,8 @@ fn list<'a>(deny: &'a toml::Table, table: &str, key: &str) -> Vec<&'a str> {
     values.iter().map(|v| v.as_str().unwrap()).collect()
 }
 
-/// An SPDX expression holds: of `OR` one side, of `AND` both. `/` is what older crates write for
-/// `OR`.
+/// Whether an SPDX expression is allowed: one side of `OR`, both sides of `AND`. Older crates write
+/// `/` for `OR`.
 fn allowed(expression: &str, licenses: &[&str]) -> bool {
     let spaced = expression
         .replace('/', " OR ")
@@ -148,7 +148,7 @@ fn every_licence_and_source_is_one_that_deny_toml_allows() {
             allowed(license, &licenses),
             "{name} {version}: \"{license}\""
         );
-        // Without a source it is the workspace's own.
+        // A package without a source belongs to the workspace.
         if let Some(source) = &package.source {
             assert!(
                 source.starts_with("registry+"),
@@ -157,7 +157,7 @@ fn every_licence_and_source_is_one_that_deny_toml_allows() {
             registries.insert(source.clone());
         }
     }
-    // Cargo's own: another one, or a repository, would come to it.
+    // Only cargo's own registry; any other registry or repository would be listed too.
     assert_eq!(registries.len(), 1, "{registries:?}");
 }
 

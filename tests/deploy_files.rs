@@ -1,4 +1,4 @@
-//! The files in `deploy/` and the compose file: each loads, and says what the others say.
+//! The files in `deploy/` and the compose file: each loads, and agrees with the others.
 
 #![allow(clippy::unwrap_used)]
 
@@ -16,8 +16,8 @@ fn load(name: &str) -> CellConfig {
     CellConfig::load(&root().join("deploy").join(name)).unwrap()
 }
 
-/// Every cell file loads, and the one for containers is the shipped one but for addresses, rates
-/// and scheduling.
+/// Every cell file loads, and the one for containers equals the shipped one except for addresses,
+/// rates and scheduling.
 #[test]
 fn cell_files() {
     let shipped = load("cell.toml");
@@ -26,14 +26,15 @@ fn cell_files() {
     assert_eq!(compose.sensor.address, "simulator");
     assert_eq!(compose.zenoh.connect, ["tcp/router:7447"]);
     assert!(compose.simulator.address.is_unspecified());
-    // Open on purpose: to the containers of its own network, and to loopback by a published port.
+    // Insecure on purpose: open to the containers of its own network, and to loopback by a
+    // published port.
     assert!(compose.zenoh.insecure && compose.zenoh.open_to_anybody().is_some());
     compose.robot.address.clone_from(&shipped.robot.address);
     compose.sensor.address.clone_from(&shipped.sensor.address);
     compose.simulator.address = shipped.simulator.address;
     assert_eq!(compose.cell, shipped.cell);
     assert_eq!(compose.robot, shipped.robot);
-    // Messages that cross a router are fewer.
+    // Messages that cross a router have lower rates.
     for (ours, theirs) in [
         (&mut compose.sensor.rate_hz, shipped.sensor.rate_hz),
         (&mut compose.sensor.raw_rate_hz, shipped.sensor.raw_rate_hz),
@@ -48,7 +49,7 @@ fn cell_files() {
     assert_eq!(compose.tool, shipped.tool);
     assert_eq!(compose.limits, shipped.limits);
     assert_eq!(compose.estimators, shipped.estimators);
-    // A laptop's containers wait for one another; nothing else of the law differs.
+    // Containers on a laptop get longer timeouts; no other setting of the law differs.
     let patience = compose.controller.settings.remove("patience").unwrap();
     assert_eq!(patience, toml::from_str("wrench_retract_s = 0.4").unwrap());
     assert_eq!(compose.controller, shipped.controller);
@@ -77,7 +78,8 @@ fn cell_files() {
     tangent_rtde::Config::from_cell(&real).unwrap();
 }
 
-/// The Franka's file shows every default of its own table, and makes a bridge; no other file does.
+/// The Franka's file shows every default of its own table, and configures a bridge; no other file
+/// does.
 #[test]
 fn the_cell_of_a_franka() {
     let cell = load("cell.franka.toml");
@@ -110,7 +112,7 @@ fn the_image_is_pinned_small_and_not_root() {
     }
     let (_, last) = text.rsplit_once("\nFROM ").unwrap();
     assert!(last.contains("\nUSER 10001:10001\n"));
-    // Volumes are mounted where that user may write.
+    // Volumes are mounted where the image's user may write.
     let owned = last
         .lines()
         .find_map(|line| line.strip_prefix("RUN install -d -o 10001 -g 10001 "))
@@ -125,27 +127,40 @@ fn the_image_is_pinned_small_and_not_root() {
         let from = line.split_whitespace().nth(1).unwrap();
         assert!(root().join(from).exists(), "{line}");
     }
-    // What the build needs is let through to it.
-    let ignored = fs::read_to_string(root().join(".dockerignore")).unwrap();
-    for needed in [
-        "Cargo.toml",
-        "Cargo.lock",
-        "core",
-        "deploy",
-        "scenarios",
-        "schemas",
-        "services",
-        "src",
-    ] {
-        assert!(
-            ignored.lines().any(|l| l == format!("!{needed}")),
-            "{needed}"
-        );
-    }
 }
 
-/// The service is told the state's folder, and has this volume there. Compose writes a volume as
-/// `NAME:PATH` or as a table.
+/// Cargo finds every manifest and source file that it asks for in what `.dockerignore` lets
+/// through.
+#[test]
+fn the_image_is_built_from_what_the_dockerignore_lets_through() {
+    let ignored = fs::read_to_string(root().join(".dockerignore")).unwrap();
+    let context = tempfile::tempdir().unwrap();
+    for path in ignored.lines().filter_map(|line| line.strip_prefix('!')) {
+        assert!(root().join(path).exists(), ".dockerignore: !{path}");
+        let to = context.path().join(path);
+        fs::create_dir_all(to.parent().unwrap()).unwrap();
+        let copied = Command::new("cp")
+            .arg("-r")
+            .arg(root().join(path))
+            .arg(&to)
+            .status();
+        assert!(copied.unwrap().success(), "{path}");
+    }
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--offline", "--locked", "--format-version", "1"])
+        .args(["--filter-platform", "x86_64-unknown-linux-gnu"])
+        .current_dir(context.path())
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
+/// Whether the service gets the state's folder, and mounts this volume there. Compose writes a
+/// volume as `NAME:PATH` or as a table.
 fn keeps_state_in(config: &str, service: &str, volume: &str) -> bool {
     let Some((_, block)) = config.split_once(&format!("\n  {service}:\n")) else {
         return false;
@@ -162,8 +177,8 @@ fn keeps_state_in(config: &str, service: &str, volume: &str) -> bool {
     mounted && lines.contains(&"STATE_DIRECTORY: /tangent/state")
 }
 
-/// Compose, whichever is here, takes the file, and gives each profile the services that it should
-/// have.
+/// The installed version of Compose accepts the file, and gives each profile the services that it
+/// should have.
 #[test]
 fn the_compose_file_is_taken() {
     let mut taken = 0;
@@ -238,8 +253,8 @@ fn the_compose_file_is_taken() {
             assert_eq!(keys, BTreeSet::from([own, "viewer"]), "{service}");
         }
         assert!(secured.contains("cell.compose.tls.toml") && !secured.contains("compose.toml"));
-        // What has to outlast a container has a volume: a restarted one would not know that the
-        // tool presses.
+        // State that has to outlast a container has a volume: otherwise a restarted container would
+        // not know that the tool presses.
         for (all, service, volume) in [
             (&*text, "netft", "simulated-state"),
             (&*text, "robot", "simulated-state"),
@@ -280,8 +295,7 @@ fn the_compose_file_is_taken() {
     );
 }
 
-/// systemd's own check of the units, with the program that was built in the place of the installed
-/// one.
+/// systemd's own check of the units, with the built program in place of the installed one.
 #[test]
 fn systemd_takes_the_units() {
     if !Command::new("systemd-analyze")

@@ -10,6 +10,8 @@
 mod common;
 #[path = "docker/engine.rs"]
 mod engine;
+#[path = "docker/stand_in.rs"]
+mod stand_in;
 
 use std::time::Duration;
 
@@ -17,7 +19,7 @@ use serde_json::Value;
 
 use common::{number, wait_for};
 use engine::{Project, Said, engine};
-use tangent_live::live;
+use tangent_live::{alone, live};
 
 /// Longest wait for a step that takes seconds on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -121,6 +123,27 @@ fn the_compose_file_runs_a_cell() {
         a_new_container_knows_that_the_tool_pressed(&project);
         it_stops_in_order(&project);
     });
+}
+
+/// The shipped Dockerfile, built for real on base images that are made from this host, and the
+/// compose file run on the result.
+#[test]
+#[ignore = "compiles the whole program in a container, for about ten minutes: on request"]
+fn the_shipped_dockerfile_builds_and_its_image_runs_a_cell() {
+    // Not repeated on a disturbed machine: a build does not depend on time.
+    let _places = alone();
+    let Some(engine) = engine() else { return };
+    let project = Project::without_image(engine, false);
+    let [build, run] = ["build", "run"].map(|of| format!("tangent-test-base-of-{of}:stand-in"));
+    if stand_in::build_image(&build, project.folder()).is_none() {
+        return;
+    }
+    stand_in::run_image(&run, project.folder(), env!("CARGO_BIN_EXE_tangent"));
+    project.build(&build, &run);
+    project.up();
+    it_wipes_and_records(&project);
+    project.compose(&["down"]);
+    engine::must(std::process::Command::new("docker").args(["rmi", "-f", &build, &run]));
 }
 
 /// The cell of the compose file under mutual TLS: it wipes, and an identity without a certificate

@@ -1,5 +1,5 @@
-//! `tangent evaluate` and `reproduce` as a user calls them: same numbers every time, and the
-//! figures that are promised.
+//! `tangent evaluate` and `reproduce` as a user calls them: identical numbers in every run, and the
+//! documented figures.
 
 #![allow(clippy::unwrap_used)]
 
@@ -126,8 +126,8 @@ fn an_object_scenario_is_evaluated_like_any_other() {
     assert_eq!(bad.status.code(), Some(2));
 }
 
-/// One seed of each system: every row is there, and what is promised holds, but for times, which
-/// are a machine's.
+/// One seed of each system: every row is there, and the documented figures hold, except for times,
+/// which depend on the machine.
 #[test]
 fn the_wave_figures_hold() {
     let folder = std::env::temp_dir().join(format!("karacan-{}", std::process::id()));
@@ -154,18 +154,18 @@ fn the_wave_figures_hold() {
     assert_eq!(drawn, 11);
 }
 
-/// Two seeds of each of the four systems: every row is there, and what is promised of ours but for
-/// the peak holds.
+/// Two seeds of each of the four systems: every row is there, and all documented figures of ours
+/// hold except for the peak.
 #[test]
 fn the_pose_and_force_figures_hold() {
     let output = run(&["reproduce", "lippiello", "--seeds", "2", "--json"]);
     let value = json(&output);
     let rows = value["rows"].as_array().unwrap();
     assert!(rows.len() >= 45, "{} rows", rows.len());
-    // Under one law the approach is one and the same, with or without force and joints, and so is
-    // its peak.
+    // Under one law the approach is identical, with or without force and joints, and so is its
+    // peak.
     let known = |row: &Value| row["metric"] == "peak force at contact, share";
-    // Time is a figure of a machine, and one seed is one draw of the squared error.
+    // Time depends on the machine, and one seed is only one sample of the squared error.
     let else_where = [
         "time that a simulated second takes",
         "NEES per degree of freedom, pose and camera",
@@ -179,7 +179,7 @@ fn the_pose_and_force_figures_hold() {
     assert!(missed.is_empty(), "{missed:#?}");
 }
 
-/// Two seeds of every row: the promised figures hold.
+/// Two seeds of every row: the documented figures hold.
 #[test]
 fn the_papers_tables_are_beaten() {
     let output = run(&["reproduce", "tugal", "--seeds", "2", "--json"]);

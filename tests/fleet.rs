@@ -1,6 +1,6 @@
-//! Two cells through one router with certificates and access rules, every service a process of its
-//! own identity: a task on one never moves the other, who may not command cannot, and one recorder
-//! hears both. A host that is locked out is so at once.
+//! Two cells through one router with certificates and access rules, every service in a process with
+//! its own identity. A task on one cell never moves the other, an identity without permission
+//! cannot command, and one recorder receives both. A revoked host is locked out at once.
 
 #![allow(clippy::unwrap_used)]
 
@@ -20,7 +20,7 @@ use tangent_schemas::topics;
 const PATIENCE: Duration = Duration::from_secs(120);
 const CELLS: [&str; 2] = ["left", "right"];
 
-/// The cell file of one of the two, with small ports of its own and the common router.
+/// Cell file of one of the two cells, with its own ports and the common router.
 fn cell_file(folder: &Path, name: &str, offset: u16, router_port: u16) -> PathBuf {
     let mut text = fs::read_to_string(root().join("deploy/cell.toml"))
         .unwrap()
@@ -30,7 +30,7 @@ fn cell_file(folder: &Path, name: &str, offset: u16, router_port: u16) -> PathBu
             "tcp/127.0.0.1:7447",
             &format!("quic/127.0.0.1:{router_port}"),
         )
-        // Two cells share a small machine with everything else that is tested.
+        // The two cells share a small machine with other tests.
         .replace("rate_hz = 7000.0", "rate_hz = 1000.0")
         .replace(
             "run = [\"reactive\", \"quadratic\", \"gaussian_process\", \"blend\"]",
@@ -48,7 +48,7 @@ fn cell_file(folder: &Path, name: &str, offset: u16, router_port: u16) -> PathBu
 struct Fleet {
     folder: tempfile::TempDir,
     files: Vec<String>,
-    /// The router first.
+    /// Processes of the fleet, the router first.
     processes: Vec<Process>,
 }
 
@@ -158,7 +158,7 @@ fn two_cells_share_a_router_and_nothing_else() {
             );
         }
 
-        // One recorder for both.
+        // One recorder for both cells.
         let recordings = fleet.folder.path().join("recordings");
         let text = fs::read_to_string(fleet.file(0))
             .unwrap()
@@ -174,7 +174,7 @@ fn two_cells_share_a_router_and_nothing_else() {
             &["run", "recorder", "--cell", recorder_file.to_str().unwrap()],
         );
 
-        // A stranger to both: same words, not an operator.
+        // A client without an operator's identity sends the requests of an operator to both cells.
         let task = root().join("deploy/tasks/line.toml");
         let task = task.to_str().unwrap();
         let refused = run(&[
@@ -192,7 +192,7 @@ fn two_cells_share_a_router_and_nothing_else() {
             "{}",
             stderr(&refused)
         );
-        // One controller's identity is nobody in the other cell.
+        // The controller's identity of one cell is unknown in the other.
         let mut config = CellConfig::load(fleet.file(1)).unwrap();
         config.zenoh.identify("controller.left");
         let intruder = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
@@ -230,7 +230,7 @@ fn two_cells_share_a_router_and_nothing_else() {
             let state: ControlState = newest(&mut controls[0]);
             assert_ne!(state.phase_text.as_str(), "fault", "{}", state.fault);
             slid = state.phase_text.as_str() == "slide" && state.force_n > 1.0;
-            // Meanwhile somebody shakes at the right one.
+            // Meanwhile, another client sends commands to the second arm.
             let right = newest(&mut arms[1]);
             let mut bytes = Vec::new();
             let command = ArmCommand {
@@ -258,7 +258,7 @@ fn two_cells_share_a_router_and_nothing_else() {
             assert_eq!(newest(&mut controls[1]).phase_text.as_str(), "idle");
         }
 
-        // Everybody is seen, by cell.
+        // The status lists every service, by cell.
         let status = json(&run(&[
             "status",
             "--all",
@@ -283,7 +283,7 @@ fn two_cells_share_a_router_and_nothing_else() {
             }
         }
 
-        // A second of the same name says where the first is, and goes.
+        // A second process of this name reports the first one's host, and ends.
         let second = run(&["run", "netft", "--cell", &fleet.files[1]]);
         assert_eq!(second.status.code(), Some(1));
         let said = stderr(&second);
@@ -299,7 +299,7 @@ fn two_cells_share_a_router_and_nothing_else() {
         assert_eq!(recorder.terminate(PATIENCE), Some(0));
         fleet.processes.iter_mut().rev().for_each(Process::kill);
 
-        // One recording, two cells.
+        // One recording contains two cells.
         let file = fs::read_dir(&recordings)
             .unwrap()
             .next()
@@ -330,7 +330,7 @@ fn two_cells_share_a_router_and_nothing_else() {
     });
 }
 
-/// The router runs on; the one host whose key was lost is silenced within seconds, and nobody else.
+/// The router continues to run; only the host whose key was lost is disconnected, within seconds.
 #[test]
 fn a_revoked_host_is_locked_out_while_the_router_runs() {
     let folder = tempfile::tempdir().unwrap();
@@ -385,7 +385,7 @@ fn a_revoked_host_is_locked_out_while_the_router_runs() {
     }
     let revoked = run(&["keys", "revoke", keys, "estimator-lab.left"]);
     assert!(revoked.status.success(), "{}", stderr(&revoked));
-    // From some moment on, only the other one.
+    // From some moment on, only messages of the other one arrive.
     wait_for("only the other one is heard", PATIENCE, || {
         let until = Instant::now() + Duration::from_secs(1);
         let (mut other, mut lost) = (false, false);

@@ -1,4 +1,4 @@
-//! `tangent up` from a platform that swings by 2 cm/s under the working arm: real services,
+//! `tangent up` with a platform that swings at 2 cm/s under the working arm: real services,
 //! `base/pose` on the bus.
 
 #![allow(clippy::unwrap_used)]
@@ -9,16 +9,16 @@ use std::fs;
 
 use common::{number, up};
 use serde_json::Value;
-use tangent_live::live;
+use tangent_live::live_beside_others;
 use tangent_recorder::Recording;
 use tangent_schemas::cdr;
 use tangent_schemas::standard::TFMessage;
 
 const SCENARIO: &str = "pipe_moving_base";
-/// What the force may be off by while the base moves.
+/// Largest relative deviation of the force while the base moves.
 const SHARE: f64 = 0.15;
 
-/// What of a live run is beyond its bound.
+/// Figures of a live run that are beyond their bounds.
 fn beyond(live: &Value) -> Vec<String> {
     let reference = number(live, "/force/reference_n");
     [
@@ -37,12 +37,13 @@ fn beyond(live: &Value) -> Vec<String> {
 
 #[test]
 fn up_holds_the_force_from_a_moving_platform() {
-    live(|| {
+    live_beside_others(|| {
         let folder = tempfile::tempdir().unwrap();
         let beyond = beyond(&up(SCENARIO, folder.path()));
         assert!(beyond.is_empty(), "{beyond:?}");
 
-        // The recording has the platform's poses, and the viewers' frames hang on the world.
+        // The recording contains the platform's poses, and the viewers' frames are attached to the
+        // world.
         let path = fs::read_dir(folder.path())
             .unwrap()
             .map(|entry| entry.unwrap().path())

@@ -37,7 +37,7 @@ fn every_property_test_is_searched_with_fresh_seeds() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let search = std::fs::read_to_string(root.join(".ci/search")).unwrap();
     let mut files = Vec::new();
-    for folder in ["core", "schemas", "services", "src", "tests"] {
+    for folder in ["core", "schemas", "services", "simulators", "src", "tests"] {
         sources(&root.join(folder), &mut files);
     }
     // In two parts, so that this file holds neither.

@@ -17,7 +17,7 @@ use serde_json::Value;
 use tangent_live::live;
 
 const PATIENCE: Duration = Duration::from_secs(60);
-/// As the shipped cell has it.
+/// The sensor's rate in the shipped cell.
 const SENSOR_RATE: &str = "rate_hz = 7000.0";
 
 /// `tangent up` with a long enough line, and the cell file that leads to it.
@@ -77,7 +77,7 @@ impl Up {
         });
     }
 
-    /// Waits until it is listed as valid, then asks for it.
+    /// Waits until the estimator is listed as valid, then requests it.
     fn swap_in(&self, name: &str) {
         let row = wait_for(name, PATIENCE, || {
             let list = self.ask(&["estimator", "list"])?;
@@ -93,8 +93,8 @@ impl Up {
             let answer = self.ask(&["estimator", "use", name])?;
             (answer["done"] == true).then_some(())
         });
-        // On a busy machine a second may pass in which the controller is not heard; then there is
-        // nothing to compare, and it is asked again.
+        // On a busy machine the controller may be silent for a second; then there is nothing to
+        // compare, and the request is repeated.
         let error_deg = wait_for("a comparison", PATIENCE, || {
             let compared = self.ask(&["estimator", "compare", "--seconds", "1"])?;
             compared
@@ -112,7 +112,7 @@ impl Up {
         let recording = recording
             .into_iter()
             .find(|p| p.extension().is_some_and(|e| e == "mcap"));
-        // From the recording: the same table.
+        // The same table from the recording.
         let recorded = run(&[
             "estimator",
             "compare",
@@ -199,8 +199,8 @@ fn an_estimator_in_python_is_swapped_in_and_the_wipe_ends_done() {
                 .unwrap();
             String::from_utf8(output.stdout).unwrap()
         };
-        // Both listen for a fixed time: on a busy machine they are asked until somebody was heard
-        // in it.
+        // Both receive for a fixed time: on a busy machine they are called again until a message
+        // arrived in it.
         for (args, word) in [
             (&["status"][..], "controller"),
             (&["plot", "--seconds", "1"][..], " N |"),
@@ -208,8 +208,8 @@ fn an_estimator_in_python_is_swapped_in_and_the_wipe_ends_done() {
             wait_for(word, PATIENCE, || client(args).contains(word).then_some(()));
         }
         let report = up.report();
-        // A busy machine may have kept it from answering in time later on; then the next took over,
-        // and it came back.
+        // On a busy machine it may have been too late later on; then the next one took over, and it
+        // returned.
         assert_eq!(
             switches(&report)[0],
             ("my_python".to_owned(), "asked for".to_owned())

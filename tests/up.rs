@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 
 use common::{json, number, run, up, up_system};
-use tangent_live::live;
+use tangent_live::{live, live_beside_others};
 
 const SCENARIO: &str = "pipe_realistic";
 
@@ -17,12 +17,12 @@ const SCENARIO: &str = "pipe_realistic";
 /// `evaluate`.
 #[test]
 fn up_wipes_the_pipe_as_evaluate_does() {
-    live(|| {
+    live_beside_others(|| {
         let folder = tempfile::tempdir().unwrap();
         let live = up(SCENARIO, folder.path());
         let evaluation = json(&run(&["evaluate", SCENARIO, "--json"]));
 
-        // Figure, and the difference that is too small to speak of.
+        // Figure, and the largest difference from `evaluate` that is allowed.
         for (path, small) in [
             ("/normal_error_deg/mean", 0.3),
             ("/normal_error_settled_deg/rmse", 0.3),
@@ -55,7 +55,7 @@ fn up_wipes_the_pipe_as_evaluate_does() {
             "no report in {names:?}"
         );
 
-        // `report` on the recording says the same again.
+        // `report` on the recording gives the same figures again.
         let path = folder.path().join(recording);
         let report = run(&["report", path.to_str().unwrap(), "--json", "--no-html"]);
         let again = json(&report);
@@ -113,7 +113,7 @@ fn up_karacan_wipes_the_wave_as_evaluate_does() {
         for (path, small) in [
             ("/force/mean_n", 0.5),
             ("/force/rmse_n", 0.4),
-            // What touch alone makes of it is beside what the camera sees.
+            // The estimate from touch alone is published beside the camera's.
             ("/normal_error_deg/mean", 1.5),
             ("/path/rmse_m", 1e-3),
         ] {

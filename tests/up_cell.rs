@@ -1,4 +1,4 @@
-//! `tangent up --cell`: the cell of the file runs, asserted at the wire.
+//! `tangent up --cell`: the file's cell runs; this is checked on the wire.
 
 #![allow(clippy::unwrap_used)]
 
@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use common::{Process, port_offset, root, wait_for};
-use tangent_live::live;
+use tangent_live::live_beside_others;
 use tangent_mechanics::{Arm, Flange, Joints, ModelData, Pose, Tool};
 use tangent_runtime::{Bus, CellConfig, Role};
 use tangent_schemas::tangent::{ArmState, Request};
@@ -32,7 +32,7 @@ fn cell(folder: &Path, changes: &[(&str, &str)]) -> String {
 
 #[test]
 fn up_runs_the_cell_that_it_is_given() {
-    live(|| {
+    live_beside_others(|| {
         let folder = tempfile::tempdir().unwrap();
         let file = cell(
             folder.path(),
@@ -150,7 +150,7 @@ fn up_runs_the_cell_that_it_is_given() {
         let said = fs::read_to_string(folder.path().join("up.log")).unwrap();
         assert!(said.contains("robot.address = \"192.168.7.9\""), "{said}");
 
-        // The recording holds the cell as it ran.
+        // The recording contains the cell file as it was used.
         let recording = fs::read_dir(&recordings)
             .unwrap()
             .map(|e| e.unwrap().path())

@@ -15,7 +15,7 @@ pub use encode::encode;
 /// The four bytes before every payload: plain CDR, little-endian, no options.
 pub const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// Why bytes are not a message, or a value cannot become bytes.
+/// Why bytes are not a valid message, or a value cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{reason}{}{}", place(.path), at(.offset))]
 pub struct CdrError {
@@ -39,41 +39,41 @@ fn at(offset: &usize) -> String {
     format!(", at byte {offset}")
 }
 
-/// The kinds of damage.
+/// Kind of damage.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CdrFault {
     /// The payload ends inside a value.
     #[error("payload too short: {needed} more bytes needed, {left} left")]
     Short {
-        /// Bytes that the value takes, padding included.
+        /// Number of bytes that the value takes, padding included.
         needed: usize,
-        /// Bytes that are there.
+        /// Number of bytes left.
         left: usize,
     },
     /// The first four bytes are not [`HEADER`].
     #[error("encapsulation {found:02x?} is not supported: only plain little-endian CDR (00 01) is")]
     Encapsulation {
-        /// What stands there.
+        /// First bytes found.
         found: [u8; 2],
     },
     /// A sequence or string claims more elements than the payload has bytes.
     #[error("length {length} is more than the {left} bytes left can hold")]
     Length {
-        /// What the payload claims.
+        /// Number of elements claimed.
         length: u32,
-        /// Bytes that are there.
+        /// Number of bytes left.
         left: usize,
     },
-    /// A string that is not UTF-8 or not closed by NUL.
+    /// A string is not UTF-8, or does not end with NUL.
     #[error("not a string: {0}")]
     Text(&'static str),
-    /// A bool that is neither 0 nor 1.
+    /// A bool is neither 0 nor 1.
     #[error("a bool must be 0 or 1, not {0}")]
     Bool(u8),
     /// Bytes left over after the last field.
     #[error("{0} bytes left over after the last field: another version of the message?")]
     Trailing(usize),
-    /// A sequence or string too long for CDR's 32-bit counts, or for the fixed capacity of the
+    /// A sequence or string is too long for CDR's 32-bit counts, or for the fixed capacity of the
     /// field.
     #[error("{0}")]
     Value(String),
@@ -91,7 +91,7 @@ impl CdrError {
         }
     }
 
-    /// Puts an outer field's name before the path.
+    /// Adds an outer field's name at the front of the path.
     fn within(mut self, field: &str) -> Self {
         if self.path.is_empty() {
             self.path = field.to_owned();

@@ -1,22 +1,30 @@
-//! What the values of an arm's command are.
+//! Meaning of the values of an arm command.
 
-/// Kind of an [`crate::tangent::ArmCommand`], as its `kind` says by number.
+/// Kind of an [`crate::tangent::ArmCommand`], encoded as a number in its field `kind`.
+///
+/// ```
+/// use tangent_schemas::CommandKind;
+///
+/// assert_eq!(CommandKind::from_number(3), Some(CommandKind::SoftStop));
+/// assert_eq!(CommandKind::SoftStop.number(), 3);
+/// assert_eq!(CommandKind::from_number(4), None);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum CommandKind {
-    /// Stand still; nothing is asked of the arm.
+    /// Hold the position; the values are not used.
     #[default]
     Hold = 0,
     /// Follow joint velocities, rad/s.
     JointVelocity = 1,
-    /// Give these joint torques, Nm.
+    /// Apply these joint torques, Nm.
     JointTorque = 2,
-    /// The robot itself shall stop, and not move again for this task.
+    /// The robot itself stops, and does not move again for this task.
     SoftStop = 3,
 }
 
 impl CommandKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 4] = [
         Self::Hold,
         Self::JointVelocity,
@@ -24,17 +32,17 @@ impl CommandKind {
         Self::SoftStop,
     ];
 
-    /// As in the message.
+    /// Number of the kind, as in the message.
     pub fn number(self) -> u8 {
         self as u8
     }
 
-    /// The kind of this number; none where no kind has it.
+    /// Kind with this number; `None` if no kind has it.
     pub fn from_number(number: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.number() == number)
     }
 
-    /// In words.
+    /// Name as text.
     pub fn name(self) -> &'static str {
         match self {
             Self::Hold => "hold",

@@ -1,5 +1,5 @@
-//! The 6 × 6 covariance of ROS 2's pose messages, `float64[36]`: longer than the arrays that serde
-//! knows by itself.
+//! The 6 × 6 covariance of ROS 2's pose messages, `float64[36]`: serde does not support arrays of
+//! this length.
 
 use std::fmt;
 
@@ -9,12 +9,12 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 const LENGTH: usize = 36;
 
-/// Row-major; x, y, z (m), then small turns about the fixed axes x, y, z (rad).
+/// Row-major; x, y, z (m), then small rotations about the fixed axes x, y, z (rad).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covariance(pub [f64; LENGTH]);
 
 impl Default for Covariance {
-    /// All zero: not known.
+    /// All zero: unknown.
     fn default() -> Self {
         Self([0.0; LENGTH])
     }

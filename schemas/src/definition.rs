@@ -1,6 +1,6 @@
-//! The `.msg` files, and the text that a recording stores so that any viewer can read it.
+//! The `.msg` files, and the schema text in a recording with which any viewer can read it.
 
-/// 80 equals signs: what stands between the definitions of a `ros2msg` schema.
+/// 80 equals signs: separator between the definitions of a `ros2msg` schema.
 const SEPARATOR: &str =
     "================================================================================";
 
@@ -27,7 +27,7 @@ files! {
     "visualization_msgs": "Marker" "MarkerArray" "MeshFile" "UVCoordinate";
 }
 
-/// The text of one message's own file.
+/// Text of a message's own file.
 pub fn file(name: &str) -> Option<&'static str> {
     FILES
         .iter()
@@ -35,8 +35,8 @@ pub fn file(name: &str) -> Option<&'static str> {
         .map(|(_, text)| *text)
 }
 
-/// A message's definition and, behind separators, those of everything that it is made of: what MCAP
-/// wants as the schema of encoding `ros2msg`. `None` for a message that is not ours to define.
+/// Definition of a message followed, after separators, by those of all messages that it contains:
+/// the schema that MCAP requires for the encoding `ros2msg`. `None` for an unknown message.
 pub fn definition(name: &str) -> Option<String> {
     let mut text = file(name)?.to_owned();
     let mut known = vec![name.to_owned()];
@@ -65,7 +65,7 @@ fn package(name: &str) -> &str {
     name.split('/').next().unwrap_or_default()
 }
 
-/// What one value of a field is.
+/// Type of one value of a field.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Base {
     /// A number, bool or string, by its name in the file.
@@ -74,25 +74,25 @@ pub enum Base {
     Message(String),
 }
 
-/// How many values a field has.
+/// Number of values of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Count {
-    /// One.
+    /// One value.
     One,
-    /// As many as stands in the file.
+    /// Fixed number, given in the file.
     Fixed(usize),
     /// Any number.
     Sequence,
 }
 
-/// A line of a `.msg` file that is a field.
+/// A field: one line of a `.msg` file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its name.
+    /// Name of the field.
     pub name: String,
-    /// What one value is.
+    /// Type of one value.
     pub base: Base,
-    /// How many there are.
+    /// Number of values.
     pub count: Count,
 }
 

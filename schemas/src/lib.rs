@@ -1,8 +1,27 @@
-//! What services say to each other: messages, topics, frames and units.
+//! Interfaces between services: messages, topics, frames and units.
 //!
 //! Every message is a Rust type, a ROS 2 `.msg` definition and CDR bytes, and the three are tested
 //! against each other. Services publish and subscribe through the typed constants in [`topics`].
+//!
+//! ```
+//! use tangent_schemas::tangent::ArmCommand;
+//! use tangent_schemas::{CommandKind, Message, cdr, topics};
+//!
+//! let command = ArmCommand {
+//!     cycle: 7,
+//!     kind: CommandKind::JointVelocity.number(),
+//!     values: [0.1; 6].into_iter().collect(),
+//!     ..ArmCommand::default()
+//! };
+//! let mut bytes = Vec::new();
+//! cdr::encode(&command, &mut bytes)?;
+//! assert_eq!(cdr::decode::<ArmCommand>(&bytes)?, command);
+//! assert_eq!(ArmCommand::NAME, "tangent_msgs/msg/ArmCommand");
+//! assert_eq!(topics::ARM_COMMAND.key(), "arm/command");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
+pub mod arm_modes;
 pub mod cdr;
 mod command_kind;
 pub mod convert;
@@ -17,7 +36,7 @@ pub use covariance::Covariance;
 
 use arrayvec::{ArrayString, ArrayVec};
 
-/// A frame's name; fixed capacity, so that a message can be copied in a real-time thread.
+/// Name of a frame. Its capacity is fixed, so that a message can be copied in a real-time thread.
 pub type FrameId = ArrayString<32>;
 /// A short name.
 pub type Name = ArrayString<64>;
@@ -32,10 +51,11 @@ pub type EstimatorArray<T> = ArrayVec<T, 16>;
 pub trait Message:
     Clone + Default + Send + Sync + serde::Serialize + serde::de::DeserializeOwned + 'static
 {
-    /// `PACKAGE/msg/NAME`.
+    /// Name as `PACKAGE/msg/NAME`.
     const NAME: &'static str;
 
-    /// The `.msg` text with everything it is made of, as the schema of a recording (`ros2msg`).
+    /// The `.msg` text with those of all messages that it contains, as the schema of a recording
+    /// (`ros2msg`).
     fn definition() -> String {
         definition::definition(Self::NAME).expect("a test checks that every message has its file")
     }

@@ -1,8 +1,9 @@
-//! The standard ROS 2 messages in use, field for field.
+//! The standard ROS 2 messages in use, with the same fields.
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Covariance, FrameId, message};
+use crate::covariance::Covariance;
+use crate::{FrameId, message};
 
 message! {
     /// A point in time since the Unix epoch.
@@ -13,7 +14,7 @@ message! {
 }
 
 message! {
-    /// When it was measured, and in which frame it stands.
+    /// Time of measurement and frame.
     pub struct Header: "std_msgs/msg/Header" {
         pub stamp: Time,
         pub frame_id: FrameId,
@@ -65,16 +66,16 @@ message! {
 }
 
 message! {
-    /// A pose and how sure it is.
+    /// A pose with its covariance.
     pub struct PoseWithCovariance: "geometry_msgs/msg/PoseWithCovariance" {
         pub pose: Pose,
-        /// Row-major; x, y, z (m), then small turns about the fixed axes x, y, z (rad).
+        /// Row-major; x, y, z (m), then small rotations about the fixed axes x, y, z (rad).
         pub covariance: Covariance,
     }
 }
 
 message! {
-    /// A pose with its uncertainty, its time and its frame.
+    /// A pose with its covariance, time and frame.
     pub struct PoseWithCovarianceStamped: "geometry_msgs/msg/PoseWithCovarianceStamped" {
         pub header: Header,
         pub pose: PoseWithCovariance,
@@ -114,7 +115,7 @@ message! {
 }
 
 message! {
-    /// `header.frame_id` from `child_frame_id`.
+    /// Pose of `child_frame_id` in `header.frame_id`.
     pub struct TransformStamped: "geometry_msgs/msg/TransformStamped" {
         pub header: Header,
         pub child_frame_id: FrameId,
@@ -123,14 +124,14 @@ message! {
 }
 
 message! {
-    /// What `/tf` carries.
+    /// Message of `/tf`.
     pub struct TFMessage: "tf2_msgs/msg/TFMessage" {
         pub transforms: Vec<TransformStamped>,
     }
 }
 
 message! {
-    /// Colour, 0 to 1 each.
+    /// Colour; each component from 0 to 1.
     pub struct ColorRGBA: "std_msgs/msg/ColorRGBA" {
         pub r: f32,
         pub g: f32,
@@ -140,7 +141,7 @@ message! {
 }
 
 message! {
-    /// A span of time.
+    /// Duration.
     pub struct Duration: "builtin_interfaces/msg/Duration" {
         pub sec: i32,
         pub nanosec: u32,
@@ -148,19 +149,19 @@ message! {
 }
 
 message! {
-    /// One thing to draw. Kinds: 0 arrow, 2 sphere, 4 line strip, 5 line list, 9 text.
+    /// One object to draw. Kinds: 0 arrow, 2 sphere, 4 line strip, 5 line list, 9 text.
     pub struct Marker: "visualization_msgs/msg/Marker" {
         pub header: Header,
         pub ns: FrameId,
         pub id: i32,
         pub r#type: i32,
-        /// 0 add or change, 2 delete, 3 delete all.
+        /// Action: 0 add or change, 2 delete, 3 delete all.
         pub action: i32,
         pub pose: Pose,
         /// Metres; for an arrow by points: shaft diameter, head diameter, head length.
         pub scale: Vector3,
         pub color: ColorRGBA,
-        /// Zero: for ever.
+        /// Lifetime; zero for unlimited.
         pub lifetime: Duration,
         pub frame_locked: bool,
         pub points: Vec<Point>,
@@ -176,7 +177,7 @@ message! {
 }
 
 message! {
-    /// What viewers draw.
+    /// Objects for a viewer to draw.
     pub struct MarkerArray: "visualization_msgs/msg/MarkerArray" {
         pub markers: Vec<Marker>,
     }
@@ -192,27 +193,27 @@ message! {
 }
 
 message! {
-    /// A picture; the stamp is the time of exposure.
+    /// An image; the stamp is the time of exposure.
     pub struct Image: "sensor_msgs/msg/Image" {
         pub header: Header,
-        /// Rows.
+        /// Number of rows.
         pub height: u32,
-        /// Columns.
+        /// Number of columns.
         pub width: u32,
-        /// Of a pixel: `mono8`, `16UC1`, `32FC1`.
+        /// Encoding of a pixel: `mono8`, `16UC1`, `32FC1`.
         pub encoding: String,
-        /// 1 where numbers of several bytes begin with the highest.
+        /// 1 if numbers of several bytes begin with the most significant byte.
         pub is_bigendian: u8,
         /// Bytes per row.
         pub step: u32,
-        /// `step * height` bytes.
+        /// Pixels, `step * height` bytes.
         #[serde(with = "serde_bytes")]
         pub data: Vec<u8>,
     }
 }
 
 message! {
-    /// A part of an image; all zero: the whole of it.
+    /// A part of an image; all zero for the whole image.
     pub struct RegionOfInterest: "sensor_msgs/msg/RegionOfInterest" {
         pub x_offset: u32,
         pub y_offset: u32,

@@ -82,8 +82,8 @@ impl<M: Message> Topic<M> {
     pub fn sources(&self) -> Sources {
         match self.key() {
             "arm/command" => Sources::Leased,
-            // `control/state` says whether the tool may touch something: the sensor's service goes
-            // by it.
+            // The sensor service uses `control/state` to decide whether the tool may touch
+            // something.
             "arm/state" | "base/pose" | "control/state" => Sources::One,
             key if key.starts_with("wrench/") => Sources::One,
             _ => Sources::Any,

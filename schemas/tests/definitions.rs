@@ -1,4 +1,4 @@
-//! Every Rust message against its `.msg` file: names, order and types of all fields.
+//! Compares every Rust message with its `.msg` file: names, order and types of all fields.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -7,7 +7,7 @@ use common::trace::{Kind, trace};
 use tangent_schemas::Message;
 use tangent_schemas::definition::{Base, Count, FILES, Field, fields, file};
 
-/// Compares one type with its file, and remembers it.
+/// Compares one type with its file, and adds its name to `checked`.
 fn check<M: Message>(checked: &mut Vec<&'static str>) {
     let text = file(M::NAME).unwrap_or_else(|| panic!("{} has no .msg file", M::NAME));
     let package = M::NAME.split('/').next().unwrap();

@@ -1,8 +1,8 @@
-//! Our bytes and definitions against two implementations that are not ours: `rosbags` and
+//! Compares our bytes and definitions with two independent implementations: `rosbags` and
 //! `mcap-ros2-support`.
 //!
-//! They come from `tests/interop/requirements.txt`. Without them the test says so and passes,
-//! unless `TANGENT_REQUIRE_INTEROP` is set.
+//! They come from `tests/interop/requirements.txt`. If they are missing, the test reports that and
+//! passes, unless `TANGENT_REQUIRE_INTEROP` is set.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 use tangent_schemas::definition::FILES;
 use tangent_schemas::{Message, cdr};
 
-/// One case per length of the sequences: none, one, and enough to shift every alignment.
+/// One case per length of the sequences: zero, one, and enough to shift every alignment.
 fn cases<M: Message>(cases: &mut Vec<Value>) {
     for length in [0, 1, 3] {
         let message: M = sample(length);
@@ -32,7 +32,7 @@ fn cases<M: Message>(cases: &mut Vec<Value>) {
     }
 }
 
-/// The bytes that the others wrote, read by us.
+/// Decodes the bytes that the other implementations wrote.
 fn read_back<M: Message>(answers: &mut std::slice::Iter<'_, Value>) {
     for length in [0, 1, 3] {
         let answer = answers.next().expect("an answer to every case");
@@ -63,7 +63,7 @@ fn python() -> PathBuf {
     }
 }
 
-/// Why the test cannot be made here, if so.
+/// Reason why the test cannot run here, if there is one.
 fn missing(python: &PathBuf) -> Option<String> {
     let output = Command::new(python)
         .args(["-c", "import rosbags.typesys, mcap_ros2.decoder"])

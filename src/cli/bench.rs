@@ -2,7 +2,7 @@
 
 use clap::{Args, Subcommand};
 
-use super::parse_seconds;
+use super::seconds::measuring_time;
 
 /// What to measure.
 #[derive(Debug, Subcommand)]
@@ -24,7 +24,7 @@ pub enum Bench {
 #[derive(Debug, Args)]
 pub struct BenchBus {
     /// Length of each measurement, s.
-    #[arg(long, default_value_t = 3.0, value_parser = parse_seconds)]
+    #[arg(long, default_value_t = 3.0, value_parser = measuring_time)]
     pub seconds: f64,
     /// Python that has eclipse-zenoh.
     #[arg(long, default_value = "python3")]

@@ -1,4 +1,4 @@
-//! The folder of a paper's figures: one SVG each, and a page with all of them.
+//! The folder of a paper's figures: one SVG file each, and a page with all of them.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -8,17 +8,17 @@ use anyhow::{Context, Result};
 
 use crate::report::plot::{Axes, PALETTE, Series, draw};
 
-/// A page under way.
+/// A page under construction.
 pub(super) struct FigurePage<'a> {
     folder: &'a Path,
     html: String,
 }
 
 impl<'a> FigurePage<'a> {
-    /// Makes the folder.
+    /// Creates the folder.
     ///
     /// # Errors
-    /// Where it cannot be made.
+    /// The folder cannot be created.
     pub fn new(folder: &'a Path, paper: &str, heading: &str, introduction: &str) -> Result<Self> {
         fs::create_dir_all(folder).with_context(|| format!("folder {}", folder.display()))?;
         let html = format!(
@@ -29,7 +29,7 @@ svg {{ width: 100%; height: auto; }}</style></head><body>\n<h1>{heading}</h1>\n<
         Ok(Self { folder, html })
     }
 
-    /// What follows is of this system.
+    /// Starts the section of a system; the next figures belong to it.
     pub fn system(&mut self, name: &str) {
         let _ = writeln!(self.html, "<h2>{name}</h2>");
     }
@@ -37,7 +37,7 @@ svg {{ width: 100%; height: auto; }}</style></head><body>\n<h1>{heading}</h1>\n<
     /// Draws a figure into `FILE.svg` and the page.
     ///
     /// # Errors
-    /// Where it cannot be drawn or written.
+    /// The figure cannot be drawn or written.
     pub fn figure(
         &mut self,
         file: &str,
@@ -63,7 +63,7 @@ svg {{ width: 100%; height: auto; }}</style></head><body>\n<h1>{heading}</h1>\n<
     /// Writes `index.html`.
     ///
     /// # Errors
-    /// Where it cannot be written.
+    /// The file cannot be written.
     pub fn finish(mut self) -> Result<()> {
         self.html += "</body></html>\n";
         let file = self.folder.join("index.html");

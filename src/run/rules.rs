@@ -1,5 +1,5 @@
-//! The access rules of a router that runs: looked at again and again, since a revoked identity must
-//! not wait for a restart.
+//! The access rules of a running router. The file is checked periodically, so that revoking an
+//! identity does not need a restart.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use tangent_runtime::{Bus, BusError, CellConfig, Role, Stop};
 
-/// Between two looks at the file.
+/// Interval between two checks of the file.
 const LOOK: Duration = Duration::from_secs(1);
-/// The port of a session that was closed is free by then.
+/// Longest time until the port of a closed session is free.
 const PORT_PATIENCE: Duration = Duration::from_secs(10);
 const PORT_RETRY: Duration = Duration::from_millis(100);
 
-/// The file, and what of it was seen last.
+/// The file, and its content at the last check.
 pub struct Rules {
     file: Option<PathBuf>,
     seen: Option<Vec<u8>>,
@@ -21,7 +21,7 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// Of a router with certificates; others have none.
+    /// Rules of a router with certificates; other processes have none.
     pub fn of(config: &CellConfig, role: Role) -> Self {
         let secured = role == Role::Router && config.zenoh.tls.is_some();
         let file = config.zenoh.access.clone().filter(|_| secured);
@@ -32,7 +32,7 @@ impl Rules {
         }
     }
 
-    /// Opens the session; the second time, as soon as the first one's port is free.
+    /// Opens the session; the second time, it waits until the port of the first is free.
     pub fn open(&mut self, config: &CellConfig, role: Role, stop: &Stop) -> Result<Bus> {
         let began = Instant::now();
         loop {
@@ -50,7 +50,7 @@ impl Rules {
         }
     }
 
-    /// How long to wait between two looks.
+    /// Interval between two checks.
     pub fn period(&self) -> Duration {
         match self.file {
             Some(_) => LOOK,
@@ -58,7 +58,7 @@ impl Rules {
         }
     }
 
-    /// None while the file is as it was; else whether a router would take it.
+    /// `None` if the file has not changed; otherwise whether a router would accept it.
     pub fn changed(&mut self, config: &CellConfig) -> Option<Result<(), BusError>> {
         let now = std::fs::read(self.file.as_ref()?).ok()?;
         if self.seen.as_ref() == Some(&now) {

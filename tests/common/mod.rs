@@ -1,10 +1,11 @@
-//! What the system tests share: the built program, folders, free ports.
+//! Common parts of the system tests: the built program, folders, free ports.
 #![allow(dead_code, clippy::unwrap_used)]
 
-use std::collections::HashSet;
-use std::fs;
+use std::collections::VecDeque;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
@@ -75,7 +76,8 @@ pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// A port offset at which all ports of a simulated cell are free now.
+/// A port offset at which all ports of a simulated cell are free now, and which no other test
+/// takes before the cell has opened them.
 pub fn port_offset() -> u16 {
     // Tests run concurrently, here and in other processes: each tries offsets of its own.
     static TAKEN: AtomicU16 = AtomicU16::new(0);
@@ -88,30 +90,39 @@ pub fn port_offset() -> u16 {
         let ports = [
             1337, 7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152,
         ];
-        let taken = ports_in_use();
+        let Some(reserved) = reserve(offset) else {
+            continue;
+        };
+        let taken = tangent_live::ports::in_use();
         if ports.iter().all(|p| !taken.contains(&(p + offset))) {
+            let mut all = RESERVED.lock().unwrap();
+            all.push_back(reserved);
+            while all.len() > RESERVED_MAX {
+                all.pop_front();
+            }
             return offset;
         }
     }
     panic!("no free ports on loopback");
 }
 
-/// Ports of this host that have a socket. Binding a port as a trial would occupy it: a child
-/// process that another test starts at that moment inherits the socket until it runs its own
-/// program.
-fn ports_in_use() -> HashSet<u16> {
-    ["tcp", "tcp6", "udp", "udp6"]
-        .iter()
-        .filter_map(|table| fs::read_to_string(format!("/proc/net/{table}")).ok())
-        .flat_map(|text| text.lines().skip(1).map(local_port).collect::<Vec<_>>())
-        .flatten()
-        .collect()
-}
+/// More than the offsets whose cells start at the same time in one process.
+const RESERVED_MAX: usize = 8;
 
-/// Port of a line such as `  1: 0100007F:1F90 ...`, here 0x1F90.
-fn local_port(line: &str) -> Option<u16> {
-    let address = line.split_whitespace().nth(1)?;
-    u16::from_str_radix(address.rsplit_once(':')?.1, 16).ok()
+/// Lock files of the offsets that this process took last, the oldest first.
+static RESERVED: Mutex<VecDeque<File>> = Mutex::new(VecDeque::new());
+
+/// Takes the lock file of an offset; `None` if another process, or this one, has it. A cell opens
+/// its ports a moment after its offset was chosen.
+fn reserve(offset: u16) -> Option<File> {
+    let path = std::env::temp_dir().join(format!("tangent-test-ports.{offset}.lock"));
+    let file = File::options()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .open(path)
+        .unwrap();
+    file.try_lock().ok().map(|()| file)
 }
 
 /// A child process that is killed at the end of the test.

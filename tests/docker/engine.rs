@@ -1,7 +1,6 @@
-//! A container engine, the stand-in image, and a compose project that is taken away with the test.
+//! A container engine, the stand-in image, and a compose project that is removed after the test.
 
 use std::fs;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
@@ -9,18 +8,19 @@ use serde_json::Value;
 
 use crate::common::{root, tangent};
 
-/// The profiles of the compose file that a test starts anything of.
+/// Profiles of the compose file that the tests use.
 const PROFILES: [&str; 3] = ["sim", "spare", "tools"];
 
-/// An engine on a busy machine takes minutes for what takes a second on an idle one.
+/// Timeout of the engine, s: on a busy machine it takes minutes for what takes a second on an idle
+/// one.
 const ENGINE_PATIENCE_S: &str = "300";
 
-/// How Compose is called here.
+/// The Compose command of this machine.
 pub struct Engine {
     compose: Vec<&'static str>,
 }
 
-/// The engine of this machine; `None`, with the reason said, when there is none that can be used.
+/// The engine of this machine; `None`, with the reason printed, if there is none that can be used.
 pub fn engine() -> Option<Engine> {
     let found = find();
     if let Err(reason) = &found {
@@ -57,7 +57,7 @@ fn find() -> Result<Engine, String> {
     Err("neither `docker compose` nor `docker-compose` is here".to_owned())
 }
 
-/// What a command said and how it ended.
+/// Output and exit code of a command.
 #[derive(Debug)]
 pub struct Said {
     pub code: Option<i32>,
@@ -75,13 +75,13 @@ impl From<Output> for Said {
     }
 }
 
-/// Runs to the end.
-fn call(command: &mut Command) -> Said {
+/// Runs a command to its end.
+pub fn call(command: &mut Command) -> Said {
     command.stdin(Stdio::null()).output().unwrap().into()
 }
 
-/// Runs to a good end.
-fn must(command: &mut Command) -> String {
+/// Runs a command to its end; panics if it fails.
+pub fn must(command: &mut Command) -> String {
     let said = call(command);
     assert_eq!(
         said.code,
@@ -103,7 +103,7 @@ pub struct Project {
     secured: bool,
 }
 
-/// As `[zenoh.tls]` in a cell file beside the folder `keys`.
+/// The section `[zenoh.tls]` of a cell file beside the folder `keys`.
 const CERTIFICATES: &str = r#"
 [zenoh.tls]
 ca = "keys/ca.pem"
@@ -114,9 +114,16 @@ key = "keys/{identity}.key"
 "#;
 
 impl Project {
-    /// Builds the stand-in image; nothing runs yet. `secured`: with certificates, as
-    /// docker-compose.tls.yml has it.
+    /// Creates a project with the substitute image; nothing runs yet. `secured`: with certificates,
+    /// as in docker-compose.tls.yml.
     pub fn new(engine: Engine, secured: bool) -> Self {
+        let project = Self::without_image(engine, secured);
+        build_image(&project.image, project.folder.path());
+        project
+    }
+
+    /// Creates a project whose image is still to be built.
+    pub fn without_image(engine: Engine, secured: bool) -> Self {
         let name = format!(
             "tangent-test-{}{}",
             std::process::id(),
@@ -124,11 +131,7 @@ impl Project {
         );
         let image = format!("{name}:standin");
         let folder = tempfile::tempdir().unwrap();
-        build_image(&image, folder.path());
-        let port = TcpListener::bind("127.0.0.1:0")
-            .and_then(|listener| listener.local_addr())
-            .unwrap()
-            .port();
+        let port = tangent_live::ports::free();
         let mut cell = fs::read_to_string(root().join("deploy/cell.toml"))
             .unwrap()
             .replace("127.0.0.1:7447", &format!("127.0.0.1:{port}"));
@@ -157,7 +160,7 @@ impl Project {
         path
     }
 
-    /// Compose on this project, with the files and variables that it takes.
+    /// Compose on this project, with its files and environment variables.
     fn base(&self) -> Command {
         let mut command = Command::new(self.engine.compose[0]);
         command.args(&self.engine.compose[1..]);
@@ -184,30 +187,47 @@ impl Project {
         command
     }
 
-    /// Compose, to a good end.
+    /// Runs Compose; panics if it fails.
     pub fn compose(&self, arguments: &[&str]) -> String {
         must(&mut self.command(arguments))
     }
 
-    /// What a person does first: `up` with nothing else but that it returns, on an image that is
-    /// there.
+    /// Builds the image as a user does, but from base images of this host.
+    pub fn build(&self, build_image: &str, run_image: &str) {
+        let bases = [
+            format!("BUILD_IMAGE={build_image}"),
+            format!("RUN_IMAGE={run_image}"),
+        ];
+        let mut command = self.command(&["build"]);
+        for base in &bases {
+            command.args(["--build-arg", base]);
+        }
+        must(command.arg("tangent"));
+    }
+
+    /// A folder that is removed with the project.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Runs `up` as a user does first, on an existing image; only waits until it returns.
     pub fn up(&self) {
         must(self.base().args(["up", "--no-build", "-d"]));
     }
 
-    /// The program on this host, through the port that the router's container publishes.
+    /// Runs the program on this host, through the port that the router's container publishes.
     pub fn tangent(&self, arguments: &[&str]) -> Said {
         let cell = self.folder.path().join("cell.toml");
         call(tangent().args(arguments).arg("--cell").arg(cell))
     }
 
-    /// The program in a container of its own, on the recordings' volume.
+    /// Runs the program in a container of its own, with the volume of the recordings.
     pub fn inside(&self, arguments: &[&str]) -> Said {
         let all = [&["run", "--rm", "-T", "tangent"][..], arguments].concat();
         call(&mut self.command(&all))
     }
 
-    /// The container of a service, stopped ones too.
+    /// The container of a service, even if it has stopped.
     pub fn container(&self, service: &str) -> String {
         let filters = [
             format!("label=com.docker.compose.project={}", self.name),
@@ -225,13 +245,13 @@ impl Project {
             .to_owned()
     }
 
-    /// What the engine knows of a service's container.
+    /// The engine's data on a service's container.
     pub fn inspect(&self, service: &str) -> Value {
         let text = must(Command::new("docker").args(["inspect", &self.container(service)]));
         serde_json::from_str::<Value>(&text).unwrap()[0].clone()
     }
 
-    /// Pulls a container's network cable out, or puts it back.
+    /// Disconnects a container's network cable, or reconnects it.
     pub fn cable(&self, service: &str, plugged: bool) {
         let network = format!("{}_cell", self.name);
         let container = self.container(service);
@@ -274,7 +294,7 @@ fn build_image(image: &str, folder: &Path) {
     let program = env!("CARGO_BIN_EXE_tangent");
     let inside = tree.join("usr/local/bin/tangent");
     copy(Path::new(program), &inside);
-    // As the Dockerfile's build does; without the tool the image is larger, and as good.
+    // As in the Dockerfile's build; without the tool, the image is only larger.
     let _ = Command::new("strip").arg(&inside).status();
     for library in libraries(program) {
         copy(
@@ -363,8 +383,8 @@ fn owned_folders() -> Vec<String> {
         .collect()
 }
 
-/// What the dynamic linker would load.
-fn libraries(program: &str) -> Vec<String> {
+/// Libraries that the dynamic linker would load.
+pub fn libraries(program: &str) -> Vec<String> {
     must(Command::new("ldd").arg(program))
         .lines()
         .filter_map(|line| line.split_whitespace().find(|word| word.starts_with('/')))

@@ -1,4 +1,4 @@
-//! `tangent calibrate payload` against a payload that the cell file has wrong.
+//! `tangent calibrate payload` with a payload that is wrong in the cell file.
 
 use std::io::Write;
 use std::net::TcpStream;
@@ -9,10 +9,10 @@ use serde_json::Value;
 
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::{json, number, stderr, tangent, wait_for};
-use tangent_live::live;
+use tangent_live::live_beside_others;
 
-/// The wrist turned up, down and to all sides, well above the surface; the first again at the end.
-/// rad.
+/// Wrist joint positions, rad: turned up, down and to all sides, well above the surface; the first
+/// again at the end.
 const POSES: [[f64; 3]; 9] = [
     [-1.57, -1.57, 0.0],
     [0.0, -1.57, 0.0],
@@ -25,7 +25,7 @@ const POSES: [[f64; 3]; 9] = [
     [-1.57, -1.57, 0.0],
 ];
 
-/// Moves the simulated arm as its pendant would: with a program of its own in place of ours.
+/// Moves the simulated arm as its pendant would: with another program in place of ours.
 fn move_to(cell: &Cell, observer: &Observer, wrist: [f64; 3]) {
     let [a, b, c] = wrist;
     let q = [3.1, -1.9, 1.4, a, b, c];
@@ -110,7 +110,7 @@ fn assert_true(found: &Value, what: &str) {
 
 #[test]
 fn the_payload_is_found_live_and_from_the_recording() {
-    live(|| {
+    live_beside_others(|| {
         let mut cell = Cell::new(|_| {});
         cell.start_all(&["router simulator netft rtde recorder"]);
         let observer = Observer::join(&cell);
@@ -131,7 +131,7 @@ fn the_payload_is_found_live_and_from_the_recording() {
         assert_eq!(found["poses"], 9);
         assert_true(&found, "live");
 
-        // Six times the same: refused, and it says why.
+        // Six identical poses are refused, with the reason.
         let mut person = Person::start(&cell, &["--poses", "6"]);
         for _ in 0..6 {
             person.asked();

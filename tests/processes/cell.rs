@@ -14,7 +14,7 @@ use tangent_schemas::topics;
 use tempfile::TempDir;
 
 use crate::common::{Process, json, port_offset, root, run, stderr, wait_for};
-use tangent_live::{Alone, alone};
+use tangent_live::{Places, alone, beside_others};
 
 /// Longest wait for any step that takes seconds at most on an idle machine; a machine that also
 /// builds is slow.
@@ -26,7 +26,7 @@ pub struct Cell {
     port_offset: u16,
     processes: BTreeMap<String, Process>,
     // Released after the processes have ended.
-    _alone: Alone,
+    _places: Places,
 }
 
 impl Cell {
@@ -39,6 +39,7 @@ impl Cell {
             "cell.toml",
             "scenarios/pipe_realistic.toml",
             nearer,
+            beside_others(),
             |cell| {
                 set(cell, "sensor.rate_hz", 1000.0);
                 change(cell);
@@ -50,14 +51,14 @@ impl Cell {
     pub fn with_object() -> Self {
         let nearer = ("clearance_m = 0.15", "clearance_m = 0.08");
         let scenario = "scenarios/lippiello/lippiello_realistic.toml";
-        Self::shipped("cell.lippiello.toml", scenario, nearer, |_| {})
+        Self::shipped("cell.lippiello.toml", scenario, nearer, alone(), |_| {})
     }
 
     /// A cell with a Franka over a wave, with a depth camera.
     pub fn with_franka() -> Self {
         let nearer = ("clearance_m = 0.04", "clearance_m = 0.02");
         let scenario = "scenarios/karacan/karacan_depth.toml";
-        Self::shipped("cell.karacan.toml", scenario, nearer, |_| {})
+        Self::shipped("cell.karacan.toml", scenario, nearer, alone(), |_| {})
     }
 
     /// A cell from a cell file of `deploy/` and a scenario in which one text is replaced by
@@ -66,9 +67,9 @@ impl Cell {
         file: &str,
         scenario: &str,
         replaced: (&str, &str),
+        places: Places,
         change: impl FnOnce(&mut toml::Table),
     ) -> Self {
-        let alone = alone();
         let folder = tempfile::tempdir().unwrap();
         let port_offset = port_offset();
         let offset = i64::from(port_offset);
@@ -93,7 +94,7 @@ impl Cell {
             folder,
             port_offset,
             processes: BTreeMap::new(),
-            _alone: alone,
+            _places: places,
         }
     }
 
@@ -112,11 +113,12 @@ impl Cell {
         self.folder.path().join("recordings")
     }
 
-    /// Writes a task file: 3 N along the given path, with or without a tare.
+    /// Writes a task file: 3 N along the given path, with or without a tare. The tool retracts by
+    /// as little as it starts above the surface: the next approach takes its time.
     pub fn task(&self, tare: bool, path: &str) -> PathBuf {
         let text = format!(
             "name = \"test\"\ntare = {tare}\nforce.reference_n = 3.0\n\
-             end.retract_distance_m = 0.01\n[path]\n{path}\n"
+             end.retract_distance_m = 0.005\n[path]\n{path}\n"
         );
         let file = self.folder.path().join("task.toml");
         fs::write(&file, text).unwrap();
@@ -198,6 +200,25 @@ impl Cell {
             "kind = \"circle\"",
             &format!("kind = \"circle\"\nturns = {turns}"),
         );
+        let file = self.folder.path().join("task.toml");
+        fs::write(&file, text).unwrap();
+        file
+    }
+
+    /// Writes a task file: loops on the wave for so long, s. The tool retracts by less than in the
+    /// shipped task: the next approach takes its time.
+    pub fn loops_task(&self, duration_s: f64) -> PathBuf {
+        let mut text = fs::read_to_string(root().join("deploy/tasks/loops.toml")).unwrap();
+        for (from, to) in [
+            ("duration_s = 20.0", format!("duration_s = {duration_s:?}")),
+            (
+                "retract_distance_m = 0.05",
+                "retract_distance_m = 0.02".to_owned(),
+            ),
+        ] {
+            assert!(text.contains(from), "{from}");
+            text = text.replace(from, &to);
+        }
         let file = self.folder.path().join("task.toml");
         fs::write(&file, text).unwrap();
         file

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::cell::{Cell, Observer, PATIENCE, mcap_files};
 use crate::common::{Process, json, number, run, wait_for};
-use tangent_live::live;
+use tangent_live::live_beside_others;
 
 const PROCESSES: [&str; 6] = [
     "router",
@@ -29,14 +29,14 @@ fn service<'a>(status: &'a Value, name: &str) -> &'a Value {
 /// A person starts the cell, looks at it, wipes, changes things meanwhile, and reads the recording.
 #[test]
 fn a_cell_is_run_from_the_command_line() {
-    live(|| {
+    live_beside_others(|| {
         let mut cell = Cell::new(|_| {});
         cell.start_all(&PROCESSES);
         let observer = Observer::join(&cell);
         let ready = || observer.arm().filter(|arm| arm.ready);
         wait_for("the arm is ready", PATIENCE, ready);
 
-        // Health comes once a second: everybody has told its rates before long.
+        // Health is published once a second: soon every service has reported its rates.
         let status = wait_for("everybody tells rates", PATIENCE, || {
             let output = cell.cli(&["status", "--json"]);
             let status = json(&output);
@@ -86,7 +86,7 @@ fn a_cell_is_run_from_the_command_line() {
 
         let tared = cell.cli_json(&["tare"], 0);
         assert_eq!(tared["done"], true, "{tared}");
-        // The simulated sensor's zero is some newtons off, and that is what the tare has found.
+        // The simulated sensor's zero is some newtons off; the tare must find this offset.
         let bias: Vec<f64> = (0..3)
             .map(|i| number(&tared, &format!("/data/bias/{i}")))
             .collect();
@@ -111,7 +111,7 @@ fn a_cell_is_run_from_the_command_line() {
         assert_eq!(cell.cli_json(&["task", "resume"], 0)["done"], true);
         observer.sliding(before);
 
-        // A second recorder, of a person's own.
+        // A second recorder, started by a user.
         let own = tempfile::tempdir().unwrap();
         let file = cell.file();
         let mut record = Process::start(
@@ -142,7 +142,7 @@ fn a_cell_is_run_from_the_command_line() {
             let code = cell.process(name).terminate(PATIENCE);
             assert_eq!(code, Some(0), "{name}");
         }
-        // What the recorder of the cell has kept is the whole task; the person's own has its end.
+        // The cell's recorder has the whole task; the user's recorder has its end.
         for (path, whole) in [
             (&cell.files()[0], true),
             (&mcap_files(own.path())[0], false),
@@ -203,7 +203,7 @@ fn estimators(cell: &Cell) {
     assert_eq!(list["active"], "blend", "{list}");
     let used = wait_for("the switch is accepted", PATIENCE, || {
         let answer = json(&cell.cli(&["estimator", "use", "quadratic", "--json"]));
-        // It is refused, with the reason, while the newcomer has no normal to show.
+        // The request is refused, with the reason, while the new estimator has no estimate.
         (answer["done"] == true).then_some(answer)
     });
     assert!(used["message"].as_str().unwrap().contains("quadratic"));
@@ -216,11 +216,11 @@ fn estimators(cell: &Cell) {
     );
 }
 
-/// Ctrl-C of `up` in the middle of the path: off the surface, everybody ends in order, and there is
-/// a report.
+/// Ctrl-C of `up` in the middle of the path: the tool leaves the surface, all services end in
+/// order, and there is a report.
 #[test]
 fn ctrl_c_of_up_retracts_and_reports() {
-    live(|| {
+    live_beside_others(|| {
         let folder = tempfile::tempdir().unwrap();
         let offset = crate::common::port_offset().to_string();
         let path = folder.path().to_str().unwrap();
@@ -251,7 +251,7 @@ fn ctrl_c_of_up_retracts_and_reports() {
         ]));
         assert_eq!(figures["phase"], "done", "{figures}");
         assert_eq!(figures["recording"]["truncated"], false);
-        // It came off: the last truth is out of contact.
+        // The tool left the surface: the last truth is without contact.
         let recording = tangent_recorder::Recording::open(&files[0]).unwrap();
         let last = recording
             .messages()

@@ -1,5 +1,5 @@
-//! What must neither end a process quietly nor hold it up: a sensor's box that answers nonsense, a
-//! log that nobody reads.
+//! Events that must neither end a process silently nor block it: a sensor box with invalid answers,
+//! and a log that no process reads.
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -9,7 +9,7 @@ use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::wait_for;
-use tangent_live::live;
+use tangent_live::live_beside_others;
 
 /// A box whose web server answers `rate` for its records per second, as long as the process lives.
 fn box_with_rate(port: u16, rate: &'static str) {
@@ -31,11 +31,11 @@ fn box_with_rate(port: u16, rate: &'static str) {
     });
 }
 
-/// The rate went into a duration of 3e30 s, and the thread was gone: `status` showed nothing, for
-/// ever.
+/// The bug: the rate was converted to a duration of 3e30 s, and the thread died: `status` showed
+/// nothing from then on.
 #[test]
 fn a_box_with_an_impossible_rate_is_refused_by_name_and_tried_again() {
-    live(|| {
+    live_beside_others(|| {
         let mut cell = Cell::new(|_| {});
         box_with_rate(8080 + cell.port_offset(), "1e-30");
         cell.start_all(&["router netft"]);
@@ -58,21 +58,21 @@ fn a_box_with_an_impossible_rate_is_refused_by_name_and_tried_again() {
     });
 }
 
-/// With a pipe for its log that is full and that nobody reads, the loop stood for as long as the
-/// pipe was full.
+/// The bug: with its log on a full pipe that no process reads, the loop was blocked for as long as
+/// the pipe was full.
 #[test]
 fn a_log_that_nobody_reads_holds_nothing_up() {
-    live(|| {
+    live_beside_others(|| {
         let (reader, writer) = std::io::pipe().unwrap();
         let mut filler = writer.try_clone().unwrap();
-        // Writes until the pipe is full, and then until the reader is gone.
+        // Writes until the pipe is full, and then until the reader has closed it.
         let filling = std::thread::spawn(move || while filler.write_all(&[b'.'; 4096]).is_ok() {});
         let mut cell = Cell::new(|_| {});
         cell.start_all(&["router simulator netft", "estimator"]);
         cell.start_into("rtde controller", writer);
         let observer = Observer::join(&cell);
         observer.slide(&cell, &cell.long_task());
-        // A fault, which is much to tell about, and the task after it.
+        // A fault, which causes many log lines, and the task after it.
         let before = now_ns();
         cell.process("estimator").kill();
         observer.phase("fault", before);

@@ -8,7 +8,7 @@ use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE, Seen, seconds};
 use crate::common::{json, wait_for};
-use tangent_live::live;
+use tangent_live::live_beside_others;
 use tangent_schemas::tangent::ControlState;
 
 /// Time that a loaded machine may add to any time measured here, s.
@@ -87,7 +87,7 @@ pub fn shown_is_true(observer: &Observer, since_ns: i64) {
 /// The controller that comes after knows only what the one before wrote down.
 #[test]
 fn a_stop_after_the_hard_loop_was_killed_takes_the_tool_off() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&HARD_LOOP);
         let killed = now_ns();
         cell.process("rtde controller").kill();
@@ -125,7 +125,7 @@ fn a_stop_after_the_hard_loop_was_killed_takes_the_tool_off() {
 /// first start, and 9 N after the second.
 #[test]
 fn a_hard_loop_killed_while_pressing_moves_off_before_it_tares() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&HARD_LOOP);
         for _ in 0..2 {
             let killed = now_ns();
@@ -170,7 +170,7 @@ fn safe(observer: &Observer, since_ns: i64) {
 /// the tool retracts.
 #[test]
 fn an_estimator_that_dies() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&ESTIMATOR);
         let killed = now_ns();
         cell.process("estimator").kill();
@@ -209,7 +209,7 @@ fn an_estimator_that_dies() {
 /// An estimator that returns within one second is used again without a request.
 #[test]
 fn an_estimator_that_hangs_for_a_moment() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&ESTIMATOR);
         let stopped = now_ns();
         cell.process("estimator").signal("STOP");
@@ -231,7 +231,7 @@ fn an_estimator_that_hangs_for_a_moment() {
 
 #[test]
 fn a_sensor_service_that_dies() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&SENSOR);
         let killed = now_ns();
         cell.process("netft").kill();
@@ -265,7 +265,7 @@ fn a_sensor_service_that_dies() {
 /// The messages that it had queued arrive late, in a burst, and cause no motion.
 #[test]
 fn a_sensor_service_that_hangs() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&SENSOR);
         let stopped = now_ns();
         cell.process("netft").signal("STOP");
@@ -282,7 +282,7 @@ fn a_sensor_service_that_hangs() {
 /// nothing.
 #[test]
 fn a_controller_that_dies() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&CONTROLLER);
         let killed = now_ns();
         cell.process("controller").kill();
@@ -306,7 +306,7 @@ fn a_controller_that_dies() {
 /// it still slides.
 #[test]
 fn a_controller_that_hangs() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&CONTROLLER);
         let stopped = now_ns();
         cell.process("controller").signal("STOP");
@@ -324,7 +324,7 @@ fn a_controller_that_hangs() {
 /// The program on the robot stops the arm by itself. A new bridge takes over and causes no motion.
 #[test]
 fn a_bridge_that_dies() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&BRIDGE);
         let killed = now_ns();
         cell.process("rtde").kill();
@@ -349,7 +349,7 @@ fn a_bridge_that_dies() {
 /// a new task is needed.
 #[test]
 fn a_hard_loop_that_hangs_and_dies() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&HARD_LOOP);
         let stopped = now_ns();
         cell.process("rtde controller").signal("STOP");
@@ -378,7 +378,7 @@ fn a_hard_loop_that_hangs_and_dies() {
 /// without a restart.
 #[test]
 fn a_router_that_is_started_again() {
-    live(|| {
+    live_beside_others(|| {
         let names = [
             "router",
             "simulator recorder",

@@ -1,16 +1,16 @@
-//! The Franka with its depth camera as processes: what fails while it wipes the wave, and what the
-//! arm does then.
+//! The Franka with its depth camera as processes: failures while it wipes the wave, and the arm's
+//! reaction.
 
 use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE, seconds};
-use crate::common::{root, stderr, wait_for};
+use crate::common::{stderr, wait_for};
 use crate::failures::shown_is_true;
 use tangent_live::live;
 
-/// A loaded machine's share of any time measured here, s.
+/// Time that a loaded machine may add to any time measured here, s.
 const SLACK_S: f64 = 1.5;
-/// No fault presses harder than twice the reference of 15 N.
+/// Largest force during any fault, N: twice the reference of 15 N.
 const FORCE_MAX_N: f64 = 30.0;
 
 const SERVICES: [&str; 3] = ["router simulator franka controller", "camera", "estimator"];
@@ -27,10 +27,15 @@ const LOOP: &str = "franka controller";
 
 /// A cell whose tool slides on the wave, for twenty seconds.
 fn sliding(names: &[&str]) -> (Cell, Observer) {
+    sliding_for(20.0, names)
+}
+
+/// A cell whose tool slides on the wave for so long, s.
+fn sliding_for(duration_s: f64, names: &[&str]) -> (Cell, Observer) {
     let mut cell = Cell::with_franka();
     cell.start_all(names);
     let observer = Observer::join(&cell);
-    observer.slide(&cell, &root().join("deploy/tasks/loops.toml"));
+    observer.slide(&cell, &cell.loops_task(duration_s));
     (cell, observer)
 }
 
@@ -38,11 +43,11 @@ fn safe(observer: &Observer, since_ns: i64) {
     observer.pressed_at_most(FORCE_MAX_N, since_ns);
 }
 
-/// After a fault a task starts as any other: it presses as it says, and leaves the surface when it
-/// is stopped.
+/// After a fault a task starts as usual: its force is shown correctly, and it leaves the surface
+/// when it is stopped.
 fn wipes_again(cell: &Cell, observer: &Observer) {
     let from = now_ns();
-    observer.slide(cell, &root().join("deploy/tasks/loops.toml"));
+    observer.slide(cell, &cell.loops_task(20.0));
     let slides = now_ns();
     wait_for("three seconds of sliding", PATIENCE, || {
         let last = observer.truths(slides).last()?.at_ns;
@@ -72,14 +77,14 @@ fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
             safe(&observer, killed);
             cell.start(LOOP);
             wipes_again(&cell, &observer);
-            // And once more, from a task that slides.
-            observer.slide(&cell, &root().join("deploy/tasks/loops.toml"));
+            // Again, from a task that slides.
+            observer.slide(&cell, &cell.loops_task(20.0));
         }
     });
 }
 
-/// The bridge that came after the crash knew nothing of the task: the force with which the arm
-/// leans on the wave became its zero.
+/// The bug: the bridge that started after the crash did not know the task: the force with which the
+/// arm leaned on the wave became its zero.
 #[test]
 fn a_bridge_of_the_franka_that_starts_anew_is_not_tared_while_the_tool_leans() {
     live(|| {
@@ -161,11 +166,12 @@ fn the_router_of_the_franka_dies() {
     });
 }
 
-/// Touch alone goes on where the camera is dead.
+/// Touch alone is sufficient if the camera fails.
 #[test]
 fn the_depth_camera_dies_and_touch_goes_on() {
     live(|| {
-        let (mut cell, observer) = sliding(&SERVICES);
+        // Long enough for what follows; the task is waited for.
+        let (mut cell, observer) = sliding_for(12.0, &SERVICES);
         let killed = now_ns();
         cell.process("camera").kill();
         wait_for("it wipes on without a camera", PATIENCE, || {
@@ -182,7 +188,8 @@ fn the_depth_camera_dies_and_touch_goes_on() {
     });
 }
 
-/// Without any normal the policy stands, the force is kept, and after a second the tool leaves.
+/// Without any normal the policy stops, the force is kept, and after a second the tool leaves the
+/// surface.
 #[test]
 fn the_estimator_of_the_franka_dies() {
     live(|| {

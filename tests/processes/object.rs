@@ -1,5 +1,5 @@
-//! The torque-controlled arm with its camera as processes: what fails while it wipes the object,
-//! and what the arm does then.
+//! The torque-controlled arm with its camera as processes: failures while it wipes the object, and
+//! the arm's reaction.
 
 use tangent_runtime::clock::now_ns;
 
@@ -7,9 +7,9 @@ use crate::cell::{Cell, Observer, PATIENCE, seconds};
 use crate::common::wait_for;
 use tangent_live::live;
 
-/// A loaded machine's share of any time measured here, s.
+/// Time that a loaded machine may add to any time measured here, s.
 const SLACK_S: f64 = 1.5;
-/// No fault presses harder than twice the reference of 20 N.
+/// Largest force during any fault, N: twice the reference of 20 N.
 const FORCE_MAX_N: f64 = 40.0;
 
 const TOGETHER: [&str; 1] = ["router simulator controller netft camera estimator"];
@@ -47,15 +47,15 @@ fn the_objects_estimator_dies() {
         );
         observer.at_rest(killed);
         safe(&observer, killed);
-        // It comes back as another process, and the next task runs.
+        // It restarts as another process, and the next task runs.
         cell.start("estimator");
         observer.slide(&cell, &cell.object_task(1));
         cell.assert_running(&["router simulator controller netft camera"]);
     });
 }
 
-/// Sliding stops, the force is kept; a camera that is back at once lets the task go on, one that
-/// stays away ends it.
+/// Sliding stops and the force is kept. If the camera returns at once, the task continues; if not,
+/// the task ends.
 #[test]
 fn the_camera_stops() {
     live(|| {
@@ -85,7 +85,7 @@ fn the_camera_stops() {
     });
 }
 
-/// Without a wrench the arm stands within cycles, and leaves the surface when it stays silent.
+/// Without a wrench the arm stops within cycles, and leaves the surface if the wrench stays silent.
 #[test]
 fn the_force_sensor_falls_silent() {
     live(|| {

@@ -1,8 +1,8 @@
 //! The order of priorities, held against other programs that take the processor with SCHED_FIFO, at
 //! every level between two of ours.
-//!
-//! Robot, sensor, loop, estimator and router share one core with the program that takes it. What
-//! stands above that program must not notice; what stands below may be late, and then the arm is
+//! Robot, sensor, loop, estimator and router share one core with the program that takes it. Threads
+//! with a higher priority than that program must not be affected; those with a lower one may be
+//! late, and then the arm is safe and a new task can be started.
 //! safe and a new task can be started.
 
 use std::time::{Duration, Instant};
@@ -27,10 +27,10 @@ const NAMES: [&str; 5] = [
 /// How long the processor is taken: less than what Linux leaves to real-time threads of each
 /// second.
 const TAKEN: Duration = Duration::from_millis(400);
-/// No fault presses harder: the larger of twice the reference and 10 N.
+/// Largest force during any fault, N: the larger of twice the reference and 10 N.
 const FORCE_MAX_N: f64 = 10.0;
 
-/// The calling thread, and what it starts from now on, on these CPUs.
+/// Restricts the calling thread, and the threads that it starts from now on, to these CPUs.
 fn keep_to(cpus: &CpuSet) {
     sched_setaffinity(Pid::from_raw(0), cpus).unwrap();
 }
@@ -76,7 +76,7 @@ fn what_stands_above_a_program_that_takes_the_processor_does_not_notice() {
         let observer = Observer::join(&cell);
         observer.slide(&cell, &cell.long_task());
 
-        // Everything of ours stands above these.
+        // All our threads have a higher priority than these.
         for priority in [camera + 5, 60, estimator - 1] {
             let (began, ended) = take_the_processor(priority, one);
             wait_for("the controller speaks again", PATIENCE, || {
@@ -86,7 +86,7 @@ fn what_stands_above_a_program_that_takes_the_processor_does_not_notice() {
             let goes_on = seen.iter().filter(|seen| {
                 let fault = seen.message.fault;
                 assert!(fault.is_empty(), "priority {priority}: {fault}");
-                // A contact lost for 24 ms is the surface's doing.
+                // A loss of contact for 24 ms is caused by the surface.
                 matches!(seen.message.phase_text.as_str(), "slide" | "seek")
             });
             // A machine that is shared may stand still for some cycles by itself.
@@ -98,7 +98,8 @@ fn what_stands_above_a_program_that_takes_the_processor_does_not_notice() {
             observer.pressed_at_most(FORCE_MAX_N, began);
         }
 
-        // Between two of ours: the arm is safe, nobody ends, and a task can be started again.
+        // Between two of our priorities: the arm is safe, no process ends, and a task can be
+        // started again.
         for priority in [estimator + 1, bus + 1, sensor + 1, the_loop + 1] {
             let (began, ended) = take_the_processor(priority, one);
             wait_for("the controller speaks again", PATIENCE, || {

@@ -1,22 +1,22 @@
-//! The recorder in a process of its own: killed, hung, and with small files.
+//! The recorder in a process of its own: killed, hanging, and with small files.
 
 use tangent_recorder::Recording;
 use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE, set};
 use crate::common::{json, run, wait_for};
-use tangent_live::live;
+use tangent_live::live_beside_others;
 
 const PROCESSES: [&str; 2] = [
     "router simulator netft rtde controller estimator",
     "recorder",
 ];
 
-/// Killed in the middle of a task: nobody else cares, the file opens as it is, and the next start
-/// mends it.
+/// Killed in the middle of a task: no other service is affected, the file opens as it is, and the
+/// next start repairs it.
 #[test]
 fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
-    live(|| {
+    live_beside_others(|| {
         let mut cell = Cell::new(|_| {});
         cell.start_all(&PROCESSES);
         let observer = Observer::join(&cell);
@@ -53,7 +53,7 @@ fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
         assert!(mended.attachments().contains_key("cell.toml"));
         assert!(torn.with_extension("mcap.torn").exists());
 
-        // Hung, it holds nobody up either.
+        // A recorder that hangs delays no other service either.
         cell.process("recorder").signal("STOP");
         let hung = now_ns();
         wait_for("two seconds go by", PATIENCE, || {
@@ -63,7 +63,7 @@ fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
         let since = observer.controls(killed);
         assert!(since.len() > 100);
         for seen in since {
-            // A raster rests at its corners.
+            // On a raster, the tool rests at the corners.
             assert!(matches!(seen.message.phase_text.as_str(), "slide" | "hold"));
         }
         assert!(observer.peak_force_n(killed) < 10.0);
@@ -76,7 +76,7 @@ fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
 /// between them.
 #[test]
 fn recordings_rotate_by_time_and_by_size() {
-    live(|| {
+    live_beside_others(|| {
         for (key, value, files) in [("rotate_s", 2.0, 3), ("rotate_mb", 0.4, 3)] {
             let mut cell = Cell::new(|cell| {
                 set(cell, &format!("recorder.{key}"), value);

@@ -1,5 +1,4 @@
-//! Nothing is missing in the recordings when the recorder, the router or both are back within
-//! seconds.
+//! The recordings are complete if the recorder, the router or both restart within seconds.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -10,7 +9,7 @@ use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::wait_for;
-use tangent_live::live;
+use tangent_live::live_beside_others;
 
 const PROCESSES: [&str; 6] = [
     "router",
@@ -53,7 +52,8 @@ fn recorded(files: &[PathBuf]) -> Recorded {
 }
 
 impl Recorded {
-    /// Every topic and publisher from its first message to its last: once each.
+    /// Asserts that every message of each topic and publisher is recorded once, from the first to
+    /// the last.
     fn assert_whole(&self) {
         let mut wrong = Vec::new();
         let mut messages = 0;
@@ -98,7 +98,7 @@ fn recording(cell: &Cell, files: usize) {
 
 #[test]
 fn a_recorder_that_is_killed_and_back_within_seconds_misses_nothing() {
-    live(|| {
+    live_beside_others(|| {
         let mut cell = Cell::new(|_| {});
         cell.start_all(&PROCESSES);
         let observer = Observer::join(&cell);
@@ -122,14 +122,14 @@ fn a_recorder_that_is_killed_and_back_within_seconds_misses_nothing() {
 
 #[test]
 fn a_router_that_is_killed_and_back_within_seconds_costs_no_record() {
-    live(|| {
+    live_beside_others(|| {
         let mut cell = Cell::new(|_| {});
         cell.start_all(&PROCESSES);
         let observer = Observer::join(&cell);
         cell.start_task(&cell.long_task());
         observer.sliding(0);
         goes_on(&observer, 2.0);
-        // The loop ends its task for lack of wrench, and is right.
+        // The loop correctly ends its task, because it receives no wrench.
         cell.process("router").kill();
         std::thread::sleep(Duration::from_secs(3));
         cell.start("router");
@@ -143,7 +143,7 @@ fn a_router_that_is_killed_and_back_within_seconds_costs_no_record() {
 
 #[test]
 fn recorder_and_router_stopped_and_started_cost_no_record() {
-    live(|| {
+    live_beside_others(|| {
         let mut cell = Cell::new(|_| {});
         cell.start_all(&PROCESSES);
         let observer = Observer::join(&cell);

@@ -1,11 +1,11 @@
-//! The robot's modes from the command line, as the documentation sends an operator to them: a
-//! protective stop and a power cycle end with a task that runs.
+//! The robot's modes from the command line, as in the documentation for operators: after a
+//! protective stop and a power cycle, a task runs again.
 
 use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::{json, wait_for};
-use tangent_live::live;
+use tangent_live::{live, live_beside_others};
 
 const COMPOSED: [&str; 2] = ["router simulator netft estimator", "rtde controller"];
 /// RTDE `safety_mode` of a protective stop.
@@ -28,10 +28,10 @@ fn short(cell: &Cell) -> std::path::PathBuf {
 
 #[test]
 fn a_protective_stop_is_unlocked_and_a_task_starts() {
-    live(|| {
+    live_beside_others(|| {
         let (cell, observer) = cell();
         observer.slide(&cell, &cell.long_task());
-        // What would take the arm from the task is refused, and the task goes on.
+        // Requests that would take the arm from the task are refused, and the task continues.
         for action in ["power-off", "reset", "unlock"] {
             let refused = cell.cli_json(&["robot", action], 1);
             assert_eq!(refused["done"], false, "{action}: {refused}");
@@ -78,7 +78,7 @@ fn a_protective_stop_is_unlocked_and_a_task_starts() {
 
 #[test]
 fn power_goes_off_and_on_and_a_task_starts() {
-    live(|| {
+    live_beside_others(|| {
         let (cell, observer) = cell();
         wait_for("the arm is ready", PATIENCE, || {
             observer.arm().filter(|arm| arm.ready)

@@ -1,4 +1,4 @@
-//! Somebody on the cell's network, in the clear, who speaks as the sensor.
+//! An unauthorized publisher on an unencrypted cell network that sends messages of the sensor.
 
 use std::time::{Duration, Instant};
 
@@ -12,17 +12,17 @@ use tangent_schemas::{Message, cdr};
 use crate::cell::{Cell, PATIENCE};
 use crate::common::{json, stderr, wait_for};
 use crate::failures::{APART, FORCE_MAX_N, sliding};
-use tangent_live::live;
+use tangent_live::live_beside_others;
 
-/// 1.9 kHz.
+/// Period of the false messages: 1.9 kHz.
 const PERIOD: Duration = Duration::from_micros(526);
-/// So many messages come to a few seconds beside the true ones.
+/// Number of false messages, which takes a few seconds beside the true ones.
 const MANY: u64 = 2000;
 
-/// Says that nothing is touched, under ids of its own or those that it hears.
+/// Publishes zero wrenches, under an id of its own or under the sensor's.
 struct Stranger {
     bus: Bus,
-    /// Named like any service, for as long as it speaks.
+    /// Declares it as a service while it publishes.
     health: HealthReporter,
     status: RawPublisher,
     wrench: RawPublisher,
@@ -45,7 +45,7 @@ impl Stranger {
         }
     }
 
-    /// Speaks in a thread of its own until `stop`; returns how often.
+    /// Publishes in a thread of its own until `stop`; returns the number of messages.
     fn speak(self, stop: Stop) -> std::thread::JoinHandle<u64> {
         std::thread::spawn(move || {
             // Ends with this thread.
@@ -82,7 +82,7 @@ impl Stranger {
     }
 }
 
-/// As oneself, or as the next word of whoever was heard.
+/// Publishes a message as itself, or as the next message of another publisher.
 fn say<M: Message>(publisher: &RawPublisher, message: &M, other: Option<&mut ([u8; 16], u64)>) {
     let mut bytes = Vec::new();
     cdr::encode(message, &mut bytes).unwrap();
@@ -95,7 +95,7 @@ fn say<M: Message>(publisher: &RawPublisher, message: &M, other: Option<&mut ([u
     }
 }
 
-/// The fault that a service's health tells, and how many samples of `wrench/tool` it refused.
+/// The fault in a service's health, and the number of samples of `wrench/tool` that it refused.
 fn told(cell: &Cell, service: &str) -> Option<(String, f64)> {
     let status = json(&cell.cli(&["status", "--json"]));
     let services = status["services"].as_array().unwrap();
@@ -107,11 +107,11 @@ fn told(cell: &Cell, service: &str) -> Option<(String, f64)> {
     Some((fault, refused))
 }
 
-/// Zeros at 1.9 kHz beside the true wrench, while the tool slides: nobody takes them, and everybody
-/// who hears them says whose they are. A task is not started beside them.
+/// Zeros at 1.9 kHz beside the true wrench, while the tool slides: no service uses them, and every
+/// reader reports their publisher. A task is not started beside them.
 #[test]
 fn a_strangers_wrench_is_refused_by_name() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&APART);
         let from = now_ns();
         let stop = Stop::new();
@@ -154,11 +154,11 @@ fn a_strangers_wrench_is_refused_by_name() {
     });
 }
 
-/// One that copies the ids it hears cannot be told from the sensor: neither is believed, and the
-/// arm leaves the surface.
+/// A publisher that copies the ids it receives cannot be told from the sensor: neither is trusted,
+/// and the arm leaves the surface.
 #[test]
 fn a_copied_id_stops_the_task_and_steers_nothing() {
-    live(|| {
+    live_beside_others(|| {
         let (mut cell, observer) = sliding(&APART);
         let from = now_ns();
         let stop = Stop::new();
@@ -195,10 +195,10 @@ fn most_memory_mb(id: u32) -> f64 {
     kib * 1024.0 * 1e-6
 }
 
-/// A stranger without a bound sends messages of 100 MB to another one who would take them.
+/// A client without a size limit sends messages of 100 MB to another one that subscribes to them.
 #[test]
 fn large_messages_do_not_fill_the_router() {
-    live(|| {
+    live_beside_others(|| {
         const LARGE: Topic<Image> = Topic::new("camera/large", Delivery::Bulk);
         let mut cell = Cell::new(|_| {});
         cell.start("router");

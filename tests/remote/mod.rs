@@ -1,25 +1,26 @@
-//! Another host, and the wire to it.
+//! Another host, and the network link to it.
 
 mod relay;
 
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use relay::Relay;
 
-/// What the wire does to each way.
+/// Disturbance of the link, in each direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Wire {
-    /// ms, one way.
+    /// Delay in one direction, ms.
     pub delay_ms: f64,
-    /// ms, either side of it.
+    /// Largest deviation from the delay, ms.
     pub jitter_ms: f64,
-    /// Share of packets.
+    /// Share of packets that are lost.
     pub loss: f64,
-    /// Share of packets.
+    /// Share of packets that are reordered.
     pub reorder: f64,
 }
 
-/// Another host: a network namespace where that can be had, else this one.
+/// Another host: a network namespace if possible, otherwise this host.
 pub struct Host {
     namespace: Option<Namespace>,
     relay: Option<Relay>,
@@ -27,13 +28,13 @@ pub struct Host {
 
 struct Namespace {
     name: String,
-    /// Our end of the pair, and our and its address.
+    /// Our end of the pair of devices, and the addresses of both ends.
     device: String,
     ours: String,
     netem: bool,
 }
 
-/// A process over there; ended with the test.
+/// A process on the other host; it ends with the test.
 pub struct Remote(Child);
 
 impl Drop for Remote {
@@ -54,9 +55,12 @@ fn sh(line: &str) -> bool {
 }
 
 impl Namespace {
-    /// None without the rights or the tools.
+    /// `None` without the privileges or the tools.
     fn new() -> Option<Self> {
-        let id = std::process::id() % 60_000;
+        // Each test of this process has one, and other processes have theirs.
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        let id = (std::process::id() * 16 + number % 16) % 60_000;
         let name = format!("tangent{id}");
         let (device, peer) = (format!("tga{id}"), format!("tgb{id}"));
         let net = format!("10.213.{}", id % 250);
@@ -126,7 +130,7 @@ impl Host {
         }
     }
 
-    /// For a person.
+    /// Description for the output.
     pub fn describe(&self) -> &'static str {
         match &self.namespace {
             Some(namespace) if namespace.netem => "a network namespace, its wire spoilt by netem",
@@ -139,7 +143,7 @@ impl Host {
         }
     }
 
-    /// From now on the wire to the router on `port` is like that.
+    /// Disturbs the link to the router on `port` from now on.
     pub fn spoil(&mut self, wire: &Wire, port: u16) {
         match &self.namespace {
             Some(namespace) if namespace.netem => namespace.spoil(wire),
@@ -147,7 +151,7 @@ impl Host {
         }
     }
 
-    /// The router's endpoint as seen from there.
+    /// The router's endpoint as seen from the other host.
     pub fn router(&self, port: u16) -> String {
         let address = self
             .namespace
@@ -157,7 +161,7 @@ impl Host {
         format!("tcp/{address}:{port}")
     }
 
-    /// Starts the program over there.
+    /// Starts the program on the other host.
     pub fn run(&self, args: &[&str]) -> Remote {
         let program = env!("CARGO_BIN_EXE_tangent");
         let mut command = match &self.namespace {

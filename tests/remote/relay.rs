@@ -1,6 +1,6 @@
-//! A relay that holds bytes back on their way, as a delayed, lossy, reordering wire makes TCP do:
-//! what is lost or overtaken comes late, and everything behind it waits. Nothing is ever missing or
-//! out of order above TCP.
+//! A relay that delays bytes as a slow, lossy, reordering link makes TCP do: lost or reordered
+//! packets arrive late, and everything behind them waits. Above TCP, nothing is ever missing or out
+//! of order.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -25,7 +25,7 @@ pub struct Relay {
 }
 
 impl Relay {
-    /// Between a new port and `port` on this host.
+    /// Starts a relay between a new port and `port` on this host.
     pub fn to(port: u16, wire: Wire) -> Self {
         let listener = TcpListener::bind("0.0.0.0:0").unwrap();
         let own = listener.local_addr().unwrap().port();
@@ -48,13 +48,13 @@ impl Relay {
         Self { port: own }
     }
 
-    /// Where it listens.
+    /// Port of the relay.
     pub fn port(&self) -> u16 {
         self.port
     }
 }
 
-/// One way: one thread takes, another gives when it is time.
+/// One direction: one thread receives, another sends when the delay is over.
 fn carry(mut from: TcpStream, mut to: TcpStream, wire: Wire, seed: u64) {
     for end in [&from, &to] {
         end.set_nodelay(true).unwrap();
@@ -91,7 +91,7 @@ fn carry(mut from: TcpStream, mut to: TcpStream, wire: Wire, seed: u64) {
     });
 }
 
-/// xorshift64*: the same every time.
+/// xorshift64*: the sequence is identical in every run.
 struct Random(u64);
 
 impl Random {

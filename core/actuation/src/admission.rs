@@ -1,39 +1,65 @@
-//! Which commands an arm takes: by their age and order, their kind, and the task that they belong
-//! to.
+//! Admission of commands, by their age and order, their kind, and the task to which they belong.
 //!
-//! The part that all gates share. A gate hands each command in with a function that checks its
-//! values, and gets back the target that is to be followed in this cycle, if any.
+//! Shared by all gates. A gate passes each command with a function that checks its values, and
+//! receives the target to be followed in this cycle, if any.
 
 use tangent_schemas::CommandKind;
 
 use crate::command::Command;
 use crate::refusal::Refusal;
 
-/// When a command is too late, and how long silence may last.
+/// Limits on the delay of a command and on silence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdmissionRules {
-    /// The one kind that moves this arm.
+    /// Kind of command that moves this arm.
     pub moves: CommandKind,
-    /// Cycles without a good command through which the last one is followed; an older one is
-    /// refused.
+    /// Number of cycles without a valid command for which the last one is followed; an older
+    /// command is refused.
     pub patience_cycles: u32,
-    /// Silence after which the activation is latched out, s.
+    /// Time without commands after which the activation is latched out, s.
     pub silence_latch_s: f64,
-    /// A refused command that does more than repeat an answer ends the task that is followed; else
-    /// the next good one goes on with it.
+    /// Whether a refused command that is more than a repeated answer ends the current task; if not,
+    /// the next valid command continues it.
     pub refusal_ends_task: bool,
 }
 
-/// What a command meant for the cycle.
+/// Effect of a command in the cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Heard {
-    /// The robot itself shall stop.
+    /// Whether the robot itself must stop.
     pub soft_stop: bool,
-    /// The command was wrong: nothing is followed in this cycle.
+    /// Whether the command was wrong: nothing is followed in this cycle.
     pub bad: bool,
 }
 
-/// Admission of commands, with its memory. `T` is what a command asks of the arm.
+/// Admission of commands, with its state. `T` is the target that a command requests.
+///
+/// ```
+/// use tangent_actuation::admission::{Admission, AdmissionRules};
+/// use tangent_actuation::Command;
+/// use tangent_schemas::CommandKind;
+///
+/// let mut admission = Admission::new(AdmissionRules {
+///     moves: CommandKind::JointTorque,
+///     patience_cycles: 2,
+///     silence_latch_s: 0.1,
+///     refusal_ends_task: false,
+/// });
+/// let command = Command {
+///     cycle: 1,
+///     kind: CommandKind::JointTorque.number(),
+///     values: &[3.0],
+///     acceleration: 0.0,
+///     activation: 1,
+/// };
+/// let heard = admission.hear(1, true, Some(&command), |command| Ok(command.values[0]));
+/// assert_eq!(admission.followed(heard), Some(3.0));
+/// // Without a command it is followed for two more cycles.
+/// for (cycle, followed) in [(2, Some(3.0)), (3, Some(3.0)), (4, None)] {
+///     let heard = admission.hear(cycle, true, None, |_| Ok(0.0));
+///     assert_eq!(admission.followed(heard), followed);
+/// }
+/// ```
 #[derive(Clone, Debug)]
 pub struct Admission<T> {
     rules: AdmissionRules,
@@ -49,7 +75,7 @@ pub struct Admission<T> {
 }
 
 impl<T: Copy> Admission<T> {
-    /// Before the first command.
+    /// State before the first command.
     pub fn new(rules: AdmissionRules) -> Self {
         Self {
             rules,
@@ -65,9 +91,9 @@ impl<T: Copy> Admission<T> {
         }
     }
 
-    /// Begins cycle `cycle` with the command that arrived in it, if one did. `may_move`: the arm
-    /// follows commands now. `target` is the meaning of a command that moves, or why its values are
-    /// refused.
+    /// Begins cycle `cycle` with the command that arrived in it, if any. `may_move`: the arm
+    /// follows commands now. `target` returns the target of a command that moves the arm, or the
+    /// reason why its values are refused.
     pub fn hear(
         &mut self,
         cycle: u64,
@@ -91,7 +117,7 @@ impl<T: Copy> Admission<T> {
                     heard.bad = refusal.is_bad();
                     self.refused += 1;
                     self.refusal = Some(refusal);
-                    // In silence the arm is coming to rest already.
+                    // During silence the arm is already coming to rest.
                     let follows =
                         self.target.is_some() && self.silent_cycles <= self.rules.patience_cycles;
                     let repeats = matches!(refusal, Refusal::Duplicate { .. });
@@ -107,7 +133,7 @@ impl<T: Copy> Admission<T> {
         heard
     }
 
-    /// Counts the cycle as missed where a command was due and none came. The same `cycle` again is
+    /// Counts the cycle as missed if a command was due and none arrived. The same `cycle` again is
     /// a heartbeat, sent because the robot's packet is late, and not counted.
     pub fn count_missed(&mut self, cycle: u64) {
         if self.target.is_some() && cycle > self.cycle_stepped && self.silent_cycles > 0 {
@@ -116,7 +142,7 @@ impl<T: Copy> Admission<T> {
         self.cycle_stepped = self.cycle_stepped.max(cycle);
     }
 
-    /// Latches the activation out after too long a silence, in cycles of `period_s`.
+    /// Latches the activation out after too long a silence; one cycle takes `period_s`, s.
     pub fn latch_after_silence(&mut self, period_s: f64) {
         let silent_s = f64::from(self.silent_cycles) * period_s;
         if self.target.is_some() && silent_s > self.rules.silence_latch_s {
@@ -124,26 +150,26 @@ impl<T: Copy> Admission<T> {
         }
     }
 
-    /// What to follow in this cycle.
+    /// Target to be followed in this cycle.
     pub fn followed(&self, heard: Heard) -> Option<T> {
         self.target
             .filter(|_| !heard.bad && self.silent_cycles <= self.rules.patience_cycles)
     }
 
-    /// Refuses the present activation, and older ones, from now on.
+    /// Refuses the present activation, and all older ones, from now on.
     pub fn latch(&mut self) {
         self.activation_latched = self.activation_latched.max(self.activation_seen);
         self.target = None;
     }
 
-    /// Another source commands from now on, and brought `activation`: it moves nothing, like every
-    /// one before.
+    /// Changes the source of the commands. The new source's current `activation` and all older ones
+    /// are refused.
     pub fn change_hands(&mut self, activation: u64) {
         self.activation_seen = self.activation_seen.max(activation);
         self.latch();
     }
 
-    /// A command is kept that may be followed.
+    /// Whether there is a command that may be followed.
     pub fn is_commanded(&self) -> bool {
         self.target.is_some()
     }
@@ -163,13 +189,13 @@ impl<T: Copy> Admission<T> {
         self.refused
     }
 
-    /// Why the last refused command was.
+    /// Reason of the last refusal.
     pub fn refusal(&self) -> Option<&Refusal> {
         self.refusal.as_ref()
     }
 
-    /// Packets of the robot that no good command answered while one was due. A packet that itself
-    /// is late is not among them.
+    /// Number of the robot's packets for which a command was due and no valid one arrived. A late
+    /// packet of the robot is not counted.
     pub fn missed(&self) -> u64 {
         self.missed
     }

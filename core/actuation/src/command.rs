@@ -1,22 +1,37 @@
-//! A command as a gate takes it.
+//! A command as passed to a gate.
 
 use tangent_mechanics::Joints;
 use tangent_schemas::tangent::ArmCommand;
 
 use crate::refusal::Refusal;
 
-/// A command as it arrived. Each is given to the gate once.
+/// A command as received. Each is passed to the gate once.
+///
+/// ```
+/// use tangent_actuation::{Command, Refusal};
+/// use tangent_mechanics::Joints;
+/// use tangent_schemas::tangent::ArmCommand;
+///
+/// let message = ArmCommand {
+///     values: [0.1, 0.2].into_iter().collect(),
+///     ..ArmCommand::default()
+/// };
+/// let command = Command::from(&message);
+/// assert_eq!(command.joints(), Ok(Joints::from([0.1, 0.2])));
+/// let refused = command.joints::<6>();
+/// assert_eq!(refused, Err(Refusal::JointCount { got: 2, joints: 6 }));
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Command<'a> {
-    /// `ArmState.cycle` that it answers.
+    /// `ArmState.cycle` to which the command responds.
     pub cycle: u64,
-    /// Number of a [`tangent_schemas::CommandKind`], as it came.
+    /// Number of a [`tangent_schemas::CommandKind`], as received.
     pub kind: u8,
-    /// rad/s or Nm, base to flange.
+    /// Joint values, rad/s or Nm, base to flange.
     pub values: &'a [f64],
     /// Bound on joint acceleration, rad/s²; zero or less means the cell's own limit.
     pub acceleration: f64,
-    /// Counts task starts.
+    /// Number of task starts.
     pub activation: u64,
 }
 

@@ -61,6 +61,22 @@ pub enum LeaseDecision {
 }
 
 /// Lease on the arm and its current or last holder.
+///
+/// ```
+/// use tangent_actuation::lease::{Lease, LeaseDecision, SILENCE_S, Source};
+///
+/// let [first, second] = [1, 2].map(|id| Source {
+///     publisher: [id; 16],
+///     ..Source::default()
+/// });
+/// let mut lease = Lease::default();
+/// assert_eq!(lease.admit(&first, 0.0, true), LeaseDecision::Taken);
+/// assert_eq!(lease.admit(&second, 0.1, true), LeaseDecision::Refused);
+/// // It changes hands after silence, and only while the arm rests.
+/// let later_s = 0.1 + SILENCE_S;
+/// assert_eq!(lease.admit(&second, later_s, false), LeaseDecision::Refused);
+/// assert_eq!(lease.admit(&second, later_s, true), LeaseDecision::Taken);
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Lease {
     /// Holder, and the time of its last command, s.

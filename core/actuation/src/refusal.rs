@@ -1,73 +1,82 @@
-//! Why a gate does not take a command: what came, and what is allowed.
+//! Reasons why a gate refuses a command, with the received and the allowed value.
 
 use std::fmt;
 
 use tangent_schemas::CommandKind;
 
 /// Why a command was refused.
+///
+/// ```
+/// use tangent_actuation::Refusal;
+///
+/// let refusal = Refusal::Speed { joint: 1, value: 2.0, limit: 1.0 };
+/// assert_eq!(refusal.to_string(), "joint 2 at 2.000 rad/s, limit 1.000 rad/s");
+/// assert!(refusal.is_bad());
+/// assert!(!Refusal::Old { age: 3 }.is_bad());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Refusal {
-    /// It answers a cycle too long ago.
+    /// The command responds to a cycle too long ago.
     Old {
-        /// Cycles.
+        /// Age in cycles.
         age: u64,
     },
-    /// It answers a cycle that was answered before.
+    /// The command responds to a cycle that was already answered.
     Duplicate {
         /// The cycle.
         cycle: u64,
     },
-    /// It answers a cycle that is yet to come.
+    /// The command responds to a future cycle.
     Future {
         /// The cycle.
         cycle: u64,
     },
-    /// Neither hold, nor soft stop, nor the one kind that moves this arm.
+    /// The kind is neither hold, nor soft stop, nor the one that moves this arm.
     Kind {
-        /// What came.
+        /// Kind received.
         kind: u8,
-        /// What moves this arm.
+        /// Kind that moves this arm.
         moves: CommandKind,
     },
-    /// Not one value per joint.
+    /// The number of values differs from the number of joints.
     JointCount {
-        /// What came.
+        /// Number of values received.
         got: usize,
-        /// Joints of the arm.
+        /// Number of joints of the arm.
         joints: usize,
     },
     /// A value or the acceleration is NaN or infinite.
     NotFinite,
-    /// Beyond a joint's speed limit.
+    /// A value exceeds a joint's speed limit.
     Speed {
-        /// Which joint, from 0.
+        /// Index of the joint, from 0.
         joint: usize,
-        /// What came, rad/s.
+        /// Value received, rad/s.
         value: f64,
-        /// What is allowed, rad/s.
+        /// Limit, rad/s.
         limit: f64,
     },
-    /// Beyond a joint's torque limit.
+    /// A value exceeds a joint's torque limit.
     Torque {
-        /// Which joint, from 0.
+        /// Index of the joint, from 0.
         joint: usize,
-        /// What came, Nm.
+        /// Value received, Nm.
         value: f64,
-        /// What is allowed, Nm.
+        /// Limit, Nm.
         limit: f64,
     },
-    /// Its activation is latched out.
+    /// The activation is latched out.
     Latched {
-        /// What came.
+        /// Activation received.
         activation: u64,
-        /// The newest that is refused.
+        /// Newest activation that is refused.
         latched: u64,
     },
 }
 
 impl Refusal {
-    /// The command itself is wrong, not only late or repeated: the command before it is not
-    /// followed any longer either.
+    /// Whether the command itself is wrong, not only late or repeated: then the previous command is
+    /// no longer followed either.
     pub fn is_bad(&self) -> bool {
         matches!(
             self,

@@ -1,104 +1,93 @@
-//! The gate of an arm that takes joint torques and compensates gravity itself: whatever it is told,
-//! the torques that leave are finite, inside every joint's limit, and never change faster than the
-//! robot bears.
+//! The gate of an arm that takes joint torques and compensates gravity itself: for any input, its
+//! output torques are finite, within every joint's limit, and within the rate limit of the robot.
 //!
-//! The bridge calls [`TorqueGate::step`] once per answer. A good command is followed. A bad one is
-//! refused and the arm goes over to being held; silence is ridden out for a few cycles, then it is
-//! held too. After longer silence, when the arm leaves its limits, or whenever it may not move, the
-//! present activation is latched out: only a newer one moves the arm again.
+//! The bridge calls [`TorqueGate::step`] once per answer. A valid command is followed. After an
+//! invalid one, which is refused, the arm is held. A missing command is tolerated for a few cycles,
+//! then the arm is held too. After longer silence, when the arm leaves its limits, or whenever it
+//! may not move, the present activation is latched out: only a newer one moves the arm again.
 //!
-//! Holding is a torque law of its own, since a torque that merely stays or vanishes is no stop: the
-//! last torque fades out while damping takes the motion away, and a spring to where the arm then is
-//! keeps it there. The robot adds gravity itself.
+//! Holding is a torque law of its own, since a constant or zero torque does not stop the arm: the
+//! last torque fades out while damping stops the motion, and then a spring keeps the arm at its
+//! position. The robot adds gravity itself.
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_mechanics::Joints;
 use tangent_schemas::CommandKind;
 
 use crate::admission::{Admission, AdmissionRules};
-use crate::{Command, Refusal};
+use crate::command::Command;
+use crate::motion_limits::MotionLimits;
+use crate::refusal::Refusal;
 
-/// A torque this much beyond its limit is rounding, and is cut; beyond it, it is refused.
+/// Ratio to the limit up to which an excess torque counts as rounding and is clipped; a larger one
+/// is refused.
 const TORQUE_TOLERANCE: f64 = 1.01;
-/// The last torque fades out over this time, s.
+/// Time in which the last torque fades out, s.
 const FADE_S: f64 = 0.05;
-/// The spring of the hold grows to its stiffness over this time after that, s.
+/// Time after that in which the spring of the hold grows to its stiffness, s.
 const SPRING_S: f64 = 0.2;
-/// Share of a joint's limit that the hold's spring uses at most.
+/// Maximum share of a joint's limit that the hold's spring uses.
 const SPRING_SHARE: f64 = 0.3;
-/// Speed limits are judged with this much room: what is measured is noisy, and a torque does not
-/// set a speed.
+/// Margin on the speed limits: the measurement is noisy, and a torque does not set a speed.
 const SPEED_ROOM: f64 = 1.2;
 
-/// Limits of the cell, per joint from base to flange.
+/// Limits of an arm that takes joint torques; per joint from base to flange.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TorqueLimits<const N: usize> {
-    /// Without gravity, Nm.
+    /// Limits on joints and tool. An arm that leaves them is held.
+    pub motion: MotionLimits<N>,
+    /// Largest joint torque, without gravity, Nm.
     pub torque_nm: Joints<N>,
-    /// Nm/s.
+    /// Largest rate of a joint torque, Nm/s.
     pub torque_rate_nm_per_s: Joints<N>,
-    /// rad/s.
-    pub speed_rad_per_s: Joints<N>,
-    /// rad.
-    pub position_lower_rad: Joints<N>,
-    /// rad.
-    pub position_upper_rad: Joints<N>,
-    /// Speed of the tool's origin, m/s.
-    pub tool_speed_max_m_per_s: f64,
-    /// Turn rate of the tool, rad/s.
-    pub tool_turn_rate_max_rad_per_s: f64,
-    /// The tool's origin stays inside this box: lower corner, base axes, m.
-    pub workspace_lower_m: Vector3<f64>,
-    /// Upper corner, base axes, m.
-    pub workspace_upper_m: Vector3<f64>,
     /// Stiffness of the hold, Nm/rad.
     pub hold_stiffness: Joints<N>,
     /// Damping of the hold, Nm s/rad.
     pub hold_damping: Joints<N>,
-    /// Cycles without a good command through which the last one is kept.
+    /// Number of cycles without a valid command for which the last one is followed.
     pub patience_cycles: u32,
-    /// Silence after which the activation is latched out, s.
+    /// Time without commands after which the activation is latched out, s.
     pub silence_latch_s: f64,
 }
 
-/// Where the arm is and what its joints do, as measured.
+/// Measured state of the arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Posture<const N: usize> {
-    /// rad.
+    /// Joint positions, rad.
     pub q: Joints<N>,
-    /// rad/s.
+    /// Joint velocities, rad/s.
     pub qd: Joints<N>,
-    /// The torque that the robot goes by now, without gravity, Nm.
+    /// Torque that the robot applies now, without gravity, Nm.
     pub torque: Joints<N>,
-    /// Tool's origin, base axes, m.
+    /// Position of the tool's origin, base axes, m.
     pub tool_m: Vector3<f64>,
-    /// Joint velocity to the twist of the tool's origin, base axes: m/s above rad/s.
+    /// Jacobian from joint velocity to the twist of the tool's origin, base axes: m/s above rad/s.
     pub tool_jacobian: SMatrix<f64, 6, N>,
 }
 
-/// Whether the robot would follow.
+/// Whether the robot follows commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Permission {
-    /// It would.
+    /// The robot follows, and may be moved.
     Move,
-    /// It would, but no source may move it: it is held.
+    /// The robot follows, but no source may move it: it is held.
     Hold,
-    /// It does not follow torques now.
+    /// The robot does not follow torques now.
     Off,
 }
 
-/// A limit that the arm itself left, whatever the torques were.
+/// A limit that the arm itself exceeded, whatever the torques were.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Trip {
-    /// Joint (from 0), rad/s, limit.
+    /// Joint (from 0), speed, rad/s, and limit, rad/s.
     JointSpeed(usize, f64, f64),
-    /// Joint (from 0), rad.
+    /// Joint (from 0), position, rad.
     JointPosition(usize, f64),
-    /// m/s, limit.
+    /// Tool speed, m/s, and limit, m/s.
     ToolSpeed(f64, f64),
-    /// rad/s, limit.
+    /// Turn rate of the tool, rad/s, and limit, rad/s.
     ToolTurnRate(f64, f64),
-    /// Coordinate (0 to 2), m.
+    /// Coordinate (0 to 2), position, m.
     Workspace(usize, f64),
 }
 
@@ -128,14 +117,14 @@ impl std::fmt::Display for Trip {
     }
 }
 
-/// What goes to the robot this cycle.
+/// Output to the robot in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Allowed<const N: usize> {
-    /// Without gravity, Nm.
+    /// Torque without gravity, Nm.
     pub torque: Joints<N>,
-    /// A command is being followed; otherwise the arm is held.
+    /// Whether a command is being followed; otherwise the arm is held.
     pub following: bool,
-    /// The robot itself shall end the motion.
+    /// Whether the robot itself must end the motion.
     pub soft_stop: bool,
 }
 
@@ -146,12 +135,57 @@ struct Hold<const N: usize> {
     age_s: f64,
 }
 
-/// The gate with its memory.
+/// The gate of an arm that takes joint torques, with its state.
+///
+/// ```
+/// use nalgebra::{SMatrix, Vector3};
+/// use tangent_actuation::torque::{Permission, Posture, TorqueGate, TorqueLimits};
+/// use tangent_actuation::{Command, MotionLimits};
+/// use tangent_mechanics::Joints;
+/// use tangent_schemas::CommandKind;
+///
+/// let limits = TorqueLimits::<7> {
+///     motion: MotionLimits {
+///         speed_rad_per_s: Joints::repeat(1.0),
+///         position_lower_rad: Joints::repeat(-2.0),
+///         position_upper_rad: Joints::repeat(2.0),
+///         tool_speed_max_m_per_s: 0.25,
+///         tool_turn_rate_max_rad_per_s: 1.0,
+///         workspace_lower_m: Vector3::repeat(-1.0),
+///         workspace_upper_m: Vector3::repeat(1.0),
+///     },
+///     torque_nm: Joints::repeat(10.0),
+///     torque_rate_nm_per_s: Joints::repeat(900.0),
+///     hold_stiffness: Joints::repeat(100.0),
+///     hold_damping: Joints::repeat(10.0),
+///     patience_cycles: 2,
+///     silence_latch_s: 0.1,
+/// };
+/// let mut gate = TorqueGate::new(limits, 0.001);
+/// let posture = Posture {
+///     q: Joints::zeros(),
+///     qd: Joints::zeros(),
+///     torque: Joints::zeros(),
+///     tool_m: Vector3::zeros(),
+///     tool_jacobian: SMatrix::zeros(),
+/// };
+/// let command = Command {
+///     cycle: 1,
+///     kind: CommandKind::JointTorque.number(),
+///     values: &[5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+///     acceleration: 0.0,
+///     activation: 1,
+/// };
+/// let allowed = gate.step(1, Permission::Move, &posture, Some(&command));
+/// assert!(allowed.following);
+/// // A step in the command leaves as a ramp of 900 Nm/s.
+/// assert!((allowed.torque[0] - 0.9).abs() < 1e-12);
+/// ```
 #[derive(Clone, Debug)]
 pub struct TorqueGate<const N: usize> {
     limits: TorqueLimits<N>,
     period_s: f64,
-    /// Which commands are taken.
+    /// Admission of the commands.
     pub admission: Admission<Joints<N>>,
     hold: Option<Hold<N>>,
     limited: u64,
@@ -176,8 +210,8 @@ impl<const N: usize> TorqueGate<N> {
         }
     }
 
-    /// One answer. `arrived` is a command that was not given before; `cycle` the number of the
-    /// robot's packet in hand.
+    /// Processes one cycle. `arrived` is a command that was not passed before; `cycle` is the
+    /// number of the robot's present packet.
     pub fn step(
         &mut self,
         cycle: u64,
@@ -191,7 +225,7 @@ impl<const N: usize> TorqueGate<N> {
             read_torques(most, command)
         });
         if permission == Permission::Off || heard.soft_stop {
-            // The robot goes by its own controller; the next motion starts from nothing.
+            // The robot's own controller is active; the next motion starts from zero torque.
             self.hold = None;
             return Allowed {
                 torque: Joints::zeros(),
@@ -222,12 +256,12 @@ impl<const N: usize> TorqueGate<N> {
         }
     }
 
-    /// Cycles in which a limit changed what was commanded.
+    /// Number of cycles in which a limit changed the command.
     pub fn limited(&self) -> u64 {
         self.limited
     }
 
-    /// The limit that the arm left when it was last moved, if it did.
+    /// Limit that the arm exceeded when it last moved, if any.
     pub fn trip(&self) -> Option<&Trip> {
         self.trip.as_ref()
     }
@@ -240,7 +274,7 @@ impl<const N: usize> TorqueGate<N> {
             age_s: 0.0,
         });
         if hold.age_s < FADE_S {
-            // The spring's rest is where the arm is once the old torque has gone.
+            // The spring's rest position is that of the arm once the old torque is gone.
             hold.q = posture.q;
         }
         let fade = smooth(hold.age_s / FADE_S);
@@ -256,7 +290,8 @@ impl<const N: usize> TorqueGate<N> {
         torque
     }
 
-    /// Inside the joints' limits, and within reach of what the robot goes by now.
+    /// Limits a torque to the joints' limits, and to the rate limit relative to the torque that the
+    /// robot applies now.
     fn limit(&mut self, aim: &Joints<N>, posture: &Posture<N>, counts: bool) -> Joints<N> {
         let limits = &self.limits;
         let period_s = self.period_s;
@@ -274,13 +309,13 @@ impl<const N: usize> TorqueGate<N> {
     }
 
     fn tripped(&self, posture: &Posture<N>) -> Option<Trip> {
-        let l = &self.limits;
+        let l = &self.limits.motion;
         for i in 0..N {
             let (q, qd) = (posture.q[i], posture.qd[i]);
             if qd.abs() > SPEED_ROOM * l.speed_rad_per_s[i] {
                 return Some(Trip::JointSpeed(i, qd, l.speed_rad_per_s[i]));
             }
-            // On its way back inside it may go on.
+            // A joint outside its range may move back inside.
             let (lower, upper) = (l.position_lower_rad[i], l.position_upper_rad[i]);
             if (q < lower && qd <= 0.0) || (q > upper && qd >= 0.0) {
                 return Some(Trip::JointPosition(i, q));
@@ -304,10 +339,12 @@ impl<const N: usize> TorqueGate<N> {
     }
 }
 
-/// Torques (Nm) of a command, each within `most` but for rounding, or why they are refused.
+/// Torques (Nm) of a command, each within `most` except for rounding, or the reason of their
+/// refusal.
 ///
 /// # Errors
-/// [`Refusal`]: another number of joints, a value that is not finite or beyond its limit.
+/// [`Refusal`]: another number of joints, a value that is not finite, or one that exceeds its
+/// limit.
 pub fn read_torques<const N: usize>(
     most: &Joints<N>,
     command: &Command<'_>,
@@ -325,7 +362,7 @@ pub fn read_torques<const N: usize>(
     Ok(torque)
 }
 
-/// From 0 to 1 without a step in value or slope.
+/// Smooth step from 0 to 1, continuous in value and slope.
 fn smooth(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)

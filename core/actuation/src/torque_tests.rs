@@ -2,24 +2,28 @@ use nalgebra::{SMatrix, Vector3};
 use proptest::prelude::*;
 use tangent_mechanics::Joints;
 
+use crate::command::Command;
+use crate::motion_limits::MotionLimits;
+use crate::refusal::Refusal;
 use crate::torque::*;
-use crate::{Command, Refusal};
 
 const PERIOD_S: f64 = 0.001;
-/// What leaves may change by at most, Nm per cycle: below the robot's 1.
+/// Maximum change of the output, Nm per cycle: below the robot's limit of 1.
 const STEP_NM: f64 = 0.9 + 1e-12;
 
 fn limits() -> TorqueLimits<7> {
     TorqueLimits {
+        motion: MotionLimits {
+            speed_rad_per_s: Joints::repeat(1.0),
+            position_lower_rad: Joints::repeat(-2.0),
+            position_upper_rad: Joints::repeat(2.0),
+            tool_speed_max_m_per_s: 0.25,
+            tool_turn_rate_max_rad_per_s: 1.0,
+            workspace_lower_m: Vector3::repeat(-1.0),
+            workspace_upper_m: Vector3::repeat(1.0),
+        },
         torque_nm: Joints::from([70.0, 70.0, 70.0, 70.0, 9.6, 9.6, 9.6]),
         torque_rate_nm_per_s: Joints::repeat(900.0),
-        speed_rad_per_s: Joints::repeat(1.0),
-        position_lower_rad: Joints::repeat(-2.0),
-        position_upper_rad: Joints::repeat(2.0),
-        tool_speed_max_m_per_s: 0.25,
-        tool_turn_rate_max_rad_per_s: 1.0,
-        workspace_lower_m: Vector3::repeat(-1.0),
-        workspace_upper_m: Vector3::repeat(1.0),
         hold_stiffness: Joints::repeat(100.0),
         hold_damping: Joints::repeat(10.0),
         patience_cycles: 2,
@@ -37,7 +41,7 @@ fn at_rest() -> Posture<7> {
     }
 }
 
-/// Steps with a robot that goes by whatever leaves.
+/// Runs the gate with a robot that applies its output.
 struct Bench {
     gate: TorqueGate<7>,
     posture: Posture<7>,
@@ -108,13 +112,13 @@ fn silence_is_ridden_out_for_two_cycles_then_the_arm_is_held_without_a_step() {
     let mut before = bench.posture.torque;
     for _ in 0..300 {
         bench.step(None);
-        // The old torque goes, and nothing comes in its place while the arm stands.
+        // The old torque fades out, and nothing replaces it while the arm stands.
         assert!(bench.posture.torque[0] <= before[0]);
         before = bench.posture.torque;
     }
     assert_eq!(bench.posture.torque, Joints::<7>::zeros());
     assert_eq!(bench.gate.admission.activation_latched(), 1);
-    // The old activation moves nothing any more, a new one does.
+    // The old activation no longer moves the arm; a new one does.
     assert!(!bench.step(Some((2, &torque, 1))).following);
     assert!(matches!(
         bench.gate.admission.refusal(),
@@ -137,7 +141,7 @@ fn a_held_arm_is_damped_and_pulled_back() {
     }
     assert!((bench.posture.torque[3] + 5.0).abs() < 1e-9);
     assert!((bench.posture.torque[5] + 2.0).abs() < 1e-9);
-    // However far it is pushed, the spring stays soft.
+    // The spring force stays limited, however far the arm is pushed.
     bench.posture.q[3] = 1.0;
     for _ in 0..100 {
         bench.step(None);
@@ -175,7 +179,7 @@ fn what_is_bad_is_refused_and_not_followed_in_that_cycle() {
         let said = bench.gate.admission.refusal().unwrap().to_string();
         assert!(said.contains(words), "{said}");
         assert_eq!(bench.gate.admission.refused(), 1);
-        // One bad command is no end: the next good one is followed.
+        // One bad command does not end the task: the next good one is followed.
         assert!(bench.step(Some((2, &good, 1))).following);
     }
 }
@@ -262,8 +266,8 @@ fn act() -> impl Strategy<Value = Act> {
 }
 
 proptest! {
-    /// Whatever comes in whatever order, what leaves is finite, inside the limits, and never
-    /// further from what the robot goes by than it bears.
+    /// For any sequence of inputs, the output is finite, within the limits, and within the robot's
+    /// rate limit of the applied torque.
     #[test]
     fn what_leaves_is_always_within_the_robots_bounds(
         acts in proptest::collection::vec(act(), 1..60),
@@ -295,7 +299,7 @@ proptest! {
                 let wanted = values.as_ref().map(|values| Command { cycle, kind: 2, values, acceleration: 0.0, activation });
                 let allowed = gate.step(cycle, permission, &posture, wanted.as_ref());
                 if permission == Permission::Off {
-                    // The robot goes by its own controller; torques begin at zero again.
+                    // The robot's own controller is active; torques start from zero again.
                     posture.torque = Joints::zeros();
                     continue;
                 }

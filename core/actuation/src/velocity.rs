@@ -1,80 +1,71 @@
-//! The gate of an arm that follows joint velocities: whatever it is told, what it lets through
-//! stays inside every limit.
+//! The gate of an arm that follows joint velocities: for any input, its output stays within every
+//! limit.
 //!
-//! The bridge calls [`VelocityGate::step`] once per package to the robot. A good command is
-//! followed within the limits on joint speed, joint acceleration, joint position and tool speed. A
-//! bad one is refused and the arm ramps to zero; silence is ridden out for a few cycles, then it
-//! ramps to zero too. After longer silence, or whenever the arm may not move, the present
-//! activation is latched out: only a newer one moves the arm again.
+//! The bridge calls [`VelocityGate::step`] once per package to the robot. A valid command is
+//! followed within the limits on joint speed, joint acceleration, joint position and tool speed.
+//! After an invalid one, which is refused, the arm ramps to zero. A missing command is tolerated
+//! for a few cycles, then the arm ramps to zero too. After longer silence, or whenever the arm may
+//! not move, the present activation is latched out: only a newer one moves the arm again.
 //!
-//! What makes the limits hold together is one invariant: the velocity let through can always be
-//! brought to zero along its own direction, at the joints' acceleration limits, before any joint
-//! meets its stop. Slowing down along its own direction breaks no other limit, so there is always a
-//! safe answer.
+//! One invariant makes all limits compatible: the output velocity can always be brought to zero
+//! along its own direction, at the joints' acceleration limits, before any joint reaches its end
+//! stop. Slowing down along its own direction violates no other limit, so there is always a safe
+//! output.
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_mechanics::Joints;
 use tangent_schemas::CommandKind;
 
 use crate::admission::{Admission, AdmissionRules};
-use crate::{Command, Refusal};
+use crate::command::Command;
+use crate::motion_limits::MotionLimits;
+use crate::refusal::Refusal;
 
-/// Share of the tool's speed limits that is used; the rest covers what the Jacobian changes within
+/// Share of the tool's speed limits that is used; the rest covers the change of the Jacobian within
 /// a cycle.
 const TOOL_SPEED_SHARE: f64 = 0.98;
-/// The tool keeps this far from the walls of its box, m: its path while it stops is not quite
-/// straight.
+/// Distance that the tool keeps from the walls of its box, m: its path while stopping is not
+/// exactly straight.
 const WALL_MARGIN_M: f64 = 0.002;
-/// A command this much beyond the speed limit is rounding, and is scaled; beyond it, it is refused.
+/// Ratio to the limit up to which an excess speed counts as rounding and is scaled; a larger one is
+/// refused.
 const SPEED_TOLERANCE: f64 = 1.01;
 
-/// Limits of the cell, per joint from base to flange.
+/// Limits of an arm that follows joint velocities.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VelocityLimits<const N: usize> {
-    /// rad/s.
-    pub speed_rad_per_s: Joints<N>,
-    /// rad/s².
+    /// Limits on joints and tool.
+    pub motion: MotionLimits<N>,
+    /// Largest joint acceleration, base to flange, rad/s².
     pub acceleration_rad_per_s2: Joints<N>,
-    /// rad.
-    pub position_lower_rad: Joints<N>,
-    /// rad.
-    pub position_upper_rad: Joints<N>,
-    /// Speed of the tool's origin, m/s.
-    pub tool_speed_max_m_per_s: f64,
-    /// Turn rate of the tool, rad/s.
-    pub tool_turn_rate_max_rad_per_s: f64,
-    /// The tool's origin stays inside this box: lower corner, base axes, m.
-    pub workspace_lower_m: Vector3<f64>,
-    /// Upper corner, base axes, m.
-    pub workspace_upper_m: Vector3<f64>,
-    /// Time from a velocity sent to the arm following it, s: how much later than planned a stop may
-    /// begin.
+    /// Time from sending a velocity until the arm follows it, s: a stop may begin this much later
+    /// than planned.
     pub response_s: f64,
-    /// Cycles without a good command through which the last one is kept.
+    /// Number of cycles without a valid command for which the last one is followed.
     pub patience_cycles: u32,
-    /// Silence after which the activation is latched out, s.
+    /// Time without commands after which the activation is latched out, s.
     pub silence_latch_s: f64,
 }
 
-/// Where the arm is, as measured.
+/// Measured position of the arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Posture<const N: usize> {
-    /// rad.
+    /// Joint positions, rad.
     pub q: Joints<N>,
-    /// Tool's origin, base axes, m.
+    /// Position of the tool's origin, base axes, m.
     pub tool_m: Vector3<f64>,
-    /// Joint velocity to the twist of the tool's origin, base axes: m/s above rad/s.
+    /// Jacobian from joint velocity to the twist of the tool's origin, base axes: m/s above rad/s.
     pub tool_jacobian: SMatrix<f64, 6, N>,
 }
 
-/// Whether the robot would follow.
+/// Whether the robot follows commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Permission {
-    /// It would.
+    /// The robot follows, and may be moved.
     Move,
-    /// It would, but shall come to rest.
+    /// The robot follows, but must come to rest.
     RampDown,
-    /// It does not follow, and stands or is being stopped by its own controller.
+    /// The robot does not follow: it stands, or its own controller is stopping it.
     Off,
 }
 
@@ -89,30 +80,31 @@ impl Permission {
     }
 }
 
-/// What goes to the robot this cycle.
+/// Output to the robot in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Allowed<const N: usize> {
-    /// rad/s.
+    /// Joint velocities, rad/s.
     pub qd: Joints<N>,
-    /// A command is being followed, or the arm is being ramped to rest; otherwise the robot just
+    /// Whether a command is being followed or the arm is ramping to rest; otherwise the robot only
     /// holds.
     pub streaming: bool,
-    /// The robot itself shall stop and latch.
+    /// Whether the robot itself must stop and latch.
     pub soft_stop: bool,
 }
 
-/// The gate with its memory.
+/// The gate of an arm that follows joint velocities, with its state. The crate documentation has an
+/// example.
 #[derive(Clone, Debug)]
 pub struct VelocityGate<const N: usize> {
     limits: VelocityLimits<N>,
     period_s: f64,
-    /// Which commands are taken.
+    /// Admission of the commands.
     pub admission: Admission<Target<N>>,
     qd: Joints<N>,
     limited: u64,
 }
 
-/// What a command asks of the arm.
+/// Motion requested by a command.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<const N: usize> {
     qd: Joints<N>,
@@ -136,14 +128,14 @@ impl<const N: usize> VelocityGate<N> {
         }
     }
 
-    /// The robot's control period, s, once it is known.
+    /// Sets the robot's control period, s, once it is known.
     pub fn set_period(&mut self, period_s: f64) {
         self.period_s = period_s;
     }
 
-    /// One cycle. `arrived` is a command that was not given before. `cycle` is the number of the
-    /// robot packet in hand; the same number again is a heartbeat, sent because the robot's next
-    /// packet is late.
+    /// Processes one cycle. `arrived` is a command that was not passed before. `cycle` is the
+    /// number of the robot's present packet; the same number again is a heartbeat, sent because the
+    /// robot's next packet is late.
     pub fn step(
         &mut self,
         cycle: u64,
@@ -151,13 +143,13 @@ impl<const N: usize> VelocityGate<N> {
         posture: &Posture<N>,
         arrived: Option<&Command<'_>>,
     ) -> Allowed<N> {
-        let limits = &self.limits;
+        let limits = &self.limits.motion;
         let may_move = permission == Permission::Move;
         let heard = self
             .admission
             .hear(cycle, may_move, arrived, |command| read(limits, command));
         if permission == Permission::Off || heard.soft_stop {
-            // The robot follows its own stop, not us; the next motion starts from rest.
+            // The robot makes its own stop; the next motion starts from rest.
             self.qd = Joints::zeros();
             return Allowed {
                 qd: self.qd,
@@ -180,26 +172,25 @@ impl<const N: usize> VelocityGate<N> {
         }
     }
 
-    /// Velocity let through last, rad/s.
+    /// Last output velocity, rad/s.
     pub fn qd(&self) -> &Joints<N> {
         &self.qd
     }
 
-    /// Cycles in which a limit changed what was commanded.
+    /// Number of cycles in which a limit changed the command.
     pub fn limited(&self) -> u64 {
         self.limited
     }
 
-    /// Acceleration to tell the robot's own ramp, rad/s²: the gate's steps are never steeper.
+    /// Acceleration for the robot's own ramp, rad/s²: the gate's steps are never steeper.
     pub fn acceleration(&self) -> f64 {
         self.limits.acceleration_rad_per_s2.max()
     }
 
-    /// The velocity nearest to the target that keeps every limit and the invariant.
+    /// The velocity nearest to the target that satisfies every limit and the invariant.
     fn limit(&mut self, target: &Target<N>, posture: &Posture<N>) -> Joints<N> {
-        let limits = &self.limits;
         let mut scale: f64 = 1.0;
-        for (value, limit) in target.qd.iter().zip(&limits.speed_rad_per_s) {
+        for (value, limit) in target.qd.iter().zip(&self.limits.motion.speed_rad_per_s) {
             if value.abs() > *limit {
                 scale = scale.min(limit / value.abs());
             }
@@ -214,7 +205,7 @@ impl<const N: usize> VelocityGate<N> {
             self.limited += 1;
         }
 
-        // Straight towards the aim, as far as every joint's acceleration goes.
+        // Straight towards the target, as far as the acceleration limit of every joint permits.
         let step = aim - self.qd;
         let mut share: f64 = 1.0;
         for (i, delta) in step.iter().enumerate() {
@@ -236,15 +227,16 @@ impl<const N: usize> VelocityGate<N> {
         }
     }
 
-    /// The tool's speed and turn rate as shares of their limits, the larger of both.
+    /// Tool speed and turn rate as shares of their limits; the larger of the two.
     fn tool_excess(&self, qd: &Joints<N>, posture: &Posture<N>) -> f64 {
+        let limits = &self.limits.motion;
         let twist = posture.tool_jacobian * qd;
-        let speed = twist.fixed_rows::<3>(0).norm() / self.limits.tool_speed_max_m_per_s;
-        let turn = twist.fixed_rows::<3>(3).norm() / self.limits.tool_turn_rate_max_rad_per_s;
+        let speed = twist.fixed_rows::<3>(0).norm() / limits.tool_speed_max_m_per_s;
+        let turn = twist.fixed_rows::<3>(3).norm() / limits.tool_turn_rate_max_rad_per_s;
         speed.max(turn)
     }
 
-    /// Slower along its own direction, as hard as the acceleration limits allow.
+    /// Slows down along the present direction, as hard as the acceleration limits allow.
     fn brake(&self) -> Joints<N> {
         let stop_s = self.stop_time_s(&self.qd);
         if stop_s <= self.period_s {
@@ -262,15 +254,15 @@ impl<const N: usize> VelocityGate<N> {
             .fold(0.0, f64::max)
     }
 
-    /// What must stop in time: for each joint and each coordinate of the tool that moves, its speed
-    /// and the room left in that direction (rad/s and rad, m/s and m); room is negative beyond the
+    /// For each joint and each coordinate of the tool that moves: its speed and the remaining
+    /// distance in that direction (rad/s and rad, m/s and m); the distance is negative beyond the
     /// limit.
     fn approaches(
         &self,
         qd: &Joints<N>,
         posture: &Posture<N>,
     ) -> impl Iterator<Item = (f64, f64)> + use<N> {
-        let l = &self.limits;
+        let l = &self.limits.motion;
         let tool = (posture.tool_jacobian * qd).fixed_rows::<3>(0).into_owned();
         let joints: [(f64, f64); N] = std::array::from_fn(|i| {
             let (lower, upper) = (l.position_lower_rad[i], l.position_upper_rad[i]);
@@ -287,13 +279,13 @@ impl<const N: usize> VelocityGate<N> {
             .filter(|(speed, _)| *speed > 0.0)
     }
 
-    /// How far a stop may be off in time, s: half a cycle of the discrete ramp, and the arm's
-    /// response.
+    /// Uncertainty of a stop in time, s: half a cycle of the discrete ramp, and the arm's response.
     fn lag_s(&self) -> f64 {
         0.5 * self.period_s + self.limits.response_s
     }
 
-    /// The invariant: a stop along its own direction ends before every joint's stop and every wall.
+    /// The invariant: a stop along the direction of `qd` ends before every joint's end stop and
+    /// every wall.
     fn can_stop(&self, qd: &Joints<N>, posture: &Posture<N>) -> bool {
         let reach_s = 0.5 * self.stop_time_s(qd) + self.lag_s();
         self.approaches(qd, posture)
@@ -314,18 +306,18 @@ impl<const N: usize> VelocityGate<N> {
                 return 0.0;
             }
             let (a, c) = (speed * half_stop_s, speed * lag_s);
-            // The positive root, in the form that does not cancel.
+            // The positive root, in a form without cancellation.
             let root = 2.0 * room / (c + (c * c + 4.0 * a * room).sqrt());
-            // A hair less, so that rounding does not break the invariant it stands for.
+            // Slightly less, so that rounding does not violate the invariant.
             scale = scale.min(root * (1.0 - 1e-12));
         }
         scale
     }
 }
 
-/// What a command of joint velocities asks for, or why it is refused.
+/// Motion requested by a command of joint velocities, or the reason of its refusal.
 fn read<const N: usize>(
-    limits: &VelocityLimits<N>,
+    limits: &MotionLimits<N>,
     command: &Command<'_>,
 ) -> Result<Target<N>, Refusal> {
     let qd: Joints<N> = command.joints()?;
@@ -351,7 +343,7 @@ fn read<const N: usize>(
     })
 }
 
-/// How far `x` may still go in the direction of `v`.
+/// Remaining distance of `x` in the direction of `v`.
 fn room(v: f64, x: f64, lower: f64, upper: f64) -> f64 {
     if v > 0.0 { upper - x } else { x - lower }
 }

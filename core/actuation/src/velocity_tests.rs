@@ -1,23 +1,27 @@
-//! Whatever the gate is told, every limit holds.
+//! Every limit holds for any input to the gate.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use proptest::prelude::*;
 
+use crate::command::Command;
+use crate::motion_limits::MotionLimits;
+use crate::refusal::Refusal;
 use crate::velocity::*;
-use crate::{Command, Refusal};
 
 const PERIOD: f64 = 0.008;
 
 fn limits() -> VelocityLimits<6> {
     VelocityLimits {
-        speed_rad_per_s: Vector6::repeat(1.0),
+        motion: MotionLimits {
+            speed_rad_per_s: Vector6::repeat(1.0),
+            position_lower_rad: Vector6::repeat(-2.0),
+            position_upper_rad: Vector6::repeat(2.0),
+            tool_speed_max_m_per_s: 0.25,
+            tool_turn_rate_max_rad_per_s: 1.5,
+            workspace_lower_m: Vector3::new(-0.3, -0.4, -0.5),
+            workspace_upper_m: Vector3::new(0.3, 0.4, 0.5),
+        },
         acceleration_rad_per_s2: Vector6::new(8.0, 8.0, 8.0, 12.0, 12.0, 15.0),
-        position_lower_rad: Vector6::repeat(-2.0),
-        position_upper_rad: Vector6::repeat(2.0),
-        tool_speed_max_m_per_s: 0.25,
-        tool_turn_rate_max_rad_per_s: 1.5,
-        workspace_lower_m: Vector3::new(-0.3, -0.4, -0.5),
-        workspace_upper_m: Vector3::new(0.3, 0.4, 0.5),
         response_s: 0.04,
         patience_cycles: 2,
         silence_latch_s: 0.1,
@@ -46,7 +50,7 @@ fn posture(q: &Vector6<f64>) -> Posture<6> {
     }
 }
 
-/// An arm whose tool never moves: only the joints count.
+/// An arm whose tool never moves: only the joints' limits apply.
 fn joints_only(q: &Vector6<f64>) -> Posture<6> {
     Posture {
         q: *q,
@@ -154,8 +158,8 @@ proptest! {
                 let out = gate.step(cycle, m.permission, &posture, m.given.then_some(&wanted));
                 prop_assert!(out.qd.iter().all(|v| v.is_finite()));
                 for i in 0..6 {
-                    prop_assert!(out.qd[i].abs() <= limits.speed_rad_per_s[i] + 1e-12);
-                    // A soft stop is the robot's own ramp: there the gate lets go at once.
+                    prop_assert!(out.qd[i].abs() <= limits.motion.speed_rad_per_s[i] + 1e-12);
+                    // A soft stop is the robot's own ramp: the gate stops at once.
                     if !soft {
                         let reach = limits.acceleration_rad_per_s2[i] * PERIOD;
                         prop_assert!((out.qd[i] - before[i]).abs() <= reach * (1.0 + 1e-9),
@@ -164,8 +168,8 @@ proptest! {
                 }
                 let twist = posture.tool_jacobian * out.qd;
                 let (speed, turn) = (twist.fixed_rows::<3>(0).norm(), twist.fixed_rows::<3>(3).norm());
-                prop_assert!(speed <= limits.tool_speed_max_m_per_s * (1.0 + 1e-9), "tool at {speed} m/s");
-                prop_assert!(turn <= limits.tool_turn_rate_max_rad_per_s * (1.0 + 1e-9), "tool at {turn} rad/s");
+                prop_assert!(speed <= limits.motion.tool_speed_max_m_per_s * (1.0 + 1e-9), "tool at {speed} m/s");
+                prop_assert!(turn <= limits.motion.tool_turn_rate_max_rad_per_s * (1.0 + 1e-9), "tool at {turn} rad/s");
                 if m.kind == 1 && m.acceleration > 0.0 && m.given && gate.admission.cycle_accepted() == cycle
                     && out.qd.norm() > before.norm() {
                     for i in 0..6 {
@@ -176,7 +180,7 @@ proptest! {
                 q += out.qd * PERIOD;
                 let at = tool(&q);
                 for i in 0..3 {
-                    let (lower, upper) = (limits.workspace_lower_m[i], limits.workspace_upper_m[i]);
+                    let (lower, upper) = (limits.motion.workspace_lower_m[i], limits.motion.workspace_upper_m[i]);
                     // The tool may start outside the box; once inside, it stays.
                     if (lower..=upper).contains(&posture.tool_m[i]) {
                         prop_assert!((lower..=upper).contains(&at[i]), "tool at {} m, axis {i}", at[i]);
@@ -189,7 +193,8 @@ proptest! {
         }
     }
 
-    /// Also from outside its range, where somebody may have jogged it: it never moves further out.
+    /// Also from outside its range, where somebody may have jogged it: a joint never moves further
+    /// out.
     #[test]
     fn from_beyond_a_stop_it_only_moves_inwards(
         over in 0.0f64..1.0, joint in 0usize..6, values in prop::array::uniform6(-1.0f64..1.0),
@@ -260,7 +265,7 @@ fn silence_is_ridden_out_for_two_cycles_then_ramps_then_latches() {
     }
     assert_eq!(*gate.qd(), Vector6::zeros());
     assert_eq!(gate.admission.activation_latched(), 1);
-    // The same task does not go on by itself; a newer one does.
+    // The same task does not resume by itself; a newer one does.
     cycle += 1;
     let out = step(&mut gate, cycle, Some(&velocity(&values, cycle)));
     assert!(!out.streaming && out.qd == Vector6::zeros());

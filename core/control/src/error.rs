@@ -1,9 +1,9 @@
-//! What can be wrong with a task, a configuration or a request.
+//! Errors of tasks, configurations and requests.
 
 use tangent_mechanics::names::did_you_mean;
 use thiserror::Error;
 
-/// Errors of this crate. Each says what was wrong, the value, what is allowed, and what to do.
+/// Errors of this crate. Each states what is wrong, the value, the allowed range, and the remedy.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ControlError {
     /// The text is no valid TOML, or a key is unknown, missing or of the wrong type.
@@ -14,50 +14,50 @@ pub enum ControlError {
     Range {
         /// Dotted path of the key.
         key: String,
-        /// What was given.
+        /// Value given.
         value: String,
-        /// What is allowed.
+        /// Allowed range.
         allowed: String,
     },
     /// No preset of this name.
     #[error("no controller preset `{name}`{}: there are `default` and `paper`", did_you_mean(name, ["default", "paper"]))]
     UnknownPreset {
-        /// What was asked.
+        /// Name requested.
         name: String,
     },
     /// A request does not fit the phase the controller is in.
     #[error("cannot {request} while {phase}: {remedy}")]
     WrongPhase {
-        /// What was asked.
+        /// Request.
         request: &'static str,
-        /// The phase, in words.
+        /// Phase, as text.
         phase: &'static str,
         /// What to do instead.
         remedy: &'static str,
     },
-    /// The tool may touch something, and which way is away is not known.
+    /// The tool may touch something, and the direction away from it is not known.
     #[error(
         "cannot start a task: the tool may touch something since a task that did not end in free space, and which way is away is not known{}; move it clear by hand or with the pendant, look that it hangs free, then `tangent task start FILE --clear`",
         moved(.moved_m)
     )]
     MayTouch {
-        /// How far the tool is from where it was then, m; none where that is not known.
+        /// Distance of the tool from its position at that time, m; `None` if it is not known.
         moved_m: Option<f64>,
     },
     /// An estimator switch was refused.
     #[error("estimator `{name}` refused: {reason}")]
     SwitchRefused {
-        /// Who was asked for.
+        /// Name of the requested estimator.
         name: String,
-        /// Why not.
+        /// Reason of the refusal.
         reason: String,
     },
     /// No live parameter of this name.
     #[error("no parameter `{name}`{}: there are {known}", did_you_mean(name, known.split(", ")))]
     UnknownParameter {
-        /// What was asked.
+        /// Name requested.
         name: String,
-        /// What there is.
+        /// Known parameters.
         known: String,
     },
 }
@@ -78,7 +78,7 @@ impl ControlError {
     }
 }
 
-/// `value` must be finite and within `lower..=upper`.
+/// Checks that `value` is finite and within `lower..=upper`.
 pub(crate) fn check_range(
     key: &str,
     value: f64,

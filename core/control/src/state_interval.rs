@@ -1,24 +1,24 @@
 //! Time between two states of the robot.
 
-/// States may be lost between robot and loop. What a law counts in time it counts by the robot's
-/// clock, not by the states that came.
+/// Measures time by the robot's clock. States may be lost between robot and loop, so the law must
+/// not count the states that arrived.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StateInterval {
     last_s: Option<f64>,
 }
 
 impl StateInterval {
-    /// Most periods that one state stands for. Beyond, the bridge has begun to stop the arm, and a
-    /// filter with so long a step is another filter.
+    /// Maximum number of periods that one state represents. Beyond it the bridge has begun to stop
+    /// the arm, and a filter would not be accurate with so long a step.
     pub const MOST_PERIODS: f64 = 4.0;
 
-    /// Time since the state before, s: whole periods of `period_s`, at least one and at most
-    /// [`Self::MOST_PERIODS`]. One where the robot's time `robot_time_s` (s) says nothing: in the
-    /// first state, after a restart, when it stands still.
+    /// Time since the previous state, s: whole periods of `period_s`, at least one and at most
+    /// [`Self::MOST_PERIODS`]. One period if the robot's time `robot_time_s` (s) gives no interval:
+    /// in the first state, after a restart, or when it stands still.
     pub fn step(&mut self, robot_time_s: f64, period_s: f64) -> f64 {
         let last_s = self.last_s.replace(robot_time_s);
         let periods = last_s.map_or(1.0, |last_s| ((robot_time_s - last_s) / period_s).round());
-        // Not a number of periods: one.
+        // NaN counts as one period.
         let periods = if periods >= 1.0 { periods } else { 1.0 };
         period_s * periods.min(Self::MOST_PERIODS)
     }

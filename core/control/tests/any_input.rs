@@ -1,4 +1,4 @@
-//! The composed controller under whatever its inputs may say.
+//! The composed controller with arbitrary inputs.
 
 #![allow(clippy::unwrap_used)]
 
@@ -11,7 +11,7 @@ use tangent_control::{ControlInput, Fault, Limits, Phase, UntaredLoad};
 use tangent_mechanics::{Pose, Twist};
 use tangent_sensing::{BaseMotion, Validity};
 
-/// Numbers as they may stand in memory: any bits at all, and those that break most.
+/// Arbitrary numbers: any bit pattern, and those most likely to cause errors.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         4 => -5.0f64..5.0,
@@ -23,12 +23,12 @@ fn number() -> impl Strategy<Value = f64> {
     ]
 }
 
-/// Codes of a validity that are tried: all that there are, and one that is none.
+/// Validity codes that are tried: all valid ones, and an invalid one.
 const CODES: u64 = 16;
-/// Fields of the input.
+/// Number of fields of the input.
 const FIELDS: u32 = 20;
 
-/// Which fields of a cycle are spoilt, one bit each, and by what.
+/// Which fields of a cycle are replaced, one bit each, and by which numbers.
 fn mess() -> impl Strategy<Value = (u32, Vec<f64>)> {
     let fields =
         prop_oneof![2 => Just(0u32), 3 => (0..FIELDS).prop_map(|i| 1 << i), 1 => any::<u32>()];
@@ -128,8 +128,8 @@ fn pose<A, B>(next: &mut impl FnMut() -> f64) -> Pose<A, B> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// Whatever comes in, the command stays inside every limit (checked in `Bench::step`), and the
-    /// tool's speed too.
+    /// For any input, the command stays within every limit (checked in `Bench::step`), and so does
+    /// the tool's speed.
     #[test]
     fn no_input_leads_beyond_the_limits(messes in prop::collection::vec(mess(), 1..60), from in 0usize..700) {
         let mut bench = Bench::new(TASK);
@@ -146,7 +146,7 @@ proptest! {
         bench.steps(50);
     }
 
-    /// Equal input, equal output, bit for bit.
+    /// Equal inputs give equal outputs, bit for bit.
     #[test]
     fn a_run_repeats_bit_for_bit(stiffness in 1e3f64..2e4) {
         let run = || {
@@ -165,7 +165,7 @@ proptest! {
 
 const BAD: [f64; 5] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300];
 
-/// With the fields of `mask` bad from now on the task has ended with a fault within `cycles`.
+/// With the fields of `mask` bad from now on, the task ends with a fault within `cycles`.
 fn faults_within(mask: u32, bad: &[f64], cycles: usize, expected: impl Fn(Fault) -> bool) {
     for &value in bad {
         let mut bench = Bench::sliding(TASK);
@@ -198,12 +198,12 @@ fn every_fault_fires_within_its_bound() {
             )
         });
     }
-    // Silence is given 0.1 s.
+    // A missing wrench is tolerated for 0.1 s.
     let no_age = [f64::NAN, f64::INFINITY, 1e300];
     faults_within(1 << 12, &no_age, 14, |fault| {
         fault == Fault::Wrench(Validity::Stale)
     });
-    // An estimate is borne for 0.1 s, and its absence for 1 s.
+    // A bad estimate is tolerated for 0.1 s, and a missing one for 1 s.
     for field in [15, 16] {
         faults_within(1 << field, &no_time, 140, |fault| {
             matches!(fault, Fault::Estimate(_))

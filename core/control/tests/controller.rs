@@ -1,5 +1,5 @@
-//! The composed controller against a small plant with perfect or spoilt inputs. What it must never
-//! do is checked in every cycle; the finer physics is in the closed loop of `evaluate`.
+//! The composed controller against a small plant with perfect or faulty inputs. Every cycle checks
+//! the safety conditions; the finer physics is tested in the closed loop of `evaluate`.
 
 #![allow(clippy::unwrap_used)]
 
@@ -35,7 +35,7 @@ fn a_task_runs_through_its_phases_at_both_rates() {
         let moved = bench.tool() - start;
         assert!((moved.xy().norm() - 0.04).abs() < 2e-3, "{moved}");
         assert!(moved.z > 0.03);
-        // It comes to rest, and then asks nothing of the arm.
+        // The arm comes to rest, and then no motion is commanded.
         bench.steps(50);
         assert_eq!(bench.last.as_ref().unwrap().kind, CommandKind::Hold);
     }
@@ -47,7 +47,7 @@ fn the_tare_comes_before_anything_moves() {
     let start = bench.q;
     for _ in 0..100 {
         let output = bench.step(|input| {
-            // What an untared sensor may read.
+            // A possible reading of an untared sensor.
             input.wrench.force = Vector3::new(9.0, 1.0, -7.0);
             input.bias_age_s = Some(100.0);
         });
@@ -180,7 +180,7 @@ fn a_contact_that_keeps_bouncing_ends_the_task() {
     let (mut output, mut cycle) = (bench.step(|_| {}), 0);
     while output.phase.is_active() {
         cycle += 1;
-        // A surface that is there every other 80 ms.
+        // A surface that is present in every other 80 ms.
         output = bench.step(|input| {
             if cycle / 10 % 2 == 0 {
                 input.wrench.force = Vector3::zeros();
@@ -264,7 +264,7 @@ fn an_arm_that_stops_taking_commands_ends_the_task_without_a_motion() {
     assert_eq!(output.phase, Phase::Fault);
     assert_eq!(output.kind, CommandKind::Hold);
     bench.steps(100);
-    // Ready again, it does not go on by itself.
+    // Ready again, the arm does not resume by itself.
     let output = bench.last.as_ref().unwrap();
     assert_eq!(
         (output.phase, output.kind),
@@ -336,7 +336,7 @@ fn nonsense_is_left_within_the_patience_with_the_force_held() {
             );
             output = bench.step(spoil);
         }
-        // Good again, it is not taken back unasked.
+        // When the preferred estimator is good again, the controller returns to it only on request.
         assert_eq!(bench.run_until(Phase::Done).estimator, 1);
     }
 }
@@ -374,7 +374,8 @@ fn a_live_parameter_comes_into_force_over_a_ramp() {
     assert!(bench.controller.config().alignment.gain_per_s.is_finite());
 }
 
-/// A bench whose tool presses with a start in doubt: killed while it slid.
+/// A bench whose tool presses at a start with possible contact: the controller was killed while the
+/// tool slid.
 fn in_doubt(change: impl FnOnce(&mut Bench)) -> Bench {
     let mut bench = Bench::sliding(TASK);
     bench.steps(50);
@@ -401,7 +402,7 @@ fn a_start_in_doubt_moves_off_along_the_last_normal() {
 
 #[test]
 fn moving_off_stops_where_it_presses_harder_feels_nothing_or_is_elsewhere() {
-    // The surface comes after the tool.
+    // The surface follows the tool.
     let mut bench = in_doubt(|_| {});
     let mut output = bench.step(|_| {});
     while output.phase == Phase::Clear {
@@ -410,7 +411,7 @@ fn moving_off_stops_where_it_presses_harder_feels_nothing_or_is_elsewhere() {
     }
     assert_eq!(output.fault, Some(Fault::NotClear));
     assert_eq!(output.phase, Phase::Fault);
-    // No wrench: not a step.
+    // Without a wrench there is no motion.
     let mut bench = in_doubt(|_| {});
     let at = bench.tool();
     let mut output = bench.step(|input| input.wrench_validity = Validity::Missing);
@@ -419,13 +420,14 @@ fn moving_off_stops_where_it_presses_harder_feels_nothing_or_is_elsewhere() {
     }
     assert_eq!(output.fault, Some(Fault::Wrench(Validity::Missing)));
     assert!((bench.tool() - at).norm() < 1e-4);
-    // Elsewhere: refused before, and a fault without a motion where nobody asked.
+    // At another position: refused at the start, and a fault without a motion if the check was
+    // skipped.
     let mut bench = in_doubt(|bench| bench.q[0] += 0.1);
     let tool = bench.tool();
     assert!(bench.controller.check_start(&tool).is_err());
     let output = bench.step(|_| {});
     assert_eq!(output.fault, Some(Fault::NotClear));
-    // Which way is away is not known: no start, until a person says that it hangs free.
+    // The direction away is not known: no start until a person confirms that the tool is free.
     let mut bench = Bench::new(TASK);
     bench.controller.stop();
     bench.run_until(Phase::Done);
@@ -448,7 +450,7 @@ fn a_retraction_that_meets_something_stops_there() {
     while output.phase.is_active() {
         let push = (5000.0 * (bench.tool().z - wall)).max(0.0);
         peak = peak.max(push);
-        // The tool looks down: a wall above pushes along its z axis.
+        // The tool points down: a wall above pushes along its z axis.
         output = bench.step(|input| input.wrench.force.z += push);
     }
     assert_eq!(output.phase, Phase::Fault);
@@ -502,7 +504,8 @@ fn no_zero_hides_a_load_and_a_zero_that_is_lost_ends_the_task() {
     assert_eq!(output.fault, Some(Fault::ZeroLost));
 }
 
-/// Off, a new zero, back to the same place, and on: or the end, as the task says.
+/// Lift off, take a new zero, return to the same place, and continue; or end, as the task
+/// specifies.
 #[test]
 fn a_zero_too_old_is_taken_anew_or_ends_the_task() {
     for at_limit in ["stop", "retare"] {
@@ -518,7 +521,7 @@ fn a_zero_too_old_is_taken_anew_or_ends_the_task() {
             let (now, tool) = (bench.time_s, bench.tool());
             let output = bench.step(|input| {
                 input.bias_age_s = tared_s.map(|at| now - at);
-                // 0.6 N a minute.
+                // A drift of 0.6 N per minute.
                 input.zero_bound_n = tared_s.map(|at| 0.01 * (now - at));
             });
             if output.phase == Phase::Tare && last != Phase::Tare {
@@ -559,8 +562,8 @@ fn a_zero_too_old_is_taken_anew_or_ends_the_task() {
     }
 }
 
-/// A sensor that drifts so fast that the zero is too old when the tool is back ends the task, and
-/// does not send it to and fro.
+/// A sensor whose zero is too old again when the tool is back ends the task instead of sending the
+/// tool to and fro.
 #[test]
 fn a_zero_that_ages_faster_than_it_is_taken_ends_the_task() {
     let task = TASK.replace("tare = false", "tare = true").replace(
@@ -587,8 +590,8 @@ fn a_zero_that_ages_faster_than_it_is_taken_ends_the_task() {
     assert_eq!(tares, 2);
 }
 
-/// A wrench that is late again and again, as on a busy host, interrupts the approach and does not
-/// begin it anew.
+/// A wrench that is late repeatedly, as on a busy host, interrupts the approach without restarting
+/// it.
 #[test]
 fn an_approach_that_is_interrupted_counts_its_way_from_where_it_began() {
     let task = TASK.replace("tare = false", "tare = true");

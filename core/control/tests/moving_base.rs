@@ -1,4 +1,4 @@
-//! The composed controller on a base that moves, and on one of which nobody knows how it moves.
+//! The composed controller on a moving base, and on a base whose motion is not known.
 
 #![allow(clippy::unwrap_used)]
 
@@ -10,7 +10,7 @@ use tangent_control::{ControlInput, ControlOutput, Fault, Phase};
 use tangent_mechanics::{Base, Pose, Twist};
 use tangent_sensing::{BaseMotion, BaseTrouble, Validity};
 
-/// Known to stand, or in trouble.
+/// A base at rest, with an optional fault of its measurement.
 fn standing(trouble: Option<BaseTrouble>) -> BaseMotion {
     BaseMotion {
         age_s: 0.01,
@@ -36,7 +36,8 @@ fn a_base_that_is_known_to_stand_changes_nothing() {
     assert_eq!(fixed.last.unwrap().phase, Phase::Done);
 }
 
-/// The base's velocity is taken off what the arm does: the tool stays where it is over ground.
+/// The base's velocity is subtracted from the arm's motion: the tool stays at its place over the
+/// floor.
 #[test]
 fn the_velocity_of_the_base_is_fed_forward() {
     let twist = Twist::<Base>::new(

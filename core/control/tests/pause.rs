@@ -1,5 +1,5 @@
-//! A pause stands still in every phase of the hybrid admittance, whatever time limit would have run
-//! out, and the task goes on from there.
+//! A pause stops the hybrid admittance in every phase, beyond all time limits, and the task resumes
+//! from there.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -10,10 +10,10 @@ use bench::{Bench, TASK};
 use tangent_control::{ControlInput, Fault, Phase};
 use tangent_sensing::Validity;
 
-/// Time in which the tool comes to rest, and for which it is watched afterwards, s.
+/// Time in which the tool comes to rest, and for which it is observed afterwards, s.
 const RAMP_S: f64 = 0.6;
 const WATCH_S: f64 = 20.0;
-/// The tool stands: way in `WATCH_S` at the most, m.
+/// Maximum motion of a tool at rest within `WATCH_S`, m.
 const STILL_M: f64 = 2e-4;
 
 /// Short time limits: none of them may run while the task is paused.
@@ -25,7 +25,7 @@ fn task() -> String {
     )
 }
 
-/// Pauses for longer than any limit, by the tool's true motion; `input` as in `Bench::step`.
+/// Pauses for longer than any limit and checks the tool's true motion; `input` as in `Bench::step`.
 fn stands(bench: &mut Bench, phase: Phase, input: impl Fn(&mut ControlInput) + Copy) {
     bench.controller.pause().unwrap();
     let cycles = |s: f64| (s / 0.008) as usize;
@@ -46,13 +46,13 @@ fn stands(bench: &mut Bench, phase: Phase, input: impl Fn(&mut ControlInput) + C
 fn before_the_approach() {
     let mut bench = Bench::new(&task().replace("tare = false", "tare = true"));
     bench.step(|_| {});
-    // Tared meanwhile or not: the arm stays where it is.
+    // Whether tared meanwhile or not, the arm stays where it is.
     stands(&mut bench, Phase::Tare, |_| {});
     let tared = |input: &mut ControlInput| input.bias_age_s = Some(0.0);
     stands(&mut bench, Phase::Tare, tared);
     let mut output = bench.step(tared);
     assert_eq!(output.phase, Phase::Approach);
-    // The zero stays for the rest of the task.
+    // The zero stays the same for the rest of the task.
     while output.phase.is_active() {
         output = bench.step(tared);
     }
@@ -116,8 +116,8 @@ fn at_the_end_of_the_path() {
     bench.run_until(Phase::Done);
 }
 
-/// A protective stop ends the task without a motion; once the arm is ready again, the tool is taken
-/// off by a stop.
+/// A protective stop ends the task without a motion; once the arm is ready again, a stop request
+/// retracts the tool.
 #[test]
 fn a_tool_that_a_fault_left_on_the_surface_is_retracted() {
     let mut bench = Bench::sliding(&task());
@@ -137,17 +137,17 @@ fn a_tool_that_a_fault_left_on_the_surface_is_retracted() {
     bench.steps(50);
     let end_m = bench.controller.task().unwrap().end.retract_distance_m;
     let way = bench.tool().z - pressing;
-    // It comes to rest a little further.
+    // The tool comes to rest slightly further on.
     assert!((0.9 * end_m..end_m + 0.01).contains(&way), "{way} m");
-    // Once: it is not on the surface any more.
+    // Only once: afterwards the tool is off the surface.
     assert!(!bench.controller.is_left_on_surface());
     bench.controller.leave_surface(0);
     bench.steps(100);
     assert!((bench.tool().z - pressing - way).abs() < 1e-6);
 }
 
-/// A wrench that is late while the tool moves off before a tare is waited for, standing; only one
-/// that stays silent ends the task.
+/// While the tool moves off before a tare, a late wrench makes it wait at rest; only a wrench that
+/// stays missing ends the task.
 #[test]
 fn a_late_wrench_while_moving_off_is_waited_for() {
     let pressed = || {
@@ -165,7 +165,7 @@ fn a_late_wrench_while_moving_off_is_waited_for() {
     };
     let mut bench = pressed();
     bench.steps(5);
-    // 50 ms, as a machine that stands still may make them.
+    // 50 ms, as a host that stalls may cause.
     for cycle in 0..7 {
         let output = bench.step(silent(cycle));
         assert_eq!(

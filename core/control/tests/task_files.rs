@@ -1,4 +1,4 @@
-//! Every task file that ships is loaded, made ready, and says what its name promises.
+//! Every task file that is shipped is loaded and prepared, and contains what its name promises.
 
 #![allow(clippy::unwrap_used)]
 

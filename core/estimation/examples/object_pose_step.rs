@@ -1,5 +1,5 @@
-//! What one update of the object-pose estimators costs: microseconds per cycle with a frame, with a
-//! touch, with neither.
+//! Duration of one update of the object-pose estimators: microseconds per cycle with a frame, in
+//! contact, and with neither.
 //!
 //! `cargo run --release -p tangent-estimation --example object_pose_step`
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
@@ -23,7 +23,7 @@ fn main() {
         pixel_m: 2e-5,
     };
     let mut config = ObjectPoseConfig::default();
-    // A look at force and joints in every cycle, to see what it costs.
+    // An update with force and joints in every cycle, to measure its duration.
     config.contact.period_s = 0.0;
     let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     println!("| estimator | cycle | median us | p99 us |");
@@ -57,7 +57,7 @@ fn main() {
                             .map(|pixel_px| Corner { pixel_px })
                     }),
                 };
-                // The first frame starts the estimator; later ones come as the row says.
+                // The first frame starts the estimator; later frames come as stated in the row.
                 let sample = ObjectSample {
                     time_s,
                     base_from_flange,

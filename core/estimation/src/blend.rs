@@ -1,16 +1,20 @@
-//! `blend`: reactive estimate and Gaussian-process prediction, fused (Tugal et al., IV.B.d).
+//! `blend`: fusion of the reactive estimate and the Gaussian-process prediction (Tugal et al.,
+//! IV.B.d).
 //!
-//! The published weight is a constant; here it follows from how sure each side is. Called by the
+//! The published weight is a constant; here it follows from the covariances of both. Created by the
 //! registry.
 
+use tangent_mechanics::Direction;
+
+use crate::EstimatorConfig;
 use crate::gaussian_process::GaussianProcess;
 use crate::tangent_frame::TangentFrame;
-use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+use crate::world_estimator::{WorldEstimate, WorldEstimator, WorldSample};
 
 /// `n = (1 - alpha) n_reactive + alpha n_predicted` with `alpha = tr(P_r) / (tr(P_r) + tr(P_p))`,
 /// bounded.
 #[derive(Clone, Debug)]
-pub struct Blend {
+pub(crate) struct Blend {
     config: EstimatorConfig,
     process: GaussianProcess,
 }
@@ -25,34 +29,33 @@ impl Blend {
     }
 }
 
-/// Covariance intersection in the tangent plane of the reactive normal: the prediction has learnt
-/// from that same estimate, and this rule stays honest whatever they share.
-fn fuse(
-    reactive: &NormalEstimate,
-    predicted: &NormalEstimate,
-    alpha: f64,
-) -> Option<NormalEstimate> {
-    let frame = TangentFrame::new(reactive.normal, predicted.normal - reactive.normal);
+/// Covariance intersection in the tangent plane of the reactive normal. The prediction was learnt
+/// from the reactive estimate; this rule stays consistent whatever the two have in common.
+fn fuse(reactive: &WorldEstimate, predicted: &WorldEstimate, alpha: f64) -> Option<WorldEstimate> {
+    let frame = TangentFrame::new(
+        reactive.normal_vector(),
+        (predicted.normal - reactive.normal).components(),
+    );
     let ours = frame.project_matrix(&reactive.covariance).try_inverse()?;
     let theirs = frame.project_matrix(&predicted.covariance).try_inverse()?;
     let covariance = (ours * (1.0 - alpha) + theirs * alpha).try_inverse()?;
-    let turn = covariance * (theirs * alpha) * frame.logarithm(&predicted.normal);
+    let turn = covariance * (theirs * alpha) * frame.logarithm(&predicted.normal_vector());
     let fused = frame.turned(&turn);
     let symmetric = (covariance + covariance.transpose()) * 0.5;
-    Some(NormalEstimate {
-        normal: fused.normal,
+    Some(WorldEstimate {
+        normal: Direction::new(fused.normal),
         covariance: fused.lift_matrix(&symmetric),
         curvature: reactive.curvature.map(|c| fused.flatten(&c)),
         ..*reactive
     })
 }
 
-impl NormalEstimator for Blend {
+impl WorldEstimator for Blend {
     fn name(&self) -> &'static str {
         "blend"
     }
 
-    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+    fn update(&mut self, sample: &WorldSample) -> WorldEstimate {
         let (reactive, prediction) = self.process.step(sample);
         let Some(predicted) = prediction else {
             return reactive;

@@ -1,7 +1,7 @@
-//! What an estimator is told about its sensors, its tool and the surfaces it may meet.
+//! Settings of the estimators: sensors, tool, and expected surfaces.
 //!
-//! One `EstimatorConfig` serves every estimator of the registry; each reads the sections that
-//! concern it.
+//! One `EstimatorConfig` serves every estimator of the registry; each estimator reads the sections
+//! that it needs.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,23 +11,23 @@ use crate::EstimationError;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimatorConfig {
-    /// How good the measurements are: what the covariances rest on.
+    /// Accuracy of the measurements, on which the covariances are based.
     pub sensing: SensingConfig,
-    /// When there is contact, and when it slides.
+    /// Thresholds of contact and sliding, and the tool's pad.
     pub contact: ContactConfig,
-    /// What surfaces and friction may be met.
+    /// Expected surfaces and friction.
     pub surface: SurfaceConfig,
     /// Sliding-window fit.
     pub quadratic: QuadraticConfig,
-    /// Spatial memory.
+    /// Spatial memory of normals.
     pub gaussian_process: GaussianProcessConfig,
     /// Fusion of reactive estimate and prediction.
     pub blend: BlendConfig,
-    /// The published forms, `*_paper`.
+    /// Settings of the published forms, `*_paper`.
     pub paper: PaperConfig,
 }
 
-/// How good the measurements are, one standard deviation per axis.
+/// Accuracy of the measurements, one standard deviation per axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensingConfig {
@@ -37,16 +37,16 @@ pub struct SensingConfig {
     pub force_bias_sd_n: f64,
     /// Random walk of that bias, N per root second.
     pub force_bias_drift_n_per_sqrt_s: f64,
-    /// Weight that the payload compensation may be wrong by, N; a turn of the tool away from where
-    /// it was tared brings it out.
+    /// Error of the compensated payload weight, N. It shows when the tool turns away from its
+    /// orientation at the tare.
     pub payload_error_n: f64,
-    /// Where gravity points, base axes; any length but zero.
+    /// Direction of gravity, base axes; any length but zero.
     pub gravity_direction_in_base: [f64; 3],
-    /// Error of the torque at the tool, bias and noise together, Nm.
+    /// Error of the torque at the tool, bias and noise combined, Nm.
     pub torque_sd_nm: f64,
     /// Error of the velocity across the surface, m/s: kinematics, roughness and seams.
     pub velocity_sd_m_per_s: f64,
-    /// Compliance of tool, wrist and surface along the normal, m/N: a force that changes is a
+    /// Compliance of tool, wrist and surface along the normal, m/N: a change of force causes a
     /// motion across the surface.
     pub compliance_m_per_n: f64,
 }
@@ -81,7 +81,7 @@ impl SensingConfig {
     }
 }
 
-/// When there is contact, when it slides, and the tool's pad.
+/// Thresholds of contact and sliding, and the tool's pad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContactConfig {
@@ -89,17 +89,18 @@ pub struct ContactConfig {
     pub force_on_n: f64,
     /// Pressing force below which contact ends, N.
     pub force_off_n: f64,
-    /// Speed below which a direction of sliding is not defined, m/s.
+    /// Speed below which the direction of sliding is undefined, m/s.
     pub sliding_speed_min_m_per_s: f64,
-    /// Distance to slide after a stop or turn before friction has turned with it, m.
+    /// Sliding distance after a stop or turn until the direction of friction has followed, m.
     pub presliding_distance_m: f64,
-    /// Angle between tool and surface to expect at touchdown, rad, one standard deviation per axis.
+    /// Expected angle between tool and surface at touchdown, rad, one standard deviation per axis.
     pub approach_misalignment_sd_rad: f64,
-    /// Radius of the tool's pad, m: the centre of pressure is never further out.
+    /// Radius of the tool's pad, m: bound on the distance of the centre of pressure from its
+    /// middle.
     pub pad_radius_m: f64,
-    /// Distance without contact after which the old normal is forgotten, m.
+    /// Distance travelled without contact after which the old normal is discarded, m.
     pub memory_distance_m: f64,
-    /// Standard deviation of the normal, rad, beyond which it is not to be used.
+    /// Standard deviation of the normal above which it is not usable, rad.
     pub normal_sd_max_rad: f64,
 }
 
@@ -118,23 +119,24 @@ impl Default for ContactConfig {
     }
 }
 
-/// What surfaces and friction may be met.
+/// Expected surfaces and friction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SurfaceConfig {
-    /// Curvature to expect, 1/m, one standard deviation.
+    /// Expected curvature, 1/m, one standard deviation.
     pub curvature_sd_per_m: f64,
-    /// How fast curvature changes along the path, 1/m per root metre.
+    /// Rate of change of curvature along the path, 1/m per root metre.
     pub curvature_change_per_m_per_sqrt_m: f64,
-    /// Turn of the normal that no curvature explains (waviness), rad per root metre.
+    /// Rotation of the normal that curvature does not explain (waviness), rad per root metre.
     pub waviness_rad_per_sqrt_m: f64,
-    /// Friction coefficient to expect before any sliding.
+    /// Expected friction coefficient before any sliding.
     pub friction_initial: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the expected friction coefficient.
     pub friction_sd: f64,
-    /// How fast friction changes along the path, per root metre: what forgetting by distance means.
+    /// Rate of change of friction along the path, per root metre: determines how fast old values
+    /// are forgotten.
     pub friction_change_per_sqrt_m: f64,
-    /// Largest friction coefficient to believe.
+    /// Upper bound of the friction coefficient.
     pub friction_max: f64,
 }
 
@@ -158,11 +160,11 @@ impl Default for SurfaceConfig {
 pub struct QuadraticConfig {
     /// Distance between stored contact points, m.
     pub spacing_m: f64,
-    /// Points further than this from the present one do not count, m.
+    /// Stored points further than this from the current one are ignored, m.
     pub radius_m: f64,
     /// Height error of one stored point, m.
     pub height_sd_m: f64,
-    /// Distance over which height errors of neighbouring points are alike, m.
+    /// Distance over which height errors of neighbouring points are correlated, m.
     pub height_correlation_m: f64,
 }
 
@@ -185,11 +187,11 @@ pub struct GaussianProcessConfig {
     pub length_m: f64,
     /// Standard deviation of the normal around the neighbourhood's mean, rad.
     pub amplitude_rad: f64,
-    /// Distance between stored samples, m; a nearer one refreshes the stored one.
+    /// Distance between stored samples, m; a nearer sample updates the stored one.
     pub spacing_m: f64,
-    /// Look-ahead per speed, s.
+    /// Look-ahead distance per speed, s.
     pub look_ahead_s: f64,
-    /// Bound of the look-ahead, m.
+    /// Upper bound of the look-ahead distance, m.
     pub look_ahead_max_m: f64,
     /// Independent error of one stored normal, rad.
     pub noise_rad: f64,
@@ -212,7 +214,7 @@ impl Default for GaussianProcessConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BlendConfig {
-    /// Smallest weight of the prediction where there is one.
+    /// Smallest weight of the prediction, if there is one.
     pub alpha_min: f64,
     /// Largest weight of the prediction.
     pub alpha_max: f64,
@@ -227,21 +229,21 @@ impl Default for BlendConfig {
     }
 }
 
-/// The published forms; the paper gives no numbers for these.
+/// Settings of the published forms; the paper states no values for them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PaperConfig {
     /// Weight of the newest sample in the moving average of friction.
     pub friction_weight: f64,
-    /// Contact points in the window of the quadratic fit, at most 64.
+    /// Number of contact points in the window of the quadratic fit, at most 64.
     pub window_points: usize,
-    /// Distance between its contact points, m.
+    /// Distance between the contact points of the quadratic fit, m.
     pub spacing_m: f64,
-    /// Kernel length, m.
+    /// Length scale of the kernel, m.
     pub length_m: f64,
-    /// Look-ahead per speed, s.
+    /// Look-ahead distance per speed, s.
     pub look_ahead_s: f64,
-    /// Bound of the look-ahead, m.
+    /// Upper bound of the look-ahead distance, m.
     pub look_ahead_max_m: f64,
     /// Weight of the prediction in the blend (IV.B.d).
     pub alpha: f64,
@@ -262,7 +264,7 @@ impl Default for PaperConfig {
 }
 
 impl EstimatorConfig {
-    /// Refuses values that no estimator can work with.
+    /// Rejects values that no estimator can work with.
     ///
     /// # Errors
     /// [`EstimationError::OutOfRange`] names the key, the value and what is allowed.
@@ -387,7 +389,7 @@ impl EstimatorConfig {
             ("paper.alpha", p.alpha, 0.0, 1.0),
         ];
         for (key, value, lower, upper) in rows {
-            // A NaN must fail too, so the comparison is for being inside.
+            // Tests for "inside", so that NaN fails too.
             let inside = value >= lower && value <= upper;
             if !inside {
                 return Err(EstimationError::OutOfRange {

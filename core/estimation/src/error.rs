@@ -1,4 +1,4 @@
-//! What can go wrong when an estimator is built.
+//! Errors when an estimator is built.
 
 use tangent_mechanics::names::did_you_mean;
 use thiserror::Error;
@@ -12,24 +12,24 @@ pub enum EstimationError {
         did_you_mean(name, allowed.split(", "))
     )]
     Unknown {
-        /// The name asked for.
+        /// The name given.
         name: String,
         /// All names, separated by commas.
         allowed: String,
     },
-    /// A setting no estimator can work with.
+    /// A setting is out of its range.
     #[error("estimator setting {key} = {value} is out of range: {lower} to {upper} is allowed")]
     OutOfRange {
         /// Dotted key, as in the configuration file.
         key: &'static str,
-        /// The value given.
+        /// Value given.
         value: f64,
         /// Smallest value allowed.
         lower: f64,
         /// Largest value allowed.
         upper: f64,
     },
-    /// A target whose corners span no plane.
+    /// The corners of a target do not span a plane.
     #[error(
         "estimator setting target.corners_m: the corners lie on a line; give four corners of a flat target, counter-clockwise seen from outside"
     )]

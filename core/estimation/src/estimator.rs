@@ -1,10 +1,10 @@
-//! What every surface-normal estimator is: samples in, one estimate out.
+//! Interface of every surface-normal estimator: samples in, one estimate out.
 
 use nalgebra::{Matrix3, Vector3};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, Wrench};
 use tangent_sensing::{BaseMotion, Validity};
 
-/// One control cycle as an estimator sees it.
+/// Input of an estimator in one control cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactSample {
     /// Time of measurement, s, on any clock that does not jump.
@@ -13,24 +13,24 @@ pub struct ContactSample {
     pub dt_s: f64,
     /// Measured tool pose.
     pub base_from_tool: Pose<Base, Tool>,
-    /// Measured tool velocity: of the tool's origin, in base axes.
+    /// Measured velocity of the tool's origin, base axes.
     pub twist: Twist<Aligned<Tool, Base>>,
-    /// Velocity the controller asked for; only the papers' own variants use it.
+    /// Commanded velocity; only the papers' own variants use it.
     pub twist_commanded: Twist<Aligned<Tool, Base>>,
-    /// Conditioned wrench: what the environment does to the tool.
+    /// Conditioned wrench of the environment on the tool.
     pub wrench: Wrench<Tool>,
-    /// Delay of the wrench's filter, s: estimators put the same lag on the velocity.
+    /// Delay of the wrench's filter, s: estimators apply the same lag to the velocity.
     pub wrench_delay_s: f64,
-    /// Whether `wrench` can be used.
+    /// Whether `wrench` is usable.
     pub wrench_validity: Validity,
-    /// Age of the sensor's tare, s; `None` while there was none. A new tare makes an estimator
-    /// forget the old bias.
+    /// Age of the sensor's tare, s; `None` before the first tare. After a new tare an estimator
+    /// discards the old bias.
     pub wrench_bias_age_s: Option<f64>,
-    /// How the base moves at the time of the sample; `None` where it stands for good.
+    /// Motion of the base at the time of the sample; `None` if the base is fixed.
     pub base: Option<BaseMotion>,
 }
 
-/// Where the surface faces, and how sure that is.
+/// Surface normal at the contact point, with its covariance.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalEstimate {
     /// Contact point, base axes, m.
@@ -39,9 +39,9 @@ pub struct NormalEstimate {
     pub normal: Vector3<f64>,
     /// Covariance of `normal`, rad², base axes; singular along the normal itself.
     pub covariance: Matrix3<f64>,
-    /// Whether to use it.
+    /// Whether the estimate is usable.
     pub validity: Validity,
-    /// Coulomb friction coefficient; NaN-free: `None` while unknown.
+    /// Coulomb friction coefficient; `None` while unknown. Never NaN.
     pub friction: Option<f64>,
     /// Shape operator: moving by `dp` on the surface turns the normal by `curvature * dp`. Base
     /// axes, 1/m, symmetric, zero along the normal; positive eigenvalues for a convex body.
@@ -49,7 +49,7 @@ pub struct NormalEstimate {
 }
 
 impl NormalEstimate {
-    /// An estimate that says only why there is none; the normal falls back to `-z_tool` (Tugal et
+    /// An estimate that only states why there is none. The normal falls back to `-z_tool` (Tugal et
     /// al., IV.B.d).
     pub fn invalid(base_from_tool: &Pose<Base, Tool>, validity: Validity) -> Self {
         Self {
@@ -61,22 +61,10 @@ impl NormalEstimate {
             curvature: None,
         }
     }
-
-    /// As [`NormalEstimate::invalid`], but finite whatever the pose holds.
-    pub(crate) fn refused(base_from_tool: &Pose<Base, Tool>, validity: Validity) -> Self {
-        let usable = Self::invalid(base_from_tool, validity);
-        let sound =
-            usable.point.iter().all(|x| x.abs() < 1e6) && (usable.normal.norm() - 1.0).abs() < 1e-6;
-        if sound {
-            usable
-        } else {
-            Self::invalid(&Pose::identity(), validity)
-        }
-    }
 }
 
-/// A surface-normal estimator. One call per control cycle; no clock, no allocation after
-/// construction.
+/// A surface-normal estimator, called once per control cycle. It uses no clock and does not
+/// allocate after construction.
 pub trait NormalEstimator: Send {
     /// Name as in `estimate/NAME/normal`.
     fn name(&self) -> &'static str;
@@ -84,6 +72,6 @@ pub trait NormalEstimator: Send {
     /// Takes one cycle's sample and returns the estimate at its time.
     fn update(&mut self, sample: &ContactSample) -> NormalEstimate;
 
-    /// Forgets everything learnt; called when a task starts.
+    /// Discards everything learnt; called when a task starts.
     fn reset(&mut self);
 }

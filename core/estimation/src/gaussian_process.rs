@@ -1,20 +1,23 @@
-//! `gaussian_process`: spatial memory of normals, asked a little ahead of the tool (Tugal et al.,
-//! IV.B.c).
+//! `gaussian_process`: spatial memory of normals, evaluated at a point ahead of the tool (Tugal et
+//! al., IV.B.c).
 //!
-//! The published form is a kernel-weighted mean; this is a Gaussian process with the same kernel,
-//! whose predictive variance says where it knows nothing. Called by the registry and by `blend`.
+//! The published form is a kernel-weighted mean. This is a Gaussian process with the same kernel,
+//! whose predictive variance grows with the distance to the samples. Created by the registry and by
+//! `blend`.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
+use tangent_mechanics::Direction;
 
-use crate::contact_filter::ContactState;
+use crate::EstimatorConfig;
+use crate::contact_filter::ContactPhase;
 use crate::motion::Motion;
 use crate::reactive::Reactive;
 use crate::tangent_frame::TangentFrame;
-use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+use crate::world_estimator::{WorldEstimate, WorldEstimator, WorldSample};
 
-/// Samples kept.
+/// Number of stored samples.
 const CAPACITY: usize = 256;
-/// Samples that one prediction rests on: the nearest, the present one besides.
+/// Number of samples that one prediction is made from: the present one and the nearest stored ones.
 const LOCAL: usize = 20;
 
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +29,7 @@ struct Stored {
 
 /// Gaussian process over the contact point, on the sphere.
 #[derive(Clone, Debug)]
-pub struct GaussianProcess {
+pub(crate) struct GaussianProcess {
     config: EstimatorConfig,
     reactive: Reactive,
     stored: Vec<Stored>,
@@ -45,35 +48,36 @@ impl GaussianProcess {
     }
 
     /// Reactive estimate, and the prediction at the look-ahead point where there is contact.
-    pub(crate) fn step(
-        &mut self,
-        sample: &ContactSample,
-    ) -> (NormalEstimate, Option<NormalEstimate>) {
+    pub(crate) fn step(&mut self, sample: &WorldSample) -> (WorldEstimate, Option<WorldEstimate>) {
         let (base, motion) = self.reactive.step(sample);
         let Some(motion) = motion else {
             return (base, None);
         };
-        if self.reactive.filter().state() == ContactState::Free {
+        if self.reactive.state().phase() == ContactPhase::Free {
             return (base, None);
         }
         let prediction = self.predict(&motion, &base);
-        if self.reactive.filter().state() == ContactState::Sliding {
+        if self.reactive.state().phase() == ContactPhase::Sliding {
             self.remember(&motion);
         }
         (base, prediction)
     }
 
-    pub(crate) fn hold(&mut self, estimate: NormalEstimate) {
+    pub(crate) fn hold(&mut self, estimate: WorldEstimate) {
         self.reactive.hold(estimate);
     }
 
-    fn remember(&mut self, motion: &Motion) {
-        let filter = self.reactive.filter();
-        let sample = Stored {
+    /// The reactive estimate at the time of the wrench.
+    fn present(&self, motion: &Motion) -> Stored {
+        Stored {
             point: motion.point_lagged,
-            frame: *filter.frame(),
-            covariance: filter.normal_covariance(),
-        };
+            frame: *self.reactive.state().frame(),
+            covariance: self.reactive.normal_covariance(),
+        }
+    }
+
+    fn remember(&mut self, motion: &Motion) {
+        let sample = self.present(motion);
         let nearest = self
             .stored
             .iter_mut()
@@ -84,7 +88,8 @@ impl GaussianProcess {
         {
             let apart = near.frame.logarithm(&sample.frame.normal);
             let doubt = near.covariance.trace() + sample.covariance.trace();
-            // The surer one stays; a surface that is not where it was is learnt anew.
+            // The one with the smaller covariance stays. A sample that contradicts the stored one
+            // replaces it: the surface has moved.
             if sample.covariance.trace() <= near.covariance.trace()
                 || apart.norm_squared() > 16.0 * doubt
             {
@@ -103,7 +108,7 @@ impl GaussianProcess {
     /// Distance to look ahead along the motion, bounded.
     fn look_ahead(&self, motion: &Motion) -> Vector3<f64> {
         let g = &self.config.gaussian_process;
-        let frame = self.reactive.filter().frame();
+        let frame = self.reactive.state().frame();
         let tangential = frame.lift(&frame.project(&motion.velocity));
         let wanted = tangential * g.look_ahead_s;
         if wanted.norm() > g.look_ahead_max_m {
@@ -113,17 +118,12 @@ impl GaussianProcess {
         }
     }
 
-    fn predict(&self, motion: &Motion, base: &NormalEstimate) -> Option<NormalEstimate> {
+    fn predict(&self, motion: &Motion, base: &WorldEstimate) -> Option<WorldEstimate> {
         let g = &self.config.gaussian_process;
-        let filter = self.reactive.filter();
         let ahead = motion.point + self.look_ahead(motion);
-        let present = Stored {
-            point: motion.point_lagged,
-            frame: *filter.frame(),
-            covariance: filter.normal_covariance(),
-        };
+        let present = self.present(motion);
 
-        // The nearest ones, by insertion: no allocation, and the same order every run.
+        // The nearest samples, by insertion: without allocation, and in a reproducible order.
         let mut chosen = [(f64::INFINITY, present); LOCAL];
         let mut count = 1;
         chosen[0].0 = 0.0;
@@ -145,7 +145,7 @@ impl GaussianProcess {
         }
         let chosen = &chosen[..count];
 
-        // Constant mean: the neighbourhood's direction, surer samples first.
+        // Constant mean: the direction of the neighbourhood, weighted by the samples' precision.
         let noise = |s: &Stored| g.noise_rad.powi(2) + 0.5 * s.covariance.trace();
         let sum: Vector3<f64> = chosen.iter().map(|(_, s)| s.frame.normal / noise(s)).sum();
         if sum.norm() <= 0.0 {
@@ -157,7 +157,7 @@ impl GaussianProcess {
         let kernel = |a: &Vector3<f64>, b: &Vector3<f64>| {
             amplitude2 * (-(a - b).norm_squared() / (2.0 * g.length_m * g.length_m)).exp()
         };
-        // Rows that are not in use are those of the identity: they change nothing.
+        // Unused rows are those of the identity, so that they change nothing.
         let mut gram = SMatrix::<f64, LOCAL, LOCAL>::identity();
         let mut cross = SVector::<f64, LOCAL>::zeros();
         for (i, (_, a)) in chosen.iter().enumerate() {
@@ -177,11 +177,11 @@ impl GaussianProcess {
             turn += mean.logarithm(&s.frame.normal) * weights[i];
             common += mean.project_matrix(&s.frame.lift_matrix(&s.covariance)) * weights[i].abs();
         }
-        // The samples come out of one filter and share its bias: their errors do not average away,
-        // so the weighted mean of their covariances stays on top of the process's own variance.
+        // The samples come from one filter and share its bias. Their errors do not average out, so
+        // the weighted mean of their covariances is added to the process's own variance.
         let share: f64 = weights.iter().map(|w| w.abs()).sum();
-        // The process's own doubt, with perfect samples, and their independent errors; the common
-        // ones are above.
+        // Variance of the process for exact samples, plus their independent errors; the common
+        // errors are accounted for above.
         let mut own = amplitude2 - 2.0 * cross.dot(&weights);
         for (i, (_, a)) in chosen.iter().enumerate() {
             own += weights[i] * weights[i] * (amplitude2 + g.noise_rad.powi(2));
@@ -189,14 +189,14 @@ impl GaussianProcess {
                 own += 2.0 * weights[i] * weights[j] * kernel(&a.point, &chosen[j].1.point);
             }
         }
-        // It is asked for a point that the tool has not reached.
-        let ahead = filter.shape() * mean.project(&self.look_ahead(motion));
+        // The prediction is for a point that the tool has not reached.
+        let ahead = self.reactive.state().shape() * mean.project(&self.look_ahead(motion));
         let covariance = common / share.max(1.0)
             + Matrix2::identity() * own.max(0.0)
             + ahead * ahead.transpose();
         let predicted = mean.turned(&turn);
-        Some(NormalEstimate {
-            normal: predicted.normal,
+        Some(WorldEstimate {
+            normal: Direction::new(predicted.normal),
             covariance: predicted.lift_matrix(&covariance),
             curvature: base.curvature.map(|c| predicted.flatten(&c)),
             ..*base
@@ -204,12 +204,12 @@ impl GaussianProcess {
     }
 }
 
-impl NormalEstimator for GaussianProcess {
+impl WorldEstimator for GaussianProcess {
     fn name(&self) -> &'static str {
         "gaussian_process"
     }
 
-    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+    fn update(&mut self, sample: &WorldSample) -> WorldEstimate {
         let (base, prediction) = self.step(sample);
         let Some(estimate) = prediction else {
             return base;

@@ -1,20 +1,22 @@
 //! `gaussian_process_paper`: kernel-weighted mean of normals at a look-ahead point, then a constant
 //! blend, as published (Tugal et al., IV.B.c and d).
 //!
-//! It has no variance: far from all samples the mean is as confident as ever. Called by the
-//! registry, for the tables.
+//! It has no predictive variance: far from all samples, its covariance is the same as near them.
+//! Created by the registry, for comparison in the tables.
 
 use nalgebra::Vector3;
+use tangent_mechanics::Direction;
 use tangent_sensing::Validity;
 
+use crate::EstimatorConfig;
 use crate::reactive_paper::{ReactivePaper, published_covariance};
-use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+use crate::world_estimator::{WorldEstimate, WorldEstimator, WorldSample};
 
 const CAPACITY: usize = 256;
 
 /// The published prediction, "Adt. C.+GPR" in Tables 2 and 3.
 #[derive(Clone, Debug)]
-pub struct GaussianProcessPaper {
+pub(crate) struct GaussianProcessPaper {
     config: EstimatorConfig,
     reactive: ReactivePaper,
     stored: Vec<(Vector3<f64>, Vector3<f64>)>,
@@ -41,7 +43,7 @@ impl GaussianProcessPaper {
         }
     }
 
-    /// Nadaraya-Watson mean at a point; none where all weights vanish.
+    /// Nadaraya-Watson mean at a point; `None` where all weights vanish.
     fn predict(&self, ahead: &Vector3<f64>) -> Option<Vector3<f64>> {
         let length2 = self.config.paper.length_m.powi(2);
         let sum: Vector3<f64> = self
@@ -53,12 +55,12 @@ impl GaussianProcessPaper {
     }
 }
 
-impl NormalEstimator for GaussianProcessPaper {
+impl WorldEstimator for GaussianProcessPaper {
     fn name(&self) -> &'static str {
         "gaussian_process_paper"
     }
 
-    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+    fn update(&mut self, sample: &WorldSample) -> WorldEstimate {
         let step = self.reactive.step(sample);
         let mut estimate = step.estimate;
         let Some((motion, velocity)) = step.contact else {
@@ -77,11 +79,11 @@ impl NormalEstimator for GaussianProcessPaper {
             motion.point
         };
         let prediction = self.predict(&ahead);
-        self.remember(motion.point, estimate.normal);
+        self.remember(motion.point, estimate.normal_vector());
         if let Some(predicted) = prediction {
-            let mixed = estimate.normal * (1.0 - p.alpha) + predicted * p.alpha;
+            let mixed = estimate.normal_vector() * (1.0 - p.alpha) + predicted * p.alpha;
             if let Some(normal) = mixed.try_normalize(1e-9) {
-                estimate.normal = normal;
+                estimate.normal = Direction::new(normal);
                 estimate = published_covariance(estimate);
             }
         }

@@ -1,5 +1,5 @@
 //! Surface-normal estimators, one file each: contact samples in, a normal with its covariance out.
-//! And the pose of an object of known shape, from camera, force and joints.
+//! Also estimators of the pose of an object of known shape, from camera, force and joints.
 //!
 //! Called by the `estimator` service and by the closed loop of `evaluate`.
 
@@ -20,22 +20,16 @@ mod reactive;
 mod reactive_paper;
 mod registry;
 mod tangent_frame;
+mod world_estimator;
 
-pub use blend::Blend;
 pub use config::{
     BlendConfig, ContactConfig, EstimatorConfig, GaussianProcessConfig, PaperConfig,
     QuadraticConfig, SensingConfig, SurfaceConfig,
 };
 pub use error::EstimationError;
 pub use estimator::{ContactSample, NormalEstimate, NormalEstimator};
-pub use gaussian_process::GaussianProcess;
-pub use gaussian_process_paper::GaussianProcessPaper;
 pub use object_pose::{
     CORNERS, CameraFrame, CameraModel, Corner, ObjectEstimate, ObjectPoseConfig,
     ObjectPoseEstimator, ObjectSample, build_object_estimator,
 };
-pub use quadratic::Quadratic;
-pub use quadratic_paper::QuadraticPaper;
-pub use reactive::Reactive;
-pub use reactive_paper::ReactivePaper;
 pub use registry::{build, estimator_names};

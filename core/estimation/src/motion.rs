@@ -1,49 +1,51 @@
-//! Refuses samples that cannot be used and puts the wrench filter's lag on the motion.
+//! Check of the samples, and the motion with the lag of the wrench filter.
 //!
-//! First thing that every estimator does with a sample.
+//! Every estimator passes each sample through a [`MotionTracker`] first.
 
 use nalgebra::{Matrix3, Vector3};
+use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
-use crate::{ContactSample, NormalEstimate};
+use crate::world_estimator::{WorldEstimate, WorldSample};
 
 /// Longest time between samples that still counts as continuous motion, s.
 const GAP_MAX_S: f64 = 0.25;
 
-/// Motion of the tool as the delayed wrench saw it.
+/// Motion of the tool at the time of the delayed wrench, in world axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Motion {
-    /// s since the previous sample.
+    /// Time since the previous sample, s.
     pub dt_s: f64,
     /// The sensor was tared since the previous sample.
     pub tared: bool,
     /// Age of that tare, s.
     pub bias_age_s: f64,
-    /// Tool origin now, base axes, m.
+    /// Tool's origin now, m.
     pub point: Vector3<f64>,
-    /// Tool origin at the wrench's time, m.
+    /// Tool's origin at the wrench's time, m.
     pub point_lagged: Vector3<f64>,
-    /// Its step since the previous sample, m.
+    /// Displacement of `point_lagged` since the previous sample, m.
     pub step: Vector3<f64>,
-    /// Its measured velocity, m/s.
+    /// Velocity of the tool's origin at the wrench's time, m/s.
     pub velocity: Vector3<f64>,
     /// Angular velocity of the tool at the wrench's time, rad/s.
     pub angular: Vector3<f64>,
-    /// Turns tool axes to base axes at the wrench's time.
+    /// Rotation from tool axes to world axes at the wrench's time.
     pub rotation: Matrix3<f64>,
-    /// Force and torque on the tool, tool axes, N and Nm.
+    /// Force on the tool, tool axes, N.
     pub force_in_tool: Vector3<f64>,
+    /// Torque on the tool, tool axes, Nm.
     pub torque_in_tool: Vector3<f64>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct MotionTracker {
-    last: Option<Last>,
+    last: Option<LastSample>,
     bias_age_s: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Last {
+struct LastSample {
     time_s: f64,
     point: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -51,12 +53,15 @@ struct Last {
 }
 
 impl MotionTracker {
-    /// Takes a sample, or says why it is refused; a refused sample leaves no trace.
-    pub fn take(&mut self, sample: &ContactSample) -> Result<Motion, Validity> {
+    /// Takes a sample. A rejected sample does not change the state.
+    ///
+    /// # Errors
+    /// The reason why the sample is rejected.
+    pub fn take(&mut self, sample: &WorldSample) -> Result<Motion, Validity> {
         if !sample.wrench_validity.is_valid() {
             return Err(sample.wrench_validity);
         }
-        let isometry = sample.base_from_tool.isometry();
+        let isometry = sample.world_from_tool.isometry();
         let finite = sample.time_s.is_finite()
             && sample.dt_s.is_finite()
             && sample.wrench_delay_s.is_finite()
@@ -64,13 +69,13 @@ impl MotionTracker {
             && sample.wrench.is_finite()
             && isometry.translation.vector.iter().all(|x| x.is_finite())
             && isometry.rotation.coords.iter().all(|x| x.is_finite());
-        // A quaternion that is not unit is as useless as NaN: it scales what it turns.
+        // A quaternion that is not of unit length scales what it rotates.
         if !finite || (isometry.rotation.norm() - 1.0).abs() > 1e-6 {
             return Err(Validity::NotFinite);
         }
-        let point = sample.base_from_tool.translation();
+        let point = sample.world_from_tool.translation();
         let twist = &sample.twist;
-        // Numbers that no arm and no sensor produces: finite, but their squares are not.
+        // Implausible numbers: finite, but their squares may overflow.
         let magnitude = point
             .amax()
             .max(twist.vector().amax())
@@ -82,7 +87,7 @@ impl MotionTracker {
             return Err(Validity::Stale);
         }
         let delay_s = sample.wrench_delay_s.clamp(0.0, 1.0);
-        // The samples' own times rule: a reader that skipped some still gets the true step.
+        // From the samples' times, so that the step is right when samples were skipped.
         let dt_s = self.last.map_or(sample.dt_s, |l| sample.time_s - l.time_s);
         let continuous = self.last.filter(|_| dt_s <= GAP_MAX_S);
         let (lagged, velocity, angular) = match continuous {
@@ -98,7 +103,7 @@ impl MotionTracker {
             None => (point, twist.linear, twist.angular),
         };
         let step = continuous.map_or_else(Vector3::zeros, |l| lagged - l.point);
-        self.last = Some(Last {
+        self.last = Some(LastSample {
             time_s: sample.time_s,
             point: lagged,
             velocity,
@@ -110,7 +115,7 @@ impl MotionTracker {
             (Some(before), Some(now)) => now < before,
             _ => false,
         };
-        // A cycle without a wrench says nothing of the tare.
+        // A cycle without a wrench does not change the age of the tare.
         self.bias_age_s = age.or(self.bias_age_s);
         let unturn = nalgebra::UnitQuaternion::from_scaled_axis(-angular * delay_s);
         Ok(Motion {
@@ -131,11 +136,11 @@ impl MotionTracker {
     }
 }
 
-/// No surface to speak of: the tool's axis (IV.B.d).
-pub(crate) fn free_space(motion: &Motion) -> NormalEstimate {
-    NormalEstimate {
-        point: motion.point,
-        normal: -motion.rotation.column(2).normalize(),
+/// Estimate without contact: the tool's axis (Tugal et al., IV.B.d).
+pub(crate) fn free_space(motion: &Motion) -> WorldEstimate {
+    WorldEstimate {
+        point: Point::new(motion.point),
+        normal: Direction::new(-motion.rotation.column(2).normalize()),
         covariance: Matrix3::identity(),
         validity: Validity::NoContact,
         friction: None,

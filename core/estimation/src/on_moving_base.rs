@@ -1,26 +1,26 @@
-//! Estimation on a moving base: samples are converted to axes of the floor, estimates back to axes
-//! of the base.
+//! Estimation on a moving base: samples are converted from base axes to world axes, estimates back
+//! to base axes.
 //!
-//! Wraps every estimator that the registry creates. The surface is fixed to the floor, so windows,
-//! maps and filter states must be as well: in base axes, any motion of the platform would blur
-//! them. An estimator knows one frame that the surface is fixed to, and calls it base. On a moving
-//! base it is given the floor's axes instead. Samples without a base motion pass through unchanged.
-//! Once a pose of the base has been received, every sample has a base motion, however old that pose
-//! is.
+//! Wraps every estimator that the registry creates. The surface rests in the world, so the windows,
+//! maps and filter states of an estimator are in world axes: in base axes, any motion of the
+//! platform would blur them. Without a base motion, the world coincides with the base, and no
+//! number changes. Once a pose of the base has been received, every sample has a base motion,
+//! however old that pose is.
 
 use nalgebra::Matrix3;
-use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist};
+use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World};
 use tangent_sensing::{BaseMotion, BaseTrouble, Validity};
 
+use crate::world_estimator::{WorldEstimate, WorldEstimator, WorldSample};
 use crate::{ContactSample, NormalEstimate, NormalEstimator};
 
-/// Estimator whose state is kept in axes of the floor.
+/// Estimator for samples in base axes, whose state is kept in world axes.
 pub(crate) struct OnMovingBase {
-    inner: Box<dyn NormalEstimator>,
+    inner: Box<dyn WorldEstimator>,
 }
 
 impl OnMovingBase {
-    pub fn new(inner: Box<dyn NormalEstimator>) -> Self {
+    pub fn new(inner: Box<dyn WorldEstimator>) -> Self {
         Self { inner }
     }
 }
@@ -30,43 +30,68 @@ const FARTHEST_M: f64 = 1.3e7;
 /// Bound on the speed of a platform, m/s and rad/s.
 const FASTEST: f64 = 1e4;
 
-/// The sample in axes of the floor. If the motion of the base is not known, the wrench is marked as
+/// The sample in world axes. If the motion of the base is not known, the wrench is marked as
 /// unusable for that reason.
-fn to_floor(sample: &ContactSample, base: &BaseMotion) -> ContactSample {
-    let moved = |twist: &Twist<Aligned<Tool, Base>>| {
-        let twist = base.over_ground(&sample.base_from_tool, twist);
-        Twist::new(twist.linear, twist.angular)
+fn to_world(sample: &ContactSample, base: &BaseMotion) -> WorldSample {
+    let moved =
+        |twist: &Twist<Aligned<Tool, Base>>| base.over_ground(&sample.base_from_tool, twist);
+    let wrench_validity = if base.trouble.is_some() && sample.wrench_validity.is_valid() {
+        Validity::BaseUnknown
+    } else {
+        sample.wrench_validity
     };
-    ContactSample {
-        base_from_tool: Pose::from_isometry(
-            *(base.world_from_base * sample.base_from_tool).isometry(),
-        ),
+    WorldSample {
+        world_from_tool: base.world_from_base * sample.base_from_tool,
         twist: moved(&sample.twist),
         twist_commanded: moved(&sample.twist_commanded),
-        wrench_validity: if base.trouble.is_some() && sample.wrench_validity.is_valid() {
-            Validity::BaseUnknown
-        } else {
-            sample.wrench_validity
-        },
-        base: None,
-        ..*sample
+        wrench_validity,
+        ..on_fixed_base(sample)
     }
 }
 
-fn to_base(estimate: &NormalEstimate, base: &BaseMotion) -> NormalEstimate {
-    let pose = base.world_from_base.inverse();
-    let rotation = pose.rotation().to_rotation_matrix().into_inner();
+/// The sample in the axes of a world that coincides with the base.
+fn on_fixed_base(sample: &ContactSample) -> WorldSample {
+    let in_world = |twist: &Twist<Aligned<Tool, Base>>| Twist::new(twist.linear, twist.angular);
+    WorldSample {
+        time_s: sample.time_s,
+        dt_s: sample.dt_s,
+        world_from_tool: Pose::from_isometry(*sample.base_from_tool.isometry()),
+        twist: in_world(&sample.twist),
+        twist_commanded: in_world(&sample.twist_commanded),
+        wrench: sample.wrench,
+        wrench_delay_s: sample.wrench_delay_s,
+        wrench_validity: sample.wrench_validity,
+        wrench_bias_age_s: sample.wrench_bias_age_s,
+    }
+}
+
+/// The estimate in base axes.
+fn to_base(estimate: &WorldEstimate, base_from_world: &Pose<Base, World>) -> NormalEstimate {
+    let rotation = base_from_world.rotation().to_rotation_matrix().into_inner();
     let turned = |m: &Matrix3<f64>| {
         let t = rotation * m * rotation.transpose();
         // Exactly symmetric, so that readers can compare entries.
         (t + t.transpose()) * 0.5
     };
     NormalEstimate {
-        point: pose.transform_point(&estimate.point),
-        normal: pose.rotate(&estimate.normal),
+        point: (*base_from_world * estimate.point).coordinates(),
+        normal: (*base_from_world * estimate.normal).components(),
         covariance: turned(&estimate.covariance),
         curvature: estimate.curvature.as_ref().map(turned),
-        ..*estimate
+        validity: estimate.validity,
+        friction: estimate.friction,
+    }
+}
+
+/// The estimate in the axes of a base that coincides with the world.
+fn to_fixed_base(estimate: &WorldEstimate) -> NormalEstimate {
+    NormalEstimate {
+        point: estimate.point.coordinates(),
+        normal: estimate.normal_vector(),
+        covariance: estimate.covariance,
+        validity: estimate.validity,
+        friction: estimate.friction,
+        curvature: estimate.curvature,
     }
 }
 
@@ -84,14 +109,15 @@ impl NormalEstimator for OnMovingBase {
 
     fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
         let Some(base) = &sample.base else {
-            return self.inner.update(sample);
+            return to_fixed_base(&self.inner.update(&on_fixed_base(sample)));
         };
         let unusable = BaseMotion {
             trouble: Some(BaseTrouble::NotFinite),
             ..BaseMotion::still()
         };
         let base = if is_sane(base) { base } else { &unusable };
-        to_base(&self.inner.update(&to_floor(sample, base)), base)
+        let estimate = self.inner.update(&to_world(sample, base));
+        to_base(&estimate, &base.world_from_base.inverse())
     }
 
     fn reset(&mut self) {

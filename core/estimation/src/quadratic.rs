@@ -1,24 +1,26 @@
 //! `quadratic`: a quadratic surface through the recent contact points, in the tangent frame of the
 //! present normal (Tugal et al., IV.B.b).
 //!
-//! The published fit is of `z(x, y)` in base axes and without regularisation; here the direction of
-//! the force stands in where the points leave the slope open, as across a single straight stroke.
-//! Called by the registry.
+//! The published fit is of `z(x, y)` in base axes and without regularisation. Here the reactive
+//! estimate determines the slope where the points do not, as across a single straight stroke.
+//! Created by the registry.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
+use tangent_mechanics::Direction;
 
-use crate::contact_filter::ContactState;
+use crate::EstimatorConfig;
+use crate::contact_filter::ContactPhase;
 use crate::motion::Motion;
 use crate::reactive::Reactive;
 use crate::tangent_frame::TangentFrame;
-use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+use crate::world_estimator::{WorldEstimate, WorldEstimator, WorldSample};
 
 const CAPACITY: usize = 128;
 type Coefficients = SVector<f64, 6>;
 
 /// Sliding-window fit, regularised by the reactive estimate.
 #[derive(Clone, Debug)]
-pub struct Quadratic {
+pub(crate) struct Quadratic {
     config: EstimatorConfig,
     reactive: Reactive,
     points: [Touch; CAPACITY],
@@ -27,7 +29,7 @@ pub struct Quadratic {
     height_variance_m2: f64,
 }
 
-/// A point of the surface, and how far it may be off along the normal besides the common height
+/// Contact point (world axes, m), and its variance along the normal besides the common height
 /// error.
 #[derive(Clone, Copy, Debug)]
 struct Touch {
@@ -36,7 +38,7 @@ struct Touch {
 }
 
 /// Slope and shape at the tool's origin, tangent axes of the frame they were fitted in.
-struct Fit {
+struct TangentFit {
     turn: Vector2<f64>,
     covariance: Matrix2<f64>,
     shape: Matrix2<f64>,
@@ -63,9 +65,9 @@ impl Quadratic {
     }
 
     fn store(&mut self, motion: &Motion) {
-        let filter = self.reactive.filter();
-        let give = self.config.sensing.compliance_m_per_n * filter.force_n();
-        let point = motion.point_lagged + filter.centre() + filter.frame().normal * give;
+        let contact = self.reactive.state();
+        let give = self.config.sensing.compliance_m_per_n * contact.force_n();
+        let point = motion.point_lagged + contact.centre() + contact.frame().normal * give;
         let spacing = self.config.quadratic.spacing_m;
         if self
             .newest()
@@ -73,11 +75,11 @@ impl Quadratic {
         {
             return;
         }
-        // A tool that is not square touches beside its origin, and where is known only so well.
-        let tilt = filter.frame().project(&motion.rotation.column(2).into());
+        // A tilted tool touches beside its origin, at a distance that is not exactly known.
+        let tilt = contact.frame().project(&motion.rotation.column(2).into());
         self.points[self.next] = Touch {
             point,
-            variance_m2: tilt.norm_squared() * filter.centre_sd_m().powi(2),
+            variance_m2: tilt.norm_squared() * contact.centre_sd_m().powi(2),
         };
         self.next = (self.next + 1) % CAPACITY;
         self.count = (self.count + 1).min(CAPACITY);
@@ -85,7 +87,12 @@ impl Quadratic {
 
     /// Least squares in the frame, around the tool's origin.
     /// `z = -(k11 x² + k22 y²)/2 - k12 x y + d x + e y + f`.
-    fn fit(&mut self, motion: &Motion, frame: &TangentFrame, prior: &Matrix2<f64>) -> Option<Fit> {
+    fn fit(
+        &mut self,
+        motion: &Motion,
+        frame: &TangentFrame,
+        prior: &Matrix2<f64>,
+    ) -> Option<TangentFit> {
         let q = &self.config.quadratic;
         let alike = (q.height_correlation_m / q.spacing_m).max(1.0);
         let common = self.height_variance_m2;
@@ -120,7 +127,8 @@ impl Quadratic {
         information[(0, 0)] += curvature;
         information[(1, 1)] += curvature;
         information[(2, 2)] += 2.0 * curvature;
-        // The height itself is of no interest; a metre's doubt keeps the matrix regular.
+        // The height itself is not used; a standard deviation of one metre keeps the matrix
+        // regular.
         information[(5, 5)] += 1.0;
         let slope = prior.try_inverse()?;
         for (i, j) in [(0, 0), (1, 0), (1, 1)] {
@@ -133,36 +141,36 @@ impl Quadratic {
         for (row, height, _) in self.points[..self.count].iter().filter_map(local) {
             residual += (height - row.dot(&solution)).powi(2);
         }
-        // A surface that is no quadratic shows here, and counts as height error in the next cycles.
+        // The deviation of the surface from a quadratic counts as height error in the next cycles.
         let floor = q.height_sd_m * q.height_sd_m;
         let found = (residual / f64::from(rows)).max(floor);
         self.height_variance_m2 += 0.05 * (found - self.height_variance_m2);
         let covariance = cholesky.inverse().fixed_view::<2, 2>(3, 3).into_owned();
         let shape = Matrix2::new(solution[0], solution[2], solution[2], solution[1]);
-        // All points are beside the tool by the same error of the torque: never averaged out.
-        let filter = self.reactive.filter();
-        Some(Fit {
+        // The error of the torque shifts all points alike, so it does not average out.
+        let centre_sd_m = self.reactive.state().centre_sd_m();
+        Some(TangentFit {
             turn: Vector2::new(-solution[3], -solution[4]),
-            covariance: covariance + shape * shape * filter.centre_sd_m().powi(2),
+            covariance: covariance + shape * shape * centre_sd_m.powi(2),
             shape,
         })
     }
 
-    fn refine(&mut self, motion: &Motion, base: &NormalEstimate) -> NormalEstimate {
-        let filter = self.reactive.filter();
-        let frame = *filter.frame();
-        let mut prior = filter.normal_covariance();
-        // Along the stroke the reactive estimate has seen the same motion as the points: half of it
-        // is not new.
-        let t = frame.project(&filter.slide_direction());
+    fn refine(&mut self, motion: &Motion, base: &WorldEstimate) -> WorldEstimate {
+        let contact = self.reactive.state();
+        let frame = *contact.frame();
+        let mut prior = self.reactive.normal_covariance();
+        // Along the stroke, the reactive estimate was made from the same motion as the points, so
+        // it counts only half.
+        let t = frame.project(&contact.slide_direction());
         prior += t * t.transpose() * (t.dot(&(prior * t)));
         let Some(fit) = self.fit(motion, &frame, &prior) else {
             return *base;
         };
         let since = frame.project(&(motion.point - motion.point_lagged));
         let now = frame.turned(&(fit.turn + fit.shape * since));
-        NormalEstimate {
-            normal: now.normal,
+        WorldEstimate {
+            normal: Direction::new(now.normal),
             covariance: now.lift_matrix(&fit.covariance),
             curvature: Some(now.lift_matrix(&fit.shape)),
             ..*base
@@ -170,24 +178,24 @@ impl Quadratic {
     }
 }
 
-impl NormalEstimator for Quadratic {
+impl WorldEstimator for Quadratic {
     fn name(&self) -> &'static str {
         "quadratic"
     }
 
-    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+    fn update(&mut self, sample: &WorldSample) -> WorldEstimate {
         let (base, motion) = self.reactive.step(sample);
         let Some(motion) = motion else {
             return base;
         };
-        match self.reactive.filter().state() {
-            ContactState::Free => {
+        match self.reactive.state().phase() {
+            ContactPhase::Free => {
                 self.count = 0;
                 self.next = 0;
                 return base;
             }
-            ContactState::Pressing => {}
-            ContactState::Sliding => self.store(&motion),
+            ContactPhase::Pressing => {}
+            ContactPhase::Sliding => self.store(&motion),
         }
         let estimate = self.refine(&motion, &base);
         self.reactive.hold(estimate);

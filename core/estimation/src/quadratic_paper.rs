@@ -1,16 +1,18 @@
 //! `quadratic_paper`: `z = ax² + by² + cxy + dx + ey + f` in base axes, as published (Tugal et al.,
 //! IV.B.b).
 //!
-//! Fragile on steep surfaces, where z is no function of x and y: reported as degenerate where the
-//! fit is singular, wrong without a word where it is only bad. Along a single straight stroke,
-//! which leaves a slope open, the published text says nothing; the reactive normal stands in.
-//! Called by the registry, for the tables.
+//! It fails on steep surfaces, where z is no function of x and y: a singular fit is reported as
+//! degenerate, an ill-conditioned one is not reported. Along a single straight stroke, which does
+//! not determine the slope across it, the published text gives no rule; the reactive normal is used
+//! there. Created by the registry, for comparison in the tables.
 
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
+use tangent_mechanics::Direction;
 use tangent_sensing::Validity;
 
+use crate::EstimatorConfig;
 use crate::reactive_paper::{ReactivePaper, published_covariance};
-use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+use crate::world_estimator::{WorldEstimate, WorldEstimator, WorldSample};
 
 const CAPACITY: usize = 64;
 /// Spread below which there is nothing to fit yet, m.
@@ -22,7 +24,7 @@ const STEEP: f64 = 0.02;
 
 /// The published refinement, "Adt. C.+Quadratic" in Tables 2 and 3.
 #[derive(Clone, Debug)]
-pub struct QuadraticPaper {
+pub(crate) struct QuadraticPaper {
     config: EstimatorConfig,
     reactive: ReactivePaper,
     points: [Vector3<f64>; CAPACITY],
@@ -30,7 +32,7 @@ pub struct QuadraticPaper {
     next: usize,
 }
 
-enum Fit {
+enum PaperFit {
     TooEarly,
     Singular,
     Normal(Vector3<f64>),
@@ -59,14 +61,14 @@ impl QuadraticPaper {
         self.count = (self.count + 1).min(window);
     }
 
-    fn fit(&self, point: &Vector3<f64>) -> Fit {
+    fn fit(&self, point: &Vector3<f64>) -> PaperFit {
         let points = &self.points[..self.count];
         let spread = points
             .iter()
             .map(|p| (p - point).norm())
             .fold(0.0, f64::max);
         if self.count < 6 || spread < SPREAD_MIN_M {
-            return Fit::TooEarly;
+            return PaperFit::TooEarly;
         }
         let count = points.len() as f64;
         let mean: Vector3<f64> = points.iter().sum::<Vector3<f64>>() / count;
@@ -77,14 +79,13 @@ impl QuadraticPaper {
             / count;
         let mut extents = scatter.symmetric_eigenvalues();
         extents.as_mut_slice().sort_by(f64::total_cmp);
-        // A single stroke: the slope across it is anybody's guess, and least squares would guess
-        // from noise.
+        // A single stroke does not determine the slope across it; least squares would fit noise.
         if extents[1] < STROKE_WIDTH.powi(2) * extents[2] {
-            return Fit::TooEarly;
+            return PaperFit::TooEarly;
         }
         let flat = scatter.fixed_view::<2, 2>(0, 0).into_owned();
         if flat.symmetric_eigenvalues().min() < STEEP.powi(2) * extents[2] {
-            return Fit::Singular;
+            return PaperFit::Singular;
         }
         // Around the newest point and in units of the window: the same fit, better conditioned.
         let mut normal = SMatrix::<f64, 6, 6>::zeros();
@@ -95,7 +96,7 @@ impl QuadraticPaper {
             normal += row * row.transpose();
             right += row * r.z;
         }
-        // Least norm where the points leave a coefficient open.
+        // Least-norm solution where the points do not determine a coefficient.
         let eigen = SymmetricEigen::new(normal);
         let smallest = 1e-7 * eigen.eigenvalues.max();
         let mut solution = SVector::<f64, 6>::zeros();
@@ -106,18 +107,18 @@ impl QuadraticPaper {
             }
         }
         match Vector3::new(solution[3], solution[4], -1.0).try_normalize(1e-9) {
-            Some(n) if n.iter().all(|x| x.is_finite()) => Fit::Normal(n),
-            _ => Fit::Singular,
+            Some(n) if n.iter().all(|x| x.is_finite()) => PaperFit::Normal(n),
+            _ => PaperFit::Singular,
         }
     }
 }
 
-impl NormalEstimator for QuadraticPaper {
+impl WorldEstimator for QuadraticPaper {
     fn name(&self) -> &'static str {
         "quadratic_paper"
     }
 
-    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+    fn update(&mut self, sample: &WorldSample) -> WorldEstimate {
         let step = self.reactive.step(sample);
         let mut estimate = step.estimate;
         let Some((motion, _)) = step.contact else {
@@ -129,12 +130,13 @@ impl NormalEstimator for QuadraticPaper {
         };
         self.store(&motion.point);
         match self.fit(&motion.point) {
-            Fit::TooEarly => {}
-            Fit::Singular => estimate.validity = Validity::Degenerate,
-            Fit::Normal(n) => {
-                // The gradient has two signs; the reactive normal says which one leaves the
+            PaperFit::TooEarly => {}
+            PaperFit::Singular => estimate.validity = Validity::Degenerate,
+            PaperFit::Normal(n) => {
+                // The fit does not determine the sign; the reactive normal points out of the
                 // material.
-                estimate.normal = if n.dot(&estimate.normal) < 0.0 { -n } else { n };
+                let inward = n.dot(&estimate.normal_vector()) < 0.0;
+                estimate.normal = Direction::new(if inward { -n } else { n });
                 estimate = published_covariance(estimate);
             }
         }

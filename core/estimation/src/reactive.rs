@@ -1,69 +1,81 @@
 //! `reactive`: the normal from force and velocity, cycle by cycle (Tugal et al., IV.B.a).
 //!
-//! The published decomposition with what hardware asks of it: measured velocity under the wrench
-//! filter's lag, friction forgotten by distance, force bias carried as a state, and a covariance.
-//! Called by the registry, and by the estimators that refine it.
+//! Extends the published decomposition for use on hardware: measured velocity with the lag of the
+//! wrench filter, friction that is forgotten by distance, force bias as a state, and a covariance.
+//! Created by the registry, and by the estimators that refine it.
 
-use crate::contact_filter::ContactFilter;
+use nalgebra::Matrix2;
+
+use crate::EstimatorConfig;
+use crate::contact_filter::{ContactFilter, ContactFilterState};
 use crate::motion::{Motion, MotionTracker};
-use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+use crate::world_estimator::{WorldEstimate, WorldEstimator, WorldSample};
 
 /// Force-velocity decomposition with friction and bias as states.
 #[derive(Clone, Debug)]
-pub struct Reactive {
+pub(crate) struct Reactive {
     config: EstimatorConfig,
     tracker: MotionTracker,
     filter: ContactFilter,
-    held: Option<NormalEstimate>,
+    state: ContactFilterState,
+    held: Option<WorldEstimate>,
 }
 
 impl Reactive {
     /// The configuration must have passed [`EstimatorConfig::check`].
     pub fn new(config: &EstimatorConfig) -> Self {
+        let filter = ContactFilter::new(config);
         Self {
             config: *config,
             tracker: MotionTracker::default(),
-            filter: ContactFilter::new(config),
+            state: filter.initial_state(),
+            filter,
             held: None,
         }
     }
 
-    /// One step; also what the refining estimators need of it. The motion is `None` where the
-    /// sample was refused.
-    pub(crate) fn step(&mut self, sample: &ContactSample) -> (NormalEstimate, Option<Motion>) {
+    /// Takes a sample. Returns the estimate and the motion it was computed from; the motion is
+    /// `None` if the sample was rejected.
+    pub(crate) fn step(&mut self, sample: &WorldSample) -> (WorldEstimate, Option<Motion>) {
         match self.tracker.take(sample) {
             Ok(motion) => {
-                self.filter.update(&motion);
-                let estimate = self.filter.estimate(&motion);
+                self.filter.update(&mut self.state, &motion);
+                let estimate = self.filter.estimate(&self.state, &motion);
                 self.held = Some(estimate);
                 (estimate, Some(motion))
             }
             Err(validity) => {
                 let mut estimate = self
                     .held
-                    .unwrap_or_else(|| NormalEstimate::refused(&sample.base_from_tool, validity));
+                    .unwrap_or_else(|| WorldEstimate::invalid(&sample.world_from_tool, validity));
                 estimate.validity = validity;
                 (estimate, None)
             }
         }
     }
 
-    pub(crate) fn filter(&self) -> &ContactFilter {
-        &self.filter
+    /// State of the contact filter after the last sample.
+    pub(crate) fn state(&self) -> &ContactFilterState {
+        &self.state
     }
 
-    /// What is handed out for refused samples from now on.
-    pub(crate) fn hold(&mut self, estimate: NormalEstimate) {
+    /// Covariance of the normal in tangent axes, rad², after the last sample.
+    pub(crate) fn normal_covariance(&self) -> Matrix2<f64> {
+        self.filter.normal_covariance(&self.state)
+    }
+
+    /// Sets the estimate that is returned for rejected samples.
+    pub(crate) fn hold(&mut self, estimate: WorldEstimate) {
         self.held = Some(estimate);
     }
 }
 
-impl NormalEstimator for Reactive {
+impl WorldEstimator for Reactive {
     fn name(&self) -> &'static str {
         "reactive"
     }
 
-    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+    fn update(&mut self, sample: &WorldSample) -> WorldEstimate {
         self.step(sample).0
     }
 

@@ -1,31 +1,34 @@
 //! `reactive_paper`: force-velocity decomposition exactly as published (Tugal et al., IV.B.a).
 //!
-//! Commanded velocity, no lag matching, no bias, no covariance to speak of: for the tables. Called
-//! by the registry and by the other published forms.
+//! It uses the commanded velocity, does not match the lag of the wrench, has no bias state, and
+//! reports a constant covariance. It serves for comparison in the tables. Created by the registry
+//! and by the other published forms.
 
 use nalgebra::{Matrix3, Vector3};
-
-use crate::motion::{Motion, MotionTracker, free_space};
-use crate::{ContactSample, EstimatorConfig, NormalEstimate, NormalEstimator};
+use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
-/// Below this the published projection divides by nothing; the force alone is used then, m/s.
+use crate::EstimatorConfig;
+use crate::motion::{Motion, MotionTracker, free_space};
+use crate::world_estimator::{WorldEstimate, WorldEstimator, WorldSample};
+
+/// Speed below which the published projection is singular, m/s. Only the force is used then.
 const SPEED_MIN_M_PER_S: f64 = 1e-4;
 
 /// The published baseline, "Adt. C." in Tables 2 and 3.
 #[derive(Clone, Debug)]
-pub struct ReactivePaper {
+pub(crate) struct ReactivePaper {
     config: EstimatorConfig,
     tracker: MotionTracker,
     friction: Option<f64>,
     touching: bool,
-    held: Option<NormalEstimate>,
+    held: Option<WorldEstimate>,
 }
 
-/// What one step leaves for the forms built on it.
+/// Result of one step, for the estimators that refine it.
 pub(crate) struct PaperStep {
-    pub estimate: NormalEstimate,
-    /// Only in contact: motion and commanded velocity, base axes.
+    pub estimate: WorldEstimate,
+    /// Motion and commanded velocity (world axes, m/s); only in contact.
     pub contact: Option<(Motion, Vector3<f64>)>,
 }
 
@@ -41,7 +44,7 @@ impl ReactivePaper {
         }
     }
 
-    pub(crate) fn step(&mut self, sample: &ContactSample) -> PaperStep {
+    pub(crate) fn step(&mut self, sample: &WorldSample) -> PaperStep {
         let taken = if sample.twist_commanded.linear.iter().all(|x| x.abs() < 1e6) {
             self.tracker.take(sample)
         } else {
@@ -52,7 +55,7 @@ impl ReactivePaper {
             Err(validity) => {
                 let mut estimate = self
                     .held
-                    .unwrap_or_else(|| NormalEstimate::refused(&sample.base_from_tool, validity));
+                    .unwrap_or_else(|| WorldEstimate::invalid(&sample.world_from_tool, validity));
                 estimate.validity = validity;
                 return PaperStep {
                     estimate,
@@ -68,7 +71,7 @@ impl ReactivePaper {
         };
         self.touching = -motion.force_in_tool.z >= threshold;
         if !self.touching {
-            let estimate = NormalEstimate {
+            let estimate = WorldEstimate {
                 friction: self.friction,
                 ..free_space(&motion)
             };
@@ -79,12 +82,12 @@ impl ReactivePaper {
             };
         }
         let velocity = sample.twist_commanded.linear;
-        let estimate = NormalEstimate {
-            point: motion.point,
-            normal: self.decompose(
-                &sample.base_from_tool.rotate(&motion.force_in_tool),
+        let estimate = WorldEstimate {
+            point: Point::new(motion.point),
+            normal: Direction::new(self.decompose(
+                &sample.world_from_tool.rotate(&motion.force_in_tool),
                 &velocity,
-            ),
+            )),
             covariance: Matrix3::zeros(),
             validity: Validity::Valid,
             friction: self.friction,
@@ -122,26 +125,26 @@ impl ReactivePaper {
             .unwrap_or_else(|| force.normalize())
     }
 
-    pub(crate) fn hold(&mut self, estimate: NormalEstimate) {
+    pub(crate) fn hold(&mut self, estimate: WorldEstimate) {
         self.held = Some(estimate);
     }
 }
 
-/// The paper states no covariance; five degrees per axis is the order of its own errors (Table 2,
-/// RMSE 4.8).
-pub(crate) fn published_covariance(mut estimate: NormalEstimate) -> NormalEstimate {
-    let n = &estimate.normal;
+/// Sets the covariance. The paper states none; five degrees per axis is the size of its own errors
+/// (Table 2, RMSE 4.8).
+pub(crate) fn published_covariance(mut estimate: WorldEstimate) -> WorldEstimate {
+    let n = estimate.normal_vector();
     let tangent = Matrix3::identity() - n * n.transpose();
     estimate.covariance = tangent * 0.0076;
     estimate
 }
 
-impl NormalEstimator for ReactivePaper {
+impl WorldEstimator for ReactivePaper {
     fn name(&self) -> &'static str {
         "reactive_paper"
     }
 
-    fn update(&mut self, sample: &ContactSample) -> NormalEstimate {
+    fn update(&mut self, sample: &WorldSample) -> WorldEstimate {
         self.step(sample).estimate
     }
 

@@ -1,12 +1,17 @@
-//! Estimators by name, as tasks, cells and the command line speak of them.
+//! Creates estimators by the names that tasks, cells and the command line use.
 
+use crate::blend::Blend;
+use crate::gaussian_process::GaussianProcess;
+use crate::gaussian_process_paper::GaussianProcessPaper;
 use crate::on_moving_base::OnMovingBase;
-use crate::{
-    Blend, EstimationError, EstimatorConfig, GaussianProcess, GaussianProcessPaper,
-    NormalEstimator, Quadratic, QuadraticPaper, Reactive, ReactivePaper,
-};
+use crate::quadratic::Quadratic;
+use crate::quadratic_paper::QuadraticPaper;
+use crate::reactive::Reactive;
+use crate::reactive_paper::ReactivePaper;
+use crate::world_estimator::WorldEstimator;
+use crate::{EstimationError, EstimatorConfig, NormalEstimator};
 
-type Maker = fn(&EstimatorConfig) -> Box<dyn NormalEstimator>;
+type Maker = fn(&EstimatorConfig) -> Box<dyn WorldEstimator>;
 
 const MAKERS: [(&str, Maker); 7] = [
     ("reactive", |c| Box::new(Reactive::new(c))),
@@ -20,19 +25,28 @@ const MAKERS: [(&str, Maker); 7] = [
     }),
 ];
 
-/// Names of all estimators, the sound ones first.
+/// Names of all surface-normal estimators. Those of the published forms, `*_paper`, come last.
+///
+/// ```
+/// assert!(tangent_estimation::estimator_names().contains(&"blend"));
+/// ```
 pub fn estimator_names() -> [&'static str; MAKERS.len()] {
     MAKERS.map(|(name, _)| name)
 }
 
-/// Makes an estimator by name. Its memory stays with the floor when the base moves
-/// ([`ContactSample::base`]).
-///
-/// [`ContactSample::base`]: crate::ContactSample::base
+/// Creates a surface-normal estimator by name. Its memory is in world axes, so that it stays valid
+/// when the base moves ([`ContactSample::base`](crate::ContactSample::base)).
 ///
 /// # Errors
-/// [`EstimationError::Unknown`] lists the names there are; [`EstimationError::OutOfRange`] names
-/// the setting.
+/// [`EstimationError::Unknown`] lists the known names. [`EstimationError::OutOfRange`] names the
+/// setting.
+///
+/// ```
+/// use tangent_estimation::{EstimatorConfig, build};
+/// let estimator = build("reactive", &EstimatorConfig::default())?;
+/// assert_eq!(estimator.name(), "reactive");
+/// # Ok::<(), tangent_estimation::EstimationError>(())
+/// ```
 pub fn build(
     name: &str,
     config: &EstimatorConfig,

@@ -11,11 +11,11 @@ pub(crate) struct TangentFrame {
 }
 
 impl TangentFrame {
-    /// Around a unit normal; the first axis is as near as can be to `hint`.
+    /// Frame around a unit normal; its first axis is as close to `hint` as possible.
     pub fn new(normal: Vector3<f64>, hint: Vector3<f64>) -> Self {
         let mut first = hint - normal * normal.dot(&hint);
         if first.norm() < 1e-6 {
-            // The hint says nothing: any axis away from the normal will do.
+            // The hint is parallel to the normal: any axis away from the normal will do.
             let away = normal.iamin();
             first = Vector3::ith(away, 1.0);
             first -= normal * normal.dot(&first);
@@ -28,23 +28,23 @@ impl TangentFrame {
         }
     }
 
-    /// Tangent components of a vector.
+    /// Tangential components of a vector.
     pub fn project(&self, vector: &Vector3<f64>) -> Vector2<f64> {
         Vector2::new(self.first.dot(vector), self.second.dot(vector))
     }
 
-    /// The vector with these tangent components.
+    /// Vector with these tangential components.
     pub fn lift(&self, tangent: &Vector2<f64>) -> Vector3<f64> {
         self.first * tangent.x + self.second * tangent.y
     }
 
-    /// A tangent 2×2 matrix in base axes, zero along the normal.
+    /// Tangential 2×2 matrix converted to base axes, zero along the normal.
     pub fn lift_matrix(&self, m: &Matrix2<f64>) -> Matrix3<f64> {
         let (a, b) = (&self.first, &self.second);
         let mut lifted = (a * a.transpose()) * m.m11
             + (b * b.transpose()) * m.m22
             + (a * b.transpose() + b * a.transpose()) * (0.5 * (m.m12 + m.m21));
-        // Exactly symmetric, so that readers may compare entries.
+        // Exactly symmetric, so that readers can compare entries.
         for (i, j) in [(0, 1), (0, 2), (1, 2)] {
             let mean = 0.5 * (lifted[(i, j)] + lifted[(j, i)]);
             lifted[(i, j)] = mean;
@@ -53,7 +53,7 @@ impl TangentFrame {
         lifted
     }
 
-    /// The tangent part of a base-axes matrix.
+    /// Tangential part of a matrix in base axes.
     pub fn project_matrix(&self, m: &Matrix3<f64>) -> Matrix2<f64> {
         let (a, b) = (&self.first, &self.second);
         let cross = 0.5 * (a.dot(&(m * b)) + b.dot(&(m * a)));
@@ -65,7 +65,7 @@ impl TangentFrame {
         self.lift_matrix(&self.project_matrix(m))
     }
 
-    /// Turns the normal by tangent components (rad) along a great circle; the axes go with it,
+    /// Rotates the normal by tangential components (rad) along a great circle; the axes follow
     /// without spin.
     pub fn turned(&self, tangent: &Vector2<f64>) -> Self {
         let angle = tangent.norm();
@@ -80,12 +80,12 @@ impl TangentFrame {
             v + direction * (along * (cos - 1.0) + out * sin)
                 + self.normal * (out * (cos - 1.0) - along * sin)
         };
-        // Gram-Schmidt keeps rounding from accumulating over hours.
+        // Gram-Schmidt keeps rounding errors from accumulating over hours.
         let normal = turn(&self.normal).normalize();
         Self::new(normal, turn(&self.first))
     }
 
-    /// Tangent components (rad) of the great circle from the normal to another unit vector.
+    /// Tangential components (rad) of the great circle from the normal to another unit vector.
     pub fn logarithm(&self, unit: &Vector3<f64>) -> Vector2<f64> {
         let tangent = self.project(unit);
         let sin = tangent.norm();

@@ -1,4 +1,5 @@
-//! Every estimator on contacts in closed form: error bounds and honesty.
+//! Tests every estimator on contacts in closed form: error bounds and consistency of the
+//! covariance.
 
 #![allow(clippy::unwrap_used)]
 
@@ -25,8 +26,8 @@ const SOUND: [&str; 4] = ["reactive", "quadratic", "gaussian_process", "blend"];
 fn ideal_sensing_on_a_pipe_meets_the_figures_of_table_2() {
     for name in SOUND {
         let f = over_seeds(name, &ideal(), PIPE, Flaws::NONE);
-        // From first contact, with a tool that lands 5.7 deg off and stands for 0.7 s before it
-        // slides.
+        // From first contact, with a tool that touches down 5.7 deg off and stands for 0.7 s before
+        // it slides.
         assert!(f.mean_deg() < 0.5, "{name}: mean {}", f.mean_deg());
         assert!(f.rmse_deg() < 1.4, "{name}: rmse {}", f.rmse_deg());
     }

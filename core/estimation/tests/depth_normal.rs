@@ -1,4 +1,4 @@
-//! `depth_normal` against exact scenes and against everything that a depth image can be.
+//! Tests `depth_normal` on exact scenes and on arbitrary depth images.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -84,8 +84,8 @@ fn look(size: [usize; 2], depth_m: &[f32], target: [f64; 2]) -> (VisualNormal, V
     (found, normals)
 }
 
-/// Whatever came in: numbers are finite, unit normals are units, and pixels without depth have
-/// none.
+/// Checks that all numbers are finite, that normals have unit length, and that pixels without depth
+/// have none.
 fn sound(found: &VisualNormal, depth_m: &[f32], normals: &[[f32; 3]]) {
     assert!((found.normal.norm() - 1.0).abs() < 1e-9);
     assert!(found.point.iter().all(|x| x.is_finite()));
@@ -132,7 +132,7 @@ fn a_plane_is_found_exactly_at_every_pixel() {
             .map(|n| (Vector3::from(n.map(f64::from)) + normal).norm())
             .fold(0.0, f64::max);
         assert!(worst < 2e-4, "{worst}");
-        // (15) and (16).
+        // Eqs. (15) and (16).
         assert!((found.tilt_rad - normal.z.acos()).abs() < 1e-5);
         let segment = found.segment.unwrap();
         assert!(segment.variation < 1e-6 && (segment.normal + normal).norm() < 1e-4);
@@ -143,7 +143,7 @@ fn a_plane_is_found_exactly_at_every_pixel() {
 #[test]
 fn a_sphere_has_its_normal_curvature_and_point() {
     let centre = Vector3::new(0.01, -0.02, 0.5);
-    // Cells are 17 mm wide at this resolution: a tenth of the radius is as good as it gets.
+    // Cells are 17 mm wide at this resolution, which limits the accuracy to a tenth of the radius.
     for (radius, off_max) in [(0.1, 0.02), (0.2, 0.01)] {
         let depth_m = render(SIZE, sphere(centre, radius));
         for target in [[158.0, 110.0], [170.0, 121.0], [150.0, 100.0]] {
@@ -173,14 +173,14 @@ fn noise_found_in_the_image_is_the_noise_that_was_put_in() {
         let (found, _) = look(SIZE, &noisy(&clean, sd, 3), [158.0, 121.0]);
         let ratio = found.noise.scale / (sd / 0.006f64).powi(2);
         assert!((ratio - 1.0).abs() < 0.15, "{sd}: {ratio}");
-        // Cells are wide here, and the sphere's own bend is a little in it.
+        // Cells are wide here, so the sphere's own curvature contributes a little.
         assert!(found.noise.correlation < 2.0, "{:?}", found.noise);
     }
 }
 
 #[test]
 fn a_step_is_not_smeared_over() {
-    // Two planes of one orientation, one 5 cm before the other.
+    // Two planes of one orientation, one 5 cm in front of the other.
     let normal = Rotation3::from_euler_angles(0.3, 0.0, 0.0) * Vector3::z();
     let (near, far) = (plane(normal, 0.40), plane(normal, 0.45));
     let depth_m = render(SIZE, |ray| if ray[0] < 0.02 { near(ray) } else { far(ray) });
@@ -195,9 +195,10 @@ fn a_step_is_not_smeared_over() {
     };
     let worst = normals.iter().map(off).fold(0.0, f64::max);
     assert!(worst < 8.0, "{worst}");
-    // Every pixel has a normal, those at the step too.
+    // Every pixel has a normal, including those at the step.
     assert!(normals.iter().all(|n| *n != [0.0; 3]));
-    // Close to the step the surface is seen on one side of the tool, and said to be where it is.
+    // Close to the step, the surface is visible on only one side of the tool, and its position is
+    // right.
     let (found, _) = look(SIZE, &depth_m, [150.0, 120.0]);
     assert!(
         (normal.dot(&found.point) - 0.40).abs() < 3e-3,
@@ -261,8 +262,8 @@ fn mirrored_data_gives_the_mirrored_normal() {
     );
     assert_eq!(one.validity, VisualValidity::Valid);
     let flip = Vector3::new(-1.0, 1.0, 1.0);
-    // Not to the last bit: the noise is measured on every other cell, and those are others in the
-    // mirror.
+    // Not equal to the last bit: the noise is measured on every other cell, and these differ in the
+    // mirror image.
     assert!((one.normal.component_mul(&flip) - other.normal).norm() < 1e-3);
     assert!((one.point.component_mul(&flip) - other.point).norm() < 1e-4);
 }
@@ -301,7 +302,7 @@ fn what_cannot_be_said_has_its_reason() {
     assert_eq!(found.validity, VisualValidity::OutOfImage);
     let (found, _) = look(SIZE, &flat, [f64::NAN, 10.0]);
     assert_eq!(found.validity, VisualValidity::BadInput);
-    // The corner of the image: the surface is on one side only.
+    // At the corner of the image, the surface is on one side only.
     let (found, _) = look(SIZE, &flat, [0.0, 0.0]);
     assert_eq!(found.validity, VisualValidity::Edge);
     for nothing in [0.0, f32::NAN, -1.0, f32::INFINITY, 50.0, 0.001] {
@@ -346,7 +347,7 @@ fn what_cannot_be_said_has_its_reason() {
     }
     assert!(DepthImage::new(3, 3, &[0.0; 8]).is_none());
     assert!(DepthImage::new(0, 0, &[]).is_none());
-    // A surface seen nearly edge-on is no surface.
+    // A surface seen nearly edge-on does not count as a surface.
     let steep = render(
         SIZE,
         plane(
@@ -395,7 +396,7 @@ fn a_state_that_has_seen_other_frames_says_the_same_and_allocates_nothing() {
         let fresh = step.update(&mut DepthNormalState::default(), &sample);
         assert_eq!(format!("{:?}", found.unwrap()), format!("{fresh:?}"));
     }
-    // Another size, and back.
+    // Another size, and back to the first.
     let small = render([64, 48], plane(Vector3::z(), 0.5));
     step.update(&mut state, &sample([64, 48], &small, [30.0, 20.0]));
     assert!(!step.normals(
@@ -452,7 +453,7 @@ fn the_papers_way_agrees_on_a_plane_and_measures_its_curvature() {
         segment.normal
     );
     assert!((flat.tilt_rad - normal.z.acos()).abs() < 0.01);
-    // A bent surface varies more: (16) grows with curvature.
+    // The variation, eq. (16), grows with curvature.
     let mut before = segment.variation;
     for radius in [0.4, 0.2, 0.1] {
         let depth_m = noisy(
@@ -475,7 +476,8 @@ fn the_papers_way_agrees_on_a_plane_and_measures_its_curvature() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
-    /// Planes, spheres, rubbish and holes mixed by blocks: nothing panics, nothing is not finite.
+    /// For planes, spheres, noise and holes mixed by blocks, nothing panics and all results are
+    /// finite.
     #[test]
     fn any_image_gives_a_sound_answer(seed in 0u64..1_000_000, width in 1usize..90, height in 1usize..70, target in [-5.0f64..95.0, -5.0..75.0]) {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
@@ -536,8 +538,8 @@ fn the_covariance_is_honest_where_the_noise_is_white() {
             bends += ((station.bend_per_m - bend) / station.bend_sd_per_m).powi(2);
         }
         let (nees, bends) = (sum / runs as f64, bends / runs as f64);
-        // The mean of an honest one is 1 +- 0.1 (one sigma). The bend's doubt is for surfaces that
-        // wave, and these do not.
+        // The mean for a consistent covariance is 1 +- 0.1 (one sigma). The covariance allows for a
+        // change of curvature that these surfaces do not have.
         assert!(
             nees > 0.6 && nees < 1.4,
             "{name}: normal {nees}, bend {bends}"

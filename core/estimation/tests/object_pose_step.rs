@@ -1,4 +1,4 @@
-//! The object-pose estimators allocate nothing in a step, whatever they are given.
+//! The object-pose estimators do not allocate in a step, for any input.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -20,8 +20,8 @@ fn camera() -> CameraModel {
     }
 }
 
-/// A flange that looks down on a target at the base's origin and comes nearer; from the third
-/// second on the tip touches.
+/// A flange that looks down on a target at the base's origin and approaches it; from the third
+/// second on, the tip touches.
 fn sample(step: u32, with_frame: bool) -> ObjectSample {
     let time_s = f64::from(step) * 1e-3;
     let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
@@ -123,7 +123,7 @@ fn nonsense_is_answered_with_a_reason_and_does_no_harm() {
         let after = estimator.update(&sample(1040, true));
         assert!(after.validity.is_valid(), "{}", estimator.name());
         assert!(after.base_from_object.translation().norm() < 1e-3);
-        // A camera that stops is missed.
+        // A camera that stops is noticed.
         let late = (1041..1300)
             .map(|step| estimator.update(&sample(step, false)))
             .last();

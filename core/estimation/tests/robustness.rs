@@ -1,5 +1,5 @@
-//! What must hold whatever comes in: unit normals, honest covariances, no poison, no dependence on
-//! the frame.
+//! Properties for any input: unit normals, consistent covariances, no lasting effect of bad
+//! samples, and independence of the frame.
 
 #![allow(clippy::unwrap_used)]
 
@@ -47,7 +47,7 @@ fn every_estimate_is_well_formed_and_points_out_of_the_material() {
             let estimate = estimator.update(&sample);
             check(&estimate);
             if touching && sample.time_s > 1.0 {
-                // The published decomposition is far off where the tool starts and stops.
+                // The published decomposition has large errors where the tool starts and stops.
                 let cosine = if SOUND.contains(&name) { 0.98 } else { 0.3 };
                 assert!(
                     estimate.normal.dot(&normal) > cosine,
@@ -128,7 +128,7 @@ fn friction_and_curvature_are_found_on_a_pipe() {
     trial.friction = 0.4;
     for name in SOUND {
         let mut estimator = build(name, &EstimatorConfig::default()).unwrap();
-        // 11.5 s: towards the end of the leg around the pipe.
+        // At 11.5 s, towards the end of the leg around the pipe.
         let mut last = None;
         for (sample, ..) in trial.samples() {
             if sample.time_s < 11.5 {
@@ -245,7 +245,7 @@ proptest! {
         let trial = Trial { duration_s: 3.5, ..pipe(seed) };
         for name in SOUND.iter().chain(&["reactive_paper", "gaussian_process_paper"]) {
             let mut config = EstimatorConfig::default();
-            // Gravity does not turn with the rest.
+            // Gravity is not rotated with the rest of the world.
             config.sensing.payload_error_n = 0.0;
             let (mut here, mut there) = (build(name, &config).unwrap(), build(name, &config).unwrap());
             let far = turned(&trial, world).samples();

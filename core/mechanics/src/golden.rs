@@ -1,7 +1,7 @@
-//! Comparing the arm models with numbers that another program computed.
+//! Comparison of the arm models with numbers that another program computed.
 //!
-//! `tangent model check FILE` reads a file and hands its text to [`compare`]; what comes back is a
-//! row per model and quantity. The format is the one of `tests/golden/golden.json`.
+//! `tangent model check FILE` reads a file and passes its text to [`compare`], which returns a row
+//! per model and quantity. The format is that of `tests/golden/golden.json`.
 
 use std::collections::BTreeMap;
 
@@ -11,22 +11,33 @@ use serde::{Deserialize, Serialize};
 use crate::{Arm, Joints, ModelData, ModelError};
 
 /// Largest difference of one quantity of one model over all cases of a file.
+///
+/// ```
+/// use tangent_mechanics::golden::compare;
+/// // Arm `planar2` with both links stretched along x.
+/// let text = r#"{"format_version": 1, "models": {"planar2": [
+///     {"id": "stretched", "q": [0.0, 0.0], "gravity": [22.0725, 2.4525]}
+/// ]}}"#;
+/// let rows = compare(text, &[])?;
+/// assert!(rows.iter().all(|row| row.agrees()));
+/// # Ok::<(), tangent_mechanics::golden::GoldenError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// The model's name.
     pub name: String,
-    /// The quantity, as the file calls it.
+    /// Key of the quantity in the file.
     pub quantity: &'static str,
-    /// Largest absolute difference of a case, over its largest entry or 1, whichever is more.
+    /// Largest absolute difference in a case, divided by the larger of 1 and its largest entry.
     pub max_relative_difference: f64,
-    /// Cases compared.
+    /// Number of cases compared.
     #[serde(skip)]
     pub cases: usize,
 }
 
 impl Row {
-    /// How far apart two sound programs may be: 1e-10, and 1e-9 for `fd_qdd`, which solves with a
-    /// mass matrix of condition number up to 3e4.
+    /// Tolerance for rounding errors: 1e-10, and 1e-9 for `fd_qdd`, which is solved with a mass
+    /// matrix of condition number up to 3e4.
     pub fn tolerance(&self) -> f64 {
         if self.quantity == "fd_qdd" {
             1e-9
@@ -35,7 +46,7 @@ impl Row {
         }
     }
 
-    /// Within [`Row::tolerance`].
+    /// Whether the difference is within [`Row::tolerance`].
     pub fn agrees(&self) -> bool {
         self.max_relative_difference <= self.tolerance()
     }
@@ -44,19 +55,19 @@ impl Row {
 /// Why a file could not be compared. The caller adds the file's name.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GoldenError {
-    /// Not JSON, or not of this shape.
+    /// The file is not JSON, or has another structure.
     #[error("not a file of golden values: {message}")]
     Syntax {
-        /// The parser's own words, with line and column.
+        /// Message of the parser, with line and column.
         message: String,
     },
-    /// Another version of the format.
+    /// The file has another version of the format.
     #[error("`format_version` is {found}; this program reads version 1")]
     Version {
         /// The version found.
         found: u64,
     },
-    /// There is nothing to compare.
+    /// The file contains no quantity to compare.
     #[error("the file compares nothing: `models` holds no case with any of {QUANTITY_NAMES}")]
     Empty,
     /// A case does not fit its model.
@@ -68,7 +79,7 @@ pub enum GoldenError {
         case: String,
         /// The key in the case.
         key: &'static str,
-        /// What is wrong with it, and what is allowed.
+        /// The problem, and what is allowed.
         problem: String,
     },
     /// The file names a model that is neither built in nor given, or a given model is bad.
@@ -78,14 +89,16 @@ pub enum GoldenError {
 
 const QUANTITY_NAMES: &str = "base_from_flange, jacobian, jdot_qd, mass_matrix, gravity, coriolis, tau, fd_qdd, kinetic_energy";
 
-/// A file; keys that are not compared (where the numbers come from, say) are passed over.
+/// A file of golden values. Keys that are not compared, such as the source of the numbers, are
+/// ignored.
 #[derive(Deserialize)]
 struct File {
     format_version: u64,
     models: BTreeMap<String, Vec<Case>>,
 }
 
-/// One pose and what was computed there. A quantity that is left out is not compared.
+/// One pose and the quantities that were computed there. A quantity that is left out is not
+/// compared.
 #[derive(Deserialize)]
 struct Case {
     id: String,
@@ -104,9 +117,12 @@ struct Case {
     kinetic_energy: Option<f64>,
 }
 
-/// Compares every case of a file with the models built in, or with those of the same name in `own`.
+/// Compares every case of a file with the built-in models, or with those of the same name in `own`.
 ///
-/// Rows come in the order of the models' names, then of the quantities.
+/// The rows are in the order of the models' names, then of the quantities.
+///
+/// # Errors
+/// The text is not a file of golden values, or a case does not match its model.
 pub fn compare(text: &str, own: &[ModelData]) -> Result<Vec<Row>, GoldenError> {
     let file: File = serde_json::from_str(text).map_err(|error| GoldenError::Syntax {
         message: error.to_string(),

@@ -1,6 +1,6 @@
-//! Joint angles for a pose of the tool, for start poses and tests: not for the loop.
+//! Joint angles for a pose of the tool, outside of the control loop.
 //!
-//! `tangent up`, the simulator and the tests place the arm with this before anything moves.
+//! `tangent up`, the simulator and the tests compute start poses with it.
 
 use nalgebra::{SMatrix, Vector3, Vector6};
 
@@ -8,41 +8,62 @@ use crate::linear_solve::solve_positive_definite;
 use crate::{Arm, Base, Flange, Joints, Pose, Tool};
 
 /// Why no joint angles were found.
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_mechanics::{Arm, InverseKinematicsError, ModelData, Pose, inverse_kinematics};
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5e")?)?;
+/// let too_far = Pose::new(Vector3::new(5.0, 0.0, 0.0), UnitQuaternion::identity());
+/// let result = inverse_kinematics(&arm, &Pose::identity(), &too_far, &arm.home());
+/// assert!(matches!(result, Err(InverseKinematicsError::Unreachable { .. })));
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum InverseKinematicsError {
-    /// No start led to the target within the joints' limits.
+    /// The search reached the target from none of its starts within the joints' limits.
     #[error(
         "no joint angles within the limits bring the tool there: the nearest of {starts} tries stays {position_error_m:.4} m \
          and {angle_error_rad:.4} rad away; move the target closer to the base, turn it, or start from another pose"
     )]
     Unreachable {
-        /// Starts tried.
+        /// Number of starts.
         starts: usize,
-        /// Distance left, m.
+        /// Remaining distance of the nearest result, m.
         position_error_m: f64,
-        /// Angle left, rad.
+        /// Remaining angle of the nearest result, rad.
         angle_error_rad: f64,
     },
-    /// The target or the seed holds a NaN or an infinite number.
+    /// The target or the seed contains a NaN or an infinite number.
     #[error("the target pose or the seed is not finite")]
     NotFinite,
 }
 
-/// Settings of the search: Levenberg-Marquardt steps from a seed, then from starts ever further
-/// from it.
+/// Settings of the search: Levenberg-Marquardt steps from a seed, then from starts at increasing
+/// distance from it.
 ///
-/// The damping follows the error, so the steps stay bounded in singularities and become Newton's at
-/// the target: Sugihara 2011. The same input gives the same bits: the starts are a fixed
-/// low-discrepancy sequence.
+/// The damping is proportional to the squared error, so the steps stay bounded in singularities and
+/// become Newton steps near the target: Sugihara 2011. The starts are a fixed low-discrepancy
+/// sequence, so the result is reproducible bit by bit.
+///
+/// ```
+/// use tangent_mechanics::{Arm, InverseKinematics, Joints, ModelData, Pose};
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5e")?)?;
+/// let q = arm.home() + Joints::repeat(0.1);
+/// let target = arm.base_from_flange(&q) * Pose::identity();
+/// let search = InverseKinematics { starts_max: 1, ..InverseKinematics::default() };
+/// let found = search.solve(&arm, &Pose::identity(), &target, &arm.home());
+/// assert!(found.is_ok_and(|found| (found - q).amax() < 1e-6));
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InverseKinematics {
-    /// Largest distance left, m.
+    /// Largest remaining distance, m.
     pub position_tolerance_m: f64,
-    /// Largest angle left, rad.
+    /// Largest remaining angle, rad.
     pub angle_tolerance_rad: f64,
-    /// Steps from each start.
+    /// Largest number of steps from each start.
     pub steps_max: usize,
-    /// Starts, the seed itself included.
+    /// Largest number of starts, including the seed.
     pub starts_max: usize,
 }
 
@@ -57,7 +78,11 @@ impl Default for InverseKinematics {
     }
 }
 
-/// [`InverseKinematics::solve`] with the default settings.
+/// Joint angles (rad) that put the tool at `target`, by [`InverseKinematics::solve`] with the
+/// default settings.
+///
+/// # Errors
+/// The target is out of reach, or a number is not finite.
 pub fn inverse_kinematics<const N: usize>(
     arm: &Arm<N>,
     flange_from_tool: &Pose<Flange, Tool>,
@@ -69,9 +94,10 @@ pub fn inverse_kinematics<const N: usize>(
 
 impl InverseKinematics {
     /// Joint angles (rad) within the arm's limits that put the tool at `target`, near `seed` if
-    /// there are such.
+    /// possible. A seed outside the limits is clamped to them first.
     ///
-    /// A seed outside the limits is moved to them first.
+    /// # Errors
+    /// The target is out of reach, or a number is not finite.
     pub fn solve<const N: usize>(
         &self,
         arm: &Arm<N>,
@@ -145,7 +171,7 @@ impl InverseKinematics {
     }
 }
 
-/// (Jᵀ J + λ² I) step = Jᵀ error; joints that stand at a limit and would leave it do not take part.
+/// Solves (Jᵀ J + λ² I) step = Jᵀ error. A joint at a limit that the step would exceed is held.
 fn damped_step<const N: usize>(
     arm: &Arm<N>,
     jacobian: &SMatrix<f64, 6, N>,
@@ -163,7 +189,7 @@ fn damped_step<const N: usize>(
             jacobian.column_mut(i).fill(0.0);
         }
     }
-    // The small constant keeps the matrix definite where the error vanishes in a singularity.
+    // The small constant keeps the matrix definite if the error vanishes in a singularity.
     let damping = caution * 1e-2 * error.norm_squared() + 1e-12;
     let mut normal = jacobian.tr_mul(&jacobian);
     for i in 0..N {
@@ -172,7 +198,7 @@ fn damped_step<const N: usize>(
     solve_positive_definite(&normal, &jacobian.tr_mul(error))
 }
 
-/// From `pose` to `target`: distance (m), then the rotation vector (rad), base axes.
+/// Displacement (m), then rotation vector (rad) from `pose` to `target`, base axes.
 fn pose_error(target: &Pose<Base, Tool>, pose: &Pose<Base, Tool>) -> Vector6<f64> {
     let linear = target.translation() - pose.translation();
     let angular = (target.rotation() * pose.rotation().inverse()).scaled_axis();
@@ -189,8 +215,8 @@ fn angular(error: &Vector6<f64>) -> Vector3<f64> {
     error.fixed_rows::<3>(3).into_owned()
 }
 
-/// Zero for the first start, then points that fill a cube growing to ±180°: Roberts' R-sequence,
-/// whose steps are the powers of the root of x^(N+1) = x + 1.
+/// Offset of a start from the seed: zero for the first, then points in a cube that grows to ±180°.
+/// They follow Roberts' R-sequence, whose steps are the powers of the root of x^(N+1) = x + 1.
 fn offset<const N: usize>(start: usize, starts: usize) -> Joints<N> {
     let mut root = 1.5_f64;
     for _ in 0..32 {
@@ -204,8 +230,7 @@ fn offset<const N: usize>(start: usize, starts: usize) -> Joints<N> {
     })
 }
 
-/// Full turns taken off each joint where that brings it nearer to the seed and stays within the
-/// limits.
+/// Joint angles without the full turns that lead away from the seed, as far as the limits allow.
 fn unwound<const N: usize>(arm: &Arm<N>, q: &Joints<N>, seed: &Joints<N>) -> Joints<N> {
     let limits = arm.limits();
     Joints::from_fn(|i, _| {

@@ -1,24 +1,32 @@
-//! Friction in the joints: viscous and Coulomb, smooth through zero speed. The simulated arm has
-//! it, a torque law makes up for it.
+//! Viscous and Coulomb friction in the joints, smooth at zero speed. The simulated arm has it, and
+//! a torque law compensates it.
 
 use nalgebra::SVector;
 
 use crate::Joints;
 
 /// Friction of each joint.
+///
+/// ```
+/// use tangent_mechanics::{JointFriction, Joints};
+/// let friction = JointFriction::<2>::from_lists(&[2.0], &[5.0, 1.0], 0.01);
+/// let torque = friction.torque(&Joints::<2>::new(1.0, 0.0));
+/// assert!((torque[0] - 7.0).abs() < 1e-3);
+/// assert_eq!(torque[1], 0.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointFriction<const N: usize> {
-    /// Nm s/rad
+    /// Viscous friction, Nm s/rad.
     pub viscous: Joints<N>,
-    /// Nm
+    /// Coulomb friction, Nm.
     pub coulomb: Joints<N>,
     /// Speed at which Coulomb friction has reached 71 % of its value, rad/s.
     pub speed: f64,
 }
 
 impl<const N: usize> JointFriction<N> {
-    /// From lists with an entry per joint, base to flange; a single entry holds for all, none is no
-    /// friction.
+    /// Friction from lists with one entry per joint, base to flange. The last entry of a shorter
+    /// list holds for the remaining joints; an empty list means no friction.
     pub fn from_lists(viscous: &[f64], coulomb: &[f64], speed: f64) -> Self {
         let per_joint = |values: &[f64]| {
             SVector::from_fn(|i, _| values.get(i).or(values.last()).copied().unwrap_or(0.0))
@@ -30,14 +38,15 @@ impl<const N: usize> JointFriction<N> {
         }
     }
 
-    /// Friction torque over speed, Nm s/rad: never negative, so friction never gives energy.
+    /// Friction torque divided by speed, Nm s/rad. It is never negative, so friction never adds
+    /// energy.
     pub fn slope(&self, qd: &Joints<N>) -> Joints<N> {
         Joints::from_fn(|i, _| {
             self.viscous[i] + self.coulomb[i] / (qd[i] * qd[i] + self.speed * self.speed).sqrt()
         })
     }
 
-    /// What the motor must give against friction, Nm.
+    /// Motor torque that balances the friction, Nm.
     pub fn torque(&self, qd: &Joints<N>) -> Joints<N> {
         self.slope(qd).component_mul(qd)
     }

@@ -1,11 +1,23 @@
-//! Solving with a small symmetric positive definite matrix, without allocation: forward dynamics
-//! here, the torque-controlled arm of the simulation above.
+//! Solution of a small linear system with a symmetric positive definite matrix, without allocation.
+//!
+//! Used by forward dynamics, inverse kinematics, the momentum observer and the simulated
+//! torque-controlled arm.
 
 use nalgebra::{SMatrix, SVector};
 
-/// `x` with `matrix` x = `right`, by L D Lᵀ without square roots; only the lower triangle is read.
+/// Solves `matrix` x = `right` by L D Lᵀ decomposition, which needs no square roots. Only the lower
+/// triangle is read.
 ///
-/// `None` when the matrix is not positive definite in floating point.
+/// `None` if the matrix is not positive definite in floating point.
+///
+/// ```
+/// use nalgebra::{Matrix2, Vector2};
+/// use tangent_mechanics::linear_solve::solve_positive_definite;
+/// let matrix = Matrix2::new(2.0, 0.0, 1.0, 3.0);
+/// let x = solve_positive_definite(&matrix, &Vector2::new(4.0, 7.0));
+/// assert_eq!(x, Some(Vector2::new(1.0, 2.0)));
+/// assert_eq!(solve_positive_definite(&-matrix, &Vector2::zeros()), None);
+/// ```
 pub fn solve_positive_definite<const N: usize>(
     matrix: &SMatrix<f64, N, N>,
     right: &SVector<f64, N>,

@@ -1,4 +1,4 @@
-//! How far a Jacobian is from singular.
+//! Measures of the distance of a Jacobian from singular.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -6,10 +6,20 @@ use crate::damped_least_squares::Singular;
 
 /// Yoshikawa's manipulability √det(J Jᵀ) (Yoshikawa 1985); for fewer than six joints √det(Jᵀ J).
 ///
-/// Mixes metres and radians as the Jacobian does: compare it with itself, not between arms.
+/// The value mixes metres and radians, as the Jacobian does. It compares poses of one arm, not
+/// different arms.
+///
+/// ```
+/// use tangent_mechanics::{Arm, Joints, ModelData, manipulability};
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5e")?)?;
+/// // With all joints at zero, the elbow is straight: a singularity.
+/// assert!(manipulability(&arm.jacobian(&Joints::zeros())) < 1e-9);
+/// assert!(manipulability(&arm.jacobian(&arm.home())) > 1e-3);
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 pub fn manipulability<const N: usize>(jacobian: &SMatrix<f64, 6, N>) -> f64 {
-    // The volume that the rows (or columns) span, by Gram-Schmidt: unlike the determinant of a
-    // square, it keeps its digits near a singularity.
+    // Volume that the rows (or columns) span, by Gram-Schmidt. Unlike the determinant of J Jᵀ, it
+    // is accurate near a singularity.
     if N >= 6 {
         volume(std::array::from_fn::<SVector<f64, N>, 6, _>(|i| {
             jacobian.row(i).transpose()

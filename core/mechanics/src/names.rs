@@ -1,11 +1,19 @@
-//! The known name that a misspelt one is nearest to, for error messages. Called wherever a user
-//! names something: models, scenarios, estimators, presets, parameters, configuration keys.
+//! Suggestions for misspelt names in error messages.
+//!
+//! Used for every name that a user enters: models, scenarios, estimators, presets, parameters and
+//! configuration keys.
 
-/// The candidate that a few typing errors turn into `word`; none where no candidate is near.
+/// The candidate nearest to `word`; `None` if no candidate is near.
 ///
 /// The distance counts insertions, deletions, replacements and swapped neighbours (Damerau 1964),
 /// without regard to case. A third of the word's letters may be wrong. A candidate that begins with
-/// `word` is near too.
+/// `word` counts as near.
+///
+/// ```
+/// use tangent_mechanics::names::nearest;
+/// assert_eq!(nearest("quadratik", ["reactive", "quadratic"]), Some("quadratic"));
+/// assert_eq!(nearest("kalman", ["reactive", "quadratic"]), None);
+/// ```
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let word = word.to_lowercase();
     let most = (word.chars().count() / 3).max(1);
@@ -25,7 +33,12 @@ pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         .map(|(_, _, candidate)| candidate)
 }
 
-/// `, did you mean NAME?`, or nothing where no candidate is near: completes an error message.
+/// End of an error message: `, did you mean NAME?`, or nothing if no candidate is near.
+///
+/// ```
+/// use tangent_mechanics::names::did_you_mean;
+/// assert_eq!(did_you_mean("blned", ["blend"]), ", did you mean `blend`?");
+/// ```
 pub fn did_you_mean<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> String {
     nearest(word, candidates).map_or_else(String::new, |near| format!(", did you mean `{near}`?"))
 }
@@ -37,7 +50,7 @@ mod tests {
     const NAMES: [&str; 4] = ["reactive", "quadratic", "gaussian_process", "blend"];
 
     #[test]
-    fn a_slip_of_the_finger_is_understood() {
+    fn a_misspelt_name_is_recognised() {
         for (word, meant) in [
             ("reactiv", "reactive"),
             ("blned", "blend"),
@@ -50,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn another_word_is_not() {
+    fn an_unrelated_word_is_not_recognised() {
         for word in ["kalman", "", "x"] {
             assert_eq!(nearest(word, NAMES), None, "{word}");
         }

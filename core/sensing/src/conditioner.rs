@@ -1,4 +1,4 @@
-//! One reading in, one usable (or plainly unusable) wrench at the tool out.
+//! Conditioning of one reading of the sensor to the wrench at the tool, with its validity.
 
 use nalgebra::{Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -10,20 +10,20 @@ use crate::{
     TareRefusal, Validity,
 };
 
-/// How a wrench is conditioned; what hangs on the sensor and where comes beside it.
+/// Settings of the wrench's conditioning. Payload and mounting of the sensor are given separately.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ConditioningConfig {
     /// Cut-off (-3 dB) of the low-pass, Hz; 0: off. Its delay is about 0.2251 / cut-off.
     pub filter_cutoff_hz: f64,
-    /// A fault of one reading stays visible for so long, s: a reader slower than the sensor must
-    /// not miss it.
+    /// Time for which the fault of one reading stays visible, s, so that a reader that is slower
+    /// than the sensor does not miss it.
     pub fault_hold_s: f64,
-    /// Oldest orientation of the arm that the payload may be compensated with, s.
+    /// Largest age of the arm's orientation with which the payload is compensated, s.
     pub orientation_age_max_s: f64,
-    /// Acceleration of gravity in base axes, m/s²: another one for an arm on a wall or a ceiling.
+    /// Acceleration of gravity in base axes, m/s². It differs for an arm on a wall or a ceiling.
     pub gravity_in_base_m_per_s2: [f64; 3],
-    /// When the sensor may be tared.
+    /// Conditions of a tare.
     pub tare: TareConfig,
 }
 
@@ -39,45 +39,56 @@ impl Default for ConditioningConfig {
     }
 }
 
-/// What the sensor says about its own reading.
+/// Condition of a reading, from the sensor itself or from a [`crate::SensorWatch`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SensorCondition {
-    /// The numbers are right.
+    /// The reading is good.
     #[default]
     Good,
-    /// A gauge is at its end.
+    /// A strain gauge is saturated.
     Saturated,
-    /// Any other error of the sensor's own.
+    /// The sensor reports another error.
     Error,
     /// Records repeat ([`crate::RecordWatch`]).
     Frozen,
     /// One axis repeats ([`crate::RecordWatch`]).
     AxisStuck,
-    /// Too many readings leap as no load can ([`crate::JumpWatch`]).
+    /// Too many readings jump in a way that no load can cause ([`crate::JumpWatch`]).
     Implausible,
 }
 
-/// One reading of the sensor and how the arm holds it.
+/// One reading of the sensor and the pose of the arm.
+///
+/// ```
+/// use tangent_mechanics::{Pose, Sensor, Wrench};
+/// use tangent_sensing::{Reading, SensorCondition};
+/// let reading = Reading {
+///     condition: SensorCondition::Saturated,
+///     missed: 2,
+///     ..Reading::new(1.25, Wrench::<Sensor>::zero(), Pose::identity())
+/// };
+/// assert_eq!(reading.time_s, 1.25);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Time of measurement on any clock that only goes forward, s.
+    /// Time of measurement on a monotonic clock, s.
     pub time_s: f64,
-    /// What the sensor reads, before tare: N and Nm, sensor axes.
+    /// Reading of the sensor before tare: N and Nm, sensor axes.
     pub wrench: Wrench<Sensor>,
-    /// What the sensor says about it.
+    /// Condition of the reading.
     pub condition: SensorCondition,
-    /// Readings lost between the one before and this one.
+    /// Number of readings lost before this one.
     pub missed: u32,
-    /// Measured pose of the tool, and how old it is (s); none while the arm is silent. Not needed
-    /// without a payload.
+    /// Measured pose of the tool and its age (s); `None` while the arm publishes no state. Not
+    /// needed without a payload.
     pub base_from_tool: Option<(Pose<Base, Tool>, f64)>,
-    /// Measured motion, where it is good enough to take off the payload's inertia; otherwise only
-    /// its weight is.
+    /// Measured motion, if it is accurate enough to compensate the payload's inertia; otherwise
+    /// only its weight is compensated.
     pub motion: Option<SensorMotion>,
 }
 
 impl Reading {
-    /// A good reading with nothing lost before it, of a sensor held at `base_from_tool` now.
+    /// A good reading with none lost before it, of a sensor at `base_from_tool` now.
     pub fn new(time_s: f64, wrench: Wrench<Sensor>, base_from_tool: Pose<Base, Tool>) -> Self {
         Self {
             time_s,
@@ -90,30 +101,30 @@ impl Reading {
     }
 }
 
-/// What the environment does to the tool, as far as it is known.
+/// Wrench that the environment exerts on the tool, with its validity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConditionedWrench {
-    /// At the tool's origin, tool axes; always finite. While not valid: the last good one.
+    /// Wrench at the tool's origin, tool axes. Always finite; while not valid, the last good one.
     pub wrench: Wrench<Tool>,
-    /// Whether `wrench` may be acted on.
+    /// Whether `wrench` can be used.
     pub validity: Validity,
     /// Delay of the filter for slow signals, s.
     pub delay_s: f64,
-    /// Subtracted zero; zero while none was taken.
+    /// Zero that is subtracted, N and Nm; 0 before the first tare.
     pub bias: Wrench<Sensor>,
-    /// Age of the zero, s; none while none was taken.
+    /// Age of the zero, s; `None` before the first tare.
     pub bias_age_s: Option<f64>,
-    /// The filtered reading without the payload, before the zero is taken off: no zero hides a load
-    /// in it.
+    /// Filtered reading without the payload, before the zero is subtracted. No zero hides a load in
+    /// it.
     pub untared: Wrench<Sensor>,
-    /// The zero was taken on a person's word that the tool hangs free.
+    /// Whether a person had confirmed that the tool was free when the zero was taken.
     pub said_clear: bool,
-    /// The zero that the limit on the untared reading counts from ([`Tare::shown`]), and its age,
-    /// s; none while there is none.
+    /// Zero to which the limit on the untared reading is relative ([`Tare::shown`]), and its age,
+    /// s; `None` before the first tare.
     pub reference: Option<(Wrench<Sensor>, f64)>,
 }
 
-/// Tare, payload, filter and eq. (2), computed once from plain numbers; all memory is in
+/// Tare, payload compensation, low-pass and eq. (2) of Tugal et al. The state is in
 /// [`WrenchConditionerState`].
 ///
 /// ```
@@ -140,7 +151,7 @@ pub struct WrenchConditioner {
     tare: TareConfig,
 }
 
-/// Memory of a [`WrenchConditioner`]. A new one is the reset: no zero, an empty filter.
+/// State of a [`WrenchConditioner`]. A new one is the reset: no zero, and an empty filter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WrenchConditionerState {
     filter: LowPassState<6>,
@@ -151,20 +162,20 @@ pub struct WrenchConditionerState {
     reference: Option<Tare>,
     reference_before: Option<Tare>,
     averaging: Option<Averaging>,
-    /// What says that nothing presses while this average is taken.
+    /// Evidence that the tool is free of contact during the present average.
     ground: TareGround,
     outcome: Option<Result<Tare, TareRefusal>>,
-    /// The last fault of a reading, and when.
+    /// Last fault of a reading, and its time.
     fault: Option<(Validity, f64)>,
-    /// Readings that never came or could not be used since the last one that went into the filter.
+    /// Number of readings lost or unusable since the last one in the filter.
     skipped: u32,
 }
 
 impl WrenchConditioner {
-    /// `sensor_from_tool` as mounted; `sample_rate_hz` of the readings that will come.
+    /// Conditioner for a sensor that is mounted at `sensor_from_tool` and read at `sample_rate_hz`.
     ///
     /// # Errors
-    /// Names the parameter that is out of range.
+    /// A parameter is out of its range.
     pub fn new(
         config: &ConditioningConfig,
         payload: &Payload,
@@ -200,10 +211,10 @@ impl WrenchConditioner {
         })
     }
 
-    /// Moves the cut-off while running; the output makes no step.
+    /// Changes the cut-off, Hz. The output makes no step.
     ///
     /// # Errors
-    /// A cut-off outside of 0 to 0.45 of the sample rate; the one before stays in force.
+    /// The cut-off is not from 0 to 0.45 of the sample rate; the one before stays in force.
     pub fn set_filter_cutoff_hz(&mut self, cutoff_hz: f64) -> Result<(), SensingError> {
         self.filter = LowPass::new(cutoff_hz, self.filter.sample_rate_hz())?;
         Ok(())
@@ -214,9 +225,10 @@ impl WrenchConditioner {
         &self.filter
     }
 
-    /// Begins to average the zero over `tare.duration_s`;
-    /// [`WrenchConditionerState::take_tare_outcome`] tells how it went. `ground` is what says that
-    /// nothing presses: a zero on a person's word is not judged against the last one or the rating.
+    /// Begins to average the zero over `tare.duration_s`.
+    /// [`WrenchConditionerState::take_tare_outcome`] returns the outcome. `ground` is the evidence
+    /// that the tool is free of contact. A zero that a person has confirmed is not judged against
+    /// the last one or the rating.
     pub fn start_tare(&self, state: &mut WrenchConditionerState, ground: TareGround) {
         let samples = (self.tare.duration_s * self.filter.sample_rate_hz()).round();
         state.outcome = None;
@@ -224,19 +236,19 @@ impl WrenchConditioner {
         state.averaging = Some(Averaging::new(samples as u32));
     }
 
-    /// When a tare is refused, and how the zero drifts.
+    /// Conditions of a tare, and the stated drift of the zero.
     pub fn tare_config(&self) -> &TareConfig {
         &self.tare
     }
 
-    /// One reading through tare, payload, filter and eq. (2).
+    /// Conditions one reading: tare, payload, filter and eq. (2).
     ///
-    /// Signs: the sensor, and everything here, tells what the environment does to the robot, so
-    /// pressing with a square tool reads a force along `-z_tool`. Tugal et al. turn the sign around
-    /// before their eq. (2) (their `f_e` is what the robot does to the environment), and take the
-    /// lever `r_cs` from sensor to contact point in eq. (2) with a plus: for the moment about the
-    /// contact point, the lever is `-r_cs`. Here the transform is that of a rigid frame change,
-    /// `τ_tool = R (τ_sensor - r × f)` with `r` the tool's origin in the sensor's frame.
+    /// Sign: all wrenches are those of the environment on the robot, so pressing with an aligned
+    /// tool gives a force along `-z_tool`. Tugal et al. use the opposite sign in their eq. (2):
+    /// their `f_e` is the force of the robot on the environment. They also use the lever `r_cs`
+    /// from sensor to contact point with a plus, although the moment about the contact point has
+    /// the lever `-r_cs`. This method uses the rigid frame change `τ_tool = R (τ_sensor - r × f)`,
+    /// with `r` the tool's origin in the sensor's frame.
     pub fn update(
         &self,
         state: &mut WrenchConditionerState,
@@ -307,7 +319,7 @@ impl WrenchConditioner {
         }
     }
 
-    /// What is wrong with the reading itself.
+    /// Fault of the reading itself.
     fn fault(&self, reading: &Reading) -> Option<Validity> {
         match reading.condition {
             SensorCondition::Saturated => Some(Validity::Saturated),
@@ -320,7 +332,7 @@ impl WrenchConditioner {
         }
     }
 
-    /// Whether the payload can be compensated.
+    /// Whether the payload can be compensated; if not, why.
     fn orientation(&self, reading: &Reading) -> Result<(), Validity> {
         if self.payload.mass_kg == 0.0 {
             return Ok(());
@@ -335,7 +347,7 @@ impl WrenchConditioner {
         }
     }
 
-    /// What the payload does to the sensor as the arm holds it.
+    /// Wrench of the payload on the sensor in the present orientation.
     fn payload_wrench(&self, reading: &Reading) -> Wrench<Sensor> {
         match &reading.base_from_tool {
             Some((base_from_tool, _)) if self.payload.mass_kg > 0.0 => {
@@ -347,8 +359,8 @@ impl WrenchConditioner {
         }
     }
 
-    /// A good reading goes into the filter. With an orientation that is stale but there, the wrench
-    /// goes on: it is marked, and the filter need not swing in again afterwards.
+    /// Passes a good reading to the filter. With a stale orientation the wrench is still computed
+    /// and marked as not valid, so that the filter has no transient afterwards.
     fn take(
         &self,
         state: &mut WrenchConditionerState,
@@ -358,19 +370,18 @@ impl WrenchConditioner {
         let missed = state.skipped.saturating_add(reading.missed);
         state.skipped = 0;
         if matches!(orientation, Err(Validity::Missing | Validity::NotFinite)) {
-            // The payload's weight would enter as a contact force. Begin afresh when the arm
-            // speaks.
+            // The payload's weight would count as a contact force. The filter restarts once the
+            // arm's state arrives.
             state.filter = LowPassState::default();
             return;
         }
         let contact = (reading.wrench - state.bias() - self.payload_wrench(reading)).vector();
-        // A finite reading less finite numbers can still overflow.
+        // The difference of finite numbers may overflow.
         if !contact.iter().all(|x| x.is_finite()) {
             state.fault = Some((Validity::NotFinite, reading.time_s));
             return;
         }
-        // What was lost is taken to have been as this one, so that the filter's time stays the
-        // sensor's.
+        // Lost readings are replaced by this one, so that the filter keeps the sensor's time.
         if missed >= self.filter.settling_samples() {
             state.filter = LowPassState::default();
         } else {
@@ -384,8 +395,7 @@ impl WrenchConditioner {
     fn end_tare(&self, state: &mut WrenchConditionerState, outcome: Result<Tare, TareRefusal>) {
         state.averaging = None;
         if let Ok(tare) = &outcome {
-            // The filter holds readings less the old zero: shift them, or the new zero would swing
-            // in.
+            // The filter contains readings minus the old zero. Shifting them avoids a transient.
             let shift = (state.bias() - tare.bias).vector();
             state.filter.shift(&shift);
             state.output += shift;
@@ -403,8 +413,7 @@ impl WrenchConditionerState {
         self.tare.as_ref()
     }
 
-    /// Takes over a zero made elsewhere, or forgets the one in force. It becomes the last good zero
-    /// too.
+    /// Sets a stored zero, which also becomes the last good one, or removes the one in force.
     pub fn set_tare(&mut self, tare: Option<Tare>) {
         self.tare = tare;
         self.reference = tare.or(self.reference);
@@ -416,8 +425,8 @@ impl WrenchConditionerState {
         self.reference.as_ref()
     }
 
-    /// Takes the zero in force back: it was taken in contact. The sensor is untared then, and the
-    /// zero before is the last good one.
+    /// Withdraws the zero in force because it was taken in contact. The sensor is then untared, and
+    /// the zero before is the last good one.
     pub fn withdraw_tare(&mut self) {
         if let Some(withdrawn) = self.tare.take() {
             self.output += withdrawn.bias.vector();
@@ -426,28 +435,28 @@ impl WrenchConditionerState {
         }
     }
 
-    /// Forgets the last good zero too: another sensor.
+    /// Forgets the last good zero, for another sensor.
     pub fn forget_reference(&mut self) {
         self.reference = None;
         self.reference_before = None;
     }
 
-    /// True while an average is being taken.
+    /// Whether a tare is in progress.
     pub fn is_taring(&self) -> bool {
         self.averaging.is_some()
     }
 
-    /// The average being taken comes to nothing; the zero before stays in force.
+    /// Cancels the tare in progress. The zero before stays in force.
     pub fn cancel_tare(&mut self) {
         self.averaging = None;
     }
 
-    /// How the last tare ended, once.
+    /// Outcome of the last tare; returned once.
     pub fn take_tare_outcome(&mut self) -> Option<Result<Tare, TareRefusal>> {
         self.outcome.take()
     }
 
-    /// Empties the filter and forgets faults, keeps the zero: for a stream that begins anew.
+    /// Resets filter and faults but keeps the zero, for a stream that restarts.
     pub fn restart(&mut self) {
         self.filter = LowPassState::default();
         self.fault = None;

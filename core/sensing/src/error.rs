@@ -1,14 +1,21 @@
-//! What can be wrong with the numbers a conditioner is made from.
+//! Error of a parameter out of its range.
 
-/// A parameter out of its range.
+/// A parameter is out of its range.
+///
+/// ```
+/// use tangent_sensing::LowPass;
+/// let error = LowPass::new(600.0, 1000.0).unwrap_err();
+/// assert_eq!(error.key, "filter_cutoff_hz");
+/// assert!(error.to_string().starts_with("`filter_cutoff_hz` is 600, but must be from 0"));
+/// ```
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("`{key}` is {value}, but must be {allowed}")]
 pub struct SensingError {
-    /// The parameter, as in the cell file.
+    /// Name of the parameter in the cell file.
     pub key: &'static str,
-    /// What was given.
+    /// Value found.
     pub value: f64,
-    /// What is allowed.
+    /// Allowed range, in words.
     pub allowed: String,
 }
 

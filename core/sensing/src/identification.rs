@@ -15,7 +15,7 @@ const SAME_POSE_RAD: f64 = 0.01;
 /// as a share of gravity.
 const SPREAD_MIN: f64 = 0.15;
 
-/// A pose of the arm at rest and without contact, and the sensor's reading there.
+/// A pose of the arm at rest and without contact, with the sensor's reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StaticPose {
     /// Rotation from flange axes to base axes, as measured.
@@ -92,7 +92,8 @@ pub enum IdentificationError {
     },
 }
 
-struct Fit {
+/// Parameters of one fit.
+struct PayloadFit {
     mass: f64,
     sensor_from_flange: Rotation3<f64>,
     com: Vector3<f64>,
@@ -100,7 +101,7 @@ struct Fit {
     anisotropy: f64,
 }
 
-impl Fit {
+impl PayloadFit {
     /// Reading expected with gravity `gravity` in flange axes, m/s².
     fn predict(&self, gravity: &Vector3<f64>) -> Wrench<Sensor> {
         let force = self.sensor_from_flange * gravity * self.mass;
@@ -108,9 +109,30 @@ impl Fit {
     }
 }
 
-/// Fits `force = bias + G g(R)` with a free 3×3 matrix `G`, takes the rotation from it by polar
-/// decomposition and the mass from its scale, then the centre of mass from the torques.
-/// `gravity_in_base` in m/s².
+/// Identifies the payload and the mounting of the sensor; `gravity_in_base` in m/s².
+///
+/// Fits `force = bias + G g(R)` with a free 3×3 matrix `G`. The rotation is its polar
+/// decomposition, and the mass its scale. The centre of mass follows from the torques.
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_mechanics::{Sensor, Wrench};
+/// use tangent_sensing::{Payload, StaticPose, identify_payload};
+///
+/// let truth = Payload { mass_kg: 1.2, com_in_sensor_m: [0.01, 0.0, 0.05], ..Payload::default() };
+/// let gravity = Vector3::new(0.0, 0.0, -9.81);
+/// let turns = [[0.0, 0.0], [1.5, 0.0], [-1.5, 0.0], [0.0, 1.5], [0.0, -1.5], [3.0, 0.0]];
+/// let poses = turns.map(|[roll, pitch]| {
+///     let base_from_flange = UnitQuaternion::from_euler_angles(roll, pitch, 0.0);
+///     let in_sensor = base_from_flange.inverse() * gravity;
+///     StaticPose { base_from_flange, wrench: truth.wrench(&in_sensor, None) }
+/// });
+/// let found = identify_payload(&poses, &gravity)?;
+/// assert!((found.payload.mass_kg - 1.2).abs() < 1e-9);
+/// assert!((found.payload.com_in_sensor_m[2] - 0.05).abs() < 1e-9);
+/// # let _: Wrench<Sensor> = found.bias;
+/// # Ok::<(), tangent_sensing::IdentificationError>(())
+/// ```
 ///
 /// # Errors
 /// Too few poses, poses too much alike, numbers that are not finite, a mirrored sensor, or no mass.
@@ -153,7 +175,8 @@ pub fn identify_payload(
         force += residual.force.norm_squared();
         torque += residual.torque.norm_squared();
         n += 1.0;
-        // Relative to the fit of all poses, so that the squares do not drown the scatter.
+        // Relative to the fit of all poses, so that large values do not cancel the digits of the
+        // scatter.
         let off = (fit.com - all.com).insert_row(0, fit.mass - all.mass);
         sum += off;
         squares += off.component_mul(&off);
@@ -194,7 +217,7 @@ pub fn identify_payload(
 
 fn fit<'a>(
     rows: impl Iterator<Item = &'a (Vector3<f64>, Wrench<Sensor>)> + Clone,
-) -> Result<Fit, IdentificationError> {
+) -> Result<PayloadFit, IdentificationError> {
     let n = rows.clone().count() as f64;
     let mean_g = rows.clone().map(|(g, _)| *g).sum::<Vector3<f64>>() / n;
     let mean_f = rows.clone().map(|(_, w)| w.force).sum::<Vector3<f64>>() / n;
@@ -247,7 +270,7 @@ fn fit<'a>(
     let Some(solution) = normal.cholesky().map(|c| c.solve(&right)) else {
         return Err(IdentificationError::TooMuchAlike { spread });
     };
-    Ok(Fit {
+    Ok(PayloadFit {
         mass,
         sensor_from_flange,
         com: solution.fixed_rows::<3>(3).into_owned(),

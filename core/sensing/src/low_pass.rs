@@ -1,4 +1,4 @@
-//! Second-order Butterworth low-pass with a stated delay, whose cut-off may change while it runs.
+//! Second-order Butterworth low-pass with a known delay, whose cut-off may change while it runs.
 
 use nalgebra::SVector;
 
@@ -7,16 +7,33 @@ use crate::SensingError;
 /// Damping of a Butterworth pair, `1/Q`.
 const INVERSE_Q: f64 = std::f64::consts::SQRT_2;
 
-/// Highest cut-off as a share of the sample rate: above, the bilinear warping makes the name
-/// "Butterworth" a lie.
+/// Highest cut-off as a share of the sample rate. Above it, the bilinear warping distorts the
+/// Butterworth response.
 const CUTOFF_SHARE_MAX: f64 = 0.45;
 
 /// Coefficients for one cut-off and one sample rate.
 ///
-/// The analogue prototype under the bilinear transform, warped so that the cut-off (-3 dB) falls
-/// where it is asked for, in the trapezoidal state-variable form: its two states are integrals of
-/// the signal and not of the coefficients, so a cut-off that moves from sample to sample makes no
-/// step in the output.
+/// The analogue prototype under the bilinear transform, prewarped so that the cut-off (-3 dB) is
+/// exact, in the trapezoidal state-variable form. Its two states do not depend on the coefficients,
+/// so a change of the cut-off makes no step in the output.
+///
+/// ```
+/// use nalgebra::SVector;
+/// use tangent_sensing::{LowPass, LowPassState};
+///
+/// let filter = LowPass::new(30.0, 1000.0)?;
+/// let mut state = LowPassState::<1>::default();
+/// // The first sample sets the state, so there is no transient.
+/// assert_eq!(filter.update(&mut state, &SVector::repeat(5.0))[0], 5.0);
+/// // A step is followed within `settling_samples`.
+/// let mut output = 5.0;
+/// for _ in 0..filter.settling_samples() {
+///     output = filter.update(&mut state, &SVector::repeat(6.0))[0];
+/// }
+/// assert!((output - 6.0).abs() < 1e-3);
+/// assert!((filter.delay_s() - 0.2251 / 30.0).abs() < 1e-4);
+/// # Ok::<(), tangent_sensing::SensingError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPass {
     sample_rate_hz: f64,
@@ -27,8 +44,21 @@ pub struct LowPass {
     delay_s: f64,
 }
 
-/// Memory of a [`LowPass`] on `N` channels. A new one is the reset: the first sample then passes as
-/// if it had always been there.
+/// State of a [`LowPass`] on `N` channels. A new one is the reset: the filter then starts in the
+/// steady state of the first sample.
+///
+/// ```
+/// use nalgebra::SVector;
+/// use tangent_sensing::{LowPass, LowPassState};
+///
+/// let filter = LowPass::new(30.0, 1000.0)?;
+/// let mut state = LowPassState::<1>::default();
+/// filter.update(&mut state, &SVector::repeat(5.0));
+/// // A tare subtracts 5 from all samples, past ones included.
+/// state.shift(&SVector::repeat(-5.0));
+/// assert_eq!(filter.update(&mut state, &SVector::repeat(0.0))[0], 0.0);
+/// # Ok::<(), tangent_sensing::SensingError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPassState<const N: usize> {
     first: SVector<f64, N>,
@@ -47,14 +77,14 @@ impl<const N: usize> Default for LowPassState<N> {
 }
 
 impl<const N: usize> LowPassState<N> {
-    /// Moves everything in the memory by a constant, as if the input had always been higher by it.
+    /// Shifts the state as if the input had always been higher by `by`.
     pub fn shift(&mut self, by: &SVector<f64, N>) {
         self.second += by;
     }
 }
 
 impl LowPass {
-    /// `cutoff_hz` at -3 dB; 0 switches the filter off.
+    /// Filter with -3 dB at `cutoff_hz`; 0 switches it off.
     ///
     /// # Errors
     /// A sample rate that is not positive, or a cut-off outside of 0 to 0.45 of it.
@@ -98,17 +128,17 @@ impl LowPass {
         self.delay_s
     }
 
-    /// -3 dB, Hz; 0: off.
+    /// Cut-off (-3 dB), Hz; 0 if the filter is off.
     pub fn cutoff_hz(&self) -> f64 {
         self.cutoff_hz
     }
 
-    /// Hz
+    /// Sample rate, Hz.
     pub fn sample_rate_hz(&self) -> f64 {
         self.sample_rate_hz
     }
 
-    /// Samples after which a step is followed to within a thousandth.
+    /// Number of samples after which a step is followed to within a thousandth.
     pub fn settling_samples(&self) -> u32 {
         if self.cutoff_hz == 0.0 {
             return 1;
@@ -120,8 +150,8 @@ impl LowPass {
         (-7.5 / radius.ln()).ceil() as u32 + 1
     }
 
-    /// One sample in, one out. A sample that is not finite leaves the state as it was and returns
-    /// the present output.
+    /// Filters one sample. A sample that is not finite does not change the state, and the present
+    /// output is returned.
     pub fn update<const N: usize>(
         &self,
         state: &mut LowPassState<N>,

@@ -1,34 +1,52 @@
-//! Torques that the environment puts on a torque-controlled arm's joints, from positions,
-//! velocities and motor torques alone.
+//! Estimate of the external torques on an arm's joints from positions, velocities and motor
+//! torques.
 //!
-//! Called once per period for arms without a force sensor at the wrist: the simulated Panda, whose
-//! own controller does the same. De Luca, Albu-Schäffer, Haddadin, Hirzinger 2006. Whatever the
-//! model leaves out is in the answer too, joint friction first of all.
+//! Called once per period for arms without a force sensor at the wrist, such as the simulated
+//! Panda: the controller of the real one has such an observer. De Luca, Albu-Schäffer, Haddadin,
+//! Hirzinger 2006. Torques that the model leaves out, joint friction above all, count as external.
 
 use nalgebra::{SMatrix, Vector6};
 use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, Joints};
 
-/// Generalised-momentum observer, `r' = K (M q̈ - τ + C q̇ + g - r)`: the environment's torques
-/// behind a low-pass of gain `K`.
+/// Generalised-momentum observer, `r' = K (M q̈ - τ + C q̇ + g - r)`: the external torques behind a
+/// first-order low-pass of bandwidth `K`.
 ///
-/// The acceleration never appears: over a period the momentum changes by what the torques were on
-/// average.
+/// It does not need the acceleration: the change of the momentum over a period is the mean of the
+/// torques.
+///
+/// ```
+/// use tangent_mechanics::{Arm, Joints, ModelData};
+/// use tangent_sensing::{MomentumObserver, MomentumObserverState};
+///
+/// let arm = Arm::<7>::new(&ModelData::builtin("panda")?)?;
+/// let observer = MomentumObserver { gain_per_s: 50.0 };
+/// let mut state = MomentumObserverState::default();
+/// // The motors hold the arm against gravity and against 2 Nm on the last joint.
+/// let (q, mut torque) = (arm.home(), arm.gravity(&arm.home()));
+/// torque[6] -= 2.0;
+/// let mut external = Joints::zeros();
+/// for _ in 0..500 {
+///     external = observer.update(&mut state, &arm, &q, &Joints::zeros(), &torque, 1e-3);
+/// }
+/// assert!((external[6] - 2.0).abs() < 1e-6);
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentumObserver {
-    /// `K`, 1/s.
+    /// Bandwidth `K`, 1/s.
     pub gain_per_s: f64,
 }
 
-/// Memory of a [`MomentumObserver`]; a new one is the reset.
+/// State of a [`MomentumObserver`]. A new one is the reset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentumObserverState<const N: usize> {
-    last: Option<Last<N>>,
+    last: Option<LastPeriod<N>>,
     residual: Joints<N>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Last<const N: usize> {
+struct LastPeriod<const N: usize> {
     mass: SMatrix<f64, N, N>,
     bias: Joints<N>,
     qd: Joints<N>,
@@ -44,9 +62,11 @@ impl<const N: usize> Default for MomentumObserverState<N> {
 }
 
 impl MomentumObserver {
-    /// One period of `dt_s` that ended with the arm at `q` (rad) and `qd` (rad/s), and in which the
-    /// motors gave `torque` (Nm). Returns the estimate of what the environment did, Nm. Zero after
-    /// the first period; input that is not finite changes nothing.
+    /// Updates the estimate with one period of `dt_s`, in which the motors exerted `torque` (Nm)
+    /// and which ended with the arm at `q` (rad) and `qd` (rad/s). Returns the external torques,
+    /// Nm.
+    ///
+    /// The estimate is zero after the first period. An input that is not finite changes nothing.
     pub fn update<const N: usize>(
         &self,
         state: &mut MomentumObserverState<N>,
@@ -64,11 +84,11 @@ impl MomentumObserver {
         if let Some(last) = state.last {
             let momentum = (mass + last.mass) * (qd - last.qd) * (0.5 / dt_s);
             let external = momentum - torque + (bias + last.bias) * 0.5;
-            // Implicit in r, so that no gain is unstable.
+            // Implicit in r, so that every gain is stable.
             let share = self.gain_per_s * dt_s;
             state.residual += (external - state.residual) * (share / (1.0 + share));
         }
-        state.last = Some(Last {
+        state.last = Some(LastPeriod {
             mass,
             bias,
             qd: *qd,
@@ -77,13 +97,26 @@ impl MomentumObserver {
     }
 }
 
-/// The wrench at the Jacobian's point and in its axes (N, then Nm) that comes nearest to `torque`
-/// (Nm) on the joints: `(J Jᵀ)⁻¹ J τ`, damped where the arm is nearly singular.
+/// Least-squares wrench (N, then Nm), at the point and in the axes of the Jacobian, that explains
+/// `torque` (Nm) on the joints: `(J Jᵀ)⁻¹ J τ`, damped near singularities.
+///
+/// ```
+/// use nalgebra::Vector6;
+/// use tangent_mechanics::{Arm, ModelData};
+/// use tangent_sensing::wrench_of_torques;
+///
+/// let arm = Arm::<7>::new(&ModelData::builtin("panda")?)?;
+/// let jacobian = arm.jacobian(&arm.home());
+/// let wrench = Vector6::new(0.0, 0.0, 10.0, 0.0, 0.0, 0.0);
+/// let found = wrench_of_torques(&jacobian, &(jacobian.transpose() * wrench));
+/// assert!((found - wrench).amax() < 0.05);
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 pub fn wrench_of_torques<const N: usize>(
     jacobian: &SMatrix<f64, 6, N>,
     torque: &Joints<N>,
 ) -> Vector6<f64> {
-    /// Against a singular value in metres or radians: below 0.03 the answer fades.
+    /// Added to the squared singular values (m or rad): below 0.03 m, the wrench decays.
     const DAMPING: f64 = 1e-5;
     let square = jacobian * jacobian.transpose() + SMatrix::<f64, 6, 6>::identity() * DAMPING;
     solve_positive_definite(&square, &(jacobian * torque)).unwrap_or_else(Vector6::zeros)

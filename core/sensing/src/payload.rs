@@ -1,4 +1,4 @@
-//! What hangs on the sensor: its weight, and its inertia where the motion is known.
+//! Payload of the sensor: its weight, and its inertial wrench if the motion is known.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -6,33 +6,67 @@ use tangent_mechanics::{Sensor, Wrench};
 
 use crate::SensingError;
 
-/// Mass carried by the sensor (everything on its tool side).
+/// Mass that the sensor carries: everything on its tool side.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_sensing::Payload;
+///
+/// let gripper = Payload {
+///     mass_kg: 1.0,
+///     com_in_sensor_m: [0.0, 0.0, 0.05],
+///     ..Payload::default()
+/// };
+/// gripper.check()?;
+/// // The sensor's z axis is horizontal: the weight bends it.
+/// let weight = gripper.wrench(&Vector3::new(9.81, 0.0, 0.0), None);
+/// assert_eq!(weight.force, Vector3::new(9.81, 0.0, 0.0));
+/// assert!((weight.torque.y - 0.4905).abs() < 1e-12);
+/// # Ok::<(), tangent_sensing::SensingError>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Payload {
-    /// kg
+    /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass, sensor axes, m.
     pub com_in_sensor_m: [f64; 3],
-    /// Principal inertia about the centre of mass along sensor axes, kg m²; used only where the
-    /// motion is given.
+    /// Principal inertia about the centre of mass along sensor axes, kg m²; used only if the motion
+    /// is given.
     pub inertia_kg_m2: [f64; 3],
 }
 
-/// How the sensor's body moves, in sensor axes.
+/// Motion of the sensor's body, in sensor axes.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_sensing::{Payload, SensorMotion};
+///
+/// // A payload that falls freely exerts no force on the sensor.
+/// let gravity = Vector3::new(0.0, 0.0, -9.81);
+/// let falling = SensorMotion {
+///     acceleration: gravity,
+///     angular_velocity: Vector3::zeros(),
+///     angular_acceleration: Vector3::zeros(),
+/// };
+/// let payload = Payload { mass_kg: 2.0, ..Payload::default() };
+/// assert_eq!(payload.wrench(&gravity, Some(&falling)).force, Vector3::zeros());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorMotion {
-    /// Of the sensor's origin, without gravity, m/s².
+    /// Acceleration of the sensor's origin, without gravity, m/s².
     pub acceleration: Vector3<f64>,
-    /// rad/s
+    /// Angular velocity, rad/s.
     pub angular_velocity: Vector3<f64>,
-    /// rad/s²
+    /// Angular acceleration, rad/s².
     pub angular_acceleration: Vector3<f64>,
 }
 
 impl Payload {
+    /// Checks every number.
+    ///
     /// # Errors
-    /// A number that is not finite, or negative where that makes no sense.
+    /// The first number that is not finite or out of its range.
     pub fn check(&self) -> Result<(), SensingError> {
         SensingError::unless(
             (0.0..=200.0).contains(&self.mass_kg),
@@ -59,8 +93,8 @@ impl Payload {
         Ok(())
     }
 
-    /// What the payload alone does to the sensor, given the acceleration of gravity in sensor axes
-    /// (m/s²): weight, and with `motion` d'Alembert's forces.
+    /// Wrench of the payload on the sensor, given the acceleration of gravity in sensor axes
+    /// (m/s²): its weight, and with `motion` its inertial wrench.
     pub fn wrench(
         &self,
         gravity_in_sensor: &Vector3<f64>,

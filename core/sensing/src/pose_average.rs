@@ -1,5 +1,4 @@
-//! One static pose for payload identification: the mean reading while the arm stands, refused when
-//! it does not.
+//! Static poses for payload identification: the mean reading while the arm is at rest.
 
 use nalgebra::UnitQuaternion;
 use tangent_mechanics::{Base, Flange, Pose, Sensor, Tool, Wrench};
@@ -7,10 +6,10 @@ use tangent_mechanics::{Base, Flange, Pose, Sensor, Tool, Wrench};
 use crate::tare::Averaging;
 use crate::{StaticPose, TareConfig, TareRefusal};
 
-/// Turn between two poses that makes them two, rad.
+/// Smallest rotation between two poses that count as different, rad.
 pub const ANOTHER_POSE_RAD: f64 = 0.2;
 
-/// Averages one pose. A fresh one per pose.
+/// Averages the readings of one static pose. Each pose needs a new one.
 #[derive(Clone, Debug)]
 pub struct PoseAverage {
     config: TareConfig,
@@ -20,7 +19,8 @@ pub struct PoseAverage {
 }
 
 impl PoseAverage {
-    /// Over `config.duration_s` of readings that come at `rate_hz`; refuses what a tare refuses.
+    /// Average over `config.duration_s` of readings at `rate_hz`. It is refused under the same
+    /// conditions as a tare.
     pub fn new(config: &TareConfig, rate_hz: f64) -> Self {
         Self {
             averaging: Averaging::new((config.duration_s * rate_hz).round().max(2.0) as u32),
@@ -30,8 +30,8 @@ impl PoseAverage {
         }
     }
 
-    /// Takes one reading (before tare and payload) with the arm's pose at that time; `Some` when it
-    /// is done or refused.
+    /// Takes one reading (before tare and payload) with the arm's pose at that time. Returns `Some`
+    /// when the average is complete or refused.
     pub fn take(
         &mut self,
         reading: &Wrench<Sensor>,
@@ -53,8 +53,27 @@ impl PoseAverage {
     }
 }
 
-/// Finds the static poses in a stream of readings, as from a recording: wherever the arm stands for
-/// long enough, once per orientation in a row.
+/// Finds the static poses in a stream of readings, such as a recording: each orientation in which
+/// the arm is at rest for long enough, once in a row.
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_mechanics::{Pose, Sensor, Wrench};
+/// use tangent_sensing::{PoseFinder, TareConfig};
+///
+/// let mut finder = PoseFinder::new(&TareConfig::default(), 100.0);
+/// for (i, roll) in [0.0, 0.5, 1.0].into_iter().enumerate() {
+///     let base_from_tool = Pose::new(
+///         Vector3::new(0.4, 0.0, 0.3),
+///         UnitQuaternion::new(Vector3::x() * roll),
+///     );
+///     let reading = Wrench::<Sensor>::new(Vector3::repeat(i as f64), Vector3::zeros());
+///     for _ in 0..200 {
+///         finder.take(&reading, &base_from_tool, &Pose::identity());
+///     }
+/// }
+/// assert_eq!(finder.found().len(), 3);
+/// ```
 #[derive(Clone, Debug)]
 pub struct PoseFinder {
     config: TareConfig,
@@ -64,7 +83,7 @@ pub struct PoseFinder {
 }
 
 impl PoseFinder {
-    /// As [`PoseAverage::new`].
+    /// Finder for readings at `rate_hz`, averaged over `config.duration_s` per pose.
     pub fn new(config: &TareConfig, rate_hz: f64) -> Self {
         Self {
             config: config.clone(),

@@ -1,5 +1,5 @@
-//! The sensor's zero: averaged on request while nothing touches and nothing moves, and refused
-//! otherwise.
+//! The sensor's zero: averaged on request while the tool is at rest and without contact, and
+//! refused otherwise.
 
 use nalgebra::Vector6;
 use serde::{Deserialize, Serialize};
@@ -8,6 +8,14 @@ use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
 use crate::{SensingError, Validity};
 
 /// Conditions under which an average is accepted as the sensor's zero.
+///
+/// ```
+/// use tangent_sensing::TareConfig;
+/// let config = TareConfig { drift_n_per_min: 0.06, ..TareConfig::default() };
+/// config.check()?;
+/// assert!((config.drift_bound_n(600.0) - 0.6).abs() < 1e-12);
+/// # Ok::<(), tangent_sensing::SensingError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TareConfig {
@@ -39,19 +47,21 @@ pub struct TareConfig {
     pub drift_n_per_min: f64,
     /// Stated drift of the sensor's zero, Nm per minute.
     pub drift_nm_per_min: f64,
-    /// Most that this drift may explain of a jump where nothing has shown that the tool hangs free,
-    /// N.
+    /// Largest part of a jump that the force's drift may explain while nothing has shown that the
+    /// tool is free of contact, N.
     pub drift_max_n: f64,
-    /// Most that the torque's drift may explain there, Nm.
+    /// Largest part of a jump that the torque's drift may explain while nothing has shown that the
+    /// tool is free of contact, Nm.
     pub drift_max_nm: f64,
-    /// A last good zero that is older says nothing about a new one, s.
+    /// Age beyond which the last good zero is not compared with a new one, s.
     pub reference_age_max_s: f64,
     /// Rated loads of the sensor: N, then Nm; x, y, z. `None`: not known.
     pub rated: Option<[f64; 6]>,
     /// Largest share of the rated load that a zero may take in any axis.
     pub rated_share_max: f64,
-    /// Largest force that can be a zero, N, also on a person's word: of a reading that is known to
-    /// be near zero without a load. None: any, as a sensor's strain gauges read.
+    /// Largest force of a zero, N, even if a person confirms that the tool is free. For a reading
+    /// that is known to be near zero without a load. `None` for strain gauges, whose zero is
+    /// arbitrary.
     pub zero_max_n: Option<f64>,
 }
 
@@ -80,8 +90,10 @@ impl Default for TareConfig {
 }
 
 impl TareConfig {
+    /// Checks every number.
+    ///
     /// # Errors
-    /// A number is not positive and finite.
+    /// The first number that is not positive and finite.
     pub fn check(&self) -> Result<(), SensingError> {
         for (key, value) in [
             ("tare.duration_s", self.duration_s),
@@ -125,8 +137,8 @@ impl TareConfig {
         Some(wrench.vector().component_div(&rated).amax())
     }
 
-    /// Whether a zero measured on this ground can be one: against the zero before as far as that
-    /// still says something, and against the rating. A person's word is not judged.
+    /// Judges a new zero, measured on this ground, against the zero before it and the sensor's
+    /// rating. A zero that a person has confirmed is not judged.
     ///
     /// # Errors
     /// [`TareRefusal::Jump`] or [`TareRefusal::Loaded`].
@@ -138,7 +150,7 @@ impl TareConfig {
     ) -> Result<(), TareRefusal> {
         let (last, drift_max_n, drift_max_nm) = match (ground, before) {
             (TareGround::SaidClear, _) => return Ok(()),
-            // What drifted away over hours cannot be told from a load: a person has to look.
+            // A drift over hours cannot be distinguished from a load, so a person has to check.
             (TareGround::Assumed, Some(before)) => {
                 (Some(before.vouched), self.drift_max_n, self.drift_max_nm)
             }
@@ -155,7 +167,7 @@ impl TareConfig {
             let force_max_n = self.jump_max_n + (self.drift_n_per_min * minutes).min(drift_max_n);
             let torque_max_nm =
                 self.jump_max_nm + (self.drift_nm_per_min * minutes).min(drift_max_nm);
-            // Written so that a NaN refuses.
+            // Written so that a NaN is refused.
             let near = force_n <= force_max_n && torque_nm <= torque_max_nm;
             if age_s <= self.reference_age_max_s && !near {
                 return Err(TareRefusal::Jump {
@@ -185,6 +197,23 @@ fn worst(v: &Vector6<f64>) -> (f64, f64) {
 }
 
 /// A measured zero of the sensor: its reading without payload and contact.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_mechanics::{Sensor, Wrench};
+/// use tangent_sensing::{Tare, TareConfig, TareGround, TareRefusal};
+///
+/// let zero = |force_n: f64, time_s: f64| {
+///     let bias = Wrench::<Sensor>::new(Vector3::new(0.0, 0.0, force_n), Vector3::zeros());
+///     Tare::first(bias, Wrench::zero(), 500, time_s)
+/// };
+/// let (before, now) = (zero(12.0, 0.0), zero(15.0, 60.0));
+/// // A jump of 3 N within a minute may be a load, unless a person confirms that the tool is free.
+/// let config = TareConfig::default();
+/// let refusal = config.judge(&now, TareGround::Assumed, Some(&before)).unwrap_err();
+/// assert!(matches!(refusal, TareRefusal::Jump { .. }));
+/// assert!(config.judge(&now, TareGround::SaidClear, Some(&before)).is_ok());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tare {
     /// Wrench to subtract from every reading, besides that of the payload, N and Nm.
@@ -195,19 +224,19 @@ pub struct Tare {
     pub samples: u32,
     /// Time at which the average was complete, on the clock of [`crate::Reading::time_s`], s.
     pub time_s: f64,
-    /// What says that nothing pressed meanwhile.
+    /// Evidence that the tool was free of contact meanwhile.
     pub ground: TareGround,
-    /// The zero that later ones are judged against: this one where a person or a motion vouches for
-    /// it, else the one before that they vouched for. Small jumps do not add up.
+    /// The zero that later ones are judged against: the last one that a person or a motion has
+    /// confirmed. Small jumps therefore do not add up.
     pub vouched: ZeroPoint,
-    /// The last zero that was taken after a motion had shown that the tool hangs free, or the first
-    /// one ever. The limit on the untared reading counts from it: no zero that came later can hide
-    /// a load from it.
+    /// The last zero after a motion had shown that the tool was free of contact, or the first zero
+    /// of all. The limit on the untared reading is relative to it, so that no later zero can hide a
+    /// load.
     pub shown: ZeroPoint,
 }
 
 impl Tare {
-    /// The first zero of a sensor: nothing is known to judge it by.
+    /// First zero of a sensor, without another to judge it by.
     pub fn first(bias: Wrench<Sensor>, std: Wrench<Sensor>, samples: u32, time_s: f64) -> Self {
         let zero = ZeroPoint { bias, time_s };
         Self {
@@ -221,7 +250,7 @@ impl Tare {
         }
     }
 
-    /// This zero after the one before it.
+    /// This zero as the successor of the one before it.
     pub fn following(self, ground: TareGround, before: Option<&Self>) -> Self {
         let (vouched, shown) = match (ground, before) {
             (TareGround::Shown, _) | (_, None) => (self.zero(), self.zero()),
@@ -236,7 +265,7 @@ impl Tare {
         }
     }
 
-    /// Its bias and time.
+    /// Bias and time of this zero.
     pub fn zero(&self) -> ZeroPoint {
         ZeroPoint {
             bias: self.bias,
@@ -245,25 +274,25 @@ impl Tare {
     }
 }
 
-/// What says that nothing presses while a zero is taken.
+/// Evidence that the tool is free of contact while a zero is taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TareGround {
-    /// Nothing but that the zero is near the one before.
+    /// None, except that the zero is near the one before.
     #[default]
     Assumed,
-    /// A person has looked and says that the tool hangs free.
+    /// A person has confirmed that the tool is free.
     SaidClear,
     /// A motion away from the surface has shown it.
     Shown,
 }
 
-/// A zero, and when it was taken.
+/// A zero and its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ZeroPoint {
-    /// What the sensor read beyond the payload.
+    /// Reading of the sensor without the payload, N and Nm.
     pub bias: Wrench<Sensor>,
-    /// On the clock of [`crate::Reading::time_s`].
+    /// Time on the clock of [`crate::Reading::time_s`], s.
     pub time_s: f64,
 }
 
@@ -273,7 +302,7 @@ pub enum TareRefusal {
     /// A reading was not usable.
     #[error("a reading was unusable ({}): clear that first", .0.reason())]
     BadReading(Validity),
-    /// There is a payload, and the arm's orientation is not known.
+    /// There is a payload, and the orientation of the arm is not known.
     #[error(
         "the arm's orientation is {}: without it the payload's weight cannot be told from the zero; is the robot's bridge running?",
         .0.reason()
@@ -325,14 +354,14 @@ pub enum TareRefusal {
         /// Age of the last good zero, s.
         age_s: f64,
     },
-    /// No zero is so large.
+    /// The mean force is too large for a zero.
     #[error(
         "the mean force at rest is {force_n:.1} N, at most {force_max_n} N can be its zero: the tool touches something, or its mass is set wrong"
     )]
     TooLarge {
-        /// Size of the mean, N.
+        /// Mean force, N.
         force_n: f64,
-        /// Allowed, N.
+        /// Largest mean force allowed, N.
         force_max_n: f64,
     },
     /// The zero would take too large a share of the sensor's rating.
@@ -353,8 +382,8 @@ pub enum TareRefusal {
 pub(crate) struct Averaging {
     wanted: u32,
     taken: u32,
-    /// First reading. Sums are relative to it, so that the squares of a large zero do not drown the
-    /// scatter.
+    /// First reading. Sums are relative to it, so that a large zero does not cancel the digits of
+    /// the scatter.
     origin: Vector6<f64>,
     sum: Vector6<f64>,
     first_half: Vector6<f64>,

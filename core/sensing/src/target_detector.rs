@@ -1,39 +1,40 @@
-//! The four corners of a target in a grey image, with sub-pixel positions and the right labels.
+//! Detection of a target's four labelled corners in a grey image, with sub-pixel accuracy.
 //!
 //! The target is a light plate with a mark of two dark and two light cells at each corner of a
-//! square, and a dark dot halfway between the square's middle and corner 0. The marks' saddle
-//! points are found by the ChESS detector of `chess-corners`. Called wherever images are received:
-//! the simulated camera, a camera service.
+//! square, and a dark dot halfway between the square's centre and corner 0. The ChESS detector of
+//! `chess-corners` finds the saddle points of the marks. Called by the camera service and the
+//! simulated camera for each image.
 
 use chess_corners::{ChessRefiner, CornerDescriptor, Detector, DetectorConfig};
 use nalgebra::Vector2;
 
-/// Corners of the target.
+/// Number of corners of the target.
 const CORNERS: usize = 4;
-/// A corner is looked for so far from where it was in the frame before, pixels.
+/// Search radius of a corner around its position in the previous image, pixels.
 const TRACK_PX: f64 = 15.0;
-/// The dot must be darker than this share of what lies at its place at the other corners.
+/// Largest brightness of the dot, as a share of that of the corresponding places at the other
+/// corners.
 const DOT_SHARE: f64 = 0.7;
-/// Half a side of the patch that is looked at for the dot, pixels.
+/// Half the side of the patch in which the dot's brightness is measured, pixels.
 const DOT_PX: i64 = 2;
-/// Candidates looked at for a first labelling, strongest first.
+/// Number of candidates for the first labelling, strongest first.
 const CANDIDATES_MAX: usize = 8;
-/// Share of the strongest response below which nothing is a mark.
+/// Smallest response of a mark, as a share of the strongest response.
 const RESPONSE_SHARE: f32 = 0.25;
 
-/// An 8-bit grey image, row by row from the top. Pixel (0, 0)'s middle is at (0, 0).
+/// An 8-bit grey image, row by row from the top. The centre of the first pixel is at (0, 0).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GreyImage {
-    /// Pixels per row.
+    /// Number of pixels per row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// `width * height` values.
+    /// Brightness of each pixel: `width * height` values.
     pub pixels: Vec<u8>,
 }
 
 impl GreyImage {
-    /// All of one value.
+    /// Image of one brightness.
     pub fn filled(width: u32, height: u32, value: u8) -> Self {
         Self {
             width,
@@ -42,7 +43,7 @@ impl GreyImage {
         }
     }
 
-    /// Mean over a small patch; none where it is not all inside.
+    /// Mean brightness of a small patch; `None` if it is not entirely inside the image.
     fn patch(&self, at: &Vector2<f64>) -> Option<f64> {
         let (x, y) = (at.x.round() as i64, at.y.round() as i64);
         let (width, height) = (i64::from(self.width), i64::from(self.height));
@@ -59,22 +60,30 @@ impl GreyImage {
     }
 }
 
-/// The detector does not take its settings, or an image's size is not that of its pixels.
+/// The detector rejects its settings, or the size of an image does not match its pixels.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("corners of the target: {0}")]
 pub struct TargetDetectorError(String);
 
-/// Finds the target from image to image. A new one knows nothing of earlier images.
+/// Finds the target in successive images and tracks its corners. A new one is the reset.
+///
+/// ```
+/// use tangent_sensing::{GreyImage, TargetDetector};
+/// let mut detector = TargetDetector::new()?;
+/// let empty = GreyImage::filled(320, 240, 128);
+/// assert_eq!(detector.detect(&empty)?, [None; 4]);
+/// # Ok::<(), tangent_sensing::TargetDetectorError>(())
+/// ```
 pub struct TargetDetector {
     detector: Detector,
     last: [Option<Vector2<f64>>; CORNERS],
 }
 
 impl TargetDetector {
-    /// With the detector's single-scale preset and its saddle-point refinement.
+    /// Detector with the single-scale preset and saddle-point refinement of `chess-corners`.
     ///
     /// # Errors
-    /// When the detector does not take its own preset.
+    /// `chess-corners` rejects its preset.
     pub fn new() -> Result<Self, TargetDetectorError> {
         let config = DetectorConfig::chess()
             .without_orientation()
@@ -85,10 +94,11 @@ impl TargetDetector {
         })
     }
 
-    /// The corners, in the order of the target's own; none for one that was not found. Pixels.
+    /// Positions of the corners in pixels, in the target's order; `None` for one that was not
+    /// found.
     ///
     /// # Errors
-    /// An image whose size is not that of its pixels.
+    /// The size of the image does not match its pixels.
     pub fn detect(
         &mut self,
         image: &GreyImage,
@@ -110,7 +120,8 @@ impl TargetDetector {
         Ok(self.last)
     }
 
-    /// Corners near where they were, and those that come back into view where the other three say.
+    /// Corners near their previous positions, and those that return into view at the place that the
+    /// other three imply.
     fn tracked(&self, points: &[Vector2<f64>]) -> [Option<Vector2<f64>>; CORNERS] {
         let nearest = |at: Vector2<f64>| {
             points
@@ -135,8 +146,8 @@ fn position(corner: &CornerDescriptor) -> Vector2<f64> {
     Vector2::new(f64::from(corner.x), f64::from(corner.y))
 }
 
-/// The strongest four that make a square seen from its front, beginning with the one that the dot
-/// belongs to.
+/// The strongest four points that form a square seen from its front, beginning with the corner of
+/// the dot.
 fn labelled(image: &GreyImage, points: &[Vector2<f64>]) -> Option<[Vector2<f64>; CORNERS]> {
     let count = points.len().min(CANDIDATES_MAX);
     for a in 0..count {
@@ -159,7 +170,7 @@ fn ordered(
     mut four: [Vector2<f64>; CORNERS],
 ) -> Option<[Vector2<f64>; CORNERS]> {
     let middle = four.iter().sum::<Vector2<f64>>() / CORNERS as f64;
-    // The image's y points down: counter-clockwise as seen is by falling angle.
+    // The image's y axis points down, so falling angles are counter-clockwise in view.
     let angle = |p: &Vector2<f64>| (p.y - middle.y).atan2(p.x - middle.x);
     four.sort_by(|a, b| angle(b).total_cmp(&angle(a)));
     let centre = crossing(&four)?;
@@ -177,8 +188,8 @@ fn ordered(
     Some(four)
 }
 
-/// Where the diagonals cross, which is the square's middle under any perspective; none unless the
-/// four are convex.
+/// Intersection of the diagonals, which is the square's centre in any perspective; `None` unless
+/// the four points are convex.
 fn crossing(four: &[Vector2<f64>; CORNERS]) -> Option<Vector2<f64>> {
     let (u, v) = (four[2] - four[0], four[3] - four[1]);
     let cross = u.perp(&v);

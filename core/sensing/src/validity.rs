@@ -1,39 +1,47 @@
-//! Whether a reading or an estimate can be used, and if not, why.
+//! Whether a reading or an estimate can be used, and if not, the reason.
 
-/// The state of an input that can be bad. The numeric value is what stands in messages.
+/// Whether an input can be used, and if not, the reason. Messages carry the numeric value.
+///
+/// ```
+/// use tangent_sensing::Validity;
+/// assert!(Validity::from(0).is_valid());
+/// assert_eq!(Validity::from(3).reason(), "sensor saturated");
+/// // A code of a newer version is never usable.
+/// assert_eq!(Validity::from(200), Validity::SensorError);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Validity {
-    /// Use it.
+    /// Can be used.
     Valid = 0,
-    /// Nothing was received yet.
+    /// Nothing has been received yet.
     #[default]
     Missing = 1,
-    /// Older than its reader's patience.
+    /// Older than its reader tolerates.
     Stale = 2,
-    /// A gauge is at its end: the numbers look plausible and are wrong.
+    /// A strain gauge is saturated: the numbers look plausible and are wrong.
     Saturated = 3,
     /// NaN or infinite.
     NotFinite = 4,
-    /// The sensor reports an error of its own.
+    /// The sensor reports an error.
     SensorError = 5,
-    /// No contact: there is no surface to speak of.
+    /// The tool is not in contact.
     NoContact = 6,
     /// In contact, but the tool does not slide fast enough for a direction of sliding to exist.
     NotSliding = 7,
     /// Too few or too badly spread samples for a fit.
     Degenerate = 8,
-    /// Too far from what was used until now.
+    /// Too far from the estimate in use.
     Disagrees = 9,
-    /// The base moves, and how is not known.
+    /// The base moves, and its motion is not known.
     BaseUnknown = 10,
-    /// Records go on coming and all say exactly the same, which this sensor's noise rules out.
+    /// Records arrive and are all equal, which the noise of this sensor rules out.
     Frozen = 11,
-    /// One axis stands still while the others live.
+    /// The value of one axis stays constant while the others vary.
     AxisStuck = 12,
-    /// The reading does not follow what the tool does to the surface.
+    /// The reading does not follow the motion of the tool against the surface.
     Unresponsive = 13,
-    /// Too many readings that no load can cause: damaged records.
+    /// Too many readings jump in a way that no load can cause: damaged records.
     Implausible = 14,
 }
 
@@ -43,8 +51,8 @@ impl Validity {
         self == Self::Valid
     }
 
-    /// The verdict took a run of readings: there is nothing to wait for, as there is after a single
-    /// bad one.
+    /// Whether the fault was found from many readings. Unlike a single bad reading, it does not end
+    /// by itself with the next one.
     pub fn is_judged_over_time(self) -> bool {
         matches!(
             self,
@@ -52,7 +60,7 @@ impl Validity {
         )
     }
 
-    /// The reason in words an operator understands.
+    /// Reason as text for the operator.
     pub fn reason(self) -> &'static str {
         match self {
             Self::Valid => "valid",

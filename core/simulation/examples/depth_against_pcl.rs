@@ -1,5 +1,5 @@
-//! `depth_normal` beside PCL 1.13's pipeline, on the same frames in one run: time per frame, error
-//! and coverage.
+//! Compares `depth_normal` with the pipeline of PCL 1.13 on the same frames in one run: time per
+//! frame, error and coverage.
 //!
 //! `cargo run --release -p tangent-simulation --example depth_against_pcl [WIDTH HEIGHT FOCAL_PX]`
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]

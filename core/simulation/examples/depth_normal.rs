@@ -1,4 +1,4 @@
-//! Normals from depth, scene by scene: error, coverage and time of each part.
+//! Normals from depth for each scene: error, coverage and time of each part.
 //!
 //! `cargo run --release -p tangent-simulation --example depth_normal [WIDTH HEIGHT FOCAL]`
 #![allow(

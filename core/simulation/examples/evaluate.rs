@@ -1,5 +1,5 @@
-//! `tangent evaluate` without a build of the network: a scenario file's figures, and with `trace=N`
-//! every Nth cycle.
+//! `tangent evaluate` without building the network: prints the figures of a scenario file and, with
+//! `trace=N`, every Nth cycle.
 //!
 //! ```sh
 //! cargo run --release -p tangent-simulation --example evaluate -- \
@@ -12,10 +12,10 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use tangent_simulation::metrics::object_pose::pose_error;
+use tangent_simulation::metrics::object::pose_error;
 use tangent_simulation::{
-    Calm, ObjectCycle, ObjectScenario, Scenario, TactileCycle, TactileScenario, Undisturbed,
-    evaluate_object_with, evaluate_tactile_with, evaluate_with,
+    FileError, ObjectCycle, Scenario, Undisturbed, VisuoTactileCycle, evaluate_admittance_with,
+    evaluate_object_with, evaluate_visuo_tactile_with,
 };
 
 fn main() -> ExitCode {
@@ -59,7 +59,7 @@ fn object_line(c: &ObjectCycle<'_>) -> String {
     )
 }
 
-fn tactile_line(c: &TactileCycle<'_>) -> String {
+fn visuo_tactile_line(c: &VisuoTactileCycle<'_>) -> String {
     let s = c.sample;
     let away = |i: usize| (s.tool_m[i] - s.wanted_m[i]) * 1e3;
     format!(
@@ -91,34 +91,31 @@ fn run() -> Result<(), Box<dyn Error>> {
     };
     let text = std::fs::read_to_string(&file).map_err(|e| format!("{file}: {e}"))?;
     let folder = Path::new(&file).parent().unwrap_or(Path::new("."));
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).map_err(|e| e.to_string());
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).map_err(FileError::new);
     let (mut cycle, mut lines) = (0_usize, Vec::new());
     let mut is_shown = || {
         cycle += 1;
         every.is_some_and(|n| n > 0 && (cycle - 1).is_multiple_of(n))
     };
     let start = Instant::now();
-    let evaluation = if ObjectScenario::is_one(&text) {
-        let scenario = ObjectScenario::parse(&file, &text, &overrides)?;
-        evaluate_object_with(&scenario, &mut Undisturbed, |c| {
-            if is_shown() {
-                lines.push(object_line(c));
-            }
-        })?
-    } else if TactileScenario::is_one(&text) {
-        let scenario = TactileScenario::parse(&file, &text, &overrides)?;
-        evaluate_tactile_with(&scenario, &mut Calm, |c| {
-            if is_shown() {
-                lines.push(tactile_line(c));
-            }
-        })?
-    } else {
-        let scenario = Scenario::parse(&file, &text, &overrides, &read)?;
-        evaluate_with(&scenario, |c| {
+    let evaluation = match Scenario::parse(&file, &text, &overrides, &read)? {
+        Scenario::Admittance(scenario) => evaluate_admittance_with(&scenario, |c| {
             if is_shown() {
                 lines.push(c.to_string());
             }
-        })?
+        })?,
+        Scenario::ObjectPose(scenario) => evaluate_object_with(&scenario, &mut Undisturbed, |c| {
+            if is_shown() {
+                lines.push(object_line(c));
+            }
+        })?,
+        Scenario::VisuoTactile(scenario) => {
+            evaluate_visuo_tactile_with(&scenario, &mut Undisturbed, |c| {
+                if is_shown() {
+                    lines.push(visuo_tactile_line(c));
+                }
+            })?
+        }
     }
     .with_wall_time(start.elapsed().as_secs_f64());
     println!("{}", serde_json::to_string_pretty(&evaluation)?);

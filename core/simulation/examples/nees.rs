@@ -1,4 +1,4 @@
-//! How honest the estimators' covariances are: mean of the normalised squared error per scenario,
+//! Consistency of the estimators' covariances: mean of the normalised squared error per scenario,
 //! estimator and phase.
 //!
 //! ```sh
@@ -7,6 +7,7 @@
 //! ```
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
+use std::error::Error;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -14,7 +15,7 @@ use std::process::ExitCode;
 mod nees;
 
 use nees::{ESTIMATORS, Phases, Tally, measure};
-use tangent_simulation::Scenario;
+use tangent_simulation::{AdmittanceScenario, FileError};
 
 fn main() -> ExitCode {
     match run() {
@@ -26,14 +27,14 @@ fn main() -> ExitCode {
     }
 }
 
-fn run() -> Result<(), String> {
+fn run() -> Result<(), Box<dyn Error>> {
     let (mut seeds, mut names, mut overrides) = (5u64, Vec::new(), Vec::new());
     for argument in std::env::args().skip(1) {
         match argument.split_once('=') {
             Some(("seeds", n)) => seeds = n.parse().map_err(|e| format!("seeds={n}: {e}"))?,
             Some(("scenario", name)) => names.push(name.to_owned()),
             Some(_) => overrides.push(argument),
-            None => return Err(format!("{argument}: want key=value")),
+            None => return Err(format!("{argument}: want key=value").into()),
         }
     }
     let folder = Path::new("scenarios");
@@ -56,9 +57,9 @@ fn run() -> Result<(), String> {
             all.push(format!("task.estimators={ESTIMATORS:?}"));
             let file = folder.join(format!("{name}.toml"));
             let text = std::fs::read_to_string(&file).map_err(|e| format!("{name}: {e}"))?;
-            let read = |n: &str| std::fs::read_to_string(folder.join(n)).map_err(|e| e.to_string());
-            let scenario = Scenario::parse(&name, &text, &all, &read).map_err(|e| e.to_string())?;
-            let found = measure(&scenario).map_err(|e| e.to_string())?;
+            let read = |n: &str| std::fs::read_to_string(folder.join(n)).map_err(FileError::new);
+            let scenario = AdmittanceScenario::parse(&name, &text, &all, &read)?;
+            let found = measure(&scenario)?;
             for (sum, part) in sums.iter_mut().zip(&found) {
                 sum.merge(part);
             }

@@ -1,22 +1,23 @@
-//! A hash of a whole trajectory: equal for equal input, debug or release, run after run.
+//! A hash of a whole trajectory: equal for equal input, in debug and release builds and in every
+//! run.
 
 use sha2::{Digest, Sha256};
 
-/// SHA-256 over the little-endian bits of every number given.
+/// SHA-256 over the little-endian bits of all numbers added.
 #[derive(Clone, Default)]
 pub struct TrajectoryDigest {
     hash: Sha256,
 }
 
 impl TrajectoryDigest {
-    /// Adds numbers in order.
+    /// Adds numbers; their order matters.
     pub fn add(&mut self, values: &[f64]) {
         for value in values {
             self.hash.update(value.to_bits().to_le_bytes());
         }
     }
 
-    /// 64 hexadecimal digits.
+    /// Hash as 64 hexadecimal digits.
     pub fn finish(self) -> String {
         use std::fmt::Write;
         let mut text = String::with_capacity(64);

@@ -10,45 +10,44 @@ pub enum OverrideError {
         "--set {text}: write it as key=value, for instance plant.contact.stiffness_n_per_m=10000"
     )]
     Form {
-        /// As given.
+        /// The override as given.
         text: String,
     },
     /// A part of the path holds a value where a table is needed.
     #[error("--set {text}: `{at}` is {kind}, not a table, so `{next}` cannot be in it")]
     NotATable {
-        /// As given.
+        /// The override as given.
         text: String,
         /// Path so far.
         at: String,
-        /// What stands there.
+        /// Kind of the value found there.
         kind: &'static str,
-        /// Part that was to come next.
+        /// Next part of the path.
         next: String,
     },
-    /// A part of the path is to index a list and does not.
+    /// A part of the path must be an index into a list but is not.
     #[error(
         "--set {text}: `{at}` is a list of {len}, so `{next}` must be a number from 0 to {last}"
     )]
     Index {
-        /// As given.
+        /// The override as given.
         text: String,
         /// Path so far.
         at: String,
-        /// Entries of the list.
+        /// Length of the list.
         len: usize,
-        /// Part that was given.
+        /// Part of the path that was given.
         next: String,
         /// Highest index.
         last: usize,
     },
 }
 
-/// Sets one value. Tables on the way that are not there are made; whether the key exists at all is
-/// decided when the scenario is read, which knows the allowed ones. A value that is no TOML is
-/// taken as text.
+/// Sets one value. Missing tables on the path are created; whether the key exists is checked when
+/// the scenario is read. A value that is not valid TOML is taken as a string.
 ///
 /// # Errors
-/// Says which part of the path is wrong.
+/// The part of the path that is wrong.
 pub fn apply(table: &mut Table, text: &str) -> Result<(), OverrideError> {
     let form = || OverrideError::Form {
         text: text.to_owned(),

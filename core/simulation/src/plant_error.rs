@@ -10,7 +10,7 @@ pub enum PlantError {
     /// The arm model is unknown or not usable.
     #[error("plant.robot: {0}")]
     Robot(#[from] ModelError),
-    /// The surface is bad.
+    /// The surface is not usable.
     #[error(transparent)]
     Surface(#[from] SurfaceError),
     /// The tool cannot be brought to its start pose.
@@ -21,18 +21,18 @@ pub enum PlantError {
     Camera(#[from] tangent_sensing::TargetDetectorError),
     /// A setting of the depth camera is out of its range.
     #[error("plant.{0}")]
-    DepthCamera(#[from] crate::depth_camera::DepthCameraError),
-    /// A setting of what reads its images is.
+    DepthCamera(#[from] crate::sensors::depth_camera::DepthCameraError),
+    /// A setting of the estimator that reads the depth images is out of its range.
     #[error("plant.{0}")]
     DepthNormal(#[from] tangent_estimation::EstimationError),
-    /// A number out of its range.
+    /// A number is out of its range.
     #[error("plant: `{key}` is {value}, but must be {allowed}")]
     Value {
         /// Dotted key under `plant`.
         key: &'static str,
-        /// What was given.
+        /// Value given.
         value: f64,
-        /// What is allowed.
+        /// Allowed range.
         allowed: &'static str,
     },
 }
@@ -63,12 +63,12 @@ impl PlantError {
     "start: no joint positions bring the tool to ({x:.3}, {y:.3}, {z:.3}) m over the surface ({source}); move the surface or `start.near_m`, or give `start.seed_rad` nearer to a solution"
 )]
 pub struct StartError {
-    /// Tool's origin, base axes, m.
+    /// x of the tool's origin, base axes, m.
     pub x: f64,
-    /// m
+    /// y of the tool's origin, base axes, m.
     pub y: f64,
-    /// m
+    /// z of the tool's origin, base axes, m.
     pub z: f64,
-    /// From the inverse kinematics.
+    /// Error of the inverse kinematics.
     pub source: InverseKinematicsError,
 }

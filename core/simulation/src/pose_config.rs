@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct PoseConfig {
     /// Origin, m.
     pub position_m: [f64; 3],
-    /// Turns about the fixed x, then y, then z axis, rad.
+    /// Rotations about the fixed x, then y, then z axis, rad.
     pub roll_pitch_yaw_rad: [f64; 3],
 }
 

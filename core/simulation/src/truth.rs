@@ -1,4 +1,4 @@
-//! What really happens at the contact. The system under test never reads it.
+//! True state of the contact. The system under test never reads it.
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World, Wrench};
@@ -6,41 +6,41 @@ use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World, Wrench};
 use crate::contact::{PadContact, PadMotion};
 use crate::surfaces::Surface;
 
-/// The truth at the end of an arm period.
+/// True state at the end of an arm period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Truth {
-    /// Time since the plant was made, s.
+    /// Time since the plant was created, s.
     pub time_s: f64,
     /// Closest point of the surface to the tool's origin, base axes, m.
     pub point: Vector3<f64>,
-    /// Unit normal there, out of the material, base axes.
+    /// Unit normal at `point`, out of the material, base axes.
     pub normal: Vector3<f64>,
-    /// Shape operator there, base axes, 1/m, positive for a convex body.
+    /// Shape operator at `point`, base axes, 1/m, positive for a convex body.
     pub curvature: Matrix3<f64>,
     /// Signed distance of the tool's origin from the surface, m.
     pub distance_m: f64,
-    /// Some pad point carries load.
+    /// Whether any point of the pad carries load.
     pub in_contact: bool,
     /// Depth of the deepest pad point, m; 0 without contact.
     pub penetration_m: f64,
-    /// What the surface does to the tool at the tool's origin, base axes.
+    /// Wrench of the surface on the tool, at the tool's origin, base axes.
     pub wrench: Wrench<Aligned<Tool, Base>>,
-    /// The pad's true pose, with the deflection of the tool.
+    /// The pad's true pose, including the deflection of the tool.
     pub base_from_tool: Pose<Base, Tool>,
-    /// The pad's true velocity against the surface: of the tool's origin, base axes.
+    /// The pad's true velocity relative to the surface: that of the tool's origin, base axes.
     pub twist: Twist<Aligned<Tool, Base>>,
     /// Speed of the tool's origin in the tangent plane, m/s.
     pub sliding_speed_m_per_s: f64,
-    /// Ratio of tangential to normal force now; 0 without contact.
+    /// Current ratio of tangential to normal force; 0 without contact.
     pub friction_ratio: f64,
     /// Sliding friction coefficient of the material.
     pub friction_coefficient: f64,
-    /// Where the arm's base is: the floor's axes are the base's at time zero.
+    /// Pose of the arm's base: floor axes equal base axes at time zero.
     pub world_from_base: Pose<World, Base>,
 }
 
 impl Truth {
-    /// From floor axes to those of the base at `floor_from_base`.
+    /// Transforms from floor axes to the axes of the base at `floor_from_base`.
     pub(crate) fn seen_from(self, floor_from_base: &Isometry3<f64>) -> Self {
         let back = floor_from_base.inverse();
         let axes = back.rotation.to_rotation_matrix().into_inner();
@@ -59,7 +59,7 @@ impl Truth {
 }
 
 impl Truth {
-    /// From the surface under the pad, the pad's motion and what it feels.
+    /// Builds the state from the surface under the pad, the pad's motion and its contact.
     pub(crate) fn of(
         time_s: f64,
         surface: &Surface,

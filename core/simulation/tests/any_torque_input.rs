@@ -13,10 +13,10 @@ use tangent_control::{
 };
 use tangent_mechanics::{Arm, Pose};
 use tangent_sensing::Validity;
-use tangent_simulation::karacan::step_inputs;
+use tangent_simulation::systems::visuo_tactile::reproduction::step_inputs;
 use tangent_simulation::{
-    ObjectPlant, ObjectScenario, TactilePlant, TactileScenario, Undisturbed, evaluate_object_with,
-    loaded_arm,
+    ObjectPlant, ObjectScenario, Undisturbed, VisuoTactilePlant, VisuoTactileScenario,
+    evaluate_object_with, loaded_arm,
 };
 
 const WAVE: &str = include_str!("../../../scenarios/karacan/karacan_wave.toml");
@@ -24,11 +24,11 @@ const PLANE: &str = include_str!("../../../scenarios/lippiello/lippiello_plane.t
 
 /// Control period of both scenarios, s.
 const PERIOD_S: f64 = 1e-3;
-/// Fields of an input, of the law that has more.
+/// Number of fields of an input, for the law that has more.
 const FIELDS: u32 = 21;
-/// Codes of a validity that are tried: all that there are, and one that is none.
+/// Number of validity codes that are tried: all valid ones, and one that is invalid.
 const CODES: u64 = 16;
-/// Cycles that the law slides before its inputs are spoilt.
+/// Number of cycles that the law slides before its inputs are corrupted.
 const SLID: usize = 200;
 
 /// Ordinary numbers, arbitrary bit patterns, and special values.
@@ -94,7 +94,7 @@ trait Bench {
     fn step(&mut self, input: &Self::Input) -> Step;
     /// Shifts the time of `input` by `by_s`, s.
     fn later(input: &mut Self::Input, by_s: f64);
-    /// Puts numbers into the fields of `mask`.
+    /// Replaces the fields in `mask` by numbers.
     fn spoil(input: &mut Self::Input, mask: u32, numbers: &mut Numbers<'_>);
 }
 
@@ -252,13 +252,13 @@ struct Unified {
     good: UnifiedInput,
 }
 
-fn unified_inputs() -> &'static (TactileScenario, Vec<UnifiedInput>) {
-    static INPUTS: OnceLock<(TactileScenario, Vec<UnifiedInput>)> = OnceLock::new();
+fn unified_inputs() -> &'static (VisuoTactileScenario, Vec<UnifiedInput>) {
+    static INPUTS: OnceLock<(VisuoTactileScenario, Vec<UnifiedInput>)> = OnceLock::new();
     INPUTS.get_or_init(|| {
         let set = ["task.path.duration_s=2.0".to_owned()];
-        let scenario = TactileScenario::parse("karacan_wave", WAVE, &set).unwrap();
+        let scenario = VisuoTactileScenario::parse("karacan_wave", WAVE, &set).unwrap();
         let mut inputs = step_inputs(&scenario).unwrap();
-        let plant = TactilePlant::new(&scenario.plant, scenario.seed).unwrap();
+        let plant = VisuoTactilePlant::new(&scenario.plant, scenario.seed).unwrap();
         let mut law = scenario.controller(&plant).unwrap();
         let mut slid = 0;
         let until = inputs
@@ -276,7 +276,7 @@ fn unified_inputs() -> &'static (TactileScenario, Vec<UnifiedInput>) {
 impl Unified {
     fn sliding() -> Self {
         let (scenario, inputs) = unified_inputs();
-        let plant = TactilePlant::new(&scenario.plant, scenario.seed).unwrap();
+        let plant = VisuoTactilePlant::new(&scenario.plant, scenario.seed).unwrap();
         let mut law = scenario.controller(&plant).unwrap();
         for input in inputs {
             law.step(input);
@@ -433,7 +433,7 @@ fn stays_inside<B: Bench>(mut bench: B, messes: &[(u32, Vec<f64>)]) -> Result<()
         B::spoil(&mut input, *mask, &mut Numbers(numbers.iter().cycle()));
         check(&bench.step(&input), &effort)?;
     }
-    // No number that is not finite stays in the state of the law.
+    // No number that is not finite remains in the state of the law.
     for _ in 0..200 {
         let mut good = bench.good();
         time_s += PERIOD_S;
@@ -462,7 +462,8 @@ const BAD: [f64; 5] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -1e300
 const NO_TIME: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 const NO_AGE: [f64; 3] = [f64::NAN, f64::INFINITY, 1e300];
 
-/// With the fields of `mask` bad from now on, the task ends with a fault within `cycles`.
+/// Checks that the task ends with a fault within `cycles` if the fields in `mask` are bad from now
+/// on.
 fn faults_within<B: Bench>(
     make: impl Fn() -> B,
     mask: u32,

@@ -1,5 +1,5 @@
-//! What the estimators claim holds against the truth, over scenarios, seeds, frictions, stiffnesses
-//! and noises.
+//! Tests that the estimators' covariances agree with the true errors, over scenarios, seeds,
+//! frictions, stiffnesses and noises.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used, clippy::disallowed_methods)]
@@ -7,7 +7,7 @@
 mod nees;
 
 use nees::{ESTIMATORS, Phases, measure};
-use tangent_simulation::Scenario;
+use tangent_simulation::{AdmittanceScenario, FileError};
 
 const SLIDE: usize = 1;
 const SEEDS: u64 = 5;
@@ -25,14 +25,14 @@ const REALISTIC: [&str; 2] = ["cone_realistic", "pipe_realistic"];
 fn over_seeds(name: &str, seeds: u64, overrides: &[&str]) -> [Phases; 4] {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenarios/");
     let read =
-        |file: &str| std::fs::read_to_string(format!("{folder}{file}")).map_err(|e| e.to_string());
+        |file: &str| std::fs::read_to_string(format!("{folder}{file}")).map_err(FileError::new);
     let text = read(&format!("{name}.toml")).unwrap();
     let mut sums = [Phases::default(); 4];
     for seed in 1..=seeds {
         let mut all: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
         all.push(format!("seed={seed}"));
         all.push(format!("task.estimators={ESTIMATORS:?}"));
-        let scenario = Scenario::parse(name, &text, &all, &read).unwrap();
+        let scenario = AdmittanceScenario::parse(name, &text, &all, &read).unwrap();
         for (sum, part) in sums.iter_mut().zip(&measure(&scenario).unwrap()) {
             sum.merge(part);
         }
@@ -40,8 +40,8 @@ fn over_seeds(name: &str, seeds: u64, overrides: &[&str]) -> [Phases; 4] {
     sums
 }
 
-/// Never over-confident by more than a factor of two in variance; what is claimed is of use; and
-/// where bias, friction or the surface's shape make the error, it is of the size claimed.
+/// The variance is never too small by more than a factor of two, and small enough to be useful.
+/// Where bias, friction or the surface's shape cause the error, the error has the size stated.
 #[test]
 fn what_is_claimed_is_true_and_of_use() {
     // Ideal sensing draws nothing from the seed.
@@ -51,8 +51,8 @@ fn what_is_claimed_is_true_and_of_use() {
                 "sheet" => 0.4,
                 "cone_realistic" => 0.25,
                 "pipe_realistic" => 0.08,
-                // Perfect sensors on a perfect surface: the error is next to nothing, the claim
-                // never is.
+                // With perfect sensors on a perfect surface, the error is almost zero, but the
+                // covariance never is.
                 _ => 0.0,
             };
             for (estimator, phases) in ESTIMATORS.iter().zip(&over_seeds(name, seeds, &[])) {
@@ -65,7 +65,7 @@ fn what_is_claimed_is_true_and_of_use() {
     }
 }
 
-/// Other friction, stiffness, noise and load than any scenario states.
+/// Other friction, stiffness, noise and load than in any scenario.
 #[test]
 fn the_claim_holds_in_other_cells() {
     let friction = |mu: f64| {
@@ -92,7 +92,8 @@ fn the_claim_holds_in_other_cells() {
         ),
         (&everywhere[..], set("plant.start.tilt_rad=0.1")),
         (&everywhere[..], set("task.force.reference_n=8.0")),
-        // Those who state a perfect sensor are believed: noise only where noise is allowed for.
+        // A sensor stated to be perfect is trusted: noise is added only where the settings allow
+        // for it.
         (
             &REALISTIC[..],
             set("plant.sensor.noise_n_per_sqrt_hz=0.004"),

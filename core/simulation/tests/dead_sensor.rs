@@ -1,7 +1,6 @@
-//! A sensor that stands still behind records that go on: the true force stays bounded, by the
-//! simulator's own truth.
+//! A frozen sensor whose records keep arriving: the true force, from the simulator, stays bounded.
 
-// A test says what it found, and reads the scenarios that ship.
+// The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 #![allow(clippy::unwrap_used)]
 
@@ -9,21 +8,21 @@ use tangent_control::{Fault, Phase, UnifiedInput};
 use tangent_mechanics::{Tool, Wrench};
 use tangent_sensing::Validity;
 use tangent_simulation::{
-    ObjectScenario, Scenario, TactileDisturbance, TactileScenario, Undisturbed,
-    evaluate_object_with, evaluate_tactile_with, evaluate_with,
+    AdmittanceScenario, Disturbance, ObjectScenario, Undisturbed, VisuoTactileScenario,
+    evaluate_admittance_with, evaluate_object_with, evaluate_visuo_tactile_with, no_files,
 };
 
 /// The larger of twice the reference and 10 N.
 const FORCE_MAX_N: f64 = 10.0;
 
-fn scenario(name: &str, settings: &[String]) -> Scenario {
+fn scenario(name: &str, settings: &[String]) -> AdmittanceScenario {
     let file = format!("{}/../../scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(&file).unwrap();
-    Scenario::parse(name, &text, settings, &|_| Err("no other file".to_owned())).unwrap()
+    AdmittanceScenario::parse(name, &text, settings, &no_files).unwrap()
 }
 
-/// A surface of so many N/m under an ATI Gamma as it comes from the box (steps of a micronewton,
-/// noise of a few hundredths of a newton), or under a sensor without any noise.
+/// Settings of a surface with this stiffness (N/m) under a standard ATI Gamma (steps of a
+/// micronewton, noise of a few hundredths of a newton), or under a sensor without noise.
 fn settings(stiffness: f64, noisy: bool) -> Vec<String> {
     let mut all = vec![
         format!("plant.contact.stiffness_n_per_m={stiffness:.1}"),
@@ -36,21 +35,21 @@ fn settings(stiffness: f64, noisy: bool) -> Vec<String> {
     all
 }
 
-/// One run by its truth.
+/// True state during one run.
 struct Seen {
-    /// When phases began, s.
+    /// Start times of the phases, s.
     contact_s: f64,
     slide_s: f64,
     /// Largest true pressing force from the fault on, N.
     peak_n: f64,
-    /// Why the task ended, and when the tool began to leave for it.
+    /// Fault that ended the task, and time at which the tool began to leave because of it.
     fault: Option<Fault>,
     left_s: Option<f64>,
-    /// Way of the tool from the fault until then, m.
+    /// Distance that the tool moved from the fault until then, m.
     way_m: f64,
 }
 
-fn run(scenario: &Scenario, fault_s: f64) -> Seen {
+fn run(scenario: &AdmittanceScenario, fault_s: f64) -> Seen {
     let mut seen = Seen {
         contact_s: f64::INFINITY,
         slide_s: f64::INFINITY,
@@ -60,7 +59,7 @@ fn run(scenario: &Scenario, fault_s: f64) -> Seen {
         way_m: 0.0,
     };
     let mut last = None;
-    let evaluation = evaluate_with(scenario, |cycle| {
+    let evaluation = evaluate_admittance_with(scenario, |cycle| {
         let time_s = cycle.input.time_s;
         let at = cycle.truth.base_from_tool.translation();
         match cycle.output.phase {
@@ -86,7 +85,7 @@ fn run(scenario: &Scenario, fault_s: f64) -> Seen {
     seen
 }
 
-fn with_fault(name: &str, stiffness: f64, noisy: bool, fault: &str) -> Scenario {
+fn with_fault(name: &str, stiffness: f64, noisy: bool, fault: &str) -> AdmittanceScenario {
     let mut all = settings(stiffness, noisy);
     all.push(format!("plant.sensor.fault={fault}"));
     scenario(name, &all)
@@ -95,7 +94,8 @@ fn with_fault(name: &str, stiffness: f64, noisy: bool, fault: &str) -> Scenario 
 const SURFACES: [&str; 3] = ["pipe_ideal", "sphere", "plane"];
 const STIFFNESSES: [f64; 4] = [5e3, 1e4, 2.5e4, 5e4];
 
-/// Times at which the sensor dies: the force builds up, the path begins, the tool slides.
+/// Times at which the sensor freezes: while the force builds up, at the start of the path, and
+/// while the tool slides.
 fn moments(calm: &Seen) -> [f64; 4] {
     [
         calm.contact_s + 0.05,
@@ -152,8 +152,8 @@ fn a_stuck_axis_never_hides_more_than_ten_newtons() {
     }
 }
 
-/// Nothing can be learnt from a sensor without noise: what gives it away is that the tool moves and
-/// the reading does not.
+/// A sensor without noise has no statistics to learn. The fault is detected because the tool moves
+/// while the reading does not.
 #[test]
 fn a_frozen_sensor_without_noise_is_noticed_within_two_millimetres() {
     let mut worst: (f64, f64) = (0.0, 0.0);
@@ -186,8 +186,8 @@ fn a_frozen_sensor_without_noise_is_noticed_within_two_millimetres() {
     );
 }
 
-/// A reading that is too low or too late is no standstill. What bounds it is the law and its
-/// limits; what is left is stated.
+/// A reading that is too low or delayed is not a standstill. The law and its limits bound the
+/// force; the remaining excess is stated here.
 #[test]
 fn a_zero_that_leaps_and_an_old_reading_stay_bounded() {
     for name in SURFACES {
@@ -215,8 +215,8 @@ fn a_zero_that_leaps_and_an_old_reading_stay_bounded() {
     }
 }
 
-/// The torque-controlled arm with a sensor at its wrist: `hybrid_dynamics`, twice the reference
-/// being more than 10 N.
+/// The torque-controlled arm with a sensor at its wrist: `hybrid_dynamics`, where twice the
+/// reference is more than 10 N.
 #[test]
 fn a_frozen_sensor_of_the_torque_arm_is_noticed_within_two_cycles() {
     for name in ["lippiello_plane", "lippiello_sphere", "lippiello_cylinder"] {
@@ -248,8 +248,8 @@ fn a_frozen_sensor_of_the_torque_arm_is_noticed_within_two_cycles() {
                 assert!(pressed, "{name}: nothing was pressed before {from_s} s");
                 assert_eq!(e.phase, "fault", "{name} {fault}: {:?}", e.fault);
                 assert!(peak_n <= bound_n, "{name} {fault}: {peak_n} N");
-                // Two cycles of a robot at 125 Hz; this arm's own are of a millisecond, which only
-                // finer counts could meet.
+                // Two cycles of a robot at 125 Hz. Two cycles of this arm, 1 ms each, would need
+                // finer counts.
                 let late_s = left_s.unwrap() - from_s;
                 assert!(late_s <= 0.016, "{name} {fault}: {late_s} s");
             }
@@ -257,13 +257,13 @@ fn a_frozen_sensor_of_the_torque_arm_is_noticed_within_two_cycles() {
     }
 }
 
-/// The robot's own estimate stands still.
+/// The robot's own wrench estimate stands still.
 struct Frozen {
     from_s: f64,
     held: Option<Wrench<Tool>>,
 }
 
-impl TactileDisturbance for Frozen {
+impl Disturbance for Frozen {
     fn input(&mut self, input: &mut UnifiedInput) {
         if input.time_s >= self.from_s {
             input.wrench = *self.held.get_or_insert(input.wrench);
@@ -271,7 +271,7 @@ impl TactileDisturbance for Frozen {
     }
 }
 
-/// The arm that feels through its joints: `unified_force_impedance`.
+/// The arm that estimates contact from its joint torques: `unified_force_impedance`.
 #[test]
 fn a_frozen_wrench_estimate_is_noticed_within_a_few_cycles() {
     let file = format!(
@@ -279,12 +279,12 @@ fn a_frozen_wrench_estimate_is_noticed_within_a_few_cycles() {
         env!("CARGO_MANIFEST_DIR")
     );
     let text = std::fs::read_to_string(&file).unwrap();
-    let scenario = TactileScenario::parse("karacan_wave", &text, &[]).unwrap();
+    let scenario = VisuoTactileScenario::parse("karacan_wave", &text, &[]).unwrap();
     let bound_n = FORCE_MAX_N.max(2.0 * scenario.task.force.reference_n);
     for from_s in [9.0, 12.0] {
         let mut frozen = Frozen { from_s, held: None };
         let (mut peak_n, mut left_s, mut pressed) = (0.0_f64, None, false);
-        let e = evaluate_tactile_with(&scenario, &mut frozen, |c| {
+        let e = evaluate_visuo_tactile_with(&scenario, &mut frozen, |c| {
             let time_s = c.input.time_s;
             pressed |= time_s < from_s && c.output.phase.is_pressing();
             if time_s >= from_s {

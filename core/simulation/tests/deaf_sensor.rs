@@ -1,8 +1,8 @@
-//! A sensor whose reading no longer answers to load and still carries its noise: how far the true
-//! force goes under each law, by the simulator's own truth, and that no living sensor is taken for
-//! one.
+//! A sensor whose reading no longer responds to load but keeps its noise. Tests how far the true
+//! force, from the simulator, goes under each law, and that no working sensor is mistaken for such
+//! a one.
 
-// A test says what it found, and reads the scenarios that ship.
+// The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -14,9 +14,9 @@ use tangent_sensing::Validity;
 use three_laws::{Cell, Law};
 
 const DEAF: Option<Fault> = Some(Fault::Wrench(Validity::Unresponsive));
-/// Beyond this nothing more is to be learnt, N.
+/// Force beyond which a run is stopped, N.
 const ENOUGH_N: f64 = 300.0;
-/// As long a run is watched after the fault, s.
+/// Duration of a run after the fault, s.
 const WATCHED_S: f64 = 5.0;
 
 /// Name, scenario and keys of a surface under a law.
@@ -58,7 +58,7 @@ fn keys(world: &World, stiffness: f64) -> Vec<String> {
     set
 }
 
-/// When the tool touched and when it began to slide, s.
+/// Times of first contact and of the start of sliding, s.
 fn calm(law: Law, world: &World, stiffness: f64) -> (f64, f64) {
     let mut cell = Cell::new(law, world.1, &keys(world, stiffness));
     let mut contact_s = None;
@@ -77,8 +77,8 @@ fn calm(law: Law, world: &World, stiffness: f64) -> (f64, f64) {
     }
 }
 
-/// The largest true pressing force from the fault on, N, what bounds it, why the task ended, and
-/// how long that took, s.
+/// Largest true pressing force from the fault on (N), its bound, the fault that ended the task, and
+/// the time until then (s).
 fn deaf(
     law: Law,
     world: &World,
@@ -122,7 +122,7 @@ fn level(law: Law) -> &'static str {
     }
 }
 
-/// Rows on every surface; those that are not held are printed only, where `all` are wanted.
+/// Rows for every surface. Rows without a bound are printed only, and only if `all` is set.
 fn table(law: Law, all: bool, is_held: impl Fn(&str, f64, bool) -> bool) {
     let mut wrong = Vec::new();
     for world in worlds(law) {
@@ -135,7 +135,7 @@ fn table(law: Law, all: bool, is_held: impl Fn(&str, f64, bool) -> bool) {
             ] {
                 for kind in ["axis = 2", "offset_n = [0.0, 0.0, 0.0]", level(law)] {
                     let lower = kind == level(law);
-                    // That would read as no contact at all.
+                    // That reading would count as no contact at all.
                     if lower && moment == "builds up" {
                         continue;
                     }
@@ -164,8 +164,8 @@ fn table(law: Law, all: bool, is_held: impl Fn(&str, f64, bool) -> bool) {
     assert!(wrong.is_empty(), "{law:?}: {wrong:#?}");
 }
 
-/// Touch alone finds the normal: while it slides, a deaf sensor is a surface that recedes. On 50
-/// kN/m the stiffness is not known yet when the sensor dies.
+/// The normal comes from contact alone: while the tool slides, such a sensor looks like a receding
+/// surface. On 50 kN/m the stiffness is not known yet when the fault begins.
 #[test]
 fn under_the_velocity_law() {
     table(Law::Velocity, false, velocity_holds);
@@ -175,8 +175,8 @@ fn velocity_holds(moment: &str, stiffness: f64, _: bool) -> bool {
     moment == "builds up" && stiffness < 2e4
 }
 
-/// The laws of torques do not judge the mean: their published gains let the force lag the depth,
-/// and a living sensor would be refused.
+/// The torque laws do not check the mean: with their published gains the force lags the depth, so a
+/// working sensor would be rejected.
 fn torque_laws_hold(_: &str, _: f64, _: bool) -> bool {
     false
 }
@@ -189,7 +189,7 @@ fn the_whole_table() {
     table(Law::Unified, true, torque_laws_hold);
 }
 
-/// Soft and stiff, on surfaces that recede and rise under the tool.
+/// Soft and stiff surfaces that recede and rise under the tool.
 #[test]
 fn a_living_sensor_is_never_taken_for_a_deaf_one() {
     let more: [(Law, World); 4] = [
@@ -204,7 +204,7 @@ fn a_living_sensor_is_never_taken_for_a_deaf_one() {
         .chain(more);
     for (law, world) in all {
         for stiffness in [500.0, 1e3, 5e3, 2.5e4, 5e4] {
-            // In series with the tool there is nothing stiffer.
+            // In series with the tool, no stiffer contact is possible.
             if world.1.ends_with("_realistic") && law == Law::Velocity && stiffness > 3e4 {
                 continue;
             }

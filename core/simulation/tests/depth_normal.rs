@@ -1,5 +1,5 @@
-//! Normals from the simulated depth camera: how far off they are, how much of the image has one,
-//! and whether the covariance at the tool is honest.
+//! Normals from the simulated depth camera: their error, their coverage of the image, and the
+//! consistency of the covariance at the tool.
 
 // A whole file of tests: what fails here is the test.
 #![allow(
@@ -124,7 +124,7 @@ fn surfaces() -> Vec<(&'static str, Surface)> {
     ]
 }
 
-/// Looks at the tool's contact point, with the tool's own picture left out.
+/// Estimates the surface at the tool's contact point, with the tool masked in the image.
 fn look(
     surface: &Surface,
     base_from_flange: &Pose<Base, Flange>,
@@ -175,7 +175,7 @@ fn the_covariance_at_the_tool_is_honest() {
             assert_eq!(found.validity, VisualValidity::Valid, "{name} {seed}");
             let estimate = found.in_base(&base_from_camera);
             let truth = surface.query(&estimate.point).normal;
-            // Error in the tangent plane, against the covariance there.
+            // Error in the tangent plane, relative to the covariance there.
             let n = estimate.normal;
             let x = n.cross(&Vector3::x()).normalize();
             let y = n.cross(&x);
@@ -198,7 +198,8 @@ fn the_covariance_at_the_tool_is_honest() {
             "{name}: NEES per degree of freedom {nees:.2}, error median {:.2} deg, worst {:.2} deg",
             errors[30], errors[59]
         );
-        // 60 runs of two degrees each: the mean of an honest one is 1 +- 0.13 (one sigma).
+        // 60 runs with two degrees of freedom each: the mean for a consistent covariance is 1 +-
+        // 0.13 (one sigma).
         assert!(nees > 0.4 && nees < 1.7, "{name}: {nees}");
         assert!(errors[30] < 0.3, "{name}: {errors:?}");
     }
@@ -282,18 +283,18 @@ fn a_surface_that_ends_ends_the_map() {
             },
         )
     };
-    // Base y points up in the image: the edge is 0.03 m over the middle, 33 pixels.
+    // Base y points up in the image: the edge is 0.03 m above the middle, 33 pixels.
     let found = look(319.5, 239.5, -Vector3::y());
     assert_eq!(found.validity, VisualValidity::Valid);
     assert_eq!(found.ahead.end, AheadEnd::NotSeen);
     let last = found.ahead.stations.last().unwrap();
     assert!(last.distance_m <= 0.035, "{last:?}");
-    // Away from it there is nothing in the way.
+    // In the opposite direction, nothing ends the map.
     assert_eq!(
         look(319.5, 239.5, Vector3::y()).ahead.end,
         AheadEnd::Horizon
     );
-    // Near the image's border the map ends there.
+    // The map ends near the image's border.
     assert_eq!(
         look(580.0, 300.0, Vector3::x()).ahead.end,
         AheadEnd::OutOfImage

@@ -1,14 +1,17 @@
-//! A platform that moves under the working arm: the force holds, the map stays with the floor, and
-//! what its odometry does wrong ends in a word.
+//! A platform that moves under the working arm: the force holds, the map stays fixed to the floor,
+//! and faults of the odometry end in a stated fault.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
 use tangent_control::Phase;
-use tangent_simulation::{Evaluation, Scenario, evaluate, evaluate_with};
+use tangent_simulation::{
+    AdmittanceScenario, Evaluation, FileError, evaluate_admittance, evaluate_admittance_with,
+    no_files,
+};
 
 const REFERENCE_N: f64 = 3.0;
-/// What the issue asks for.
+/// Largest force error required, as a share of the reference.
 const SHARE: f64 = 0.15;
 
 const IDEAL_ODOMETRY: [&str; 5] = [
@@ -19,17 +22,17 @@ const IDEAL_ODOMETRY: [&str; 5] = [
     "plant.base.odometry.latency_s=0",
 ];
 
-fn scenario(overrides: &[&str]) -> Scenario {
+fn scenario(overrides: &[&str]) -> AdmittanceScenario {
     let text = include_str!("../../../scenarios/pipe_moving_base.toml");
     let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
-    Scenario::parse("pipe_moving_base", text, &overrides, &|name| {
-        Err(format!("{name} is not there"))
+    AdmittanceScenario::parse("pipe_moving_base", text, &overrides, &|name| {
+        Err(FileError::new(format!("{name} is not there")))
     })
     .unwrap()
 }
 
 fn run(overrides: &[&str]) -> Evaluation {
-    evaluate(&scenario(overrides)).unwrap()
+    evaluate_admittance(&scenario(overrides)).unwrap()
 }
 
 /// Root mean square and 95th percentile, as shares of the reference.
@@ -46,12 +49,12 @@ fn well(result: &Evaluation, what: &str) {
     assert_eq!(result.figures.contact.lost_count, 0, "{what}");
 }
 
-/// 2 cm/s at most, rolling as a platform does, and straight at the tool as none does; with odometry
-/// that is noisy, slips and is 20 or 50 ms old without saying so.
+/// Speed of at most 2 cm/s, along the floor as a platform moves, and straight at the tool as no
+/// platform does. The odometry is noisy, slips and is delayed by 20 or 50 ms that are not stated.
 #[test]
 fn the_force_stays_within_fifteen_percent_while_the_base_moves() {
-    // The sensor's own drift after the tare is 5 % on seed 3: with it the worst direction comes to
-    // 15.6 %.
+    // The sensor's own drift after the tare is 5 % on seed 3; with it the worst direction has 15.6
+    // %.
     for (velocity, most) in [("[0.016,0.012,0.0]", SHARE), ("[0.0,0.0,0.02]", 0.17)] {
         for latency in ["0.02", "0.05"] {
             for seed in ["1", "2", "3"] {
@@ -69,8 +72,8 @@ fn the_force_stays_within_fifteen_percent_while_the_base_moves() {
     }
 }
 
-/// With ideal odometry a moving base costs next to nothing, so what is left above is the
-/// odometry's; and without any the same motion cannot be worked from.
+/// With ideal odometry a moving base has almost no effect, so the remaining error in the test above
+/// comes from the odometry. Without odometry, no work is possible with the same motion.
 #[test]
 fn what_the_odometry_says_is_what_holds_the_force() {
     let fixed = run(&[
@@ -90,8 +93,8 @@ fn what_the_odometry_says_is_what_holds_the_force() {
     );
 }
 
-/// Every estimator keeps its memory with the floor: as good on a moving base as on a standing one,
-/// within what the velocity's filter adds.
+/// Every estimator's memory is fixed to the floor: its errors on a moving base are those on a fixed
+/// one, apart from the effect of the velocity filter.
 #[test]
 fn the_estimators_remember_the_floor() {
     for estimator in ["reactive", "quadratic", "gaussian_process", "blend"] {
@@ -116,13 +119,13 @@ fn the_estimators_remember_the_floor() {
     }
 }
 
-/// The path is drawn on the floor: at the same progress the tool is at the same place, wherever the
+/// The path is fixed to the floor: at equal progress the tool is at the same place, wherever the
 /// base is.
 #[test]
 fn the_path_stays_on_the_floor() {
     let trace = |overrides: &[&str]| {
         let mut trace = Vec::new();
-        evaluate_with(&scenario(overrides), |cycle| {
+        evaluate_admittance_with(&scenario(overrides), |cycle| {
             if cycle.output.phase == Phase::Slide {
                 let truth = cycle.truth;
                 let at = truth
@@ -140,7 +143,7 @@ fn the_path_stays_on_the_floor() {
         "plant.base.odometry.rate_hz=0",
     ]);
     let moving = trace(&IDEAL_ODOMETRY);
-    // The base is up to 64 mm from where it was.
+    // The base is up to 64 mm from its start.
     let mut worst: f64 = 0.0;
     for (progress, at) in &moving {
         let i = fixed.partition_point(|(p, _)| p < progress);
@@ -173,10 +176,10 @@ fn a_platform_that_falls_silent_ends_the_task_within_bounds() {
         assert!(fault.contains("base/pose fell silent"), "{fault}");
         let peak = result.figures.force.peak_n.unwrap();
         assert!(peak < 10.0, "{at}: {peak} N");
-        // Patience, a second of holding, the way back; not the rest of the task.
+        // Timeout, one second of holding and the retraction; not the rest of the task.
         let after = result.duration_s - at.parse::<f64>().unwrap();
         assert!(after < 6.0, "{after} s");
-        // Heard again soon enough, it goes on.
+        // If poses resume soon enough, the task continues.
         let until = format!(
             "plant.base.odometry.silent_until_s={}",
             at.parse::<f64>().unwrap() + 0.5
@@ -218,10 +221,10 @@ fn numbers_out_of_range_are_refused_by_key() {
         ("plant.base.odometry.rate_hz=1e9", "base.odometry.rate_hz"),
         ("plant.base.speed=1", "speed"),
     ] {
-        let scenario = Scenario::parse("x", text, &[set.to_owned()], &|_| Err(String::new()));
+        let scenario = AdmittanceScenario::parse("x", text, &[set.to_owned()], &no_files);
         let error = match scenario {
             Err(error) => error.to_string(),
-            Ok(scenario) => evaluate(&scenario).unwrap_err().to_string(),
+            Ok(scenario) => evaluate_admittance(&scenario).unwrap_err().to_string(),
         };
         assert!(error.contains(key), "{set}: {error}");
     }

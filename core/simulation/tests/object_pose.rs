@@ -1,5 +1,5 @@
-//! The `lippiello` system in the loop: its scenarios are read and run, its figures hold, and bad
-//! inputs end as they should.
+//! The `lippiello` system in closed loop: its scenarios can be read and run, its figures hold, and
+//! bad inputs end as they should.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -10,10 +10,11 @@ use nalgebra::Vector2;
 use tangent_estimation::object_pose::{CameraFrame, Corner};
 use tangent_mechanics::Wrench;
 use tangent_sensing::{ConditionedWrench, Validity};
-use tangent_simulation::lippiello::{SCENARIO, System};
-use tangent_simulation::metrics::object_pose::{ObjectPoseFigures, ObjectSampleTruth, pose_error};
+use tangent_simulation::metrics::object::{ObjectFigures, ObjectSampleTruth, pose_error};
+use tangent_simulation::systems::object::reproduction::{SCENARIO, Variant};
 use tangent_simulation::{
-    Disturbance, Evaluation, ObjectScenario, Undisturbed, evaluate_object, evaluate_object_with,
+    Disturbance, Evaluation, ObjectScenario, Scenario, Undisturbed, evaluate_object,
+    evaluate_object_with, no_files,
 };
 
 const FILES: &[(&str, &str)] = &[
@@ -53,7 +54,7 @@ fn refused(overrides: &[&str]) -> String {
         .to_string()
 }
 
-fn object(evaluation: &Evaluation) -> ObjectPoseFigures {
+fn object(evaluation: &Evaluation) -> ObjectFigures {
     evaluation.object_pose.unwrap()
 }
 
@@ -63,7 +64,7 @@ fn reference() -> &'static Evaluation {
     RUN.get_or_init(|| evaluate_object(&scenario(SCENARIO, &[])).unwrap())
 }
 
-/// What the sound system promises on every undisturbed frictionless run.
+/// Checks the figures that every undisturbed frictionless run of the default system must reach.
 fn promises_hold(evaluation: &Evaluation) {
     let f = object(evaluation);
     assert_eq!((evaluation.phase, evaluation.fault), ("done", None));
@@ -89,7 +90,8 @@ fn every_file_of_the_folder_is_read_and_named_as_its_file() {
     let names: Vec<&str> = FILES.iter().map(|(name, _)| *name).collect();
     assert_eq!(files, names);
     for (name, text) in FILES {
-        assert!(ObjectScenario::is_one(text));
+        let read = Scenario::parse(name, text, &[], &no_files).unwrap();
+        assert!(matches!(read, Scenario::ObjectPose(_)));
         assert_eq!(scenario(name, &[]).name, *name);
     }
 }
@@ -165,7 +167,7 @@ fn friction_and_a_wrong_model_leave_a_normal_and_a_force() {
         let f = object(&run);
         assert_eq!((run.phase, run.fault), ("done", None), "{name}");
         assert!(f.sliding_force_rmse_n.unwrap() < force, "{name} {f:?}");
-        // The force itself lies 11 degrees off the normal.
+        // The force itself is 11 degrees off the normal.
         let normal = run.figures.normal_error_settled_deg.unwrap();
         assert!(normal.rmse < 0.5, "{name} {normal:?}");
         assert!(f.peak_at_contact_n.unwrap() < 30.0, "{name}");
@@ -187,20 +189,20 @@ fn a_slowly_moving_object_is_tracked() {
     let f = object(&run);
     assert_eq!((run.phase, run.fault), ("done", None));
     assert!(f.sliding_force_rmse_n.unwrap() < 0.3, "{f:?}");
-    // After 17 s it has gone 30 mm and turned by a degree.
+    // After 17 s the object has moved by 30 mm and rotated by a degree.
     assert!(f.final_orientation_deg.unwrap() < 0.3, "{f:?}");
     assert!(f.final_position_m.unwrap() < 0.015, "{f:?}");
 }
 
 #[test]
 fn vision_alone_leaves_what_the_paper_shows_and_touch_takes_it_away() {
-    let run = |system: System| {
+    let run = |system: Variant| {
         let set = system.overrides();
         let set: Vec<&str> = set.iter().map(String::as_str).collect();
         object(&evaluate_object(&scenario(SCENARIO, &set)).unwrap())
     };
-    let (vision, all) = (run(System::PaperVision), run(System::PaperAll));
-    // Figures 1 and 2: errors, a force across the tool and a moment that stay.
+    let (vision, all) = (run(Variant::PaperVision), run(Variant::PaperAll));
+    // Figures 1 and 2: lasting errors, and a lasting force and moment across the tool.
     assert!(vision.about_surface_settled_deg.unwrap() > 0.5);
     assert!(vision.lateral_force_rms_n.unwrap() > 0.5);
     assert!(vision.moment_rms_nm.unwrap() > 0.1);
@@ -257,10 +259,10 @@ fn a_corner_that_jumps_is_refused() {
 fn wrong_correspondences_and_a_mirrored_square_are_refused() {
     let run = with_frames(|time, mut frame| {
         match time {
-            // At the start: crossed, then mirrored.
+            // At the start: corners swapped, then mirrored.
             t if t < 0.2 => frame.corners.swap(0, 1),
             t if t < 0.4 => frame.corners.reverse(),
-            // Later, against what is known.
+            // Later: corners that contradict the estimate.
             t if (3.0..3.2).contains(&t) => frame.corners.swap(0, 2),
             t if (9.0..9.3).contains(&t) => frame.corners.reverse(),
             _ => {}
@@ -290,8 +292,8 @@ fn a_target_partly_out_of_view_is_enough() {
 fn frames_out_of_order_repeated_or_from_another_time_are_refused() {
     let mut kept: Option<CameraFrame> = None;
     let run = with_frames(|_, frame| {
-        // Every tenth frame comes again, every eleventh after its successor, every thirteenth
-        // stamped wrongly.
+        // Every tenth frame is repeated, every eleventh arrives after its successor, and every
+        // thirteenth has a wrong stamp.
         match frame.sequence {
             n if n % 11 == 5 => kept.replace(frame),
             n if n % 10 == 9 && kept.is_some() => kept.take(),
@@ -310,7 +312,7 @@ fn frames_out_of_order_repeated_or_from_another_time_are_refused() {
     );
 }
 
-/// The phases of a run with what the force did in them.
+/// The phases of a run with the force in each of them.
 fn watched(disturbance: &mut dyn Disturbance) -> (Evaluation, Vec<ObjectSampleTruth>) {
     let mut samples = Vec::new();
     let run = evaluate_object_with(&scenario(SCENARIO, &[]), disturbance, |c| {
@@ -333,7 +335,7 @@ fn a_camera_that_stops_stops_the_sliding_keeps_the_force_and_retracts_after_a_se
     }));
     assert_eq!(run.phase, "fault");
     assert!(run.fault.unwrap().contains("silent"), "{:?}", run.fault);
-    // 100 ms of patience, 200 ms to slow down.
+    // 100 ms of timeout, 200 ms to slow down.
     let standing = at(&samples, stop + 0.45).tip;
     assert!((at(&samples, stop + 0.9).tip - standing).norm() < 5e-4);
     for sample in &samples {
@@ -389,7 +391,7 @@ fn a_force_sensor_that_fails_ends_the_contact() {
     ];
     for (i, (run, samples)) in runs.iter().enumerate() {
         assert_eq!(run.phase, "fault", "{i}");
-        // Silence gets 100 ms, then the tool leaves.
+        // After 100 ms without a wrench, the tool retracts.
         assert!(at(samples, fail + 1.0).force_n <= 0.0, "{i}");
         let peak = samples.iter().map(|s| s.force_n).fold(0.0, f64::max);
         assert!(peak < 30.0, "{i}: {peak}");
@@ -441,7 +443,7 @@ fn corners_found_in_drawn_images_give_a_pose() {
         run("plant.camera.source=\"projection\""),
         run("plant.camera.source=\"image\""),
     );
-    // Same calibration error, other noise: the estimates lie where calibration puts them.
+    // Equal calibration error and different noise: the calibration error dominates the estimates.
     assert!((by_projection.0 - by_image.0).norm() < 0.01, "{by_image:?}");
     assert!((by_projection.1 - by_image.1).norm() < 0.02, "{by_image:?}");
 }

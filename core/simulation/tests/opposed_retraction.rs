@@ -1,7 +1,7 @@
-//! A retraction that meets something, under each law: it stops, and the true force stays bounded
-//! where physics lets it.
+//! A retraction that is obstructed, under each law: it stops, and the true force stays bounded as
+//! far as physics allows.
 
-// A test says what it found, and reads the scenarios that ship.
+// The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -20,17 +20,17 @@ const CELLS: [(Law, &str); 3] = [
     (Law::Unified, "karacan/karacan_wave"),
 ];
 
-/// What a retraction meets.
+/// Obstruction of a retraction.
 #[derive(Clone, Copy, Debug)]
 enum Met {
     /// A wall as stiff as the surface, 3 mm behind the tool.
     Wall,
-    /// The normal that it goes off along points into the surface.
+    /// The normal along which the tool retracts points into the surface.
     WrongNormal,
 }
 
-/// Slides for a second, is stopped, and meets something from there on. The largest true force
-/// since, N, how the task ended, and what is known of the way out.
+/// Slides for a second, stops the task, and obstructs the tool from then on. Returns the largest
+/// true force since then (N), the cell, and the fault that ended the task.
 fn retract(law: Law, path: &str, stiffness: f64, met: Met) -> (f64, Cell, Option<Fault>) {
     let mut set = vec![format!("plant.contact.stiffness_n_per_m={stiffness:.1}")];
     if law == Law::Velocity {
@@ -69,7 +69,7 @@ fn retract(law: Law, path: &str, stiffness: f64, met: Met) -> (f64, Cell, Option
                 "{law:?}: {:?}",
                 seen.clearance
             );
-            // An arm that still moves shows itself.
+            // The result shows whether the arm still moves.
             for _ in 0..(0.5 / cell.period_s) as usize {
                 peak_n = peak_n.max(cell.step().force_n);
             }
@@ -79,8 +79,9 @@ fn retract(law: Law, path: &str, stiffness: f64, met: Met) -> (f64, Cell, Option
     panic!("{law:?}: still on its way");
 }
 
-/// What the force comes to while an arm whose velocity is commanded takes 50 ms to feel and to
-/// stand, from 20 mm/s, N. No judgement of the force makes it less: only a slower retraction does.
+/// Force that is reached while a velocity-controlled arm takes 50 ms to detect the contact and to
+/// stop from 20 mm/s, N. No evaluation of the force makes it smaller; only a slower retraction
+/// does.
 fn until_it_stands_n(law: Law, stiffness: f64) -> f64 {
     match law {
         Law::Velocity => 3.0 + 5.0 + 0.02 * 0.05 * stiffness,
@@ -105,7 +106,7 @@ fn table(met: Met) {
     assert!(wrong.is_empty(), "{met:?}: {wrong:?}");
 }
 
-/// A stop in any phase, with any force: nothing is in the way, and the task ends done with a tool
+/// A stop in any phase, with any force and without an obstacle: the task ends as done, with a tool
 /// that hangs free.
 #[test]
 fn a_stop_with_nothing_in_the_way_ends_done() {
@@ -128,7 +129,8 @@ fn a_stop_with_nothing_in_the_way_ends_done() {
                         assert!(seen.phase.is_active(), "{law:?} {phase:?} {seen:?}");
                         if seen.phase == phase {
                             in_s += cell.period_s;
-                            // The force follows at its rate while it slides.
+                            // The force reference changes at its limited rate while the tool
+                            // slides.
                             if (0.5..0.5 + cell.period_s).contains(&in_s) {
                                 cell.press(share * cell.reference_n);
                             }

@@ -1,5 +1,5 @@
-//! A pause stands still in every phase of both laws of torque, by the plant's truth, and the task
-//! goes on from there.
+//! During a pause the tool stands still in every phase of both torque laws, by the plant's true
+//! state, and the task continues from there.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -9,41 +9,42 @@ mod tactile_cells;
 use nalgebra::Vector3;
 use tangent_control::UnifiedInput;
 use tangent_control::{ControlError, Phase};
-use tangent_simulation::{
-    Calm, ObjectLoop, ObjectScenario, TactileDisturbance, TactileLoop, Undisturbed,
-};
+use tangent_simulation::{Disturbance, ObjectLoop, ObjectScenario, Undisturbed, VisuoTactileLoop};
 
 const OBJECT: &str = include_str!("../../../scenarios/lippiello/lippiello_realistic.toml");
-/// Longer than settling, holding and the tare of any of these tasks, s.
+/// Observation time, s: longer than settling, holding and the tare of any of these tasks.
 const WATCH_S: f64 = 4.0;
 /// Time in which the path's clock stops and a compliant arm sinks into its springs, s.
 const SETTLE_S: f64 = 2.0;
-/// A standing tool wanders by so much: sensor noise, stick-slip, an estimate that is refined, m.
+/// Distance that a standing tool may wander, m: sensor noise, stick-slip, refinement of the
+/// estimate.
 const WANDER_M: f64 = 2e-3;
-/// And its mean place moves by less than this from the first second of the watch to the last, m:
-/// the slowest of these tasks' motions goes ten times as far in three seconds.
+/// Distance that its mean position may move from the first second of the observation to the last,
+/// m. The slowest motion of these tasks covers ten times this distance in three seconds.
 const DRIFT_M: f64 = 1e-3;
 
-/// One period by the plant's truth.
+/// True state in one period.
 struct Seen {
     phase: Phase,
-    /// Of the tool, m.
+    /// Position of the tool, m.
     at: Vector3<f64>,
-    /// Of the path, 0 to 1.
+    /// Progress along the path, 0 to 1.
     progress: f64,
 }
 
-/// A closed loop that is asked to pause.
+/// A closed loop that can be paused.
 trait Paused {
     fn period(&mut self) -> Seen;
     fn pause(&mut self, paused: bool) -> Result<(), ControlError>;
     fn period_s(&self) -> f64;
 }
 
-impl Paused for TactileLoop {
+impl Paused for VisuoTactileLoop {
     fn period(&mut self) -> Seen {
         let mut progress = None;
-        let (cycle, _) = self.step(&mut Calm, &mut |c| progress = Some(c.output.path_progress));
+        let (cycle, _) = self.step(&mut Undisturbed, &mut |c| {
+            progress = Some(c.output.path_progress)
+        });
         Seen {
             phase: cycle.phase,
             at: self.plant().truth().base_from_tool.translation(),
@@ -91,19 +92,19 @@ fn run_until(law: &mut impl Paused, phase: Phase) {
     panic!("never in {phase:?}");
 }
 
-/// So much time; the last period of it.
+/// Runs for this time, s; returns the last period.
 fn run_for(law: &mut impl Paused, time_s: f64) -> Seen {
     let periods = (time_s / law.period_s()) as usize;
     (0..periods).map(|_| law.period()).last().unwrap()
 }
 
-/// Mean place of the tool, m.
+/// Mean position of the tool, m.
 fn mean(places: &[Vector3<f64>]) -> Vector3<f64> {
     places.iter().sum::<Vector3<f64>>() / places.len() as f64
 }
 
-/// Pauses `after_s` into `phase`; the tool and the path's clock then stand, no phase moves on, and
-/// afterwards the task goes on along its path.
+/// Pauses `after_s` into `phase` and checks that the tool and the path's clock stand still, that no
+/// phase changes, and that the task afterwards continues along its path.
 fn stands(law: &mut impl Paused, phase: Phase, after_s: f64) {
     run_until(law, phase);
     run_for(law, after_s);
@@ -141,7 +142,7 @@ fn unified_force_impedance_stands_in_every_phase() {
         (Phase::Slide, 0.5),
     ] {
         let scenario = tactile_cells::scenario(&["seed=3"]);
-        let mut law = TactileLoop::new(&scenario).unwrap();
+        let mut law = VisuoTactileLoop::new(&scenario).unwrap();
         stands(&mut law, phase, after_s);
     }
 }
@@ -160,10 +161,10 @@ fn hybrid_dynamics_stands_in_every_phase() {
     }
 }
 
-/// The arm's state is no number.
+/// The arm's state contains numbers that are not finite.
 struct Blind;
 
-impl TactileDisturbance for Blind {
+impl Disturbance for Blind {
     fn input(&mut self, input: &mut UnifiedInput) {
         input.q[0] = f64::NAN;
     }
@@ -171,7 +172,7 @@ impl TactileDisturbance for Blind {
 
 #[test]
 fn unified_force_impedance_takes_a_tool_off_that_a_fault_left_on_the_surface() {
-    let mut law = TactileLoop::new(&tactile_cells::scenario(&["seed=3"])).unwrap();
+    let mut law = VisuoTactileLoop::new(&tactile_cells::scenario(&["seed=3"])).unwrap();
     run_until(&mut law, Phase::Slide);
     law.step(&mut Blind, &mut |_| ());
     for _ in 0..500 {

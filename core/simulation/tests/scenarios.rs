@@ -1,10 +1,11 @@
-//! The scenarios that the repository ships: they are read, they run, and the physics comes out
-//! right.
+//! The scenarios of the repository: they can be read and run, and the physics is right.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
-use tangent_simulation::{Evaluation, Scenario, ScenarioError, evaluate};
+use tangent_simulation::{
+    AdmittanceScenario, Evaluation, FileError, ScenarioError, evaluate_admittance,
+};
 
 macro_rules! scenarios {
     ($($name:literal),* $(,)?) => {
@@ -30,21 +31,21 @@ scenarios!(
     "touchdown_5kN_per_m",
 );
 
-fn read(name: &str) -> Result<String, String> {
+fn read(name: &str) -> Result<String, FileError> {
     match name {
         "height_field.csv" => Ok(include_str!("../../../scenarios/height_field.csv").to_owned()),
-        other => Err(format!("{other} is not there")),
+        other => Err(FileError::new(format!("{other} is not there"))),
     }
 }
 
-fn parse(name: &str, overrides: &[&str]) -> Result<Scenario, ScenarioError> {
+fn parse(name: &str, overrides: &[&str]) -> Result<AdmittanceScenario, ScenarioError> {
     let (_, text) = SCENARIOS.iter().find(|(known, _)| *known == name).unwrap();
     let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
-    Scenario::parse(name, text, &overrides, &read)
+    AdmittanceScenario::parse(name, text, &overrides, &read)
 }
 
 fn run(name: &str, overrides: &[&str]) -> Evaluation {
-    evaluate(&parse(name, overrides).unwrap()).unwrap()
+    evaluate_admittance(&parse(name, overrides).unwrap()).unwrap()
 }
 
 fn refused(name: &str, overrides: &[&str]) -> String {
@@ -190,7 +191,7 @@ fn a_bad_override_is_refused_with_what_is_allowed() {
 fn what_only_building_shows_is_refused_too() {
     let error = |text: &str| {
         let scenario = parse("pipe_ideal", &[text]).unwrap();
-        evaluate(&scenario).unwrap_err().to_string()
+        evaluate_admittance(&scenario).unwrap_err().to_string()
     };
     assert!(error("task.estimators=[\"guess\"]").contains("guess"));
     assert!(error("plant.robot=ur7").contains("ur7"));
@@ -211,7 +212,7 @@ fn a_file_that_is_not_there_is_named() {
 fn a_bad_file_is_refused_with_its_line() {
     let (_, text) = SCENARIOS[0];
     let error = |text: &str| {
-        Scenario::parse("x.toml", text, &[], &read)
+        AdmittanceScenario::parse("x.toml", text, &[], &read)
             .unwrap_err()
             .to_string()
     };
@@ -225,7 +226,7 @@ fn a_bad_file_is_refused_with_its_line() {
     assert!(error("[[[").contains("x.toml"));
 }
 
-/// A velocity-controlled arm has a tank for what it puts into the surface, where it is given one.
+/// A velocity-controlled arm can have a tank for the energy that it puts into the surface.
 #[test]
 fn a_force_tank_that_lasts_changes_nothing_and_one_that_does_not_stops_the_pushing() {
     let tank = |initial_j: f64| {
@@ -251,7 +252,7 @@ fn a_force_tank_that_lasts_changes_nothing_and_one_that_does_not_stops_the_pushi
         tanks.force_min_j < 1.0 && tanks.force_min_j > 0.99,
         "{tanks:?}"
     );
-    // The soft pad alone takes more than this.
+    // The soft pad alone takes more energy than this.
     let empty = with(0.002);
     let tanks = empty.figures.tanks.unwrap();
     assert!(tanks.force_min_j >= 0.001, "{tanks:?}");

@@ -1,25 +1,25 @@
-//! Estimators that change places while the tool slides over a pipe: the force must not notice.
+//! Changes of the estimator while the tool slides over a pipe must not affect the force.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
 use tangent_control::{Phase, SwitchCause};
-use tangent_simulation::{ClosedLoop, Scenario};
+use tangent_simulation::{AdmittanceLoop, AdmittanceScenario, no_files};
 
 const PIPE: &str = include_str!("../../../scenarios/pipe_ideal.toml");
-/// Slid this long, the touchdown is over.
+/// Sliding time after which the touchdown is over, s.
 const SETTLED_S: f64 = 2.0;
 const SWITCH_EVERY_S: f64 = 0.7;
 
-/// Slides on the pipe and switches on and on; what the true force and the normal in use did.
+/// Slides on the pipe with repeated switches, and checks the true force and the normal in use.
 #[test]
 fn the_force_stays_within_ten_percent_through_every_swap() {
     let names = ["reactive", "quadratic", "gaussian_process", "blend"];
     let list = format!("task.estimators={names:?}");
-    let scenario = Scenario::parse("pipe_ideal", PIPE, &[list], &|_| Err("no files".to_owned()));
+    let scenario = AdmittanceScenario::parse("pipe_ideal", PIPE, &[list], &no_files);
     let scenario = scenario.unwrap();
     let reference_n = scenario.task.force.reference_n;
-    let mut cell = ClosedLoop::new(&scenario).unwrap();
+    let mut cell = AdmittanceLoop::new(&scenario).unwrap();
     let most_rad = cell.controller().config().normal.turn_rate_max_rad_per_s * 0.008 + 1e-9;
     let (mut sliding_since, mut asked_at, mut swaps, mut wanted) = (None, 0.0, 0, 0);
     let (mut used, mut normal, mut cause) = (0, None, SwitchCause::Task);

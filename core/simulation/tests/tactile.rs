@@ -1,5 +1,5 @@
-//! Closed loops of `unified_force_impedance`: what must hold whatever the surface, the policy, and
-//! what fails.
+//! Closed loops of `unified_force_impedance`: properties for any surface, any policy and any
+//! failure.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -13,14 +13,16 @@ use tactile_cells::scenario;
 use tangent_control::{Phase, UnifiedInput, VisionInput};
 use tangent_mechanics::Joints;
 use tangent_sensing::Validity;
-use tangent_simulation::{Evaluation, TactileDisturbance, evaluate_tactile, evaluate_tactile_with};
+use tangent_simulation::{
+    Disturbance, Evaluation, evaluate_visuo_tactile, evaluate_visuo_tactile_with,
+};
 
 fn short() -> Vec<&'static str> {
     vec!["task.path.duration_s=6.0", "duration_s=30.0"]
 }
 
 fn run(set: &[&str]) -> Evaluation {
-    evaluate_tactile(&scenario(set)).unwrap()
+    evaluate_visuo_tactile(&scenario(set)).unwrap()
 }
 
 #[test]
@@ -53,22 +55,22 @@ fn equal_input_gives_equal_bits() {
     assert_ne!(run(&set).state_digest, run(&other).state_digest);
 }
 
-/// What the torque does in one period while something happens to the camera.
+/// Disturbance of the camera's normals by a function of time.
 struct Eye<F: FnMut(f64, VisionInput) -> Option<VisionInput>>(F);
 
-impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> TactileDisturbance for Eye<F> {
+impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> Disturbance for Eye<F> {
     fn vision(&mut self, time_s: f64, normal: VisionInput) -> Option<VisionInput> {
         (self.0)(time_s, normal)
     }
 }
 
-/// An eye that knows when the policy began: what happens to it happens while the tool slides.
+/// Disturbance of the camera while the tool slides: it knows when the policy began.
 struct SlidingEye<F: FnMut(f64, VisionInput) -> Option<VisionInput>> {
     since_s: Option<f64>,
     event: F,
 }
 
-impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> TactileDisturbance for SlidingEye<F> {
+impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> Disturbance for SlidingEye<F> {
     fn vision(&mut self, time_s: f64, normal: VisionInput) -> Option<VisionInput> {
         match self.since_s {
             Some(since_s) => (self.event)(time_s - since_s, normal),
@@ -92,12 +94,13 @@ fn steepest(
         since_s: None,
         event,
     };
-    // The loop asks the eye before it tells of the period: the start is known one period late.
+    // The loop calls the disturbance before it reports the period, so the start is known one period
+    // late.
     let mut watch = Watched {
         eye: &mut eye,
         since: &since,
     };
-    let e = evaluate_tactile_with(&scenario(&set), &mut watch, |c| {
+    let e = evaluate_visuo_tactile_with(&scenario(&set), &mut watch, |c| {
         if c.output.phase != Phase::Slide {
             last = None;
             return;
@@ -114,13 +117,13 @@ fn steepest(
     (worst, e)
 }
 
-/// Tells an eye when the policy began.
+/// Passes the start of the policy to a disturbance.
 struct Watched<'a, F: FnMut(f64, VisionInput) -> Option<VisionInput>> {
     eye: &'a mut SlidingEye<F>,
     since: &'a Cell<Option<f64>>,
 }
 
-impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> TactileDisturbance for Watched<'_, F> {
+impl<F: FnMut(f64, VisionInput) -> Option<VisionInput>> Disturbance for Watched<'_, F> {
     fn vision(&mut self, time_s: f64, normal: VisionInput) -> Option<VisionInput> {
         self.eye.since_s = self.since.get();
         self.eye.vision(time_s, normal)
@@ -160,14 +163,14 @@ fn no_step_in_torque_when_vision_comes_goes_or_jumps() {
             ("comes", true, Box::new(|t, n| (t > 2.0).then_some(n))),
         ];
         for (name, touch, event) in events {
-            // The published law has no touch to go on with.
+            // The published law has no contact estimate to continue with.
             if preset.contains("paper") && (name == "goes for good" || name == "comes") {
                 continue;
             }
             let (worst, e) = steepest(preset, touch, event);
             assert_eq!((e.phase, e.fault), ("done", None), "{preset}, {name}");
-            // A step of the reference would ask for all that the motors can change in a period, 1
-            // Nm.
+            // A step of the reference would request the largest change that the motors allow in a
+            // period, 1 Nm.
             assert!(worst < 0.35, "{preset}, {name}: {worst} Nm");
         }
     }
@@ -176,7 +179,7 @@ fn no_step_in_torque_when_vision_comes_goes_or_jumps() {
 #[test]
 fn without_a_camera_touch_alone_goes_on() {
     let mut dark = Eye(|_, _| None);
-    let e = evaluate_tactile_with(&scenario(&["seed=4"]), &mut dark, |_| ()).unwrap();
+    let e = evaluate_visuo_tactile_with(&scenario(&["seed=4"]), &mut dark, |_| ()).unwrap();
     assert_eq!((e.phase, e.fault), ("done", None));
     let force = e.figures.force;
     assert!(force.rmse_n.unwrap() < 1.2, "{force:?}");
@@ -185,7 +188,7 @@ fn without_a_camera_touch_alone_goes_on() {
 
 struct Wrench<F: FnMut(&mut UnifiedInput)>(F);
 
-impl<F: FnMut(&mut UnifiedInput)> TactileDisturbance for Wrench<F> {
+impl<F: FnMut(&mut UnifiedInput)> Disturbance for Wrench<F> {
     fn input(&mut self, input: &mut UnifiedInput) {
         (self.0)(input);
     }
@@ -204,7 +207,7 @@ fn a_wrench_that_falls_silent_or_is_no_number_stops_and_retracts() {
                 }
             }
         });
-        let e = evaluate_tactile_with(&scenario(&[]), &mut bad, |c| {
+        let e = evaluate_visuo_tactile_with(&scenario(&[]), &mut bad, |c| {
             if c.input.time_s >= 9.003 && c.input.time_s < 9.05 {
                 seen.push(c.output.phase);
             }
@@ -235,7 +238,7 @@ fn one_bad_sample_of_the_wrench_is_waited_out() {
             });
             let (mut last, mut worst): (Option<Joints<7>>, f64) = (None, 0.0);
             let set = [preset, "task.path.duration_s=6.0"];
-            let e = evaluate_tactile_with(&scenario(&set), &mut bad, |c| {
+            let e = evaluate_visuo_tactile_with(&scenario(&set), &mut bad, |c| {
                 if c.output.phase != Phase::Slide {
                     last = None;
                     return;
@@ -261,7 +264,7 @@ fn a_tool_that_does_not_feel_waits_on_its_way_down() {
         }
     });
     let mut speeds = Vec::new();
-    let e = evaluate_tactile_with(&scenario(&[]), &mut bad, |c| {
+    let e = evaluate_visuo_tactile_with(&scenario(&[]), &mut bad, |c| {
         let down = c.truth.twist.linear.z;
         if c.output.phase == Phase::Approach && down < -0.015 && silent.get().is_none() {
             silent.set(Some(c.input.time_s));
@@ -280,12 +283,12 @@ fn a_tool_that_does_not_feel_waits_on_its_way_down() {
     );
 }
 
-/// Somebody holds the tool off its path, against the springs, and lets go.
+/// A push that holds the tool off its path, against the springs, and then ends.
 struct Hand<'a> {
     since: &'a Cell<Option<f64>>,
 }
 
-impl TactileDisturbance for Hand<'_> {
+impl Disturbance for Hand<'_> {
     fn push(&mut self, time_s: f64) -> Vector6<f64> {
         let slid = self.since.get().map_or(0.0, |s| time_s - s);
         let force = if (2.0..2.7).contains(&slid) {
@@ -306,7 +309,7 @@ fn an_arm_that_is_held_back_goes_limp_and_takes_its_policy_from_there() {
         "limits.force_max_n=100.0",
         "limits.torque_max_nm=100.0",
     ];
-    let e = evaluate_tactile_with(&scenario(&set), &mut Hand { since: &since }, |c| {
+    let e = evaluate_visuo_tactile_with(&scenario(&set), &mut Hand { since: &since }, |c| {
         if c.output.phase == Phase::Slide {
             since.set(since.get().or(Some(c.input.time_s)));
         }
@@ -322,7 +325,7 @@ fn an_arm_that_is_held_back_goes_limp_and_takes_its_policy_from_there() {
     assert_eq!((e.phase, e.fault), ("done", None));
     assert!(limp < 0.1, "{limp}");
     assert!(late > 0.0);
-    // Back on its path.
+    // The tool is back on its path.
     assert!(late < 0.003, "{late}");
 }
 
@@ -334,14 +337,15 @@ fn an_arm_state_that_is_no_number_keeps_the_last_torque() {
             input.q[2] = f64::NAN;
         }
     });
-    let e = evaluate_tactile_with(&scenario(&["duration_s=9.2"]), &mut bad, |c| {
+    let e = evaluate_visuo_tactile_with(&scenario(&["duration_s=9.2"]), &mut bad, |c| {
         torques.push(c.output.torque);
     })
     .unwrap();
     assert_eq!(e.phase, "fault");
     let n = torques.len();
     assert!(torques[n - 1].iter().all(|x| x.is_finite()));
-    // What pushed and moved it has faded, without a step: what is left holds it.
+    // The torques of the push and the motion have faded without a step; the remaining ones hold the
+    // arm.
     assert!((torques[n - 1] - torques[n - 20]).amax() < 0.05);
     let steepest = torques
         .windows(2)
@@ -350,10 +354,10 @@ fn an_arm_state_that_is_no_number_keeps_the_last_torque() {
     assert!(steepest < 1.0, "{steepest}");
 }
 
-/// The surface under the tool is gone for a moment: somebody lifts the arm off it.
+/// The surface under the tool is absent for a moment, as if the arm were lifted off it.
 struct Lift;
 
-impl TactileDisturbance for Lift {
+impl Disturbance for Lift {
     fn push(&mut self, time_s: f64) -> Vector6<f64> {
         if (10.0..10.5).contains(&time_s) {
             Vector6::new(0.0, 0.0, 25.0, 0.0, 0.0, 0.0)
@@ -366,7 +370,7 @@ impl TactileDisturbance for Lift {
 #[test]
 fn contact_lost_is_sought_and_found_again() {
     let mut phases = Vec::new();
-    let e = evaluate_tactile_with(&scenario(&[]), &mut Lift, |c| {
+    let e = evaluate_visuo_tactile_with(&scenario(&[]), &mut Lift, |c| {
         if phases.last() != Some(&c.output.phase) {
             phases.push(c.output.phase);
         }
@@ -427,7 +431,7 @@ fn other_worlds_are_wiped_too() {
             let e = run(&set);
             assert_eq!((e.phase, e.fault), ("done", None), "{preset}, {name}");
             let force = e.figures.force;
-            // Friction shakes a firm tool in proportion.
+            // Friction disturbs a firmly pressed tool in proportion to the force.
             let share = if name == "firm" { 25.0 / 15.0 } else { 1.0 };
             assert!(
                 force.mad_n.unwrap() < mad * share,

@@ -1,5 +1,5 @@
-//! Energy of `unified_force_impedance` in closed loop: its books against the plant's, its tanks,
-//! and the port to the world.
+//! Energy of `unified_force_impedance` in closed loop: its energy balance compared with the
+//! plant's, its tanks, and the port to the environment.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -11,9 +11,11 @@ use energy_balance::{Balance, EXACT};
 use tactile_cells::scenario;
 use tangent_control::Phase;
 use tangent_mechanics::Joints;
-use tangent_simulation::{Calm, TactileCycle, evaluate_tactile, evaluate_tactile_with};
+use tangent_simulation::{
+    Undisturbed, VisuoTactileCycle, evaluate_visuo_tactile, evaluate_visuo_tactile_with,
+};
 
-/// Books of a run: what the plant says went through its ports against what the law says.
+/// Energy balance of a run: the energy through the plant's ports, compared with the law's own.
 #[derive(Default)]
 struct Audit {
     start_j: Option<f64>,
@@ -33,11 +35,11 @@ impl Audit {
         }
     }
 
-    fn see(&mut self, c: &TactileCycle<'_>) {
+    fn see(&mut self, c: &VisuoTactileCycle<'_>) {
         let plant = c.plant;
         let arm = plant.arm();
-        // Gravity compensation is no part of the law's books: its work by the same rule, a period
-        // later as the torque acts.
+        // The law's energy balance excludes gravity compensation. Its work is computed by the same
+        // rule, a period later, when the torque acts.
         if let Some(q) = self.last {
             self.gravity_j += self.gravity_under_way[1].dot(&(arm.q - q));
         } else {
@@ -49,10 +51,10 @@ impl Audit {
         let (energy, books) = (plant.energy(), c.output.tanks);
         let tanks = books.motion_j + books.force_j;
         let tanks_0 = *self.start_j.get_or_insert(tanks);
-        // The law's account of its work against the plant's.
+        // Work according to the law, compared with the plant's.
         let by_motors = energy.motors_j - self.gravity_j;
         self.worst_books_j = self.worst_books_j.max((by_motors - books.work_j).abs());
-        // The tanks hold what was not worked or dissipated.
+        // The tanks hold the energy that was neither transferred as work nor dissipated.
         let held = tanks_0 - books.work_j - books.dissipated_j + books.short_j;
         self.worst_tanks_j = self.worst_tanks_j.max((tanks - held).abs());
         self.tank_low = self.tank_low.min(books.motion_j).min(books.force_j);
@@ -65,7 +67,8 @@ fn the_energy_books_close_against_the_plants_to_a_microjoule() {
         let mut set = EXACT.to_vec();
         set.push(preset);
         let mut audit = Audit::new();
-        let e = evaluate_tactile_with(&scenario(&set), &mut Calm, |c| audit.see(c)).unwrap();
+        let e = evaluate_visuo_tactile_with(&scenario(&set), &mut Undisturbed, |c| audit.see(c))
+            .unwrap();
         assert_eq!(e.phase, "done");
         assert!(
             audit.worst_books_j < 1e-6,
@@ -90,11 +93,13 @@ fn no_joule_comes_from_nowhere_or_goes_there() {
             let mut set = EXACT.to_vec();
             set.extend([preset.as_str(), steps.as_str()]);
             let mut balance = Balance::default();
-            evaluate_tactile_with(&scenario(&set), &mut Calm, |c| balance.see(c)).unwrap();
+            evaluate_visuo_tactile_with(&scenario(&set), &mut Undisturbed, |c| balance.see(c))
+                .unwrap();
             assert!(!balance.at_a_stop);
             balance.worst_j
         });
-        // What is left is the plant's integration: four times as many steps, a fourth of it.
+        // The remaining difference is the plant's integration error: with four times as many steps
+        // it is a fourth.
         assert!(
             worst[1] < 0.35 * worst[0] && worst[0] < 0.05,
             "{preset}: {worst:?}"
@@ -121,7 +126,7 @@ fn a_tank_at_its_limit_cuts_the_action_smoothly() {
                 "task.path.duration_s=10.0",
                 "duration_s=30.0",
             ];
-            let e = evaluate_tactile_with(&scenario(&set), &mut Calm, |c| {
+            let e = evaluate_visuo_tactile_with(&scenario(&set), &mut Undisturbed, |c| {
                 let tanks = c.output.tanks;
                 shut |= if tank == "force" {
                     tanks.force_j < 1.25
@@ -138,7 +143,7 @@ fn a_tank_at_its_limit_cuts_the_action_smoothly() {
             })
             .unwrap();
             assert!(shut, "{preset} {start}");
-            // All that the motors can change in a period is 1 Nm.
+            // The motors can change the torque by at most 1 Nm in a period.
             assert!(worst < 0.35, "{preset} {start}: {worst} Nm");
             let limited = e.tactile.unwrap().limited_cycles.unwrap();
             assert!(limited < 100, "{preset} {start}: {limited} periods");
@@ -148,7 +153,7 @@ fn a_tank_at_its_limit_cuts_the_action_smoothly() {
 
 #[test]
 fn a_task_that_takes_more_energy_than_it_has_ends_with_that_reason() {
-    let e = evaluate_tactile(&scenario(&["control.tanks.motion.initial_j=3.0"])).unwrap();
+    let e = evaluate_visuo_tactile(&scenario(&["control.tanks.motion.initial_j=3.0"])).unwrap();
     assert_eq!(e.phase, "fault");
     assert!(
         e.fault.unwrap().contains("motion tank empty"),

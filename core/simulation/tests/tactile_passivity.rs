@@ -1,7 +1,7 @@
-//! Passivity of `unified_force_impedance` at the port to the world: what its tanks promise in any
-//! world, and every world in which they did not keep it.
+//! Passivity of `unified_force_impedance` at the port to the environment: the guarantee of its
+//! tanks in any world, and every world in which it once failed.
 
-// A test says what it found, and reads the scenarios that ship.
+// The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -43,8 +43,8 @@ fn a_tool_that_slid_off_the_block_comes_back() {
     assert!(peak_n < 500.0, "{peak_n} N");
 }
 
-/// High above the block's wave, beyond its focal distance, the plant found the surface beside the
-/// tool, and pushed with kilonewtons.
+/// High above the block's wave, beyond its focal distance, the plant once found the surface beside
+/// the tool and pushed with kilonewtons.
 #[test]
 fn a_tool_high_above_the_wave_touches_nothing() {
     let world = World {
@@ -76,7 +76,7 @@ const CASES: u32 = 24;
 fn the_port_is_passive_whatever_the_world_and_the_policy() {
     let (played, slid) = (Cell::new(0_u32), Cell::new(0_u32));
     let others = RefCell::new(Vec::new());
-    // More of them with PROPTEST_CASES, others with PROPTEST_RNG_SEED: see .ci/search.
+    // PROPTEST_CASES sets their number, PROPTEST_RNG_SEED selects others: see .ci/search.
     let mut runner = TestRunner::new(contextualize_config(ProptestConfig {
         cases: CASES,
         failure_persistence: None,
@@ -102,8 +102,8 @@ fn the_port_is_passive_whatever_the_world_and_the_policy() {
     );
 }
 
-/// Goes through PROPTEST_CASES worlds and says of each that fails why: for a search, not for every
-/// day.
+/// Runs PROPTEST_CASES worlds and prints the reason for each failure: for a search, not for regular
+/// test runs.
 #[test]
 #[ignore = "a search: .ci/search passivity"]
 fn every_world_that_breaks_the_promise_is_listed() {

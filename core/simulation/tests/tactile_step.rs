@@ -1,10 +1,10 @@
-//! The step of `unified_force_impedance` allocates nothing, whatever it sees.
+//! The step of `unified_force_impedance` does not allocate, for any input.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
-use tangent_simulation::TactileScenario;
-use tangent_simulation::karacan::{replay, step_inputs};
+use tangent_simulation::VisuoTactileScenario;
+use tangent_simulation::systems::visuo_tactile::reproduction::{replay, step_inputs};
 
 const WAVE: &str = include_str!("../../../scenarios/karacan/karacan_wave.toml");
 
@@ -15,9 +15,9 @@ fn a_whole_task_without_an_allocation() {
             format!("controller=\"{preset}\""),
             "task.path.duration_s=2.0".to_owned(),
         ];
-        let scenario = TactileScenario::parse("karacan_wave", WAVE, &set).unwrap();
+        let scenario = VisuoTactileScenario::parse("karacan_wave", WAVE, &set).unwrap();
         let mut inputs = step_inputs(&scenario).unwrap();
-        // A wrench that is no number for a while, so that the way off the surface is walked too.
+        // The wrench is not finite for a while, so that the retraction is tested too.
         let n = inputs.len();
         for input in &mut inputs[n / 2..n / 2 + 200] {
             input.wrench.force.x = f64::NAN;

@@ -1,7 +1,7 @@
-//! The force shown is the true force, under the laws of the arms that take torques: a start while
-//! the tool presses moves off first.
+//! The displayed force equals the true force under the torque laws: a task that starts while the
+//! tool presses retracts first.
 
-// A test says what it found, and reads the scenarios that ship.
+// The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -14,12 +14,12 @@ use shown_force::{
     Action, Cell, Seen as Shown, Sequence, play, stands_or_slides, whatever_is_done,
 };
 use tangent_control::{Clearance, Fault, Phase};
-use tangent_simulation::{Calm, ObjectLoop, ObjectScenario, TactileLoop, Undisturbed};
+use tangent_simulation::{ObjectLoop, ObjectScenario, Undisturbed, VisuoTactileLoop};
 
-/// Largest difference between the mean force shown and the mean true one while it slides, N.
+/// Largest difference between the means of displayed and true force while the tool slides, N.
 const SHOWN_MAX_N: f64 = 0.5;
 
-/// What one period came to: phase, fault, force shown and true force along the normal, N.
+/// Result of one period: phase, fault, displayed force and true force along the normal, N.
 #[derive(Clone, Copy, Debug)]
 struct Seen {
     phase: Phase,
@@ -28,8 +28,8 @@ struct Seen {
     true_n: f64,
 }
 
-/// Steps until `wanted`, then for `more_s`; the phases on the way, the largest true force, and the
-/// mean difference while it slid.
+/// Steps until `wanted`, then for `more_s`. Returns the phases on the way, the largest true force,
+/// and the mean difference while the tool slid.
 fn run_until(
     mut step: impl FnMut() -> Seen,
     period_s: f64,
@@ -71,13 +71,13 @@ fn run_until(
 fn unified_force_impedance_moves_off_before_it_takes_its_zero() {
     let scenario = tactile_cells::scenario(&[]);
     let reference_n = scenario.task.force.reference_n;
-    let mut cell = TactileLoop::new(&scenario).unwrap();
+    let mut cell = VisuoTactileLoop::new(&scenario).unwrap();
     let period_s = cell.plant().period_s();
     let mut worst = 0.0_f64;
     for start in 0..3 {
         let step = || {
             let mut seen = None;
-            cell.step(&mut Calm, &mut |c| {
+            cell.step(&mut Undisturbed, &mut |c| {
                 seen = Some(Seen {
                     phase: c.output.phase,
                     fault: c.output.fault,
@@ -91,7 +91,8 @@ fn unified_force_impedance_moves_off_before_it_takes_its_zero() {
         assert_eq!(phases.contains(&Phase::Clear), start > 0, "{phases:?}");
         assert!(peak_n <= (2.0 * reference_n).max(10.0), "{peak_n} N");
         worst = worst.max(off_n.abs());
-        // Killed while it presses: the next one knows where.
+        // The controller crashes while the tool presses; the next one knows the direction away from
+        // the surface.
         let known = cell.controller().clearance();
         assert!(matches!(known, Clearance::Possible { .. }), "{known:?}");
         cell.controller().begin(known);
@@ -133,16 +134,17 @@ fn hybrid_dynamics_moves_off_before_the_tare() {
     assert!(worst <= SHOWN_MAX_N, "{worst} N");
 }
 
-/// What the robot and the controller's service add to a law of torques. A stop ends the task to the
-/// robot: it holds itself until one is started anew, as it does while no task runs.
+/// Behaviour that the robot and the controller service add to a torque law. A stop ends the task
+/// for the robot: it holds itself until a task is started again, as it does while no task runs.
 #[derive(Clone, Copy, Debug, Default)]
 struct Service {
     stopped: bool,
-    /// The controller died: what the next one knows of the tool. It runs no task.
+    /// State of the tool that is passed to the next controller after a crash. That controller runs
+    /// no task.
     died: Option<Clearance>,
 }
 
-/// A law of torques with what is asked of it alone.
+/// A cell of a torque law, with the requests specific to that law.
 macro_rules! torque_cell {
     ($name:ident, $cell:ty) => {
         struct $name {
@@ -177,7 +179,7 @@ macro_rules! torque_cell {
                 }
             }
 
-            /// What follows for the robot.
+            /// Updates the robot's state after a period.
             fn after(&mut self) {
                 if !self.service.stopped && !self.active_phase().is_active() {
                     self.stop_arm();
@@ -201,7 +203,7 @@ macro_rules! torque_cell {
                     Action::Stop if alive => law.stop(),
                     Action::ControllerDies if alive => {
                         let known = law.clearance();
-                        // It takes no zero any more.
+                        // It requests no zero any more.
                         law.stop();
                         self.service.died = Some(known);
                         self.stop_arm();
@@ -213,10 +215,10 @@ macro_rules! torque_cell {
     };
 }
 
-torque_cell!(UnifiedCell, TactileLoop);
+torque_cell!(UnifiedCell, VisuoTactileLoop);
 torque_cell!(HybridCell, ObjectLoop);
 
-/// What both cells answer alike.
+/// Methods that both cells implement alike.
 macro_rules! alike {
     () => {
         fn period_s(&self) -> f64 {
@@ -252,7 +254,7 @@ impl Cell for UnifiedCell {
 
     fn step(&mut self) -> Shown {
         let (alive, mut seen) = (self.service.died.is_none(), None);
-        self.cell.step(&mut Calm, &mut |c| {
+        self.cell.step(&mut Undisturbed, &mut |c| {
             let zeroed = alive && c.output.zero_age_s.is_some();
             seen = Some(Shown {
                 phase: c.output.phase,
@@ -271,7 +273,7 @@ impl Cell for UnifiedCell {
     }
 
     fn act(&mut self, action: Action) {
-        // Its sensor is the robot itself, and its zero the law's.
+        // The robot itself is the sensor, and the law manages its zero.
         self.ask(action);
     }
 }
@@ -320,7 +322,7 @@ fn unified_cell(sequence: &Sequence, zero_nm: f64) -> UnifiedCell {
         "task.end.retract_distance_m=0.02",
     ]);
     UnifiedCell {
-        cell: TactileLoop::new(&scenario).unwrap(),
+        cell: VisuoTactileLoop::new(&scenario).unwrap(),
         service: Service::default(),
         reference_n: scenario.task.force.reference_n,
         delay_s: scenario.law().unwrap().touch.wrench_lag_s,
@@ -347,15 +349,15 @@ fn hybrid_cell(sequence: &Sequence) -> HybridCell {
     }
 }
 
-/// Without zero errors of its torque sensors: what they do is no matter of what was done to the
-/// cell.
+/// The robot's torque sensors have no zero errors here: their effect is independent of the actions
+/// on the cell.
 #[test]
 fn whatever_is_done_to_unified_force_impedance() {
     whatever_is_done(8, &[2e4, 5e4], 4.0, |sequence| unified_cell(sequence, 0.0));
 }
 
-/// Nothing is done to it. A joint's constant error is another wrench in another posture than that
-/// of the zero.
+/// No action is taken. A constant torque error of a joint causes a different wrench in a posture
+/// other than that of the tare.
 #[test]
 #[ignore = "0.56 N: 0.05 Nm of a joint's own zero, and friction that is told a fifth too low, are in the robot's estimate"]
 fn the_zeros_of_the_robots_own_torque_sensors_are_not_shown() {

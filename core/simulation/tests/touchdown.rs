@@ -1,22 +1,25 @@
-//! One touchdown on 10 kN/m, cycle by cycle, as a table small enough to read in review; and from
-//! soft to stiff by its figures.
+//! One touchdown on 10 kN/m, cycle by cycle, as a table small enough to read in review, and figures
+//! of touchdowns from soft to stiff surfaces.
 //!
-//! It changes with every change of the force law, and should: read the difference, then accept it
-//! with `INSTA_UPDATE=always cargo test --release -p tangent-simulation --test touchdown`.
+//! The table changes with every change of the force law, and should: read the difference, then
+//! accept it with `INSTA_UPDATE=always cargo test --release -p tangent-simulation --test
+//! touchdown`.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
 
 use std::fmt::Write;
 
-use tangent_simulation::{Scenario, evaluate, evaluate_with};
+use tangent_simulation::{
+    AdmittanceScenario, evaluate_admittance, evaluate_admittance_with, no_files,
+};
 
 #[test]
 fn on_a_stiff_surface() {
     let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");
-    let scenario = Scenario::parse("touchdown", text, &[], &|_| Err(String::new())).unwrap();
+    let scenario = AdmittanceScenario::parse("touchdown", text, &[], &no_files).unwrap();
     let mut lines: Vec<(bool, String)> = Vec::new();
-    evaluate_with(&scenario, |cycle| {
+    evaluate_admittance_with(&scenario, |cycle| {
         let truth = cycle.truth;
         let normal = truth.normal;
         lines.push((
@@ -41,14 +44,14 @@ fn on_a_stiff_surface() {
     // Every cycle of the impact, then every fifth until the force has settled.
     let rows = (first - 3..first + 25).chain((first + 25..first + 125).step_by(5));
     for row in rows {
-        // -0.000 and 0.000 are the same to a reader.
+        // -0.000 and 0.000 mean the same to a reader.
         writeln!(table, "{}", lines[row].1.replace("-0.000", " 0.000")).unwrap();
     }
     insta::assert_snapshot!(table);
 }
 
-/// Nothing is told of the stiffness. With a real sensor, an arm's encoders and a tool that lands
-/// askew, too.
+/// The law does not know the stiffness. Includes a real sensor, an arm's encoders and a tool that
+/// touches down with a tilt.
 #[test]
 fn gentle_from_2_to_50_kn_per_m() {
     let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");
@@ -72,16 +75,15 @@ fn gentle_from_2_to_50_kn_per_m() {
         let key = format!("plant.contact.stiffness_n_per_m={stiffness:.1}");
         let mut cells = vec![vec![key.clone()]];
         for seed in 1..=5 {
-            // The touch may fall anywhere in a cycle.
+            // The touchdown may happen at any time within a cycle.
             let clearance = format!("plant.start.clearance_m={}", 0.004 + 3e-6 * seed as f64);
             let mut cell = real.clone();
             cell.extend([key.clone(), format!("seed={seed}"), clearance.clone()]);
             cells.extend([cell, vec![key.clone(), clearance]]);
         }
         for cell in cells {
-            let scenario =
-                Scenario::parse("touchdown", text, &cell, &|_| Err(String::new())).unwrap();
-            let result = evaluate(&scenario).unwrap();
+            let scenario = AdmittanceScenario::parse("touchdown", text, &cell, &no_files).unwrap();
+            let result = evaluate_admittance(&scenario).unwrap();
             let force = result.figures.force;
             assert_eq!(result.phase, "done", "{cell:?}");
             assert!(result.figures.contact.lost_count <= 1, "{cell:?}");
@@ -98,8 +100,8 @@ fn gentle_from_2_to_50_kn_per_m() {
 fn a_touchdown_that_never_settles_is_not_called_gentle() {
     let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");
     let paper = ["controller=paper".to_owned()];
-    let scenario = Scenario::parse("touchdown", text, &paper, &|_| Err(String::new())).unwrap();
-    let figures = evaluate(&scenario).unwrap().figures;
+    let scenario = AdmittanceScenario::parse("touchdown", text, &paper, &no_files).unwrap();
+    let figures = evaluate_admittance(&scenario).unwrap().figures;
     assert!(
         figures.force.overshoot_percent.unwrap() > 100.0,
         "{:?}",

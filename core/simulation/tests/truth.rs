@@ -1,5 +1,5 @@
-//! The force shown is the true force, under the law of the arms that take velocities; by the
-//! simulator's truth.
+//! The displayed force equals the true force from the simulator, under the law of the
+//! velocity-controlled arms.
 
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used)]
@@ -8,11 +8,11 @@ mod shown_force;
 
 use shown_force::{Action, Cell, Seen, Watched, whatever_is_done};
 use tangent_control::{Clearance, Fault, Phase, Task};
-use tangent_simulation::{ClosedLoop, Scenario};
+use tangent_simulation::{AdmittanceLoop, AdmittanceScenario, no_files};
 
-/// A cell in which everything that a person or a fault does can be done.
+/// A cell that supports all actions of operators and all faults.
 struct VelocityCell {
-    cell: ClosedLoop,
+    cell: AdmittanceLoop,
     task: Task,
 }
 
@@ -27,9 +27,9 @@ fn velocity_cell(stiffness_n_per_m: f64, seed: u64) -> VelocityCell {
         "plant.start.clearance_m=0.004".to_owned(),
         "task.end.retract_distance_m=0.01".to_owned(),
     ];
-    let scenario = Scenario::parse("truth", text, &overrides, &|_| Err(String::new())).unwrap();
+    let scenario = AdmittanceScenario::parse("truth", text, &overrides, &no_files).unwrap();
     VelocityCell {
-        cell: ClosedLoop::new(&scenario).unwrap(),
+        cell: AdmittanceLoop::new(&scenario).unwrap(),
         task: scenario.task,
     }
 }
@@ -81,7 +81,7 @@ impl Cell for VelocityCell {
     fn act(&mut self, action: Action) {
         match action {
             Action::Start => {
-                // Refused while one runs.
+                // Rejected while a task runs.
                 let _ = self.cell.start(&self.task);
             }
             Action::Pause => {
@@ -101,7 +101,7 @@ impl Cell for VelocityCell {
     }
 }
 
-/// The first start tares pressed, and the one after it on top of that: 3, 6, 9 N.
+/// Once, the first start tared in contact, and so did each one after it: 3, 6, 9 N.
 #[test]
 fn a_start_after_a_stop_on_the_surface_moves_off_first() {
     for death in [Action::ProtectiveStop, Action::ControllerDies] {
@@ -125,7 +125,8 @@ fn a_start_after_a_stop_on_the_surface_moves_off_first() {
     }
 }
 
-/// A controller that knows only what the one before wrote down moves off, and does nothing more.
+/// A controller that knows only the stored state of its predecessor retracts, and does nothing
+/// more.
 #[test]
 fn a_stop_after_a_restart_leaves_the_surface() {
     for stiffness_n_per_m in [1000.0, 5000.0, 30_000.0] {
@@ -158,22 +159,23 @@ fn a_tare_is_refused_while_pressing_sliding_or_paused_and_after() {
     assert!(cell.cell.cell.ask_for_tare(true).is_err());
     cell.run(1.0);
     cell.act(Action::ProtectiveStop);
-    // It stands pressed: a person may say that it hangs free, and nobody else.
+    // The tool is pressed: an operator may state that it hangs free, but a plain request is
+    // rejected.
     assert!(cell.cell.cell.ask_for_tare(false).is_err());
     cell.run(1.0);
     cell.is_true();
 }
 
-/// Without any memory, the zero itself says so: it jumps against the last good one, or is touched
-/// at once.
+/// Without any stored state, a zero taken in contact is detected from the zero itself: it jumps
+/// against the last good one, or the approach touches at once.
 #[test]
 fn a_zero_taken_in_contact_is_found_out_without_any_memory() {
     let mut cell = watched(5000.0, 3);
     cell.run_until(Phase::Slide);
     cell.run(1.0);
     cell.act(Action::ProtectiveStop);
-    // The state folder was lost: it counts as free. The zero jumps against the last one, so there
-    // is none.
+    // The state folder was lost, so the tool counts as free. The zero jumps against the last one,
+    // so it is rejected.
     let forget = |cell: &mut Watched<VelocityCell>| {
         cell.cell
             .cell
@@ -186,7 +188,7 @@ fn a_zero_taken_in_contact_is_found_out_without_any_memory() {
     cell.run_until(Phase::Fault);
     assert_eq!(cell.faults.last(), Some(&Fault::NoTare));
     cell.is_true();
-    // The last good zero is lost too: the approach touches at once, and the zero is taken back.
+    // The last good zero is lost too: the approach touches at once, and the zero is withdrawn.
     cell.cell.cell.forget_zeros();
     forget(&mut cell);
     cell.act(Action::Start);
@@ -194,7 +196,7 @@ fn a_zero_taken_in_contact_is_found_out_without_any_memory() {
     assert_eq!(cell.faults.last(), Some(&Fault::ZeroInContact));
     assert!(cell.cell.cell.shown().unwrap().bias_age_s.is_none());
     assert!(cell.peak_n < 10.0, "{}", cell.peak_n);
-    // That retraction ended in free space: the next start is a good one.
+    // That retraction ended in free space, so the next start is a good one.
     cell.forget();
     cell.act(Action::Start);
     cell.run_until(Phase::Slide);

@@ -1,4 +1,4 @@
-//! Writes the first inputs of every corpus: what well-behaved devices, services and people send.
+//! Writes the initial inputs of every corpus: data that correct devices, services and users send.
 //!
 //! `cargo run --release -p tangent-fuzz --example seed`
 
@@ -91,7 +91,8 @@ fn rtde(put: Put<'_>) {
     put("rtde_bridge", "replies", &replies);
     let lines = "Connected: Universal Robots Dashboard Server\nRobotmode: RUNNING\nURSoftware 3.15.8.106339 (Mar 04 2022)\nUR5e\nUR5\n";
     put("dashboard_lines", "lines", lines.as_bytes());
-    let mut primary = tangent_simulator::primary::version(tangent_simulator::Flavour::Cb3, 40.0);
+    let mut primary =
+        tangent_simulated_ur::primary::version(tangent_simulated_ur::Flavour::Cb3, 40.0);
     primary.extend_from_slice(&[0, 0, 0, 5, 16, 0, 0, 0, 4]);
     put("primary_stream", "version", &primary);
     let program = ProgramConfig {

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use tangent_control::{ControllerConfig, Program, Task};
 use tangent_mechanics::{Arm, ModelData};
 use tangent_runtime::CellConfig;
-use tangent_simulation::Scenario;
+use tangent_simulation::{FileError, Scenario};
 
 fn text(data: &[u8], check: impl FnOnce(&str)) {
     if let Ok(text) = std::str::from_utf8(data) {
@@ -13,7 +13,7 @@ fn text(data: &[u8], check: impl FnOnce(&str)) {
     }
 }
 
-/// A cell file. A refusal names the file.
+/// Reads a cell file. A refusal must name the file.
 pub fn cell_file(data: &[u8]) {
     text(data, |text| {
         if let Err(error) = CellConfig::parse("cell.toml", text) {
@@ -22,8 +22,8 @@ pub fn cell_file(data: &[u8]) {
     });
 }
 
-/// A task file. A task that is accepted becomes a program whose path is finite, or is refused with
-/// words.
+/// Reads a task file. An accepted task becomes a program whose path is finite, or is refused with a
+/// message.
 pub fn task_file(data: &[u8]) {
     text(data, |text| {
         let Ok(task) = Task::from_str(text) else {
@@ -35,17 +35,17 @@ pub fn task_file(data: &[u8]) {
     });
 }
 
-/// A scenario file. No other file is read.
+/// Reads a scenario file. It must not make the decoder read any other file.
 pub fn scenario_file(data: &[u8]) {
     text(data, |text| {
-        let no_file = |name: &str| Err(format!("{name} is not read here"));
+        let no_file = |name: &str| Err(FileError::new(format!("{name} is not read here")));
         if let Err(error) = Scenario::parse("scenario.toml", text, &[], &no_file) {
             assert!(!error.to_string().is_empty());
         }
     });
 }
 
-/// A robot model. One that is accepted has finite kinematics at rest.
+/// Reads a robot model. An accepted model has finite kinematics at rest.
 pub fn model_file(data: &[u8]) {
     text(data, |text| {
         let Ok(model) = ModelData::from_toml(text) else {

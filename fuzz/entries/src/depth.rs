@@ -1,4 +1,4 @@
-//! Depth images as a driver sends them: header, payload, and the normals that are read out of them.
+//! Depth images in a driver's format: header, payload, and the normals computed from them.
 
 use nalgebra::Vector3;
 use tangent_camera::{check_depth, grey};
@@ -8,10 +8,10 @@ use tangent_estimation::depth_normal::{
 };
 use tangent_schemas::standard::Image;
 
-/// Bytes of the header: width, height, step, and a byte for encoding and byte order.
+/// Length of the header, bytes: width, height, step, and a byte for encoding and byte order.
 const HEADER_BYTES: usize = 5;
 
-/// A small image with any payload. A normal that is said to be valid is a finite unit vector.
+/// Reads a small image with any payload. A normal that is marked valid is a finite unit vector.
 pub fn depth_image(data: &[u8]) {
     let Some((header, payload)) = data.split_at_checked(HEADER_BYTES) else {
         return;

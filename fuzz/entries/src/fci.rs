@@ -3,8 +3,8 @@
 
 use tangent_franka::fci::{Framer, Reply, Request, RobotCommand, RobotState};
 
-/// Cuts the bytes into messages, and reads each as a request and as a reply. What can be read is
-/// written and read again, and must be the same.
+/// Splits the bytes into messages, and decodes each as a request and as a reply. A decoded message
+/// is encoded and decoded again, and must stay equal.
 pub fn fci_stream(data: &[u8]) {
     let mut framer = Framer::new();
     for piece in data.chunks(113) {
@@ -30,7 +30,7 @@ pub fn fci_stream(data: &[u8]) {
     }
 }
 
-// Text, since numbers may be NaN.
+// Compared as text, since numbers may be NaN.
 fn show(value: &impl std::fmt::Debug) -> String {
     format!("{value:?}")
 }
@@ -48,7 +48,7 @@ fn again(
     read(&message).expect("what was just written can be read")
 }
 
-/// A state or a command; what can be read is the same bytes when it is written.
+/// Decodes a state or a command; a decoded message must encode to the same bytes.
 pub fn fci_datagrams(data: &[u8]) {
     let mut bytes = Vec::new();
     if let Ok(state) = RobotState::decode(data) {

@@ -1,9 +1,9 @@
-//! One function per decoder of bytes or text that comes from outside: each takes arbitrary bytes,
-//! and panics where a property of the decoder does not hold.
+//! One function per decoder of bytes or text from outside the program: each takes arbitrary bytes,
+//! and panics if a property of the decoder does not hold.
 //!
-//! The fuzz targets in `fuzz/fuzz_targets` call these functions, and so does the test that replays
-//! the kept corpus. A function that returns has found nothing: input that is refused with an error
-//! is as good as input that is accepted.
+//! The fuzz targets in `fuzz/fuzz_targets` and the test that replays the stored corpus call these
+//! functions. A function that returns has found no failure: refusing an input with an error is as
+//! correct as accepting it.
 
 mod cell;
 mod depth;
@@ -23,7 +23,7 @@ pub use recording::recording;
 pub use rtde::{dashboard_lines, primary_stream, rtde_bridge, rtde_packages};
 pub use script::urscript;
 
-/// A fuzz target: its name, which is also its corpus's folder, and what it calls.
+/// A fuzz target: its name, which is also the folder of its corpus, and its entry function.
 #[derive(Clone, Copy)]
 pub struct Target {
     /// Name of the target and of its folder in `fuzz/corpus`.
@@ -32,7 +32,7 @@ pub struct Target {
     pub run: fn(&[u8]),
 }
 
-/// Every target there is.
+/// All targets except [`DEPTH_TARGET`].
 pub const TARGETS: [Target; 15] = [
     Target {
         name: "rtde_packages",
@@ -96,8 +96,8 @@ pub const TARGETS: [Target; 15] = [
     },
 ];
 
-/// Depth images have a target of their own beside [`TARGETS`]: one frame takes a thousand times as
-/// long as a package.
+/// The target of depth images. It is separate from [`TARGETS`], because one frame takes a thousand
+/// times as long as a package.
 pub const DEPTH_TARGET: Target = Target {
     name: "depth_image",
     run: depth_image,

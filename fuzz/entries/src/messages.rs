@@ -1,12 +1,12 @@
-//! The messages on the bus: CDR bytes to each type, and back.
+//! Messages on the bus: CDR bytes to each type, and back.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use tangent_schemas::cdr::{decode, encode};
 use tangent_schemas::{standard, tangent};
 
-/// The first byte chooses the type. What can be read is written; what was written reads as the same
-/// and is written as the same bytes.
+/// The first byte selects the type. A decoded message is encoded again; the result decodes to the
+/// same message and encodes to the same bytes.
 pub fn cdr(data: &[u8]) {
     let Some((&kind, bytes)) = data.split_first() else {
         return;

@@ -1,5 +1,5 @@
-//! ATI Net F/T: RDT records with the stream's book-keeping and its clock, and the web server's
-//! answer with its use.
+//! ATI Net F/T: RDT records with the counters and the clock of the stream, and the web server's
+//! answer with the values computed from it.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use tangent_netft::clock::ClockRecovery;
 use tangent_netft::codec::{Command, Request, records};
 use tangent_netft::stream::{Kind, Stream};
 
-/// Datagrams of 36-byte records, each taken by the stream's books and by the clock.
+/// Datagrams of 36-byte records, each passed to the counters and the clock of the stream.
 pub fn rdt_records(data: &[u8]) {
     let _ = Request::from_bytes(data);
     let mut stream = Stream::new(Command::RealTime, 7000.0, Duration::from_millis(50));
@@ -39,7 +39,7 @@ pub fn rdt_records(data: &[u8]) {
     assert_eq!(counts.records + counts.doubles, taken);
 }
 
-/// The box's `/netftapi2.xml`, and everything that is computed from it.
+/// The box's `/netftapi2.xml`, and all values computed from it.
 pub fn box_xml(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else {
         return;

@@ -1,11 +1,11 @@
-//! Recordings from elsewhere: whole, torn or damaged MCAP files.
+//! Recordings of other programs: complete, truncated or damaged MCAP files.
 
 use std::fs;
 
 use tangent_recorder::{Recording, repair};
 
-/// Writes the bytes to a file, reads it as a recording, and mends it. A mended file can be read
-/// whole.
+/// Writes the bytes to a file, reads it as a recording, and repairs it. A repaired file can be read
+/// completely.
 pub fn recording(data: &[u8]) {
     let folder = tempfile::tempdir().expect("a folder for temporary files is there");
     let path = folder.path().join("cell.mcap");

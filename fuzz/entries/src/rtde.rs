@@ -1,8 +1,9 @@
-//! Universal Robots: RTDE packages, the bridge that takes them, the dashboard's lines and the
+//! Universal Robots: RTDE packages, the bridge that receives them, the dashboard's lines and the
 //! primary stream.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use tangent_actuation::Command;
+use tangent_actuation::MotionLimits;
 use tangent_actuation::velocity::{Posture, VelocityLimits};
 use tangent_rtde::bridge::{Bridge, BridgeConfig};
 use tangent_rtde::codec::{Framer, PACKAGE_BYTES_MAX, Protocol, Reply, Request};
@@ -11,8 +12,8 @@ use tangent_rtde::primary::PrimaryReader;
 use tangent_rtde::program::RegisterMap;
 use tangent_schemas::JointArray;
 
-/// Cuts the bytes into packages, and reads each as a request and as a reply of both protocol
-/// versions. What can be read is written and read again, and must be the same.
+/// Splits the bytes into packages, and decodes each as a request and as a reply of both protocol
+/// versions. A decoded package is encoded and decoded again, and must stay equal.
 pub fn rtde_packages(data: &[u8]) {
     let mut framer = Framer::new(PACKAGE_BYTES_MAX);
     let mut rest = data;
@@ -43,7 +44,7 @@ fn check_request(kind: u8, payload: &[u8], protocol: Protocol) {
         framer.push(&bytes);
         if let Ok(Some(package)) = framer.next_package() {
             let again = Request::decode(package.kind, package.payload, protocol);
-            // Text, since a frequency may be NaN.
+            // Compared as text, since a frequency may be NaN.
             assert_eq!(format!("{again:?}"), format!("{:?}", Ok::<_, ()>(read)));
         }
     }
@@ -64,7 +65,7 @@ fn check_reply(kind: u8, payload: &[u8], protocol: Protocol) {
     }
 }
 
-/// A bridge whose controller says whatever the bytes are. It commands nothing that is not finite.
+/// Runs a bridge whose controller sends the bytes. It never commands a value that is not finite.
 pub fn rtde_bridge(data: &[u8]) {
     let registers = RegisterMap::new(24).expect("24 is a base that fits");
     let mut bridge = Bridge::new(BridgeConfig {
@@ -73,14 +74,16 @@ pub fn rtde_bridge(data: &[u8]) {
         series: None,
         rate_hz: None,
         limits: VelocityLimits {
-            speed_rad_per_s: Vector6::repeat(1.0),
+            motion: MotionLimits {
+                speed_rad_per_s: Vector6::repeat(1.0),
+                position_lower_rad: Vector6::repeat(-6.3),
+                position_upper_rad: Vector6::repeat(6.3),
+                tool_speed_max_m_per_s: 0.25,
+                tool_turn_rate_max_rad_per_s: 1.0,
+                workspace_lower_m: Vector3::repeat(-1.0),
+                workspace_upper_m: Vector3::repeat(1.0),
+            },
             acceleration_rad_per_s2: Vector6::repeat(4.0),
-            position_lower_rad: Vector6::repeat(-6.3),
-            position_upper_rad: Vector6::repeat(6.3),
-            tool_speed_max_m_per_s: 0.25,
-            tool_turn_rate_max_rad_per_s: 1.0,
-            workspace_lower_m: Vector3::repeat(-1.0),
-            workspace_upper_m: Vector3::repeat(1.0),
             response_s: 0.04,
             patience_cycles: 2,
             silence_latch_s: 0.1,
@@ -126,7 +129,7 @@ pub fn rtde_bridge(data: &[u8]) {
     }
 }
 
-/// Lines of the dashboard server in pieces of any length.
+/// Reads lines of the dashboard server in pieces of any length.
 pub fn dashboard_lines(data: &[u8]) {
     let mut lines = Lines::default();
     for piece in data.chunks(61) {
@@ -141,7 +144,7 @@ pub fn dashboard_lines(data: &[u8]) {
     }
 }
 
-/// The primary stream in pieces of any length.
+/// Reads the primary stream in pieces of any length.
 pub fn primary_stream(data: &[u8]) {
     let mut reader = PrimaryReader::default();
     for piece in data.chunks(97) {

@@ -1,12 +1,12 @@
 //! URScript as clients send it to the simulated controller: compiled, then run for a bounded number
 //! of cycles.
 
-use tangent_simulator::urscript::{Frame, Machine, Motion, Program, Robot};
+use tangent_urscript::{Frame, Machine, Motion, Program, Robot};
 
-/// Cycles that a program is run for.
+/// Number of cycles for which a program runs.
 const CYCLES: u32 = 4;
 
-/// Compiles a program for both series, and runs what compiles on an arm that stands still.
+/// Compiles a program for both series, and runs it, if it compiles, on an arm that stands still.
 pub fn urscript(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else {
         return;
@@ -28,7 +28,7 @@ pub fn urscript(data: &[u8]) {
     }
 }
 
-/// An arm that takes every motion and never moves.
+/// An arm that accepts every motion and never moves.
 struct Still {
     integers: [i32; 48],
     floats: [f64; 48],

@@ -1,5 +1,5 @@
-//! The kept corpora, replayed: every input that a fuzzing run has found worth keeping, and every
-//! input that once failed.
+//! Replays the stored corpora: every input that a fuzzing run has kept, and every input that once
+//! failed.
 
 #![allow(clippy::unwrap_used)]
 
@@ -27,7 +27,7 @@ fn every_kept_input_is_borne() {
         files.sort();
         assert!(!files.is_empty(), "{} is empty", folder.display());
         for file in files {
-            // Named before it runs: a panic then says which input it was.
+            // Printed before it runs, so that a panic shows which input caused it.
             println!("{}", file.display());
             (target.run)(&fs::read(&file).unwrap());
         }
@@ -54,7 +54,7 @@ fn every_target_has_a_fuzz_target_and_every_corpus_a_target() {
     assert_eq!(folders, expected);
 }
 
-/// Every input cut short at every length is borne too.
+/// Every input truncated at every length is handled too.
 #[test]
 fn every_kept_input_cut_short_is_borne() {
     for target in TARGETS.iter().filter(|t| t.name != "recording") {

@@ -1,5 +1,5 @@
-//! CDR bytes to values. Input from the network is hostile until decoded: no panic, no reservation
-//! beyond its own size.
+//! Decodes CDR bytes. Input from the network may be malicious, so decoding never panics, and never
+//! reserves more memory than the input's own size.
 
 use serde::de::{self, DeserializeSeed, Deserializer, Visitor};
 
@@ -8,7 +8,7 @@ use super::{CdrError, CdrFault, HEADER};
 /// Reads one message. Up to three zero bytes may follow it: some middlewares pad to four.
 ///
 /// # Errors
-/// Any damage, with the field and byte offset where it was noticed.
+/// The bytes are damaged; the error gives the field and byte offset where this was noticed.
 pub fn decode<T: de::DeserializeOwned>(bytes: &[u8]) -> Result<T, CdrError> {
     let Some((header, _)) = bytes.split_at_checked(HEADER.len()) else {
         return Err(CdrError::new(
@@ -56,7 +56,7 @@ impl<'a> Decoder<'a> {
         Err(CdrError::new(self.offset, reason))
     }
 
-    /// Errors raised by serde itself (a capacity exceeded) know no place.
+    /// Adds the position to an error raised by serde itself (a capacity exceeded), which has none.
     fn locate(&self, mut error: CdrError) -> CdrError {
         if error.offset == 0 {
             error.offset = self.offset;
@@ -80,7 +80,7 @@ impl<'a> Decoder<'a> {
         }
     }
 
-    /// A count of elements that take at least one byte each.
+    /// Reads a count of elements of at least one byte each.
     fn take_length(&mut self) -> Result<usize, CdrError> {
         let before = self.offset;
         let length = u32::from_le_bytes(self.take()?);
@@ -95,7 +95,7 @@ impl<'a> Decoder<'a> {
     fn take_text(&mut self) -> Result<&'a str, CdrError> {
         let length = self.take_length()?;
         if length == 0 {
-            // Not what the standard says, but what some writers do for an empty string.
+            // The standard does not allow this, but some writers use it for an empty string.
             return Ok("");
         }
         let slice = &self.bytes[self.offset..self.offset + length];

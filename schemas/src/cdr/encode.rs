@@ -1,15 +1,15 @@
-//! Values to CDR bytes. The publishing thread calls it once per message that somebody outside the
-//! process wants.
+//! Encodes values as CDR bytes. The publishing thread calls it once per message that has a
+//! subscriber outside the process.
 
 use serde::ser::{self, Serialize};
 
 use super::{CdrError, CdrFault, HEADER};
 
-/// Replaces what is in `bytes` by the CDR form of `value`. Allocates only when `bytes` is too
+/// Replaces the contents of `bytes` by the CDR form of `value`. Allocates only if `bytes` is too
 /// small.
 ///
 /// # Errors
-/// A sequence or string with more than 2³²-1 elements, or a serde type that messages do not have.
+/// A sequence or string has more than 2³²-1 elements, or messages do not support the serde type.
 pub fn encode<T: Serialize + ?Sized>(value: &T, bytes: &mut Vec<u8>) -> Result<(), CdrError> {
     bytes.clear();
     bytes.extend_from_slice(&HEADER);

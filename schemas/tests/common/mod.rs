@@ -1,4 +1,4 @@
-//! Shared by the tests: the list of all messages, and what a type looks like to serde.
+//! Shared by the tests: the list of all messages, and the shape of a type in serde.
 #![allow(dead_code, unused_macros, unused_imports)]
 
 pub mod sample;

@@ -1,4 +1,4 @@
-//! A message filled with values that all differ, so that a swapped or shifted field shows.
+//! A message filled with distinct values, so that a swapped or shifted field is noticed.
 
 use serde::de::value::Error;
 use serde::de::{self, DeserializeOwned, DeserializeSeed, Deserializer, SeqAccess, Visitor};

@@ -1,4 +1,4 @@
-//! What a type asks of a deserializer: the shape of its values.
+//! Records which values a type requests from a deserializer: the shape of the type.
 
 use serde::de::value::Error;
 use serde::de::{self, DeserializeOwned, DeserializeSeed, Deserializer, SeqAccess, Visitor};

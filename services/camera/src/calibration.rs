@@ -1,11 +1,11 @@
-//! What is known of the camera: from the cell file, from its driver, and where the two do not
-//! agree. Pure.
+//! Calibration of the camera: from the cell file, from its driver, and a check that the two agree.
+//! Pure.
 
 use tangent_runtime::config::Calibration;
 use tangent_schemas::standard::{CameraInfo, Header};
 
-/// Cell file and driver may differ by so much of the focal length: more than two calibrations of
-/// one camera do.
+/// Largest relative difference of focal length between cell file and driver; two calibrations of
+/// one camera differ less.
 const DIFFERS_SHARE: f64 = 0.02;
 
 /// The cell file's calibration and the driver's.
@@ -16,7 +16,7 @@ pub struct Known {
 }
 
 impl Known {
-    /// Before the driver has said anything.
+    /// State before the driver has published anything.
     pub fn new(stated: Option<Calibration>) -> Self {
         Self {
             stated,
@@ -24,18 +24,18 @@ impl Known {
         }
     }
 
-    /// What the driver says.
+    /// Takes the driver's calibration.
     pub fn hear(&mut self, info: &CameraInfo) {
         self.driver = Some(info.clone());
     }
 
-    /// The one that holds: the cell file's, else the driver's.
+    /// Calibration in use: the cell file's, else the driver's.
     pub fn calibration(&self) -> Option<Calibration> {
         self.stated
             .or_else(|| self.driver.as_ref().and_then(Calibration::of))
     }
 
-    /// What is wrong with it, in words; `topic` is the driver's.
+    /// Describes a problem with the calibration, if there is one; `topic` is the driver's.
     pub fn trouble(&self, topic: &str) -> Option<String> {
         let info = self.driver.as_ref()?;
         let Some(said) = Calibration::of(info) else {
@@ -57,7 +57,7 @@ impl Known {
         })
     }
 
-    /// To be published: without distortion where none is configured.
+    /// Message to publish. It has no distortion, since none is configured.
     pub fn info(&self, now_ns: i64) -> Option<CameraInfo> {
         let known = self.calibration()?;
         let header = Header::new(now_ns, "camera");

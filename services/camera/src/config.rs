@@ -1,4 +1,4 @@
-//! What the service has to know, out of the cell file.
+//! Settings of the service, from the cell file.
 
 use std::path::PathBuf;
 
@@ -7,30 +7,30 @@ use tangent_runtime::config::{Calibration, CameraKind};
 
 use crate::CameraError;
 
-/// Everything [`crate::run`] needs.
+/// Settings of [`crate::run`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// Key of the driver's images.
     pub topic: String,
-    /// A recording whose images are played on `topic`, and the topic in it; none for a driver.
+    /// A recording whose images are played on `topic`, and the topic in it; `None` for a driver.
     pub recording: Option<(PathBuf, Option<String>)>,
-    /// What the images show.
+    /// Content of the images.
     pub kind: CameraKind,
     /// Key of the driver's calibration.
     pub info_topic: Option<String>,
-    /// As the cell file has it; none: as the driver says.
+    /// Calibration in the cell file; `None`: the driver's is used.
     pub calibration: Option<Calibration>,
-    /// Images passed on for viewers, per second; 0: none.
+    /// Rate of the images passed on for viewers, Hz; 0: none.
     pub pass_on_hz: f64,
     /// SCHED_FIFO priority of the service's thread; `None` for normal scheduling.
     pub realtime_priority: Option<u8>,
 }
 
 impl Config {
-    /// From the cell file's `[camera]`.
+    /// Settings from the cell file's `[camera]`.
     ///
     /// # Errors
-    /// A cell without one.
+    /// The cell has no camera.
     pub fn from_cell(cell: &CellConfig) -> Result<Self, CameraError> {
         let camera = cell.camera.as_ref().ok_or(CameraError::NoCamera)?;
         Ok(Self {

@@ -1,4 +1,4 @@
-//! Why the service cannot start.
+//! Errors that prevent the service from starting.
 
 use tangent_recorder::RecorderError;
 use tangent_runtime::BusError;
@@ -12,24 +12,24 @@ pub enum CameraError {
         "camera: the cell file has no [camera] section; docs/services/camera.md says what goes into it"
     )]
     NoCamera,
-    /// A recording that is none.
+    /// The recording cannot be read.
     #[error("camera: camera.recording: {0}")]
     Recorder(#[from] RecorderError),
-    /// A recording without images.
+    /// The recording has no images.
     #[error("camera: camera.recording: {file}: {reason}")]
     Recording {
-        /// As configured.
+        /// Path as configured.
         file: String,
         /// What is wrong with it.
         reason: String,
     },
-    /// No thread to be had.
+    /// A thread could not be started.
     #[error("camera: starting a thread: {0}")]
     Thread(#[from] std::io::Error),
     /// The bus refused a topic.
     #[error("camera: {0}")]
     Bus(#[from] BusError),
-    /// The detector cannot be made.
+    /// The detector cannot be created.
     #[error("camera: {0}")]
     Detector(#[from] TargetDetectorError),
 }

@@ -1,9 +1,9 @@
-//! The camera service: images come in from a driver's topic; the target's corners or the depth
-//! images themselves, the calibration and a few images for viewers go out.
+//! The camera service: receives images from a driver's topic; publishes the target's corners or the
+//! depth images themselves, the calibration, and some images for viewers.
 //!
-//! Who drives the camera does not matter: the simulator, or a ROS 2 driver behind a bridge. It runs
-//! in a thread of its own, in any process; the newest image wins, and what was skipped, refused or
-//! found empty is counted.
+//! The images may come from the simulator, or from a ROS 2 driver behind a bridge. The service runs
+//! in a separate thread, in any process. It uses the newest image, and counts the images that were
+//! skipped, refused or without a detection.
 
 mod calibration;
 mod config;
@@ -35,9 +35,9 @@ pub use player::Player;
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "camera";
-/// How often the thread looks for a stop while no image comes.
+/// Interval between two checks for a stop while no image arrives.
 const LOOK: Duration = Duration::from_millis(50);
-/// Silence of the driver beyond this is reported, s.
+/// Silence of the driver after which it is reported, s.
 const PATIENCE_S: f64 = 0.5;
 /// Time between two announcements of the calibration.
 const INFO_EVERY: Duration = Duration::from_secs(1);
@@ -45,7 +45,7 @@ const INFO_EVERY: Duration = Duration::from_secs(1);
 /// Runs until `stop`. Blocks.
 ///
 /// # Errors
-/// A topic that the bus refuses, or a detector that cannot be made.
+/// The bus refuses a topic, or the detector cannot be created.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), CameraError> {
     let priority = config.realtime_priority;
     let player = match &config.recording {
@@ -78,7 +78,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), CameraError> {
     Ok(())
 }
 
-/// In the place of a driver.
+/// Plays a recording in place of a driver.
 fn start_player(
     player: Player,
     topic: &str,
@@ -102,7 +102,7 @@ struct Service {
     passed_on: Publisher<Image>,
     depth: Publisher<Image>,
     detector: TargetDetector,
-    /// Stamp of the newest image that was taken, ns.
+    /// Stamp of the newest image that was used, ns.
     newest_ns: Option<i64>,
     sequence: u64,
     announced: Option<Instant>,
@@ -175,7 +175,7 @@ impl Service {
         }
     }
 
-    /// One image: the newest that waits, or the next to come.
+    /// Handles one image: the newest one that waits, or the next to arrive.
     fn turn(&mut self, patience: Duration) {
         let Some(mut newest) = self.images.recv_timeout(patience) else {
             let age = self.meters.age.seconds();

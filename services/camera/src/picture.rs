@@ -1,33 +1,34 @@
-//! From a `sensor_msgs/msg/Image` to grey values, or why not. Pure.
+//! Converts a `sensor_msgs/msg/Image` to grey values, or returns the reason for refusing it. Pure.
 
 use tangent_estimation::depth_normal::{DepthEncoding, DepthEncodingError, DepthLayout};
 use tangent_schemas::standard::Image;
 use tangent_sensing::GreyImage;
 
-/// A stamp that is older than the newest by more than this is a driver that began anew, ns.
+/// A stamp that is older than the newest by more than this, ns, means that the driver has
+/// restarted.
 pub const RESTART_NS: i64 = 10_000_000_000;
 
 /// Why an image is not used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PictureError {
-    /// Colours or depths that this service does not read.
+    /// An encoding that this service does not read.
     #[error("encoding \"{0}\" is not read; allowed: mono8, 8UC1, rgb8, bgr8")]
     Encoding(String),
-    /// Not depth, or not as much of it as the header says.
+    /// The image is not depth, or has less data than its header states.
     #[error(transparent)]
     Depth(#[from] DepthEncodingError),
-    /// Another camera or another mode than the calibration is for.
+    /// The image has another size than the calibration.
     #[error("{found:?} pixels, but camera.size_px (or the driver's calibration) is {stated:?}")]
     Size {
-        /// Of the image.
+        /// Size of the image, pixels.
         found: [u32; 2],
-        /// As configured.
+        /// Size in the calibration, pixels.
         stated: [u32; 2],
     },
-    /// Fewer bytes than the header says.
+    /// The image has less data than its header states.
     #[error("{bytes} bytes with rows of {step}: {height} rows of at least {row} bytes are needed")]
     Data {
-        /// Bytes that came.
+        /// Length of the data, bytes.
         bytes: usize,
         /// Bytes per row, as stated.
         step: u32,
@@ -36,13 +37,13 @@ pub enum PictureError {
         /// Bytes that a row needs.
         row: u64,
     },
-    /// Older than one that was used, or the same again.
+    /// The image is older than one that was used, or a duplicate.
     #[error("taken {behind_s:.3} s before one that was used: out of order or repeated")]
     OutOfOrder {
-        /// How much older.
+        /// Difference from the newest stamp, s.
         behind_s: f64,
     },
-    /// Neither the cell file nor the driver has said what the camera is.
+    /// Neither the cell file nor the driver gives a calibration.
     #[error("no calibration: the cell file gives none, and none has come on camera.info_topic")]
     Uncalibrated,
     /// The detector refused it.
@@ -50,7 +51,7 @@ pub enum PictureError {
     Detector(String),
 }
 
-/// Whether a depth image is what its header says, as `depth_normal` reads it.
+/// Checks that a depth image matches its header, as `depth_normal` reads it.
 ///
 /// # Errors
 /// [`PictureError`]: another size than `size_px`, an encoding that is not depth, or data that does
@@ -79,8 +80,8 @@ fn check_size(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
     })
 }
 
-/// Bytes of a row that are pixels, where the data is as long as the header says; the last row may
-/// come without its padding.
+/// Number of bytes of a row that are pixels. The data must be as long as the header states; the
+/// last row may lack its padding.
 fn check_data(image: &Image, bytes_per_pixel: u64) -> Result<u64, PictureError> {
     let row = u64::from(image.width) * bytes_per_pixel;
     let before_last = u64::from(image.height.saturating_sub(1)) * u64::from(image.step);

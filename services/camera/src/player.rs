@@ -1,5 +1,6 @@
-//! Plays the images of a recording as a driver would give them: at their own pace, over and over,
-//! stamped with the time at which they are shown. One image is in memory at a time.
+//! Plays the images of a recording as a driver would publish them: at their original rate,
+//! repeatedly, stamped with the time at which they are published. Only one image is in memory at a
+//! time.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -13,9 +14,9 @@ use tangent_schemas::{Message, cdr};
 use crate::CameraError;
 use crate::picture::RESTART_NS;
 
-/// Longest pause between two images; a gap in the recording is not waited out.
+/// Longest pause between two images; a longer gap in the recording is shortened to it.
 const PAUSE_MAX: Duration = Duration::from_secs(1);
-/// Between the end and the next beginning.
+/// Pause between the end of the recording and its next start.
 const BETWEEN: Duration = Duration::from_millis(100);
 
 /// The images of one topic of a file.
@@ -26,10 +27,10 @@ pub struct Player {
 }
 
 impl Player {
-    /// Looks for the first image on `topic` (on any topic where it is none).
+    /// Finds the first image on `topic`; `None`: on any topic.
     ///
     /// # Errors
-    /// A file that is no recording, or has no image there.
+    /// The file is not a recording, or has no such image.
     pub fn open(file: &Path, topic: Option<&str>) -> Result<Self, CameraError> {
         let wanted = topic.map(|t| format!("/{}", t.trim_start_matches('/')));
         for message in RecordingStream::open(file)? {
@@ -56,8 +57,8 @@ impl Player {
     /// Its images in the file's order.
     ///
     /// # Errors
-    /// A file that cannot be opened; as an item, one that is damaged there, or an image that does
-    /// not decode.
+    /// The file cannot be opened. An item is an error if the file is damaged there, or an image
+    /// does not decode.
     pub fn images(
         &self,
     ) -> Result<impl Iterator<Item = Result<Image, CameraError>> + '_, CameraError> {
@@ -72,7 +73,7 @@ impl Player {
         }))
     }
 
-    /// Plays until `stop`. An image that is a little older than the one before it, or does not
+    /// Plays until `stop`. An image that is slightly older than the previous one, or does not
     /// decode, is left out.
     pub fn play(&self, publisher: &Publisher<Image>, stop: &Stop) {
         while !stop.is_stopped() {

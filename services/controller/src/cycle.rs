@@ -5,18 +5,19 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::Vector3;
-use tangent_control::{ControlError, Phase, StateInterval};
+use tangent_control::{ControlError, Law, LawOutput, Phase, Start, StateInterval};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{Age, Gauge, HealthReporter, Histogram, Publisher, Rate, Received};
-use tangent_schemas::convert::cut;
+use tangent_schemas::convert::{cut, joint_array};
 use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, ShapingState};
 use tangent_schemas::{Name, Text};
 
 use crate::inputs::{Packet, driven_by_another};
 use crate::mailbox::{Action, Mailbox, MailboxRequest, Outcome, cannot_leave};
+use crate::messages;
 use crate::pinned::PinnedArm;
-use crate::runner::{Report, Runner, Start};
+use crate::runner::{Prepared, Runner};
 use crate::watch::{Told, Watch};
 
 /// Meters of the cycle.
@@ -29,7 +30,7 @@ pub struct Meters {
 }
 
 impl Meters {
-    /// In the service's health.
+    /// Meters registered in the service's health.
     pub fn new(health: &HealthReporter) -> Self {
         Self {
             cycles: health.rate("arm_state"),
@@ -41,23 +42,23 @@ impl Meters {
     }
 }
 
-/// Where the loop publishes.
+/// Publishers of the loop.
 pub struct Outlets {
     pub command: Publisher<ArmCommand>,
     pub state: Publisher<ControlState>,
-    /// `None` for an arm without a law that shapes.
+    /// `None` for an arm whose law does not shape.
     pub shaping: Option<Publisher<ShapingState>>,
     /// Name of this controller in commands.
     pub source: Name,
 }
 
-/// Everything the loop owns.
-pub struct Cycle<R: Runner> {
-    runner: R,
+/// State of the loop.
+pub struct Cycle<L: Law<N>, const N: usize> {
+    runner: Runner<L, N>,
     outlets: Outlets,
-    mailbox: Arc<Mailbox<R::Program>>,
+    mailbox: Arc<Mailbox<Prepared<L::Config>>>,
     meters: Meters,
-    watch: Watch<R::Program>,
+    watch: Watch<Prepared<L::Config>>,
     arm: PinnedArm,
     interval: StateInterval,
     /// Activation that the arm has latched out.
@@ -68,12 +69,12 @@ pub struct Cycle<R: Runner> {
     position: Vector3<f64>,
 }
 
-impl<R: Runner> Cycle<R> {
-    /// Before the first packet.
+impl<L: Law<N>, const N: usize> Cycle<L, N> {
+    /// State before the first packet.
     pub fn new(
-        runner: R,
+        runner: Runner<L, N>,
         outlets: Outlets,
-        mailbox: &Arc<Mailbox<R::Program>>,
+        mailbox: &Arc<Mailbox<Prepared<L::Config>>>,
         health: &Arc<HealthReporter>,
     ) -> Self {
         Self {
@@ -108,8 +109,8 @@ impl<R: Runner> Cycle<R> {
         }
         self.runner.take_parameters();
         let active = self.runner.phase().is_active();
-        // A task keeps to the publishers that it was started on.
-        self.runner.hold(active);
+        // A task keeps the publishers with which it was started.
+        self.runner.inputs.hold(active);
         let another_arm = self.arm.is_another(arm.publisher, active);
         // The arm has ended this task: it ignores every further command for it.
         let ended = another_arm || active && self.latched >= self.runner.activation();
@@ -119,74 +120,78 @@ impl<R: Runner> Cycle<R> {
             dt_s: self.interval.step(state.robot_time_s, state.period_s),
             arm_ready: self.ready && !ended,
         };
-        let Some(output) = self.runner.step(&packet) else {
+        let Some((input, output)) = self.runner.step(&packet) else {
             self.watch.unusable();
             return;
         };
-        let motion = self.runner.motion(&output);
+        let command = &output.command;
         self.outlets.command.publish(&ArmCommand {
             header: Header::new(now_ns(), "base"),
             cycle: arm.message.cycle,
-            kind: motion.kind as u8,
-            values: motion.values,
-            acceleration: motion.acceleration,
+            kind: command.kind as u8,
+            values: joint_array(&command.values),
+            acceleration: command.acceleration,
             source: self.outlets.source,
             activation: self.runner.activation(),
         });
         let took = begin.elapsed();
-        let mut report = self.runner.report(output);
-        report.state.arm_state_age_s = arm_age.as_secs_f64();
-        report.state.step_s = took.as_secs_f64();
+        let mut state = messages::state(&input, &output, &self.runner.law);
+        messages::tell_ages(&mut state, self.runner.inputs.ages());
+        state.arm_state_age_s = arm_age.as_secs_f64();
+        state.step_s = took.as_secs_f64();
         self.meters.step.record(took);
-        self.publish(&arm.message, report, other);
+        self.publish(&arm.message, state, &output, other);
     }
 
-    fn publish(&mut self, arm: &ArmState, report: Report, other: Option<Name>) {
-        let (estimator, switches, cause) = report.estimator.unwrap_or_default();
-        if report.phase.is_active() {
-            self.watch.estimator(estimator, switches, cause);
+    fn publish(
+        &mut self,
+        arm: &ArmState,
+        state: ControlState,
+        output: &LawOutput<N>,
+        other: Option<Name>,
+    ) {
+        if output.phase.is_active() {
+            self.watch.estimator(
+                state.estimator,
+                state.estimator_switches,
+                state.estimator_cause,
+            );
         }
-        let fault_text = match report.fault {
-            Some(fault) if report.phase != Phase::Idle => cut(fault.text()),
+        let fault_text = match output.fault {
+            Some(fault) if output.phase != Phase::Idle => cut(fault.text()),
             _ => Text::new(),
         };
-        let fault_text = self.watch.fault_text(report.fault, fault_text);
+        let fault_text = self.watch.fault_text(output.fault, fault_text);
         let header = || Header::new(arm.header.stamp.to_ns(), "base");
         let state = ControlState {
             header: header(),
             cycle: arm.cycle,
-            phase: report.phase as u8,
-            phase_text: cut(report.phase.name()),
             activation: self.runner.activation(),
-            estimator,
-            estimator_cause: cause,
-            estimator_switches: switches,
             fault: fault_text,
-            contact_possible: !report.clearance.is_free(),
-            ..report.state
+            ..state
         };
         self.outlets.state.publish(&state);
-        if let (Some(publisher), Some(shaping)) = (&self.outlets.shaping, report.shaping) {
+        if let (Some(publisher), Some(shaping)) = (&self.outlets.shaping, &output.shaping) {
             publisher.publish(&ShapingState {
                 header: header(),
                 cycle: arm.cycle,
-                ..shaping
+                ..messages::shaping(shaping)
             });
         }
         self.meters.wrench_age.set(state.wrench_age_s);
         self.meters.estimate_age.set(state.estimate_age_s);
         self.watch.after(&Told {
-            phase: report.phase,
-            fault: report.fault,
+            phase: output.phase,
+            fault: output.fault,
             fault_text,
-            tare_requested: report.tare_requested,
-            clearance: report.clearance,
-            zero_withdrawn: report.zero_withdrawn,
+            tare_requested: output.tare_requested,
+            clearance: output.clearance,
+            zero_withdrawn: output.zero_withdrawn,
             other,
         });
     }
 
-    fn carry_out(&mut self, mut request: MailboxRequest<R::Program>) {
+    fn carry_out(&mut self, mut request: MailboxRequest<Prepared<L::Config>>) {
         let runner = &mut self.runner;
         let phase = runner.phase();
         let result = match request.action() {
@@ -212,11 +217,11 @@ impl<R: Runner> Cycle<R> {
                 }
                 started.map_err(Outcome::Refused)
             }
-            Action::Pause => runner.pause().map_err(Outcome::Refused),
-            Action::Resume => runner.resume().map_err(Outcome::Refused),
-            Action::Stop if runner.is_left_on_surface() => {
+            Action::Pause => runner.law.pause(true).map_err(Outcome::Refused),
+            Action::Resume => runner.law.pause(false).map_err(Outcome::Refused),
+            Action::Stop if runner.law.is_left_on_surface() => {
                 if self.ready {
-                    runner.leave_surface(self.latched);
+                    runner.law.leave_surface(self.latched);
                     Ok(())
                 } else {
                     Err(Outcome::Refused(cannot_leave(phase)))
@@ -226,7 +231,7 @@ impl<R: Runner> Cycle<R> {
                 Err(Outcome::MayTouch)
             }
             Action::Stop => {
-                runner.stop();
+                runner.law.stop();
                 Ok(())
             }
             Action::Select { name, force } => {

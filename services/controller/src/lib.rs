@@ -1,12 +1,11 @@
 //! The controller service: one step of the law per robot packet.
 //!
-//! It listens to `arm/state` in the publisher's thread, so that beside the bridge the whole cycle,
-//! packet to command, is one call. The wrench and the estimates are read as they are then, each
-//! with its age. It says `arm/command` and `control/state` every cycle; it answers `control/task`,
-//! `control/stop` and `control/select`; a side thread asks for the tare, writes the log and draws
-//! for the viewers. At its own end it retracts first.
+//! It processes `arm/state` in the publisher's thread: if the bridge runs in the same process, the
+//! whole cycle from packet to command is one call. The wrench and the estimates are read at that
+//! time, each with its age. It publishes `arm/command` and `control/state` every cycle, and answers
+//! `control/task`, `control/stop` and `control/select`. A side thread requests the tare, writes the
+//! log and publishes for the viewers. At its end, the service retracts the tool first.
 
-mod age;
 mod config;
 mod cycle;
 mod error;
@@ -14,14 +13,12 @@ mod inputs;
 mod mailbox;
 mod memory;
 mod messages;
-mod normals;
 mod offline;
 mod pinned;
+mod replies;
 mod requests;
 mod runner;
-mod start_check;
-mod torque;
-mod velocity;
+mod tasks;
 mod viewer;
 mod watch;
 
@@ -29,7 +26,9 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use tangent_control::{Controller, EstimatorName, Parameter, Phase};
+use tangent_control::{
+    Controller, EstimatorName, HybridDynamics, Law, Limits, Parameter, Phase, UnifiedForceImpedance,
+};
 use tangent_runtime::{BaseReader, Beat, Bus, HealthReporter, Parameters, Stop};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::tangent::Request;
@@ -37,95 +36,171 @@ use tangent_schemas::topics::{self, queries};
 use tangent_sensing::TareGround;
 
 pub use config::Config;
+pub use config::torque::TorqueConfig;
 pub use error::ControllerError;
 pub use offline::refusals;
-pub use start_check::{known_estimators, unknown_estimators};
-
-pub use torque::{TorqueConfig, run_torque};
+pub use tasks::start_check::{known_estimators, unknown_estimators};
 
 use cycle::{Cycle, Outlets};
 use inputs::{EstimateReader, Inputs, WrenchReader};
 use mailbox::{Action, Mailbox, Note, Time};
 use memory::Memory;
-use normals::Normals;
 use requests::{Kind, RequestHandler};
-use runner::Runner;
-use velocity::{Live, VelocityRunner};
+use runner::{Live, Prepared, Runner};
+use tasks::hybrid_admittance::Normals;
+use tasks::hybrid_dynamics::Objects;
+use tasks::unified_force_impedance::Unified;
 use viewer::Viewer;
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "controller";
 /// Period of the side thread.
 const SIDE: Duration = Duration::from_millis(50);
-/// How long the end waits for the arm to retract.
+/// Timeout of the retraction at the service's end.
 const RETRACT_PATIENCE: Duration = Duration::from_secs(12);
-/// Silence of the arm's state after which nothing is waited for.
+/// Age of the arm's state after which the service does not wait for it.
 const SILENCE: Duration = Duration::from_millis(500);
-/// Between two attempts to tare.
+/// Interval between two attempts to tare.
 const TARE_AGAIN: Duration = Duration::from_millis(200);
-/// How long a tare may take.
+/// Timeout of a tare.
 const TARE_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Runs until `stop`; a running task is then ended with a retraction. Blocks.
+/// Runs the hybrid admittance until `stop`; a running task is then ended with a retraction. Blocks.
 ///
 /// # Errors
-/// [`ControllerError`]: only what prevents it from starting.
+/// [`ControllerError`]: only reasons that prevent the service from starting.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
-    let health = Arc::new(HealthReporter::start_only(&bus, SERVICE)?);
-    let parameters = Parameters::new(&bus, SERVICE)?;
-    let mailbox = Arc::new(Mailbox::default());
-    let mut inputs = Inputs::new(
-        WrenchReader::new(
-            bus.latest(&topics::WRENCH_TOOL)?,
-            bus.latest(&topics::WRENCH_STATUS)?,
-        ),
-        BaseReader::new(&bus, &config.base)?,
-    );
+    let health = HealthReporter::start_only(&bus, SERVICE)?;
+    let mut law = Controller::new(
+        config.arm,
+        config.flange_from_tool,
+        config.limits,
+        config.control,
+    )?;
+    let memory = Memory::open(config.state.clone());
+    law.set_clearance(memory.known())?;
+    let mut inputs = Inputs::new(wrench(&bus)?, Some(BaseReader::new(&bus, &config.base)?));
     for name in &config.estimators {
         if let Ok(short) = EstimatorName::from(name) {
             let newest = bus.latest(&topics::estimate_normal(name))?;
             inputs.listen(EstimateReader::new(short, newest));
         }
     }
-    let command = bus.publisher(&topics::ARM_COMMAND)?;
-    let own_id = command.mark();
-    let normals = Normals::new(&bus, &config)?;
-    let memory = Arc::new(Memory::open(config.state.clone()));
-    let handler = RequestHandler::new(&bus, &mailbox, normals, own_id, &memory)?;
-    let mut controller = Controller::new(
-        config.arm,
-        config.flange_from_tool,
-        config.limits,
-        config.control,
-    )?;
-    controller.set_clearance(memory.known())?;
-    let runner = VelocityRunner {
-        controller,
-        inputs,
-        live: Live::new(live_parameters(&parameters, &config)),
+    let parameters = Parameters::new(&bus, SERVICE)?;
+    let live =
+        live_parameters::<_, 6>(
+            &law,
+            &parameters,
+            &config.limits,
+            |parameter| match parameter {
+                Parameter::ForceReference => 3.0,
+                Parameter::Speed => 0.02,
+                Parameter::AlignmentGain => config.control.alignment.gain_per_s,
+                Parameter::Damping => config.control.force.damping_n_s_per_m,
+            },
+        );
+    let kind = Normals::new(&bus, &config)?;
+    let runner = Runner { law, inputs, live };
+    serve(&bus, health, runner, kind, memory, &stop)
+}
+
+/// Runs a torque law until `stop`; a running task is then ended with a retraction. Blocks.
+///
+/// # Errors
+/// [`ControllerError`]: only reasons that prevent the service from starting.
+pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
+    let health = HealthReporter::start_only(&bus, SERVICE)?;
+    match config {
+        TorqueConfig::HybridDynamics(config) => {
+            let memory = Memory::open(config.state.clone());
+            let law = HybridDynamics::idle(
+                config.arm,
+                config.flange_from_tool,
+                config.limits,
+                &config.law(None)?,
+                Box::new(config.shape),
+                memory.known(),
+            )?;
+            let limits = config.limits;
+            let kind = Objects::new(&bus, *config)?;
+            serve_torques(&bus, health, law, &limits, kind, memory, &stop)
+        }
+        TorqueConfig::UnifiedForceImpedance(config) => {
+            let memory = Memory::open(config.state.clone());
+            let law = UnifiedForceImpedance::idle(
+                config.arm,
+                config.flange_from_tool,
+                config.limits,
+                &config.law(None)?,
+                config.interface,
+                memory.known(),
+            )?;
+            let limits = config.limits;
+            let kind = Unified::new(&bus, *config)?;
+            serve_torques(&bus, health, law, &limits, kind, memory, &stop)
+        }
+    }
+}
+
+fn serve_torques<L, K, const N: usize>(
+    bus: &Bus,
+    health: HealthReporter,
+    law: L,
+    limits: &Limits,
+    kind: K,
+    memory: Memory,
+    stop: &Stop,
+) -> Result<(), ControllerError>
+where
+    L: Law<N> + 'static,
+    K: Kind<Program = Prepared<L::Config>>,
+{
+    let parameters = Parameters::new(bus, SERVICE)?;
+    let least = |parameter: Parameter| parameter.range_within(limits).0;
+    let runner = Runner {
+        live: live_parameters(&law, &parameters, limits, least),
+        inputs: Inputs::new(wrench(bus)?, None),
+        law,
     };
-    let outlets = Outlets {
-        command,
-        state: bus.publisher(&topics::CONTROL_STATE)?,
-        shaping: None,
-        source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
-    };
-    let cycle = Cycle::new(runner, outlets, &mailbox, &health);
-    serve(&bus, cycle, handler, &mailbox, &memory, &health, &stop)
+    serve(bus, health, runner, kind, memory, stop)
+}
+
+fn wrench(bus: &Bus) -> Result<WrenchReader, ControllerError> {
+    Ok(WrenchReader::new(
+        bus.latest(&topics::WRENCH_TOOL)?,
+        bus.latest(&topics::WRENCH_STATUS)?,
+    ))
 }
 
 /// Runs the loop in each packet of the arm and answers requests until `stop`.
-fn serve<R: Runner + 'static, K: Kind<Program = R::Program>>(
+fn serve<L, K, const N: usize>(
     bus: &Bus,
-    mut cycle: Cycle<R>,
-    handler: Arc<RequestHandler<K>>,
-    mailbox: &Mailbox<R::Program>,
-    memory: &Memory,
-    health: &HealthReporter,
+    health: HealthReporter,
+    runner: Runner<L, N>,
+    kind: K,
+    memory: Memory,
     stop: &Stop,
-) -> Result<(), ControllerError> {
+) -> Result<(), ControllerError>
+where
+    L: Law<N> + 'static,
+    K: Kind<Program = Prepared<L::Config>>,
+{
+    let health = Arc::new(health);
+    let mailbox = Arc::new(Mailbox::default());
+    let memory = Arc::new(memory);
+    let command = bus.publisher(&topics::ARM_COMMAND)?;
+    let handler = RequestHandler::new(bus, &mailbox, kind, command.mark(), &memory)?;
+    let outlets = Outlets {
+        command,
+        state: bus.publisher(&topics::CONTROL_STATE)?,
+        shaping: L::SHAPES
+            .then(|| bus.publisher(&topics::CONTROL_SHAPING))
+            .transpose()?,
+        source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
+    };
+    let mut cycle = Cycle::new(runner, outlets, &mailbox, &health);
     health.running();
-    // It is not called while the arm is silent; a cycle that has begun has to end.
+    // The loop is not called while the arm is silent; but a cycle that has begun must end.
     let beat = Beat::new(SERVICE);
     beat.rest();
     let _loop = bus.on(&topics::ARM_STATE, move |arm| {
@@ -134,10 +209,10 @@ fn serve<R: Runner + 'static, K: Kind<Program = R::Program>>(
         beat.rest();
     })?;
     let _answers = handler.open()?;
-    beside(bus, mailbox, memory, stop)
+    beside(bus, &mailbox, &memory, stop)
 }
 
-/// What goes on beside the loop until `stop`, and then until the arm has left the surface.
+/// Runs the side thread's work until `stop`, and then until the arm has left the surface.
 fn beside<P: Send>(
     bus: &Bus,
     mailbox: &Mailbox<P>,
@@ -149,7 +224,7 @@ fn beside<P: Send>(
         let taring = std::thread::Builder::new()
             .name("controller-tare".into())
             .spawn_scoped(scope, || tare_when_due(bus, mailbox, stop))?;
-        // Its own thread: a write waits for the disk.
+        // Its own thread, because a write waits for the disk.
         let keeping = std::thread::Builder::new()
             .name("controller-memory".into())
             .spawn_scoped(scope, || memory.follow(mailbox, stop))?;
@@ -159,7 +234,7 @@ fn beside<P: Send>(
         }
         retract_first(mailbox, &mut viewer);
         let kept = keeping.join();
-        // How that retraction ended.
+        // Stores how the retraction ended.
         memory.take(mailbox);
         kept.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         taring
@@ -169,28 +244,33 @@ fn beside<P: Send>(
     })
 }
 
-fn live_parameters(parameters: &Parameters, config: &Config) -> [tangent_runtime::Parameter; 4] {
-    Parameter::ALL.map(|parameter| {
-        let (unit, words, default) = match parameter {
-            Parameter::ForceReference => ("N", "Pressing force of the running task.", 3.0),
-            Parameter::Speed => ("m/s", "Speed along the path of the running task.", 0.02),
-            Parameter::AlignmentGain => (
-                "1/s",
-                "Gain k_R that turns the tool square to the surface.",
-                config.control.alignment.gain_per_s,
-            ),
+/// The live parameters of the law, each with its value before the first task.
+fn live_parameters<L: Law<N>, const N: usize>(
+    _: &L,
+    parameters: &Parameters,
+    limits: &Limits,
+    value: impl Fn(Parameter) -> f64,
+) -> Live {
+    Live::new(L::PARAMETERS.iter().map(|&parameter| {
+        let (unit, words) = match parameter {
+            Parameter::ForceReference => ("N", "Pressing force of the running task."),
+            Parameter::Speed => ("m/s", "Speed along the path of the running task."),
+            Parameter::AlignmentGain => {
+                ("1/s", "Gain k_R that turns the tool square to the surface.")
+            }
             Parameter::Damping => (
                 "Ns/m",
                 "Damping d_p along the normal; the least one where it follows the stiffness.",
-                config.control.force.damping_n_s_per_m,
             ),
         };
-        let (lower, upper) = parameter.range_within(&config.limits);
-        parameters.number(parameter.name(), default, lower..=upper, unit, words)
-    })
+        let (lower, upper) = parameter.range_within(limits);
+        let range = lower..=upper;
+        let live = parameters.number(parameter.name(), value(parameter), range, unit, words);
+        (parameter, live)
+    }))
 }
 
-/// The tare is asked for outside the loop; the loop sees its effect in the wrench's status.
+/// Requests the tare outside the loop; the loop sees its effect in the wrench's status.
 fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
     while !stop.wait(SIDE / 2) {
         if mailbox.withdraw_due.swap(false, Ordering::AcqRel) {
@@ -209,7 +289,7 @@ fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
             .into(),
         };
         mailbox.tare_refusal("");
-        // Asked again until it is done, or the phase that waits for it is over.
+        // Repeated until it is done, or the phase that waits for it is over.
         let mut said = String::new();
         loop {
             let reason = match bus.ask(queries::NETFT_TARE, &request, TARE_PATIENCE) {
@@ -234,7 +314,7 @@ fn tare_when_due<P>(bus: &Bus, mailbox: &Mailbox<P>, stop: &Stop) {
     }
 }
 
-/// The zero in force turned out to be taken in contact: it must not be used.
+/// Withdraws the zero in force, which turned out to have been taken in contact.
 fn withdraw_zero(bus: &Bus) {
     let request = Request {
         action: "withdraw".into(),
@@ -256,7 +336,7 @@ fn write_notes<P>(mailbox: &Mailbox<P>) {
     }
 }
 
-/// Leaves the surface before the service goes; gives up when the robot is silent.
+/// Leaves the surface before the service ends; gives up if the robot is silent.
 fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
     mailbox.close();
     if !mailbox.phase().is_active() {

@@ -21,12 +21,11 @@ use crate::inputs::EstimateReader;
 
 /// A request to the loop. `P` is a task prepared for the loop's law.
 pub enum Action<P> {
-    /// Start this program; the box comes back with the one before.
+    /// Start this program; the box returns with the previous one.
     Start {
-        /// The program to start, and then the one before.
+        /// The program to start; afterwards the previous one.
         program: Box<Option<P>>,
-        /// A person has looked and says that the tool hangs free. Without effect where the start is
-        /// refused.
+        /// Whether a person has checked that the tool is free. No effect if the start is refused.
         said_clear: bool,
     },
     /// Stand still.
@@ -58,7 +57,7 @@ impl<P> Action<P> {
 pub enum Outcome {
     /// The request was carried out.
     Done {
-        /// Counts the task starts; for a start, its own number.
+        /// Number of task starts; for a start, its own number.
         activation: u64,
         /// Phase in which the request was received; for a stop, the phase that it leads to.
         phase: Phase,
@@ -71,7 +70,7 @@ pub enum Outcome {
     TooLate,
     /// Not carried out: a stop was requested after this start.
     Stopped,
-    /// A stop where no task runs: the tool may still touch what it touched before this controller
+    /// A stop while no task runs: the tool may still touch what it touched before this controller
     /// started.
     MayTouch,
 }
@@ -168,7 +167,7 @@ pub struct Mailbox<P> {
     waiting: AtomicU32,
     /// Log lines from the loop.
     pub notes: ArrayQueue<Note>,
-    /// The tare that is due, and what says that the tool hangs free. Only the newest counts.
+    /// The tare that is due, and how it is known that the tool is free. Only the newest counts.
     pub tare_due: ArrayQueue<TareGround>,
     /// Why the tare that the loop waits for was refused, for the loop; an empty text if it was not.
     pub tare_refused: ArrayQueue<Text>,
@@ -177,7 +176,7 @@ pub struct Mailbox<P> {
     /// Time of the newest stop request, ns since `epoch`; 0: none.
     stopped_ns: AtomicU64,
     epoch: Instant,
-    /// The zero in force was taken in contact: the sensor's service has to take it back.
+    /// Whether the zero in force was taken in contact: the sensor's service must withdraw it.
     pub withdraw_due: AtomicBool,
     /// Whether the tool may touch something, from the loop, to be stored across restarts. Only the
     /// newest counts.

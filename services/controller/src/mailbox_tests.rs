@@ -1,14 +1,14 @@
-//! Histories of requests against the mailbox: what was refused has no effect, what was done has
-//! one.
+//! Random sequences of requests to the mailbox: a refused request has no effect, and an accepted
+//! one has exactly one.
 //!
-//! Once stepped with a simulated clock through thousands of interleavings, once with threads.
+//! One test steps through thousands of interleavings with a simulated clock, one uses threads.
 
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use super::*;
 
-/// A small generator with a seed: the same interleavings at every run.
+/// A small seeded generator: the same interleavings in every run.
 struct Draw(u64);
 
 impl Draw {
@@ -21,7 +21,7 @@ impl Draw {
     }
 }
 
-/// Programs are their requests' numbers.
+/// A program is the number of its request.
 type Number = u32;
 
 fn action(number: Number, kind: u64) -> Action<Number> {
@@ -40,23 +40,23 @@ struct Entry {
     number: Number,
     kind: u64,
     received: Instant,
-    /// A stop had been asked for after it came, before the loop took it.
+    /// Whether a stop was requested after it arrived and before the loop claimed it.
     stopped: bool,
 }
 
-/// Askers and a loop take single steps in random order; each step is one that threads can take
-/// between others' steps.
+/// Requesters and a loop take single steps in random order; each step is one that threads can take
+/// between the steps of others.
 fn history(seed: u64) -> (usize, usize, usize) {
     let mut draw = Draw(seed);
     let mailbox = Mailbox::<Number>::default();
     let begin = mailbox.epoch;
     let mut now = begin + Duration::from_secs(1);
     let mut open: Vec<(Entry, Posted<'_, Number>)> = Vec::new();
-    // What the loop has seen waiting, and what it has claimed.
+    // Requests that the loop has seen waiting, and those that it has claimed.
     let (mut slots, mut held) = (Vec::new(), Vec::<(MailboxRequest<Number>, usize)>::new());
     let mut effects: HashSet<Number> = HashSet::new();
     let (mut done, mut refused) = (HashSet::new(), HashSet::new());
-    // Which request is in which slot.
+    // Number of the request in each slot.
     let mut in_slot = [0; SLOTS];
     let mut number = 0;
     let mut steps = 0;
@@ -96,7 +96,7 @@ fn history(seed: u64) -> (usize, usize, usize) {
             5 | 6 if !slots.is_empty() => {
                 let index = slots.remove(0);
                 if let Some(request) = mailbox.take(index, now) {
-                    // From here on the loop acts on it.
+                    // From here on the loop carries out the request.
                     let number = in_slot[index];
                     assert!(effects.insert(number), "{number} twice, seed {seed}");
                     held.push((request, index));
@@ -138,7 +138,7 @@ fn refused_means_no_effect_in_every_interleaving() {
         (done, refused, steps) = (done + d, refused + r, steps + s);
     }
     println!("5000 histories, seeds 1 to 5000: {done} done, {refused} refused, {steps} steps");
-    // Both outcomes were really met.
+    // Both outcomes occurred.
     assert!(done > 20_000 && refused > 20_000);
 }
 
@@ -160,7 +160,7 @@ fn refused_means_no_effect_between_threads() {
                         request.answer(Outcome::Done { activation, phase });
                     }
                 }
-                // Some cycles come at once, some later than a deadline.
+                // Some cycles follow at once, some after a deadline.
                 std::thread::park_timeout(Duration::from_micros(draw.below(300)));
             }
             effects

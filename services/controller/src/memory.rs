@@ -1,7 +1,8 @@
-//! What outlasts the controller: that the tool may touch something, and which way is away.
+//! State that persists after the controller ends: whether the tool may touch something, and the
+//! direction away from it.
 //!
-//! The request handler writes it before a task starts, a side thread follows the loop's word, and
-//! the next controller begins with it.
+//! The request handler writes it before a task starts, a side thread stores the loop's updates, and
+//! the next controller starts with it.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -16,19 +17,20 @@ use crate::mailbox::Mailbox;
 
 /// Name of the file.
 const FILE: &str = "controller";
-/// Between two looks at the loop's word: a tool that slides is then written down every few
-/// millimetres.
+/// Interval between two checks for updates from the loop: the position of a sliding tool is then
+/// stored every few millimetres.
 const PERIOD: Duration = Duration::from_millis(100);
 
-/// As it stands in the file.
+/// Content of the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Kept {
-    /// The tool may touch something.
+    /// Whether the tool may touch something.
     contact_possible: bool,
-    /// Since when, ns since the Unix epoch on this host; for people.
+    /// Time of the entry, ns since the Unix epoch on this host; for people.
     since_ns: i64,
-    /// Away from the surface, and where the tool was: base axes, m. None: not known.
+    /// Direction away from the surface (unit, base axes), and position of the tool (base axes, m).
+    /// `None`: not known.
     way_out: Option<([f64; 3], [f64; 3])>,
 }
 
@@ -67,7 +69,7 @@ impl Kept {
     }
 }
 
-/// The file, and what stands in it.
+/// The file and its content.
 pub struct Memory {
     folder: Option<StateFolder>,
     known: Mutex<Known>,
@@ -76,12 +78,13 @@ pub struct Memory {
 struct Known {
     clearance: Clearance,
     since_ns: i64,
-    /// It could not be written: said once.
+    /// Whether a write failed; reported only the first time.
     failed: bool,
 }
 
 impl Memory {
-    /// Reads what the controller before knew. A file that cannot be read is doubt, and said.
+    /// Reads the state of the previous controller. A file that cannot be read counts as possible
+    /// contact, and is reported.
     pub fn open(folder: Option<StateFolder>) -> Self {
         let read = folder
             .as_ref()
@@ -109,16 +112,16 @@ impl Memory {
         }
     }
 
-    /// What stands there.
+    /// The stored clearance.
     pub fn known(&self) -> Clearance {
         self.lock().clearance
     }
 
-    /// Before a task starts: from now on the tool may touch something. What was known in doubt
-    /// before stays.
+    /// Stores before a task starts that the tool may touch something. An earlier stored doubt
+    /// stays.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The file cannot be written.
     pub fn expect_contact(
         &self,
         normal: Vector3<f64>,
@@ -131,10 +134,10 @@ impl Memory {
         self.write(&mut known, Clearance::Possible { normal, position })
     }
 
-    /// The start was refused, or a person said something: `clearance` is what counts.
+    /// Stores `clearance` after a start was refused, or after a person's confirmation.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The file cannot be written.
     pub fn set(&self, clearance: Clearance) -> Result<(), StateError> {
         let mut known = self.lock();
         if known.clearance == clearance {
@@ -143,7 +146,7 @@ impl Memory {
         self.write(&mut known, clearance)
     }
 
-    /// Follows the loop until `stop`, and once more after it.
+    /// Stores the loop's updates until `stop`, and once more after it.
     pub fn follow<P>(&self, mailbox: &Mailbox<P>, stop: &Stop) {
         loop {
             let stopped = stop.wait(PERIOD);
@@ -154,7 +157,7 @@ impl Memory {
         }
     }
 
-    /// Writes down the loop's last word.
+    /// Stores the newest update from the loop.
     pub fn take<P>(&self, mailbox: &Mailbox<P>) {
         let Some(clearance) = mailbox.clearance.pop() else {
             return;
@@ -205,7 +208,7 @@ mod tests {
             .expect_contact(Vector3::z(), Vector3::new(0.4, -0.1, 0.2))
             .unwrap();
         assert_eq!(Memory::open(state()).known(), possible);
-        // In doubt, the older way out is the better one.
+        // In doubt, the older direction is the better one.
         memory
             .expect_contact(Vector3::x(), Vector3::zeros())
             .unwrap();

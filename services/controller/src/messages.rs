@@ -1,52 +1,70 @@
-//! From what the law gives to what travels on the bus. No allocation.
+//! Converts the law's outputs to bus messages. No allocation.
 
-use nalgebra::{Vector3, Vector6};
-use tangent_control::{ControlInput, ControlOutput, Controller, EstimatorName};
+use nalgebra::Vector6;
+use tangent_control::{EstimatorName, Law, LawInput, LawOutput, Shaping, SwitchCause};
 use tangent_mechanics::{Tool, Wrench};
 use tangent_schemas::convert::{cut, cut_format};
-use tangent_schemas::tangent::ControlState;
+use tangent_schemas::tangent::{ControlState, ShapingState};
 use tangent_schemas::{Name, Text};
 
 use crate::inputs::age_told;
 
-/// The state of the law for `control/state`; the loop adds what is the same for every law.
-pub fn state(
-    input: &ControlInput,
-    output: &ControlOutput,
-    controller: &Controller,
+/// The state of the law for `control/state`. The loop adds header, times, activation and fault.
+pub fn state<L: Law<N>, const N: usize>(
+    input: &LawInput<N>,
+    output: &LawOutput<N>,
+    law: &L,
 ) -> ControlState {
-    let point = |v: &Vector3<f64>| v.into();
+    let (estimator, estimator_switches, estimator_cause) = match &output.estimator {
+        Some(used) => (used.name, used.switches, cause(used.cause)),
+        None => Default::default(),
+    };
     ControlState {
-        task: controller
-            .task()
-            .map_or_else(Name::new, |task| cut(&task.name)),
+        task: law.task().map_or_else(Name::new, |task| cut(&task.name)),
+        phase: output.phase as u8,
+        phase_text: cut(output.phase.name()),
+        estimator,
+        estimator_switches,
+        estimator_cause,
         normal: (&output.normal).into(),
         force_reference_n: output.force_reference_n,
         force_n: output.force_n.unwrap_or(f64::NAN),
         wrench: (&output.wrench.unwrap_or(no_wrench())).into(),
-        path_reference: point(&output.path_reference),
+        path_reference: (&output.path_reference).into(),
         path_error_m: output.path_error_m,
         path_progress: output.path_progress,
         alignment_error_rad: output.alignment_error_rad,
         wrench_age_s: age_told(Some(output.wrench_age_s)),
-        estimate_age_s: age_told(Some(output.estimate_age_s)),
-        base_age_s: age_told(Some(output.base_age_s)),
-        motion_tank_j: 0.0,
-        force_tank_j: output.force_tank_j.unwrap_or_default(),
+        estimate_age_s: age_told(output.estimate_age_s),
+        base_age_s: age_told(input.base.map(|base| base.age_s)),
+        motion_tank_j: output.motion_tank_j,
+        force_tank_j: output.force_tank_j,
         manipulability: output.manipulability,
         contact_lost_count: output.contact_lost_count,
-        paused: controller.is_paused(),
+        contact_possible: !output.clearance.is_free(),
+        paused: law.is_paused(),
         wrench_validity: input.wrench_validity as u8,
-        zero_age_s: input.bias_age_s.unwrap_or(-1.0),
-        zero_bound_n: input.zero_bound_n.unwrap_or(-1.0),
+        zero_age_s: output.zero_age_s.unwrap_or(-1.0),
+        zero_bound_n: output.zero_bound_n.unwrap_or(-1.0),
         ..ControlState::default()
     }
 }
 
-/// Says how old the newest of every estimator that is read was in this cycle.
+/// The shaping of the law for `control/shaping`, without header and cycle.
+pub fn shaping(shaping: &Shaping) -> ShapingState {
+    ShapingState {
+        monitor: shaping.monitor,
+        monitor_margin: shaping.monitor_margin,
+        rho_align: shaping.rho_align,
+        rho_force: shaping.rho_force,
+        ..ShapingState::default()
+    }
+}
+
+/// Adds the age of the newest estimate of every estimator that is read, s.
 pub fn tell_ages(state: &mut ControlState, ages: impl Iterator<Item = (EstimatorName, f64)>) {
     for (name, age_s) in ages {
-        // As many as are read fit.
+        // There is room for all estimators that are read.
         if state.estimators.try_push(name).is_err()
             || state.estimate_ages_s.try_push(age_s).is_err()
         {
@@ -55,13 +73,13 @@ pub fn tell_ages(state: &mut ControlState, ages: impl Iterator<Item = (Estimator
     }
 }
 
-/// No wrench is no number: who overlooks its validity finds no zero there.
-pub fn no_wrench() -> Wrench<Tool> {
+/// A wrench of NaN, so that a reader that ignores its validity does not read zero.
+fn no_wrench() -> Wrench<Tool> {
     Wrench::from_vector(&Vector6::repeat(f64::NAN))
 }
 
-/// Why the estimator in use is the one in use.
-pub fn cause(output: &ControlOutput) -> Text {
-    let (what, why) = output.estimator_cause.text();
+/// Why the estimator in use was chosen.
+fn cause(cause: SwitchCause) -> Text {
+    let (what, why) = cause.text();
     cut_format(format_args!("{what}{why}"))
 }

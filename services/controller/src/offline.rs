@@ -1,4 +1,4 @@
-//! The checks of a start without a running cell: for `tangent check` and `tangent up`.
+//! Checks of a task start without a running cell: for `tangent check` and `tangent up`.
 
 use tangent_control::preflight::{Preflight, Refusal};
 use tangent_control::{ControlError, Limits, Path, Program, Task};
@@ -7,14 +7,16 @@ use tangent_runtime::CellConfig;
 use tangent_runtime::config::Law;
 use tangent_schemas::convert::joints;
 
-use crate::{Config, ControllerError, TorqueConfig};
+use crate::config::Config;
+use crate::config::torque::TorqueConfig;
+use crate::error::ControllerError;
 
-/// Why the cell's controller would refuse this task; empty when it would not. `start` are joint
-/// positions, rad; without them only what does not depend on the start pose is checked.
+/// Why the cell's controller would refuse this task; empty if it would not. `start` are joint
+/// positions, rad; without them, only checks that do not depend on the start pose are made.
 ///
 /// # Errors
-/// A cell whose controller does not start, a task that is no task of its law, or another number of
-/// joints than the arm has.
+/// The cell's controller cannot start, the task does not fit its law, or the number of joints
+/// differs from the arm's.
 pub fn refusals(
     cell: &CellConfig,
     model: &ModelData,

@@ -1,6 +1,6 @@
-//! A task keeps to the arm that it was started on.
+//! Ties a task to the arm on which it was started.
 
-/// Whose `arm/state` the task was started on.
+/// Publisher of the `arm/state` on which the task was started.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PinnedArm {
     of: Option<[u8; 16]>,

@@ -1,5 +1,5 @@
-//! Answers people and programs: `control/task`, `control/stop`, `control/select`. Runs in the
-//! askers' threads.
+//! Answers requests from people and programs: `control/task`, `control/stop`, `control/select`.
+//! Runs in the requesters' threads.
 
 use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,91 +9,99 @@ use serde_json::json;
 use tangent_control::{Clearance, EstimatorName, Phase};
 use tangent_mechanics::{Base, Pose, Tool};
 use tangent_runtime::bus::answer::{done_with, refused};
-use tangent_runtime::{Asked, Bus, BusError, Handle, Lane, Latest, Received};
+use tangent_runtime::{Asked, Bus, BusError, Handle, Lane, Latest, Received, StateError};
 use tangent_schemas::Message;
 use tangent_schemas::tangent::{Answer, ArmState, ControlState, WrenchStatus};
 use tangent_schemas::topics::{self, Topic, queries};
 use tangent_sensing::Validity;
 
+use crate::error::TaskRefusal;
 use crate::inputs::driven_by_another;
-use crate::mailbox::{Action, Mailbox, Outcome, Silence, Time, cannot_leave};
+use crate::mailbox::{Action, Mailbox, Outcome, Time, cannot_leave};
 use crate::memory::Memory;
+use crate::replies::{LEAVING, NO_STATE, paused, stopped, told};
 
-/// Older than this, an input does not count as there when a task is to start.
+/// Maximum age of an input that counts as present when a task is to start.
 pub const FRESH: Duration = Duration::from_millis(200);
-/// Older than this, `control/state` says nothing of now.
+/// Maximum age at which `control/state` still describes the present.
 const OLD: Duration = Duration::from_millis(500);
 /// Timeout of the first message of an estimator that was not subscribed to yet.
 pub const FIRST_ESTIMATE: Duration = Duration::from_millis(400);
 
-/// What differs from law to law when a task is started or an estimator chosen.
+/// Law-specific part of starting a task or choosing an estimator.
 pub trait Kind: Send + Sync + 'static {
-    /// A task made ready for the loop.
+    /// A task prepared for the loop.
     type Program: Send + 'static;
 
-    /// The task of this text with its name; or why it cannot be run.
-    fn prepare(&self, text: &str) -> Result<(String, Self::Program), String>;
+    /// Returns the name and the program of the task in `text`, or why it cannot be run.
+    fn prepare(&self, text: &str) -> Result<(String, Self::Program), TaskRefusal>;
 
-    /// Moves a tool that may touch off the surface along the last known normal; or why it cannot.
-    fn leave(&self) -> Result<Self::Program, String>;
+    /// Returns a program that moves a tool that may touch off the surface along the last known
+    /// normal, or why that is impossible.
+    fn leave(&self) -> Result<Self::Program, TaskRefusal>;
 
-    /// Whether what is known of the surface comes in, now; or why not.
+    /// Whether estimates of the surface arrive now; or why not.
     fn check_estimates(
         &self,
         program: &Self::Program,
         mailbox: &Mailbox<Self::Program>,
         time: Time,
-    ) -> Result<(), String>;
+    ) -> Result<(), TaskRefusal>;
 
-    /// Makes sure that this estimator is listened to. A program that listens to all that its task
-    /// names, and to no others, leaves it at that.
-    fn hear(&self, _: &EstimatorName, _: &Mailbox<Self::Program>, _: Time) -> Result<(), String> {
+    /// Makes sure that this estimator is subscribed to. No effect for a program that subscribes
+    /// exactly to the estimators of its task.
+    fn hear(
+        &self,
+        _: &EstimatorName,
+        _: &Mailbox<Self::Program>,
+        _: Time,
+    ) -> Result<(), TaskRefusal> {
         Ok(())
     }
 }
 
-/// Whether something fresh comes on one of these topics. All are waited for together, for
-/// [`FIRST_ESTIMATE`].
+/// Waits for a fresh message on any of these topics, on all of them together, for
+/// [`FIRST_ESTIMATE`]. Returns whether one arrived.
 ///
 /// # Errors
-/// The bus's reason, where a topic cannot be read.
+/// The bus's reason if a topic cannot be read.
 pub fn one_speaks<M: Message>(
     bus: &Bus,
     topics: impl Iterator<Item = Topic<M>>,
-) -> Result<bool, String> {
+) -> Result<bool, TaskRefusal> {
     let (heard, first) = sync_channel(1);
     let mut readers = Vec::new();
     for topic in topics {
         let heard = heard.clone();
         let reader = bus.on(&topic, move |message: &Received<M>| {
             if message.age() <= FRESH {
-                // One is enough.
+                // One message is enough.
                 let _ = heard.try_send(());
             }
         });
-        readers.push(reader.map_err(|e| e.to_string())?);
+        readers.push(reader?);
     }
     Ok(first.recv_timeout(FIRST_ESTIMATE).is_ok())
 }
 
-/// Where requests are answered.
+/// Handler of the requests.
 pub struct RequestHandler<K: Kind> {
     bus: Bus,
     mailbox: Arc<Mailbox<K::Program>>,
     kind: K,
-    /// Under which this controller's commands travel.
+    /// Publisher id of this controller's commands.
     own_id: [u8; 16],
-    /// What outlasts the controller.
+    /// State that persists after the controller ends.
     memory: Arc<Memory>,
     seen: Mutex<Seen>,
 }
 
-/// The handler's own readers: the loop's belong to the loop.
+/// The handler's own readers, separate from those of the loop.
 struct Seen {
     arm: Latest<ArmState>,
     wrench: Latest<WrenchStatus>,
     control: Latest<ControlState>,
-    /// The task that was started last, as it came.
+    /// Text of the task that was started last.
     task_toml: String,
 }
 
@@ -121,7 +129,7 @@ impl<K: Kind> RequestHandler<K> {
         }))
     }
 
-    /// Begins to answer. What brings the arm to rest never waits for what is slow.
+    /// Starts answering requests. A request that stops the arm never waits for a slow one.
     pub fn open(self: &Arc<Self>) -> Result<Vec<Handle>, BusError> {
         let [task, show, stop, select] = [(); 4].map(|()| Arc::clone(self));
         Ok(vec![
@@ -169,7 +177,7 @@ impl<K: Kind> RequestHandler<K> {
     }
 
     fn stop(&self, time: Time) -> Answer {
-        // A start that is still being prepared does not come after it.
+        // A start that is still being prepared must not take effect after the stop.
         self.mailbox.stop_asked(time.received);
         let name = EstimatorName::new();
         let answer = match self.mailbox.ask(Action::Stop, time) {
@@ -186,7 +194,7 @@ impl<K: Kind> RequestHandler<K> {
         }
     }
 
-    /// Off a surface that the tool may have touched before this controller started.
+    /// Moves the tool off a surface that it may have touched before this controller started.
     fn leave(&self, time: Time) -> Answer {
         let ready = (self.seen().arm.fresh(FRESH)).is_some_and(|arm| arm.message.ready);
         if !ready {
@@ -200,29 +208,29 @@ impl<K: Kind> RequestHandler<K> {
                 };
                 self.ask(action, time, |_| LEAVING.to_owned())
             }
-            Err(reason) => refused(reason),
+            Err(reason) => refused(reason.to_string()),
         }
     }
 
-    /// Starts a task; `said_clear`: a person has looked and says that the tool hangs free.
+    /// Starts a task; `said_clear`: a person has checked that the tool is free.
     fn start(&self, text: &str, time: Time, said_clear: bool) -> Answer {
         if said_clear {
             tracing::warn!("a person says that the tool hangs free, and starts a task");
         }
         let (name, program) = match self.kind.prepare(text) {
             Ok(prepared) => prepared,
-            Err(reason) => return refused(reason),
+            Err(reason) => return refused(reason.to_string()),
         };
         if let Err(reason) = self
             .check_inputs()
             .and_then(|()| self.kind.check_estimates(&program, &self.mailbox, time))
         {
-            return refused(reason);
+            return refused(reason.to_string());
         }
-        // Before anything can touch: who starts after a crash has to know.
+        // Stored before anything can touch, for the next start after a crash.
         let known = self.memory.known();
         let kept = self.expect_contact(said_clear);
-        // Before the start: the recorder asks as soon as it sees one.
+        // Set before the start: the recorder asks for it as soon as it sees a start.
         let before = std::mem::replace(&mut self.seen().task_toml, text.to_owned());
         let action = Action::Start {
             program: Box::new(Some(program)),
@@ -241,9 +249,9 @@ impl<K: Kind> RequestHandler<K> {
         answer
     }
 
-    /// Writes down that the tool may touch something from now on, in front of it as it stands. What
-    /// was known in doubt before stays, unless a person has looked.
-    fn expect_contact(&self, said_clear: bool) -> Result<(), String> {
+    /// Stores that the tool may touch something from now on, in front of its present position. An
+    /// earlier stored doubt stays, unless a person has checked the tool.
+    fn expect_contact(&self, said_clear: bool) -> Result<(), StateError> {
         let Some(arm) = self
             .seen()
             .arm
@@ -256,12 +264,11 @@ impl<K: Kind> RequestHandler<K> {
             return Ok(());
         };
         let (normal, position) = (-pose.z_axis(), pose.translation());
-        let written = if said_clear {
+        if said_clear {
             self.memory.set(Clearance::Possible { normal, position })
         } else {
             self.memory.expect_contact(normal, position)
-        };
-        written.map_err(|error| error.to_string())
+        }
     }
 
     /// The text of the task that was started last, for the recorder.
@@ -272,49 +279,33 @@ impl<K: Kind> RequestHandler<K> {
         }
     }
 
-    /// Arm and wrench are there and can be used, now.
-    fn check_inputs(&self) -> Result<(), String> {
+    /// Checks that arm and wrench are present and usable now.
+    fn check_inputs(&self) -> Result<(), TaskRefusal> {
         if let Some(second) = self.bus.refused().iter().find(|r| r.who.is_some()) {
-            return Err(format!(
-                "{second}: end the one that does not belong to this cell, and start the task again"
-            ));
+            return Err(TaskRefusal::SecondPublisher(second.to_string()));
         }
         let mut seen = self.seen();
         match seen.arm.fresh(FRESH) {
-            None => {
-                return Err(
-                    "no arm/state: is the bridge (rtde or franka) running, and the robot reached?"
-                        .into(),
-                );
-            }
+            None => return Err(TaskRefusal::NoArm),
             Some(arm) if driven_by_another(&arm.message, self.own_id).is_some() => {
-                return Err(format!(
-                    "the arm is driven by {}: start the task there, or end that controller and start the task again",
-                    with_host(&arm.message.commanded_by)
-                ));
+                let driver = with_host(&arm.message.commanded_by);
+                return Err(TaskRefusal::DrivenByAnother(driver));
             }
             Some(arm) if !arm.message.ready => {
-                return Err(format!(
-                    "the arm is not ready: {}",
-                    arm.message.not_ready_reason
-                ));
+                let reason = arm.message.not_ready_reason.to_string();
+                return Err(TaskRefusal::ArmNotReady(reason));
             }
             Some(_) => {}
         }
-        match seen.wrench.fresh(FRESH) {
-            None => Err("no wrench: is netft running, and the sensor reached?".into()),
-            Some(status) => {
-                let validity = Validity::from(status.message.validity);
-                if validity.is_valid() {
-                    return Ok(());
-                }
-                Err(format!(
-                    "the wrench cannot be used: {} ({})",
-                    validity.reason(),
-                    status.message.status_text
-                ))
-            }
+        let status = seen.wrench.fresh(FRESH).ok_or(TaskRefusal::NoWrench)?;
+        let validity = Validity::from(status.message.validity);
+        if validity.is_valid() {
+            return Ok(());
         }
+        Err(TaskRefusal::WrenchInvalid {
+            reason: validity.reason(),
+            status: status.message.status_text.to_string(),
+        })
     }
 
     fn select(&self, asked: &Asked) -> Answer {
@@ -334,14 +325,14 @@ impl<K: Kind> RequestHandler<K> {
             return refused("name an estimator, as in `tangent estimator list`");
         }
         if let Err(reason) = self.kind.hear(&name, &self.mailbox, time) {
-            return refused(reason);
+            return refused(reason.to_string());
         }
         let words = |_| format!("{name} in use; what is steered by turns to it at a bounded rate");
         let first = self.ask(Action::Select { name, force }, time, words);
         if first.done {
             return first;
         }
-        // One that the task does not name is read from the next cycle on: ask again then.
+        // An estimator that the task does not name is read from the next cycle on: ask again then.
         let cycles = self.mailbox.cycles();
         for _ in 0..50 {
             if self.mailbox.cycles() >= cycles + 3 {
@@ -352,7 +343,8 @@ impl<K: Kind> RequestHandler<K> {
         first
     }
 
-    /// Asks the loop; `done` says in words what was done, by the phase that the request found.
+    /// Sends a request to the loop; `done` describes the result, given the phase in which the
+    /// request was received.
     fn ask(
         &self,
         action: Action<K::Program>,
@@ -373,7 +365,7 @@ impl<K: Kind> RequestHandler<K> {
         };
         let (s, age) = (&newest.message, newest.age());
         if age > OLD {
-            // What was true then is shown as what it is: old.
+            // The last state received is reported with its age.
             return done_with(
                 format!(
                     "no control/state for {:.1} s: {NO_STATE}; before that: {} {}",
@@ -436,7 +428,7 @@ impl<K: Kind> RequestHandler<K> {
     }
 }
 
-/// `SERVICE/HOST-PROCESS` with its host in words.
+/// The source `SERVICE/HOST-PROCESS` as text that names its host.
 fn with_host(source: &str) -> String {
     let instance = source.rsplit('/').next().unwrap_or_default();
     match instance.rsplit_once('-') {
@@ -451,68 +443,3 @@ fn time(asked: &Asked) -> Time {
         deadline: asked.deadline,
     }
 }
-
-/// An outcome in words; `name` is the estimator that a switch was about.
-fn told(
-    outcome: Result<Outcome, Silence>,
-    name: &EstimatorName,
-    done: impl Fn(Phase) -> String,
-) -> Answer {
-    match outcome {
-        Err(silence) => refused(silence_text(silence)),
-        Ok(Outcome::Refused(error)) => refused(error.to_string()),
-        Ok(Outcome::SwitchRefused(why)) => refused(why.error(name).to_string()),
-        Ok(Outcome::TooLate) => refused(TOO_LATE),
-        Ok(Outcome::Stopped) => refused(STOPPED),
-        Ok(Outcome::MayTouch) => refused(MAY_TOUCH),
-        Ok(Outcome::Done { activation, phase }) => done_with(
-            done(phase),
-            &json!({"activation": activation, "phase": phase.name()}),
-        ),
-    }
-}
-
-/// What a stop comes to, by the phase after the request was taken.
-fn stopped(phase: Phase) -> &'static str {
-    match phase {
-        Phase::Idle | Phase::Done | Phase::Fault => {
-            "no task runs, and the tool has left the surface or never touched it: nothing to do"
-        }
-        Phase::Tare => "ended before the approach: nothing has moved",
-        _ => "retracting",
-    }
-}
-
-/// What a pause means in each phase.
-fn paused(phase: Phase) -> &'static str {
-    match phase {
-        Phase::Tare => "paused before the approach: the arm stands still",
-        Phase::Approach => "paused in the approach: the arm stands still, not pressing",
-        Phase::Seek => "paused without contact: the arm stands still, not seeking the surface",
-        Phase::Contact => "paused after the touch: pressing, not sliding",
-        _ => "paused: pressing, not sliding",
-    }
-}
-
-/// Why the loop did not answer, in words.
-pub fn silence_text(silence: Silence) -> &'static str {
-    match silence {
-        Silence::Withdrawn => NO_LOOP,
-        Silence::Full => "too many requests at once: nothing was done, ask again",
-        Silence::Lost => {
-            "the loop ended with the request in its hands: the controller has to be started again"
-        }
-    }
-}
-
-const TOO_LATE: &str = "the loop came to the request too late: nothing was done, ask again";
-const MAY_TOUCH: &str = "no task runs, and the tool may touch something: nothing was done";
-/// A stop after a restart, with the tool perhaps still pressed.
-const LEAVING: &str = "no task runs, but the tool may still touch what it touched before the controller started: moving off along the last known normal";
-const STOPPED: &str =
-    "a stop came after this start, or the controller is ending: nothing was started, start again";
-
-/// No cycle of the loop: nothing is known of now.
-const NO_STATE: &str = "the loop does not run: no arm/state comes in; is the bridge (rtde or franka) running, and the robot reached?";
-/// The loop is not called.
-pub const NO_LOOP: &str = "the loop does not run: no arm/state comes in; nothing was done; is the bridge (rtde or franka) running, and the robot reached?";

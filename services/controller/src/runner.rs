@@ -1,128 +1,113 @@
-//! What the loop runs: the law for one kind of arm, with what it reads beside the arm's state.
+//! What the loop runs: a law, the inputs it reads, and its live parameters.
 
-use nalgebra::Vector3;
-use tangent_control::{
-    Clearance, CommandKind, ControlError, EstimatorName, Fault, Phase, SwitchRefusal,
-};
-use tangent_schemas::tangent::{ControlState, ShapingState};
-use tangent_schemas::{JointArray, Text};
+use tangent_control::{Clearance, ControlError, EstimatorName, Law, Parameter, Phase, Program};
+use tangent_control::{LawConfig, LawInput, LawOutput, Start, SwitchRefusal};
+use tangent_runtime::Parameter as LiveParameter;
 
-use crate::inputs::{EstimateReader, Packet};
+use crate::inputs::{EstimateReader, Inputs, Packet, Readers};
 
-/// Circumstances of a task start.
-#[derive(Clone, Copy, Debug)]
-pub struct Start {
-    /// Whether a person says that the tool hangs free.
-    pub said_clear: bool,
-    /// Position of the tool, base axes, m.
-    pub position: Vector3<f64>,
-    /// Activation that the arm has latched out.
-    pub latched: u64,
+/// A task made ready outside the loop, with the readers of its estimators.
+pub struct Prepared<C> {
+    /// The program; after a start, the previous one.
+    pub program: Option<Program<C>>,
+    /// Readers that replace those of the previous task; `None` if the loop keeps its own.
+    pub readers: Option<Readers>,
 }
 
-/// The part of a command that depends on the law.
-#[derive(Clone, Debug)]
-pub struct Motion {
-    /// What the values are.
-    pub kind: CommandKind,
-    /// rad/s or Nm, base to flange.
-    pub values: JointArray,
-    /// Acceleration of the joints, rad/s²; 0 for torques.
-    pub acceleration: f64,
+/// Live parameters of a law, each with the value last seen.
+pub struct Live(Vec<(Parameter, LiveParameter, f64)>);
+
+impl Live {
+    /// Live parameters with their current values.
+    pub fn new(parameters: impl IntoIterator<Item = (Parameter, LiveParameter)>) -> Self {
+        let with_value = |(parameter, live): (Parameter, LiveParameter)| {
+            let value = live.get();
+            (parameter, live, value)
+        };
+        Self(parameters.into_iter().map(with_value).collect())
+    }
 }
 
-/// The result of one cycle, for publication.
-#[derive(Clone, Debug)]
-pub struct Report {
-    /// Without the times of the cycle and the fault's text.
-    pub state: ControlState,
-    /// Without header and cycle; `None` for a law that does not shape.
-    pub shaping: Option<ShapingState>,
-    /// Phase after this cycle.
-    pub phase: Phase,
-    /// The last fault since the task started.
-    pub fault: Option<Fault>,
-    /// Whether a tare is due.
-    pub tare_requested: bool,
-    /// Whether the tool may touch something.
-    pub clearance: Clearance,
-    /// Whether the zero in force was taken in contact.
-    pub zero_withdrawn: bool,
-    /// Estimator in use, number of changes, and cause of the last one; `None` without a task.
-    pub estimator: Option<(EstimatorName, u32, Text)>,
+/// A law with its inputs, called by the loop in each cycle. Nothing in it locks or allocates.
+pub struct Runner<L, const N: usize> {
+    /// The law.
+    pub law: L,
+    /// Its inputs.
+    pub inputs: Inputs,
+    /// Its live parameters.
+    pub live: Live,
 }
 
-/// A law with its inputs, called by the loop in each cycle. Nothing in it locks or allocates,
-/// except where a program is replaced.
-pub trait Runner: Send {
-    /// A task made ready outside the loop.
-    type Program: Send;
-    /// What the law computes in one cycle.
-    type Output;
-
+impl<C: LawConfig, L: Law<N, Config = C>, const N: usize> Runner<L, N> {
     /// Phase after the last step.
-    fn phase(&self) -> Phase;
+    pub fn phase(&self) -> Phase {
+        self.law.phase()
+    }
 
     /// Number of task starts.
-    fn activation(&self) -> u64;
+    pub fn activation(&self) -> u64 {
+        self.law.activation()
+    }
 
-    /// Whether the tool may touch something. Outlasts the tasks.
-    fn clearance(&self) -> Clearance;
+    /// Whether the tool may touch something.
+    pub fn clearance(&self) -> Clearance {
+        self.law.clearance()
+    }
 
-    /// Starts a program. What is left in `program` is dropped outside the loop. Called only while
-    /// no task is active.
+    /// Starts a task. What is left in `prepared` is dropped outside the loop. Called only while no
+    /// task is active.
     ///
     /// # Errors
     /// The task may not start here. Nothing has changed then.
-    fn start(
+    pub fn start(
         &mut self,
-        program: &mut Option<Self::Program>,
+        prepared: &mut Option<Prepared<C>>,
         start: &Start,
-    ) -> Result<(), ControlError>;
+    ) -> Result<(), ControlError> {
+        let Some(task) = prepared else {
+            return Ok(());
+        };
+        self.law.start(&mut task.program, start)?;
+        if let Some(readers) = &mut task.readers {
+            self.inputs.swap(readers);
+        }
+        for (parameter, live, seen) in &mut self.live.0 {
+            *seen = self.law.get(*parameter);
+            live.set(*seen);
+        }
+        Ok(())
+    }
 
-    /// Stands still and keeps the force.
-    ///
-    /// # Errors
-    /// No task can be paused now.
-    fn pause(&mut self) -> Result<(), ControlError>;
-
-    /// Continues after a pause.
-    ///
-    /// # Errors
-    /// No task is paused.
-    fn resume(&mut self) -> Result<(), ControlError>;
-
-    /// Ends the task with a retraction.
-    fn stop(&mut self);
-
-    /// Whether the task has ended and the tool may still be where it touched.
-    fn is_left_on_surface(&self) -> bool;
-
-    /// Retracts a tool that is left on the surface.
-    fn leave_surface(&mut self, latched: u64);
-
-    /// Switches to another estimator; `force` waives the checks of validity and agreement.
+    /// Switches to another estimator.
     ///
     /// # Errors
     /// The estimator cannot be used now.
-    fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal>;
+    pub fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
+        self.law.select(name, force)
+    }
 
-    /// Also listens to this estimator; returns a reader that is not needed.
-    fn listen(&mut self, reader: EstimateReader) -> Option<EstimateReader>;
+    /// Also reads this estimator; returns a reader that is not needed.
+    pub fn listen(&mut self, reader: EstimateReader) -> Option<EstimateReader> {
+        self.inputs.listen(reader)
+    }
 
-    /// Takes the live parameters that were set since the last cycle.
-    fn take_parameters(&mut self);
-
-    /// While held, no other publisher of an input takes the place of the present one.
-    fn hold(&mut self, held: bool);
+    /// Takes the live parameters that were set since the last cycle. The law moves to a new value
+    /// on a ramp.
+    pub fn take_parameters(&mut self) {
+        for (parameter, live, seen) in &mut self.live.0 {
+            let value = live.get();
+            if value != *seen {
+                *seen = value;
+                self.law.set(*parameter, value);
+            }
+        }
+    }
 
     /// Runs the law for one packet; `None` if the arm's state is not usable. The arm then comes to
     /// rest by itself.
-    fn step(&mut self, packet: &Packet<'_>) -> Option<Self::Output>;
-
-    /// The command of this cycle.
-    fn motion(&self, output: &Self::Output) -> Motion;
-
-    /// The report of this cycle. Called after the command is published.
-    fn report(&self, output: Self::Output) -> Report;
+    pub fn step(&mut self, packet: &Packet<'_>) -> Option<(LawInput<N>, LawOutput<N>)> {
+        let input = self.inputs.gather(packet, self.law.estimators())?;
+        let output = self.law.step(&input);
+        Some((input, output))
+    }
 }

@@ -1,5 +1,5 @@
-//! What 3-D viewers draw: frames on `tf` (the moving base's in the world too), arrows and the path
-//! on `markers`, a few times a second from a side thread.
+//! Publishes for 3-D viewers: frames on `tf` (the moving base's frame in the world too), arrows and
+//! the path on `markers`, a few times a second from a side thread.
 
 use std::collections::VecDeque;
 
@@ -14,16 +14,16 @@ use tangent_schemas::standard::{
 use tangent_schemas::tangent::{ArmState, ControlState};
 use tangent_schemas::{convert::cut, topics};
 
-/// Points of the path kept for drawing.
+/// Number of path points kept for drawing.
 const TRACE: usize = 2000;
-/// Points nearer together than this are one, m.
+/// Minimum distance between two stored points, m.
 const TRACE_STEP_M: f64 = 0.001;
 /// Length of an arrow per newton, m.
 const METRES_PER_N: f64 = 0.02;
 /// Length of the normal's arrow, m.
 const NORMAL_M: f64 = 0.08;
 
-/// Draws.
+/// Publisher of frames and markers.
 pub struct Viewer {
     arm: Latest<ArmState>,
     control: Latest<ControlState>,
@@ -35,7 +35,7 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Reads the arm's and the controller's state.
+    /// Subscribes to the state of the arm and of the controller.
     pub fn new(bus: &Bus) -> Result<Self, BusError> {
         Ok(Self {
             arm: bus.latest(&topics::ARM_STATE)?,
@@ -48,7 +48,7 @@ impl Viewer {
         })
     }
 
-    /// Publishes what is there now; nothing when nothing is new.
+    /// Publishes the newest state, if there is a new one.
     pub fn draw(&mut self) {
         let Some(arm) = self.arm.take_new().map(|a| a.message.clone()) else {
             return;
@@ -71,7 +71,7 @@ impl Viewer {
         self.tf.publish(&TFMessage { transforms });
     }
 
-    /// As the platform says, with its own stamp; nothing when it says nothing new.
+    /// Pose from the platform with its own stamp; `None` if there is no new one.
     fn base_in_world(&mut self) -> Option<TransformStamped> {
         let said = &self.base.take_new()?.message;
         let world_from_base = Pose::<World, Base>::try_from(&said.pose.pose).ok()?;
@@ -126,7 +126,8 @@ fn transform(stamp: i64, parent: &str, child: &str, transform: Transform) -> Tra
     }
 }
 
-/// Origin at the tool, z along the normal, x as near to the tool's as that allows.
+/// Frame with its origin at the tool, z along the normal, and x as near as possible to the tool's
+/// x.
 fn contact_frame(base_from_tool: &Pose<Base, Tool>, normal: &Vector3<f64>) -> Option<Transform> {
     let x = base_from_tool.rotate(&Vector3::x());
     let x = (x - normal * x.dot(normal)).try_normalize(1e-6)?;

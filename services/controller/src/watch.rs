@@ -1,5 +1,4 @@
-//! What every loop reports about itself, independent of its law: phases, faults, tares, and who
-//! drives the arm.
+//! Law-independent reports of a loop: phases, faults, tares, and which source drives the arm.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -58,7 +57,8 @@ pub struct Watch<P> {
     cycle: Option<u64>,
     phase: Phase,
     fault: Option<Fault>,
-    /// A person said before this start that the tool hangs free: the next tare goes by it.
+    /// Whether a person confirmed before this start that the tool is free: the next tare relies on
+    /// it.
     pub said_clear: bool,
     tare: bool,
     /// Why the tare that the task waits for was refused; empty if it was not.

@@ -1,5 +1,5 @@
-//! The controller on a mobile platform: it listens to `base/pose` in its cycle, and stops in good
-//! order when it cannot be relied on.
+//! The controller on a mobile platform: it reads `base/pose` in its cycle, and stops safely when
+//! the pose cannot be used.
 
 #![allow(clippy::unwrap_used)]
 
@@ -26,7 +26,7 @@ impl Platform {
         }
     }
 
-    /// Standing; `spoil` changes what it says.
+    /// Publishes a pose at rest; `spoil` modifies it.
     fn say(&self, spoil: impl FnOnce(&mut PoseWithCovarianceStamped)) {
         let stamp_ns = 1_000_000_000 + self.began.elapsed().as_nanos() as i64;
         let mut message = PoseWithCovarianceStamped {
@@ -38,7 +38,7 @@ impl Platform {
         self.pose.publish(&message);
     }
 
-    /// It talks, packets go on, until `done`.
+    /// Publishes poses and packets until `done`.
     fn talk(&self, cell: &mut Cell, done: impl Fn(&mut Cell) -> bool) {
         let deadline = Instant::now() + Duration::from_secs(30);
         let mut said = Instant::now();
@@ -47,7 +47,7 @@ impl Platform {
                 said = Instant::now();
                 self.say(|_| {});
             }
-            // The tracker judges in life's time, so the packets keep it too.
+            // The tracker uses real time, so the packets do too.
             std::thread::sleep(Duration::from_millis(8));
             cell.packet(true);
             assert!(Instant::now() < deadline, "{}", cell.phase());
@@ -55,12 +55,12 @@ impl Platform {
     }
 }
 
-/// Packets go on, at about their own pace, until the path stands; `meanwhile` comes before each.
+/// Sends packets at about their real rate until the path stands; `meanwhile` runs before each.
 fn holds(cell: &mut Cell, meanwhile: impl Fn()) {
     let deadline = Instant::now() + Duration::from_secs(30);
     while cell.phase() != "hold" {
         meanwhile();
-        // The tracker judges silence by the host's clock, so the packets keep to it too.
+        // The tracker measures silence by the host's clock, so the packets follow it too.
         std::thread::sleep(Duration::from_millis(5));
         cell.packet(true);
         assert!(Instant::now() < deadline, "{}", cell.phase());
@@ -75,7 +75,8 @@ fn a_platform_that_stands_is_worked_from_and_its_silence_ends_the_task() {
         let platform = Platform::new(&cell);
         platform.say(|_| {});
         cell.packet(true);
-        // It has only begun: the path waits until it is steady, under force.
+        // The platform has only begun to publish: the path waits under force until its pose is
+        // steady.
         assert_eq!(cell.phase(), "hold");
         assert!(cell.said().base_age_s >= 0.0);
         platform.talk(&mut cell, |cell| cell.phase() == "slide");
@@ -87,7 +88,7 @@ fn a_platform_that_stands_is_worked_from_and_its_silence_ends_the_task() {
             cell.packet(true);
         }
         assert_eq!(cell.allocations, before, "allocated in the loop");
-        // Silence: hold once the patience is over, retract after a second of the robot's time.
+        // Silence: hold after the timeout, retract after another second of the robot's time.
         holds(&mut cell, || ());
         cell.run_until("fault");
         let fault = cell.said().fault;
@@ -101,7 +102,7 @@ fn nonsense_is_refused_by_name() {
     timed(|| {
         let mut cell = Cell::sliding_for_long();
         let platform = Platform::new(&cell);
-        // Before anything good was said, nonsense is nothing.
+        // Invalid poses before the first valid one have no effect.
         platform.say(|m| m.pose.pose.position.x = f64::NAN);
         cell.packet(true);
         assert_eq!(cell.phase(), "slide");

@@ -1,5 +1,5 @@
-//! Estimators that change places while the tool slides: asked for, and because the one in use went
-//! bad.
+//! Switches of estimators while the tool slides: on request, and because the one in use became
+//! invalid.
 
 #![allow(clippy::unwrap_used)]
 
@@ -9,7 +9,7 @@ use common::{Cell, Mood, PERIOD_S, long_task};
 use tangent_live::timed;
 use tangent_schemas::topics::queries;
 
-/// The law's patience with an estimate.
+/// Timeout of an estimate in the law, s.
 const PATIENCE_S: f64 = 0.1;
 
 /// `blend` in use, `quadratic` beside it; both in the task's list.
@@ -117,7 +117,7 @@ fn whatever_becomes_of_the_one_in_use_the_next_takes_over_with_the_force_held() 
                     "{mood:?}: not after {since_s} s"
                 );
             }
-            // Well again, it comes back only when it is asked for.
+            // Valid again, it is used again only on request.
             cell.speakers[0].mood = Mood::Well;
             for _ in 0..500 {
                 cell.packet(true);

@@ -55,7 +55,8 @@ fn an_arm_that_another_drives_is_left_alone() {
         );
         assert_eq!(cell.phase(), "idle");
 
-        // The arm is free, a task runs, and another takes the arm: this one ends its task.
+        // The arm is free, a task runs, and another controller takes the arm: this one ends its
+        // task.
         cell.commander = ("", [0; 16]);
         cell.packet(true);
         let answer = cell
@@ -120,7 +121,8 @@ fn a_task_that_cannot_run_is_refused_with_numbers_and_place_before_anything_move
                 &["m along the path", "m of its plane", "m in base axes"],
             ),
             (
-                // One that speaks does not hide those that nobody knows: all of them are named.
+                // One estimator that publishes does not hide the unknown ones: all of them are
+                // named.
                 TASK.replace(
                     "[\"blend\"]",
                     "[\"blend\", \"reactiv\", \"quadratik\", \"magic\"]",
@@ -143,7 +145,7 @@ fn a_task_that_cannot_run_is_refused_with_numbers_and_place_before_anything_move
             assert_eq!(cell.phase(), "idle");
         }
         assert_eq!(cell.q, start);
-        // One of the user's own is known by its publishing.
+        // A user's own estimator is known because it publishes.
         cell.add("magic");
         let own = TASK.replace("[\"blend\"]", "[\"magic\", \"blend\"]");
         let answer = cell.ask(queries::CONTROL_TASK, "start", &own).unwrap();
@@ -187,7 +189,7 @@ fn parameters_show_the_tasks_values_and_change_them() {
         assert!(shown.message.contains("= 3 N"), "{}", shown.message);
         assert!(cell.ask(key, "set", "4.5").unwrap().done);
         assert!(!cell.ask(key, "set", "-1").unwrap().done);
-        // Beyond the force at which the task would end.
+        // Exceeds the force at which the task would end.
         assert!(!cell.ask(key, "set", "90").unwrap().done);
         let mut state = ControlState::default();
         for _ in 0..2000 {
@@ -204,7 +206,7 @@ fn parameters_show_the_tasks_values_and_change_them() {
 fn answering_a_packet_allocates_nothing() {
     timed(|| {
         let mut cell = Cell::sliding_for_long();
-        // Somebody records, so that every message is left for the publishing thread as well.
+        // With a recorder subscribed, every message is also left for the publishing thread.
         let recorder = cell.bus.subscribe_raw("**", 64).unwrap();
         for _ in 0..50 {
             cell.packet(true);
@@ -224,7 +226,7 @@ fn answering_a_packet_allocates_nothing() {
 fn a_wrench_that_falls_silent_stops_the_arm() {
     timed(|| {
         let mut cell = Cell::sliding_for_long();
-        // No wrench any more: its age grows on the wall's clock.
+        // The wrench has stopped: its age grows with real time.
         for _ in 0..1_000_000 {
             cell.packet(false);
             if matches!(cell.phase().as_str(), "fault" | "done") {

@@ -1,4 +1,4 @@
-//! What the estimator service runs, and with what settings.
+//! Configuration of the estimator service.
 
 use nalgebra::Vector2;
 use serde::Deserialize;
@@ -13,13 +13,13 @@ use toml::{Table, Value};
 
 use crate::EstimatorError;
 
-/// Key under `[estimators.settings]` for what all estimators share.
+/// Key under `[estimators.settings]` for settings common to all estimators.
 pub const ALL: &str = "all";
 
 /// One estimator and its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EstimatorChoice {
-    /// As in [`estimator_names`]; also its topic, `estimate/NAME/normal`.
+    /// Name, one of [`estimator_names`]; also part of its topic, `estimate/NAME/normal`.
     pub name: String,
     /// Its settings.
     pub settings: EstimatorConfig,
@@ -28,20 +28,20 @@ pub struct EstimatorChoice {
 /// One estimator of an object's pose and its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjectChoice {
-    /// One of [`OBJECT_ESTIMATORS`]; also its topics, `estimate/NAME/object` and
+    /// Name, one of [`OBJECT_ESTIMATORS`]; also part of its topics, `estimate/NAME/object` and
     /// `estimate/NAME/normal`.
     pub name: String,
     /// Its settings.
     pub settings: ObjectPoseConfig,
 }
 
-/// The tool in a depth camera's view, left out of every image: a rod along the tool's axis.
+/// Cylinder around the tool's axis that is left out of every depth image, since it shows the tool.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolInView {
-    /// With a margin for the pixels that float at its edge, m.
+    /// Radius, with a margin for mixed pixels at the tool's edge, m.
     pub radius_m: f64,
-    /// From the tool's origin back, m.
+    /// Length from the tool's origin backwards, m.
     pub length_m: f64,
 }
 
@@ -49,25 +49,25 @@ pub struct ToolInView {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DepthSettings {
-    /// What is left out.
+    /// The tool in the view, which is left out.
     pub tool: Option<ToolInView>,
-    /// The fits.
+    /// Settings of the fits.
     pub fit: DepthNormalConfig,
 }
 
-/// `depth_normal` as it is asked for.
+/// Configuration of `depth_normal` before the calibration is known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthPlan {
     /// Its settings.
     pub settings: DepthSettings,
-    /// Of the camera; none: as `camera/info` says.
+    /// Calibration of the camera; `None`: taken from `camera/info`.
     pub calibration: Option<Calibration>,
-    /// Where the camera is on the flange.
+    /// Pose of the camera on the flange.
     pub flange_from_camera: Pose<Flange, Camera>,
 }
 
 impl DepthPlan {
-    /// With a calibration.
+    /// Completes the plan with a calibration.
     pub fn with(&self, calibration: &Calibration) -> DepthChoice {
         let ([fx_px, fy_px], [cx_px, cy_px]) = (calibration.focal_px, calibration.principal_px);
         DepthChoice {
@@ -89,44 +89,44 @@ impl DepthPlan {
 pub struct DepthChoice {
     /// Its settings.
     pub settings: DepthSettings,
-    /// Of the camera.
+    /// Intrinsics of the camera.
     pub intrinsics: Intrinsics,
     /// Width and height of its images, pixels.
     pub size_px: [u32; 2],
-    /// Where it is on the flange.
+    /// Pose of the camera on the flange.
     pub flange_from_camera: Pose<Flange, Camera>,
 }
 
-/// What the service runs.
+/// Configuration of the service.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// Estimators, each on its own topic.
     pub estimators: Vec<EstimatorChoice>,
-    /// Those of an object's pose.
+    /// Estimators of an object's pose.
     pub objects: Vec<ObjectChoice>,
     /// Normals from depth images.
     pub depth: Option<DepthPlan>,
     /// The camera as the cell file states it.
     pub camera: Option<CameraModel>,
-    /// The arm, for the twist that commanded joint velocities stand for.
+    /// The arm's model, for converting commanded joint velocities to a twist.
     pub model: ModelData,
-    /// Where the tool is on the flange.
+    /// Pose of the tool on the flange.
     pub flange_from_tool: Pose<Flange, Tool>,
-    /// Which wrench is used.
+    /// The wrench that the estimators use.
     pub wrench_source: WrenchSource,
     /// Age at which a wrench is no longer used, s.
     pub wrench_patience_s: f64,
-    /// How the pose of a moving base is judged.
+    /// Checks on the pose of a moving base.
     pub base: BaseConfig,
     /// SCHED_FIFO priority of the estimating thread; `None` for normal scheduling.
     pub realtime_priority: Option<u8>,
 }
 
 impl Config {
-    /// From the cell file: `[estimators]` and `[tool]`.
+    /// Configuration from the cell file: `[estimators]` and `[tool]`.
     ///
     /// # Errors
-    /// Names the estimator, key and value that are wrong.
+    /// An estimator, key or value is wrong; the error names it.
     pub fn from_cell(cell: &CellConfig, model: ModelData) -> Result<Self, EstimatorError> {
         let settings = &cell.estimators.settings;
         let names = [&estimator_names()[..], &OBJECT_ESTIMATORS, &[DEPTH_NORMAL]].concat();
@@ -174,7 +174,7 @@ impl Config {
                 let [fx, fy] = calibration.focal_px;
                 Some(CameraModel {
                     flange_from_camera: camera.flange_from_camera(),
-                    // The filter has one focal length and estimates what is wrong with it.
+                    // The filter has one focal length, and estimates its error.
                     focal_px: 0.5 * (fx + fy),
                     principal_px: Vector2::from(calibration.principal_px),
                     pixel_m: camera.pixel_m,

@@ -1,9 +1,9 @@
-//! `depth_normal` in a thread of its own: depth images in, the surface's normal at the tool out, on
-//! `estimate/depth_normal/normal`.
+//! `depth_normal` in a separate thread: receives depth images, and publishes the surface's normal
+//! at the tool on `estimate/depth_normal/normal`.
 //!
-//! Each image is placed where the arm was when it was exposed, however late it comes. What is wrong
-//! with the images goes to the service, which tells it with its own health; an image that is
-//! refused is an estimate that is not valid, with the reason.
+//! Each image is combined with the arm's pose at its exposure, however late it arrives. Problems
+//! with the images are reported to the service, for its health message. For a refused image an
+//! invalid estimate is published, with the reason.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::Sender;
@@ -31,20 +31,20 @@ use tangent_sensing::Validity;
 use crate::message::message;
 use crate::{DepthChoice, EstimatorError};
 
-/// Arm states kept for images under way: a quarter of a second at 1 kHz.
+/// Number of arm states kept for late images: a quarter of a second at 1 kHz.
 const POSES: usize = 256;
-/// A pose further than this from an image's stamp does not place it, ns.
+/// Largest time between an image's stamp and the pose used for it, ns.
 const REACH_NS: i64 = 10_000_000;
-/// Slower than this the tool stands, m/s.
+/// Speed below which the tool counts as at rest, m/s.
 const TRAVEL_MIN_M_PER_S: f64 = 0.005;
 
-/// What the thread owns.
+/// State of the thread.
 pub struct Depth {
     estimator: DepthNormal,
     state: DepthNormalState,
     intrinsics: Intrinsics,
     size_px: [usize; 2],
-    /// The tool's point, camera axes, m.
+    /// Position of the tool's origin, camera axes, m.
     tool: Vector3<f64>,
     left_out: Vec<u8>,
     tool_from_camera: Pose<Tool, Camera>,
@@ -55,18 +55,18 @@ pub struct Depth {
     normals: Publisher<Message>,
     segments: Publisher<SurfaceSegment>,
     ahead: Publisher<SurfaceAhead>,
-    /// The last estimate of a frame that was used.
+    /// The last estimate from an image that was used.
     last: Message,
-    /// Images that waited behind a newer one.
+    /// Number of images skipped for a newer one.
     overtaken: u64,
     meters: DepthMeters,
-    /// What is wrong, whenever that changes. It ends when the thread does.
+    /// Sends each change of the problem with the images. Closed when the thread ends.
     news: Sender<Option<Text>>,
     said: Option<Text>,
     _alive: AliveToken,
 }
 
-/// What the service's health says of the images.
+/// Figures on the images in the service's health message.
 pub struct DepthMeters {
     used: Rate,
     age: Age,
@@ -76,7 +76,7 @@ pub struct DepthMeters {
 }
 
 impl DepthMeters {
-    /// In the service's health.
+    /// Adds the figures to the service's health message.
     pub fn new(health: &HealthReporter) -> Self {
         Self {
             used: health.rate("camera_depth"),
@@ -87,17 +87,17 @@ impl DepthMeters {
         }
     }
 
-    /// Since the newest image.
+    /// Age of the newest image.
     pub fn age(&self) -> &Age {
         &self.age
     }
 }
 
 impl Depth {
-    /// Opens its topics. What is wrong with the images goes to `news`, whenever that changes.
+    /// Subscribes to its topics. Each change of the problem with the images is sent to `news`.
     ///
     /// # Errors
-    /// A setting out of its range, or a topic that the bus refuses.
+    /// A setting is out of range, or the bus refuses a topic.
     pub fn new(
         choice: &DepthChoice,
         flange_from_tool: &Pose<Flange, Tool>,
@@ -147,7 +147,7 @@ impl Depth {
         })
     }
 
-    /// One image: the newest that waits, or the next to come.
+    /// Handles one image: the newest one that waits, or the next to arrive.
     pub fn turn(&mut self, patience: Duration) {
         let received = self.images.recv_timeout(patience);
         self.remember();
@@ -185,13 +185,13 @@ impl Depth {
         if let Some(words) = &trouble {
             tracing::warn!("depth image refused: {words}");
         }
-        // Without a listener the service is ending.
+        // Without a receiver, the service is ending.
         let _ = self.news.send(trouble);
     }
 
-    /// An estimate that cannot be used, with the reason. It keeps the stamp and cycle of the last
-    /// that could: to a reader that judges by age, a camera whose images are refused is as silent
-    /// as one that sends none, and is left as soon.
+    /// Publishes an invalid estimate, with the reason. It keeps the stamp and cycle of the last
+    /// valid one: a reader that goes by age then treats a camera with refused images like a silent
+    /// one.
     fn refuse(&self, reason: Text) {
         self.normals.publish(&Message {
             validity: Validity::SensorError as u8,
@@ -237,7 +237,7 @@ impl Depth {
             encoding: DepthEncoding::from_name(&image.encoding)?,
         }
         .read(&image.data, &mut self.depth_m)?;
-        // Where the tool goes, the map goes; standing still there is no way ahead.
+        // The map follows the tool's motion; at rest there is no direction ahead.
         let velocity = Vector3::from(&arm.tool_twist.linear);
         let travel = (velocity.norm() > TRAVEL_MIN_M_PER_S)
             .then(|| (base_from_tool * self.tool_from_camera).unrotate(&velocity));
@@ -300,7 +300,7 @@ fn ahead_message(map: &Ahead, arm: &ArmState) -> SurfaceAhead {
     }
 }
 
-/// Why an image says nothing.
+/// Why an image gives no estimate.
 #[derive(Debug, thiserror::Error)]
 enum DepthError {
     #[error("no arm/state from the time of its exposure: do the clocks of camera and arm agree?")]

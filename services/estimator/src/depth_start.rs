@@ -1,5 +1,5 @@
-//! Starts `depth_normal`, once its camera's calibration is known: at once where the cell file gives
-//! it, else when the camera service says what the driver does.
+//! Starts `depth_normal` once its camera's calibration is known: at once if the cell file contains
+//! it, otherwise when the camera service publishes the driver's.
 
 use std::sync::mpsc::{Sender, channel};
 use std::time::Duration;
@@ -16,13 +16,13 @@ use crate::depth::{Depth, DepthMeters};
 use crate::depth_watch::DepthWatch;
 use crate::{DepthPlan, EstimatorError};
 
-/// How often the thread looks for a stop.
+/// Interval between two checks for a stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Starts it in a thread of its own, which ends with `stop`.
+/// Starts it in a separate thread, which ends with `stop`.
 ///
 /// # Errors
-/// A setting out of its range, a topic that the bus refuses, or no thread to be had.
+/// A setting is out of range, the bus refuses a topic, or no thread can be started.
 pub(crate) fn start(
     plan: &DepthPlan,
     flange_from_tool: Pose<Flange, Tool>,
@@ -40,7 +40,7 @@ pub(crate) fn start(
         let mut depth = Depth::new(&choice, &flange_from_tool, bus, meters, news)?;
         thread.spawn(move || read_images(&mut depth, &own))?
     } else {
-        // A setting out of its range is refused now, not when the camera comes.
+        // A setting out of range is refused now, not when the camera appears.
         DepthNormal::new(&plan.settings.fit)?;
         let (plan, bus) = (plan.clone(), bus.clone());
         let infos = bus.subscribe(&topics::CAMERA_INFO, 1)?;
@@ -73,7 +73,7 @@ fn read_images(depth: &mut Depth, stop: &Stop) {
 }
 
 fn tell(news: &Sender<Option<Text>>, words: Option<&str>) {
-    // A service that has ended wants no news.
+    // A failure to send means that the service has ended.
     let _ = news.send(words.map(cut));
 }
 
@@ -122,7 +122,7 @@ mod tests {
             assert!(started.elapsed() < Duration::from_secs(20));
             std::thread::park_timeout(Duration::from_millis(5));
         }
-        // What was missing is there; images are not.
+        // The missing calibration has arrived; images have not.
         assert_eq!(watch.trouble(), Some(DepthTrouble::Blind));
         stop.trigger();
         watch.join().unwrap();

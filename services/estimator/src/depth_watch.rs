@@ -1,5 +1,4 @@
-//! What the service knows of `depth_normal`'s thread: what is wrong with its images, and that it
-//! lives.
+//! The service's view of `depth_normal`'s thread: problems with its images, and whether it runs.
 
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::thread::JoinHandle;
@@ -10,22 +9,22 @@ use tangent_schemas::convert::{cut, cut_format};
 
 use crate::EstimatorError;
 
-/// Silence of the camera beyond this is reported, s.
+/// Silence of the camera after which it is reported, s.
 const CAMERA_PATIENCE_S: f64 = 0.5;
 
-/// Why `depth_normal` says nothing, or nothing of use.
+/// Why `depth_normal` publishes no valid estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DepthTrouble {
     /// Its thread has ended by itself.
     Failed,
-    /// No image comes.
+    /// No image arrives.
     Blind,
-    /// The images that come are refused.
+    /// The images are refused, for this reason.
     Refused(Text),
 }
 
 impl DepthTrouble {
-    /// For a person.
+    /// Text for a person.
     pub fn words(self) -> Text {
         match self {
             Self::Failed => cut("depth_normal: its thread has failed"),
@@ -37,7 +36,7 @@ impl DepthTrouble {
     }
 }
 
-/// The service's view of the thread.
+/// Watches the thread for the service.
 pub struct DepthWatch {
     news: Receiver<Option<Text>>,
     refused: Option<Text>,
@@ -47,8 +46,8 @@ pub struct DepthWatch {
 }
 
 impl DepthWatch {
-    /// Watches a thread that holds the other end of `news` for as long as it lives; `age` is that
-    /// of the newest image.
+    /// Watches a thread that holds the other end of `news` as long as it runs; `age` is the age of
+    /// the newest image.
     pub fn new(news: Receiver<Option<Text>>, age: Age, thread: JoinHandle<()>) -> Self {
         Self {
             news,
@@ -59,7 +58,7 @@ impl DepthWatch {
         }
     }
 
-    /// What is wrong now. Does not wait.
+    /// The present problem, if any. Does not wait.
     pub fn trouble(&mut self) -> Option<DepthTrouble> {
         loop {
             match self.news.try_recv() {
@@ -76,17 +75,17 @@ impl DepthWatch {
         }
         let age_s = self.age.seconds();
         match self.refused {
-            // Nothing was looked for yet: something is missing for that.
+            // No image is expected yet, as the calibration is missing.
             Some(why) if !(0.0..f64::INFINITY).contains(&age_s) => Some(DepthTrouble::Refused(why)),
             _ if !(0.0..=CAMERA_PATIENCE_S).contains(&age_s) => Some(DepthTrouble::Blind),
             refused => refused.map(DepthTrouble::Refused),
         }
     }
 
-    /// Waits for the thread's end.
+    /// Waits until the thread has ended.
     ///
     /// # Errors
-    /// It panicked.
+    /// The thread panicked.
     pub fn join(self) -> Result<(), EstimatorError> {
         self.thread.join().map_err(|_| EstimatorError::DepthFailed)
     }

@@ -23,8 +23,8 @@ pub(crate) struct Host {
     live: Live,
 }
 
-/// Settings that can be changed while it runs; they hold from the next task on, so that nothing
-/// jerks the arm.
+/// Settings that can be changed while it runs. They take effect with the next task, so that a
+/// change does not jerk the arm.
 struct Live {
     force_on_n: Parameter,
     force_bias_sd_n: Parameter,
@@ -77,7 +77,8 @@ impl Live {
         ]
     }
 
-    /// A live setting that somebody changed counts for every estimator; the others keep their own.
+    /// A live setting that was changed applies to every estimator; the others keep their own
+    /// values.
     fn apply(&self, settings: &EstimatorConfig) -> EstimatorConfig {
         let mut new = *settings;
         let now = self.values();
@@ -101,7 +102,7 @@ impl Host {
         bus: &Bus,
         parameters: &Parameters,
     ) -> Result<Self, EstimatorError> {
-        // Where only objects are estimated, there is nothing to set.
+        // With object estimators only, there are no live settings.
         let first = choices.first().map(|c| c.settings).unwrap_or_default();
         let mut lanes: Vec<Lane> = Vec::with_capacity(choices.len());
         for choice in choices {
@@ -125,7 +126,7 @@ impl Host {
         })
     }
 
-    /// All forget what they learnt, and take live settings on.
+    /// Resets all estimators, and applies the live settings.
     pub fn reset(&mut self) {
         for lane in &mut self.lanes {
             let wanted = self.live.apply(&lane.settings);

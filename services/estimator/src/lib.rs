@@ -1,9 +1,9 @@
-//! The estimator service: listens to the arm's state, the wrench and the camera's features, steps
-//! one or more estimators of the surface's normal or of an object's pose, and publishes each on
-//! topics of its own.
+//! The estimator service: subscribes to the arm's state, the wrench and the camera's features,
+//! steps one or more estimators of the surface's normal or of an object's pose, and publishes each
+//! on topics of its own.
 //!
-//! Runs in a thread of its own, in any process and on any host: the control loop's thread only
-//! leaves a message in a queue. The newest state wins; those that were skipped are counted.
+//! Runs in a separate thread, in any process and on any host; the control loop's thread only puts a
+//! message into a queue. The newest state is used; skipped ones are counted.
 
 mod config;
 mod depth;
@@ -44,15 +44,15 @@ use sample::{CommandedTwist, NewestWrench, SampleBuilder, commanded_twist};
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "estimator";
-/// How often the thread looks for a stop while no arm state comes.
+/// Interval between two checks for a stop while no arm state arrives.
 const LOOK: Duration = Duration::from_millis(50);
-/// Silence of the arm's state beyond this is reported.
+/// Silence of the arm's state after which it is reported, s.
 const ARM_PATIENCE_S: f64 = 0.5;
 
 /// Runs until `stop`. Blocks.
 ///
 /// # Errors
-/// Unknown estimator or setting, an arm model without code, or a topic that the bus refuses.
+/// An estimator or setting is unknown, the arm model is not supported, or the bus refuses a topic.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), EstimatorError> {
     let mut service = Service::new(&config, &bus)?;
     if let Some(plan) = &config.depth {
@@ -106,7 +106,7 @@ struct Meters {
     lost: Counter,
 }
 
-/// Why no estimate comes, or none that can be used.
+/// Why there is no estimate, or no valid one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Trouble {
     None,
@@ -143,7 +143,8 @@ impl Service {
             )?,
             depth: None,
             commanded: commanded_twist(&config.model, config.flange_from_tool)?,
-            // A few, so that a pre-empted thread finds the newest and sees how many it missed.
+            // Holds several states, so that a thread that was pre-empted finds the newest and sees
+            // how many it missed.
             arm: bus.subscribe(&topics::ARM_STATE, 8)?,
             wrench: bus.latest(&topics::WRENCH_TOOL)?,
             status: bus.latest(&topics::WRENCH_STATUS)?,
@@ -168,7 +169,7 @@ impl Service {
         })
     }
 
-    /// One arm state: the newest that waits, or the next to come.
+    /// Handles one arm state: the newest one that waits, or the next to arrive.
     fn turn(&mut self, patience: Duration) {
         if let Some(trouble) = self.step(patience) {
             self.trouble = trouble;
@@ -176,7 +177,7 @@ impl Service {
         self.say();
     }
 
-    /// What is wrong now; none where nothing came that would tell.
+    /// The present problem; `None` if no message arrived that would show one.
     fn step(&mut self, patience: Duration) -> Option<Trouble> {
         let Some(mut newest) = self.arm.recv_timeout(patience) else {
             let age = self.meters.arm_age.seconds();
@@ -265,8 +266,8 @@ impl Service {
         }
     }
 
-    /// Tells what is wrong, when that has changed. The depth camera's trouble comes first: touch
-    /// has none only while it presses.
+    /// Reports a change of the problem. That of the depth camera takes precedence, as the touch
+    /// estimators report none unless the tool presses.
     fn say(&mut self) {
         let eye = self.depth.as_mut().and_then(DepthWatch::trouble);
         let now = (self.trouble, eye);
@@ -280,7 +281,7 @@ impl Service {
                 "depth_normal has failed, which is a defect: its thread has ended; the other estimators go on"
             )),
             (None, Trouble::None) => self.health.running(),
-            // Without the arm there is nothing to say of the rest.
+            // Without the arm's state, other problems are not reported.
             (None, _) | (Some(_), Trouble::NoArm) => self.health.degraded(format_args!("{words}")),
             (Some(eye), Trouble::None) => self.health.degraded(format_args!("{}", eye.words())),
             (Some(eye), _) => {
@@ -307,8 +308,8 @@ impl Trouble {
     }
 }
 
-/// What the law made of the wrench, with its own zero; none while it takes that zero, or no task
-/// runs.
+/// The wrench as corrected by the law, with the law's own zero; `None` while it takes that zero, or
+/// if no task runs.
 fn wrench_of_law(control: &ControlState) -> (WrenchStamped, WrenchStatus) {
     let phase = Phase::from_code(control.phase).unwrap_or_default();
     let usable = phase.is_active()

@@ -1,5 +1,5 @@
-//! The estimators of an object's pose that one service runs: arm states and the camera's features
-//! in, the object's pose and the normal that it implies out.
+//! The estimators of an object's pose in one service: inputs are arm states and the camera's
+//! features, outputs the object's pose and the normal that follows from it.
 
 use std::time::Instant;
 
@@ -19,9 +19,9 @@ use tangent_schemas::topics;
 use crate::message::{message, object_message};
 use crate::{EstimatorError, ObjectChoice};
 
-/// Features that wait for the next arm states, one each.
+/// Number of feature messages that may wait; each arm state takes one.
 const WAITING: usize = 8;
-/// Silence of the camera beyond this is reported, s.
+/// Silence of the camera after which it is reported, s.
 const CAMERA_PATIENCE_S: f64 = 0.5;
 
 struct Lane {
@@ -46,7 +46,7 @@ struct Meters {
 }
 
 impl Objects {
-    /// `None` where no estimator of an object's pose is to run.
+    /// `None` if no estimator of an object's pose is configured.
     pub fn new(
         choices: &[ObjectChoice],
         camera: Option<&CameraModel>,
@@ -87,14 +87,14 @@ impl Objects {
         }))
     }
 
-    /// All forget what they learnt.
+    /// Resets all estimators.
     pub fn reset(&mut self) {
         for lane in &mut self.lanes {
             lane.estimator.reset();
         }
     }
 
-    /// One arm state, with what the camera found since the last.
+    /// Handles one arm state, with the camera's features since the last one.
     pub fn step(&mut self, contact: &ContactSample, arm: &ArmState) {
         let frame = self.frame(contact.time_s, arm);
         let sample = ObjectSample {
@@ -125,7 +125,7 @@ impl Objects {
         !(0.0..=CAMERA_PATIENCE_S).contains(&self.meters.camera_age.seconds())
     }
 
-    /// The oldest frame that waits, on the clock of the arm's samples.
+    /// The oldest waiting frame, on the clock of the arm's samples.
     fn frame(&mut self, time_s: f64, arm: &ArmState) -> Option<CameraFrame> {
         let received: Received<FeatureArray> = self.features.try_recv()?;
         self.meters.frames.tick();
@@ -138,8 +138,8 @@ impl Objects {
     }
 }
 
-/// Features as the estimators take them: placed on their clock by the difference of the stamps.
-/// None when a label is not one of the target's, comes twice, or a coordinate is no number.
+/// Converts features to the estimators' clock by the difference of the stamps. `None` if a label is
+/// not one of the target's or occurs twice, or a coordinate is not finite.
 fn frame_of(features: &FeatureArray, time_s: f64, arm_stamp_ns: i64) -> Option<CameraFrame> {
     let mut corners = [None; CORNERS];
     for feature in &features.features {

@@ -1,4 +1,4 @@
-//! From what travels on the bus to what an estimator takes: one contact sample per arm state.
+//! Converts bus messages to estimator input: one contact sample per arm state.
 
 use std::time::Duration;
 
@@ -10,13 +10,13 @@ use tangent_sensing::Validity;
 
 use crate::EstimatorError;
 
-/// Status and wrench further apart than this do not belong together, s.
+/// Largest time between a status and a wrench that belong together, s.
 const PAIR_MAX_S: f64 = 0.05;
-/// A step of the robot's clock beyond this is a restart or a long cut, s.
+/// A step of the robot's clock beyond this, s, means a restart or a long interruption.
 const JUMP_MAX_S: f64 = 1.0;
 
-/// The twist that commanded joint velocities stand for; none when the joints are not those of the
-/// arm.
+/// Converts commanded joint velocities to a twist; `None` if the number of joints does not match
+/// the arm.
 pub(crate) type CommandedTwist =
     Box<dyn Fn(&[f64], &[f64]) -> Option<Twist<Aligned<Tool, Base>>> + Send>;
 
@@ -52,30 +52,30 @@ fn of_arm<const N: usize>(
     }))
 }
 
-/// The newest wrench as its reader sees it.
+/// The newest wrench, with the time since its arrival.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NewestWrench<'a> {
     pub wrench: &'a WrenchStamped,
     pub status: &'a WrenchStatus,
-    /// Since it was received.
+    /// Time since it was received.
     pub age: Duration,
 }
 
-/// Joins arm states and wrenches, and keeps a time that never jumps.
+/// Joins arm states and wrenches, and provides a time that never jumps.
 #[derive(Default)]
 pub(crate) struct SampleBuilder {
     robot_time_s: Option<f64>,
     time_s: f64,
 }
 
-/// A sample, and whether the robot's clock started anew before it.
+/// A sample, and whether the robot's clock restarted before it.
 pub(crate) struct BuiltSample {
     pub sample: ContactSample,
     pub restarted: bool,
 }
 
 impl SampleBuilder {
-    /// `None` when the arm's pose is none.
+    /// Builds a sample; `None` if the arm's pose is invalid.
     pub fn build(
         &mut self,
         arm: &ArmState,
@@ -90,7 +90,7 @@ impl SampleBuilder {
         let step = self
             .robot_time_s
             .map_or(arm.period_s, |last| arm.robot_time_s - last);
-        // A repeated packet passes with dt = 0 and is refused by the estimator, with the reason.
+        // A repeated packet has dt = 0; the estimator refuses it, with the reason.
         let restarted = !(0.0..=JUMP_MAX_S).contains(&step);
         let dt_s = if restarted { arm.period_s } else { step };
         self.robot_time_s = Some(arm.robot_time_s);
@@ -118,7 +118,7 @@ impl SampleBuilder {
     }
 }
 
-/// The wrench, how far it lags the arm's state, and whether to use it.
+/// The wrench, its lag behind the arm's state, and its validity.
 fn judge(
     arm: &ArmState,
     newest: Option<NewestWrench<'_>>,

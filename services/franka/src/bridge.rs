@@ -14,6 +14,7 @@ use tangent_actuation::Command;
 use tangent_actuation::lease::{Lease, LeaseDecision, Source};
 use tangent_actuation::torque::{Permission, Posture, TorqueGate, TorqueLimits};
 use tangent_mechanics::Joints;
+use tangent_schemas::CommandKind;
 
 use crate::fci::{PERIOD_S, Reply, Request, RobotCommand, RobotState};
 use crate::session::{Reason, Session, SessionError};
@@ -335,7 +336,7 @@ impl Bridge {
     /// robot once to leave it, and keeps the activation for the motion that follows. Returns false
     /// for a command that goes to the gate.
     fn waits_for_recovery(&mut self, wanted: &Command<'_>, now_s: f64, tcp: &mut Vec<u8>) -> bool {
-        if wanted.kind != 2 || self.shutdown != Shutdown::No {
+        if wanted.kind != CommandKind::JointTorque.number() || self.shutdown != Shutdown::No {
             return false;
         }
         if self.recovering_for == Some(wanted.activation) {

@@ -3,28 +3,30 @@
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_actuation::lease::Source;
+use tangent_actuation::torque::TorqueLimits;
+use tangent_actuation::{Command, MotionLimits};
 use tangent_mechanics::Joints;
 use tangent_schemas::Name;
 
 use crate::bridge::{Bridge, BridgeConfig, BridgeError, posture_of};
 use crate::fci::*;
 use crate::session::{Reason, SessionError};
-use tangent_actuation::Command;
-use tangent_actuation::torque::TorqueLimits;
 
 fn config() -> BridgeConfig {
     BridgeConfig {
         settings: vec![Request::SetJointImpedance([3000.0; 7])],
         limits: TorqueLimits {
+            motion: MotionLimits {
+                speed_rad_per_s: Joints::repeat(1.0),
+                position_lower_rad: Joints::repeat(-2.0),
+                position_upper_rad: Joints::repeat(2.0),
+                tool_speed_max_m_per_s: 1.0,
+                tool_turn_rate_max_rad_per_s: 1.0,
+                workspace_lower_m: Vector3::repeat(-1.0),
+                workspace_upper_m: Vector3::repeat(1.0),
+            },
             torque_nm: Joints::repeat(10.0),
             torque_rate_nm_per_s: Joints::repeat(1000.0),
-            speed_rad_per_s: Joints::repeat(1.0),
-            position_lower_rad: Joints::repeat(-2.0),
-            position_upper_rad: Joints::repeat(2.0),
-            tool_speed_max_m_per_s: 1.0,
-            tool_turn_rate_max_rad_per_s: 1.0,
-            workspace_lower_m: Vector3::repeat(-1.0),
-            workspace_upper_m: Vector3::repeat(1.0),
             hold_stiffness: Joints::repeat(10.0),
             hold_damping: Joints::repeat(1.0),
             patience_cycles: 2,

@@ -1,9 +1,9 @@
-//! The robot's wrench estimate, conditioned as a sensor's readings are: watched, tared, and told
-//! with what it was before its zero.
+//! The robot's wrench estimate, conditioned like a sensor's readings: checked, tared, and published
+//! together with its untared value.
 //!
 //! The estimate is treated as the reading of a sensor at the tool's origin, in tool axes, that
-//! carries nothing (the robot takes its load off by itself). So a tare is averaged, judged and
-//! taken back as `netft` does it.
+//! carries nothing, since the robot subtracts its load itself. A tare is therefore averaged,
+//! checked and undone as in `netft`.
 
 use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
 use tangent_schemas::tangent::WrenchStatus;
@@ -16,7 +16,7 @@ use tangent_tare::{Taring, tell_zero};
 use crate::fci::PERIOD_S;
 use crate::wrench_watch::WrenchWatch;
 
-/// Watch, zero and memory of the estimate.
+/// Checks, zero and stored state of the estimate.
 pub(crate) struct Estimate {
     conditioner: WrenchConditioner,
     state: WrenchConditionerState,
@@ -25,18 +25,18 @@ pub(crate) struct Estimate {
 }
 
 impl Estimate {
-    /// Goes on with the zero of `owner`, the robot and its tool, that the service before left. The
-    /// clock of [`Estimate::take`] begins now.
+    /// Continues with the zero of `owner`, the robot and its tool, that the previous run of the
+    /// service stored. The clock of [`Estimate::take`] begins now.
     ///
     /// # Errors
-    /// A number of the tare that is out of range.
+    /// A setting of the tare is out of range.
     pub(crate) fn new(
         tare: &TareConfig,
         mut taring: Taring,
         owner: &str,
     ) -> Result<Self, SensingError> {
         let config = ConditioningConfig {
-            // The robot filters, and the watch holds its faults by itself.
+            // The robot filters, and the watch handles held values.
             filter_cutoff_hz: 0.0,
             fault_hold_s: 0.0,
             tare: tare.clone(),
@@ -58,7 +58,7 @@ impl Estimate {
         })
     }
 
-    /// One estimate as the robot gives it, at the tool. No lock, no memory.
+    /// Takes one estimate of the robot, at the tool. Takes no lock and allocates nothing.
     pub(crate) fn take(
         &mut self,
         raw: &Wrench<Tool>,
@@ -79,12 +79,12 @@ impl Estimate {
         conditioned
     }
 
-    /// Says in `status` how far the estimate and its zero can be trusted.
+    /// Writes into `status` how far the estimate and its zero can be trusted.
     pub(crate) fn tell(&self, conditioned: &ConditionedWrench, status: &mut WrenchStatus) {
         status.validity = conditioned.validity as u8;
         status.stuck_axes = self.watch.stuck_axes();
         tell_zero(conditioned, self.conditioner.tare_config(), status);
-        // How wrong the zero is depends on the pose, not on its age.
+        // The error of the zero depends on the pose, not on its age.
         status.bias_bound_n = -1.0;
     }
 }

@@ -1,6 +1,6 @@
-//! Asks a robot over FCI how it is: the handshake and some of its states. It sets nothing, starts
-//! no motion and answers no state, so the arm stays as it is. For `tangent doctor`. A robot has one
-//! client at a time: while a bridge runs, it closes the door.
+//! Queries a robot over FCI: the handshake and some of its states. It sets nothing, starts no
+//! motion and answers no state, so the arm is not affected. For `tangent doctor`. A robot accepts
+//! one client at a time: while a bridge runs, it closes the connection.
 
 use std::io::{ErrorKind, Read, Write};
 use std::time::{Duration, Instant};
@@ -9,22 +9,23 @@ use crate::fci::{CodecError, ErrorFlags, FrameError, Reply, RobotMode, RobotStat
 use crate::link::{Link, LinkError, is_nothing_yet};
 use crate::session::{Session, SessionError};
 
-/// What a robot said of itself, and how well its states came through.
+/// State of a robot, and the quality of its state stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Found {
-    /// What it does, as of the last state.
+    /// Mode in the last state.
     pub mode: RobotMode,
-    /// What is wrong now, or caused the reflex that it is in.
+    /// Errors present now, or those that caused the present reflex.
     pub errors: ErrorFlags,
     /// Mass of the end effector as set at the robot (Desk), kg.
     pub end_effector_kg: f64,
-    /// States that the robot sent from the first to the last that was seen, by its own count.
+    /// Number of states that the robot sent from the first to the last one received, by its own
+    /// counter.
     pub states: u64,
-    /// Of these, those that never came.
+    /// Number of those that never arrived.
     pub lost: u64,
-    /// Of these, those that came together with a newer one: a loop would have passed them over.
+    /// Number of those that arrived together with a newer one; a loop would have skipped them.
     pub late: u64,
-    /// Longest time between two that came, s.
+    /// Longest time between two received states, s.
     pub pause_max_s: f64,
 }
 
@@ -52,8 +53,8 @@ impl Found {
         };
     }
 
-    /// A state `pause_s` after the one before, which was number `before`; `skipped` others came
-    /// with it.
+    /// Takes a state received `pause_s` after the previous one, which had number `before`;
+    /// `skipped` others arrived with it.
     fn take(&mut self, state: &RobotState, before: u64, skipped: u64, pause_s: f64) {
         self.says(state);
         let since = state.message_id.saturating_sub(before);
@@ -63,31 +64,31 @@ impl Found {
         self.pause_max_s = self.pause_max_s.max(pause_s);
     }
 
-    /// Share of the states that did not come in time, 0 to 1.
+    /// Share of the states that did not arrive in time, 0 to 1.
     pub fn missed_share(&self) -> f64 {
         (self.lost + self.late) as f64 / self.states.max(1) as f64
     }
 }
 
-/// Why a robot could not be asked.
+/// Why a robot could not be queried.
 #[derive(Debug, thiserror::Error)]
 pub enum InquiryError {
-    /// It cannot be reached, or the connection broke.
+    /// The robot cannot be reached, or the connection broke.
     #[error("{0}")]
     Io(std::io::Error),
-    /// It hangs up.
+    /// The robot closes the connection.
     #[error("the robot closes the connection")]
     Closed,
-    /// It takes the connection and sends nothing.
+    /// The robot accepts the connection but sends nothing for this time, s.
     #[error("the robot takes the connection, but no state of it has come for {0:.1} s")]
     Silent(f64),
-    /// It speaks another version, or says what was not asked.
+    /// The robot uses another version, or sends an unexpected reply.
     #[error(transparent)]
     Session(#[from] SessionError),
-    /// What it says is no FCI.
+    /// The reply is not FCI.
     #[error(transparent)]
     Frame(#[from] FrameError),
-    /// What it says is no FCI.
+    /// The reply is not FCI.
     #[error(transparent)]
     Codec(#[from] CodecError),
 }
@@ -110,8 +111,8 @@ impl From<LinkError> for InquiryError {
     }
 }
 
-/// Connects and listens to the robot's states for `listen` from the first on. `timeout` for the
-/// connection, for each reply and for the states.
+/// Connects and receives the robot's states for `listen` from the first one on. `timeout` applies
+/// to the connection, to each reply and to the states.
 ///
 /// # Errors
 /// [`InquiryError`]: no answer, another client connected, another version, no states.

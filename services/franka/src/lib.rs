@@ -1,10 +1,25 @@
 //! Franka bridge over FCI: state and external wrench out, guarded joint torque in.
 //!
-//! [`run`] keeps a connection to the robot for ever: it sets the robot up, runs a torque motion
-//! while somebody commands, and answers each of the robot's packets in the same cycle with what
-//! `arm/command` holds, once that has passed the gate ([`tangent_actuation`]). The parts below it
-//! are pure: [`fci`] is the protocol (both sides), [`session`] the conversation, [`bridge`] the
-//! whole state machine.
+//! [`run`] keeps a connection to the robot without limit: it sets the robot up, runs a torque
+//! motion while a controller sends commands, and answers each of the robot's packets in the same
+//! cycle with the command on `arm/command`, once that has passed the gate ([`tangent_actuation`]).
+//! The modules below it are pure: [`fci`] is the protocol (both sides), [`session`] the sequence of
+//! requests and replies, [`bridge`] the whole state machine.
+//!
+//! ```no_run
+//! use tangent_franka::{Config, run};
+//! use tangent_runtime::bus::{Bus, Role};
+//! use tangent_runtime::config::CellConfig;
+//! use tangent_runtime::stop::Stop;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let cell = CellConfig::load("deploy/cell.toml".as_ref())?;
+//! let stop = Stop::on_signals()?;
+//! let bus = Bus::open_until(&cell, Role::Client, None, &stop)?;
+//! run(Config::from_cell(&cell)?, bus, stop)?;
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod bridge;
 #[cfg(test)]
@@ -28,66 +43,66 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use tangent_runtime::arm_commands::COMMANDS_MAX;
 use tangent_runtime::bus::answer::done;
-use tangent_runtime::realtime::{RealtimeReport, setup_thread_on};
 use tangent_runtime::{Bus, BusError, Handle, HealthReporter, Lane, Stop};
 use tangent_schemas::topics;
 use tangent_sensing::SensingError;
 use tangent_tare::TareSetup;
 
-use cycle::{COMMANDS_MAX, Cycle, Outlets};
+use cycle::{Cycle, Outlets};
 use estimate::Estimate;
-use shared::{Note, Shared};
+use shared::Shared;
 
 pub use settings::{Config, SettingsError};
 
 /// Name of the service in topics, health and parameters.
 pub const SERVICE: &str = "franka";
 
-/// Keys of what can be asked of this service; none takes an argument. It answers `netft/tare` too,
-/// for its own wrench.
+/// Keys of the requests to this service; none takes an argument. It also answers `netft/tare`, for
+/// its own wrench.
 pub mod queries {
     /// Leave a reflex.
     pub const RECOVER: &str = "franka/recover";
-    /// What the robot says of itself.
+    /// Report the state of the robot.
     pub const STATUS: &str = "franka/status";
-    /// Leave a reflex, as `franka/recover` does; refused where there is none.
+    /// Leave a reflex, as `franka/recover` does; refused if there is none.
     pub const UNLOCK: &str = "franka/unlock";
     /// Leave a reflex or a latched stop.
     pub const RESET: &str = "franka/reset";
-    /// Refused with what to do instead: brakes are opened in the robot's own web page.
+    /// Refused, with advice: brakes are opened in the robot's own web page.
     pub const POWER_ON: &str = "franka/power_on";
-    /// Refused with what to do instead: brakes are closed in the robot's own web page.
+    /// Refused, with advice: brakes are closed in the robot's own web page.
     pub const POWER_OFF: &str = "franka/power_off";
-    /// End the motion now; moving needs a task started anew.
+    /// End the motion now; to move again, a task has to be started anew.
     pub const STOP: &str = "franka/stop";
 }
 
-/// Why the service cannot run at all. A robot that cannot be reached is no reason: it is tried for
-/// ever.
+/// Errors that prevent the service from running. A robot that cannot be reached is not among them:
+/// connecting is retried without limit.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A topic or query could not be declared.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// What a tare is judged by is out of range.
+    /// A setting of the tare is out of range.
     #[error("[robot.franka]: {0}")]
     Tare(#[from] SensingError),
     /// A thread could not be started.
     #[error("starting a thread: {0}")]
     Thread(#[from] std::io::Error),
-    /// A defect.
+    /// A thread panicked, which is a defect.
     #[error("the loop's thread panicked")]
     Panicked,
 }
 
-/// The service: until `stop`, then holds the arm and ends the motion.
+/// Runs the service until `stop`, then holds the arm and ends the motion.
 ///
 /// # Errors
 /// [`Error`]: only what prevents it from starting.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     let config = Arc::new(config);
-    let shared = Arc::new(Shared::new());
+    let shared = Arc::new(Shared::default());
     let health = Arc::new(HealthReporter::start_only(&bus, SERVICE)?);
     let outlets = Outlets {
         state: bus.publisher(&topics::ARM_STATE)?,
@@ -118,19 +133,20 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
         let running = std::thread::Builder::new()
             .name("franka-loop".into())
             .spawn_scoped(scope, || {
-                health.realtime(&realtime(&config));
+                health.realtime(&config.realtime.setup_loop("franka loop"));
                 cycle.run();
             })?;
         while !running.is_finished() {
             std::thread::park_timeout(Duration::from_millis(50));
-            write_notes(&shared);
+            shared.notes.write();
         }
-        write_notes(&shared);
+        shared.notes.write();
         running.join().map_err(|_| Error::Panicked)
     })
 }
 
-/// What a zero belongs to: FCI names no serial number, and the zero is given at the tool.
+/// Owner of a zero, as the robot and its tool: FCI gives no serial number, and the zero applies at
+/// the tool.
 fn zero_of(config: &Config) -> String {
     let tool = config.flange_from_tool;
     let (at, turn) = (tool.translation(), tool.rotation().scaled_axis());
@@ -138,25 +154,6 @@ fn zero_of(config: &Config) -> String {
         "{}:{}, tool at {:.4} {:.4} {:.4} m, {:.3} {:.3} {:.3} rad",
         config.host, config.port, at.x, at.y, at.z, turn.x, turn.y, turn.z
     )
-}
-
-fn realtime(config: &Config) -> RealtimeReport {
-    let wish = &config.realtime;
-    if wish.enabled {
-        setup_thread_on("franka loop", wish.loop_priority, wish.loop_cpu)
-    } else {
-        RealtimeReport::not_asked("franka loop")
-    }
-}
-
-fn write_notes(shared: &Shared) {
-    while let Some(note) = shared.notes.pop() {
-        match note {
-            Note::Info(text) => tracing::info!("{text}"),
-            Note::Warning(text) => tracing::warn!("not ready: {text}"),
-            Note::Refused(text) => tracing::warn!("{text}"),
-        }
-    }
 }
 
 fn answers(bus: &Bus, shared: &Arc<Shared>) -> Result<Vec<Handle>, BusError> {

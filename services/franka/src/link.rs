@@ -9,9 +9,9 @@ use nix::sys::socket::{MsgFlags, recv};
 
 use crate::fci::{CodecError, Framer, RobotState, STATE_BYTES};
 
-/// The robot's silence is looked into this often.
+/// Interval between two checks for silence of the robot.
 const LOOK: Duration = Duration::from_millis(20);
-/// A robot that takes no bytes for so long is gone.
+/// Time after which a robot that accepts no bytes counts as disconnected.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Why nothing can be received.
@@ -28,13 +28,13 @@ pub(crate) struct Link {
     pub tcp: TcpStream,
     pub udp: UdpSocket,
     robot: SocketAddr,
-    /// Where states come from, once one has come.
+    /// Source address of the states, once one has arrived.
     states_from: Option<SocketAddr>,
     pub framer: Framer,
 }
 
 impl Link {
-    /// To the robot's FCI port, and a socket of one's own for its states.
+    /// Connects to the robot's FCI port, and opens a socket for its states.
     ///
     /// # Errors
     /// There is no such host, or it does not answer.
@@ -62,21 +62,21 @@ impl Link {
         })
     }
 
-    /// To where the states come from, which the socket is connected to.
+    /// Sends to the source of the states, to which the socket is connected.
     pub fn send(&self, answer: &[u8]) -> std::io::Result<()> {
         match self.udp.send(answer) {
             Ok(_) => Ok(()),
-            // The robot's port is closed for now; its silence is judged elsewhere.
+            // The robot's port is closed for now; the silence is detected elsewhere.
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => Ok(()),
             Err(error) => Err(error),
         }
     }
 
-    /// The newest state that is there, and how many older ones were passed over; `None` when none
-    /// comes for a while.
+    /// The newest state received, and the number of older ones skipped; `None` if none arrives for
+    /// a while.
     ///
     /// # Errors
-    /// The socket fails, or a datagram is no state.
+    /// The socket fails, or a datagram is not a state.
     pub fn receive(&mut self) -> Result<Option<(RobotState, u64)>, LinkError> {
         let mut bytes = [0; STATE_BYTES + 1];
         let mut newest = None;
@@ -102,8 +102,8 @@ impl Link {
         Ok(newest.map(|state| (state, skipped)))
     }
 
-    /// One datagram's length; `None` for one that is not the robot's. `only_waiting`: without
-    /// waiting for it.
+    /// Length of one datagram; `None` for one that is not from the robot. `only_waiting`: does not
+    /// wait for it.
     fn receive_one(
         &mut self,
         bytes: &mut [u8],
@@ -129,7 +129,7 @@ impl Link {
     }
 }
 
-/// Nothing is there, and that is no fault.
+/// Whether the error means only that no data has arrived.
 pub(crate) fn is_nothing_yet(error: &std::io::Error) -> bool {
     matches!(
         error.kind(),

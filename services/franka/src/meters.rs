@@ -1,65 +1,46 @@
-//! What the loop measures; read by the health reporter.
+//! Figures that the loop measures, for the health reporter.
 
 use std::time::{Duration, Instant};
 
-use tangent_runtime::{Age, Counter, Gauge, HealthReporter, Histogram, Rate};
+use tangent_runtime::health::HealthReporter;
+use tangent_runtime::meter::Gauge;
+use tangent_runtime::robot_loop::{CycleFigures, LoopMeters};
 
 use crate::bridge::Bridge;
 
+/// Figures that only this loop measures, besides those of every robot loop.
 pub(crate) struct Meters {
-    states: Rate,
-    packet: Age,
-    packet_to_command: Histogram,
-    command_latency: Histogram,
-    missed: Counter,
-    lost: Counter,
-    late: Gauge,
-    refused: Gauge,
-    refused_others: Gauge,
-    limited: Gauge,
+    common: LoopMeters,
     success: Gauge,
     reflexes: Gauge,
     violations: Gauge,
     recoveries: Gauge,
-    pub reconnects: Gauge,
 }
 
 impl Meters {
     pub fn new(health: &HealthReporter) -> Self {
         Self {
-            states: health.rate("arm_state"),
-            packet: health.age("robot_packet"),
-            packet_to_command: health.histogram("packet_to_command"),
-            command_latency: health.histogram("command_latency"),
-            missed: health.missed_cycles(),
-            lost: health.lost(),
-            late: health.gauge("late_states"),
-            refused: health.gauge("commands_refused"),
-            refused_others: health.gauge("commands_refused_other_source"),
-            limited: health.gauge("commands_limited"),
+            common: LoopMeters::new(health),
             success: health.gauge("control_command_success_rate"),
             reflexes: health.gauge("reflexes"),
             violations: health.gauge("communication_constraint_violations"),
             recoveries: health.gauge("recoveries"),
-            reconnects: health.gauge("reconnects"),
         }
     }
 
-    /// Of one cycle. `late`: states passed over since the start because a newer one was there.
+    /// Takes the figures of one cycle. `late` is the number of states since the start that were
+    /// skipped because a newer one had arrived.
     pub fn take(&self, bridge: &Bridge, arrival: Instant, took: Duration, late: u64) {
         let (gate, session) = (bridge.gate(), bridge.session());
-        self.states.tick();
-        self.packet.mark_at(arrival);
-        self.packet_to_command.record(took);
-        if let Some(latency_s) = bridge.latency_s() {
-            self.command_latency.record_s(latency_s);
-        }
-        self.missed.set(gate.admission.missed());
-        self.lost.set(bridge.packets_lost());
-        self.late.set(late as f64);
-        self.refused.set(gate.admission.refused() as f64);
-        self.refused_others.set(bridge.lease().refused() as f64);
-        self.limited.set(gate.limited() as f64);
+        let figures = CycleFigures {
+            arrival,
+            took,
+            latency_s: bridge.latency_s(),
+            packets_lost: bridge.packets_lost(),
+            late,
+            limited: gate.limited(),
+        };
+        self.common.take(&figures, &gate.admission, bridge.lease());
         self.success
             .set(bridge.robot().control_command_success_rate);
         self.reflexes.set(session.reflexes() as f64);

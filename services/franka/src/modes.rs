@@ -1,5 +1,5 @@
-//! The robot's modes on request, under the names that every arm has: `franka/unlock`,
-//! `franka/reset`, `franka/power_on`, `franka/power_off`, `franka/status`.
+//! Requests that change or report the robot's modes, with the same names as for every arm:
+//! `franka/unlock`, `franka/reset`, `franka/power_on`, `franka/power_off`, `franka/status`.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -12,15 +12,15 @@ use tangent_schemas::topics;
 
 use crate::queries;
 
-/// Older than this, `arm/state` does not say what the robot does now.
+/// Age beyond which `arm/state` does not show the present state of the robot.
 const FRESH: Duration = Duration::from_millis(500);
-/// The bridge's own answer comes within this.
+/// Timeout of the bridge's own answer.
 const ANSWER: Duration = Duration::from_secs(1);
 /// `ArmState.safety_mode` of a reflex.
 const REFLEX: i32 = 3;
 const POWER: &str = "a Franka has no command for power and brakes on its control interface: open and close them in its web page (Desk), and switch FCI on there";
 
-/// Begins to answer.
+/// Starts to answer requests.
 pub(crate) fn answers(bus: &Bus) -> Result<Vec<Handle>, BusError> {
     let modes = Arc::new(Modes {
         bus: bus.clone(),
@@ -49,13 +49,13 @@ struct Modes {
 }
 
 impl Modes {
-    /// What the robot's newest packet says; none when no packet comes in.
+    /// Value from the robot's newest packet; `None` if no packets arrive.
     fn arm<T>(&self, of: impl FnOnce(&ArmState) -> T) -> Option<T> {
         let mut arm = self.arm.lock().unwrap_or_else(PoisonError::into_inner);
         arm.fresh(FRESH).map(|received| of(&received.message))
     }
 
-    /// A task that runs has no reflex to leave, so nothing is taken from it.
+    /// Leaves a reflex. While a task runs there is no reflex, so no task is interrupted.
     fn unlock(&self) -> Answer {
         let Some((safety, ready, reason)) =
             self.arm(|arm| (arm.safety_mode, arm.ready, arm.not_ready_reason))

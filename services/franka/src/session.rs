@@ -8,6 +8,9 @@
 use std::collections::VecDeque;
 use std::fmt;
 
+use tangent_runtime::health::State;
+use tangent_runtime::robot_loop::NotReady;
+
 use crate::fci::{
     Command, ConnectStatus, Deviation, ErrorFlags, MoveController, MoveGenerator, MoveStatus,
     RecoveryStatus, Reply, ReplyBody, Request, RobotMode, RobotState, SetterStatus, VERSION,
@@ -64,6 +67,16 @@ pub enum Reason {
     Refused(MoveStatus),
     /// The bridge is shutting down.
     ShuttingDown,
+}
+
+impl NotReady for Reason {
+    fn service_state(&self) -> State {
+        match self {
+            Self::NoLink | Self::SettingUp | Self::Starting => State::Starting,
+            Self::ShuttingDown => State::Stopping,
+            _ => State::Degraded,
+        }
+    }
 }
 
 impl fmt::Display for Reason {

@@ -1,31 +1,32 @@
-//! What the service has to know, out of the cell file.
+//! Settings of the service, from the cell file.
 
 use std::time::Duration;
 
 use nalgebra::Vector3;
-use tangent_mechanics::{Arm, Flange, Joints, ModelData, ModelError, Pose, Tool};
+use tangent_actuation::torque::TorqueLimits;
+use tangent_mechanics::{Arm, Flange, Joints, ModelError, Pose, Tool};
+use tangent_runtime::StateFolder;
 use tangent_runtime::config::{
-    FRANKA_TORQUE_RATE_SHARE, FrankaConfig, RealtimeConfig, RobotDriver,
+    CellConfig, FRANKA_TORQUE_RATE_SHARE, FrankaConfig, JointCountError, RealtimeConfig,
+    RobotDriver, RobotModelError,
 };
-use tangent_runtime::{CellConfig, StateFolder};
-use tangent_schemas::JointArray;
 use tangent_sensing::TareConfig;
 
 use crate::bridge::BridgeConfig;
 use crate::fci::{CollisionBehavior, Load, Request};
-use tangent_actuation::torque::TorqueLimits;
 
 /// Silence of the controller after which its activation is latched out, s.
 const SILENCE_LATCH_S: f64 = 0.1;
-/// The arm is held this far before its joints' limits, rad: the robot itself stops there for good.
+/// Distance from the joint limits at which the arm is held, rad. At the limits the robot stops
+/// until it is guided back by hand.
 const POSITION_MARGIN_RAD: f64 = 0.03;
-/// The robot's bound on the rate of a torque where the model does not say, Nm/s.
+/// The robot's limit on the rate of a torque if the model states none, Nm/s.
 const TORQUE_RATE_NM_PER_S: f64 = 1000.0;
 
-/// A cell file that cannot work with this service.
+/// Why a cell file cannot be used by this service.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
-    /// The cell is another vendor's.
+    /// The cell is for an arm of another vendor.
     #[error(
         "[robot] driver is \"rtde\", for a Universal Robots arm; this service drives a Franka: set driver = \"franka\""
     )]
@@ -34,45 +35,44 @@ pub enum SettingsError {
     #[error("[robot] model: {0}; this service drives \"panda\" (or a model_file of seven joints)")]
     Model(#[from] ModelError),
     /// The model file cannot be read.
-    #[error("[robot] model_file = {path}: {reason}")]
-    ModelFile {
-        /// Path.
-        path: String,
-        /// What the system says.
-        reason: String,
-    },
-    /// The model does not say how strong the joints are.
+    #[error(transparent)]
+    ModelFile(RobotModelError),
+    /// The model does not state the torque limits of the joints.
     #[error("[robot] model = \"{model}\" has no effort_nm, which bounds the torques")]
     NoEffort {
-        /// As configured.
+        /// Model as configured.
         model: String,
     },
     /// A list of limits of the wrong length.
-    #[error("[limits] {key} has {got} values; 1 or 7 are allowed for this arm")]
-    JointCount {
-        /// Which list.
-        key: &'static str,
-        /// Its length.
-        got: usize,
-    },
-    /// The robot has one rate.
+    #[error(transparent)]
+    JointCount(#[from] JointCountError),
+    /// The robot has only one rate.
     #[error("[robot] rate_hz = {rate_hz} is not allowed: 0 or 1000, the rate of FCI")]
     Rate {
         /// What was configured, Hz.
         rate_hz: f64,
     },
-    /// The robot takes gravity to point at its foot.
+    /// The robot assumes that gravity points towards its base.
     #[error(
         "[robot] gravity_in_base_m_per_s2 = {gravity:?} is not allowed: FCI compensates gravity for an arm that stands on the floor, \
          so it has to be about [0, 0, -9.81]"
     )]
     Gravity {
-        /// As configured.
+        /// Gravity as configured, m/s².
         gravity: [f64; 3],
     },
 }
 
-/// Everything `run` needs.
+impl From<RobotModelError> for SettingsError {
+    fn from(error: RobotModelError) -> Self {
+        match error {
+            RobotModelError::Model(error) => Self::Model(error),
+            file @ RobotModelError::File { .. } => Self::ModelFile(file),
+        }
+    }
+}
+
+/// Settings of [`crate::run`].
 #[derive(Clone, Debug)]
 pub struct Config {
     /// Host name or address of the robot.
@@ -87,10 +87,10 @@ pub struct Config {
     pub arm: Arm<7>,
     /// The cell's tcp.
     pub flange_from_tool: Pose<Flange, Tool>,
-    /// When the zero of the wrench estimate may be taken.
+    /// Conditions under which the zero of the wrench estimate may be taken.
     pub tare: TareConfig,
-    /// Where the last good zero and the controller's last word are kept over restarts; none:
-    /// nowhere.
+    /// Folder in which the last good zero and the controller's last state are kept across restarts;
+    /// `None`: not kept.
     pub state: Option<StateFolder>,
     /// Scheduling of the loop's thread.
     pub realtime: RealtimeConfig,
@@ -117,17 +117,7 @@ impl Config {
                 gravity: robot.gravity_in_base_m_per_s2,
             });
         }
-        let model = match &robot.model_file {
-            Some(path) => {
-                let text =
-                    std::fs::read_to_string(path).map_err(|error| SettingsError::ModelFile {
-                        path: path.display().to_string(),
-                        reason: error.to_string(),
-                    })?;
-                ModelData::from_toml(&text)?
-            }
-            None => ModelData::builtin(&robot.model)?,
-        };
+        let model = robot.model_data()?;
         let arm = Arm::<7>::new(&model)?;
         let franka = robot.franka();
         Ok(Self {
@@ -147,7 +137,8 @@ impl Config {
     }
 }
 
-/// The estimate is noisier than a sensor, and off differently in every pose rather than with time.
+/// Tare settings. The estimate is noisier than a sensor, and its error differs with the pose rather
+/// than with time.
 fn tare(franka: &FrankaConfig) -> TareConfig {
     TareConfig {
         duration_s: 0.25,
@@ -166,8 +157,8 @@ fn tare(franka: &FrankaConfig) -> TareConfig {
     }
 }
 
-/// What the robot is set to, in order. The end effector's frame stays as set at the robot: the
-/// estimate of the wrench is moved to the cell's tool here.
+/// Settings of the robot, in order. The end effector's frame stays as set at the robot; the bridge
+/// moves the estimate of the wrench to the cell's tool.
 fn settings(cell: &CellConfig) -> Vec<Request> {
     let franka = cell.robot.franka();
     let com = cell
@@ -200,41 +191,18 @@ fn settings(cell: &CellConfig) -> Vec<Request> {
 }
 
 fn limits(cell: &CellConfig, arm: &Arm<7>) -> Result<TorqueLimits<7>, SettingsError> {
-    let per_joint = |key, list: &[f64], found: Option<JointArray>| {
-        found
-            .and_then(|joints| <[f64; 7]>::try_from(joints.as_slice()).ok())
-            .map(Joints::from)
-            .ok_or(SettingsError::JointCount {
-                key,
-                got: list.len(),
-            })
-    };
-    let l = &cell.limits;
     let own = arm.limits();
     let franka = cell.robot.franka();
     let effort = own.effort.ok_or_else(|| SettingsError::NoEffort {
         model: cell.robot.model.clone(),
     })?;
-    let speed = per_joint(
-        "joint_speed_max_rad_per_s",
-        &l.joint_speed_max_rad_per_s,
-        l.joint_speed_max(7),
-    )?;
-    let margin = Joints::repeat(POSITION_MARGIN_RAD);
     Ok(TorqueLimits {
+        motion: cell.limits.motion(arm)?.inside(POSITION_MARGIN_RAD),
         torque_nm: effort * franka.torque_share,
         torque_rate_nm_per_s: FRANKA_TORQUE_RATE_SHARE
             * own
                 .effort_rate
                 .unwrap_or_else(|| Joints::repeat(TORQUE_RATE_NM_PER_S)),
-        // The arm's own limit counts where it is lower.
-        speed_rad_per_s: speed.inf(&own.velocity),
-        position_lower_rad: own.position_lower + margin,
-        position_upper_rad: own.position_upper - margin,
-        tool_speed_max_m_per_s: l.tool_speed_max_m_per_s,
-        tool_turn_rate_max_rad_per_s: l.tool_turn_rate_max_rad_per_s,
-        workspace_lower_m: Vector3::from(l.workspace_min_m),
-        workspace_upper_m: Vector3::from(l.workspace_max_m),
         hold_stiffness: Joints::from(franka.hold_stiffness_nm_per_rad),
         hold_damping: Joints::from(franka.hold_damping_nm_s_per_rad),
         patience_cycles: cell.robot.command_patience_cycles,

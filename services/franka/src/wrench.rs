@@ -1,4 +1,4 @@
-//! The robot's own estimate of what touches the tool, in the project's frames and signs.
+//! The robot's own estimate of the external wrench, in the project's frames and signs.
 
 use nalgebra::{Isometry3, Matrix4, Rotation3, Translation3, UnitQuaternion, Vector3};
 use tangent_mechanics::{Flange, Frame, Pose, Tool, Wrench};
@@ -13,7 +13,7 @@ impl Frame for Stiffness {
     const NAME: &'static str = "stiffness";
 }
 
-/// A pose as the robot writes it: 4 × 4, column by column, m.
+/// Converts a pose from the robot's layout: 4 × 4, column by column, m.
 pub fn pose_from_columns<A, B>(columns: &[f64; 16]) -> Pose<A, B> {
     let matrix = Matrix4::from_column_slice(columns);
     let rotation = Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
@@ -23,11 +23,11 @@ pub fn pose_from_columns<A, B>(columns: &[f64; 16]) -> Pose<A, B> {
     ))
 }
 
-/// What the environment does to the robot at the tool's origin, tool axes, N and Nm.
+/// Wrench of the environment on the robot at the tool's origin, tool axes, N and Nm.
 ///
-/// The robot gives what it does to the environment, at and in K, which sits on the end effector as
-/// the robot is set; the tool sits on the flange as the cell says. So the sign turns, and the pair
-/// is moved from K to the tool.
+/// The robot reports its wrench on the environment, at and in K, which is fixed to the end effector
+/// as set at the robot; the tool is fixed to the flange as the cell file states. The sign is
+/// therefore reversed, and the wrench is moved from K to the tool.
 pub fn tool_wrench(state: &RobotState, flange_from_tool: &Pose<Flange, Tool>) -> Wrench<Tool> {
     let flange_from_end: Pose<Flange, Stiffness> = pose_from_columns(&state.f_t_ee);
     let end_from_k: Pose<Stiffness, Stiffness> = pose_from_columns(&state.ee_t_k);

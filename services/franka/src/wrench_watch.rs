@@ -1,5 +1,5 @@
-//! Whether the robot's wrench estimate lives: it rests on torques that are measured with noise, so
-//! it never repeats by chance.
+//! Detects a frozen wrench estimate of the robot. The estimate is based on torques measured with
+//! noise, so it never repeats by chance.
 
 use nalgebra::Vector6;
 use tangent_sensing::{
@@ -8,11 +8,11 @@ use tangent_sensing::{
 
 use crate::fci::PERIOD_S;
 
-/// Parts of a newton or newton metre that a difference is seen in: the robot's numbers are of
-/// single precision.
+/// Resolution for detecting a change, in parts per newton or newton metre: the robot's numbers are
+/// of single precision.
 const COUNTS_PER_UNIT: f64 = 1e6;
 
-/// The record watch of `tangent_sensing` on the estimate, once per state of the robot.
+/// The record watch of `tangent_sensing`, applied to the estimate once per state of the robot.
 #[derive(Clone, Debug)]
 pub(crate) struct WrenchWatch {
     watch: RecordWatch,
@@ -29,9 +29,9 @@ impl Default for WrenchWatch {
 }
 
 impl WrenchWatch {
-    /// One estimate before its zero is taken off, N and Nm.
+    /// Takes one untared estimate, N and Nm.
     pub(crate) fn take(&mut self, wrench: &Vector6<f64>) -> SensorCondition {
-        // `as` ends at the integers' ends, far beyond any load.
+        // `as` saturates at the limits of the integer, far beyond any load.
         let counts = std::array::from_fn(|i| (wrench[i] * COUNTS_PER_UNIT).round() as i32);
         match self.watch.take(&mut self.state, &counts, None) {
             RecordVerdict::Plausible => SensorCondition::Good,
@@ -40,7 +40,7 @@ impl WrenchWatch {
         }
     }
 
-    /// Axes that stand still: bit 0 Fx to bit 5 Tz.
+    /// Axes whose value stands still: bit 0 Fx to bit 5 Tz.
     pub(crate) fn stuck_axes(&self) -> u8 {
         self.state.stuck_axes()
     }

@@ -1,4 +1,4 @@
-//! What the box says about itself over HTTP: units, scales, rate.
+//! Configuration of the sensor box, read over HTTP: units, scales, rate.
 
 use std::io::Read as _;
 use std::time::Duration;
@@ -6,11 +6,11 @@ use std::time::Duration;
 use crate::NetftError;
 use crate::codec::FT_RATE_HZ;
 
-/// Longest answer that is read: a real one has about 6 kB.
+/// Largest length of an answer that is read, bytes: a real one has about 6 kB.
 const ANSWER_MAX: u64 = 256 * 1024;
 
-/// Newton per unit of force, by the names that boxes use; case, spaces, dots and dashes do not
-/// matter.
+/// Newtons per unit of force, by the unit names that boxes use. Case, spaces, dots and dashes are
+/// ignored.
 const FORCE_UNITS: [(&str, f64); 10] = [
     ("n", 1.0),
     ("kn", 1000.0),
@@ -24,7 +24,7 @@ const FORCE_UNITS: [(&str, f64); 10] = [
     ("gf", KILOGRAM_FORCE_N / 1000.0),
 ];
 
-/// Newton metre per unit of torque.
+/// Newton metres per unit of torque.
 const TORQUE_UNITS: [(&str, f64); 9] = [
     ("nm", 1.0),
     ("nmm", 0.001),
@@ -41,40 +41,40 @@ const POUND_FORCE_N: f64 = 4.448_221_615_260_5;
 const KILOGRAM_FORCE_N: f64 = 9.806_65;
 const INCH_M: f64 = 0.0254;
 
-/// One box as configured now.
+/// Present configuration of a box.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoxConfig {
     /// Product.
     pub product: String,
-    /// Serial number; empty when the box does not say.
+    /// Serial number; empty if the box does not state it.
     pub serial: String,
-    /// Name of the calibration in use; empty when the box does not say.
+    /// Name of the calibration in use; empty if the box does not state it.
     pub calibration: String,
     /// N per count.
     pub newton_per_count: f64,
     /// Nm per count.
     pub newton_metre_per_count: f64,
-    /// Records per second; none when the box does not say.
+    /// Records per second; `None` if the box does not state it.
     pub rate_hz: Option<f64>,
-    /// Records per buffered datagram; none when the box does not say.
+    /// Records per buffered datagram; `None` if the box does not state it.
     pub buffer_records: Option<u32>,
-    /// The box turns its readings into another frame: something was typed in on its web page.
+    /// Whether the box transforms its readings into another frame, as configured on its web page.
     pub transformed: bool,
-    /// Number of the box's own low-pass filter, 0 for off; none when the box does not say.
+    /// Number of the box's own low-pass filter, 0 for off; `None` if the box does not state it.
     pub filter: Option<u32>,
 }
 
-/// What one count may be worth, N and Nm. Sensors in use are near 1e-6; their makers' largest units
-/// and coarsest counts lie within.
+/// Plausible range of one count, N and Nm. Sensors in use are near 1e-6; the range includes the
+/// largest units and coarsest counts.
 const PER_COUNT: (f64, f64) = (1e-12, 10.0);
-/// Records per second that a box can send.
+/// Range of the record rate of a box, Hz.
 const RATE_HZ: (f64, f64) = (1.0, FT_RATE_HZ);
 
 impl BoxConfig {
-    /// Reads `/netftapi2.xml`. At most `timeout` in all.
+    /// Reads `/netftapi2.xml`, within `timeout` in total.
     ///
     /// # Errors
-    /// The box does not answer, or answers something else.
+    /// The box does not answer, or its answer is not valid.
     pub fn fetch(address: &str, http_port: u16, timeout: Duration) -> Result<Self, NetftError> {
         let text = get(address, http_port, "/netftapi2.xml", timeout)?;
         Self::parse(&text).map_err(|reason| NetftError::Configuration {
@@ -83,8 +83,8 @@ impl BoxConfig {
         })
     }
 
-    /// Sets the rate of records, and for buffered streams how many share a datagram; the box may
-    /// choose the nearest it can do.
+    /// Sets the rate of records, and for buffered streams the number of records per datagram. The
+    /// box may choose the nearest possible values.
     ///
     /// # Errors
     /// The box does not answer or refuses.
@@ -102,10 +102,10 @@ impl BoxConfig {
         get(address, http_port, &path, timeout).map(drop)
     }
 
-    /// From the text of `/netftapi2.xml`.
+    /// Parses the text of `/netftapi2.xml`.
     ///
     /// # Errors
-    /// In words: no XML, a missing or unusable value, a unit that is not known.
+    /// A description: not XML, a missing or unusable value, or an unknown unit.
     pub fn parse(text: &str) -> Result<Self, String> {
         let document = roxmltree::Document::parse(text)
             .map_err(|error| format!("/netftapi2.xml is no XML: {error}"))?;
@@ -134,8 +134,7 @@ impl BoxConfig {
             )),
             None => Err(format!("<{tag}> is missing")),
         };
-        // Positive and finite is not enough: what is worth nothing, or a ship's weight, per count
-        // is no sensor's.
+        // Being positive and finite is not enough: no sensor has counts far outside this range.
         let per_count = |tag: &str, unit: f64| -> Result<f64, String> {
             let counts = scale(tag)?;
             let value = unit / counts;
@@ -168,8 +167,8 @@ impl BoxConfig {
         };
         let mut transformed = false;
         for axis in ["x", "y", "z", "rx", "ry", "rz"] {
-            // A box with nothing typed in says 0; one that keeps the six in one element is looked
-            // at below.
+            // A box without a transform states 0; one that has all six values in one element is
+            // handled below.
             transformed |= number(&format!("cfgtf{axis}"))
                 .unwrap_or(None)
                 .unwrap_or(0.0)
@@ -209,7 +208,7 @@ fn convert(text: &str, units: &[(&str, f64)]) -> Option<f64> {
         .chars()
         .filter(|c| !matches!(c, ' ' | '-' | '.' | '·' | '_' | '*'))
         .collect();
-    // Not lower case throughout: mN is not MN, and neither is known.
+    // The case of the first letter matters: mN is not MN, and neither is a known unit.
     if plain.starts_with('m') || plain.starts_with('M') {
         return None;
     }
@@ -349,7 +348,7 @@ mod tests {
         assert!(BoxConfig::parse(&turned).unwrap().transformed);
     }
 
-    /// What is done with an answer that was accepted, up to a wrench.
+    /// Uses an accepted answer the way the service does, up to a wrench.
     fn use_it(found: &BoxConfig) {
         let rate_hz = found.rate_hz.unwrap_or(7000.0);
         assert!(Duration::try_from_secs_f64(3.0 / rate_hz).is_ok());
@@ -368,7 +367,7 @@ mod tests {
         }
     }
 
-    /// Numbers as a box could write them, any double among them.
+    /// Numbers as a box could write them, including any double.
     fn number() -> impl Strategy<Value = String> {
         prop_oneof![
             any::<u64>().prop_map(|bits| f64::from_bits(bits).to_string()),

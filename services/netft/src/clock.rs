@@ -1,18 +1,20 @@
-//! The sensor's clock on this host: a line under the arrival times of its sequence numbers.
+//! Recovery of the sensor's clock on this host: a line under the arrival times of its sequence
+//! numbers.
 //!
-//! Nothing arrives before it was sent, so the earliest arrivals tell the time and all others tell
-//! the queue. The line lies under every arrival of a window and as close to them as can be: the
-//! edge of their lower convex hull at the window's middle. Called by the receiving thread; no clock
-//! is read here.
+//! No record arrives before it was sent, so the earliest arrivals show the time, and the delay of
+//! all others is queueing. The line is below every arrival of a window and as close to them as
+//! possible: it is the edge of their lower convex hull at the window's middle. Called by the
+//! receiving thread; it reads no clock itself.
 
-/// Points kept: the earliest arrival of each slice.
+/// Number of points kept: the earliest arrival of each slice.
 const SLICES: usize = 64;
 /// Length of a slice, s; the window is 64 of them, 4 s.
 const SLICE_S: f64 = 0.0625;
-/// Largest deviation of the sensor's rate from its nominal one that is believed: crystals are good
-/// to 0.0001.
+/// Largest accepted relative deviation of the sensor's rate from its nominal rate; crystals are
+/// accurate to 0.0001.
 const RATE_TOLERANCE: f64 = 0.002;
-/// An arrival so much before its time cannot be: the sensor's count has jumped, s.
+/// An arrival earlier than predicted by more than this, s, means that the sensor's count has
+/// jumped.
 const EARLY_S: f64 = 0.02;
 
 /// An earliest arrival: sequence relative to the anchor, and lateness against the nominal line, s.
@@ -22,18 +24,18 @@ struct Point {
     lateness: f64,
 }
 
-/// Turns sequence numbers into times of measurement.
+/// Converts sequence numbers to times of measurement.
 #[derive(Clone, Debug)]
 pub struct ClockRecovery {
     period_s: f64,
-    /// Sequence and arrival (ns) that all else is relative to.
+    /// Sequence number and arrival (ns) to which all other values are relative.
     anchor: Option<(i64, i64)>,
     points: [Point; SLICES],
     /// Points in use, oldest first from `first`.
     first: usize,
     count: usize,
     slice: Option<(i64, Point)>,
-    /// Line in force: lateness = offset + slope * sequence.
+    /// The present line: lateness = offset + slope * sequence.
     offset: f64,
     slope: f64,
     residual_s: f64,
@@ -55,14 +57,14 @@ impl ClockRecovery {
         }
     }
 
-    /// Forgets everything: the sensor counts anew.
+    /// Discards all state, as the sensor's count has started again.
     pub fn restart(&mut self) {
         *self = Self::new(self.period_s);
     }
 
-    /// Takes in that `sequence` (which does not wrap around) arrived at `arrival_ns` on this host's
-    /// monotonic clock, and returns when it was measured on the same clock: never after its
-    /// arrival. No allocation.
+    /// Adds the arrival of `sequence` (which does not wrap around) at `arrival_ns` on this host's
+    /// monotonic clock, and returns the time of its measurement on the same clock, which is never
+    /// after its arrival. Allocates nothing.
     pub fn observe(&mut self, sequence: i64, arrival_ns: i64) -> i64 {
         let (sequence_0, arrival_0) = *self.anchor.get_or_insert((sequence, arrival_ns));
         let n = (sequence - sequence_0) as f64;
@@ -79,8 +81,8 @@ impl ClockRecovery {
         self.stamp(sequence, arrival_ns)
     }
 
-    /// When `sequence` was measured, for one that says nothing about the queue: not the last of its
-    /// datagram, or overtaken.
+    /// Time of measurement of `sequence`, for a record whose arrival must not be used: not the last
+    /// of its datagram, or overtaken.
     pub fn stamp(&self, sequence: i64, arrival_ns: i64) -> i64 {
         let Some((sequence_0, arrival_0)) = self.anchor else {
             return arrival_ns;
@@ -94,7 +96,7 @@ impl ClockRecovery {
         self.offset + self.slope * n
     }
 
-    /// Puts an arrival into its slice, and closes slices that are over.
+    /// Adds an arrival to its slice, and closes slices that are over.
     fn enter(&mut self, point: Point) {
         let index = (point.sequence * self.period_s / SLICE_S).floor() as i64;
         match &mut self.slice {
@@ -112,7 +114,8 @@ impl ClockRecovery {
             }
         }
         if self.count < 2 {
-            // No slope yet: the nominal rate, through the earliest so far.
+            // Without a slope yet, the line has the nominal rate and passes through the earliest
+            // arrival so far.
             self.offset = self.earliest().min(point.lateness);
             self.slope = 0.0;
         }
@@ -138,8 +141,8 @@ impl ClockRecovery {
         (0..self.count).map(|i| self.points[(self.first + i) % SLICES])
     }
 
-    /// The edge of the lower hull over the window's middle. Of all lines under the points, it has
-    /// the least sum of distances to them.
+    /// Fits the edge of the lower hull over the window's middle. Of all lines under the points, it
+    /// has the smallest sum of distances to them.
     fn fit(&mut self) {
         if self.count < 2 {
             return;
@@ -174,7 +177,8 @@ impl ClockRecovery {
         self.residual_s = (square / self.count as f64).sqrt();
     }
 
-    /// Rms distance of the earliest arrivals from the line, s: how well the stamps are known.
+    /// Rms distance of the earliest arrivals from the line, s: a measure of the accuracy of the
+    /// stamps.
     pub fn residual_s(&self) -> f64 {
         self.residual_s
     }
@@ -185,7 +189,7 @@ impl ClockRecovery {
     }
 }
 
-/// `c` lies above the line from `a` through `b`.
+/// Whether `c` lies above the line from `a` through `b`.
 fn turns_up(a: Point, b: Point, c: Point) -> bool {
     (b.lateness - a.lateness) * (c.sequence - b.sequence)
         < (c.lateness - b.lateness) * (b.sequence - a.sequence)

@@ -1,4 +1,5 @@
-//! RDT, the Net F/T's UDP protocol: bytes to requests and records and back. Both sides, no socket.
+//! RDT, the Net F/T's UDP protocol: encoding and decoding of requests and records, for both sides,
+//! without a socket.
 
 use tangent_sensing::SensorCondition;
 
@@ -6,27 +7,27 @@ use tangent_sensing::SensorCondition;
 pub const RDT_PORT: u16 = 49152;
 /// Rate of the box's own clock, counted by [`Record::ft_sequence`], Hz.
 pub const FT_RATE_HZ: f64 = 7000.0;
-/// Bytes of a request.
+/// Length of a request, bytes.
 pub const REQUEST_LENGTH: usize = 8;
-/// Bytes of a record.
+/// Length of a record, bytes.
 pub const RECORD_LENGTH: usize = 36;
-/// Most records in one datagram.
+/// Largest number of records in one datagram.
 pub const RECORDS_MAX: usize = 40;
-/// Bytes of the longest datagram that a box sends.
+/// Length of the longest datagram that a box sends, bytes.
 pub const DATAGRAM_MAX: usize = RECORD_LENGTH * RECORDS_MAX;
 
 const HEADER: u16 = 0x1234;
 
-/// Bytes that are no RDT.
+/// Why bytes are not valid RDT.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CodecError {
     /// A request of another length.
     #[error("a request of {0} bytes: RDT requests have {REQUEST_LENGTH}")]
     RequestLength(usize),
-    /// A request that does not begin as one.
+    /// A request with another header.
     #[error("a request that begins with {0:#06x}: RDT begins with {HEADER:#06x}")]
     Header(u16),
-    /// A command that no box knows.
+    /// An unknown command.
     #[error("unknown RDT command {0:#06x}")]
     Command(u16),
     /// A datagram that is not a whole number of records.
@@ -36,7 +37,7 @@ pub enum CodecError {
     DatagramLength(usize),
 }
 
-/// What a client asks of the box.
+/// Command of a client to the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
     /// End the stream.
@@ -47,9 +48,9 @@ pub enum Command {
     Buffered,
     /// Records of several boxes.
     MultiUnit,
-    /// Forget a force threshold that has tripped.
+    /// Reset a force threshold that has tripped.
     ResetThresholdLatch,
-    /// Make the present reading the box's zero, for every client and for good.
+    /// Make the present reading the box's zero, permanently and for every client.
     SetSoftwareBias,
 }
 
@@ -63,7 +64,7 @@ impl Command {
         (Self::SetSoftwareBias, 0x42),
     ];
 
-    /// As on the wire.
+    /// Number of the command in a request.
     pub fn code(self) -> u16 {
         Self::ALL
             .iter()
@@ -75,14 +76,14 @@ impl Command {
 /// A client's datagram.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Request {
-    /// What to do.
+    /// The command.
     pub command: Command,
-    /// Records to send; 0: without end.
+    /// Number of records to send; 0: unlimited.
     pub sample_count: u32,
 }
 
 impl Request {
-    /// As on the wire.
+    /// Encodes the request.
     pub fn to_bytes(self) -> [u8; REQUEST_LENGTH] {
         let mut bytes = [0; REQUEST_LENGTH];
         bytes[..2].copy_from_slice(&HEADER.to_be_bytes());
@@ -119,11 +120,11 @@ impl Request {
 pub struct Status(pub u32);
 
 impl Status {
-    /// Any error or warning is set.
+    /// Set if any error or warning is set.
     pub const SUMMARY: u32 = 1 << 31;
-    /// A force threshold has tripped: a warning, the reading is right.
+    /// A force threshold has tripped: a warning; the reading is valid.
     pub const THRESHOLD: u32 = 1 << 16;
-    /// A gauge is at its end: the reading is wrong though it looks plausible.
+    /// A gauge is at the end of its range: the reading is wrong, though it looks plausible.
     pub const SATURATION: u32 = 1 << 17;
 
     /// Names of all 32 bits, lowest first.
@@ -162,8 +163,8 @@ impl Status {
         "summary of errors and warnings",
     ];
 
-    /// Whether the reading beside it can be used. A tripped threshold is a warning only; a bit that
-    /// this program has no name for counts as an error.
+    /// Whether the reading of the same record can be used. A tripped threshold is only a warning; a
+    /// bit without a known name counts as an error.
     pub fn condition(self) -> SensorCondition {
         if self.0 & Self::SATURATION != 0 {
             SensorCondition::Saturated
@@ -174,7 +175,7 @@ impl Status {
         }
     }
 
-    /// The names of the bits that are set, but for the summary.
+    /// Names of the bits that are set, except the summary.
     pub fn names(self) -> impl Iterator<Item = &'static str> {
         Self::NAMES
             .iter()
@@ -189,18 +190,18 @@ impl Status {
 /// One reading of the sensor as the box sends it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Record {
-    /// Counts records from 1 since the request.
+    /// Number of the record since the request, from 1.
     pub rdt_sequence: u32,
-    /// The box's own clock, 7 kHz, whatever the rate of records.
+    /// Count of the box's own clock, 7 kHz, whatever the rate of records.
     pub ft_sequence: u32,
-    /// Whether the counts are right.
+    /// Status, which shows whether the counts are valid.
     pub status: Status,
     /// Fx, Fy, Fz, Tx, Ty, Tz in counts.
     pub counts: [i32; 6],
 }
 
 impl Record {
-    /// As on the wire.
+    /// Encodes the record.
     pub fn to_bytes(&self) -> [u8; RECORD_LENGTH] {
         let mut bytes = [0; RECORD_LENGTH];
         let words = [self.rdt_sequence, self.ft_sequence, self.status.0]
@@ -231,7 +232,7 @@ impl Record {
 /// The records of one datagram, oldest first.
 ///
 /// # Errors
-/// A datagram that is empty, too long, or not a whole number of records; nothing of it is used.
+/// The datagram is empty, too long, or not a whole number of records; none of it is used.
 pub fn records(datagram: &[u8]) -> Result<impl Iterator<Item = Record> + '_, CodecError> {
     let length = datagram.len();
     if length == 0 || length > DATAGRAM_MAX || !length.is_multiple_of(RECORD_LENGTH) {

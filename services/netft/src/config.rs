@@ -1,4 +1,4 @@
-//! What the service is told at its start.
+//! Configuration of the service.
 
 use std::time::Duration;
 
@@ -7,50 +7,51 @@ use tangent_runtime::config::SensorMode;
 use tangent_runtime::{CellConfig, StateFolder};
 use tangent_sensing::{ConditioningConfig, Payload, TareConfig};
 
-/// `wrench/tool` per second where the cell file leaves it open: fresher than 1 ms for any reader,
-/// at 7 kHz in.
+/// Rate of `wrench/tool` if the cell file states none, Hz: newer than 1 ms for any reader, with 7
+/// kHz of input.
 pub const TOOL_RATE_DEFAULT_HZ: f64 = 1000.0;
-/// Socket buffer asked for: room for well over a second of records at 7 kHz.
+/// Requested socket buffer, bytes: room for well over a second of records at 7 kHz.
 pub const SOCKET_BUFFER_BYTES: usize = 8 << 20;
 
-/// One box, what hangs on its sensor, and how its wrench is conditioned.
+/// Settings of one box, the parts that its sensor carries, and the conditioning of its wrench.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// Host name or IP address of the box.
     pub address: String,
     /// UDP port of RDT.
     pub rdt_port: u16,
-    /// TCP port of its web server.
+    /// TCP port of the box's web server.
     pub http_port: u16,
-    /// Records per second asked for, 1 to 7000.
+    /// Requested rate of records, Hz, 1 to 7000.
     pub rate_hz: f64,
-    /// Records per datagram, 1 to 40; none: one each, at once.
+    /// Records per datagram, 1 to 40; `None`: one each, sent at once.
     pub buffer_records: Option<u8>,
-    /// `wrench/tool` per second at most.
+    /// Largest rate of `wrench/tool`, Hz.
     pub tool_rate_hz: f64,
-    /// `wrench/raw` per second; `None`: every record.
+    /// Rate of `wrench/raw`, Hz; `None`: every record.
     pub raw_rate_hz: Option<f64>,
-    /// Silence for this long is reported, and the stream asked for again.
+    /// Silence after which it is reported, and the stream requested again.
     pub patience: Duration,
-    /// Loads beyond count as saturated even when the box does not say so: N, then Nm; x, y, z.
+    /// Loads beyond this range count as saturated even if the box does not report it: N, then Nm;
+    /// x, y, z.
     pub range: [f64; 6],
-    /// Where the tool sits, seen from the sensor.
+    /// Pose of the tool in the sensor frame.
     pub sensor_from_tool: Pose<Sensor, Tool>,
-    /// What the sensor carries.
+    /// Mass and centre of mass of the parts that the sensor carries.
     pub payload: Payload,
     /// Filter, tare and gravity.
     pub conditioning: ConditioningConfig,
-    /// SCHED_FIFO priority of the receiving thread; none: normal scheduling.
+    /// SCHED_FIFO priority of the receiving thread; `None`: normal scheduling.
     pub realtime_priority: Option<u8>,
-    /// Socket buffer asked for, bytes.
+    /// Requested socket buffer, bytes.
     pub socket_buffer_bytes: usize,
-    /// Where the last good zero and the controller's last word are kept over restarts; none:
-    /// nowhere.
+    /// Folder in which the last good zero and the controller's last state are kept across restarts;
+    /// `None`: not kept.
     pub state: Option<StateFolder>,
 }
 
 impl Config {
-    /// From the cell file.
+    /// Configuration from the cell file.
     pub fn from_cell(cell: &CellConfig) -> Self {
         let sensor = &cell.sensor;
         let ([fx, fy, fz], [tx, ty, tz]) = (sensor.force_range_n, sensor.torque_range_nm);

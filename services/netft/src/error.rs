@@ -1,4 +1,4 @@
-//! What can go wrong beside the stream, which never gives up.
+//! Errors of the service other than those of the stream, which reconnects by itself.
 
 use tangent_runtime::BusError;
 use tangent_sensing::SensingError;
@@ -19,23 +19,23 @@ pub enum NetftError {
     Unreachable {
         /// Host and port.
         address: String,
-        /// What the system says.
+        /// Error of the system.
         reason: String,
     },
-    /// The box answers something that cannot be used.
+    /// The answer of the box cannot be used.
     #[error("the box at {address} cannot be used: {reason}")]
     Configuration {
         /// Host and port.
         address: String,
-        /// What is wrong.
+        /// The problem.
         reason: String,
     },
-    /// A socket or a thread could not be had.
+    /// A socket or a thread could not be created.
     #[error("{action}: {source}")]
     System {
-        /// What was tried.
+        /// Attempted action.
         action: &'static str,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
 }

@@ -1,9 +1,10 @@
 //! ATI Net F/T sensor service: RDT records in, conditioned wrench out.
 //!
-//! It reads units and scales from the box over HTTP, asks for the stream, and from then on: every
-//! record, with its time of measurement recovered from the box's own count, goes out on
-//! `wrench/raw`, and the newest, conditioned, on `wrench/status` and `wrench/tool`. Silence is met
-//! by asking again, for ever. `netft/tare` averages the zero, on this host, never in the box.
+//! It reads units and scales from the box over HTTP and requests the stream. From then on, every
+//! record is published on `wrench/raw`, with its time of measurement recovered from the box's own
+//! count. The newest one is conditioned and published on `wrench/status` and `wrench/tool`. After
+//! silence the stream is requested again, without limit. `netft/tare` averages the zero on this
+//! host, never in the box.
 
 #![deny(missing_docs)]
 
@@ -37,16 +38,16 @@ pub const SERVICE: &str = "netft";
 /// Shortest and longest pause between two attempts to reach the box's web server.
 const PAUSE_MIN: Duration = Duration::from_millis(100);
 const PAUSE_MAX: Duration = Duration::from_secs(2);
-/// Looking for the box may take so long: names to resolve, and three requests.
+/// Longest time to find the box: name resolution and three HTTP requests.
 const FIND_MAX: Duration = Duration::from_secs(60);
-/// Patience with the box's web server.
+/// Timeout of the box's web server.
 const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Runs until `stop`. A box that is unreachable, silent or unusable is reported and tried again,
-/// for ever.
+/// without limit.
 ///
 /// # Errors
-/// Numbers out of range, or a bus, socket or thread that cannot be had.
+/// Settings are out of range, or the bus, a socket or a thread is not available.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
     let health = HealthReporter::start_only(&bus, SERVICE)?;
     let parameters = Parameters::new(&bus, SERVICE)?;
@@ -61,7 +62,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
         .start()
         .map_err(system("starting the thread that writes state"))?;
     let mut receiver = Receiver::new(config, &bus, &parameters, health, taring)?;
-    // A thread of its own: real-time scheduling must not spread to the caller.
+    // Runs in a separate thread: real-time scheduling must not spread to the caller.
     let ended = std::thread::Builder::new()
         .name(SERVICE.into())
         .spawn(move || {
@@ -70,13 +71,13 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
         })
         .map_err(system("starting the receiving thread"))?
         .join();
-    // After the last zero, which it writes down.
+    // Dropped after the last zero, which it writes to the disk.
     drop(keeper);
     ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     Ok(())
 }
 
-/// Find the box, receive, and again.
+/// Repeatedly finds the box and receives from it.
 fn serve(receiver: &mut Receiver, stop: &Stop) {
     let beat = Beat::new(SERVICE);
     let mut pause = PAUSE_MIN;
@@ -95,8 +96,8 @@ fn serve(receiver: &mut Receiver, stop: &Stop) {
             Ok(Ended::Restarted) => {
                 tracing::warn!("the box counts anew; reading its units and scales again");
             }
-            // Also a box whose rate does not go with the cell's filter: it may be set right on its
-            // web page.
+            // Includes a box whose rate does not fit the cell's filter: it may be corrected on the
+            // box's web page.
             Err(error) => {
                 receiver.report_fault(&error);
                 beat.within(pause + TURN);
@@ -107,7 +108,7 @@ fn serve(receiver: &mut Receiver, stop: &Stop) {
     }
 }
 
-/// The box's units and scales, after setting the rate if it is another than asked for.
+/// Reads the box's units and scales, and sets the rate if it differs from the requested one.
 fn find(config: &Config) -> Result<BoxConfig, NetftError> {
     let fetch = || BoxConfig::fetch(&config.address, config.http_port, HTTP_TIMEOUT);
     let mut found = fetch()?;

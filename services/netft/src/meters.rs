@@ -1,4 +1,4 @@
-//! What the service's health message tells.
+//! Figures in the service's health message.
 
 use tangent_runtime::{Age, Counter, Gauge, HealthReporter, Histogram, Rate};
 

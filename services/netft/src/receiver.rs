@@ -1,5 +1,5 @@
-//! The receiving thread: every datagram there is, every record published, the newest one
-//! conditioned.
+//! The receiving thread: reads every datagram, publishes every record, and conditions the newest
+//! one.
 
 use std::time::{Duration, Instant};
 
@@ -27,24 +27,24 @@ use crate::socket::RdtSocket;
 use crate::stream::{Kind, Stream, StreamCounts};
 use crate::{NetftError, SERVICE};
 
-/// Datagrams taken at once before the newest is published: after a stall the backlog must not hide
-/// the present for long.
+/// Largest number of datagrams read before the newest is published, so that a backlog after a stall
+/// does not delay the present for long.
 const BATCH: usize = 512;
-/// Silence after which the box may be another one.
+/// Silence after which the box may have been replaced by another one.
 const GONE: Duration = Duration::from_secs(2);
-/// How often silence is told.
+/// Interval between two reports of silence.
 const SILENCE_PERIOD: Duration = Duration::from_millis(50);
-/// How fast a new cut-off is approached, Hz per second.
+/// Rate at which the filter follows a new cut-off, Hz/s.
 const CUTOFF_RATE_HZ_PER_S: f64 = 100.0;
 
-/// Why receiving ended.
+/// Reason why receiving ended.
 pub(crate) enum Ended {
     Stopped,
     Silent,
     Restarted,
 }
 
-/// Everything the thread owns.
+/// State of the receiving thread.
 pub(crate) struct Receiver {
     config: Config,
     raw: Publisher<WrenchStamped>,
@@ -111,7 +111,7 @@ impl Receiver {
         &self.config
     }
 
-    /// Real-time scheduling, as far as it is granted.
+    /// Requests real-time scheduling, as far as it is granted.
     pub(crate) fn setup_thread(&self) {
         let report = match self.config.realtime_priority {
             Some(priority) => realtime::setup_thread(SERVICE, priority),
@@ -120,7 +120,7 @@ impl Receiver {
         self.health.realtime(&report);
     }
 
-    /// The web server answers, and no records come.
+    /// Reports that the web server answers, but no records arrive.
     pub(crate) fn report_silence(&self) {
         self.health.fault(format_args!(
             "{} answers over HTTP and sends no records: another client may have its stream, or a firewall stops UDP",
@@ -133,7 +133,7 @@ impl Receiver {
         self.health.fault(format_args!("{error}"));
     }
 
-    /// Receives until stopped, or until the box is gone or another one.
+    /// Receives until stopped, or until the box is lost or has been replaced.
     pub(crate) fn receive(
         &mut self,
         found: &BoxConfig,
@@ -190,7 +190,7 @@ impl Receiver {
         Ok(ended)
     }
 
-    /// A box that runs at another rate than asked for needs another filter.
+    /// Adapts the filter to a box that runs at another rate than requested.
     fn adopt_rate(&mut self, rate_hz: f64) -> Result<(), NetftError> {
         if (rate_hz - self.conditioner.filter().sample_rate_hz()).abs() > 1e-9 {
             self.conditioner = WrenchConditioner::new(
@@ -215,7 +215,7 @@ impl Receiver {
         stop: &Stop,
         beat: &Beat,
     ) -> Ended {
-        // One byte more than a datagram may have, so that a longer one is not cut to size unseen.
+        // One byte more than the longest datagram, so that a longer one is detected, not truncated.
         let mut buffer = [0; DATAGRAM_MAX + 1];
         let begun = self.epoch.elapsed();
         let mut silence_told = begun;
@@ -278,7 +278,7 @@ impl Receiver {
 
     fn refresh_pose(&mut self) {
         if let Some(received) = self.arm.take_new() {
-            // A pose that is no pose counts as none.
+            // An invalid pose counts as none.
             self.pose = Pose::try_from(&received.message.tool_pose)
                 .ok()
                 .map(|pose| (pose, received.received));
@@ -299,7 +299,7 @@ impl Receiver {
         }
     }
 
-    /// One record: book-keeping, stamp, raw out, conditioning.
+    /// Handles one record: counts it, stamps it, publishes it raw, and conditions it.
     fn record(
         &mut self,
         connection: &mut Connection,
@@ -313,7 +313,7 @@ impl Receiver {
         let missed = match kind {
             Kind::Double => return,
             Kind::First => {
-                // The first record of all is no restart.
+                // The very first record is not a restart.
                 connection.restarted |= connection.newest.is_some();
                 connection.clock.restart();
                 self.watched.restart();
@@ -347,7 +347,7 @@ impl Receiver {
         }
         self.taring
             .serve(&self.conditioner, &mut self.state, arrival.as_secs_f64());
-        // An untared sensor may read anything in the air.
+        // An untared sensor may show any value without contact.
         let felt = connection
             .newest
             .filter(|newest| newest.wrench.bias_age_s.is_some())
@@ -382,7 +382,7 @@ impl Receiver {
                 .newest
                 .is_some_and(|newest| newest.wrench.validity != wrench.validity);
         if turned_bad {
-            // Bad news does not wait for its turn.
+            // A status error is published at once, without decimation.
             connection.published = i64::MIN / 2;
         }
         connection.newest = Some(Newest {
@@ -396,8 +396,8 @@ impl Receiver {
         });
     }
 
-    /// What the box does not say: a load beyond the sensor's range. A record that leaps there and
-    /// back was left out before.
+    /// Detects a load beyond the sensor's range, which the box does not report. A record with an
+    /// isolated jump was already left out.
     fn within_range(&self, condition: SensorCondition, wrench: &Wrench<Sensor>) -> SensorCondition {
         let load = wrench.vector();
         let beyond = (0..6).any(|i| load[i].abs() > self.config.range[i]);
@@ -407,7 +407,7 @@ impl Receiver {
         }
     }
 
-    /// Status, then wrench, when their time has come.
+    /// Publishes the status, then the wrench, when they are due.
     fn publish_newest(&mut self, connection: &mut Connection) {
         let Some(newest) = connection.newest else {
             return;
@@ -416,7 +416,7 @@ impl Receiver {
         if since < connection.interval {
             return;
         }
-        // In step with the sensor's clock, unless it has just begun or paused.
+        // Keeps in step with the sensor's clock, unless the stream has just begun or paused.
         connection.published = if since < 2 * connection.interval {
             connection.published + connection.interval
         } else {
@@ -446,7 +446,7 @@ impl Receiver {
     }
 
     fn tell_silence(&self, connection: &mut Connection, silent: bool) {
-        // When it speaks again, the next wrench says how it is.
+        // After the stream returns, the next wrench reports its validity again.
         connection.told = None;
         if silent && connection.newest.is_some() {
             self.health.fault(format_args!(
@@ -466,7 +466,7 @@ impl Receiver {
         );
     }
 
-    /// The health message says whether the wrench can be used, when that changes.
+    /// Reports in the health message whether the wrench can be used, when that changes.
     fn tell_validity(&self, connection: &mut Connection, validity: Validity) {
         if connection.told == Some(validity) {
             return;
@@ -482,7 +482,7 @@ impl Receiver {
         }
     }
 
-    /// A cut-off set live is approached slowly.
+    /// Approaches a cut-off that was set live at a bounded rate.
     fn follow_cutoff(&mut self, connection: &Connection) {
         let max = 0.45 * connection.rate_hz;
         let dt_s = connection.interval as f64 / FT_RATE_HZ;
@@ -494,7 +494,7 @@ impl Receiver {
     }
 }
 
-/// What judges the records of a box that sends `rate_hz`.
+/// Plausibility checks for the records of a box that sends at `rate_hz`.
 fn watch_of(config: &Config, rate_hz: f64) -> SensorWatch {
     SensorWatch::new(&RecordWatchConfig::default(), rate_hz, config.range)
 }
@@ -503,8 +503,8 @@ fn nanoseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_nanos()).unwrap_or(i64::MAX)
 }
 
-/// Silence of a stream at `rate_hz` that is reported: `asked`, or three records, so that a slow one
-/// is not silent.
+/// Silence after which a stream at `rate_hz` is reported: `asked`, or three record periods if that
+/// is longer, so that a slow stream does not count as silent.
 fn patience(asked: Duration, rate_hz: f64) -> Duration {
     let three = Duration::try_from_secs_f64(3.0 / rate_hz);
     asked.max(three.unwrap_or(asked))

@@ -1,4 +1,4 @@
-//! The UDP socket to one box: deep, and read to the bottom.
+//! The UDP socket to one box, with a large buffer that is read until it is empty.
 
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::os::fd::AsRawFd;
@@ -11,11 +11,10 @@ use socket2::{Domain, Protocol, SockRef, Socket, Type};
 use crate::NetftError;
 use crate::codec::Request;
 
-/// Kernel memory that one waiting record takes, bytes: 36 bytes of record in a packet buffer of the
-/// smallest size.
+/// Kernel memory of one queued record, bytes: a record of 36 bytes in the smallest packet buffer.
 const KERNEL_BYTES_PER_DATAGRAM: usize = 832;
 
-/// A connected socket: the kernel drops what anybody else sends.
+/// A connected socket: the kernel drops datagrams from other senders.
 #[derive(Debug)]
 pub struct RdtSocket {
     socket: UdpSocket,
@@ -23,11 +22,11 @@ pub struct RdtSocket {
 }
 
 impl RdtSocket {
-    /// Connects, with as deep a buffer as is granted of `buffer_bytes`. Reading waits at most
-    /// `wait`.
+    /// Connects, and requests a buffer of `buffer_bytes`, of which less may be granted. Reading
+    /// waits for at most `wait`.
     ///
     /// # Errors
-    /// The address is none, or the system has no socket to give.
+    /// The address is not valid, or the system refused a socket.
     pub fn connect(
         address: &str,
         port: u16,
@@ -54,12 +53,12 @@ impl RdtSocket {
         })
     }
 
-    /// Records of one datagram each that the granted buffer holds.
+    /// Number of records, one per datagram, that the granted buffer holds.
     pub fn buffer_records(&self) -> usize {
         self.granted_bytes / KERNEL_BYTES_PER_DATAGRAM
     }
 
-    /// What the kernel granted, in words, with what to do when it is too little for `rate_hz`.
+    /// Describes the granted buffer, with advice if it is too small for `rate_hz`.
     pub fn buffer_words(&self, rate_hz: f64, asked_bytes: usize) -> String {
         let records = self.buffer_records();
         let seconds = records as f64 / rate_hz;
@@ -75,14 +74,15 @@ impl RdtSocket {
         words
     }
 
-    /// Sends a request. A box that is gone is no error here: its silence says it.
+    /// Sends a request. A box that does not receive it causes no error here; it is detected by its
+    /// silence.
     pub fn send(&self, request: Request) {
         if let Err(error) = self.socket.send(&request.to_bytes()) {
             tracing::debug!("a request could not be sent: {error}");
         }
     }
 
-    /// One datagram, waiting for it; none when the time is up.
+    /// The next datagram, waiting for it; `None` if the time is up.
     pub fn wait<'a>(&self, buffer: &'a mut [u8]) -> Option<&'a [u8]> {
         match self.socket.recv(buffer) {
             Ok(length) => Some(&buffer[..length]),
@@ -90,7 +90,7 @@ impl RdtSocket {
         }
     }
 
-    /// One datagram, if one is there.
+    /// The next datagram, if one has arrived.
     pub fn next<'a>(&self, buffer: &'a mut [u8]) -> Option<&'a [u8]> {
         loop {
             match recv(self.socket.as_raw_fd(), buffer, MsgFlags::MSG_DONTWAIT) {
@@ -108,9 +108,9 @@ fn open(target: SocketAddr, buffer_bytes: usize, wait: Duration) -> std::io::Res
         Type::DGRAM,
         Some(Protocol::UDP),
     )?;
-    // The kernel doubles what is asked for, and so does what it reports.
+    // The kernel doubles the requested size, and reports the doubled one.
     let asked = buffer_bytes / 2;
-    // With the right to (CAP_NET_ADMIN) beyond rmem_max, else up to it.
+    // With CAP_NET_ADMIN the size may exceed rmem_max.
     if setsockopt(&socket, sockopt::RcvBufForce, &asked).is_err() {
         socket.set_recv_buffer_size(asked)?;
     }

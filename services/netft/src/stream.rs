@@ -1,5 +1,5 @@
-//! The stream's book-keeping without its socket: what to ask of the box and when, and what each
-//! record is.
+//! State of the stream, without its socket: which request to send and when, and the kind of each
+//! record.
 
 use std::time::Duration;
 
@@ -7,47 +7,48 @@ use crate::codec::{Command, FT_RATE_HZ, Record, Request};
 
 /// Longest pause between two requests while the box is silent.
 const PAUSE_MAX: Duration = Duration::from_secs(1);
-/// A count this far back can be a late record, if its place in the stream fits; further back, the
-/// box has begun anew.
+/// A record whose count is at most this far back can be late, if its place in the stream fits.
+/// Further back, the box has restarted.
 const LATE_MAX: i64 = 7000;
-/// Counts ahead of the time that has passed that clocks and waiting explain, s.
+/// Largest lead of the count over elapsed time that clocks and queueing explain, s.
 const AHEAD_MAX_S: f64 = 1.0;
-/// Records remembered, to tell a late one from a double.
+/// Number of records remembered, to tell a late one from a duplicate.
 const REMEMBERED: usize = 256;
 
-/// What a record is.
+/// Kind of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Newer than all before it.
+    /// Newer than all earlier ones.
     Next {
-        /// Records lost between the one before and this one, in time: also over a pause of the
-        /// stream.
+        /// Records lost between the previous one and this one, including those during a pause of
+        /// the stream.
         missed: u32,
     },
-    /// Overtaken by a newer one; worth recording, not filtering.
+    /// Overtaken by a newer one; it is recorded but not filtered.
     Late,
-    /// Had already.
+    /// A duplicate.
     Double,
-    /// First of a stream, or the box counts anew: clock, filter and counts begin afresh.
+    /// First of a stream, or first after the box restarted its count: clock, filter and counts are
+    /// reset.
     First,
 }
 
 /// Counts since the service started.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StreamCounts {
-    /// Records taken in, doubles excepted.
+    /// Records received, without duplicates.
     pub records: u64,
-    /// Records sent and never seen.
+    /// Records sent but never received.
     pub lost: u64,
-    /// Records that came after a newer one.
+    /// Records that arrived after a newer one.
     pub out_of_order: u64,
-    /// Records that came twice.
+    /// Duplicate records.
     pub doubles: u64,
-    /// Times the box counted anew.
+    /// Number of times that the box restarted its count.
     pub restarts: u64,
-    /// Times the stream came back after silence.
+    /// Number of times that the stream returned after silence.
     pub reconnects: u64,
-    /// Datagrams that were no records.
+    /// Datagrams that are not valid.
     pub malformed: u64,
     /// Requests sent.
     pub requests: u64,
@@ -77,8 +78,8 @@ struct Last {
 }
 
 impl Stream {
-    /// Will ask with `command` (real-time or buffered) for records without end at `rate_hz`, and
-    /// again whenever nothing came for `patience`.
+    /// Requests records with `command` (real-time or buffered) without end at `rate_hz`, and again
+    /// after each silence of `patience`.
     pub fn new(command: Command, rate_hz: f64, patience: Duration) -> Self {
         Self {
             request: Request {
@@ -103,8 +104,8 @@ impl Stream {
         self
     }
 
-    /// The request to send now, if one is due. After silence the pauses between requests double up
-    /// to 1 s, for ever.
+    /// The request to send now, if one is due. During silence the pauses between requests double up
+    /// to 1 s, and requests continue without limit.
     pub fn poll(&mut self, now: Duration) -> Option<Request> {
         if let Some(heard) = self.heard
             && now.saturating_sub(heard) < self.patience
@@ -129,10 +130,10 @@ impl Stream {
         Some(self.request)
     }
 
-    /// Takes one record that arrived at `now`; returns its sequence on the box's clock, which does
-    /// not wrap around, and what it is.
+    /// Takes one record that arrived at `now`; returns its kind and its sequence number on the
+    /// box's clock, which does not wrap around.
     pub fn take(&mut self, record: &Record, now: Duration) -> (i64, Kind) {
-        // Also over a change of connection, which keeps the counts.
+        // Also counts a change of connection, which keeps the counts.
         if self.silent && self.counts.records > 0 {
             self.counts.reconnects += 1;
         }
@@ -153,7 +154,7 @@ impl Stream {
             return self.begin(record, now);
         }
         let sent = record.rdt_sequence.wrapping_sub(last.rdt_sequence);
-        // A new request counts from 1 again; what was not sent is not lost.
+        // A new request counts from 1 again; records that were not sent are not lost.
         if record.rdt_sequence > last.rdt_sequence && i64::from(sent) <= ahead {
             self.counts.lost += u64::from(sent) - 1;
             self.step = (ahead / i64::from(sent)).max(1);
@@ -163,13 +164,13 @@ impl Stream {
         (sequence, Kind::Next { missed })
     }
 
-    /// A datagram that was no records.
+    /// Counts a datagram that is not valid.
     pub fn malformed(&mut self) {
         self.counts.malformed += 1;
     }
 
-    /// A record of the past, not of a box that counts anew: it came lately, or its two counts are
-    /// equally far back.
+    /// Whether the record is an earlier one of this count, not one of a restarted box: it arrived
+    /// late, or its two counts are equally far back.
     fn is_late(&self, last: &Last, record: &Record, ahead: i64) -> bool {
         let back = i64::from(last.rdt_sequence.wrapping_sub(record.rdt_sequence) as i32);
         let lately = ahead > -(REMEMBERED as i64) * self.step;
@@ -201,8 +202,8 @@ impl Stream {
         self.remember(sequence);
         self.counts.records += 1;
         self.counts.out_of_order += 1;
-        // It had been counted as lost when a newer one came; one from before all that is remembered
-        // may be a double.
+        // It was counted as lost when a newer one arrived. One from before all remembered records
+        // may be a duplicate.
         if self.is_remembered(sequence) {
             self.counts.lost = self.counts.lost.saturating_sub(1);
         }
@@ -223,23 +224,23 @@ impl Stream {
         self.seen[slot] = sequence;
     }
 
-    /// Time since the last record; none before the first.
+    /// Time since the last record; `None` before the first.
     pub fn silence(&self, now: Duration) -> Option<Duration> {
         self.heard.map(|heard| now.saturating_sub(heard))
     }
 
-    /// Nothing came for longer than the patience.
+    /// Whether no record arrived for longer than the patience.
     pub fn is_silent(&self, now: Duration) -> bool {
         self.silence(now)
             .is_none_or(|silence| silence >= self.patience)
     }
 
-    /// Totals.
+    /// Counts since the service started.
     pub fn counts(&self) -> &StreamCounts {
         &self.counts
     }
 
-    /// Counts of the box's clock between two records.
+    /// Increment of the box's clock between two records.
     pub fn step(&self) -> i64 {
         self.step
     }

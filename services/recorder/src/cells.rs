@@ -1,7 +1,7 @@
-//! Which cells are recorded: the bus's own, or several of one network, whose names then begin every
-//! key and topic.
+//! Cells that are recorded: the bus's own, or several of one network, whose names are then part of
+//! every key and topic.
 
-/// Names of the cells; none for the bus's own.
+/// Names of the cells; empty for the bus's own.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cells(Vec<String>);
 
@@ -10,7 +10,7 @@ impl Cells {
         Self(names)
     }
 
-    /// What stands before the keys of each cell: `CELL/`, or nothing for the bus's own.
+    /// Prefix of each cell's keys: `CELL/`, or empty for the bus's own.
     pub(crate) fn prefixes(&self) -> Vec<String> {
         if self.0.is_empty() {
             return vec![String::new()];
@@ -18,7 +18,7 @@ impl Cells {
         self.0.iter().map(|name| format!("{name}/")).collect()
     }
 
-    /// A key's prefix, and the rest, which is relative to its cell.
+    /// Splits a key into its prefix and the rest, which is relative to its cell.
     pub(crate) fn split<'k>(&self, key: &'k str) -> (&'k str, &'k str) {
         let named = || {
             let at = key.find('/')? + 1;

@@ -1,4 +1,4 @@
-//! Where recordings go and what goes into them.
+//! Settings of the recorder.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -8,44 +8,43 @@ use tangent_runtime::CellConfig;
 
 use crate::writer::FileOptions;
 
-/// What the recorder is told.
+/// Settings of the recorder.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecorderConfig {
-    /// Folder of the recordings; made when it does not exist.
+    /// Folder of the recordings. It is created if it does not exist.
     pub folder: PathBuf,
-    /// First part of the files' names: the cell.
+    /// First part of the names of the files: the cell.
     pub prefix: String,
     /// Key patterns to record, relative to the cell: `*` is one part of a key, `**` any number of
     /// parts.
     pub include: Vec<String>,
     /// Key patterns not to record, whatever `include` says.
     pub exclude: Vec<String>,
-    /// Cells to record, by name; none: the bus's own, whose topics then have no name before them.
+    /// Names of the cells to record; empty: the bus's own, whose topics then have no prefix.
     pub cells: Vec<String>,
-    /// A new file after this many bytes on the disk.
+    /// Size after which a new file begins, bytes.
     pub rotate_bytes: u64,
-    /// A new file after this long.
+    /// Time after which a new file begins.
     pub rotate_after: Duration,
-    /// What came is on the disk after this time, synced: the end of the process or a power cut
-    /// loses at most that.
+    /// Time after which received messages are synced to the disk; the end of the process or a power
+    /// cut loses at most that much.
     pub flush_every: Duration,
-    /// All recordings of the folder together, torn copies counted: when there are more bytes, the
-    /// oldest files are deleted; `None`: never.
+    /// Largest size of all recordings in the folder, with torn copies, bytes. Beyond it, the oldest
+    /// files are deleted; `None`: never.
     pub keep_bytes: Option<u64>,
-    /// Recordings that were last written longer ago are deleted; `None`: never.
+    /// Time since the last write after which recordings are deleted; `None`: never.
     pub keep_for: Option<Duration>,
-    /// Stop writing while the disk has less than this left, bytes: the file's index still needs
-    /// room.
+    /// Free space on the disk below which writing stops, bytes: the file's index still needs room.
     pub free_min_bytes: u64,
-    /// Chunks are compressed with zstd.
+    /// Whether chunks are compressed with zstd.
     pub compress: bool,
-    /// Wrenches on `wrench/raw` are kept in arrays.
+    /// Whether the messages of `wrench/raw` are packed into arrays.
     pub pack: bool,
     /// Files stored inside each recording: name and text.
     pub attachments: Vec<(String, String)>,
     /// Names and values stored inside each recording as metadata `tangent`, beside the version.
     pub facts: BTreeMap<String, String>,
-    /// Messages that may wait for the disk.
+    /// Largest number of messages that wait for the disk.
     pub queue: usize,
 }
 
@@ -104,7 +103,7 @@ impl RecorderConfig {
         }
     }
 
-    /// What its files are like.
+    /// Options of its files.
     pub(crate) fn options(&self) -> FileOptions {
         FileOptions {
             compress: self.compress,
@@ -125,7 +124,7 @@ impl RecorderConfig {
     }
 }
 
-/// What can be said of the program without asking anybody.
+/// Facts about the program that need no query.
 fn version_facts() -> BTreeMap<String, String> {
     [
         ("version", env!("CARGO_PKG_VERSION")),

@@ -1,4 +1,4 @@
-//! Where recordings go: opens, rotates and closes files, and stands by while the disk refuses.
+//! Opens, rotates and closes the files of a recording, and retries while the disk refuses.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -26,37 +26,36 @@ enum State {
     },
 }
 
-/// Writes records to rotating files. Never gives up: after a refusal it tries again.
+/// Writes records to rotating files. It never gives up: after an error it tries again.
 pub struct Disk {
     config: RecorderConfig,
     system: Arc<dyn Files>,
     state: State,
-    /// Counts files of this run.
+    /// Number of files of this run.
     files: u32,
     finished: Vec<PathBuf>,
     dropped: u64,
     written: u64,
-    /// Taken by the present file but not synced: gone if the disk refuses now.
+    /// Messages written to the present file but not synced; lost if the disk fails now.
     unsynced: u64,
-    /// When the newest sync began: a new file is synced as soon as the one before it would have
-    /// been.
+    /// Start of the newest sync. A new file is synced as soon as the previous one would have been.
     flushed: Option<Instant>,
-    /// How long the newest sync took.
+    /// Duration of the newest sync.
     sync_took: Duration,
-    /// Tables that every file of this run gets at its start.
+    /// Metadata tables that every file of this run gets at its start.
     tables: BTreeMap<String, BTreeMap<String, String>>,
-    /// Tables that every file gets at its end.
+    /// Metadata tables that every file gets at its end.
     last_words: BTreeMap<String, BTreeMap<String, String>>,
 }
 
-/// Time between tries while the disk refuses.
+/// Pause between attempts while the disk refuses.
 const RETRY: Duration = Duration::from_secs(2);
 
 impl Disk {
-    /// Makes the folder.
+    /// Creates the folder.
     ///
     /// # Errors
-    /// When the folder can neither be found nor made.
+    /// The folder does not exist and cannot be created.
     pub fn open(config: RecorderConfig) -> Result<Self, RecorderError> {
         Self::open_on(config, Arc::new(SystemFiles))
     }
@@ -83,7 +82,7 @@ impl Disk {
         })
     }
 
-    /// Takes one record; drops and counts it while the disk refuses.
+    /// Writes one record; drops and counts it while the disk refuses.
     pub fn take(&mut self, record: &Record<'_>, now: Instant) {
         self.prepare(record.log_time_ns, now);
         let State::Open { writer, .. } = &mut self.state else {
@@ -103,7 +102,7 @@ impl Disk {
         }
     }
 
-    /// Syncs and rotates when it is time; call it now and then, also without records.
+    /// Syncs and rotates when due. Call it regularly, also without records.
     pub fn tend(&mut self, now: Instant) {
         let State::Open {
             writer,
@@ -145,7 +144,7 @@ impl Disk {
         }
     }
 
-    /// Stores a table inside the present file and all that follow.
+    /// Stores a table in the present file and in all later ones.
     pub fn metadata(&mut self, name: &str, entries: BTreeMap<String, String>, now: Instant) {
         self.tables.insert(name.to_owned(), entries.clone());
         if let State::Open { writer, .. } = &mut self.state {
@@ -156,13 +155,13 @@ impl Disk {
         }
     }
 
-    /// Stores a table at the end of the present file and of all that follow; the newest of a name
-    /// counts.
+    /// Stores a table at the end of the present file and of all later ones. A newer table replaces
+    /// an older one of its name.
     pub fn last_words(&mut self, name: &str, entries: BTreeMap<String, String>) {
         self.last_words.insert(name.to_owned(), entries);
     }
 
-    /// Stores a file inside the present recording and all that follow.
+    /// Stores a file in the present recording and in all later ones.
     pub fn attach(&mut self, name: &str, text: &str, time_ns: u64, now: Instant) {
         self.config
             .attachments
@@ -175,15 +174,16 @@ impl Disk {
         }
     }
 
-    /// Ends the present file; all files of this run.
+    /// Closes the present file. Returns all files of this run, and the counts of messages written
+    /// and dropped.
     pub fn finish(mut self, now: Instant) -> (Vec<PathBuf>, u64, u64) {
-        // Files that the disk refused to go on with stay torn: they can be read, and the next start
-        // mends them.
+        // Files that could not be continued stay truncated: they can be read, and the next start
+        // repairs them.
         self.close(now);
         (self.finished, self.written, self.dropped)
     }
 
-    /// Why nothing is written now; none while all is well.
+    /// Why nothing is written now; `None` if there is no error.
     pub fn refusal(&self) -> Option<&str> {
         match &self.state {
             State::Refused { reason, .. } => Some(reason),
@@ -191,12 +191,12 @@ impl Disk {
         }
     }
 
-    /// Files that were ended or given up so far.
+    /// Number of files closed or given up so far.
     pub fn ended(&self) -> usize {
         self.finished.len()
     }
 
-    /// How long the newest sync took: what came meanwhile waited.
+    /// Duration of the newest sync, during which messages had to wait.
     pub fn sync_took(&self) -> Duration {
         self.sync_took
     }
@@ -209,7 +209,7 @@ impl Disk {
         }
     }
 
-    /// Messages written, and messages dropped because the disk refused.
+    /// Number of messages written, and of messages dropped because the disk refused.
     pub fn counts(&self) -> (u64, u64) {
         (self.written, self.dropped)
     }
@@ -285,7 +285,7 @@ impl Disk {
     }
 
     fn refuse(&mut self, error: RecorderError, now: Instant) {
-        // What was in memory only is gone with the file.
+        // Messages that were only in memory are lost with the file.
         self.written -= self.unsynced;
         self.dropped += self.unsynced;
         self.unsynced = 0;
@@ -295,13 +295,13 @@ impl Disk {
         }
         let refused = State::Refused { reason, since: now };
         if let State::Open { writer, .. } = std::mem::replace(&mut self.state, refused) {
-            // What is on the disk stays there; the next start mends its end.
+            // The synced part of the file remains; the next start repairs its end.
             self.finished.push(writer.path().to_owned());
         }
     }
 }
 
-/// `20261121T110405Z` of a time in ns since the Unix epoch.
+/// Formats a time in ns since the Unix epoch like `20261121T110405Z`.
 fn utc_name(time_ns: u64) -> String {
     let seconds = time_ns / 1_000_000_000;
     let (days, second) = (seconds / 86_400, seconds % 86_400);

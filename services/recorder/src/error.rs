@@ -1,4 +1,4 @@
-//! What can go wrong with a recording, in words that say which file.
+//! Errors of a recording. Each message names the file.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -6,20 +6,20 @@ use std::path::{Path, PathBuf};
 /// A recording could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
-    /// The operating system refused.
+    /// The operating system reports an error.
     #[error("recording {path}: {source}{}", advice(source))]
     Io {
         /// File or folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
-    /// The file's content is not as it should be, or writing it failed.
+    /// The content of the file is not valid, or it could not be written.
     #[error("recording {path}: {source}{}", mcap_advice(source))]
     Mcap {
         /// File.
         path: PathBuf,
-        /// What the format's library said.
+        /// Error of the format's library.
         source: mcap::McapError,
     },
     /// A message in the file does not decode as its type says.
@@ -36,7 +36,7 @@ pub enum RecorderError {
         /// What the decoder said.
         reason: String,
     },
-    /// Mending would leave less free than is kept free.
+    /// A repair would leave less free space than must stay free.
     #[error(
         "recording {path}: not mended: {free_mb} MB are free, mending takes up to {needed_mb} MB, and {kept_mb} MB are kept \
          free; free some space, set [recorder] keep_bytes or keep_days, or set [recorder] folder to another disk. It is \
@@ -52,16 +52,16 @@ pub enum RecorderError {
         /// Kept free.
         kept_mb: u64,
     },
-    /// Mending was given up because the recorder ends.
+    /// A repair was stopped because the recorder ends.
     #[error("recording {path}: mending was stopped; the next start goes on with it")]
     Stopped {
         /// File.
         path: PathBuf,
     },
-    /// The system gave no thread.
+    /// A thread could not be started.
     #[error("recorder: no thread could be started: {source}")]
     Thread {
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// The bus refused a subscription.

@@ -1,4 +1,4 @@
-//! What a recording needs of a file system: files that grow at their end, and a way to make them
+//! File system operations of a recording: files that grow at their end, and syncs that make them
 //! survive a power cut.
 
 use std::fs::{self, File, OpenOptions};
@@ -12,22 +12,22 @@ pub(crate) trait OpenFile: Send + Sync {
     /// power cut.
     ///
     /// # Errors
-    /// When the disk refuses.
+    /// The disk refuses.
     fn append(&self, bytes: &[u8]) -> io::Result<usize>;
 
     /// Returns when everything appended so far survives a power cut.
     ///
     /// # Errors
-    /// When the disk refuses; then nothing is known of what was appended since the last success.
+    /// The disk refuses; the state of the data appended since the last success is then unknown.
     fn sync(&self) -> io::Result<()>;
 }
 
-/// Where recordings are written: the system's files, or a test's.
+/// Place where recordings are written: the operating system's files, or those of a test.
 pub(crate) trait Files: Send + Sync {
     /// Creates a file that must not exist, so that its name survives a power cut.
     ///
     /// # Errors
-    /// When it exists or cannot be created.
+    /// The file exists or cannot be created.
     fn create(&self, path: &Path) -> io::Result<Arc<dyn OpenFile>>;
 }
 
@@ -51,9 +51,9 @@ impl Files for SystemFiles {
             .write(true)
             .create_new(true)
             .open(&opening)?;
-        // Held while the file is written, so that no recorder takes it for torn or for old: it gets
-        // its name when it is locked already. Where a file system knows no locks, recordings are
-        // made all the same.
+        // The lock is held while the file is written, so that no recorder treats it as torn or old.
+        // The file is locked before it gets its name. On a file system without locks, recordings
+        // are made without them.
         let _ = file.try_lock();
         let named = name(&opening, path);
         if named.is_err() {
@@ -65,29 +65,29 @@ impl Files for SystemFiles {
     }
 }
 
-/// What a file is called until it is locked.
+/// Name of a file until it is locked.
 fn opening_path(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(OPENING);
     name.into()
 }
 
-/// End of such a name.
+/// End of the name until the file is locked.
 pub(crate) const OPENING: &str = ".opening";
 
-/// Gives the file its name, which must be free.
+/// Gives the file its final name, which must not exist.
 fn name(opening: &Path, path: &Path) -> io::Result<()> {
     match fs::hard_link(opening, path) {
         Ok(()) => fs::remove_file(opening),
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Err(error),
-        // A file system without links.
+        // The file system has no hard links.
         Err(_) if !path.exists() => fs::rename(opening, path),
         Err(error) => Err(error),
     }
 }
 
-/// Makes what was created, renamed and removed beside `path` survive a power cut. Some network file
-/// systems cannot sync a folder; there the files' own syncs have to do.
+/// Makes files created, renamed or removed beside `path` survive a power cut. Some network file
+/// systems cannot sync a folder; there, only the files themselves are synced.
 pub(crate) fn sync_folder_of(path: &Path) {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -96,14 +96,14 @@ pub(crate) fn sync_folder_of(path: &Path) {
     let _ = File::open(folder).and_then(|folder| folder.sync_all());
 }
 
-/// True while a recorder, this one or another, writes the file.
+/// Whether a recorder, this one or another, is writing the file.
 pub(crate) fn is_being_written(path: &Path) -> bool {
     File::open(path)
         .is_ok_and(|file| matches!(file.try_lock_shared(), Err(fs::TryLockError::WouldBlock)))
 }
 
-/// Bytes that unprivileged users may still write in the folder; `None` when the system does not
-/// say.
+/// Bytes that unprivileged users may still write in the folder; `None` if the system does not state
+/// it.
 pub(crate) fn free_bytes(folder: &Path) -> Option<u64> {
     let stat = nix::sys::statvfs::statvfs(folder).ok()?;
     Some(stat.blocks_available() * stat.fragment_size())

@@ -1,8 +1,8 @@
-//! What a former recording of the cell ends with: which messages of whom are in it, so that a
-//! recorder that starts again asks for what came after.
+//! End of the cell's former recording: the messages of each publisher in it, so that a restarted
+//! recorder can request those that came after.
 //!
-//! Reads the end of the newest files, whole or torn, before they are mended: the chunks of the last
-//! seconds, and of everything before no more than where the records are.
+//! Reads the end of the newest files, complete or torn, before they are repaired. It reads the
+//! chunks of the last seconds; of everything earlier it reads only the positions of the records.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
@@ -21,35 +21,35 @@ use crate::repair::is_finished;
 use crate::retention::order_of;
 use crate::writer::PUBLISHERS;
 
-/// So much of the end is looked at: what publishers still have, and some more.
+/// Time span before the end that is read: slightly more than publishers keep.
 const TAIL: Duration = Duration::from_secs(15);
-/// Files are rotated hardly more often.
+/// Largest number of files read: rotation within the time span is hardly more frequent.
 const FILES_MAX: usize = 4;
-/// A longer chunk is damage.
+/// Largest chunk, bytes; a longer one is damage.
 const CHUNK_BYTES_MAX: u64 = 256 << 20;
 
 /// The end of the former recordings.
 #[derive(Debug, Default)]
 pub(crate) struct Former {
-    /// Receipt of the newest message, ns since the Unix epoch.
+    /// Time of receipt of the newest message, ns since the Unix epoch.
     pub newest_ns: u64,
-    /// By key and publisher.
+    /// Messages by key and publisher.
     pub heard: BTreeMap<(Arc<str>, [u8; 16]), Heard>,
 }
 
 /// Messages of one publisher.
 #[derive(Debug, Default)]
 pub(crate) struct Heard {
-    /// Lower 32 bits of their sequences, in the file's order.
+    /// Lower 32 bits of their sequence numbers, in the file's order.
     pub sequences: Vec<u32>,
-    /// The last of them is in a file without an end: what is missing has not been counted.
+    /// Whether the last of them is in a torn file, whose missing messages have not been counted.
     pub torn: bool,
 }
 
 impl Former {
-    /// Of the files in `folder` whose names begin with the cell's name; empty when the newest
+    /// Reads the files in `folder` whose names begin with the cell's name. Empty if the newest
     /// message is older than what publishers keep. A file that cannot be read is left out: its
-    /// messages are asked for again.
+    /// messages are requested again.
     pub(crate) fn read(folder: &Path, prefix: &str, now_ns: u64) -> Self {
         let oldest_ns = now_ns.saturating_sub(TAIL.as_nanos() as u64);
         let mut ends = Vec::new();
@@ -81,7 +81,7 @@ impl Former {
     }
 }
 
-/// Newest first.
+/// The newest files, newest first.
 fn newest_files(folder: &Path, prefix: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten();
     let mut files: Vec<(String, PathBuf)> = entries
@@ -89,7 +89,7 @@ fn newest_files(folder: &Path, prefix: &str) -> Vec<PathBuf> {
             let path = entry.ok()?.path();
             let name = path.file_name()?.to_str()?;
             let rest = name.strip_prefix(prefix)?;
-            // `-UTC-NNN.mcap`: of no other cell whose name begins in the same way.
+            // Only `-UTC-NNN.mcap` may follow: the name of another cell may begin in the same way.
             let own = rest.starts_with('-') && rest.split('-').count() == 3;
             let order = order_of(name).filter(|_| own && rest.ends_with(".mcap"))?;
             Some((order, path))
@@ -104,7 +104,7 @@ fn newest_files(folder: &Path, prefix: &str) -> Vec<PathBuf> {
 struct End {
     newest_ns: u64,
     torn: bool,
-    /// The file has older messages too.
+    /// Whether the file also has older messages.
     begins_before: bool,
     messages: Vec<(Arc<str>, [u8; 16], u32)>,
 }
@@ -131,7 +131,7 @@ impl End {
         Ok(end)
     }
 
-    /// Takes the messages of one chunk, as far as it is whole.
+    /// Takes the messages of one chunk, up to the first damage.
     fn take(&mut self, bytes: &[u8], publishers: &mut Publishers) {
         let mut left = bytes;
         let mut reader = LinearReader::new_with_options(reader_options());
@@ -184,7 +184,7 @@ impl Publishers {
         }
     }
 
-    /// From the table that the writer puts behind the chunk in which channels begin.
+    /// Takes the table that the writer puts after the chunk in which channels begin.
     fn add_table(&mut self, table: &BTreeMap<String, String>) {
         for (id, text) in table {
             if let Ok(id) = id.parse()
@@ -198,17 +198,17 @@ impl Publishers {
     }
 }
 
-/// Where the records of a file are.
+/// Positions of a file's records.
 #[derive(Default)]
 struct Records {
     publishers: Publishers,
-    /// Beginning and length of chunks that are not older.
+    /// Start and length of the chunks that are not too old.
     chunks: Vec<(u64, u64)>,
     begins_before: bool,
 }
 
 impl Records {
-    /// Goes from record to record and reads only what names publishers.
+    /// Goes through the records, and reads only those that name publishers.
     fn find(file: &mut File, oldest_ns: u64) -> io::Result<Self> {
         const HEADER: u64 = 9;
         let length = file.metadata()?.len();

@@ -1,5 +1,4 @@
-//! Asks the other services what a recording should hold beside their messages, without keeping the
-//! disk waiting.
+//! Queries other services for data that are stored with their messages, without delaying the disk.
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -12,30 +11,30 @@ use tangent_schemas::topics::queries;
 
 use crate::RecorderError;
 
-/// Services have this long to answer.
+/// Time that services have to answer.
 const PATIENCE: Duration = Duration::from_millis(800);
 
-/// What to find out.
+/// What to query.
 enum Question {
     Parameters,
     Task { prefix: String, activation: u64 },
 }
 
-/// What was found out.
+/// Result of a query.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Finding {
-    /// `SERVICE/NAME`, behind the cell where there are several, to value with unit.
+    /// Value with unit, by `SERVICE/NAME`; with several cells, the cell's name comes first.
     Parameters(BTreeMap<String, String>),
     /// The task of an activation, as TOML.
     Task {
-        /// What stands before its cell's keys.
+        /// Prefix of the cell's keys.
         prefix: String,
         activation: u64,
         toml: String,
     },
 }
 
-/// A thread that asks; it ends with this value.
+/// Thread that sends the queries; it ends when this value is dropped.
 pub(crate) struct Inquirer {
     questions: Option<Sender<Question>>,
     findings: Receiver<Finding>,
@@ -43,7 +42,7 @@ pub(crate) struct Inquirer {
 }
 
 impl Inquirer {
-    /// `prefixes`: what stands before the keys of each cell.
+    /// `prefixes` are those of each cell's keys.
     pub(crate) fn start(bus: Bus, prefixes: Vec<String>) -> Result<Self, RecorderError> {
         let (questions, asked) = channel();
         let (found, findings) = channel();
@@ -76,17 +75,17 @@ impl Inquirer {
 
     fn ask(&self, question: Question) {
         if let Some(questions) = &self.questions {
-            // A thread that is gone asks nothing; the recording goes on without.
+            // If the thread has ended, nothing is queried; the recording continues without.
             let _ = questions.send(question);
         }
     }
 
-    /// What has come in since the last call.
+    /// Results since the last call.
     pub(crate) fn findings(&self) -> impl Iterator<Item = Finding> + '_ {
         self.findings.try_iter()
     }
 
-    /// Waits until everything that was asked is answered or given up.
+    /// Waits until every query is answered or given up.
     pub(crate) fn finish(&mut self) -> Vec<Finding> {
         self.questions = None;
         if let Some(thread) = self.thread.take()
@@ -141,7 +140,7 @@ fn find_out(bus: &Bus, prefixes: &[String], question: &Question) -> Option<Findi
     }
 }
 
-/// Parameters of one service as it lists them.
+/// Parameters of one service, from its list.
 fn parameters(json: &str) -> Vec<(String, String)> {
     #[derive(Deserialize)]
     struct Listed {
@@ -165,7 +164,7 @@ fn parameters(json: &str) -> Vec<(String, String)> {
         .collect()
 }
 
-/// The task's text in the controller's answer to `show`.
+/// Text of the task, from the controller's answer to `show`.
 fn task(json: &str) -> Option<String> {
     #[derive(Deserialize)]
     struct Shown {

@@ -59,21 +59,20 @@ impl Keeper {
         })
     }
 
-    /// The folder changed: a file was ended, or given up.
+    /// Notifies the thread that the folder has changed: a file was closed or given up.
     pub(crate) fn look(&self) {
         if let Some(wake) = &self.wake {
-            // A thread that is gone keeps nothing in order; the recording goes on without.
+            // If the thread has ended, the folder is not maintained; the recording continues.
             let _ = wake.send(());
         }
     }
 
-    /// Files mended since the last call.
+    /// Files repaired since the last call.
     pub(crate) fn mended(&self) -> impl Iterator<Item = Repair> + '_ {
         self.mended.try_iter()
     }
 
-    /// Ends it at once: a file that is being mended is left torn, and what was written of its copy
-    /// is removed.
+    /// Ends the thread at once: a file under repair stays torn, and the incomplete copy is removed.
     pub(crate) fn finish(&mut self) {
         self.stop.trigger();
         self.wake = None;
@@ -97,7 +96,7 @@ struct Round {
     free_min_bytes: u64,
     stop: Stop,
     mended: Sender<Repair>,
-    /// The trouble said last, so that it is said once.
+    /// The error reported last, so that it is reported once.
     said: Option<String>,
 }
 

@@ -1,7 +1,10 @@
-//! Recorder service: every topic of the cell to MCAP, and recordings read back.
+//! Recorder service: writes every topic of the cell to MCAP files, and reads recordings back.
 //!
-//! It listens to everything through a bounded queue of its own, so that a slow disk costs recorded
-//! messages and never a publisher's time; what could not be written is counted and said.
+//! It subscribes through a bounded queue, so that a slow disk never delays a publisher. Messages
+//! that could not be written are counted and reported, and requested again from their publishers.
+//!
+//! [`run`] is the service, started by `tangent run recorder`. [`Recording`] and [`RecordingStream`]
+//! read a file, [`RecordingWriter`] writes one, and [`repair`] repairs a truncated one.
 
 mod cells;
 mod config;

@@ -1,10 +1,10 @@
-//! One message on its way into a recording, and as it is read from one.
+//! One message, on its way into a recording and as read from one.
 
 use mcap::Message;
 
 use crate::publisher::of_channel;
 
-/// One message as the recorder takes it from the bus.
+/// One message as received from the bus.
 #[derive(Clone, Copy, Debug)]
 pub struct Record<'a> {
     /// Topic with its leading slash.
@@ -14,13 +14,13 @@ pub struct Record<'a> {
     /// Text of the `.msg` definition with its dependencies; `None` for a type this build does not
     /// know.
     pub definition: Option<&'a str>,
-    /// Publisher's id; zeros for one that does not say.
+    /// Publisher's id; zeros if the publisher does not state it.
     pub publisher: [u8; 16],
     /// Publisher's sequence number.
     pub sequence: u32,
-    /// When the recorder received it, ns since the Unix epoch.
+    /// Time of receipt by the recorder, ns since the Unix epoch.
     pub log_time_ns: u64,
-    /// When the publisher says it was measured, ns since the Unix epoch.
+    /// Time of measurement as stated by the publisher, ns since the Unix epoch.
     pub publish_time_ns: u64,
     /// CDR with its encapsulation header.
     pub bytes: &'a [u8],
@@ -33,11 +33,12 @@ pub struct RecordedMessage {
     pub topic: String,
     /// ROS 2 message type.
     pub type_name: String,
-    /// When the recorder received it, ns since the Unix epoch.
+    /// Time of receipt by the recorder, ns since the Unix epoch.
     pub log_time_ns: u64,
-    /// When it was measured, ns since the Unix epoch.
+    /// Time of measurement, ns since the Unix epoch.
     pub publish_time_ns: u64,
-    /// Publisher's id; zeros for one that did not say, and in recordings of older versions.
+    /// Publisher's id; zeros if the publisher did not state it, and in recordings of older
+    /// versions.
     pub publisher: [u8; 16],
     /// Publisher's sequence number, lower 32 bits.
     pub sequence: u32,

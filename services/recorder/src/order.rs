@@ -1,5 +1,5 @@
-//! The order in which a recording's messages came, or would have come: those that their publisher
-//! was asked for again stand in the file behind what came meanwhile.
+//! Restores the order in which a recording's messages were received, or would have been: messages
+//! requested again are in the file after those received meanwhile.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
 
@@ -7,30 +7,30 @@ use crate::RecorderError;
 use crate::message::RecordedMessage;
 use crate::packing::Unpacked;
 
-/// A message is asked for again within this time, ns: what publishers keep, and some more.
+/// Time within which a message is requested again, ns: slightly more than publishers keep.
 const WINDOW_NS: u64 = 20_000_000_000;
 
-/// Messages in order. Without any that came again, that of the file.
+/// Messages in order; that of the file if none was requested again.
 pub(crate) struct Ordered<I> {
     source: I,
     waiting: BTreeMap<Place, RecordedMessage>,
     taken: u64,
     newest_ns: u64,
     channels: HashMap<(String, [u8; 16]), Channel>,
-    /// The source's last word, where that is an error.
+    /// The error with which the source ended, if any.
     damage: Option<RecorderError>,
     ended: bool,
 }
 
-/// Where a message stands.
+/// Position of a message in the order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Place {
     at_ns: u64,
-    /// Number in the file of the message in order that it stands at, its own for one in order;
-    /// `u64::MAX`: none.
+    /// Number in the file of the in-order message at whose position it belongs; its own for a
+    /// message in order; `u64::MAX`: none.
     at: u64,
     side: Side,
-    /// Of messages at the same place: by their sequence.
+    /// Order among messages at the same position, by sequence number.
     order: u32,
     number: u64,
 }
@@ -42,19 +42,21 @@ enum Side {
     Behind,
 }
 
-/// A publisher's messages of the last seconds: one that came again stands between its neighbours.
+/// A publisher's messages of the last seconds. A message that was requested again belongs between
+/// its neighbours.
 struct Channel {
-    /// Sequences are compared from here on, so that a wrap of their 32 bits is none.
+    /// Base from which sequence numbers are compared, so that a wrap of their 32 bits has no
+    /// effect.
     base: u32,
     newest: u32,
-    /// Time from publication to receipt, the least of late: of a message that came again it is
-    /// longer.
+    /// Usual time from publication to receipt, ns: follows the smallest recent one. For a message
+    /// that was requested again it is longer.
     usual_ns: i128,
-    /// By sequence, counted from `base`.
+    /// Positions by sequence number, counted from `base`.
     places: VecDeque<(u32, Place)>,
 }
 
-/// The usual time from publication to receipt grows by at most this with each message, ns.
+/// Largest growth per message of the usual time from publication to receipt, ns.
 const USUAL_GROWS_NS: i128 = 1_000_000;
 
 impl Channel {
@@ -78,7 +80,7 @@ impl Channel {
         message.log_time_ns.max(before_ns)
     }
 
-    /// The next message in order.
+    /// Takes the next message in order.
     fn go_on(&mut self, message: &RecordedMessage, place: Place) {
         self.newest = message.sequence;
         self.usual_ns = delay_ns(message).min(self.usual_ns + USUAL_GROWS_NS);
@@ -92,7 +94,7 @@ impl Channel {
         self.places.push_back((order, place));
     }
 
-    /// Where a late message stands: where it would have come, between its neighbours.
+    /// Position of a late message: between its neighbours, where it would have been received.
     fn insert(&mut self, message: &RecordedMessage, number: u64) -> Place {
         let order = message.sequence.wrapping_sub(self.base);
         let next = self.places.partition_point(|(other, _)| *other < order);
@@ -101,7 +103,7 @@ impl Channel {
         let behind = neighbour(Some(next));
         let at_ns = i128::from(message.publish_time_ns) + self.usual_ns;
         let at_ns = u64::try_from(at_ns).unwrap_or(0);
-        // Beside a neighbour in order, or among those that stand beside the same one.
+        // Beside an in-order neighbour, or among the messages beside the same one.
         let beside = |one: Place, side| Place {
             side: if one.order == 0 { side } else { one.side },
             order,

@@ -1,9 +1,8 @@
-//! Wrenches in arrays: at 7000 a second each message costs as much for its place in a file as for
-//! what it says.
+//! Packs wrenches into arrays: at 7000 per second, the overhead of a message in a file is as large
+//! as its content.
 //!
 //! A sensor counts in steps of a decimal fraction of its unit, so that a force is a whole number of
-//! steps. A wrench that does not come out of the arrays bit for bit as it went in stays a message
-//! of its own.
+//! steps. A wrench that is not restored from the arrays bit for bit stays a separate message.
 
 use tangent_schemas::standard::{Header, Time, Vector3, Wrench, WrenchStamped};
 use tangent_schemas::tangent::WrenchBatch;
@@ -12,11 +11,11 @@ use tangent_schemas::{Message, cdr, topics};
 use crate::message::{Record, RecordedMessage};
 use crate::publisher::NOBODY;
 
-/// Behind the name of a topic whose messages are in arrays.
+/// Suffix of the topic with the packed messages of another topic.
 const SUFFIX: &str = "/packed";
-/// Wrenches in one message at most.
+/// Largest number of wrenches in one message.
 const BATCH_MAX: usize = 4096;
-/// Steps are units of force or torque divided by a power of ten up to this one.
+/// Steps are units of force or torque divided by powers of ten, up to this exponent.
 const DECIMALS: i32 = 9;
 /// N: newton, pound-force, kilogram-force.
 const FORCE_UNITS: [f64; 3] = [1.0, POUND_FORCE_N, KILOGRAM_FORCE_N];
@@ -30,23 +29,23 @@ const TORQUE_UNITS: [f64; 4] = [
 const POUND_FORCE_N: f64 = 4.448_221_615_260_5;
 const KILOGRAM_FORCE_N: f64 = 9.806_65;
 
-/// A topic and who publishes on it.
+/// A topic and a publisher on it.
 type Place = (String, [u8; 16]);
 
-/// Wrenches that wait for the rest of their batch: a list, since few publish them, and empty again
-/// after each flush, since strangers may.
+/// Incomplete batches. The list is short, since few publishers send wrenches, and is emptied with
+/// each flush, since unknown processes may send some.
 #[derive(Default)]
 pub(crate) struct Packer {
     waiting: Vec<(Place, Waiting)>,
-    /// N and Nm, as they fitted last.
+    /// Step sizes that fitted last, N and Nm.
     steps: (f64, f64),
 }
 
-/// What became of a record.
+/// Result for one record.
 pub(crate) enum Packed {
-    /// It is in a batch; this one is full.
+    /// The record is in a batch; returns a batch that is complete.
     Taken(Option<Whole>),
-    /// It is to be written as it is, and before it this.
+    /// The record must be written unpacked, after the returned batch.
     Not(Option<Whole>),
 }
 
@@ -61,7 +60,7 @@ pub(crate) struct Whole {
 }
 
 impl Packer {
-    /// Takes a record, or says that it is none for a batch.
+    /// Adds a record to a batch, or reports that it cannot be packed.
     pub fn take(&mut self, record: &Record<'_>) -> Packed {
         if !is_packable(record) {
             return Packed::Not(None);
@@ -90,7 +89,7 @@ impl Packer {
         }
     }
 
-    /// Everything that waits.
+    /// Ends all incomplete batches.
     pub fn end_all(&mut self) -> Vec<Whole> {
         let waiting = self.waiting.drain(..);
         waiting
@@ -99,7 +98,7 @@ impl Packer {
     }
 }
 
-/// Raw wrenches of a publisher that numbers them.
+/// Whether the record is a raw wrench of a publisher that numbers its messages.
 fn is_packable(record: &Record<'_>) -> bool {
     let raw = topics::WRENCH_RAW.key();
     let of_cell = || record.topic.strip_suffix(raw)?.strip_suffix('/');
@@ -137,11 +136,11 @@ fn narrow(number: i64) -> Option<i32> {
 struct Waiting {
     batch: WrenchBatch,
     last: Last,
-    /// Bytes of a wrench as they come out of the arrays.
+    /// Bytes of a wrench as restored from the arrays.
     bytes: Vec<u8>,
 }
 
-/// Of the newest wrench.
+/// Data of the newest wrench.
 #[derive(Clone, Copy, Default)]
 struct Last {
     stamp_ns: i64,
@@ -165,7 +164,7 @@ impl Waiting {
         (self.batch.force_step_n, self.batch.torque_step_nm)
     }
 
-    /// False when the wrench does not go on where the batch ends, or not come out as it went in.
+    /// Adds a wrench. False if it does not continue the batch, or would not be restored exactly.
     fn push(&mut self, one: &One<'_>) -> bool {
         let size = self.batch.force_x.len();
         if size == BATCH_MAX {
@@ -222,8 +221,8 @@ impl Waiting {
         Some(())
     }
 
-    /// The coarsest steps of which this wrench has whole numbers, for an empty batch; false where
-    /// there are none.
+    /// Finds the coarsest steps of which this wrench is a whole number, for an empty batch; false
+    /// if there are none.
     fn find_steps(&mut self, one: &One<'_>) -> bool {
         let felt = &one.wrench.wrench;
         let steps = step(&felt.force, &FORCE_UNITS).zip(step(&felt.torque, &TORQUE_UNITS));
@@ -233,7 +232,7 @@ impl Waiting {
         steps.is_some()
     }
 
-    /// What waits; the steps stay for the next batch.
+    /// Ends the batch and returns it; the steps are kept for the next one.
     fn end(&mut self, (topic, publisher): &Place) -> Option<Whole> {
         if self.batch.force_x.is_empty() {
             return None;
@@ -261,7 +260,7 @@ fn step(vector: &Vector3, units: &[f64]) -> Option<f64> {
     steps.find(|step| numbers(vector, *step).is_some())
 }
 
-/// How many steps; `None` where that is no whole number.
+/// Number of steps; `None` if it is not whole.
 fn numbers(vector: &Vector3, step: f64) -> Option<[i32; 3]> {
     let number = |value: f64| {
         let number = (value / step).round();
@@ -279,7 +278,7 @@ fn times([x, y, z]: [i32; 3], step: f64) -> Vector3 {
     }
 }
 
-/// A wrench of the batch as it comes out of the arrays.
+/// A wrench of the batch, as restored from the arrays.
 fn wrench(batch: &WrenchBatch, stamp_ns: i64, force: [i32; 3], torque: [i32; 3]) -> WrenchStamped {
     WrenchStamped {
         header: Header {
@@ -293,19 +292,19 @@ fn wrench(batch: &WrenchBatch, stamp_ns: i64, force: [i32; 3], torque: [i32; 3])
     }
 }
 
-/// The topic whose messages stand in arrays on this one.
+/// Topic whose messages are packed on this one; `None` if this is not a packed topic.
 pub(crate) fn packed_topic(topic: &str) -> Option<&str> {
     topic.strip_suffix(SUFFIX)
 }
 
-/// A batch, where a message of this type is a whole one.
+/// The batch in a message; `None` if the message is not a complete batch.
 fn batch_of(topic: &str, type_name: &str, bytes: &[u8]) -> Option<WrenchBatch> {
     (type_name == WrenchBatch::NAME)
         .then(|| batch(topic, bytes))
         .flatten()
 }
 
-/// A batch, where these bytes are one.
+/// Decodes a batch; `None` if the bytes are not one.
 pub(crate) fn batch(topic: &str, bytes: &[u8]) -> Option<WrenchBatch> {
     packed_topic(topic)?;
     let batch: WrenchBatch = cdr::decode(bytes).ok()?;
@@ -323,7 +322,7 @@ pub(crate) fn batch(topic: &str, bytes: &[u8]) -> Option<WrenchBatch> {
     (arrays.iter().all(|array| array.len() == size)).then_some(batch)
 }
 
-/// Messages in a message of a recording: 1 in all that are no batch.
+/// Number of messages in a message of a recording; 1 if it is not a batch.
 pub(crate) fn count(topic: &str, type_name: &str, bytes: &[u8]) -> u64 {
     batch_of(topic, type_name, bytes).map_or(1, |batch| batch.force_x.len() as u64)
 }
@@ -331,11 +330,11 @@ pub(crate) fn count(topic: &str, type_name: &str, bytes: &[u8]) -> u64 {
 /// A message as it came from the bus.
 pub(crate) struct Unpacked {
     pub message: RecordedMessage,
-    /// It stood in a batch: in the file, it comes behind what was received after it.
+    /// Whether it was in a batch: in the file, it then follows messages received after it.
     pub packed: bool,
 }
 
-/// The messages of a batch as they came from the bus; any other message as it is.
+/// The messages of a batch as received from the bus; any other message unchanged.
 pub(crate) fn unpack(message: RecordedMessage) -> Vec<Unpacked> {
     let found = batch_of(&message.topic, &message.type_name, &message.bytes);
     let (Some(batch), Some(topic)) = (found, packed_topic(&message.topic)) else {

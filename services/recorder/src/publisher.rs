@@ -1,8 +1,8 @@
-//! Who published: the id in a channel's metadata.
+//! Id of the publisher in a channel's metadata.
 
 use std::collections::BTreeMap;
 
-/// No publisher: of one that does not say, or of one too many.
+/// Id for an unknown publisher, and for publishers beyond the limit.
 pub(crate) const NOBODY: [u8; 16] = [0; 16];
 
 /// Hexadecimal digits of a publisher's id.
@@ -16,7 +16,7 @@ pub(crate) fn parse(text: &str) -> Option<[u8; 16]> {
     (text.len() == 32).then(|| id.to_be_bytes())
 }
 
-/// Whose a channel is; zeros where that is not said.
+/// Publisher of a channel; zeros if the metadata do not state it.
 pub(crate) fn of_channel(metadata: &BTreeMap<String, String>) -> [u8; 16] {
     let publisher = metadata.get("publisher").and_then(|p| parse(p));
     publisher.unwrap_or_default()

@@ -1,5 +1,5 @@
-//! Asks publishers for what the recorder missed, without keeping the disk waiting: after a restart
-//! of the recorder, a return of the router, and holes in what came.
+//! Requests missed messages from publishers, without delaying the disk: after a restart of the
+//! recorder, a return of the router, and gaps in the received messages.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -9,18 +9,18 @@ use tangent_runtime::{Bus, Question, RawMessage, clock};
 use crate::error::RecorderError;
 use crate::ledger::Ledger;
 
-/// Publishers have this long to answer.
+/// Time that publishers have to answer.
 const PATIENCE: Duration = Duration::from_secs(4);
-/// After a start or a return of the router, everybody is asked at these times: who is not there yet
-/// the first time is later.
+/// Times after a start or a return of the router at which all publishers are asked; some may not be
+/// connected yet the first time.
 const ROUNDS: [Duration; 3] = [
     Duration::from_millis(300),
     Duration::from_millis(1500),
     Duration::from_secs(4),
 ];
-/// Time between two looks for the router.
+/// Interval between two checks of the router.
 const LOOK: Duration = Duration::from_millis(100);
-/// What was published shortly before the router was seen to be gone did not come either, ns.
+/// Time before the loss of the router was seen for which messages are requested too, ns.
 const BEFORE_NS: i64 = 2_000_000_000;
 
 enum Answer {
@@ -28,24 +28,24 @@ enum Answer {
     Complete,
 }
 
-/// When to ask whom, and a thread that does; it ends with this value.
+/// Schedules the requests, and owns the thread that sends them; it ends when this value is dropped.
 pub(crate) struct Recaller {
     bus: Bus,
     questions: Option<Sender<Question>>,
     answers: Receiver<Answer>,
     thread: Option<std::thread::JoinHandle<()>>,
     under_way: bool,
-    /// Everybody is to be asked for what was published since, at these times.
+    /// Times at which all publishers are to be asked.
     rounds: Vec<Instant>,
     since_ns: i64,
-    /// The router, and when it was last seen.
+    /// Name of the router, and when it was last seen.
     router: Option<String>,
     seen_ns: i64,
     looked: Instant,
 }
 
 impl Recaller {
-    /// `prefixes`: what stands before the keys of each cell.
+    /// `prefixes` are those of each cell's keys.
     pub(crate) fn start(bus: Bus, prefixes: Vec<String>) -> Result<Self, RecorderError> {
         let (questions, asked) = channel();
         let (said, answers) = channel();
@@ -82,7 +82,7 @@ impl Recaller {
         })
     }
 
-    /// Everybody is to be asked for what was published since.
+    /// Schedules requests to all publishers for messages published since `since_ns`.
     pub(crate) fn ask_since(&mut self, since_ns: i64, now: Instant) {
         self.since_ns = match self.rounds.is_empty() {
             true => since_ns,
@@ -91,7 +91,7 @@ impl Recaller {
         self.rounds = ROUNDS.iter().map(|after| now + *after).collect();
     }
 
-    /// Asks what is due, unless a query is under way or there is no session to send it on.
+    /// Sends a request that is due, unless one is in progress or there is no session.
     pub(crate) fn tend(&mut self, ledger: &mut Ledger, now: Instant) {
         self.look(now);
         if self.under_way || self.router.is_none() {
@@ -110,12 +110,12 @@ impl Recaller {
 
     fn ask(&mut self, question: Question) {
         if let Some(questions) = &self.questions {
-            // A thread that is gone asks nothing; what is missing stays so.
+            // If the thread has ended, nothing is requested; missing messages stay missing.
             self.under_way = questions.send(question).is_ok();
         }
     }
 
-    /// A router that is gone or another one: what was published meanwhile did not come.
+    /// Detects a lost or replaced router: messages published in the meantime were not received.
     fn look(&mut self, now: Instant) {
         if now.duration_since(self.looked) < LOOK {
             return;
@@ -130,12 +130,12 @@ impl Recaller {
             self.seen_ns = clock::now_ns();
             self.router = router;
         } else {
-            // Seen as another one when it is back.
+            // When the router returns, it counts as another one.
             self.router = None;
         }
     }
 
-    /// What was said again since the last call, at most so many messages.
+    /// Messages resent since the last call, at most `messages_max`.
     pub(crate) fn answers(&mut self, messages_max: usize) -> Vec<RawMessage> {
         let mut messages = Vec::new();
         while messages.len() < messages_max
@@ -149,7 +149,7 @@ impl Recaller {
         messages
     }
 
-    /// Asks once more for everything that is missing, and waits for it at most so long.
+    /// Requests all missing messages once more, and waits for at most `patience`.
     pub(crate) fn finish(&mut self, ledger: &mut Ledger, patience: Duration) -> Vec<RawMessage> {
         let mut messages = Vec::new();
         let until = Instant::now() + patience;

@@ -1,4 +1,4 @@
-//! Which recordings of a folder may stay: a budget of bytes and an age, the oldest go first.
+//! Deletes the oldest recordings of a folder, according to limits of total size and age.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,12 +8,12 @@ use crate::files::{is_being_written, sync_folder_of};
 use crate::repair::mending_path;
 use crate::{RecorderConfig, RecorderError};
 
-/// How much a folder may hold.
+/// Limits of a folder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Budget {
-    /// Of all recordings and torn copies together; `None`: any.
+    /// Total size of all recordings and torn copies, bytes; `None`: unlimited.
     pub bytes: Option<u64>,
-    /// Since a file was last written; `None`: any.
+    /// Time since a file was last written; `None`: unlimited.
     pub age: Option<Duration>,
 }
 
@@ -32,20 +32,19 @@ struct Kept {
     path: PathBuf,
     bytes: u64,
     /// Part of the name that orders files: UTC, the number in its run, and a torn original before
-    /// what was mended from it.
+    /// its repaired copy.
     order: String,
     modified: SystemTime,
-    /// It is being written or mended.
+    /// Whether it is being written or repaired.
     busy: bool,
 }
 
-/// Deletes what the budget does not cover. Only files that are named as recordings are:
-/// `NAME-YYYYMMDDThhmmssZ-NNN.mcap` and `.mcap.torn`. Never one that is being written or mended.
-/// Returns what was deleted.
+/// Deletes files beyond the limits, and returns them. Only files named like recordings are deleted:
+/// `NAME-YYYYMMDDThhmmssZ-NNN.mcap` and `.mcap.torn`. A file that is being written or repaired is
+/// never deleted.
 ///
 /// # Errors
-/// When the folder cannot be listed. A file that cannot be deleted is said in the log and tried
-/// again later.
+/// The folder cannot be listed. A file that cannot be deleted is logged, and tried again later.
 pub(crate) fn apply(
     folder: &Path,
     budget: Budget,
@@ -123,14 +122,14 @@ pub(crate) fn order_of(name: &str) -> Option<String> {
     named.then(|| format!("{utc}-{number:0>10}{kind}"))
 }
 
-/// What goes, oldest first.
+/// Files beyond the limits, oldest first.
 fn surplus(files: &[Kept], budget: Budget, now: SystemTime) -> Vec<&Kept> {
     let mut held: u64 = files.iter().map(|file| file.bytes).sum();
     files
         .iter()
         .filter(|file| {
             let old = budget.age.is_some_and(|age| {
-                // A file from the future is not old: a clock that was set back.
+                // A file from the future is not old: the clock was set back.
                 now.duration_since(file.modified)
                     .is_ok_and(|since| since > age)
             });

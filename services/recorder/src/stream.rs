@@ -1,4 +1,4 @@
-//! A recording's messages one after another, for files larger than what one wants in memory.
+//! Reads a recording's messages one by one, for files that are too large for memory.
 
 use std::fs::File;
 use std::io::Read;
@@ -12,10 +12,10 @@ use crate::message::RecordedMessage;
 use crate::packing::{Unpacked, unpack};
 use crate::recording::message_reader;
 
-/// The messages of a file, read as they are asked for; never more than one chunk is in memory. Ends
-/// with the file, also a torn one, or with the first damage as its last item. In the file's order:
-/// what a publisher was asked for again comes behind what came meanwhile, and what was packed
-/// behind what came while its batch was filled.
+/// The messages of a file, read on demand; at most one chunk is in memory. Ends with the file, also
+/// a torn one, or with the first damage as its last item. The order is the file's: messages that
+/// were requested again follow those received meanwhile, and packed messages follow those received
+/// while their batch was filled.
 pub struct RecordingStream {
     path: PathBuf,
     file: File,
@@ -26,10 +26,10 @@ pub struct RecordingStream {
 }
 
 impl RecordingStream {
-    /// Opens it; whether it is a recording shows with the first message.
+    /// Opens a file; whether it is a recording shows with the first message.
     ///
     /// # Errors
-    /// When it cannot be opened.
+    /// The file cannot be opened.
     pub fn open(path: &Path) -> Result<Self, RecorderError> {
         Ok(Self {
             path: path.to_owned(),

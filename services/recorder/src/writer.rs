@@ -19,17 +19,17 @@ use crate::message::Record;
 use crate::packing::{self, Packed, Packer, Whole};
 use crate::publisher::{self, NOBODY};
 
-/// Level of zstd: higher ones cost several times the processor's time for a hundredth of the size.
+/// Zstd level: higher ones take several times the CPU time, for a hundredth of the size.
 const ZSTD_LEVEL: u32 = 3;
 
-/// Name of the tables that say which channel is whose: `PUBLISHER TOPIC` by the channel's number.
-/// For readers of a file's end that has no index.
+/// Name of the tables of channels and publishers: `PUBLISHER TOPIC` by channel number. For readers
+/// of the end of a file that has no index.
 pub(crate) const PUBLISHERS: &str = "publishers";
-/// Publishers that get channels of their own in one file; the messages of further ones share one to
-/// a topic.
+/// Largest number of publishers with channels of their own in one file. Messages of further
+/// publishers share one channel per topic.
 const PUBLISHERS_MAX: usize = 8192;
 
-/// Counts what went to the disk, so that rotation by size needs no system call.
+/// Counts the bytes written, so that rotation by size needs no system call.
 struct CountingFile {
     file: Arc<dyn OpenFile>,
     written: Arc<AtomicU64>,
@@ -60,23 +60,23 @@ struct Channel {
 pub struct RecordingWriter {
     writer: mcap::Writer<NoSeek<CountingFile>>,
     file: Arc<dyn OpenFile>,
-    /// By topic, then type and publisher: another one of either is another channel of the topic.
+    /// Channels by topic; each type and publisher has its own.
     channels: HashMap<String, Vec<Channel>>,
-    /// Channels with a publisher.
+    /// Number of channels with a publisher.
     publishers: usize,
-    /// Those that no table on the disk says yet.
+    /// Publishers of channels that are in no table on the disk yet.
     unsaid: BTreeMap<String, String>,
     path: PathBuf,
     written: Arc<AtomicU64>,
     messages: u64,
-    /// None where every message is written as it came.
+    /// `None` if messages are not packed.
     packer: Option<Packer>,
 }
 
-/// What a recording's file is like.
+/// Options of a recording's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FileOptions {
-    /// Chunks are compressed with zstd.
+    /// Whether chunks are compressed with zstd.
     pub compress: bool,
     /// Wrenches on `wrench/raw` are kept in arrays: [`WrenchBatch`] on `/wrench/raw/packed`.
     pub pack: bool,
@@ -136,11 +136,11 @@ impl RecordingWriter {
         })
     }
 
-    /// Appends one message; one that is packed reaches the file with its batch, at the next
+    /// Appends one message. A packed one is written with its batch, at the next
     /// [`flush`](Self::flush) at the latest.
     ///
     /// # Errors
-    /// When the disk refuses; the file then stays readable up to its last whole chunk.
+    /// The disk refuses; the file then stays readable up to its last complete chunk.
     pub fn write(&mut self, record: &Record<'_>) -> Result<(), McapError> {
         self.messages += packing::count(record.topic, record.type_name, record.bytes);
         let Some(packer) = &mut self.packer else {
@@ -170,7 +170,7 @@ impl RecordingWriter {
         })
     }
 
-    /// Batches that are not full.
+    /// Writes the incomplete batches.
     fn write_rest(&mut self) -> Result<(), McapError> {
         let rest = self.packer.as_mut().map(Packer::end_all);
         for whole in rest.unwrap_or_default() {
@@ -268,8 +268,8 @@ impl RecordingWriter {
         })
     }
 
-    /// Ends the present chunk and hands it to the operating system: the end of the process loses at
-    /// most what came since.
+    /// Ends the present chunk and passes it to the operating system: the end of the process then
+    /// loses only later messages.
     ///
     /// # Errors
     /// When the disk refuses.
@@ -279,7 +279,7 @@ impl RecordingWriter {
         self.writer.flush()
     }
 
-    /// Behind the chunk in which the channels begin.
+    /// Writes the table of publishers, after the chunk in which their channels begin.
     fn say_publishers(&mut self) -> Result<(), McapError> {
         if self.unsaid.is_empty() {
             return Ok(());
@@ -288,8 +288,8 @@ impl RecordingWriter {
         self.metadata(PUBLISHERS, unsaid)
     }
 
-    /// Ends the present chunk and waits until the disk has it: a power cut loses at most what came
-    /// since.
+    /// Ends the present chunk and waits until it is on the disk: a power cut then loses only later
+    /// messages.
     ///
     /// # Errors
     /// When the disk refuses.
@@ -298,7 +298,7 @@ impl RecordingWriter {
         Ok(self.file.sync()?)
     }
 
-    /// Writes index and footer, and waits until the disk has them.
+    /// Writes index and footer, and waits until they are on the disk.
     ///
     /// # Errors
     /// When the disk refuses.
@@ -310,17 +310,17 @@ impl RecordingWriter {
         Ok(self.path)
     }
 
-    /// Where it is written.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Bytes on the disk so far.
+    /// Number of bytes written so far.
     pub fn bytes(&self) -> u64 {
         self.written.load(Ordering::Relaxed)
     }
 
-    /// Messages taken so far; those in a batch are counted one by one.
+    /// Number of messages so far; those in a batch are counted individually.
     pub fn messages(&self) -> u64 {
         self.messages
     }

@@ -1,7 +1,6 @@
 //! A recorder that was away for a moment records what it missed: real sessions on loopback.
 #![allow(clippy::unwrap_used)]
 
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -15,8 +14,7 @@ use tangent_schemas::topics;
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn cell() -> CellConfig {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let port = listener.local_addr().unwrap().port();
+    let port = tangent_live::ports::free();
     let mut config = CellConfig::default_cell();
     config.cell.name = format!("test{port}");
     config.zenoh.connect = vec![format!("tcp/127.0.0.1:{port}")];

@@ -6,16 +6,16 @@
 //! and [`Bridge::command`] writes the answer. Neither allocates while streaming.
 
 use nalgebra::Vector6;
+use tangent_actuation::Command;
+use tangent_actuation::lease::{Lease, LeaseDecision, Source};
+use tangent_actuation::velocity::{Permission, Posture, VelocityGate, VelocityLimits};
+use tangent_schemas::arm_modes::RUNTIME_PLAYING;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
 use crate::link::{Link, LinkError, LinkEvent};
 use crate::program::{CommandCode, ProgramState, RegisterMap};
 use crate::sample::Sample;
-use crate::status::RUNTIME_PLAYING;
 use crate::supervisor::{Reason, Supervisor};
-use tangent_actuation::Command;
-use tangent_actuation::lease::{Lease, LeaseDecision, Source};
-use tangent_actuation::velocity::{Permission, Posture, VelocityGate, VelocityLimits};
 
 /// Value at which sequence numbers wrap.
 const SEQUENCE_MAX: i32 = 1 << 30;

@@ -1,8 +1,8 @@
-//! Client of the dashboard server: power, brakes, unlocking, remote mode, model. One line out, one
-//! line back.
+//! Client of the dashboard server: power, brakes, unlocking, remote mode, model. Each command and
+//! each answer is one line.
 //!
-//! A convenience for people, never trusted for safety: its answers lag behind RTDE by more than
-//! half a second, and it does not know programs that were sent over a port.
+//! A convenience for people, never used for safety: its answers lag behind RTDE by more than half a
+//! second, and it does not know programs that were sent over a port.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 /// Longest line that is taken, bytes.
 const LINE_MAX: usize = 4096;
 
-/// What went wrong between us and the dashboard server.
+/// Errors of the dashboard connection.
 #[derive(Debug, thiserror::Error)]
 pub enum DashboardError {
     /// It cannot be reached, or the connection broke.
@@ -19,23 +19,23 @@ pub enum DashboardError {
     Connection {
         /// Host and port.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's reason.
         reason: String,
     },
-    /// No line in time.
+    /// No answer arrived in time.
     #[error("dashboard server did not answer `{command}` within {after_s} s")]
     NoAnswer {
-        /// What was asked.
+        /// Command that was sent.
         command: String,
-        /// How long was waited.
+        /// Time waited, s.
         after_s: f64,
     },
-    /// It answered no.
+    /// The server refused the command.
     #[error("dashboard server refused `{command}`: {reply}{hint}")]
     Refused {
-        /// What was asked.
+        /// Command that was sent.
         command: String,
-        /// Its words.
+        /// Text of the answer.
         reply: String,
         /// What to do, or empty.
         hint: &'static str,

@@ -1,5 +1,5 @@
-//! Asks a controller over RTDE which software it runs, and nothing else: no recipe, so that no
-//! register is claimed and a bridge that runs is not disturbed. For `tangent doctor`.
+//! Asks a controller for its software version over RTDE. It sets up no recipe, so that no register
+//! is claimed and a running bridge is not disturbed. For `tangent doctor`.
 
 use std::io::{Error, ErrorKind, Read, Result, Write};
 use std::net::TcpStream;
@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 use crate::codec::{ControllerVersion, Framer, PACKAGE_BYTES_MAX, Protocol, Reply, Request};
 use crate::robot_setup::resolve;
 
-/// The controller's software.
+/// Version of the controller's software.
 ///
 /// # Errors
-/// It cannot be reached, says nothing within `timeout` (per step), or something that is not RTDE.
+/// The controller cannot be reached, does not answer within `timeout` (per step), or sends
+/// something other than RTDE.
 pub fn controller_version(host: &str, port: u16, timeout: Duration) -> Result<ControllerVersion> {
     let mut stream = TcpStream::connect_timeout(&resolve(host, port)?, timeout)?;
     stream.set_read_timeout(Some(timeout))?;

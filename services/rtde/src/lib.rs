@@ -5,6 +5,21 @@
 //! once that has passed the gate ([`tangent_actuation`]). The parts below it are pure: [`codec`] is
 //! the protocol (both sides), [`bridge`] the state machine, [`program`] the robot's program and its
 //! registers.
+//!
+//! ```no_run
+//! use tangent_rtde::{Config, run};
+//! use tangent_runtime::bus::{Bus, Role};
+//! use tangent_runtime::config::CellConfig;
+//! use tangent_runtime::stop::Stop;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let cell = CellConfig::load("deploy/cell.toml".as_ref())?;
+//! let stop = Stop::on_signals()?;
+//! let bus = Bus::open_until(&cell, Role::Client, None, &stop)?;
+//! run(Config::from_cell(&cell)?, bus, stop)?;
+//! # Ok(())
+//! # }
+//! ```
 
 pub mod bridge;
 #[cfg(test)]
@@ -33,20 +48,20 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use tangent_runtime::realtime::{RealtimeReport, setup_thread_on};
+use tangent_runtime::arm_commands::COMMANDS_MAX;
 use tangent_runtime::{Bus, BusError, HealthReporter, Stop};
 use tangent_schemas::topics;
 
 use bridge::Bridge;
-use cycle::{COMMANDS_MAX, Cycle};
+use cycle::Cycle;
 use robot_setup::RobotSetup;
-use shared::{Note, Shared};
+use shared::Shared;
 
 pub use settings::{Config, SettingsError};
 
-/// Keys of what can be asked of this service; none takes an argument.
+/// Keys of the requests to this service; none takes an argument.
 pub mod queries {
-    /// Send the program again, also in another's place; leave a latched stop.
+    /// Send the program again, even in place of another one, and leave a latched stop.
     pub const RESET: &str = "rtde/reset";
     /// Decelerate and latch.
     pub const STOP: &str = "rtde/stop";
@@ -56,12 +71,12 @@ pub mod queries {
     pub const POWER_ON: &str = "rtde/power_on";
     /// Power off; the brakes close.
     pub const POWER_OFF: &str = "rtde/power_off";
-    /// What the robot says of itself.
+    /// Report the state of the robot.
     pub const STATUS: &str = "rtde/status";
 }
 
-/// Why the service cannot run at all. A robot that cannot be reached is no reason: it is tried for
-/// ever.
+/// Errors that prevent the service from running. A robot that cannot be reached is not among them:
+/// connecting is retried without limit.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A topic or query could not be declared.
@@ -70,12 +85,13 @@ pub enum Error {
     /// A thread could not be started.
     #[error("starting a thread: {0}")]
     Thread(#[from] std::io::Error),
-    /// A defect.
+    /// A thread panicked, which is a defect.
     #[error("the loop's thread panicked")]
     Panicked,
 }
 
-/// The service: until `stop`, then ramps to rest, ends the robot's program and pauses the stream.
+/// Runs the service until `stop`, then ramps to rest, ends the robot's program and pauses the
+/// stream.
 ///
 /// # Errors
 /// [`Error`]: only what prevents it from starting.
@@ -106,7 +122,7 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
         let spawned = std::thread::Builder::new()
             .name("rtde-loop".into())
             .spawn_scoped(scope, || {
-                health.realtime(&realtime(&config));
+                health.realtime(&config.realtime.setup_loop("rtde loop"));
                 cycle.run();
             });
         let running = match spawned {
@@ -118,32 +134,12 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
         };
         while !running.is_finished() {
             std::thread::park_timeout(Duration::from_millis(50));
-            write_notes(&shared);
+            shared.notes.write();
         }
         // A panic must not leave the set-up waiting.
         shared.ended.store(true, Ordering::Release);
         shared.wake_setup();
-        write_notes(&shared);
+        shared.notes.write();
         running.join().map_err(|_| Error::Panicked)
     })
-}
-
-fn realtime(config: &Config) -> RealtimeReport {
-    let wish = &config.realtime;
-    if wish.enabled {
-        setup_thread_on("rtde loop", wish.loop_priority, wish.loop_cpu)
-    } else {
-        RealtimeReport::not_asked("rtde loop")
-    }
-}
-
-fn write_notes(shared: &Shared) {
-    while let Some(note) = shared.notes.pop() {
-        match note {
-            Note::Robot(text) => tracing::info!("robot ({}): {}", text.source, text.message),
-            Note::Info(text) => tracing::info!("{text}"),
-            Note::Warning(text) => tracing::warn!("not ready: {text}"),
-            Note::Refused(text) => tracing::warn!("{text}"),
-        }
-    }
 }

@@ -1,7 +1,7 @@
 //! The RTDE connection up to streaming: versions, recipes, start; and pausing at the end.
 //!
-//! No socket and no clock: packages and monotonic seconds go in, bytes and what they mean come out.
-//! Every connection starts from nothing, since recipes do not survive the last one.
+//! It has no socket and no clock: inputs are packages and monotonic seconds, outputs are bytes and
+//! events. Every connection starts from scratch, since recipes do not survive a connection.
 
 use crate::codec::{
     ControllerVersion, DataType, DecodeError, EncodeError, FrameError, Package, Protocol, Recipe,
@@ -24,22 +24,22 @@ pub enum LinkError {
          (before that, registers 24 to 47 are closed to RTDE): update PolyScope"
     )]
     TooOld {
-        /// What runs there.
+        /// Version of its software.
         version: ControllerVersion,
     },
-    /// Another robot than the cell file says.
+    /// The robot is not the one in the cell file.
     #[error(
         "the controller runs software {version}, which is {found}, but [robot] model = \"{model}\" is {expected}: \
          correct the model in the cell file, or the address"
     )]
     WrongSeries {
-        /// What runs there.
+        /// Version of its software.
         version: ControllerVersion,
-        /// In words.
+        /// Description of the robot found.
         found: &'static str,
         /// The cell file's model.
         model: String,
-        /// In words.
+        /// Description of the robot expected.
         expected: &'static str,
     },
     /// Only one client may own an input.
@@ -49,7 +49,7 @@ pub enum LinkError {
     InUse {
         /// The field.
         name: String,
-        /// Who that may be.
+        /// Client that probably uses it.
         owner: &'static str,
     },
     /// The controller does not have a field.
@@ -57,7 +57,7 @@ pub enum LinkError {
     NotFound {
         /// The field.
         name: String,
-        /// What runs there.
+        /// Version of the controller's software.
         version: ControllerVersion,
     },
     /// A field has another type than it should.
@@ -65,48 +65,48 @@ pub enum LinkError {
     WrongType {
         /// The field.
         name: String,
-        /// What it says.
+        /// Type reported by the controller.
         found: DataType,
-        /// What belongs there.
+        /// Type expected.
         expected: DataType,
     },
-    /// It said no.
+    /// The controller refused a request.
     #[error("the controller refused to {what}")]
     Refused {
-        /// What was asked.
+        /// The request.
         what: &'static str,
     },
-    /// No answer.
+    /// The controller did not answer a request.
     #[error("the controller did not answer {what} within {after_s} s")]
     NoAnswer {
-        /// What was asked.
+        /// The request.
         what: &'static str,
-        /// How long was waited.
+        /// Time waited, s.
         after_s: f64,
     },
-    /// Nothing came while it should stream.
+    /// No package arrived although the stream runs.
     #[error(
         "no package from the controller for {after_s} s: cable, controller overloaded or switched off"
     )]
     Silent {
-        /// How long.
+        /// Time waited, s.
         after_s: f64,
     },
-    /// The robot's clock went back.
+    /// The robot's clock went back, so the controller has restarted.
     #[error("the controller restarted (its clock went from {before_s:.3} s to {now_s:.3} s)")]
     Restarted {
-        /// Before.
+        /// Previous time, s.
         before_s: f64,
-        /// Now.
+        /// Present time, s.
         now_s: f64,
     },
-    /// A package with numbers that are none.
+    /// A state has values that are not finite or not plausible.
     #[error("the controller sent a state with a number that is not finite, or that no arm has")]
     NotFinite,
-    /// Bytes that are no packages.
+    /// The bytes are not RTDE packages.
     #[error(transparent)]
     Frame(#[from] FrameError),
-    /// A package that makes no sense.
+    /// A package that cannot be decoded.
     #[error(transparent)]
     Decode(#[from] DecodeError),
     /// A data package that does not fit its recipe.
@@ -131,18 +131,18 @@ enum Step {
     Paused,
 }
 
-/// What a package meant.
+/// Meaning of a package.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LinkEvent {
-    /// Part of the set-up, or nothing.
+    /// A step of the set-up, or nothing.
     None,
-    /// The controller's version is known and good.
+    /// The controller's version is known and supported.
     Version(ControllerVersion),
-    /// The robot's state came, see [`Link::sample`]; a cycle is due.
+    /// A state of the robot has arrived, see [`Link::sample`]; a cycle is due.
     Sample,
-    /// The controller says something.
+    /// A text message of the controller.
     Text(TextMessage),
-    /// Outputs have ceased; the connection can be closed.
+    /// The outputs have stopped; the connection can be closed.
     Paused,
 }
 
@@ -194,7 +194,7 @@ impl Link {
         self.ask_protocol(Protocol::V2, now_s, out)
     }
 
-    /// The connection is gone.
+    /// Resets the link, as the connection is lost.
     pub fn close(&mut self) {
         self.step = Step::Closed;
         self.protocol = Protocol::V1;
@@ -203,12 +203,12 @@ impl Link {
         self.deadline_s = f64::INFINITY;
     }
 
-    /// The robot's states flow.
+    /// Whether the robot's states are being received.
     pub fn is_streaming(&self) -> bool {
         self.step == Step::Streaming
     }
 
-    /// Input packages may be sent.
+    /// Recipe of the input packages; `None` while they may not be sent.
     pub fn input(&self) -> Option<&Recipe> {
         match self.step {
             Step::Streaming => self.input.as_ref(),
@@ -247,7 +247,7 @@ impl Link {
         self.ask(Step::Pausing, &Request::Pause, now_s, out)
     }
 
-    /// Call it now and then: says when an answer, or the stream, is overdue.
+    /// Checks whether an answer, or the stream, is overdue. Call it regularly.
     pub fn check(&self, now_s: f64) -> Result<(), LinkError> {
         if now_s <= self.deadline_s {
             return Ok(());
@@ -268,7 +268,7 @@ impl Link {
         })
     }
 
-    /// A package came. No allocation while streaming.
+    /// Handles a received package. Allocates nothing while streaming.
     pub fn package(
         &mut self,
         package: Package<'_>,
@@ -279,7 +279,7 @@ impl Link {
         match (self.step, reply) {
             (_, Reply::Text(text)) => Ok(LinkEvent::Text(text)),
             (Step::Streaming, Reply::Data(payload)) => self.take_sample(payload, now_s),
-            // Data still under way while something else is asked.
+            // Data that were already on their way when another request was sent.
             (_, Reply::Data(_)) => Ok(LinkEvent::None),
             (Step::ProtocolVersion(asked), Reply::ProtocolVersion { accepted }) => {
                 match (accepted, asked) {
@@ -332,7 +332,7 @@ impl Link {
                 self.step = Step::Paused;
                 Ok(LinkEvent::Paused)
             }
-            // An answer to nothing that was asked: harmless.
+            // An answer without a request is harmless.
             _ => Ok(LinkEvent::None),
         }
     }
@@ -451,7 +451,7 @@ fn series_text(series: Series) -> &'static str {
     }
 }
 
-/// Who that is known to use registers may hold this one.
+/// Known client that may use this register.
 fn likely_owner(name: &str) -> &'static str {
     let index = name
         .rsplit('_')

@@ -1,6 +1,6 @@
-//! The robot's modes on request: `rtde/unlock`, `rtde/reset`, `rtde/power_on`, `rtde/power_off`,
-//! `rtde/status`, `rtde/stop`. Each says what the robot answered, and refuses what would take the
-//! arm from a running task.
+//! Requests that change or report the robot's modes: `rtde/unlock`, `rtde/reset`, `rtde/power_on`,
+//! `rtde/power_off`, `rtde/status`, `rtde/stop`. Each returns the robot's answer. A request that
+//! would take the arm from a running task is refused.
 
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,6 +9,7 @@ use std::time::Duration;
 use serde_json::json;
 use tangent_runtime::bus::answer::{done, done_with, refused};
 use tangent_runtime::{Bus, BusError, Handle, Lane, Latest, Reply};
+use tangent_schemas::arm_modes::{PROTECTIVE_STOP, ROBOT_RUNNING};
 use tangent_schemas::tangent::{Answer, ArmState};
 use tangent_schemas::topics;
 
@@ -18,17 +19,15 @@ use crate::queries;
 use crate::robot_setup;
 use crate::settings::Config;
 use crate::shared::Shared;
-use crate::status::{
-    PROTECTIVE_STOP, ROBOT_RUNNING, robot_mode_text, runtime_state_text, safety_mode_text,
-};
+use crate::status::{robot_mode_text, runtime_state_text, safety_mode_text};
 
-/// Older than this, `arm/state` does not say what the robot does now.
+/// Age beyond which `arm/state` does not show the present state of the robot.
 const FRESH: Duration = Duration::from_millis(500);
-/// Why nothing is done to the arm under a task.
+/// Reason for refusing a request while a task runs.
 const TASK_RUNS: &str =
     "a task runs, and this would take the arm from it: stop it first with `tangent task stop`";
 
-/// Begins to answer.
+/// Starts to answer requests.
 pub(crate) fn answers(
     config: &Arc<Config>,
     bus: &Bus,
@@ -39,7 +38,7 @@ pub(crate) fn answers(
         shared: Arc::clone(shared),
         arm: Mutex::new(bus.latest(&topics::ARM_STATE)?),
     });
-    // The dashboard may be slow; a stop waits for nothing.
+    // The dashboard may be slow; a stop must not wait for it.
     type Request = fn(&Modes) -> Reply;
     let requests: [(&str, Lane, Request); 6] = [
         (queries::RESET, Lane::Prompt, |modes| modes.reset().into()),
@@ -65,13 +64,13 @@ struct Modes {
 }
 
 impl Modes {
-    /// What the robot's newest packet says; none when no packet comes in.
+    /// Value from the robot's newest packet; `None` if no packets arrive.
     fn arm<T>(&self, of: impl FnOnce(&ArmState) -> T) -> Option<T> {
         let mut arm = self.arm.lock().unwrap_or_else(PoisonError::into_inner);
         arm.fresh(FRESH).map(|received| of(&received.message))
     }
 
-    /// Our program streams velocities to the arm, which it does for a task alone.
+    /// Whether the bridge's program streams velocities to the arm, which it does only for a task.
     fn task_runs(&self) -> bool {
         let streams = |arm: &ArmState| arm.program_state == ProgramState::Streaming.number();
         self.arm(streams).unwrap_or(false)
@@ -134,8 +133,7 @@ impl Modes {
         self.on_dashboard(Dashboard::power_off)
     }
 
-    /// What the dashboard server says to a command. One that got no answer may have been carried
-    /// out.
+    /// Sends a command to the dashboard server. One without an answer may have been carried out.
     fn on_dashboard(
         &self,
         command: impl FnOnce(&mut Dashboard) -> Result<String, DashboardError>,

@@ -1,6 +1,6 @@
-//! What makes the robot ready and may wait: the script port (sending the program, hearing what
-//! becomes of it) and the dashboard (power, model, remote mode). Its own thread, so that none of it
-//! holds the loop up.
+//! Prepares the robot by operations that may wait: the script port (sending the program, reading
+//! messages about it) and the dashboard (power, model, remote mode). It has its own thread, so that
+//! the loop is never delayed.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
@@ -15,13 +15,13 @@ use crate::program::PROGRAM_NAME;
 use crate::settings::Config;
 use crate::shared::{Shared, Upload};
 
-/// How long one look at the socket takes at most; also the longest an upload waits.
+/// Longest time for one check of the socket, and longest delay of an upload.
 const LOOK: Duration = Duration::from_millis(20);
-/// Between attempts to reach the script port.
+/// Pause between attempts to reach the script port.
 const RETRY: Duration = Duration::from_secs(1);
-/// The arm is powered and its brakes are open within this time, or a person is needed.
+/// Time allowed for power and brakes; after it, a person is needed.
 const POWER_UP: Duration = Duration::from_secs(30);
-/// The dashboard answers within this time.
+/// Timeout of the dashboard.
 const DASHBOARD: Duration = Duration::from_secs(3);
 
 /// First address of a host and port.
@@ -67,7 +67,7 @@ impl<'a> RobotSetup<'a> {
         }
     }
 
-    /// Until the loop has ended.
+    /// Runs until the loop has ended.
     pub fn run(mut self) {
         while !self.shared.has_ended() {
             let links = self.shared.links.load(Ordering::Acquire);
@@ -92,7 +92,7 @@ impl<'a> RobotSetup<'a> {
         }
     }
 
-    /// A robot was reached: is it the cell's?
+    /// Checks that the robot that was reached is the cell's.
     fn meet(&mut self) {
         let asked = dashboard(self.config).and_then(|mut dashboard| {
             Ok((
@@ -131,7 +131,7 @@ impl<'a> RobotSetup<'a> {
         }
     }
 
-    /// Power and brakes, as far as the robot lets us.
+    /// Powers on and releases the brakes, as far as the robot allows.
     fn power_up(&mut self) {
         // The script port is not read meanwhile, and a controller drops a client that does not
         // read.
@@ -254,7 +254,7 @@ impl<'a> RobotSetup<'a> {
     }
 }
 
-/// A line for each message; says why when the connection is of no more use.
+/// Logs the message; returns the reason if the connection is no longer useful.
 fn log(message: &PrimaryMessage) -> Option<String> {
     match message {
         PrimaryMessage::Text(text) => tracing::info!("robot: {text}"),

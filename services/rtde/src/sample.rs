@@ -3,7 +3,7 @@
 use crate::codec::{DataType, Value};
 use crate::program::RegisterMap;
 
-/// What the bridge asks of every robot, before the registers; all exist since software 3.9.
+/// Fields requested of every robot, before the registers; all exist since software 3.9.
 const FIELDS: [(&str, DataType); 11] = [
     ("timestamp", DataType::Double),
     ("actual_q", DataType::Vector6d),
@@ -45,7 +45,7 @@ pub fn input_types() -> Vec<DataType> {
         .collect()
 }
 
-/// The robot's state as one package tells it.
+/// The robot's state from one package.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
     /// Since the controller started, s.
@@ -54,7 +54,7 @@ pub struct Sample {
     pub q: [f64; 6],
     /// Measured, rad/s.
     pub qd: [f64; 6],
-    /// What the robot's own controller aims for, rad/s.
+    /// Target joint speeds of the robot's own controller, rad/s.
     pub qd_target: [f64; 6],
     /// See [`crate::status::robot_mode_text`].
     pub robot_mode: i32,
@@ -122,8 +122,8 @@ impl Sample {
         rest.next().is_none().then_some(sample)
     }
 
-    /// Every number is finite, and one that an arm can have; a controller never sends others. What
-    /// is finite but beyond all arms would overflow in what follows from it.
+    /// Whether every number is finite and physically possible; a controller never sends others. A
+    /// finite number beyond all arms would overflow later computations.
     pub fn is_usable(&self) -> bool {
         let within = |values: &[f64], most: f64| values.iter().all(|x| x.abs() <= most);
         within(&self.q, JOINT_MAX)
@@ -139,9 +139,9 @@ impl Sample {
     }
 }
 
-/// No joint of a UR turns further, rad, or faster, rad/s; no slider stands higher.
+/// Largest joint angle, rad, and speed, rad/s; beyond any UR joint. Also bounds the slider.
 const JOINT_MAX: f64 = 100.0;
-/// No controller runs longer, s: thirty years.
+/// Longest running time of a controller, s: thirty years.
 const TIMESTAMP_MAX_S: f64 = 1e9;
 
 #[cfg(test)]

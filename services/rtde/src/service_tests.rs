@@ -8,13 +8,14 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use tangent_runtime::{Bus, CellConfig, Stop, Subscription};
+use tangent_schemas::arm_modes::PROTECTIVE_STOP;
 use tangent_schemas::tangent::{ArmCommand, ArmState, Request};
 use tangent_schemas::topics;
 
 use crate::codec::ControllerVersion;
 use crate::scripted_robot::Robot;
-use crate::status::PROTECTIVE_STOP;
-use crate::{Config, queries, run};
+use crate::settings::Config;
+use crate::{queries, run};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -100,7 +101,8 @@ fn take_programs(mut stream: std::net::TcpStream, robot: &Mutex<Robot>, told: &S
     }
 }
 
-/// A cycle every 2 ms: the clock on the wire says 8, which is nobody's business here.
+/// Runs a cycle every 2 ms; the robot's clock advances by 8 ms per cycle, which does not matter
+/// here.
 fn serve(stream: &mut std::net::TcpStream, robot: &Mutex<Robot>, cuts: &Receiver<()>) {
     stream.set_nodelay(true).unwrap();
     stream
@@ -202,7 +204,7 @@ fn from_the_first_packet_to_motion_to_an_orderly_end() {
             .unwrap()
             .starts_with("def tangent_bridge():")
     );
-    // The tool is where the model says it is for q = 0, and does not move.
+    // The tool is where the model places it for q = 0, and does not move.
     let arm = &controller.config.arm;
     let (pose, _) = arm.tool_and_jacobian(
         &nalgebra::Vector6::zeros(),

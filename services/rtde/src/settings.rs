@@ -1,19 +1,17 @@
-//! What the service has to know, out of the cell file.
+//! Settings of the service, from the cell file.
 
 use std::time::Duration;
 
-use nalgebra::{Vector3, Vector6};
-use tangent_mechanics::{Arm, Flange, ModelData, ModelError, Pose, Tool};
-use tangent_runtime::CellConfig;
-use tangent_runtime::config::RealtimeConfig;
+use tangent_actuation::velocity::VelocityLimits;
+use tangent_mechanics::{Arm, Flange, ModelError, Pose, Tool};
+use tangent_runtime::config::{CellConfig, JointCountError, RealtimeConfig, RobotModelError};
 
 use crate::bridge::BridgeConfig;
 use crate::codec::Series;
 use crate::dashboard::ur_size;
 use crate::program::{ProgramConfig, ProgramError, RegisterMap};
-use tangent_actuation::velocity::VelocityLimits;
 
-/// Time from a velocity sent to the arm following it, s: what the guard reckons with.
+/// Time from sending a velocity until the arm follows it, s, as used by the gate.
 const RESPONSE_CB3_S: f64 = 0.040;
 const RESPONSE_E_SERIES_S: f64 = 0.016;
 /// Silence of the controller after which its activation is latched out, s.
@@ -21,10 +19,10 @@ const SILENCE_LATCH_S: f64 = 0.1;
 /// Deceleration of the robot program's own stops, rad/s².
 const STOP_DECELERATION: f64 = 4.0;
 
-/// A cell file that cannot work with this service.
+/// Why a cell file cannot be used by this service.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
-    /// The arm is none of this vendor's.
+    /// The arm is not a Universal Robots arm.
     #[error(
         "[robot] model = \"{model}\" is no Universal Robots arm: rtde drives ur3 to ur30 of `tangent model list` (or a model_file of six joints)"
     )]
@@ -34,24 +32,14 @@ pub enum SettingsError {
     },
     /// The model cannot be read.
     #[error(transparent)]
-    Model(#[from] ModelError),
-    /// The model file cannot be read.
-    #[error("[robot] model_file = {path}: {reason}")]
-    ModelFile {
-        /// Path.
-        path: String,
-        /// What the system says.
-        reason: String,
-    },
+    Model(#[from] RobotModelError),
+    /// The model is not of an arm with six joints.
+    #[error(transparent)]
+    Arm(#[from] ModelError),
     /// A list of limits of the wrong length.
-    #[error("[limits] {key} has {got} values; 1 or 6 are allowed for this arm")]
-    JointCount {
-        /// Which list.
-        key: &'static str,
-        /// Its length.
-        got: usize,
-    },
-    /// Slower than the program on the robot bears.
+    #[error(transparent)]
+    JointCount(#[from] JointCountError),
+    /// The rate is too low for the program on the robot.
     #[error(
         "[robot] rate_hz = {rate_hz} is not allowed: 0 (the controller's own) or at least 125, or the robot's program takes each pause for silence"
     )]
@@ -64,7 +52,7 @@ pub enum SettingsError {
     Program(#[from] ProgramError),
 }
 
-/// Everything `run` needs.
+/// Settings of [`crate::run`].
 #[derive(Clone, Debug)]
 pub struct Config {
     /// Host name or address of the controller.
@@ -99,22 +87,12 @@ impl Config {
     pub fn from_cell(cell: &CellConfig) -> Result<Self, SettingsError> {
         let robot = &cell.robot;
         let series = series_of(&robot.model);
-        let model = match &robot.model_file {
-            Some(path) => {
-                let text =
-                    std::fs::read_to_string(path).map_err(|error| SettingsError::ModelFile {
-                        path: path.display().to_string(),
-                        reason: error.to_string(),
-                    })?;
-                ModelData::from_toml(&text)?
-            }
-            None if ur_size(&robot.model).is_none() => {
-                return Err(SettingsError::NotUr {
-                    model: robot.model.clone(),
-                });
-            }
-            None => ModelData::builtin(&robot.model)?,
-        };
+        if robot.model_file.is_none() && ur_size(&robot.model).is_none() {
+            return Err(SettingsError::NotUr {
+                model: robot.model.clone(),
+            });
+        }
+        let model = robot.model_data()?;
         if robot.rate_hz != 0.0 && robot.rate_hz < Series::Cb3.rate_hz() {
             return Err(SettingsError::Rate {
                 rate_hz: robot.rate_hz,
@@ -143,7 +121,8 @@ impl Config {
             flange_from_tool: cell.tool.flange_from_tool(),
             realtime: cell.realtime.clone(),
         };
-        // Whatever the program cannot be compiled with shall be said before a robot is called.
+        // Values that the program cannot be compiled with are reported before the robot is
+        // contacted.
         config.program(1, Series::Cb3).render()?;
         Ok(config)
     }
@@ -155,7 +134,7 @@ impl Config {
             registers: self.bridge.registers,
             session,
             series,
-            speed_max_rad_per_s: limits.speed_rad_per_s.max(),
+            speed_max_rad_per_s: limits.motion.speed_rad_per_s.max(),
             acceleration_max_rad_per_s2: limits.acceleration_rad_per_s2.max(),
             stop_deceleration_rad_per_s2: STOP_DECELERATION,
             watchdog: self.watchdog,
@@ -178,37 +157,10 @@ fn guard_limits(
     cell: &CellConfig,
     arm: &Arm<6>,
     series: Option<Series>,
-) -> Result<VelocityLimits<6>, SettingsError> {
-    let per_joint = |key, list: &[f64], found: Option<tangent_schemas::JointArray>| {
-        found
-            .and_then(|joints| <[f64; 6]>::try_from(joints.as_slice()).ok())
-            .map(Vector6::from)
-            .ok_or(SettingsError::JointCount {
-                key,
-                got: list.len(),
-            })
-    };
-    let l = &cell.limits;
-    let own = arm.limits();
-    let speed = per_joint(
-        "joint_speed_max_rad_per_s",
-        &l.joint_speed_max_rad_per_s,
-        l.joint_speed_max(6),
-    )?;
+) -> Result<VelocityLimits<6>, JointCountError> {
     Ok(VelocityLimits {
-        // The arm's own limit counts where it is lower.
-        speed_rad_per_s: speed.inf(&own.velocity),
-        acceleration_rad_per_s2: per_joint(
-            "joint_acceleration_max_rad_per_s2",
-            &l.joint_acceleration_max_rad_per_s2,
-            l.joint_acceleration_max(6),
-        )?,
-        position_lower_rad: own.position_lower,
-        position_upper_rad: own.position_upper,
-        tool_speed_max_m_per_s: l.tool_speed_max_m_per_s,
-        tool_turn_rate_max_rad_per_s: l.tool_turn_rate_max_rad_per_s,
-        workspace_lower_m: Vector3::from(l.workspace_min_m),
-        workspace_upper_m: Vector3::from(l.workspace_max_m),
+        motion: cell.limits.motion(arm)?,
+        acceleration_rad_per_s2: cell.limits.joint_acceleration()?,
         response_s: match series {
             Some(Series::ESeries) => RESPONSE_E_SERIES_S,
             _ => RESPONSE_CB3_S,
@@ -220,6 +172,8 @@ fn guard_limits(
 
 #[cfg(test)]
 mod tests {
+    use tangent_mechanics::ModelData;
+
     use super::*;
 
     #[test]
@@ -229,7 +183,7 @@ mod tests {
         let program = config.program(77, Series::Cb3);
         assert_eq!(
             program.speed_max_rad_per_s,
-            config.bridge.limits.speed_rad_per_s.max()
+            config.bridge.limits.motion.speed_rad_per_s.max()
         );
         assert!(program.render().unwrap().contains("== 77"));
     }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::thread::Thread;
 
 use crossbeam_queue::ArrayQueue;
-use tangent_schemas::Text;
+use tangent_runtime::robot_loop::Notes;
 
 use crate::codec::{Series, TextMessage};
 
@@ -17,16 +17,6 @@ pub(crate) struct Upload {
     pub series: Series,
 }
 
-/// A log line that another thread writes.
-#[derive(Clone, Debug)]
-pub(crate) enum Note {
-    /// A message of the robot.
-    Robot(TextMessage),
-    Info(Text),
-    Warning(Text),
-    Refused(Text),
-}
-
 /// Requests to the loop, its log lines, program uploads, and the state of the robot.
 #[derive(Debug)]
 pub(crate) struct Shared {
@@ -35,7 +25,7 @@ pub(crate) struct Shared {
     /// An operator has requested [`crate::bridge::Bridge::stop`].
     pub stop_asked: AtomicBool,
     pub uploads: ArrayQueue<Upload>,
-    pub notes: ArrayQueue<Note>,
+    pub notes: Notes<TextMessage>,
     /// Set-up thread, woken when there is an upload.
     pub setup: OnceLock<Thread>,
     /// Number of connections whose version is known and supported.
@@ -54,7 +44,7 @@ impl Shared {
             reset_asked: AtomicBool::new(false),
             stop_asked: AtomicBool::new(false),
             uploads: ArrayQueue::new(2),
-            notes: ArrayQueue::new(64),
+            notes: Notes::default(),
             setup: OnceLock::new(),
             links: AtomicU64::new(0),
             robot_mode: AtomicI32::new(-1),

@@ -1,14 +1,5 @@
 //! The robot's modes in words, and what each means for motion.
 
-/// `robot_mode` in which the arm is powered and its brakes are off.
-pub const ROBOT_RUNNING: i32 = 7;
-/// `safety_mode` of a protective stop.
-pub const PROTECTIVE_STOP: i32 = 3;
-/// `runtime_state` while a program runs.
-pub const RUNTIME_PLAYING: u32 = 2;
-/// `runtime_state` while none does.
-pub const RUNTIME_STOPPED: u32 = 1;
-
 /// RTDE `robot_mode` in words.
 pub fn robot_mode_text(mode: i32) -> &'static str {
     match mode {

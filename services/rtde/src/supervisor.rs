@@ -7,13 +7,14 @@
 
 use std::fmt;
 
+use tangent_actuation::velocity::Permission;
+use tangent_runtime::health::State;
+use tangent_runtime::robot_loop::NotReady;
+use tangent_schemas::arm_modes::{ROBOT_RUNNING, RUNTIME_PLAYING, RUNTIME_STOPPED};
+
 use crate::program::{IDENT, ProgramState, cause_text};
 use crate::sample::Sample;
-use crate::status::{
-    ROBOT_RUNNING, RUNTIME_PLAYING, RUNTIME_STOPPED, robot_mode_text, runtime_state_text,
-    safety_allows_motion, safety_mode_text,
-};
-use tangent_actuation::velocity::Permission;
+use crate::status::{robot_mode_text, runtime_state_text, safety_allows_motion, safety_mode_text};
 
 /// Number of states for which the program's loop counter may stand still.
 const STUCK_CYCLES: u32 = 5;
@@ -83,6 +84,16 @@ pub enum Reason {
     StopAsked,
     /// `rtde` is shutting down.
     ShuttingDown,
+}
+
+impl NotReady for Reason {
+    fn service_state(&self) -> State {
+        match self {
+            Self::Starting | Self::NoLink => State::Starting,
+            Self::ShuttingDown => State::Stopping,
+            _ => State::Degraded,
+        }
+    }
 }
 
 impl fmt::Display for Reason {

@@ -1,6 +1,6 @@
-//! `base/pose` as a service reads it: the motion of the arm's base, if it moves.
+//! Subscription of a service to `base/pose`: the motion of the arm's base, if it moves.
 //!
-//! Called by the controller in its cycle and by the estimators' service: every reader judges
+//! The controller calls it in its cycle, and so does the estimator service. Each reader detects
 //! silence, jumps and invalid poses itself, by its own clock. It takes no lock and allocates
 //! nothing.
 
@@ -11,9 +11,9 @@ use tangent_schemas::standard::PoseWithCovarianceStamped;
 use tangent_schemas::topics;
 use tangent_sensing::{BaseConfig, BaseMotion, BasePose, BaseTracker};
 
-use crate::{Bus, BusError, Latest, Received};
+use crate::bus::{Bus, BusError, Latest, Received};
 
-/// Follows the platform under the arm.
+/// Follows the pose of a moving base.
 pub struct BaseReader {
     newest: Latest<PoseWithCovarianceStamped>,
     tracker: BaseTracker,
@@ -21,10 +21,10 @@ pub struct BaseReader {
 }
 
 impl BaseReader {
-    /// Listens. The configuration must have passed its check.
+    /// Subscribes to `base/pose`. The configuration must have passed its check.
     ///
     /// # Errors
-    /// When the bus refuses the topic.
+    /// The bus refused the topic.
     pub fn new(bus: &Bus, config: &BaseConfig) -> Result<Self, BusError> {
         Ok(Self {
             newest: bus.latest(&topics::BASE_POSE)?,
@@ -33,21 +33,21 @@ impl BaseReader {
         })
     }
 
-    /// The base at `now`; none where no platform was ever heard and none is required.
+    /// Motion of the base at `now`; `None` if no pose was ever received and none is required.
     pub fn at(&mut self, now: Instant) -> Option<BaseMotion> {
         if let Some(new) = self.newest.take_new() {
-            // What is refused counts in the tracker, as silence with its reason.
+            // The tracker counts a refused pose, and treats it as silence with a reason.
             let _ = self.tracker.take(&base_pose(new, self.started));
         }
         self.tracker.at(since(self.started, now))
     }
 
-    /// While held, no other publisher takes the place of the present one.
+    /// While held, no other publisher replaces the present one.
     pub fn hold(&self, held: bool) {
         self.newest.hold(held);
     }
 
-    /// Poses refused so far.
+    /// Number of poses refused so far.
     pub fn refusals(&self) -> u64 {
         self.tracker.refusals()
     }
@@ -87,7 +87,7 @@ mod tests {
             header: Header::new(1_700_000_000_000_000_000, "world"),
             ..PoseWithCovarianceStamped::default()
         };
-        // A quaternion of zeros first.
+        // First an invalid pose: its quaternion is all zeros.
         publisher.publish(&message);
         assert!(reader.at(Instant::now()).is_none());
         assert_eq!(reader.refusals(), 1);

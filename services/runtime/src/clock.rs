@@ -1,14 +1,14 @@
-//! Time for services: stamps since the Unix epoch, and waiting for points in time without drift.
+//! Time for services: stamps since the Unix epoch, and waiting for deadlines without drift.
 //!
-//! Age and silence are judged by [`Instant`] (monotonic, never stepped); stamps in messages are for
-//! people, for recordings and for other hosts.
+//! Age and silence are measured by [`Instant`] (monotonic, never stepped). Stamps in messages are
+//! for people, for recordings and for other hosts.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use nix::sys::time::TimeSpec;
 use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
 
-/// Nanoseconds since the Unix epoch, by this host's clock.
+/// Nanoseconds since the Unix epoch, on this host's clock.
 pub fn now_ns() -> i64 {
     match SystemTime::now().duration_since(UNIX_EPOCH) {
         Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
@@ -22,12 +22,12 @@ pub fn stamp_ns(instant: Instant) -> i64 {
     now_ns().saturating_sub(i64::try_from(age.as_nanos()).unwrap_or(i64::MAX))
 }
 
-/// Age of a stamp, s, by this host's clock; negative for a stamp of the future.
+/// Age of a stamp, s, on this host's clock; negative if the stamp is in the future.
 pub fn age_s(stamp_ns: i64) -> f64 {
     now_ns().saturating_sub(stamp_ns) as f64 * 1e-9
 }
 
-/// Wakes at fixed points in time, one period apart, however long the work between took.
+/// Wakes at fixed times, one period apart, however long the work in between takes.
 #[derive(Debug)]
 pub struct DeadlineClock {
     period_ns: i64,
@@ -35,7 +35,7 @@ pub struct DeadlineClock {
 }
 
 impl DeadlineClock {
-    /// First deadline one period from now. A period under a microsecond becomes a microsecond.
+    /// The first deadline is one period from now. A period below 1 µs becomes 1 µs.
     pub fn new(period: Duration) -> Self {
         let period_ns = i64::try_from(period.as_nanos())
             .unwrap_or(i64::MAX / 4)
@@ -72,8 +72,8 @@ impl DeadlineClock {
 }
 
 fn monotonic_ns() -> i64 {
-    // CLOCK_MONOTONIC exists on every Linux; were it missing, deadlines at zero would only stop the
-    // waiting.
+    // CLOCK_MONOTONIC exists on every Linux. If it were missing, deadlines at zero would only
+    // remove the wait.
     clock_gettime(ClockId::CLOCK_MONOTONIC)
         .map(|time| time.tv_sec() * 1_000_000_000 + time.tv_nsec())
         .unwrap_or(0)

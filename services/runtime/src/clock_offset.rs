@@ -1,8 +1,9 @@
-//! How far another process's clock is from ours, measured by asking it: `ping/SERVICE/INSTANCE`.
+//! Offset of another process's clock from this one's, measured by queries on
+//! `ping/SERVICE/INSTANCE`.
 //!
-//! Every service answers, `tangent status` asks. Nothing in the loop rests on it: a reader judges
-//! ages by its own clock and by the robot's packets. It tells a person why the stamps of two hosts
-//! do not fit each other.
+//! Every service answers these queries; `tangent status` sends them. The control loop does not
+//! depend on the result: a reader judges ages by its own clock and by the robot's packets. The
+//! offset explains to a person why the stamps of two hosts do not match.
 
 use std::time::{Duration, Instant};
 
@@ -14,30 +15,30 @@ use crate::bus::answer::done_with;
 use crate::bus::{Bus, BusError, Handle};
 use crate::clock;
 
-/// Questions of one measurement. The quickest is the one that counts: its answer waited least on
-/// the way.
+/// Number of queries per measurement. The one with the shortest round trip is used, as it waited
+/// least on the way.
 const QUESTIONS: usize = 8;
 
-/// The answer's data.
+/// Data of the answer.
 #[derive(Serialize, Deserialize)]
 struct Now {
     now_ns: i64,
 }
 
-/// How far another clock is ahead of ours.
+/// Offset of another clock from this one's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ClockOffset {
-    /// Its clock less ours, s.
+    /// The other clock minus this one, s.
     pub offset_s: f64,
-    /// Way there and back, s. The offset may be wrong by half of it, if one way took all of the
-    /// time.
+    /// Round trip of the query, s. The offset may be wrong by half of it, if one direction took all
+    /// of the time.
     pub round_trip_s: f64,
 }
 
 /// Answers queries for this host's time until the handle is dropped.
 ///
 /// # Errors
-/// A name that cannot stand in a key.
+/// The name is not valid in a key.
 pub fn answer(bus: &Bus, service: &str, instance: &str) -> Result<Handle, BusError> {
     bus.answer(&queries::ping(service, instance), |_, _| {
         done_with(
@@ -49,7 +50,7 @@ pub fn answer(bus: &Bus, service: &str, instance: &str) -> Result<Handle, BusErr
     })
 }
 
-/// Asks one instance for its time, several times; none when it does not answer within `timeout`.
+/// Queries one instance's time repeatedly; `None` if it does not answer within `timeout`.
 pub fn measure(bus: &Bus, service: &str, instance: &str, timeout: Duration) -> Option<ClockOffset> {
     let key = queries::ping(service, instance);
     let request = Request {
@@ -79,8 +80,8 @@ pub fn measure(bus: &Bus, service: &str, instance: &str, timeout: Duration) -> O
     best
 }
 
-/// Its clock was read halfway, as far as anybody can know (RFC 5905, clause 8, with one reading
-/// there).
+/// Assumes that the other clock was read halfway through the round trip (RFC 5905, clause 8, with
+/// one reading by the other host).
 fn offset(asked_ns: i64, round_trip: Duration, there_ns: i64) -> ClockOffset {
     let round_trip_s = round_trip.as_secs_f64();
     ClockOffset {

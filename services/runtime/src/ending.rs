@@ -1,10 +1,9 @@
-//! What ends the process: a panic in any of its threads, or a loop that stands still. One place
-//! decides how.
+//! Ends the process after a panic in any thread, or after a loop has stopped running.
 //!
-//! `main` calls [`on_panic`] once; a command that runs services hands over its [`Stop`] with
-//! [`in_order`]. From then on the first thing that goes wrong is written to the log with its name,
-//! everybody is told to stop, and what has not ended after [`GRACE`] is cut off. A process that
-//! lives on without one of its threads would look well and do nothing.
+//! `main` calls [`on_panic`] once; a command that runs services passes its [`Stop`] to
+//! [`in_order`]. From then on the first failure is written to the log with its name, all services
+//! are asked to stop, and the process exits after [`GRACE`] at the latest. A process that continued
+//! without one of its threads would seem healthy and do nothing.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::panic::PanicHookInfo;
@@ -13,20 +12,21 @@ use std::time::Duration;
 
 use signal_hook::low_level;
 
-use crate::{Stop, log};
+use crate::log;
+use crate::stop::Stop;
 
-/// Time that the other services get to end in order: the recorder closes its file, the bridge
-/// brings the arm to rest.
+/// Time for the other services to stop in order: the recorder closes its file, the bridge brings
+/// the arm to rest.
 pub const GRACE: Duration = Duration::from_secs(5);
-/// Time that the log gets to be written before the process is gone.
+/// Time for the log to be written before the process exits.
 const LAST_WORDS: Duration = Duration::from_secs(1);
-/// Exit code: failed.
+/// Exit code of a failure.
 const FAILED: i32 = 1;
 
 static EVERYBODY: OnceLock<Stop> = OnceLock::new();
 static CAUSE: OnceLock<String> = OnceLock::new();
 
-/// From now on a panic in any thread ends the process. Once, at the start of `main`.
+/// Makes a panic in any thread end the process. Call it once, at the start of `main`.
 pub fn on_panic() {
     std::panic::set_hook(Box::new(|panic| {
         let words = describe(panic);
@@ -40,18 +40,18 @@ pub fn on_panic() {
     }));
 }
 
-/// From now on everybody who holds `stop` is told to end before the process does.
+/// Makes [`end`] trigger `stop` and wait before it ends the process.
 pub fn in_order(stop: &Stop) {
     let _ = EVERYBODY.set(stop.clone());
 }
 
-/// Why the process ends, where it does for one of the reasons above.
+/// Reason why the process ends; `None` if it has not failed.
 pub fn cause() -> Option<&'static str> {
     CAUSE.get().map(String::as_str)
 }
 
-/// Ends the process with an error in `words`: at once where no supervisor has to be notified, else
-/// when everybody has ended or [`GRACE`] is over.
+/// Ends the process with the error `words`. It exits at once if [`in_order`] was not called, else
+/// when all services have stopped or [`GRACE`] is over.
 pub fn end(words: String) {
     log::line(&format!("ERROR {words}"));
     let first = CAUSE.set(words).is_ok();

@@ -269,7 +269,7 @@ fn report(shared: &Shared, bus: &Bus, publisher: &Publisher<Health>) {
     let mut rates_hz = Vec::new();
     let (mut usage, mut cpu_percent) = (ProcessUsage::new(), 0.0);
     let mut due = Instant::now();
-    // The session has logged these when it was opened.
+    // The session logged these remarks when it was opened.
     let mut remarks = bus.remarks();
     loop {
         let stopping = shared.stopping.load(Ordering::Acquire);
@@ -380,8 +380,8 @@ fn refused_name(refused: &Refused) -> String {
     format!("{}_refused", refused.topic)
 }
 
-/// Adds refused publishers to the message. A second publisher of an input of this service is not
-/// its own fault, but must not persist.
+/// Adds refused publishers to the message. A second publisher of one of this service's inputs is
+/// not the service's own fault, but must not persist.
 fn tell_of(refused: &[Refused], told: &mut Health) {
     for refused in refused.iter().filter(|refused| refused.who.is_some()) {
         if told.state == State::Running as u8 {

@@ -1,8 +1,8 @@
-//! The one way to be a service: bus, configuration, liveliness, health, parameters, shutdown.
+//! Framework of every service: bus, configuration, liveliness, health, parameters, shutdown.
 //!
-//! Every service has the shape `run(config, bus, stop)`: it reads a [`CellConfig`], speaks through
-//! a [`Bus`], ends when its [`Stop`] says so, tells how it fares through a [`HealthReporter`] and
-//! takes live [`Parameters`]. Zenoh is named nowhere else.
+//! Every service has the shape `run(config, bus, stop)`: it reads a [`CellConfig`], communicates
+//! through a [`Bus`], ends when its [`Stop`] is triggered, reports its state through a
+//! [`HealthReporter`] and takes live [`Parameters`]. No other crate uses Zenoh directly.
 //!
 //! ```no_run
 //! use std::time::Duration;
@@ -25,6 +25,7 @@
 //! }
 //! ```
 
+pub mod arm_commands;
 mod base_reader;
 pub mod bus;
 pub mod clock;
@@ -36,6 +37,7 @@ pub mod log;
 pub mod meter;
 pub mod parameters;
 pub mod realtime;
+pub mod robot_loop;
 pub mod security;
 mod state_folder;
 pub mod stop;

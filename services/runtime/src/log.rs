@@ -1,9 +1,9 @@
-//! The process's log: lines go through a lock-free ring to one writing thread, so that no thread
-//! waits for whoever reads them.
+//! Log of the process: lines go through a lock-free ring to one writing thread, so that no other
+//! thread waits for the output.
 //!
-//! `main` starts it and gives it to `tracing`. A pipe that is not read blocks the thread that
-//! writes to it; here that is a thread of its own, which no other waits for. What finds the ring
-//! full is dropped and counted, and the count is written as soon as lines can be again.
+//! `main` starts it and passes it to `tracing`. A pipe that nobody reads blocks the thread that
+//! writes to it; here only the writing thread blocks. Lines are dropped and counted while the ring
+//! is full, and the count is logged as soon as lines can be written again.
 
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,16 +13,16 @@ use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
 
-/// Longer lines are cut, bytes.
+/// Largest length of a line, bytes; longer lines are cut off.
 const LINE_BYTES: usize = 1024;
-/// Lines that may wait to be written.
+/// Number of lines that may wait to be written.
 const LINES: usize = 512;
-/// What stands at the end of a line that was cut.
+/// End of a line that was cut off.
 const CUT: &[u8] = "…\n".as_bytes();
-/// How often [`Log::flush`] looks.
+/// Interval between two checks of [`Log::flush`].
 const LOOK: Duration = Duration::from_millis(1);
 
-/// One line as it waits.
+/// A line in the ring.
 struct Line {
     length: usize,
     bytes: [u8; LINE_BYTES],
@@ -45,10 +45,10 @@ pub struct Log {
 static INSTALLED: OnceLock<Log> = OnceLock::new();
 
 impl Log {
-    /// One whose thread writes to `sink`, line by line.
+    /// Starts a log whose thread writes to `sink`, line by line.
     ///
     /// # Errors
-    /// When the system has no thread to give.
+    /// The system refused a thread.
     pub fn start(sink: impl Write + Send + 'static) -> io::Result<Self> {
         let shared = Arc::new(Shared {
             ring: ArrayQueue::new(LINES),
@@ -65,13 +65,14 @@ impl Log {
         Ok(Self { shared })
     }
 
-    /// Makes this the process's log, for [`line()`] and [`dropped`]; only the first stays.
+    /// Makes this the process's log, for [`line()`] and [`dropped`]. Only the first call has an
+    /// effect.
     pub fn install(&self) {
         let _ = INSTALLED.set(self.clone());
     }
 
-    /// Writes one line, which ends with a newline. No lock, no memory, no waiting: for real-time
-    /// threads too.
+    /// Writes one line, which ends with a newline. Takes no lock, allocates nothing and never
+    /// waits: for real-time threads too.
     pub fn line(&self, text: &[u8]) {
         let mut line = Line {
             length: text.len().min(LINE_BYTES),
@@ -84,7 +85,7 @@ impl Log {
             line.bytes[..kept].copy_from_slice(&text[..kept]);
             line.bytes[kept..].copy_from_slice(CUT);
         }
-        // Counted before it can be written, so that what is written is never ahead.
+        // Counted before it can be written, so that the count of written lines is never greater.
         self.shared.pushed.fetch_add(1, Ordering::AcqRel);
         if self.shared.ring.push(line).is_err() {
             self.shared.written.fetch_add(1, Ordering::AcqRel);
@@ -96,13 +97,13 @@ impl Log {
         }
     }
 
-    /// Lines that were dropped since the start.
+    /// Number of lines that were dropped since the start.
     pub fn dropped(&self) -> u64 {
         self.shared.dropped.load(Ordering::Acquire)
     }
 
-    /// Waits until what was said before is written, at most so long; false when time was up. Before
-    /// the process ends.
+    /// Waits until all earlier lines are written, for at most `at_most`; false if the time is up.
+    /// Call it before the process ends.
     pub fn flush(&self, at_most: Duration) -> bool {
         let until = self.shared.pushed.load(Ordering::Acquire);
         let deadline = Instant::now() + at_most;
@@ -115,13 +116,13 @@ impl Log {
         true
     }
 
-    /// What `tracing` writes an event to.
+    /// Writer for `tracing`.
     pub fn writer(&self) -> LineWriter {
         LineWriter(self.clone())
     }
 }
 
-/// Each write is one line.
+/// Writes each buffer as one line.
 pub struct LineWriter(Log);
 
 impl Write for LineWriter {
@@ -135,7 +136,7 @@ impl Write for LineWriter {
     }
 }
 
-/// A line on the process's log, or on standard error where there is none yet.
+/// Writes a line to the process's log, or to standard error if there is none yet.
 pub fn line(text: &str) {
     match INSTALLED.get() {
         Some(log) => log.line(format!("{text}\n").as_bytes()),
@@ -185,7 +186,7 @@ mod tests {
 
     const PATIENCE: Duration = Duration::from_secs(20);
 
-    /// A pipe whose reader sleeps until told to read.
+    /// A pipe whose reader is blocked until the test lets it read.
     #[derive(Clone, Default)]
     struct Stuck {
         open: Arc<(Mutex<bool>, Condvar)>,
@@ -223,7 +224,7 @@ mod tests {
         let stuck = Stuck::default();
         let log = Log::start(stuck.clone()).unwrap();
         let many = 4 * LINES as u64;
-        // Ends although nothing can be written.
+        // The loop ends although no line can be written.
         for n in 0..many {
             log.line(format!("line {n}\n").as_bytes());
         }

@@ -10,12 +10,12 @@ use std::time::{Duration, Instant};
 pub struct Rate(Arc<AtomicU64>);
 
 impl Rate {
-    /// One more event.
+    /// Counts one more event.
     pub fn tick(&self) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Events so far.
+    /// Number of events so far.
     pub fn count(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
@@ -26,12 +26,12 @@ impl Rate {
 pub struct Counter(Arc<AtomicU64>);
 
 impl Counter {
-    /// Adds to it.
+    /// Adds `more` to the total.
     pub fn add(&self, more: u64) {
         self.0.fetch_add(more, Ordering::Relaxed);
     }
 
-    /// Sets it, for a total that is counted elsewhere.
+    /// Sets the total, if it is counted elsewhere.
     pub fn set(&self, total: u64) {
         self.0.store(total, Ordering::Relaxed);
     }
@@ -42,12 +42,12 @@ impl Counter {
     }
 }
 
-/// A number that is what it was set to last.
+/// A number that is set, of which only the last value counts.
 #[derive(Clone, Debug, Default)]
 pub struct Gauge(Arc<AtomicU64>);
 
 impl Gauge {
-    /// Sets it.
+    /// Sets the value.
     pub fn set(&self, value: f64) {
         self.0.store(value.to_bits(), Ordering::Relaxed);
     }
@@ -58,7 +58,7 @@ impl Gauge {
     }
 }
 
-/// When something happened last.
+/// Time since the last event.
 #[derive(Clone, Debug)]
 pub struct Age {
     start: Instant,
@@ -75,19 +75,19 @@ impl Default for Age {
 }
 
 impl Age {
-    /// It happened now.
+    /// Records an event now.
     pub fn mark(&self) {
         self.mark_at(Instant::now());
     }
 
-    /// It happened then.
+    /// Records an event at `instant`.
     pub fn mark_at(&self, instant: Instant) {
         let ns = instant.saturating_duration_since(self.start).as_nanos();
         self.last_ns
             .store(i64::try_from(ns).unwrap_or(i64::MAX), Ordering::Relaxed);
     }
 
-    /// Time since it happened, s; negative while it never has.
+    /// Time since the last event, s; negative before the first.
     pub fn seconds(&self) -> f64 {
         match self.last_ns.load(Ordering::Relaxed) {
             last if last < 0 => -1.0,
@@ -96,11 +96,11 @@ impl Age {
     }
 }
 
-/// Sub-buckets per power of two: values are kept to within 1/32, 3 %.
+/// Sub-buckets per power of two: values are resolved to 1/32, about 3 %.
 const SUB: usize = 32;
 const BUCKETS: usize = 35 * SUB;
 
-/// A distribution of durations, from 1 ns to over half a minute, to within 3 %.
+/// A distribution of durations, from 1 ns to over half a minute, with a resolution of 3 %.
 #[derive(Clone, Debug)]
 pub struct Histogram(Arc<Buckets>);
 
@@ -110,7 +110,7 @@ struct Buckets {
     max_ns: AtomicU64,
 }
 
-/// What a [`Histogram`] says, s.
+/// Figures of a [`Histogram`], s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distribution {
     /// Number of durations.
@@ -135,21 +135,21 @@ impl Default for Histogram {
 }
 
 impl Histogram {
-    /// Takes one duration in. No lock, no allocation.
+    /// Adds one duration. Takes no lock and allocates nothing.
     pub fn record(&self, duration: Duration) {
         let ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
         self.0.counts[bucket(ns)].fetch_add(1, Ordering::Relaxed);
         self.0.max_ns.fetch_max(ns, Ordering::Relaxed);
     }
 
-    /// [`Histogram::record`] of a time in seconds that came over a wire: what is no number or
-    /// negative counts as none, what no duration holds as the longest.
+    /// Adds a time in seconds that came from outside. NaN and negative values count as zero, values
+    /// too large for a `Duration` as the longest.
     pub fn record_s(&self, seconds: f64) {
         let known = seconds.max(0.0);
         self.record(Duration::try_from_secs_f64(known).unwrap_or(Duration::MAX));
     }
 
-    /// The distribution since the start.
+    /// The distribution of all durations since the start.
     pub fn distribution(&self) -> Distribution {
         let counts: Vec<u64> = self
             .0

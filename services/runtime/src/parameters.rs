@@ -1,5 +1,5 @@
-//! Live parameters: read lock-free by the service, got and set through queries on
-//! `param/SERVICE/NAME`, listed on `parameters/SERVICE`.
+//! Live parameters: the service reads them without a lock; clients get and set them through queries
+//! on `param/SERVICE/NAME`, and list them through `parameters/SERVICE`.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,26 +16,26 @@ use crate::bus::{Bus, BusError, Handle, answer};
 pub struct Parameter(Arc<AtomicU64>);
 
 impl Parameter {
-    /// The value in force. No lock: for real-time threads.
+    /// The present value. No lock: for real-time threads.
     pub fn get(&self) -> f64 {
         f64::from_bits(self.0.load(Ordering::Relaxed))
     }
 
-    /// The owner's own change, for instance when a task brings its value. Not checked against the
-    /// range. No lock.
+    /// Sets the value from within the service, for instance when a task contains it. It is not
+    /// checked against the range. No lock.
     pub fn set(&self, value: f64) {
         self.0.store(value.to_bits(), Ordering::Relaxed);
     }
 }
 
-/// What a parameter is, as listed to a person or a program.
+/// Description of a parameter, for a person or a program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParameterInfo {
     /// Service that owns it.
     pub service: String,
-    /// Its name, with its unit at the end.
+    /// Name, with its unit at the end.
     pub name: String,
-    /// Value now.
+    /// Present value.
     pub value: f64,
     /// Value at start.
     pub default: f64,
@@ -43,9 +43,9 @@ pub struct ParameterInfo {
     pub minimum: f64,
     /// Largest value allowed.
     pub maximum: f64,
-    /// Unit, `1` for a plain number.
+    /// Unit; `1` for a plain number.
     pub unit: String,
-    /// What it does, in a sentence.
+    /// Description, one sentence.
     pub description: String,
 }
 
@@ -64,7 +64,7 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// Begins to answer on `param/SERVICE/*` and `parameters/SERVICE`.
+    /// Starts to answer queries on `param/SERVICE/*` and `parameters/SERVICE`.
     ///
     /// # Errors
     /// The bus refused the queryable.
@@ -87,8 +87,8 @@ impl Parameters {
         })
     }
 
-    /// Adds a number with its range (inclusive). A default outside of it is moved to the nearest
-    /// end. A name that is there already is returned as it is.
+    /// Adds a number with its range (inclusive). A default outside the range is moved to the
+    /// nearest limit. If the name already exists, the existing parameter is returned.
     pub fn number(
         &self,
         name: &str,
@@ -120,7 +120,7 @@ impl Parameters {
         value
     }
 
-    /// All parameters with their values now.
+    /// All parameters with their present values.
     pub fn list(&self) -> Vec<ParameterInfo> {
         list(&lock(&self.entries))
     }
@@ -186,9 +186,9 @@ fn respond(entries: &Entries, key: &str, request: &Request) -> Answer {
 /// Follows a target at a bounded rate, so that a new setting does not jerk the arm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ramp {
-    /// Where it stands.
+    /// Present value.
     pub value: f64,
-    /// Change per second at most, in the value's unit per second.
+    /// Largest rate of change, in the value's unit per second.
     pub rate_per_s: f64,
 }
 
@@ -198,8 +198,8 @@ impl Ramp {
         Self { value, rate_per_s }
     }
 
-    /// One step of `dt_s` seconds towards `target`; returns where it stands then. A target that is
-    /// not finite is ignored.
+    /// Moves towards `target` for `dt_s` seconds, and returns the new value. A target that is not
+    /// finite is ignored.
     pub fn step(&mut self, target: f64, dt_s: f64) -> f64 {
         let reach = self.rate_per_s * dt_s;
         let change = target - self.value;

@@ -1,5 +1,4 @@
-//! Real-time set-up of a thread, and in plain words what it got and what to do about what it did
-//! not get.
+//! Real-time set-up of a thread, with a report of what was granted and how to obtain the rest.
 
 use std::fmt;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -16,25 +15,25 @@ use thread_priority::{ThreadPriority, ThreadPriorityValue};
 /// What the real-time set-up of one thread achieved.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RealtimeReport {
-    /// Whose set-up this is.
+    /// Name of the thread.
     pub thread: String,
-    /// The thread runs under SCHED_FIFO.
+    /// Whether the thread runs under SCHED_FIFO.
     pub scheduled: bool,
-    /// The process's memory is locked.
+    /// Whether the process's memory is locked.
     pub locked: bool,
-    /// The thread is pinned as asked, or nothing was asked.
+    /// Whether the thread is pinned as requested; true if nothing was requested.
     pub pinned: bool,
-    /// Everything above in words, with what to do where something is missing.
+    /// All results in words, with advice on what is missing.
     pub words: String,
 }
 
 impl RealtimeReport {
-    /// Everything that was asked for was got.
+    /// Whether all requests were granted.
     pub fn complete(&self) -> bool {
         self.scheduled && self.locked && self.pinned
     }
 
-    /// For a cell that does not ask for real-time scheduling.
+    /// Report for a cell that does not request real-time scheduling.
     pub fn not_asked(thread: &str) -> Self {
         Self {
             thread: thread.to_owned(),
@@ -53,15 +52,20 @@ impl fmt::Display for RealtimeReport {
 }
 
 /// Gives the calling thread SCHED_FIFO with `priority` (1 to 99) and locks the process's memory, as
-/// far as permitted. Never fails: the report says what is missing. Call it after sessions and
-/// helper threads are made, since a new thread inherits its maker's scheduling.
+/// far as permitted. Never fails: the report lists what is missing. Call it after sessions and
+/// helper threads have been created, since a new thread inherits the scheduling of its creator.
 pub fn setup_thread(name: &str, priority: u8) -> RealtimeReport {
     setup_thread_on(name, priority, None)
 }
 
-/// [`setup_thread`], and keeps the thread on one CPU.
+/// Calls [`setup_thread`], and pins the thread to one CPU if given.
 pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> RealtimeReport {
-    let (scheduled, scheduling_words) = schedule(priority);
+    let scheduling = schedule(priority);
+    let scheduled = scheduling.is_ok();
+    let scheduling_words = match scheduling {
+        Ok(()) => format!("SCHED_FIFO {priority}"),
+        Err(error) => error.to_string(),
+    };
     let (locked, memory_words) = lock_memory();
     let (pinned, cpu_words) = pin(cpu);
     let report = RealtimeReport {
@@ -71,7 +75,7 @@ pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> Realtime
         pinned,
         words: format!("{name}: {scheduling_words}; {memory_words}{cpu_words}"),
     };
-    // What to do about it is said once per process and priority, not once per thread.
+    // The advice is given once per process and priority, not once per thread.
     static ADVISED: AtomicU8 = AtomicU8::new(0);
     if report.complete() {
         tracing::info!("{report}");
@@ -85,65 +89,67 @@ pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> Realtime
     report
 }
 
-/// Whether a thread of this process may have SCHED_FIFO with `priority` (1 to 99), tried in a
+/// Errors of SCHED_FIFO scheduling, with what to do.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ScheduleError {
+    /// The priority does not exist.
+    #[error("priority {0} is not between 1 and 99, normal scheduling")]
+    Priority(u8),
+    /// The system refused the priority.
+    #[error(
+        "normal scheduling, SCHED_FIFO {priority} was refused ({reason}): allow it with `rtprio {priority}` in \
+         /etc/security/limits.d, `LimitRTPRIO={priority}` in the systemd unit, or `ulimits: {{ rtprio: {priority} }}` in \
+         the container"
+    )]
+    Refused {
+        /// Priority requested.
+        priority: u8,
+        /// The system's reason.
+        reason: String,
+    },
+    /// The thread panicked, which is a defect.
+    #[error("the thread that tried it panicked; this is a defect")]
+    Panicked,
+}
+
+/// Checks whether a thread of this process may have SCHED_FIFO with `priority` (1 to 99), in a
 /// thread that ends with the call.
 ///
 /// # Errors
-/// In words, with what to do.
-pub fn try_schedule(priority: u8) -> Result<(), String> {
-    match in_scheduled_thread(priority, |granted| granted.map(drop)) {
-        Some(result) => result,
-        None => Err("the thread that tried it panicked; this is a defect".to_owned()),
-    }
+/// [`ScheduleError`], with what to do.
+pub fn try_schedule(priority: u8) -> Result<(), ScheduleError> {
+    in_scheduled_thread(priority, |granted| granted).unwrap_or(Err(ScheduleError::Panicked))
 }
 
-/// Runs `work` in a thread of its own with SCHED_FIFO and `priority` (1 to 99) where that is
-/// granted, and waits for it; what came of the scheduling, in words, is handed to `work`. Memory is
-/// not locked. None when `work` panicked.
+/// Runs `work` in a separate thread, with SCHED_FIFO and `priority` (1 to 99) if that is granted,
+/// and waits for it. `work` gets the result of the scheduling. Memory is not locked. `None` if
+/// `work` panicked.
 pub fn in_scheduled_thread<T: Send>(
     priority: u8,
-    work: impl FnOnce(Result<String, String>) -> T + Send,
+    work: impl FnOnce(Result<(), ScheduleError>) -> T + Send,
 ) -> Option<T> {
-    std::thread::scope(|scope| {
-        let thread = scope.spawn(move || {
-            let (granted, words) = schedule(priority);
-            work(if granted { Ok(words) } else { Err(words) })
-        });
-        thread.join().ok()
-    })
+    std::thread::scope(|scope| scope.spawn(move || work(schedule(priority))).join().ok())
 }
 
-/// SCHED_FIFO for the calling thread, and what came of it in words.
-fn schedule(priority: u8) -> (bool, String) {
+/// Sets SCHED_FIFO for the calling thread.
+fn schedule(priority: u8) -> Result<(), ScheduleError> {
     let in_range = (1..=99).contains(&priority);
-    let Some(value) = ThreadPriorityValue::try_from(priority)
+    let value = ThreadPriorityValue::try_from(priority)
         .ok()
         .filter(|_| in_range)
-    else {
-        return (
-            false,
-            format!("priority {priority} is not between 1 and 99, normal scheduling"),
-        );
-    };
-    let result = set_thread_priority_and_policy(
+        .ok_or(ScheduleError::Priority(priority))?;
+    set_thread_priority_and_policy(
         thread_native_id(),
         ThreadPriority::Crossplatform(value),
         ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
-    );
-    match result {
-        Ok(()) => (true, format!("SCHED_FIFO {priority}")),
-        Err(error) => (
-            false,
-            format!(
-                "normal scheduling, SCHED_FIFO {priority} was refused ({error:?}): allow it with `rtprio {priority}` in \
-                 /etc/security/limits.d, `LimitRTPRIO={priority}` in the systemd unit, or `ulimits: {{ rtprio: {priority} }}` in \
-                 the container"
-            ),
-        ),
-    }
+    )
+    .map_err(|error| ScheduleError::Refused {
+        priority,
+        reason: format!("{error:?}"),
+    })
 }
 
-/// Locks what the process has and will have, once for the whole process.
+/// Locks the process's present and future memory, once for the whole process.
 fn lock_memory() -> (bool, String) {
     match mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE) {
         Ok(()) => (true, "memory locked".to_owned()),
@@ -182,7 +188,7 @@ mod tests {
 
     #[test]
     fn the_report_says_what_was_got_or_what_to_do() {
-        // On its own thread: whatever is granted must not colour other tests.
+        // Runs in its own thread, so that its scheduling does not affect other tests.
         let report = std::thread::spawn(|| setup_thread("loop", 10))
             .join()
             .unwrap();
@@ -198,7 +204,7 @@ mod tests {
     #[test]
     fn what_cannot_be_had_is_said() {
         assert_eq!(
-            schedule(0).1,
+            schedule(0).unwrap_err().to_string(),
             "priority 0 is not between 1 and 99, normal scheduling"
         );
         let words = std::thread::spawn(|| pin(Some(900))).join().unwrap();

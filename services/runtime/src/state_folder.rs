@@ -1,7 +1,7 @@
-//! What a service keeps over its end, a crash and a power cut: small JSON files in the cell's state
-//! folder.
+//! Data that a service keeps across restarts, crashes and power cuts: small JSON files in the
+//! cell's state folder.
 //!
-//! Written by side threads only: a write waits for the disk.
+//! Only side threads write them, as a write waits for the disk.
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -10,55 +10,55 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::CellConfig;
+use crate::config::CellConfig;
 
-/// The folder of one cell. Each service has files of its own names in it.
+/// State folder of one cell. Each service has files with names of its own in it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StateFolder {
     path: PathBuf,
 }
 
-/// What is kept cannot be read or written.
+/// Errors of reading or writing the state.
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
-    /// A file does not say what it should.
+    /// The contents of a file are not valid.
     #[error("{file}: cannot be read as kept state ({reason})")]
     Corrupt {
-        /// Path.
+        /// File path.
         file: String,
-        /// What the reader says.
+        /// The parser's reason.
         reason: String,
     },
-    /// The system refuses.
+    /// The system refused the access.
     #[error("{file}: {reason}; give the cell a folder that can be written, [cell] state_folder")]
     System {
-        /// Path.
+        /// File path.
         file: String,
-        /// What the system says.
+        /// The system's reason.
         reason: String,
     },
 }
 
 impl StateFolder {
-    /// At this path; it is made with the first write.
+    /// Folder at this path; the first write creates it.
     pub fn new(path: impl Into<PathBuf>) -> Self {
         Self { path: path.into() }
     }
 
-    /// Of the cell: `[cell] state_folder`. None for a cell that was not read from a file.
+    /// Folder of the cell: `[cell] state_folder`. `None` for a cell that was not read from a file.
     pub fn of_cell(cell: &CellConfig) -> Option<Self> {
         cell.cell.state_folder.as_ref().map(Self::new)
     }
 
-    /// Where it is.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What `name.json` says; none where there is no such file.
+    /// Contents of `name.json`; `None` if there is no such file.
     ///
     /// # Errors
-    /// [`StateError`]: a file that cannot be read is a reason for doubt, not for none.
+    /// [`StateError`]: a file that cannot be read must not be treated as absent.
     pub fn read<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>, StateError> {
         let file = self.file(name);
         let text = match fs::read_to_string(&file) {
@@ -71,7 +71,7 @@ impl StateFolder {
             .map_err(|error| corrupt(&file, &error))
     }
 
-    /// Puts `value` in place of what `name.json` said, whole or not at all, and on the disk when it
+    /// Replaces the contents of `name.json` by `value`, atomically. The data is on the disk when it
     /// returns.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ impl StateFolder {
         out.write_all(&text).map_err(|e| failed(&e))?;
         out.sync_all().map_err(|e| failed(&e))?;
         fs::rename(&fresh, &file).map_err(|e| failed(&e))?;
-        // The new name itself.
+        // Syncs the folder, so that the rename is on the disk too.
         File::open(&self.path)
             .and_then(|folder| folder.sync_all())
             .map_err(|e| failed(&e))

@@ -1,4 +1,4 @@
-//! Orderly shutdown as a value: everybody holds a clone, anybody can trigger it.
+//! Orderly shutdown as a value: every service holds a clone, and any of them can trigger it.
 
 use std::io::Read;
 use std::os::unix::net::UnixStream;
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
 
-/// Says when to end. Clones share one state.
+/// Signal to stop. Clones share one state.
 #[derive(Clone, Debug, Default)]
 pub struct Stop {
     shared: Arc<Shared>,
@@ -23,12 +23,12 @@ struct Shared {
 }
 
 impl Stop {
-    /// One that only [`Stop::trigger`] triggers.
+    /// A stop that only [`Stop::trigger`] triggers.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// One that SIGINT and SIGTERM trigger too. A second signal ends the process at once, with
+    /// A stop that SIGINT and SIGTERM trigger too. A second signal ends the process at once, with
     /// status 130.
     ///
     /// # Errors
@@ -57,12 +57,12 @@ impl Stop {
         Ok(stop)
     }
 
-    /// True once triggered. No lock: for real-time threads.
+    /// Whether it was triggered. No lock: for real-time threads.
     pub fn is_stopped(&self) -> bool {
         self.shared.stopped.load(Ordering::Acquire)
     }
 
-    /// Ends everybody's waiting.
+    /// Triggers the stop, and wakes all threads that wait for it.
     pub fn trigger(&self) {
         let _guard = self
             .shared
@@ -73,7 +73,7 @@ impl Stop {
         self.shared.changed.notify_all();
     }
 
-    /// Waits at most so long; true as soon as stopped, false when the time is up.
+    /// Waits for at most `at_most`; true as soon as it is triggered, false if the time is up.
     pub fn wait(&self, at_most: Duration) -> bool {
         let deadline = Instant::now() + at_most;
         let mut guard = self

@@ -1,15 +1,16 @@
-//! What systemd is told, with `Type=notify` and `WatchdogSec=` in the unit: ready, alive, stopping.
+//! Notifications to systemd: ready, alive, stopping. The unit needs `Type=notify` and
+//! `WatchdogSec=`.
 //!
-//! systemd's own protocol: one datagram of `KEY=value` lines to the socket that `NOTIFY_SOCKET`
-//! names, `@` for one without a file; see sd_notify(3). Nothing is sent where that variable is not
-//! set.
+//! The protocol is systemd's: one datagram of `KEY=value` lines to the socket named by
+//! `NOTIFY_SOCKET`, where a leading `@` stands for an abstract socket; see sd_notify(3). Nothing is
+//! sent if that variable is not set.
 
 use std::io;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
-/// The socket to the process's supervisor.
+/// Socket to the process's supervisor.
 pub struct Notify {
     socket: UnixDatagram,
     to: SocketAddr,
@@ -17,11 +18,11 @@ pub struct Notify {
 }
 
 impl Notify {
-    /// From the environment; none where no supervisor listens.
+    /// Socket named in the environment; `None` if there is no supervisor.
     pub fn from_environment() -> Option<Self> {
         let own = std::process::id().to_string();
         let named = |name| std::env::var(name).ok();
-        // Another process's, inherited.
+        // The variable may be inherited, and meant for another process.
         let ours = named("WATCHDOG_PID").is_none_or(|pid| pid == own);
         let period = named("WATCHDOG_USEC")
             .filter(|_| ours)
@@ -33,10 +34,10 @@ impl Notify {
             .ok()
     }
 
-    /// To the socket of this name. `watchdog`: silence that systemd takes for a failure.
+    /// Socket of this name. `watchdog` is the silence after which systemd assumes a failure.
     ///
     /// # Errors
-    /// A name that is none, or no socket to be had.
+    /// The name is not valid, or the socket cannot be opened.
     pub fn to(name: &str, watchdog: Option<Duration>) -> io::Result<Self> {
         let to = match name.strip_prefix('@') {
             Some(name) => SocketAddr::from_abstract_name(name)?,
@@ -52,29 +53,29 @@ impl Notify {
         })
     }
 
-    /// The services run.
+    /// Notifies that the services run.
     pub fn ready(&self) {
         self.say("READY=1");
     }
 
-    /// The process is about to end, and in order.
+    /// Notifies that the process is about to end in order.
     pub fn stopping(&self) {
         self.say("STOPPING=1");
     }
 
-    /// Every loop goes on.
+    /// Notifies that every loop is running.
     pub fn alive(&self) {
         if self.watchdog.is_some() {
             self.say("WATCHDOG=1");
         }
     }
 
-    /// A loop stands still: `systemctl status` shows it.
+    /// Notifies that a loop has stopped running; `systemctl status` shows the text.
     pub fn failed(&self, words: &str) {
         self.say(&format!("STATUS={words}"));
     }
 
-    /// Silence that is taken for a failure, where the unit sets one.
+    /// Silence after which systemd assumes a failure; `None` if the unit sets none.
     pub fn watchdog(&self) -> Option<Duration> {
         self.watchdog
     }

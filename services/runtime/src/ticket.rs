@@ -1,5 +1,5 @@
-//! One piece of work at a time between an asker and a thread that must not wait: done, or called
-//! off without an effect, never both.
+//! Hands one piece of work at a time to a thread that must not wait. The work is either done or
+//! cancelled without an effect, never both.
 
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::{Duration, Instant};
@@ -10,29 +10,29 @@ const BEGUN: u8 = 2;
 const CALLED_OFF: u8 = 3;
 const DONE: u8 = 4;
 
-/// An asker that called work off gives the worker this long to say that it had just finished it.
+/// Time that the worker gets, after a cancellation, to report that it had just finished.
 const ACKNOWLEDGE: Duration = Duration::from_millis(50);
-/// How often an asker looks.
+/// Interval at which the requesting thread checks for the result.
 const LOOK: Duration = Duration::from_millis(2);
 
-/// What the worker is to do now.
+/// What the worker must do now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
     /// Nothing new.
     None,
     /// Begin the work.
     Begin,
-    /// Forget what was begun: it must have no effect any more.
+    /// Discard the work: it must have no effect any more.
     Forget,
 }
 
-/// The asker's and the worker's view of the work.
+/// State of the work, shared by the requesting thread and the worker.
 #[derive(Debug, Default)]
 pub struct Ticket(AtomicU8);
 
 impl Ticket {
-    /// Asks for the work, and waits until it is done; false when it was called off at `deadline`.
-    /// One asker at a time.
+    /// Requests the work, and waits until it is done; false if it was cancelled at `deadline`. Only
+    /// one thread may request at a time.
     pub fn ask_and_wait(&self, deadline: Instant) -> bool {
         self.0.store(ASKED, Ordering::Release);
         while Instant::now() < deadline {
@@ -44,15 +44,15 @@ impl Ticket {
         self.call_off()
     }
 
-    /// Ends the wait; true when the work was done after all.
+    /// Ends the wait; true if the work was done after all.
     fn call_off(&self) -> bool {
         if self.swap(ASKED, IDLE) {
             return false;
         }
         if self.swap(BEGUN, CALLED_OFF) {
             let until = Instant::now() + ACKNOWLEDGE;
-            // The worker may just have been finishing it. One that does nothing now forgets the
-            // work before it does anything else.
+            // The worker may just be finishing. One that is idle now discards the work before it
+            // does anything else.
             while self.0.load(Ordering::Acquire) == CALLED_OFF && Instant::now() < until {
                 std::thread::park_timeout(LOOK);
             }
@@ -64,7 +64,7 @@ impl Ticket {
         self.swap(DONE, IDLE)
     }
 
-    /// For the worker, before each step of its work. No lock, no memory.
+    /// Called by the worker before each step of its work. Takes no lock and allocates nothing.
     pub fn order(&self) -> Order {
         match self.0.load(Ordering::Acquire) {
             ASKED if self.swap(ASKED, BEGUN) => Order::Begin,
@@ -73,7 +73,7 @@ impl Ticket {
         }
     }
 
-    /// For the worker: the work has ended, and how it ended can be read.
+    /// Called by the worker: the work has ended, and its result can be read.
     pub fn done(&self) {
         if !self.swap(BEGUN, DONE) {
             self.swap(CALLED_OFF, DONE);
@@ -93,7 +93,7 @@ mod tests {
 
     use super::*;
 
-    /// Work of a few steps against deadlines before, within and after it.
+    /// Work of a few steps, with deadlines before, during and after it.
     #[test]
     fn work_is_done_or_called_off_and_never_both() {
         let ticket = Ticket::default();

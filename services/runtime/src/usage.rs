@@ -1,4 +1,4 @@
-//! What this process takes of the machine.
+//! CPU and memory use of this process.
 
 use std::time::Instant;
 
@@ -19,7 +19,7 @@ impl ProcessUsage {
         }
     }
 
-    /// Share of one core since the last call, percent: all threads of the process together.
+    /// CPU time of all threads of the process since the last call, percent of one core.
     pub(crate) fn cpu_percent(&mut self) -> f64 {
         let (now, cpu_s) = (Instant::now(), cpu_s());
         let elapsed_s = now.duration_since(self.at).as_secs_f64().max(1e-3);
@@ -28,7 +28,7 @@ impl ProcessUsage {
         percent
     }
 
-    /// Memory of the process that is in RAM, MiB; NaN where the system does not tell.
+    /// Memory of the process that is in RAM, MiB; NaN if the system does not provide it.
     pub(crate) fn memory_mib() -> f64 {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let kib = status

@@ -1,28 +1,28 @@
-//! The watchdog over the loops of this process: each says that it goes on, and one that stands
-//! still ends the process.
+//! Watchdog for the loops of this process: a loop that stops running ends the process.
 //!
-//! A loop takes a [`Beat`] when it begins and beats once per turn: an atomic count, for real-time
-//! threads too. [`watch`] counts its own turns meanwhile, not the clock's, so that a process that
-//! was stopped as a whole (SIGSTOP, a laptop's lid) does not end when it goes on. While every loop
-//! beats, systemd's watchdog is fed.
+//! A loop creates a [`Beat`] when it begins and beats once per turn. A beat is an atomic count, so
+//! real-time threads can use it. [`watch`] measures time by its own turns, not by the clock, so
+//! that a process that was suspended as a whole (SIGSTOP, a laptop's lid) does not end when it
+//! resumes. While every loop beats, systemd's watchdog is notified.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use crate::ending;
+use crate::stop::Stop;
 use crate::systemd::Notify;
-use crate::{Stop, ending};
 
-/// Time between two looks at the loops.
+/// Interval between two checks of the loops.
 pub const TICK: Duration = Duration::from_millis(100);
-/// A loop that says nothing else may take so long for a turn.
+/// Time that a loop may take for a turn unless it states another.
 pub const TURN: Duration = Duration::from_secs(3);
 
 #[derive(Debug)]
 struct Loop {
     name: String,
     beats: AtomicU64,
-    /// Ticks that the present turn may take.
+    /// Number of ticks that the present turn may take.
     allowed: AtomicU32,
     /// Idle: no call is in progress.
     idle: AtomicBool,
@@ -31,12 +31,12 @@ struct Loop {
 
 static LOOPS: Mutex<Vec<Arc<Loop>>> = Mutex::new(Vec::new());
 
-/// A loop's word that it goes on. A loop that ends drops it.
+/// Signal of a loop that it is running. A loop that ends drops it.
 #[derive(Debug)]
 pub struct Beat(Arc<Loop>);
 
 impl Beat {
-    /// Of the loop `name`, which is watched from now on and may take [`TURN`] for each of its
+    /// Beat of the loop `name`, which is watched from now on and may take [`TURN`] for each of its
     /// turns.
     pub fn new(name: &str) -> Self {
         let watched = Arc::new(Loop {
@@ -50,20 +50,20 @@ impl Beat {
         Self(watched)
     }
 
-    /// The loop goes on. No lock, no memory.
+    /// Signals that the loop is running. Takes no lock and allocates nothing.
     pub fn beat(&self) {
         self.within(TURN);
     }
 
-    /// The loop goes on, and its next turn may take so long: it waits for somebody who may be slow.
-    /// No lock, no memory.
+    /// Signals that the loop is running, and that its next turn may take as long as `allowed`, as
+    /// it waits for a slow partner. Takes no lock and allocates nothing.
     pub fn within(&self, allowed: Duration) {
         self.0.allowed.store(ticks(allowed), Ordering::Relaxed);
         self.0.idle.store(false, Ordering::Relaxed);
         self.0.beats.fetch_add(1, Ordering::Release);
     }
 
-    /// Nothing to do until the next beat, for however long. No lock, no memory.
+    /// Suspends the watch until the next beat, for any time. Takes no lock and allocates nothing.
     pub fn rest(&self) {
         self.0.idle.store(true, Ordering::Relaxed);
         self.0.beats.fetch_add(1, Ordering::Release);
@@ -78,7 +78,7 @@ impl Drop for Beat {
 
 fn ticks(time: Duration) -> u32 {
     let ticks = time.as_nanos().div_ceil(TICK.as_nanos());
-    // One is always under way.
+    // One tick is always in progress.
     u32::try_from(ticks).unwrap_or(u32::MAX - 1) + 1
 }
 
@@ -93,14 +93,14 @@ struct Count {
     silent: u32,
 }
 
-/// Looks at every loop once per [`TICK`].
+/// Checks every loop once per [`TICK`].
 #[derive(Default)]
 struct Watch {
     counts: Vec<Count>,
 }
 
 impl Watch {
-    /// One tick: who stands still, in words.
+    /// One tick; names a loop that has stopped running, if any.
     fn tick(&mut self, loops: &mut Vec<Arc<Loop>>) -> Option<String> {
         loops.retain(|watched| !watched.gone.load(Ordering::Acquire));
         self.counts
@@ -135,11 +135,11 @@ impl Watch {
     }
 }
 
-/// Watches over all loops of this process until `stop`, in a thread of its own. `notify` is told
-/// while all is well.
+/// Watches all loops of this process until `stop`, in a separate thread. `notify` is used while all
+/// of them run.
 ///
 /// # Errors
-/// When the system has no thread to give.
+/// The system refused a thread.
 pub fn watch(stop: &Stop, notify: Option<Notify>) -> std::io::Result<()> {
     let stop = stop.clone();
     std::thread::Builder::new()
@@ -155,10 +155,13 @@ pub fn watch(stop: &Stop, notify: Option<Notify>) -> std::io::Result<()> {
                     (None, Some(notify)) => notify.alive(),
                     (None, None) => {}
                     (Some(words), notify) => {
-                        ending::end(words.clone());
+                        // Sent before the end begins: the process may exit right after it.
                         if let Some(notify) = notify {
                             notify.failed(&words);
+                            notify.stopping();
                         }
+                        ending::end(words);
+                        return;
                     }
                 }
             }
@@ -173,7 +176,7 @@ pub fn watch(stop: &Stop, notify: Option<Notify>) -> std::io::Result<()> {
 mod tests {
     use super::*;
 
-    /// A loop outside of the process's list.
+    /// A loop that is not in the process's list.
     fn watched(name: &str) -> (Beat, Vec<Arc<Loop>>) {
         let beat = Beat::new(name);
         loops().retain(|l| !Arc::ptr_eq(l, &beat.0));

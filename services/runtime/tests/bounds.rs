@@ -1,4 +1,4 @@
-//! What somebody on the network can make others hold in memory is bounded.
+//! The memory that a process on the network can make others use is bounded.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -16,7 +16,7 @@ fn image(bytes: usize) -> Image {
     }
 }
 
-/// Somebody who sends what is too large for the cell is not heard; what fits is.
+/// A message that is too large for the cell is not delivered; one that fits is.
 #[test]
 fn a_message_beyond_the_bound_is_not_taken() {
     timed(|| {
@@ -46,8 +46,8 @@ fn a_message_beyond_the_bound_is_not_taken() {
     });
 }
 
-/// 3000 invented keys: the reader of everything follows some, counts the others, says so, and still
-/// hears the arm.
+/// With 3000 invented keys, a reader of all keys follows some, counts the others, reports it, and
+/// still receives the arm's state.
 #[test]
 fn invented_keys_do_not_fill_a_reader_of_patterns() {
     timed(|| {

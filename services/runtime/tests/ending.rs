@@ -27,7 +27,7 @@ fn start(role: &str, environment: &[(&str, &str)]) -> Child {
         .unwrap()
 }
 
-/// How it ended, and what it said.
+/// Exit status and output of the process.
 fn end(mut child: Child) -> (ExitStatus, String) {
     let until = Instant::now() + PATIENCE;
     let status = loop {
@@ -45,7 +45,7 @@ fn end(mut child: Child) -> (ExitStatus, String) {
     (status, said)
 }
 
-/// What `main` does of a process of services.
+/// Set-up by `main` for a process of services.
 fn service_process() -> Stop {
     ending::on_panic();
     Log::start(std::io::stderr()).unwrap().install();
@@ -54,7 +54,7 @@ fn service_process() -> Stop {
     stop
 }
 
-/// What `main` does at its end.
+/// Actions of `main` at its end.
 fn last_words() -> ! {
     let code = i32::from(ending::cause().is_some());
     tangent_runtime::log::flush(PATIENCE);
@@ -146,7 +146,7 @@ fn role_stands_still() {
             beat.beat();
             std::thread::sleep(watchdog::TICK / 2);
         }
-        // Whatever it is that it waits for: it does not come.
+        // Stands for a wait that never ends.
         loop {
             std::thread::park();
         }

@@ -1,4 +1,4 @@
-//! Publishers say again what a recorder missed: real sessions on loopback.
+//! Resending of messages that a recorder missed: real sessions on loopback.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -89,7 +89,7 @@ fn what_nobody_heard_can_be_asked_for() {
         assert!(recall(&recorder, &since(later)).len() < 1100);
         // In the publisher's own process too.
         assert_eq!(recall(&robot, &span(states.id(), 7, 7)).len(), 1);
-        // A publisher that is gone has said its last.
+        // A publisher that was dropped sends nothing again.
         let id = states.id();
         drop(states);
         until("it is gone", || {

@@ -1,4 +1,4 @@
-//! Second publishers of what has one: refused by name and counted, whatever id they give.
+//! Second publishers of a topic that has one: refused by name and counted, whatever id they use.
 #![allow(clippy::unwrap_used)]
 
 mod common;
@@ -75,7 +75,7 @@ fn the_second_is_refused_and_named_by_its_health() {
     });
 }
 
-/// Anybody could say that the tool hangs free, and whoever judged a tare believed it.
+/// A second publisher of the control state could have made a tare in contact seem allowed.
 #[test]
 fn a_strangers_control_state_is_refused_and_a_restarted_controllers_is_not() {
     timed(|| {

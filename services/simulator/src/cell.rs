@@ -1,72 +1,23 @@
-//! The simulated cell: one thread that paces controller, plant and all TCP servers by absolute
-//! deadlines.
-//!
-//! A cycle sends the state, waits a moment for the clients' answers, reads what they have sent, and
-//! steps controller and plant by one period. An answer in time therefore takes effect in the period
-//! that it answers, as in the closed loop of `evaluate`. A late cycle is not made up for: simulated
-//! time then runs slowly, but no client ever gets two states in a burst.
+//! The UR cell: a controller and a Net F/T box around one plant.
 
-mod disturbance;
-mod listeners;
-mod servers;
+use tangent_simulated_netft::{NetbBox, NetbError};
+use tangent_simulated_ur::{Listeners, Place, SimulatedUr, StartError};
+use tangent_simulation::{AdmittancePlant, PlantError};
 
-use std::io;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError, TryLockError};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
-
-use tangent_mechanics::{ModelData, ModelError};
-use tangent_runtime::clock::DeadlineClock;
-use tangent_runtime::realtime::setup_thread;
-use tangent_simulation::{Plant, PlantError, Truth};
-
-use crate::arm_plant::ArmPlant;
-use crate::config::{Config, ControllerConfig, Ports};
-use crate::controller::{Controller, Summary};
-use crate::fault::Fault;
-use crate::netb::{BoxSample, NetbBox, NetbError, SampleFeed};
-use crate::primary::Geometry;
-
-use disturbance::Disturbance;
-pub use listeners::{Listeners, OdometryListener, TruthListener};
-pub use servers::Endpoints;
-use servers::{Servers, Wanted, geometry};
+use crate::config::Config;
 
 /// Why a cell cannot start.
 #[derive(Debug, thiserror::Error)]
-pub enum StartError {
+pub enum CellError {
     /// The plant's configuration is wrong.
     #[error(transparent)]
     Plant(#[from] PlantError),
-    /// The robot's model is wrong.
+    /// The controller cannot start.
     #[error(transparent)]
-    Model(#[from] ModelError),
-    /// A port is not available.
-    #[error(
-        "cannot listen on {address} for {server}: {reason}; another simulator may hold it: use another address or port offset"
-    )]
-    Port {
-        /// Address and port.
-        address: String,
-        /// Name of the server.
-        server: &'static str,
-        /// Reason given by the system.
-        reason: io::Error,
-    },
+    Controller(#[from] StartError),
     /// The sensor box cannot start.
     #[error(transparent)]
     SensorBox(#[from] NetbError),
-    /// The port offset leads beyond the last port.
-    #[error("port offset {offset} leads past port 65535; the most is 16383")]
-    Offset {
-        /// Offset as configured.
-        offset: u16,
-    },
-    /// A thread could not be started.
-    #[error("cannot start the cell's thread: {0}")]
-    Thread(io::Error),
     /// The periods of plant and controller differ.
     #[error(
         "the plant steps {plant_s} s, but this controller's period is {controller_s} s; set plant.arm.period_s or controller.flavour"
@@ -79,44 +30,10 @@ pub enum StartError {
     },
 }
 
-/// State of the cell, updated once per cycle.
-#[derive(Clone, Debug)]
-pub struct Snapshot {
-    /// Number of cycles since the start.
-    pub cycles: u64,
-    /// Number of deadlines that passed without a cycle.
-    pub missed: u64,
-    /// State of the controller.
-    pub summary: Summary,
-    /// Name of the running program.
-    pub program: Option<String>,
-    /// Number of RTDE clients.
-    pub rtde_clients: usize,
-    /// True state of the contact, if there is a surface.
-    pub truth: Option<Truth>,
-}
-
-/// A running simulated cell. Dropping it stops it.
+/// A running cell. Dropping it stops it.
 pub struct SimulatedCell {
-    endpoints: Endpoints,
-    controls: Sender<Control>,
-    snapshot: Arc<Mutex<Option<Snapshot>>>,
-    sensor_box: Option<NetbBox>,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl std::fmt::Debug for SimulatedCell {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SimulatedCell")
-            .field("endpoints", &self.endpoints)
-            .finish_non_exhaustive()
-    }
-}
-
-enum Control {
-    Fault(Fault),
-    Log(Sender<Vec<String>>),
+    robot: SimulatedUr,
+    sensor_box: NetbBox,
 }
 
 impl SimulatedCell {
@@ -124,20 +41,20 @@ impl SimulatedCell {
     ///
     /// # Errors
     /// A part of the configuration is wrong, or a port is taken; the error says which.
-    pub fn start(config: &Config) -> Result<Self, StartError> {
+    pub fn start(config: &Config) -> Result<Self, CellError> {
         Self::start_with(config, Listeners::default())
     }
 
     /// Builds the plant and starts all threads and servers. `listeners` get the state of every
-    /// cycle.
+    /// cycle; the sensor's records go to the box.
     ///
     /// # Errors
     /// As [`SimulatedCell::start`].
-    pub fn start_with(config: &Config, listeners: Listeners) -> Result<Self, StartError> {
-        let plant = Plant::new(&config.plant, config.seed)?;
+    pub fn start_with(config: &Config, listeners: Listeners) -> Result<Self, CellError> {
+        let plant = AdmittancePlant::new(&config.plant, config.seed)?;
         let (plant_s, controller_s) = (plant.period_s(), config.controller.flavour.period_s());
         if (plant_s - controller_s).abs() > 1e-9 {
-            return Err(StartError::Period {
+            return Err(CellError::Period {
                 plant_s,
                 controller_s,
             });
@@ -148,330 +65,30 @@ impl SimulatedCell {
             &config.plant.sensor,
             config.realtime_priority,
         )?;
-        let robot = config.plant.robot.clone();
-        Self::assemble(
-            &Wanted::new(config.address, config.ports)?,
-            &config.controller,
-            &robot,
-            Box::new(plant),
-            listeners,
-            Some(sensor_box),
-            config.realtime_priority,
-        )
-    }
-
-    /// Starts a cell with any plant, without a sensor box. `robot` names the built-in model that
-    /// the controller uses.
-    ///
-    /// # Errors
-    /// The model is unknown, or a port is taken.
-    pub fn start_with_plant(
-        address: std::net::IpAddr,
-        ports: Ports,
-        config: &ControllerConfig,
-        robot: &str,
-        plant: Box<dyn ArmPlant>,
-        truth: Option<TruthListener>,
-    ) -> Result<Self, StartError> {
-        Self::assemble(
-            &Wanted::new(address, ports)?,
-            config,
-            robot,
-            plant,
-            Listeners {
-                truth,
-                odometry: None,
+        let robot = SimulatedUr::start(
+            Place {
+                address: config.address,
+                ports: config.ports,
+                realtime_priority: config.realtime_priority,
             },
-            None,
-            None,
-        )
+            &config.controller,
+            &config.plant.robot,
+            Box::new(plant),
+            Listeners {
+                records: Some(sensor_box.listener()),
+                ..listeners
+            },
+        )?;
+        Ok(Self { robot, sensor_box })
     }
 
-    fn assemble(
-        wanted: &Wanted,
-        config: &ControllerConfig,
-        robot: &str,
-        plant: Box<dyn ArmPlant>,
-        listeners: Listeners,
-        sensor_box: Option<NetbBox>,
-        realtime_priority: Option<u8>,
-    ) -> Result<Self, StartError> {
-        let controller = Controller::new(config, robot, plant.arm())?;
-        let model = ModelData::builtin(robot)?;
-        let servers = Servers::bind(wanted)?;
-        let endpoints = servers.endpoints;
-        let (controls, control_receiver) = channel();
-        let snapshot = Arc::new(Mutex::new(None));
-        let stop = Arc::new(AtomicBool::new(false));
-        let mut cell = Cell {
-            geometry: geometry(&model),
-            controller,
-            plant,
-            servers: Some(servers),
-            wanted: endpoints.into(),
-            booted: None,
-            controls: control_receiver,
-            feed: sensor_box.as_ref().map(NetbBox::feed),
-            box_samples: Vec::new(),
-            snapshot: Arc::clone(&snapshot),
-            stop: Arc::clone(&stop),
-            listeners,
-            cycles: 0,
-            missed: 0,
-            disturbance: Disturbance::default(),
-        };
-        let thread = std::thread::Builder::new()
-            .name("simulated cell".into())
-            .spawn(move || {
-                if let Some(priority) = realtime_priority {
-                    setup_thread("simulated robot", priority);
-                }
-                cell.run();
-            })
-            .map_err(StartError::Thread)?;
-        Ok(Self {
-            endpoints,
-            controls,
-            snapshot,
-            sensor_box,
-            stop,
-            thread: Some(thread),
-        })
+    /// The controller: its endpoints, its state, and faults on request.
+    pub fn robot(&self) -> &SimulatedUr {
+        &self.robot
     }
 
-    /// Endpoints of the servers.
-    pub fn endpoints(&self) -> &Endpoints {
-        &self.endpoints
-    }
-
-    /// Provokes or ends a fault in the next cycle.
-    pub fn fault(&self, fault: Fault) {
-        // A cell that has ended ignores faults.
-        let _ = self.controls.send(Control::Fault(fault));
-    }
-
-    /// A function that provokes faults, for other threads.
-    pub fn faults(&self) -> impl Fn(Fault) + Send + Sync + use<> {
-        let controls = self.controls.clone();
-        move |fault| {
-            let _ = controls.send(Control::Fault(fault));
-        }
-    }
-
-    /// The newest lines of the controller's log, oldest first.
-    pub fn log(&self) -> Vec<String> {
-        let (sender, receiver) = channel();
-        let _ = self.controls.send(Control::Log(sender));
-        receiver
-            .recv_timeout(Duration::from_secs(5))
-            .unwrap_or_default()
-    }
-
-    /// State of the cell in its last cycle; `None` before the first.
-    pub fn snapshot(&self) -> Option<Snapshot> {
-        self.snapshot
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
-    }
-
-    /// Waits until `condition` holds, with one check per millisecond; false if it does not within
-    /// `at_most`.
-    pub fn wait_for(&self, at_most: Duration, condition: impl Fn(&Snapshot) -> bool) -> bool {
-        let deadline = Instant::now() + at_most;
-        loop {
-            if self.snapshot().is_some_and(|s| condition(&s)) {
-                return true;
-            }
-            if Instant::now() >= deadline {
-                return false;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
-    /// The force/torque sensor box; `None` for a cell started with a plant of the caller.
-    pub fn sensor_box(&self) -> Option<&NetbBox> {
-        self.sensor_box.as_ref()
-    }
-
-    /// Whether the cell's thread has ended by itself, which it never should.
-    pub fn has_ended(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
-    }
-
-    /// Stops the cell and waits for its thread.
-    pub fn stop(&mut self) {
-        self.stop.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take()
-            && thread.join().is_err()
-        {
-            tracing::error!(target: "simulator", "the cell's thread failed");
-        }
-    }
-}
-
-impl Drop for SimulatedCell {
-    fn drop(&mut self) {
-        self.stop();
-    }
-}
-
-struct Cell {
-    controller: Controller,
-    plant: Box<dyn ArmPlant>,
-    geometry: Geometry,
-    /// Servers; `None` while the controller boots.
-    servers: Option<Servers>,
-    wanted: Wanted,
-    booted: Option<Instant>,
-    controls: Receiver<Control>,
-    feed: Option<SampleFeed>,
-    box_samples: Vec<BoxSample>,
-    snapshot: Arc<Mutex<Option<Snapshot>>>,
-    stop: Arc<AtomicBool>,
-    listeners: Listeners,
-    cycles: u64,
-    missed: u64,
-    disturbance: Disturbance,
-}
-
-impl Cell {
-    fn run(&mut self) {
-        let config = self.controller.config();
-        let period = Duration::from_secs_f64(config.flavour.period_s());
-        let window = period.mul_f64(config.input_window.clamp(0.0, 0.9));
-        let mut clock = DeadlineClock::new(period);
-        while !self.stop.load(Ordering::Acquire) {
-            self.missed += clock.wait();
-            let now = Instant::now();
-            self.tell(now);
-            std::thread::sleep(window);
-            self.hear();
-            self.step(now);
-        }
-    }
-
-    /// Applies requests, then publishes the state after the last period.
-    fn tell(&mut self, now: Instant) {
-        while let Ok(control) = self.controls.try_recv() {
-            match control {
-                Control::Fault(fault) => self.apply(fault, now),
-                Control::Log(reply) => {
-                    let _ = reply.send(self.controller.log().map(str::to_owned).collect());
-                }
-            }
-        }
-        self.finish_boot(now);
-        let truth = self.plant.truth();
-        let force = truth
-            .as_ref()
-            .map_or([0.0; 6], |t| t.wrench.vector().into());
-        self.controller.observe(self.plant.arm(), force);
-        self.cycles += 1;
-        let faults = self.disturbance.of_cycle(now);
-        let messages = self.controller.take_messages();
-        if let Some(servers) = &mut self.servers {
-            servers
-                .rtde
-                .publish(&self.controller, self.cycles, now, &faults);
-            for port in &mut servers.ports {
-                port.publish(&self.controller, &messages, &self.geometry, now);
-            }
-        }
-        self.listeners.tell(&*self.plant, truth.as_ref());
-        self.show(truth);
-    }
-
-    /// Reads what clients have sent.
-    fn hear(&mut self) {
-        let now = Instant::now();
-        if let Some(servers) = &mut self.servers {
-            servers.rtde.poll(&mut self.controller, now);
-            servers.dashboard.poll(&mut self.controller, now);
-            for port in &mut servers.ports {
-                port.poll(&mut self.controller, now);
-            }
-        }
-    }
-
-    /// Steps the period that began at `start`. Its sensor records are sent at their own times.
-    fn step(&mut self, start: Instant) {
-        let command = self.controller.act();
-        let before = self.plant.arm().time_s;
-        self.plant.step(&command);
-        let samples = self.plant.sensor_samples();
-        if let Some(feed) = &self.feed {
-            feed.play(start, before, samples, &mut self.box_samples);
-        }
-    }
-
-    fn finish_boot(&mut self, now: Instant) {
-        if self.servers.is_some() || self.booted.is_some_and(|at| now < at) {
-            return;
-        }
-        match Servers::bind(&self.wanted) {
-            Ok(servers) => {
-                self.controller.restart();
-                self.servers = Some(servers);
-            }
-            Err(error) => tracing::debug!(target: "simulator", "still booting: {error}"),
-        }
-    }
-
-    fn apply(&mut self, fault: Fault, now: Instant) {
-        let controller = &mut self.controller;
-        match fault {
-            Fault::ProtectiveStop => controller.protective_stop(157, 0, "provoked"),
-            Fault::EmergencyStop { robot, pressed } => controller.emergency_stop(robot, pressed),
-            Fault::Safeguard(open) => controller.safeguard(open),
-            Fault::Reduced(on) => controller.reduced(on),
-            Fault::SafetyFault { violation } => controller.safety_fault(violation),
-            Fault::PowerOff => controller.power_off(),
-            Fault::PowerOn => controller.release_brakes(),
-            Fault::SpeedSlider(fraction) => controller.set_slider(fraction),
-            Fault::StopProgram => controller.stop_program(),
-            Fault::PauseProgram => controller.pause(),
-            Fault::ResumeProgram => {
-                controller.resume();
-            }
-            Fault::DropPackets { probability, burst } => {
-                self.disturbance.probability = probability;
-                self.disturbance.burst = burst;
-            }
-            Fault::Delay(s) => self.disturbance.delay_s = s,
-            Fault::Freeze(s) => {
-                self.disturbance.frozen_until =
-                    Some(now + Duration::from_secs_f64(s.clamp(0.0, 3600.0)));
-            }
-            Fault::Disconnect => {
-                if let Some(servers) = &mut self.servers {
-                    servers.disconnect_all();
-                }
-            }
-            Fault::Restart => {
-                controller.stop_program();
-                self.servers = None;
-                let boot = self.controller.config().boot_s.clamp(0.0, 600.0);
-                self.booted = Some(now + Duration::from_secs_f64(boot));
-            }
-        }
-    }
-
-    fn show(&mut self, truth: Option<Truth>) {
-        let snapshot = Snapshot {
-            cycles: self.cycles,
-            missed: self.missed,
-            summary: self.controller.summary(),
-            program: self.controller.program_name().map(str::to_owned),
-            rtde_clients: self.servers.as_ref().map_or(0, |s| s.rtde.clients()),
-            truth,
-        };
-        // A thread that reads the last snapshot must not delay the robot; it gets the next one.
-        match self.snapshot.try_lock() {
-            Ok(mut shown) => *shown = Some(snapshot),
-            Err(TryLockError::Poisoned(shown)) => *shown.into_inner() = Some(snapshot),
-            Err(TryLockError::WouldBlock) => {}
-        }
+    /// The force/torque sensor box.
+    pub fn sensor_box(&self) -> &NetbBox {
+        &self.sensor_box
     }
 }

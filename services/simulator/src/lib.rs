@@ -1,37 +1,42 @@
-//! A robot cell on sockets: UR controller and Net F/T box around the simulated plant, or ([`fci`])
-//! a Franka arm.
+//! The simulator service: composes a robot cell out of the simulated devices in `simulators/`, and
+//! puts its ground truth and its faults on the bus.
 //!
-//! [`service::run`] is the service; tests of other crates start a [`SimulatedCell`] in their own
-//! process, on free ports.
+//! `tangent run simulator` and `tangent up` call one of these functions: [`run`] for a UR with a
+//! Net F/T box around one plant, [`run_franka`] or [`run_franka_with`] for a Franka, and
+//! [`run_torque_cell`] for an arm with a torque interface and a Net F/T box. Tests of other crates
+//! start a [`SimulatedCell`] in their own process, on free ports.
+//!
+//! ```
+//! use tangent_simulated_device::Ports;
+//! use tangent_simulator::{Config, SimulatedCell};
+//!
+//! let mut config: Config = toml::from_str(
+//!     r#"
+//!     [plant]
+//!     robot = "ur5"
+//!     [plant.surface]
+//!     shape = "plane"
+//!     position_m = [0.0, 0.0, 0.1]
+//!     [plant.start]
+//!     near_m = [0.4, -0.05, 0.1]
+//!     seed_rad = [3.14, -1.57, 1.57, -1.57, -1.57, 0.0]
+//!     "#,
+//! )?;
+//! config.ports = Ports::Ephemeral;
+//! let cell = SimulatedCell::start(&config)?;
+//! println!("RTDE at {}", cell.robot().endpoints().rtde);
+//! println!("RDT at {}", cell.sensor_box().rdt_address());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
-pub mod arm_plant;
-#[cfg(test)]
-mod bridge_program_tests;
-pub mod cell;
-pub mod config;
-pub mod connection;
-pub mod controller;
-pub mod dashboard;
-pub mod fault;
-pub mod fci;
-#[cfg(test)]
-mod hostile_input_tests;
-pub mod kinematics;
-pub mod modes;
-pub mod motion;
-pub mod netb;
-pub mod primary;
-pub mod registers;
-#[cfg(test)]
-mod rig;
-pub mod rtde_server;
-pub mod script_ports;
-pub mod service;
-pub mod torque_cell;
-pub mod urscript;
+mod cell;
+mod config;
+mod franka;
+mod service;
+mod torque_cell;
 
-pub use cell::{Endpoints, SimulatedCell, Snapshot, StartError};
-pub use config::{Config, ControllerConfig, Flavour, Ports};
-pub use fault::Fault;
-pub use service::run;
+pub use cell::{CellError, SimulatedCell};
+pub use config::Config;
+pub use franka::{FrankaError, run_franka, run_franka_with};
+pub use service::{Error, run};
 pub use torque_cell::{TorqueCellConfig, TorqueCellError, run_torque_cell};

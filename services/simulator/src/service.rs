@@ -1,5 +1,5 @@
-//! The simulator as a service: the cell, its truth and its platform's odometry on the bus, and
-//! faults by query.
+//! The UR cell as a service: its ground truth and the odometry of its moving base on the bus, and
+//! faults on request.
 
 use std::time::Duration;
 
@@ -7,23 +7,21 @@ use tangent_mechanics::{Base, Pose, World};
 use tangent_runtime::{Bus, BusError, HealthReporter, Stop, clock};
 use tangent_schemas::Covariance;
 use tangent_schemas::standard::{Header, PoseWithCovariance, PoseWithCovarianceStamped};
-use tangent_schemas::tangent::{Answer, ContactTruth, Request};
+use tangent_schemas::tangent::Request;
 use tangent_schemas::topics::{BASE_POSE, TRUTH_CONTACT};
-use tangent_simulation::{OdometrySample, Truth};
+use tangent_simulated_device::{FAULT_KEY, fault_answer, truth_message};
+use tangent_simulated_ur::{Fault, Listeners, OdometryListener};
+use tangent_simulation::OdometrySample;
 
-use crate::cell::{Listeners, OdometryListener, SimulatedCell, StartError};
+use crate::cell::{CellError, SimulatedCell};
 use crate::config::Config;
-use crate::fault::Fault;
-
-/// Key of the query that provokes faults: action is the fault's name, argument its value.
-pub const FAULT_KEY: &str = "simulator/fault";
 
 /// Why the service ended.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The cell could not start.
     #[error("simulator: {0}")]
-    Start(#[from] StartError),
+    Start(#[from] CellError),
     /// The bus refused a topic or key.
     #[error("simulator: {0}")]
     Bus(#[from] BusError),
@@ -57,58 +55,33 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
                     publisher.publish(&base_pose(sample, age_s));
                 })
             }),
+            records: None,
         },
     )?;
-    let faults = cell.faults();
+    let faults = cell.robot().faults();
     let _answering = bus.answer(FAULT_KEY, move |_, request: Request| {
-        match Fault::parse(&request.action, &request.argument) {
-            Ok(fault) => {
-                faults(fault);
-                answer(true, format!("{fault:?}"))
-            }
-            Err(error) => answer(false, error.to_string()),
-        }
+        let fault = Fault::parse(&request.action, &request.argument);
+        fault_answer(fault.map(|fault| {
+            faults(fault);
+            format!("{fault:?}")
+        }))
     })?;
-    tracing::info!(target: "simulator", "robot at {}, sensor at {:?}", cell.endpoints().rtde,
-        cell.sensor_box().map(|b| b.rdt_address()));
+    tracing::info!(target: "simulator", "robot at {}, sensor at {}", cell.robot().endpoints().rtde,
+        cell.sensor_box().rdt_address());
     health.running();
     let missed = health.missed_cycles();
     while !stop.wait(Duration::from_millis(200)) {
-        if let Some(snapshot) = cell.snapshot() {
+        if let Some(snapshot) = cell.robot().snapshot() {
             missed.set(snapshot.missed);
         }
-        if cell.has_ended() {
+        if cell.robot().has_ended() {
             return Err(Error::Ended);
         }
     }
     Ok(())
 }
 
-fn answer(done: bool, message: String) -> Answer {
-    Answer {
-        done,
-        message,
-        ..Answer::default()
-    }
-}
-
-/// The truth as it travels on the bus.
-pub(crate) fn truth_message(truth: &Truth) -> ContactTruth {
-    ContactTruth {
-        header: Header::in_frame::<Base>(clock::now_ns()),
-        point: (&truth.point).into(),
-        normal: (&truth.normal).into(),
-        in_contact: truth.in_contact,
-        penetration_m: truth.penetration_m,
-        wrench: (&truth.wrench).into(),
-        tool_pose: (&truth.base_from_tool).into(),
-        tool_twist: (&truth.twist).into(),
-        sliding_speed_m_per_s: truth.sliding_speed_m_per_s,
-        friction: truth.friction_coefficient,
-    }
-}
-
-/// As a platform would say it: stamped with the time of measurement.
+/// Odometry as a platform would publish it: stamped with the time of measurement.
 fn base_pose(sample: &OdometrySample, age_s: f64) -> PoseWithCovarianceStamped {
     let pose: Pose<World, Base> = Pose::from_isometry(sample.world_from_base);
     let mut covariance = Covariance::default();

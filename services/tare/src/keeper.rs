@@ -1,4 +1,4 @@
-//! The thread that writes the memory down: a write waits for the disk.
+//! Thread that stores the memory on the disk, so that the service's loop never waits for the disk.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
@@ -7,7 +7,7 @@ use tangent_runtime::{Handle, Stop};
 
 use crate::memory::Memory;
 
-/// Writes the memory down, and keeps `netft/tare` answered, until it is ended or dropped.
+/// Stores the memory and keeps `netft/tare` answered until it is dropped.
 pub struct Keeper {
     ending: Stop,
     thread: Option<JoinHandle<()>>,
@@ -30,7 +30,7 @@ impl Keeper {
 }
 
 impl Drop for Keeper {
-    /// What came last is on the disk afterwards.
+    /// Stores the last state, then ends the thread.
     fn drop(&mut self) {
         self.ending.trigger();
         if let Some(Err(panic)) = self.thread.take().map(JoinHandle::join)

@@ -1,9 +1,9 @@
 //! The answer to `netft/tare`, shared by the services that publish a wrench: `netft` and `franka`.
 //!
-//! [`open`] answers the query. Whether a tare is allowed is judged at once, in the bus's urgent
-//! lane, by what the controller says of contact; the average is taken by the service's loop through
-//! its [`Taring`], and waited for in the slow lane. What a restart must not forget (the last good
-//! zero, the controller's last word) stands in one file of the cell's state folder.
+//! [`open`] answers the query. Whether a tare is allowed follows from the controller's contact
+//! state and is decided at once, in the urgent lane of the bus. The service's loop takes the
+//! average through its [`Taring`], and the slow lane waits for it. The last good zero and the
+//! controller's last state survive a restart in one file of the cell's state folder.
 
 #![deny(missing_docs)]
 
@@ -23,20 +23,20 @@ pub use taring::{Taring, tell_zero};
 use memory::Memory;
 use requests::tare_requests;
 
-/// What differs from service to service.
+/// Settings that differ between the services.
 #[derive(Clone, Debug)]
 pub struct TareSetup {
-    /// The service's name, and that of its file in the state folder.
+    /// Name of the service and of its file in the state folder.
     pub service: &'static str,
-    /// Where the file is; none: nothing is kept.
+    /// Folder of the file; `None` to store nothing.
     pub state: Option<StateFolder>,
     /// Time over which the zero is averaged, s.
     pub duration_s: f64,
-    /// What is wrong when no reading comes to average, and where to look.
+    /// Text for the operator if no reading arrives during the average: the cause and what to check.
     pub silence: &'static str,
 }
 
-/// The query is answered, and nothing is written down yet.
+/// A tare service that answers the query and does not store its memory yet.
 pub struct Opened {
     taring: Taring,
     memory: Arc<Memory>,
@@ -66,8 +66,8 @@ pub fn open(bus: &Bus, setup: &TareSetup) -> Result<Opened, BusError> {
 }
 
 impl Opened {
-    /// Starts the thread that writes the memory down. The query is answered while the second part
-    /// is kept.
+    /// Starts the thread that stores the memory. The query is answered until the [`Keeper`] is
+    /// dropped.
     ///
     /// # Errors
     /// No thread can be started.

@@ -1,8 +1,8 @@
-//! What outlasts the service: the controller's last word on contact, and the sensor's last good
-//! zero.
+//! State that survives a restart of the service: the controller's last state of contact, and the
+//! sensor's last good zero.
 //!
-//! The tare's request handler asks it for signs of contact, a side thread writes it down, and the
-//! service's loop begins with its zero.
+//! The tare's request handler checks it for signs of contact, a side thread stores it, and the
+//! service's loop starts with its zero.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -18,20 +18,20 @@ use tangent_schemas::tangent::ControlState;
 use tangent_schemas::{Text, topics};
 use tangent_sensing::{Tare, TareGround, ZeroPoint};
 
-/// A controller that says nothing for so long is silent.
+/// Time without messages after which the controller counts as silent.
 const FRESH: Duration = Duration::from_millis(500);
-/// Between two looks at what is to be written down.
+/// Interval between two checks for changes to store.
 const PERIOD: Duration = Duration::from_millis(100);
-/// Zeros that wait to be written down.
+/// Number of zeros that may wait to be stored.
 const ZEROS: usize = 4;
 
-/// As it stands in the file.
+/// Contents of the file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Kept {
     /// The last good zero.
     zero: Option<KeptZero>,
-    /// What the controller said last.
+    /// The controller's last state.
     controller: Option<KeptWord>,
 }
 
@@ -39,23 +39,23 @@ struct Kept {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct KeptZero {
-    /// As the sensor tells it, or what else tells one from another.
+    /// Serial number of the sensor, or another identity.
     serial: String,
-    /// N and Nm, sensor axes.
+    /// Zero, N and Nm, sensor axes.
     bias: [f64; 6],
-    /// Scatter of the readings that it is the mean of.
+    /// Standard deviation of the averaged readings.
     std: [f64; 6],
     samples: u32,
-    /// When it was taken, ns since the Unix epoch on this host.
+    /// Time of the tare, ns since the Unix epoch on this host.
     taken_ns: i64,
-    /// What said that nothing pressed meanwhile.
+    /// Evidence that nothing pressed during the tare.
     ground: TareGround,
     /// As in [`Tare::vouched`] and [`Tare::shown`].
     vouched: KeptPoint,
     shown: KeptPoint,
 }
 
-/// A zero of N and Nm, sensor axes, and when it was taken, ns since the Unix epoch on this host.
+/// A zero, N and Nm, sensor axes, and its time, ns since the Unix epoch on this host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeptPoint {
@@ -64,7 +64,7 @@ struct KeptPoint {
 }
 
 impl KeptPoint {
-    /// `taken_ns` is the tare's own time; both of the tare's times are on one clock.
+    /// `taken_ns` is the time of the tare; both times in the tare are on one clock.
     fn of(point: &ZeroPoint, tare: &Tare, taken_ns: i64) -> Self {
         Self {
             bias: point.bias.vector().into(),
@@ -89,8 +89,7 @@ struct KeptWord {
 }
 
 impl KeptWord {
-    /// A phase that is not known here, from a controller of another version, may be one that
-    /// presses.
+    /// A phase that is unknown here, from a controller of another version, may be one with contact.
     fn word(self) -> ControllerWord {
         match Phase::from_code(self.phase) {
             Some(phase) => ControllerWord {
@@ -105,9 +104,9 @@ impl KeptWord {
     }
 }
 
-/// The file, and what stands in it.
+/// The file and its contents.
 pub(crate) struct Memory {
-    /// Its name.
+    /// Name of the file.
     file: &'static str,
     folder: Option<StateFolder>,
     bus: Bus,
@@ -121,7 +120,7 @@ struct Inner {
     failed: bool,
 }
 
-/// The last good zero, as the loop tells of it.
+/// The last good zero, as passed on by the loop.
 #[derive(Clone, Copy, Debug)]
 struct Note {
     serial: Text,
@@ -129,12 +128,11 @@ struct Note {
     taken_ns: i64,
 }
 
-/// For the service's loop, which neither waits for the disk nor allocates.
+/// Used by the service's loop, which neither waits for the disk nor allocates.
 pub(crate) struct ZeroNotes(Arc<ArrayQueue<Option<Note>>>);
 
 impl ZeroNotes {
-    /// This zero of the sensor `serial`, taken `age_s` seconds ago, is the last good one from now
-    /// on.
+    /// Makes this zero of the sensor `serial`, taken `age_s` seconds ago, the last good one.
     pub(crate) fn keep(&self, serial: &str, tare: &Tare, age_s: f64) {
         self.say(Some(Note {
             serial: cut(serial),
@@ -143,13 +141,14 @@ impl ZeroNotes {
         }));
     }
 
-    /// There is no good zero any more.
+    /// Removes the last good zero.
     pub(crate) fn forget(&self) {
         self.say(None);
     }
 
     fn say(&self, note: Option<Note>) {
-        // The side thread takes them ten times a second: there is room, and the newest counts.
+        // The side thread takes the notes ten times a second, so there is room; only the newest
+        // matters.
         self.0.force_push(note);
     }
 }
@@ -170,8 +169,8 @@ impl From<Note> for KeptZero {
 }
 
 impl KeptZero {
-    /// On the clock of [`tangent_sensing::Reading::time_s`], which says `now_s` now; none of
-    /// another sensor, or older than `age_max_s`.
+    /// The zero as a tare on the clock of [`tangent_sensing::Reading::time_s`], which is now
+    /// `now_s`; `None` if it is of another sensor, or older than `age_max_s`.
     pub(crate) fn tare(&self, serial: &str, now_s: f64, age_max_s: f64) -> Option<Tare> {
         let age_s = (now_ns() - self.taken_ns) as f64 * 1e-9;
         let numbers = [&self.bias, &self.std, &self.vouched.bias, &self.shown.bias];
@@ -191,8 +190,8 @@ impl KeptZero {
 }
 
 impl Memory {
-    /// Reads what the service before knew. A file that cannot be read is said, and counts as a
-    /// controller that pressed.
+    /// Reads the stored state. A file that cannot be read is logged, and counts as a controller in
+    /// contact.
     pub(crate) fn open(
         bus: &Bus,
         file: &'static str,
@@ -231,12 +230,12 @@ impl Memory {
         Ok((memory, ZeroNotes(zeros)))
     }
 
-    /// The last good zero that was written down.
+    /// The last good zero that was stored.
     pub(crate) fn zero(&self) -> Option<KeptZero> {
         self.lock().kept.zero.clone()
     }
 
-    /// What the controller's word says against a tare, now.
+    /// Sign of contact that the controller's state gives now, if any.
     pub(crate) fn contact_sign(&self) -> Option<ContactSign> {
         let mut inner = self.lock();
         let now = inner.listen();
@@ -244,8 +243,8 @@ impl Memory {
         ContactSign::of(now.map(KeptWord::word), last)
     }
 
-    /// Who else says what the controller does, in words: which of them is the controller cannot be
-    /// known.
+    /// Describes a second publisher of the controller's state, if any; it is not known which of
+    /// them is the controller.
     pub(crate) fn second_controller(&self) -> Option<String> {
         let refused = self.bus.refused();
         let second = |refused: &&Refused| {
@@ -254,13 +253,13 @@ impl Memory {
         refused.iter().find(second).map(Refused::to_string)
     }
 
-    /// Writes down what changes, until `stop`.
+    /// Stores changes until `stop`.
     pub(crate) fn follow(&self, stop: &Stop) {
         let mut written = self.lock().kept.clone();
         loop {
             let stopped = stop.wait(PERIOD);
             let kept = self.gather();
-            // What stands and what moves: the phases in between say no more.
+            // Contact and motion only; other changes of phase are not stored.
             let word = |kept: &Kept| {
                 let word = kept.controller?.word();
                 Some(ContactSign::of(Some(word), None).is_some())
@@ -301,7 +300,7 @@ impl Memory {
 }
 
 impl Inner {
-    /// The controller's word, if it speaks.
+    /// The controller's state, if messages arrive.
     fn listen(&mut self) -> Option<KeptWord> {
         let heard = self.control.fresh(FRESH)?;
         let word = KeptWord {
@@ -375,7 +374,7 @@ mod tests {
         assert_eq!(memory.zero(), Some(zero(0)));
         let silent = ContactSign::Remembered(Phase::Slide);
         assert_eq!(memory.contact_sign(), Some(silent));
-        // A controller that speaks knows better.
+        // A running controller takes precedence.
         let control = bus.publisher(&topics::CONTROL_STATE).unwrap();
         control.publish(&ControlState {
             phase: Phase::Done as u8,

@@ -1,4 +1,5 @@
-//! Between the tare query, answered in threads of the bus, and the service's loop, which averages.
+//! Link between the tare query, answered in threads of the bus, and the service's loop, which
+//! averages.
 
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -18,23 +19,23 @@ use crate::memory::Memory;
 /// Time beyond the average itself that an answer may take.
 const SLACK: Duration = Duration::from_secs(1);
 
-/// What the loop made of a request.
+/// Result of a request in the loop.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Outcome {
-    /// The zero is in force.
+    /// The new zero is in use.
     Tared(Tare),
-    /// The zero before stays in force.
+    /// The previous zero stays in use.
     Refused(TareRefusal),
-    /// The zero in force was taken back; false: there was none.
+    /// The zero in use was withdrawn; false: there was none.
     Withdrawn(bool),
 }
 
-/// What is asked of the loop.
+/// Work requested of the loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wanted {
-    /// A zero, and what says that nothing presses.
+    /// Take a zero, with the evidence that nothing presses.
     Tare(TareGround),
-    /// The zero in force was taken in contact.
+    /// Withdraw the zero in use, which was taken in contact.
     Withdraw,
 }
 
@@ -70,17 +71,17 @@ impl Wanted {
     }
 }
 
-/// Between the requests and the loop that tares. No lock and no memory in the loop.
+/// Shared by the requests and the loop that tares. The loop takes no lock and allocates nothing.
 #[derive(Debug)]
 struct Counter {
     ticket: Ticket,
     wanted: AtomicU8,
     outcomes: ArrayQueue<Outcome>,
-    /// Held by the one that asks.
+    /// Held by the thread whose request is in progress.
     turn: Mutex<()>,
 }
 
-/// The asking end.
+/// The requesting end.
 #[derive(Clone)]
 pub(crate) struct TareRequests {
     counter: Arc<Counter>,
@@ -93,7 +94,7 @@ pub(crate) struct TareRequests {
 #[derive(Debug)]
 pub(crate) struct TareWork(Arc<Counter>);
 
-/// For programs: N and Nm, sensor axes.
+/// Result for programs: N and Nm, sensor axes.
 #[derive(serde::Serialize)]
 struct TareFigures {
     bias: [f64; 6],
@@ -123,12 +124,12 @@ impl TareWork {
         self.0.ticket.order()
     }
 
-    /// What the order that began is about.
+    /// Work that the present order requests.
     pub(crate) fn wanted(&self) -> Wanted {
         Wanted::from_code(self.0.wanted.load(Ordering::Acquire))
     }
 
-    /// How the order that began has ended.
+    /// Reports the result of the present order.
     pub(crate) fn answer(&self, outcome: Outcome) {
         self.0.outcomes.force_push(outcome);
         self.0.ticket.done();
@@ -136,8 +137,8 @@ impl TareWork {
 }
 
 impl TareRequests {
-    /// Why a request is refused without asking the loop; none where it may be carried out. Waits
-    /// for nothing.
+    /// Reason for refusing a request without asking the loop; `None` if it may be carried out.
+    /// Never waits.
     pub(crate) fn judge(&self, request: &Request) -> Option<Answer> {
         let wanted = match Wanted::of(request) {
             Ok(wanted) => wanted,
@@ -162,8 +163,8 @@ impl TareRequests {
         ))
     }
 
-    /// Answers one request that was judged; waits for its turn and the average, until the request's
-    /// deadline at most.
+    /// Answers one request that has passed the check. Waits for its turn and the average, at most
+    /// until the request's deadline.
     pub(crate) fn respond(&self, asked: &Asked) -> Answer {
         let wanted = match Wanted::of(&asked.request) {
             Ok(wanted) => wanted,
@@ -171,7 +172,7 @@ impl TareRequests {
         };
         let counter = &self.counter;
         let _turn = counter.turn.lock().unwrap_or_else(PoisonError::into_inner);
-        // Another average may have been waited for, and the tool may touch since.
+        // Another average may have come first, and the tool may have touched since.
         if let Some(refusal) = asked.late().or_else(|| self.judge(&asked.request)) {
             return refusal;
         }
@@ -212,7 +213,7 @@ impl TareRequests {
     }
 }
 
-/// Ends every refusal.
+/// End of every refusal.
 const STAYS: &str = "; the zero before stays in force";
 
 fn words(tare: &Tare) -> String {

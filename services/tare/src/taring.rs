@@ -1,4 +1,4 @@
-//! The service's loop: what it does with a request for a tare, between two readings.
+//! Tare requests in the service's loop, between two readings.
 
 use tangent_runtime::ticket::Order;
 use tangent_schemas::tangent::WrenchStatus;
@@ -7,14 +7,14 @@ use tangent_sensing::{ConditionedWrench, TareConfig, WrenchConditioner, WrenchCo
 use crate::memory::{KeptZero, ZeroNotes};
 use crate::requests::{Outcome, TareWork, Wanted};
 
-/// The part of the tare in the service's loop, which never blocks and allocates nothing but in
+/// Part of the tare that runs in the service's loop. It never blocks, and allocates only in
 /// [`Taring::adopt`].
 pub struct Taring {
     work: TareWork,
     notes: ZeroNotes,
-    /// The last good zero of the service before.
+    /// Last good zero before the restart.
     kept: Option<KeptZero>,
-    /// What the zero belongs to; empty before it is known.
+    /// Identity of the sensor; empty before it is known.
     owner: String,
 }
 
@@ -28,10 +28,9 @@ impl Taring {
         }
     }
 
-    /// The zero belongs to `owner`, a sensor's serial number or what else tells one from another:
-    /// the last good one of it, as the service before left it, is in force from now on, and a zero
-    /// of another owner no longer. `now_s` is on the clock of [`tangent_sensing::Reading::time_s`];
-    /// a zero older than `config` allows does not come back.
+    /// Sets the sensor by its serial number or another identity, `owner`. Its stored zero is then
+    /// in force, unless it is older than `config` allows; a zero of another sensor is removed.
+    /// `now_s` is on the clock of [`tangent_sensing::Reading::time_s`].
     pub fn adopt(
         &mut self,
         owner: &str,
@@ -58,7 +57,8 @@ impl Taring {
         }
     }
 
-    /// Does what was asked, before the next reading. `now_s` as for [`Taring::adopt`].
+    /// Handles the pending request, before the next reading. `now_s` is on the clock of
+    /// [`tangent_sensing::Reading::time_s`].
     pub fn serve(
         &mut self,
         conditioner: &WrenchConditioner,
@@ -84,7 +84,7 @@ impl Taring {
         }
     }
 
-    /// Answers with the tare that ended with the last reading, if one did, and has it written down.
+    /// Answers the request and stores the zero, if the last reading completed a tare.
     pub fn finish(&mut self, state: &mut WrenchConditionerState) {
         let Some(ended) = state.take_tare_outcome() else {
             return;
@@ -99,8 +99,7 @@ impl Taring {
     }
 }
 
-/// Says in `status` what the wrench was before its zero, and how far that zero can be trusted. Its
-/// drift is bounded by its age, as a sensor's is.
+/// Writes the untared wrench, the zero, its age and the bound on its drift to `status`.
 pub fn tell_zero(conditioned: &ConditionedWrench, config: &TareConfig, status: &mut WrenchStatus) {
     let age_s = conditioned.bias_age_s;
     status.bias = (&conditioned.bias).into();

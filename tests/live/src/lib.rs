@@ -1,9 +1,12 @@
-//! Tests of what happens in real time: one at a time on this machine, and again where the machine
-//! itself stood still.
+//! Runs tests that depend on real time: as many at a time as this machine has room for, and again
+//! if the machine itself stood still.
 //!
-//! A virtual machine is taken off its processors by its host, at times for a tenth of a second. No
-//! robot would be driven by it, a task correctly ends, and the test has said nothing. Whether that
-//! happened is measured beside the test, not guessed from its failure.
+//! The host of a virtual machine can suspend its processors, at times for a tenth of a second. A
+//! task then correctly ends, so the test has no result. Whether that happened is measured during
+//! the test, not inferred from its failure.
+
+pub mod interop;
+pub mod ports;
 
 use std::cell::Cell;
 use std::fmt;
@@ -23,43 +26,57 @@ use thread_priority::unix::{
 };
 use thread_priority::{ThreadPriority, ThreadPriorityValue};
 
-/// A machine that stood still for longer has spoilt the test: ten periods of the fastest loop.
+/// Longest standstill of the machine that does not invalidate a test: ten periods of the fastest
+/// loop.
 const STILL_MAX: Duration = Duration::from_millis(10);
-/// A machine whose host took more of its time has spoilt the test.
+/// Largest share of its time that the host may take without invalidating a test.
 const STOLEN_MAX: f64 = 0.25;
-/// How often a spoilt test runs.
+/// Number of runs of a test whose runs are invalidated.
 const RUNS: usize = 5;
-/// Above every thread of ours.
+/// SCHED_FIFO priority of the watch, above every thread of ours.
 const PRIORITY: u8 = 98;
 const PERIOD: Duration = Duration::from_millis(2);
+/// Interval at which a test checks for a free place.
+const LOOK: Duration = Duration::from_millis(20);
 
-/// File to which each run is added as a line, where this variable names one: a test runner shows
-/// nothing of what passes.
+/// Environment variable that names a file to which each run is added as a line: a test runner shows
+/// no output of tests that pass.
 const LOG: &str = "TANGENT_LIVE_LOG";
 const PASSED: &str = "passed in run";
 const NO_VERDICT: &str = "no verdict in run";
 const SKIPPED: &str = "skipped, because in the last of";
 
-/// Runs the test alone. Fails as it does, unless the machine stood still meanwhile: then it runs
-/// again, and says so; after the last run it says that it is skipped.
+/// Runs the test alone on this machine. If it fails while the machine stood still, it runs again;
+/// after the last run it prints that it is skipped. Any other failure counts.
 pub fn live(test: impl Fn()) {
-    let _alone = alone();
-    timed(test);
+    let _machine = alone();
+    verdict(test, |_| (), Watch::start, Watch::end, say);
 }
 
-/// As [`live`], beside other tests: for one service, which leaves the machine to others most of the
-/// time.
+/// Runs the test beside other tests of this kind, at most one per core of this machine. For a cell
+/// that needs less than half a core. A run that is repeated because the machine stood still is
+/// alone on it, as in [`live`].
+pub fn live_beside_others(test: impl Fn()) {
+    let place = |run| if run == 1 { beside_others() } else { alone() };
+    verdict(test, place, Watch::start, Watch::end, say);
+}
+
+/// Runs the test without a place on this machine, as [`live`] otherwise. For one service, which
+/// leaves the machine to others most of the time.
 pub fn timed(test: impl Fn()) {
-    verdict(test, Watch::start, Watch::end, say);
+    verdict(test, |_| (), Watch::start, Watch::end, say);
 }
 
-fn verdict<W>(
+/// Runs the test up to `RUNS` times. A run holds its `place`, given by its number from 1.
+fn verdict<P, W>(
     test: impl Fn(),
+    place: impl Fn(usize) -> P,
     start: impl Fn() -> W,
     end: impl Fn(W) -> Stood,
     say: impl Fn(&str),
 ) {
     for run in 1..=RUNS {
+        let _place = place(run);
         let watch = start();
         let ended = catch_unwind(AssertUnwindSafe(&test));
         let machine = end(watch);
@@ -86,48 +103,90 @@ fn say(what: &str) {
     }
 }
 
-/// The machine for one test, in whatever process; given back when this is dropped.
-pub struct Alone {
-    /// None where the thread had it already.
-    lock: Option<File>,
+/// The places of a test on this machine, in whatever process it runs. Dropping this frees them.
+pub struct Places {
+    /// `None` if the thread had a place already.
+    locks: Option<Vec<File>>,
 }
 
 thread_local! {
     static MINE: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Waits until no other test has the machine. A thread that has it already has it.
-pub fn alone() -> Alone {
+/// Waits until all places of this machine are free, and takes them. A thread that has a place keeps
+/// that one.
+pub fn alone() -> Places {
+    places(|| {
+        // Each lock is waited for while the queue's lock is held, so that no two tests hold half of
+        // the places each.
+        let locks = (0..places_count()).map(|place| {
+            let lock = lock_file(&place.to_string());
+            lock.lock().expect("a place");
+            lock
+        });
+        locks.collect()
+    })
+}
+
+/// Waits until one place of this machine is free, and takes it. A thread that has a place keeps
+/// that one.
+pub fn beside_others() -> Places {
+    places(|| {
+        loop {
+            for place in 0..places_count() {
+                let lock = lock_file(&place.to_string());
+                if lock.try_lock().is_ok() {
+                    return vec![lock];
+                }
+            }
+            std::thread::park_timeout(LOOK);
+        }
+    })
+}
+
+fn places(take: impl Fn() -> Vec<File>) -> Places {
     if MINE.replace(true) {
-        return Alone { lock: None };
+        return Places { locks: None };
     }
-    let path = std::env::temp_dir().join("tangent-live-tests.lock");
-    let lock = File::options()
+    // One test at a time waits for places, so that a test that needs all of them gets them.
+    let queue = lock_file("queue");
+    queue.lock().expect("the queue");
+    Places {
+        locks: Some(take()),
+    }
+}
+
+/// Number of places: one per core.
+fn places_count() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+fn lock_file(name: &str) -> File {
+    let path = std::env::temp_dir().join(format!("tangent-live-tests.{name}.lock"));
+    File::options()
         .create(true)
         .truncate(false)
         .write(true)
         .open(path)
-        .expect("a lock in the folder for temporary files");
-    lock.lock().expect("the lock");
-    Alone { lock: Some(lock) }
+        .expect("a lock in the folder for temporary files")
 }
 
-impl Drop for Alone {
+impl Drop for Places {
     fn drop(&mut self) {
-        if self.lock.is_some() {
+        if self.locks.is_some() {
             MINE.set(false);
         }
     }
 }
 
-/// Threads above every other, one on each core, which notice when it stands still.
+/// Threads with the highest priority, one on each core, which detect when it stands still.
 struct Watch {
     ends: Arc<AtomicBool>,
     threads: Vec<JoinHandle<Duration>>,
     stolen_before: Option<Ticks>,
 }
 
-/// What the machine did during a test.
+/// Standstill of the machine during a test.
 struct Stood {
     longest: Duration,
     stolen: f64,
@@ -181,7 +240,7 @@ impl Watch {
     }
 }
 
-/// By how much a thread on this CPU woke too late at most, until `ends`.
+/// Largest delay of a wake-up of a thread on this CPU, until `ends` is set.
 fn watch(cpu: usize, ends: &AtomicBool) -> Duration {
     let mut only = CpuSet::new();
     let pinned = only
@@ -189,7 +248,7 @@ fn watch(cpu: usize, ends: &AtomicBool) -> Duration {
         .and_then(|()| sched_setaffinity(Pid::from_raw(0), &only));
     pinned.expect("a CPU of this process");
     if !above_all() {
-        // It would measure how busy the machine is.
+        // It would measure the load of the machine.
         return Duration::ZERO;
     }
     let (mut last, mut longest) = (Instant::now(), Duration::ZERO);
@@ -201,7 +260,7 @@ fn watch(cpu: usize, ends: &AtomicBool) -> Duration {
     longest
 }
 
-/// SCHED_FIFO for the calling thread, where it is granted.
+/// Sets SCHED_FIFO for the calling thread, if it is granted.
 fn above_all() -> bool {
     let Ok(priority) = ThreadPriorityValue::try_from(PRIORITY) else {
         return false;
@@ -214,18 +273,18 @@ fn above_all() -> bool {
     .is_ok()
 }
 
-/// Time of all CPUs as the kernel counts it.
+/// Time of all CPUs as counted by the kernel.
 struct Ticks {
     all: f64,
     stolen: f64,
 }
 
 impl Ticks {
-    /// None where the kernel does not say.
+    /// `None` if the kernel does not provide it.
     fn now() -> Option<Self> {
         let text = fs::read_to_string("/proc/stat").ok()?;
         let fields = text.lines().next()?.split_whitespace().skip(1);
-        // Guests' time, in the ninth and tenth, is in the first two already.
+        // The time of guests, in fields nine and ten, is already contained in the first two.
         let ticks: Vec<f64> = fields.take(8).filter_map(|t| t.parse().ok()).collect();
         Some(Self {
             all: ticks.iter().sum(),
@@ -254,7 +313,8 @@ mod tests {
             ran.set(ran.get() + 1);
             assert!(ran.get() > failures, "fails");
         };
-        match catch_unwind(AssertUnwindSafe(|| verdict(test, || (), machine, |_| {}))) {
+        let run = || verdict(test, |_| (), || (), machine, |_| {});
+        match catch_unwind(AssertUnwindSafe(run)) {
             Ok(()) => Ok(ran.get()),
             Err(_) => Err(ran.get()),
         }
@@ -275,13 +335,33 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_has_the_machine_once() {
-        let first = alone();
-        let second = alone();
-        assert!(first.lock.is_some() && second.lock.is_none());
-        drop(second);
-        drop(first);
-        assert!(alone().lock.is_some());
+    fn a_thread_has_its_place_once() {
+        for place in [alone, beside_others] {
+            let first = place();
+            let second = alone();
+            let third = beside_others();
+            assert!(first.locks.is_some() && second.locks.is_none() && third.locks.is_none());
+            drop((third, second));
+            assert!(beside_others().locks.is_none());
+            drop(first);
+        }
+        assert!(alone().locks.is_some());
+    }
+
+    /// Number of places that another test could take now, with the locks that it would take.
+    fn free_places() -> usize {
+        let free = |place: &usize| lock_file(&place.to_string()).try_lock().is_ok();
+        (0..places_count()).filter(free).count()
+    }
+
+    #[test]
+    fn a_test_alone_has_all_places_and_one_beside_others_has_one() {
+        let machine = alone();
+        assert_eq!(free_places(), 0);
+        assert_eq!(machine.locks.as_ref().map(Vec::len), Some(places_count()));
+        drop(machine);
+        let place = beside_others();
+        assert_eq!(place.locks.as_ref().map(Vec::len), Some(1));
     }
 
     /// The watch sees what a kernel shows: it ends, and no wake-up is before its time.
@@ -295,7 +375,8 @@ mod tests {
         assert!((0.0..=1.0).contains(&machine.stolen), "{machine}");
     }
 
-    /// Tests that may end without a verdict before the machine is no machine to test on.
+    /// Number of tests that may end without a result before the machine counts as unsuitable for
+    /// tests.
     const SKIPPED_MAX: usize = 3;
 
     #[test]

@@ -1,8 +1,8 @@
-//! What was asked of a cell and what came of it, and what the cell did meanwhile: the one is
-//! checked against the other.
+//! History of the requests to a cell, their outcomes, and the cell's behaviour meanwhile; outcomes
+//! and behaviour are checked against each other.
 //!
-//! A refused request has no effect. One that was done has its effect. Of one without an answer
-//! nobody knows, but what it does it does within its budget.
+//! A refused request has no effect. One that was done has its effect. For one without an answer,
+//! the effect is unknown, but it can only occur within the request's budget.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +10,7 @@ use tangent_schemas::tangent::{ContactTruth, ControlState};
 
 use crate::cell::{Seen, seconds, speed};
 
-/// What is asked.
+/// Kind of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     Start,
@@ -22,7 +22,7 @@ pub enum Kind {
     Tare,
 }
 
-/// What the asker was told.
+/// Outcome as the client received it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
     /// With the number of the task start, where the answer holds one.
@@ -39,7 +39,7 @@ pub struct Operation {
     pub asked_ns: i64,
     pub told_ns: i64,
     pub outcome: Outcome,
-    /// It has no effect later than this after it was asked.
+    /// Time after the request within which it may have an effect, ns.
     pub budget_ns: i64,
 }
 
@@ -78,9 +78,9 @@ pub fn force_n(number: usize) -> f64 {
     3.0 + 1e-5 * (number + 1) as f64
 }
 
-/// A process that was stopped between taking a request and saying so goes on later.
+/// Additional time of a process that was stopped between accepting a request and reporting it, ns.
 const SLACK_NS: i64 = 1_500_000_000;
-/// So near to a fault, what was done may not have been seen.
+/// Time around a fault in which an effect may not have been observed, ns.
 const NEAR_NS: i64 = 2_500_000_000;
 /// Time in which a change is published, by a machine that does other things too.
 const SEEN_NS: i64 = 500_000_000;
@@ -94,7 +94,7 @@ pub struct History {
     pub faults: Vec<(i64, i64)>,
     pub states: Vec<Seen<ControlState>>,
     pub truths: Vec<Seen<ContactTruth>>,
-    /// When the sensor's zero became another.
+    /// Times at which the sensor's zero changed, ns.
     pub zeros: Vec<i64>,
 }
 

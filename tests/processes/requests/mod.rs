@@ -18,6 +18,8 @@ use tangent_schemas::topics::{self, queries};
 
 use crate::cell::{Cell, Observer, PATIENCE, Seen};
 use crate::common::{Process, wait_for};
+use tangent_live::alone;
+
 use history::{History, Kind, Operation, Outcome, force_n, task_name};
 
 /// Services in processes of their own, so that everything between them goes over the bus.
@@ -64,7 +66,7 @@ fn request(action: &str, argument: impl Into<String>) -> Request {
 /// A task that outlasts the run, named after its request.
 fn long_task(number: usize) -> String {
     format!(
-        "name = \"{}\"\ntare = false\nforce.reference_n = 3.0\nend.retract_distance_m = 0.003\n\
+        "name = \"{}\"\ntare = false\nforce.reference_n = 3.0\nend.retract_distance_m = 0.005\n\
          [path]\nkind = \"line\"\nto_m = [0.1, 0.0]\nspeed_m_per_s = 0.02\nstrokes = 200\n",
         task_name(number)
     )
@@ -247,6 +249,7 @@ fn watch_zero(bus: &Bus) -> (Arc<Mutex<Vec<i64>>>, tangent_runtime::Handle) {
 
 fn run_history(seed: u64, time: Duration) {
     println!("seed {seed}, {time:?}");
+    let _machine = alone();
     let mut cell = Cell::new(|_| {});
     cell.start_all(&APART);
     let observer = Observer::join(&cell);
@@ -281,7 +284,7 @@ fn run_history(seed: u64, time: Duration) {
         });
         nemesis::torment(&mut cell, &mut Draw::new(seed + 2), until)
     });
-    // Waits for the requests in progress; no further ones are sent.
+    // Waits for the effects of the last requests; no further ones are sent.
     nemesis::pause(ASK);
     let history = History {
         operations: std::mem::take(&mut log.lock().unwrap()),
@@ -415,6 +418,7 @@ impl Dashboard {
 #[test]
 #[ignore = "counts the slow requests that end meanwhile, which depends on the machine; `tangent bench requests` measures a stop under a flood"]
 fn a_stop_comes_through_a_flood_of_everything_else() {
+    let _machine = alone();
     let mut dashboard = None;
     let mut cell = Cell::new(|cell| {
         let robot = cell["robot"].as_table_mut().unwrap();

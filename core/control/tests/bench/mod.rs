@@ -14,7 +14,7 @@ use tangent_estimation::NormalEstimate;
 use tangent_mechanics::{Arm, Flange, Joints, ModelData, Pose, Tool, Twist, Wrench};
 use tangent_sensing::Validity;
 
-/// Along 40 mm of a plane.
+/// A path of 40 mm on a plane.
 pub const TASK: &str = r#"
     name = "line"
     estimators = ["first", "second"]
@@ -26,7 +26,7 @@ pub const TASK: &str = r#"
     speed_m_per_s = 0.02
 "#;
 
-/// An arm that moves as told `DELAY` cycles later, over a plane that pushes back.
+/// An arm that follows a command `DELAY` cycles later, over a plane that pushes back.
 pub struct Bench {
     pub controller: Controller,
     arm: Arm<6>,
@@ -62,7 +62,7 @@ impl Bench {
         controller
             .start_task(&task.parse::<Task>().unwrap())
             .unwrap();
-        // Tool down.
+        // The tool points down.
         let q = Joints::<6>::from([0.3, -1.6, 1.7, -1.67, -std::f64::consts::FRAC_PI_2, 0.0]);
         let tool = arm.base_from_flange(&q) * flange_from_tool;
         assert!(tool.z_axis().z < -0.99, "{:?}", tool.z_axis());
@@ -113,11 +113,14 @@ impl Bench {
             zero_bound_n: None,
             untared: None,
             estimates,
+            objects: [None; MAX_ESTIMATORS],
+            vision: None,
             base: None,
         }
     }
 
-    /// One cycle, with the input spoilt by `spoil`. Checks what holds in every cycle.
+    /// Runs one cycle, with the input modified by `spoil`. Checks the conditions that hold in every
+    /// cycle.
     pub fn step(&mut self, spoil: impl FnOnce(&mut ControlInput)) -> ControlOutput {
         let mut input = self.input();
         spoil(&mut input);
@@ -148,7 +151,7 @@ impl Bench {
         output
     }
 
-    /// So many cycles with the input as it is.
+    /// Runs this number of cycles with unmodified input.
     pub fn steps(&mut self, cycles: usize) {
         for _ in 0..cycles {
             self.step(|_| {});
@@ -165,7 +168,7 @@ impl Bench {
         panic!("never in {phase:?}: {:?}", self.last);
     }
 
-    /// Sliding on the plane, as `new` left it.
+    /// A bench that slides on the plane of `new`.
     pub fn sliding(task: &str) -> Self {
         let mut bench = Self::new(task);
         bench.run_until(Phase::Slide);

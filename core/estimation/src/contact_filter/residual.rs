@@ -1,25 +1,25 @@
-//! How noisy a measurement is, learnt from its own innovations.
+//! Estimates the noise of a measurement from its own innovations.
 //!
-//! Called by the contact filter. What changes slowly in an innovation is the state's error and none
-//! of the noise's business, so only what is left above a slow mean counts.
+//! Called by the contact filter. Slow changes of an innovation are errors of the state, not noise,
+//! so only the deviation from a slow mean counts.
 
-/// Variance of a noise whose neighbouring samples are alike over one correlation length.
+/// Variance of a noise that is correlated over one correlation length.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Residual {
     slow: f64,
     variance: f64,
-    /// Correlation lengths seen since the start.
+    /// Number of correlation lengths since the start.
     seen: f64,
     floor: f64,
 }
 
-/// Least standard deviation, as a share of the one stated.
+/// Lower bound of the standard deviation, as a share of the one stated.
 const FLOOR_SHARE: f64 = 0.02;
-/// Memory, in correlation lengths.
+/// Averaging length, in correlation lengths.
 const MEMORY: f64 = 15.0;
 
 impl Residual {
-    /// Believes in `sd` until something else was seen, and never in less than a fiftieth of it.
+    /// Starts with the standard deviation `sd`. The estimate never falls below a fiftieth of it.
     pub fn new(sd: f64) -> Self {
         Self {
             slow: 0.0,
@@ -29,7 +29,8 @@ impl Residual {
         }
     }
 
-    /// Takes an innovation; `step` is the way or time since the one before, in correlation lengths.
+    /// Adds an innovation; `step` is the distance or time since the previous one, in correlation
+    /// lengths.
     pub fn learn(&mut self, innovation: f64, step: f64) {
         let step = step.min(1.0);
         if self.seen == 0.0 {
@@ -38,13 +39,13 @@ impl Residual {
         self.seen += step;
         self.slow += step / (1.0 + step) * (innovation - self.slow);
         let quick = innovation - self.slow;
-        // A mean over one correlation length leaves half of the variance of noise of that length.
+        // A mean over one correlation length leaves half of the variance of noise with that length.
         let share = step / MEMORY;
         self.variance += share * (2.0 * quick * quick - self.variance);
         self.variance = self.variance.max(self.floor);
     }
 
-    /// In the innovation's unit, squared.
+    /// Variance, in the innovation's unit squared.
     pub fn variance(&self) -> f64 {
         self.variance
     }

@@ -1,29 +1,30 @@
-//! One pass over the image: validity, edges and the sums of each cell that every fit is made of.
+//! One pass over the image: validity, edges and the sums of each cell, from which all fits are
+//! computed.
 //!
-//! Sums are kept per column first, over the rows of a cell, so that the pass is plain arithmetic on
-//! whole rows; then per cell. Coordinates count from the cell's middle and inverse depth from a
-//! value of the cell, so nothing cancels in single precision.
+//! Sums are taken per column over the rows of a cell first, so that the pass is plain arithmetic on
+//! whole rows, and then per cell. Coordinates are relative to the cell's middle and inverse depth
+//! to a reference value of the cell, which avoids cancellation in single precision.
 
 use super::config::{CELL_PX_MAX, DepthNormalConfig};
 use super::image::DepthImage;
 
-/// Weighted sums over the pixels of a cell. `u`, `v` in cells from the cell's middle, `w` in 1/m
-/// from `reference`. A weight is the variance of a pixel with range noise only over the pixel's
-/// own.
+/// Weighted sums over the pixels of a cell. `u` and `v` are in cells from the cell's middle, `w` in
+/// 1/m from `reference`. A pixel's weight is the variance from range noise alone, divided by the
+/// pixel's variance.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Cell {
     /// `1, u, v, uu, uv, vv, w, uw, vw, ww`.
     pub sums: [f64; 10],
-    /// What `w` counts from, 1/m.
+    /// Reference of `w`, 1/m.
     pub reference: f64,
-    /// Pixels with depth.
+    /// Number of pixels with depth.
     pub depth: u32,
-    /// Of them, those at an edge: in no sum.
+    /// Number of pixels with depth at an edge; they are in no sum.
     pub edge: u32,
 }
 
 impl Cell {
-    /// Enough pixels at a jump to say that an edge runs through.
+    /// Whether enough pixels are at a jump to indicate an edge in the cell.
     pub fn is_edge(&self) -> bool {
         self.edge >= 3 && 16 * self.edge >= self.depth
     }
@@ -42,7 +43,7 @@ pub(super) struct Cells {
     pub cells: Vec<Cell>,
     width: usize,
     height: usize,
-    /// Inverse depth of three rows with an empty pixel at either end.
+    /// Inverse depth of three rows, with an empty pixel at either end.
     lines: [Vec<f32>; 3],
     columns_of: Columns,
 }
@@ -78,7 +79,7 @@ impl Columns {
 }
 
 impl Cells {
-    /// Makes room; allocates only where the size changed.
+    /// Resizes the buffers; allocates only if the size has changed.
     pub fn resize(&mut self, width: usize, height: usize, cell_px: usize) {
         let (columns, rows) = (width.div_ceil(cell_px), height.div_ceil(cell_px));
         if (self.width, self.height, self.columns, self.rows) == (width, height, columns, rows) {
@@ -97,8 +98,8 @@ impl Cells {
         }
     }
 
-    /// The pass. `left_out` is as large as the image; not zero means not looked at. `jump` as in
-    /// [`DepthNormalConfig::jump`].
+    /// Computes all cells. `left_out` has the size of the image; pixels with a non-zero entry are
+    /// ignored. `jump` is that of [`DepthNormalConfig::jump`].
     pub fn fill(
         &mut self,
         config: &DepthNormalConfig,
@@ -138,8 +139,8 @@ impl Cells {
         }
     }
 
-    /// Empties the columns and picks what each cell's inverse depths count from: a reading near its
-    /// middle.
+    /// Clears the columns and chooses the reference of each cell's inverse depths: a reading near
+    /// its middle.
     fn begin(
         &mut self,
         image: &DepthImage<'_>,
@@ -163,7 +164,7 @@ impl Cells {
         }
     }
 
-    /// From columns to cells.
+    /// Sums the columns to cells.
     fn end(&mut self, row: usize, cell_px: usize) {
         let scale = 1.0 / cell_px as f64;
         let c = &self.columns_of;
@@ -199,8 +200,8 @@ impl Cells {
     }
 }
 
-/// Noise between neighbouring pixels along the rows, standard deviation, 1/m: the median of second
-/// differences over a sample of the image. 0 where there is too little to tell.
+/// Noise between neighbouring pixels along the rows, standard deviation, 1/m: from the median of
+/// second differences over a sample of the image. 0 if there are too few pixels.
 pub(super) fn noise_between_neighbours(
     image: &DepthImage<'_>,
     range_m: [f64; 2],
@@ -208,7 +209,7 @@ pub(super) fn noise_between_neighbours(
 ) -> f64 {
     let range = range_m.map(|m| m as f32);
     differences.clear();
-    // About five thousand of them, whatever the size.
+    // About five thousand samples, whatever the image size.
     let every = (image.depth_m().len() / 5000).max(1);
     for i in (0..image.depth_m().len()).step_by(every) {
         let (u, v) = (i % image.width(), i / image.width());
@@ -226,8 +227,8 @@ pub(super) fn noise_between_neighbours(
     }
     let middle = differences.len() / 2;
     let median = *differences.select_nth_unstable_by(middle, f32::total_cmp).1;
-    // The median of a normal variable's size is 0.6745 of its deviation; three pixels weigh 1, 4
-    // and 1.
+    // The median magnitude of a normal variable is 0.6745 standard deviations; the three pixels
+    // have weights 1, -2 and 1, whose squares are 1, 4 and 1.
     f64::from(median) / (0.6745 * 6.0f64.sqrt())
 }
 
@@ -239,7 +240,7 @@ fn invert(depth_m: &[f32], [near, far]: [f32; 2], w: &mut [f32]) {
 }
 
 impl Columns {
-    /// Adds one row. The lines have an empty pixel at either end; `dv` is the row's place in its
+    /// Adds one row. The lines have an empty pixel at either end; `dv` is the row's position in its
     /// cells.
     fn add(
         &mut self,
@@ -251,7 +252,7 @@ impl Columns {
         dv: f32,
     ) {
         let n = self.p.len();
-        // Slices of one length, so that the loop needs no checks.
+        // Slices of equal length, so that the loop needs no bounds checks.
         let (above, below) = (&above[1..=n], &below[1..=n]);
         let (before, here, after) = (&here[..n], &here[1..=n], &here[2..n + 2]);
         let reference = &self.reference[..n];

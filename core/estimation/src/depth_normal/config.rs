@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::EstimationError;
 
-/// Pixels along either side of a cell: the grid's mesh.
+/// Largest side of a cell, pixels.
 pub(super) const CELL_PX_MAX: usize = 32;
 
 /// The `[depth_normal]` table.
@@ -13,42 +13,43 @@ pub(super) const CELL_PX_MAX: usize = 32;
 pub struct DepthNormalConfig {
     /// Side of a cell, pixels. Sums are kept per cell, and every cell gets a normal.
     pub cell_px: usize,
-    /// Depths outside are no reading, m.
+    /// Depths outside this range are treated as missing, m.
     pub range_m: [f64; 2],
-    /// Noise of inverse depth, standard deviation, 1/m: the range noise of a stereo camera, divided
-    /// by the depth's square. What is found in the images takes its place for covariances; edges
-    /// are told by this.
+    /// Noise of inverse depth, standard deviation, 1/m: the range noise of a stereo camera divided
+    /// by the square of the depth. Covariances use the noise measured in the images instead; edges
+    /// are detected with this value.
     pub inverse_depth_sd_per_m: f64,
-    /// Noise of depth that does not grow with it, standard deviation, m: whole millimetres.
+    /// Noise of depth that does not grow with it, standard deviation, m: rounding to millimetres.
     pub depth_sd_m: f64,
-    /// Steepest surface against the ray that is taken for one, rad; a steeper one is an
-    /// edge.
+    /// Largest angle between a surface's normal and the ray, rad; a steeper surface is an edge.
     pub steepest_rad: f64,
-    /// Reach of a window from its cell, cells, at most.
+    /// Largest reach of a window from its cell, cells.
     pub window_cells_max: usize,
-    /// How far slopes of growing windows may disagree, standard deviations.
+    /// Largest disagreement between the slopes of growing windows, standard deviations.
     pub consistency_sd: f64,
-    /// Neighbouring cells of one surface differ by less than this, rad, ...
+    /// Largest angle between neighbouring cells of one surface, rad, in addition to
+    /// `bend_max_per_m`.
     pub crease_rad: f64,
-    /// ... and what a surface that bends so much turns between them, 1/m.
+    /// Largest curvature of one surface, 1/m: allows for the rotation of the normal from cell to
+    /// cell.
     pub bend_max_per_m: f64,
-    /// A segment's cells differ from its mean by less, rad.
+    /// Largest angle between a segment's cells and its mean, rad.
     pub segment_spread_rad: f64,
-    /// Radius of the patch that is fitted at the tool, smallest and largest, m.
+    /// Smallest and largest radius of the patch that is fitted at the tool, m.
     pub patch_radius_m: [f64; 2],
-    /// How far its slopes may disagree with those of smaller patches, standard deviations.
+    /// Largest disagreement between its slopes and those of smaller patches, standard deviations.
     pub patch_consistency_sd: f64,
-    /// Depth error that is alike over many pixels and in every frame (the camera's steps of
-    /// disparity and millimetres beat), m.
+    /// Depth error that is correlated over many pixels and constant over frames, m. It comes from
+    /// the beat between the steps of disparity and of millimetres.
     pub ripple_sd_m: f64,
-    /// How fast the bend of surfaces changes along them, standard deviation, 1/m²: what a patch may
-    /// hide.
+    /// Rate of change of curvature along surfaces, standard deviation, 1/m²: determines the error
+    /// that a patch may hide.
     pub bend_change_sd_per_m2: f64,
-    /// Cells that a patch needs.
+    /// Smallest number of cells in a patch.
     pub patch_cells_min: usize,
     /// Length of the map ahead of the tool, m.
     pub ahead_m: f64,
-    /// Distance between its stations, m.
+    /// Distance between stations of the map ahead, m.
     pub ahead_step_m: f64,
 }
 
@@ -77,7 +78,7 @@ impl Default for DepthNormalConfig {
 }
 
 impl DepthNormalConfig {
-    /// Refuses values that cannot work.
+    /// Rejects values that cannot work.
     ///
     /// # Errors
     /// [`EstimationError::OutOfRange`] names the key, the value and what is allowed.
@@ -146,7 +147,7 @@ impl DepthNormalConfig {
             ("depth_normal.ahead_m", self.ahead_m, 0.0, 10.0),
         ];
         for (key, value, lower, upper) in rows {
-            // A NaN must fail too, so the comparison is for being inside.
+            // Tests for "inside", so that NaN fails too.
             let inside = value >= lower && value <= upper;
             if !inside {
                 return Err(EstimationError::OutOfRange {
@@ -160,9 +161,9 @@ impl DepthNormalConfig {
         Ok(())
     }
 
-    /// Difference of inverse depth between neighbouring pixels beyond which they are not of one
-    /// surface: `[0] + [1] w`, 1/m. `sd_found` is the noise of the frame, 1/m, where it is known to
-    /// be more than configured.
+    /// Difference of inverse depth between neighbouring pixels beyond which they belong to
+    /// different surfaces: `[0] + [1] w`, 1/m. `sd_found` is the measured noise of the frame, 1/m;
+    /// it is used if it exceeds the configured noise.
     pub(super) fn jump(&self, focal_px: f64, sd_found: f64) -> [f64; 2] {
         [
             6.0 * self.inverse_depth_sd_per_m.max(sd_found),

@@ -6,40 +6,39 @@ use super::facets::Mesh;
 use super::image::DepthImage;
 use super::windows::Node;
 
-/// Unit normal of a pixel, camera axes, out of the material; all zero where there is none.
+/// Unit normal of a pixel, camera axes, out of the material; all zero if there is none.
 pub type PixelNormal = [f32; 3];
 
-/// The grid that the normals come from.
+/// Grid from which the normals are computed.
 pub(super) struct Field<'a> {
     pub nodes: &'a [Node],
     pub columns: usize,
     pub rows: usize,
     pub cell_px: usize,
     pub mesh: Mesh,
-    /// As in `DepthNormalConfig::jump`.
+    /// As returned by `DepthNormalConfig::jump`.
     pub jump: [f64; 2],
     pub range_m: [f64; 2],
 }
 
-/// A stretch of a row over which inverse depth and its slopes are linear: value and change per
-/// cell.
+/// Part of a row over which inverse depth and its slopes are linear: value, and change per cell.
 struct Line {
-    /// Place of the first pixel, and from pixel to pixel, cells.
+    /// Position of the first pixel, and step from pixel to pixel, cells.
     first: f32,
     step: f32,
     w: [f32; 2],
     a: [f32; 2],
     b: [f32; 2],
-    /// `x/z` of the first pixel, and from pixel to pixel.
+    /// `x/z` of the first pixel, and step from pixel to pixel.
     ray: [f32; 2],
     /// `y/z` of the row.
     row_ray: f32,
     range: [f32; 2],
 }
 
-/// Pixels that are worked on together.
+/// Number of pixels processed together.
 const LANES: usize = 8;
-/// Squares that are worked on together.
+/// Number of squares processed together.
 const SQUARES: usize = 32;
 
 /// The pixels between four nodes.
@@ -47,11 +46,11 @@ const SQUARES: usize = 32;
 struct Square {
     /// Column and row of the first node.
     at: [usize; 2],
-    /// Along the rows.
+    /// Range of pixels along the rows.
     pixels: Range<usize>,
-    /// See [`Field::corners`].
+    /// Values at the corners, from [`Field::corners`].
     corners: Option<[[f32; 3]; 4]>,
-    /// Place of the first pixel from the first node, cells, and its `x/z`.
+    /// Position of the first pixel relative to the first node, cells, and its `x/z`.
     first: f32,
     ray: f32,
 }
@@ -99,9 +98,9 @@ impl Line {
 impl Field<'_> {
     /// Fills `normals`, one per pixel of the image.
     pub fn fill(&self, image: &DepthImage<'_>, normals: &mut [PixelNormal]) {
-        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost, their
-        // own square goes on. Several squares together row by row: memory is written in the order
-        // in which it lies.
+        // Between four nodes inverse depth and its slopes are bilinear; beyond the outermost nodes,
+        // the outermost square is extrapolated. Several squares are processed together row by row,
+        // so that memory is written sequentially.
         let (rows, columns) = (self.rows.max(2) - 1, self.columns.max(2) - 1);
         let mut squares: [Square; SQUARES] = Default::default();
         for row in 0..rows {
@@ -122,7 +121,7 @@ impl Field<'_> {
         }
     }
 
-    /// Pixels from a node to the next; from the border on, and to it.
+    /// Pixels from a node to the next; the first and last ranges extend to the border.
     fn between(&self, node: usize, nodes: usize, size: usize) -> Range<usize> {
         let middle = self.cell_px.div_ceil(2);
         let from = if node == 0 {
@@ -151,13 +150,13 @@ impl Field<'_> {
         }
     }
 
-    /// Place in the grid of a pixel, cells.
+    /// Position of a pixel in the grid, cells.
     fn place(&self, pixel: usize) -> f64 {
         let cell = self.cell_px as f64;
         (pixel as f64 - 0.5 * (cell - 1.0)) / cell
     }
 
-    /// One row of a square's pixels.
+    /// Computes one row of a square's pixels.
     fn line(&self, square: &Square, v: usize, depths: &[f32], normals: &mut [PixelNormal]) {
         let at = self.place(v);
         let Some(corners) = &square.corners else {
@@ -186,7 +185,7 @@ impl Field<'_> {
         line.fill(depths, normals);
     }
 
-    /// Inverse depth and its slopes at the four nodes around, where all are of one surface.
+    /// Inverse depth and its slopes at the four surrounding nodes, if all belong to one surface.
     fn corners(&self, column: usize, row: usize) -> Option<[[f32; 3]; 4]> {
         if self.columns < 2 || self.rows < 2 {
             return None;
@@ -217,8 +216,8 @@ impl Field<'_> {
         }))
     }
 
-    /// The plane around that is nearest to what the pixel itself says: of the square's own nodes,
-    /// or of those beyond where none of them fits.
+    /// The surrounding plane closest to the pixel's own depth: from the square's own nodes, or from
+    /// nodes further away if none of them fits.
     fn nearest(&self, square: [usize; 2], [column, row]: [f64; 2], z: f32) -> PixelNormal {
         if !self.reads(z) {
             return [0.0; 3];
@@ -243,8 +242,8 @@ impl Field<'_> {
                     }
                 }
             }
-            // Further away only for a pixel that is of no surface here, and furthest only where
-            // there is none.
+            // Searches further away only for a pixel that belongs to no surface here, and furthest
+            // only if there is no surface here.
             if best.0 < limit || (reach == 1 && best.1.is_some()) {
                 break;
             }

@@ -1,51 +1,51 @@
-//! Payloads of `sensor_msgs/Image` to metres. Called where frames are received, before the first
-//! step.
+//! Converts payloads of `sensor_msgs/Image` to metres. Called where frames are received, before the
+//! first step.
 
 use thiserror::Error;
 
-/// What a payload's numbers are.
+/// Number format of a payload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthEncoding {
-    /// Unsigned 16 bit, mm; 0 is no reading.
+    /// Unsigned 16-bit integers, mm; 0 for no reading.
     Millimetres16,
-    /// 32 bit floating point, m; NaN (and 0) is no reading.
+    /// 32-bit floating point, m; NaN or 0 for no reading.
     Metres32,
 }
 
 /// Why a payload cannot be read as a depth image.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum DepthEncodingError {
-    /// Neither of the two encodings of depth (REP 118).
+    /// The encoding is neither of the two depth encodings (REP 118).
     #[error("a depth image must be encoded as 16UC1 (mm) or 32FC1 (m), not \"{0}\"")]
     Encoding(String),
-    /// A row that overlaps the next.
+    /// Rows overlap.
     #[error("step = {step} bytes is too short for a row of {width} pixels of {bytes} bytes each")]
     Step {
         /// Bytes from row to row.
         step: usize,
         /// Pixels along a row.
         width: usize,
-        /// Per pixel.
+        /// Bytes per pixel.
         bytes: usize,
     },
-    /// Fewer bytes than the size says.
+    /// There are fewer bytes than the size requires.
     #[error("{got} bytes of data, but {height} rows of {step} bytes need at least {needed}")]
     Short {
-        /// Bytes there are.
+        /// Number of bytes found.
         got: usize,
-        /// Rows.
+        /// Number of rows.
         height: usize,
         /// Bytes from row to row.
         step: usize,
-        /// Bytes needed.
+        /// Number of bytes needed.
         needed: usize,
     },
-    /// No pixels, or more than can be counted.
+    /// There are no pixels, or more than can be counted.
     #[error("an image of {width} x {height} pixels cannot be read")]
     Size {
         /// Pixels along a row.
         width: usize,
-        /// Rows.
+        /// Number of rows.
         height: usize,
     },
 }
@@ -55,19 +55,19 @@ pub enum DepthEncodingError {
 pub struct DepthLayout {
     /// Pixels along a row.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// Bytes from row to row.
     pub step: usize,
     /// `is_bigendian`.
     pub big_endian: bool,
-    /// Of one pixel.
+    /// Encoding of a pixel.
     pub encoding: DepthEncoding,
 }
 
 impl DepthEncoding {
-    /// By its name in `sensor_msgs/Image`: `16UC1`, `mono16` as some drivers call the same,
-    /// `32FC1`.
+    /// Encoding by its name in `sensor_msgs/Image`: `16UC1` (also `mono16`, as some drivers name
+    /// it) or `32FC1`.
     ///
     /// # Errors
     /// [`DepthEncodingError::Encoding`] for anything that is not depth.
@@ -79,7 +79,7 @@ impl DepthEncoding {
         }
     }
 
-    /// Bytes of one pixel.
+    /// Number of bytes per pixel.
     pub fn bytes(self) -> usize {
         match self {
             Self::Millimetres16 => 2,
@@ -89,11 +89,11 @@ impl DepthEncoding {
 }
 
 impl DepthLayout {
-    /// Whether `bytes` of data are an image of this layout; the last row may come without its
-    /// padding. Returns the bytes of a row that are pixels.
+    /// Checks that `bytes` of data hold an image of this layout; the padding of the last row may be
+    /// missing. Returns the number of bytes per row that are pixels.
     ///
     /// # Errors
-    /// Says what does not fit.
+    /// The size does not fit; the error states how.
     pub fn check(&self, bytes: usize) -> Result<usize, DepthEncodingError> {
         let Self {
             width,
@@ -129,11 +129,11 @@ impl DepthLayout {
         Ok(row)
     }
 
-    /// Fills `depth_m` (m; 0 for no reading) with `width * height` pixels; allocates only where it
-    /// has to grow.
+    /// Fills `depth_m` (m; 0 for no reading) with `width * height` pixels; allocates only if it has
+    /// to grow.
     ///
     /// # Errors
-    /// Says what does not fit; `depth_m` is empty then.
+    /// The size does not fit; the error states how. `depth_m` is empty then.
     pub fn read(&self, data: &[u8], depth_m: &mut Vec<f32>) -> Result<(), DepthEncodingError> {
         depth_m.clear();
         let row = self.check(data.len())?;
@@ -160,7 +160,7 @@ impl DepthLayout {
     }
 }
 
-/// Millimetres in the machine's own order, as a simulated frame has them; 0 stays 0.
+/// Converts millimetres in native byte order, as in a simulated frame; 0 stays 0.
 pub fn metres_from_millimetres(depth_mm: &[u16], depth_m: &mut Vec<f32>) {
     depth_m.clear();
     depth_m.extend(depth_mm.iter().map(|mm| millimetres(*mm)));
@@ -208,7 +208,7 @@ mod tests {
             let mut out = vec![9.0; 100];
             layout.read(&data, &mut out).unwrap();
             assert_eq!(out, mm.map(|x| f32::from(x) * 1e-3));
-            // Without the last row's padding it is whole; a byte less, and it is not.
+            // The data are complete without the last row's padding, but not with a byte less.
             layout.read(&data[..14], &mut out).unwrap();
             let error = layout.read(&data[..13], &mut out).unwrap_err();
             assert_eq!(

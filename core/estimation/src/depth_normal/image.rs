@@ -1,10 +1,10 @@
-//! A depth image as the steps see it, and the pinhole that took it.
+//! A depth image and the pinhole camera model that belongs to it.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-/// A pinhole without distortion. Pixel (0, 0) is the middle of the upper left pixel, as in
-/// `sensor_msgs/CameraInfo`.
+/// A pinhole camera without distortion. Pixel coordinates (0, 0) are the middle of the upper left
+/// pixel, as in `sensor_msgs/CameraInfo`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Intrinsics {
@@ -27,7 +27,7 @@ impl Intrinsics {
         ]
     }
 
-    /// Pixel of a point (camera axes, m); none for one that is not before the camera.
+    /// Pixel of a point (camera axes, m); `None` for a point that is not in front of the camera.
     pub fn project(&self, point: &Vector3<f64>) -> Option<[f64; 2]> {
         (point.z > 1e-6).then(|| {
             [
@@ -37,7 +37,7 @@ impl Intrinsics {
         })
     }
 
-    /// Finite, with positive focal lengths.
+    /// Whether all values are finite and the focal lengths positive.
     pub fn is_sound(&self) -> bool {
         let focal = [self.fx_px, self.fy_px];
         focal.iter().all(|f| f.is_finite() && *f > 1e-3)
@@ -55,8 +55,8 @@ pub struct DepthImage<'a> {
 }
 
 impl<'a> DepthImage<'a> {
-    /// `depth_m` along the optical axis, m; 0, negative and NaN are no reading. None where the size
-    /// does not fit the data.
+    /// `depth_m` is along the optical axis, m; 0, negative values and NaN mean no reading. `None`
+    /// if the size does not match the data.
     pub fn new(width: usize, height: usize, depth_m: &'a [f32]) -> Option<Self> {
         (width > 0 && height > 0 && width.checked_mul(height) == Some(depth_m.len())).then_some(
             Self {
@@ -72,17 +72,17 @@ impl<'a> DepthImage<'a> {
         self.width
     }
 
-    /// Rows.
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// All of it, m.
+    /// All depths, row by row, m.
     pub fn depth_m(&self) -> &'a [f32] {
         self.depth_m
     }
 
-    /// One row, m.
+    /// Depths of one row, m.
     pub fn row(&self, v: usize) -> &'a [f32] {
         &self.depth_m[v * self.width..(v + 1) * self.width]
     }

@@ -1,4 +1,4 @@
-//! What a fit of inverse depth says about the surface: point, normal and curvature, in camera axes.
+//! Point, normal and curvature of the surface from a fit of inverse depth, in camera axes.
 //!
 //! With `a = x/z` and `b = y/z` the surface is `G(x, y, z) = z w(x/z, y/z) - 1 = 0`, where
 //! `w = 1/z`: a plane in space is a plane in `w`, which is why the fits are made there. `G` is
@@ -11,16 +11,16 @@ use nalgebra::{Matrix3, Vector3};
 pub struct InverseDepth {
     /// `x/z`, `y/z`.
     pub ray: [f64; 2],
-    /// 1/m.
+    /// Inverse depth, 1/m.
     pub w: f64,
-    /// By `a` and `b`, 1/m.
+    /// Derivatives with respect to `a` and `b`, 1/m.
     pub slope: [f64; 2],
-    /// By `aa`, `ab`, `bb`, 1/m.
+    /// Second derivatives `aa`, `ab`, `bb`, 1/m.
     pub bend: [f64; 3],
 }
 
 impl InverseDepth {
-    /// Point of the surface, m; none where inverse depth is not positive.
+    /// Point on the surface, m; `None` if inverse depth is not positive.
     pub fn point(&self) -> Option<Vector3<f64>> {
         let [a, b] = self.ray;
         (self.w > 0.0).then(|| Vector3::new(a, b, 1.0) / self.w)
@@ -32,20 +32,20 @@ impl InverseDepth {
         Vector3::new(wa, wb, self.w - a * wa - b * wb)
     }
 
-    /// Unit normal, out of the material, towards the camera; none where all is zero.
+    /// Unit normal, out of the material, towards the camera; `None` if the gradient is zero.
     pub fn normal(&self) -> Option<Vector3<f64>> {
         let gradient = self.gradient();
         let length = gradient.norm();
         (length > 1e-12).then(|| gradient / -length)
     }
 
-    /// Of the normal, rad², from that of `[w, w_a, w_b]`; singular along the normal.
+    /// Covariance of the normal, rad², from that of `[w, w_a, w_b]`; singular along the normal.
     pub fn normal_covariance(&self, of_w_and_slope: &Matrix3<f64>) -> Matrix3<f64> {
         let jacobian = self.normal_jacobian();
         jacobian * of_w_and_slope * jacobian.transpose()
     }
 
-    /// How the normal turns with `[w, w_a, w_b]`.
+    /// Derivative of the normal with respect to `[w, w_a, w_b]`.
     pub fn normal_jacobian(&self) -> Matrix3<f64> {
         let [a, b] = self.ray;
         let gradient = self.gradient();
@@ -56,14 +56,14 @@ impl InverseDepth {
     }
 
     /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a
-    /// convex body. None where there is no point.
+    /// convex body. `None` if there is no point.
     pub fn curvature(&self) -> Option<Matrix3<f64>> {
         let normal = self.normal()?;
         if self.w <= 0.0 {
             return None;
         }
         let [a, b] = self.ray;
-        // Second derivatives of G are z⁻¹ Aᵀ B A with A = [1 0 -a; 0 1 -b].
+        // The second derivatives of G are z⁻¹ Aᵀ B A with A = [1 0 -a; 0 1 -b].
         let [aa, ab, bb] = self.bend;
         let (xz, yz) = (-(a * aa + b * ab), -(a * ab + b * bb));
         let zz = a * a * aa + 2.0 * a * b * ab + b * b * bb;
@@ -77,7 +77,7 @@ impl InverseDepth {
 mod tests {
     use super::*;
 
-    /// Inverse depth of a sphere, by its closed form and finite differences.
+    /// Inverse depth of a sphere in closed form, with derivatives by finite differences.
     fn sphere(ray: [f64; 2], centre: Vector3<f64>, radius: f64) -> InverseDepth {
         let w = |a: f64, b: f64| {
             let direction = Vector3::new(a, b, 1.0);

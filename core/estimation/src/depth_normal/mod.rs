@@ -1,10 +1,10 @@
-//! Depth images to normals: the segment under the tool, its normal and curvature with covariance,
+//! Normals from depth images: the segment under the tool, its normal and curvature with covariance,
 //! and the map ahead.
 //!
 //! Karacan et al., "Visuo-Tactile Exploration of Unknown Rigid 3D Curvatures", (14)-(16).
-//! `depth_normal` never builds a point cloud: for a plane inverse depth is linear in the pixel, so
-//! planes of any size follow from summed tables. Called with each frame by the receiver of the
-//! camera's, and by the closed loop of `evaluate`.
+//! `depth_normal` builds no point cloud: for a plane, inverse depth is linear in the pixel
+//! coordinates, so fits of planes of any size follow from summed tables. Called with each frame by
+//! the receiver of the camera's frames, and by the closed loop of `evaluate`.
 
 mod ahead;
 mod cells;
@@ -36,5 +36,5 @@ pub use step::{DepthNormal, DepthNormalState, DepthSample, ToolTarget};
 pub use visual_normal::{VisualNormal, VisualValidity};
 pub use windows::FrameNoise;
 
-/// Its name, as in `estimate/NAME/normal`.
+/// Name of the estimator, as in `estimate/NAME/normal`.
 pub const DEPTH_NORMAL: &str = "depth_normal";

@@ -1,9 +1,9 @@
-//! `depth_normal_paper`: the published way, for comparison. Point cloud, voxel grid, principal
+//! `depth_normal_paper`: the published method, for comparison. Point cloud, voxel grid, principal
 //! components of each voxel's neighbours, region growing from the tool, principal components of the
 //! segment (Karacan et al., II.B, (14)-(16)).
 //!
-//! The paper leaves voxel size, neighbours and angles open; the defaults are what its library's own
-//! examples use.
+//! The paper does not state voxel size, neighbours and angles; the defaults are those of the
+//! examples of the library it uses.
 
 use std::collections::VecDeque;
 
@@ -23,13 +23,13 @@ use crate::{EstimationError, NormalEstimate};
 pub struct DepthNormalPaperConfig {
     /// Side of a voxel, m.
     pub voxel_m: f64,
-    /// Points that make a normal, the point itself among them.
+    /// Number of points from which a normal is computed, including the point itself.
     pub neighbours: usize,
-    /// Neighbouring points of one segment differ by less, rad.
+    /// Largest angle between neighbouring points of one segment, rad.
     pub segment_step_rad: f64,
-    /// And from the segment's mean by less, rad.
+    /// Largest angle between a point of a segment and the segment's mean, rad.
     pub segment_spread_rad: f64,
-    /// Depths outside are no reading, m.
+    /// Depths outside this range are treated as missing, m.
     pub range_m: [f64; 2],
 }
 
@@ -73,7 +73,7 @@ impl DepthNormalPaperConfig {
             ("depth_normal_paper.range_m[0]", near, 1e-3, 100.0),
             ("depth_normal_paper.range_m[1]", far, near, 100.0),
         ] {
-            // A NaN must fail too, so the comparison is for being inside.
+            // Tests for "inside", so that NaN fails too.
             let inside = value >= lower && value <= upper;
             if !inside {
                 return Err(EstimationError::OutOfRange {
@@ -88,26 +88,27 @@ impl DepthNormalPaperConfig {
     }
 }
 
-/// What the paper's pipeline says, camera axes.
+/// Result of the paper's pipeline, camera axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SegmentNormal {
     /// Time of exposure, s.
     pub time_s: f64,
-    /// Whether to use what follows.
+    /// Whether the result is usable.
     pub validity: VisualValidity,
-    /// The segment; its normal is the paper's `n_s`, its variation (16).
+    /// The segment; its normal is the paper's `n_s`, its variation that of eq. (16).
     pub segment: Option<SegmentShape>,
-    /// (15): between the surface's inward normal and the camera's z axis, rad.
+    /// Angle between the surface's inward normal and the camera's z axis, eq. (15), rad.
     pub tilt_rad: f64,
-    /// Of the normal, rad²: what the points' scatter about the segment's plane gives. The paper has
-    /// none, and a bent segment's own bias is not in it.
+    /// Covariance of the normal, rad², from the scatter of the points about the segment's plane.
+    /// The paper has none, and the bias on a curved segment is not included.
     pub covariance: Matrix3<f64>,
-    /// Points in the cloud after the voxel grid.
+    /// Number of points in the cloud after the voxel grid.
     pub points: usize,
 }
 
 impl SegmentNormal {
-    /// As any estimator publishes it; `base_from_camera` of the time of exposure.
+    /// The result as published by any estimator; `base_from_camera` is the pose at the time of
+    /// exposure.
     pub fn in_base(&self, base_from_camera: &Pose<Base, Camera>) -> NormalEstimate {
         let to = base_from_camera.isometry();
         let turn = to.rotation.to_rotation_matrix();
@@ -133,7 +134,7 @@ struct Voxel {
     normal: Option<Vector3<f64>>,
 }
 
-/// The published pipeline. Allocates as it goes: a cloud has as many points as it has.
+/// The published pipeline. It allocates in every step, as the number of points varies.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthNormalPaper {
     config: DepthNormalPaperConfig,
@@ -147,7 +148,7 @@ impl DepthNormalPaper {
         Ok(Self { config: *config })
     }
 
-    /// Takes one frame.
+    /// Processes one frame.
     pub fn update(&self, sample: &DepthSample<'_>) -> SegmentNormal {
         let mut result = SegmentNormal {
             time_s: sample.time_s,
@@ -172,7 +173,7 @@ impl DepthNormalPaper {
         result.points = voxels.len();
         let [a, b] = sample.intrinsics.ray(u, v);
         self.add_normals(&mut voxels);
-        // The point nearest to the ray; within a few voxels, or nothing is seen there.
+        // The point nearest to the ray; if it is not within a few voxels, nothing is visible there.
         let direction = Vector3::new(a, b, 1.0).normalize();
         let aside = |p: &Vector3<f64>| (p - direction * direction.dot(p)).norm();
         let seeds = voxels
@@ -231,7 +232,7 @@ impl DepthNormalPaper {
             let point = Vector3::new(a, b, 1.0) * z;
             points.push((self.key(&point), point));
         }
-        // Stable, so that the sums are the same on every machine.
+        // A stable sort, so that the sums are the same on every machine.
         points.sort_by_key(|(key, _)| *key);
         points
             .chunk_by(|m, n| m.0 == n.0)
@@ -243,12 +244,12 @@ impl DepthNormalPaper {
             .collect()
     }
 
-    /// Voxels within two of each other, with their squared distances.
+    /// Voxels within a distance of two voxels, with their squared distances.
     fn around(voxels: &[Voxel], at: &Voxel, found: &mut Vec<(f64, usize)>) {
         found.clear();
         for x in -2..=2 {
             for y in -2..=2 {
-                // A column of voxels lies together.
+                // The voxels of a column are contiguous.
                 let from = [at.key[0] + x, at.key[1] + y, at.key[2] - 2];
                 let first = voxels.partition_point(|v| v.key < from);
                 for (i, v) in voxels.iter().enumerate().skip(first).take(5) {
@@ -320,7 +321,7 @@ impl DepthNormalPaper {
     }
 }
 
-/// How much a plane's normal is in doubt for the points' scatter about it, rad².
+/// Covariance of a plane's normal from the scatter of the points about the plane, rad².
 fn plane_covariance(spread: &Matrix3<f64>, n: f64) -> Matrix3<f64> {
     let eigen = spread.symmetric_eigen();
     let least = eigen.eigenvalues.imin();

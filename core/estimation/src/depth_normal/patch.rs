@@ -1,9 +1,9 @@
-//! A cubic through the cells around a point, as height over the tangent plane there: normal and
-//! curvature, and how sure they are.
+//! Fits a cubic to the cells around a point, as height over the tangent plane there. It gives
+//! normal and curvature with their covariances.
 //!
-//! In the tangent frame a bent surface has no third derivative but the change of its bend, however
-//! steeply it is seen; that change is believed to be as small as surfaces are smooth, and what it
-//! may hide is in the covariance.
+//! In the tangent frame, the third derivative of a curved surface is only the change of its
+//! curvature, however obliquely the surface is seen. The fit assumes a smooth surface, for which
+//! this change is small; the error that it may hide is part of the covariance.
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
@@ -13,62 +13,62 @@ use super::facets::{Facet, Mesh};
 use super::windows::FrameNoise;
 use crate::tangent_frame::TangentFrame;
 
-/// 1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy.
+/// Number of terms: 1, x, y, xx, xy, yy, xxx, xxy, xyy, yyy.
 const TERMS: usize = 10;
-/// Over which length the change of a surface's bend changes itself, m: a wave of 0.4 m.
+/// Length over which the rate of change of a surface's curvature varies, m: a wave of 0.4 m.
 const CHANGE_LENGTH_M: f64 = 0.06;
-/// Of the largest radius, for what is seen too little of within it.
+/// Search radius over the largest radius, if too little is visible within the largest.
 const FURTHEST: f64 = 2.0;
-/// From one radius that is tried to the next.
+/// Ratio of successive radii that are tried.
 const GROWTH: f64 = 1.25;
 
-/// What a patch is fitted to.
+/// Data that a patch is fitted to.
 pub(super) struct Ground<'a> {
     pub config: &'a DepthNormalConfig,
     pub cells: &'a Cells,
     pub facets: &'a [Facet],
-    /// Which body each cell belongs to.
+    /// Connected component of each cell.
     pub body: &'a [u16],
     pub mesh: Mesh,
     pub noise: FrameNoise,
 }
 
-/// Why there is no patch.
+/// Reason why there is no patch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PatchError {
     TooFew,
     OneSided,
 }
 
-/// Where a patch is to be: a point near the surface, and about which way that faces; camera axes.
+/// Position of a patch: a point near the surface, and the approximate normal there; camera axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
     pub point: Vector3<f64>,
     pub normal: Vector3<f64>,
-    /// Shape operator that is expected, 1/m: only the fourth order of the height is taken from it.
+    /// Expected shape operator, 1/m; used only for the fourth order of the height.
     pub shape: Matrix3<f64>,
 }
 
-/// The fit, camera axes.
+/// Result of the fit, camera axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
-    /// On the surface, straight under the place.
+    /// Point on the surface directly below the requested place.
     pub place: Place,
     pub frame: TangentFrame,
-    /// Of the normal, rad², tangent axes.
+    /// Covariance of the normal, rad², tangent axes.
     pub covariance: Matrix2<f64>,
     /// Shape operator, 1/m, tangent axes.
     pub shape: Matrix2<f64>,
-    /// Of its `xx`, `xy`, `yy`.
+    /// Covariance of the shape operator's `xx`, `xy`, `yy`, 1/m².
     pub shape_covariance: Matrix3<f64>,
-    /// Reach of the cells that were used, m.
+    /// Largest distance of the cells used, m.
     pub radius_m: f64,
     pub cells: usize,
 }
 
 impl Ground<'_> {
-    /// The widest patch of the body whose slopes agree with those of the narrower ones; once more
-    /// in its own tangent frame, under `ray`.
+    /// The widest patch of the connected component whose slopes agree with those of the narrower
+    /// patches, fitted again in its own tangent frame under `ray`.
     pub fn widest(&self, place: &Place, ray: [f64; 2], body: u16) -> Result<Patch, PatchError> {
         let [small, large] = self.config.patch_radius_m;
         let frame = TangentFrame::new(place.normal, Vector3::x());
@@ -95,7 +95,8 @@ impl Ground<'_> {
                 Err(error) if best.is_err() => best = Err(error),
                 Err(_) => {}
             }
-            // Where too little was seen, around the tool or its shadow, it may lie further away.
+            // If too little is visible, around the tool or its shadow, cells further away may be
+            // used.
             let limit = if best.is_err() {
                 FURTHEST * large
             } else {
@@ -128,7 +129,7 @@ impl Ground<'_> {
         let [column, row] = self
             .mesh
             .place([place.point.x / depth, place.point.y / depth]);
-        // A radius towards the camera looks larger.
+        // A radius towards the camera appears larger.
         let near = (depth - radius_m).max(0.5 * depth);
         let reach = self
             .mesh
@@ -151,7 +152,7 @@ impl Ground<'_> {
             for i in around(column, reach[0], self.cells.columns) {
                 let k = j * self.cells.columns + i;
                 let sums = &self.cells.cells[k].sums;
-                // A hole has a facet from its neighbours, but nothing to say.
+                // A hole has a facet from its neighbours, but no data of its own.
                 if self.body[k] != body || !self.facets[k].valid || sums[0] <= 0.0 {
                     continue;
                 }
@@ -162,14 +163,14 @@ impl Ground<'_> {
                     .ray(i as f64 + sums[1] / p, j as f64 + sums[2] / p);
                 let direction = Vector3::new(a, b, 1.0);
                 let offset = direction / w - place.point;
-                // Over the radius, so that the matrix is well scaled.
+                // Divided by the radius, so that the matrix is well scaled.
                 let xy = frame.project(&offset) / radius_m;
                 let height = frame.normal.dot(&offset);
                 if xy.norm_squared() > 1.0 || height.abs() > radius_m {
                     continue;
                 }
                 let (x, y) = (xy.x, xy.y);
-                // What a surface of this bend has beyond its second order, all along it.
+                // Higher-order height of a surface with this curvature along its whole length.
                 let turn = bent * xy;
                 let height =
                     height + 0.125 * radius_m.powi(4) * xy.dot(&turn) * turn.norm_squared();
@@ -185,7 +186,7 @@ impl Ground<'_> {
                     x * y * y,
                     y * y * y,
                 ]);
-                // Noise lies along the ray; what of it is height?
+                // Noise acts along the ray; this is its component in the height.
                 let along = frame.normal.dot(&direction) / (w * w);
                 let information = p / (expected * along * along).max(1e-30);
                 matrix.syger(information, &line, &line, 1.0);
@@ -208,14 +209,14 @@ impl Ground<'_> {
         matrix.fill_upper_triangle_with_lower_triangle();
         let cholesky = matrix.cholesky().ok_or(PatchError::TooFew)?;
         let solution = cholesky.solve(&right);
-        // What the cells themselves show counts where it is more than their noise.
+        // The residuals of the cells replace the stated noise if they are larger.
         let rest = (square - right.dot(&solution)).max(0.0);
         let shown = rest / (used as f64 - 6.0).max(1.0);
         let covariance = cholesky.inverse() * shown.max(1.0);
         let slope = Vector2::new(solution[1], solution[2]) / radius_m;
         let bend = [3, 4, 5].map(|i| solution[i] / (radius_m * radius_m));
-        // Of the height to the operator, and of slopes that are nearly zero to the frame's own
-        // turn.
+        // From the height to the shape operator, and from slopes that are nearly zero to the
+        // rotation of the frame.
         let length = (1.0 + slope.norm_squared()).sqrt();
         let shape = Matrix2::new(-2.0 * bend[0], -bend[1], -bend[1], -2.0 * bend[2]) / length;
         let steep = slope.norm();
@@ -223,9 +224,10 @@ impl Ground<'_> {
         let by = Vector3::new(2.0, 1.0, 2.0) / (radius_m * radius_m);
         let of_bend: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into();
         let of_slope: Matrix2<f64> = covariance.fixed_view::<2, 2>(1, 1).into();
-        // An error that is alike over half of the patch tilts it so much.
+        // Tilt due to an error that is correlated over half of the patch.
         let ripple = 2.0 * self.config.ripple_sd_m / radius_m;
-        // A change of the change looks like bend: by a fourteenth of the square of the radius.
+        // A change of the curvature's rate of change looks like curvature: a fourteenth of it times
+        // the square of the radius.
         let fourth =
             self.config.bend_change_sd_per_m2 / CHANGE_LENGTH_M * radius_m * radius_m / 14.0;
         let hidden = Matrix3::from_diagonal(&Vector3::new(1.0, 0.25, 1.0)) * (fourth * fourth);
@@ -249,7 +251,7 @@ fn octant(x: f64, y: f64) -> u8 {
     u8::from(x >= 0.0) | u8::from(y >= 0.0) << 1 | u8::from(x.abs() > y.abs()) << 2
 }
 
-/// Longest run of empty octants around the middle, of eight.
+/// Longest run of empty octants around the middle, out of eight.
 fn longest_gap(octants: u8) -> u32 {
     // Counter-clockwise.
     let order = [0b111, 0b011, 0b010, 0b110, 0b100, 0b000, 0b001, 0b101];
@@ -273,8 +275,8 @@ mod tests {
 
     #[test]
     fn octants_are_in_the_order_of_the_gap() {
-        // A point in each eighth of the circle, in turn: a gap of n neighbours is n wide wherever
-        // it begins.
+        // One point in each octant of the circle in turn: a gap of n neighbouring octants has
+        // length n wherever it begins.
         let turn: Vec<u8> = (0..8)
             .map(|i| {
                 let angle = (f64::from(i) + 0.5) * std::f64::consts::FRAC_PI_4;

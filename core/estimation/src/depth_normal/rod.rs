@@ -1,13 +1,13 @@
-//! The tool's own picture, to be left out: a rod between two points, seen from the camera. Camera
-//! and tool are both fixed to the flange, so this is drawn once.
+//! Mask of the tool in the image: a rod between two points, seen from the camera. Camera and tool
+//! are both fixed to the flange, so it is drawn only once.
 
 use nalgebra::Vector3;
 
 use super::image::Intrinsics;
 
-/// Marks in `left_out` (one entry per pixel of `size_px`) the pixels whose ray passes
-/// within `radius_m` of the rod from `ends[0]` to `ends[1]`, camera axes, m. What is marked stays
-/// so. False, and nothing is drawn, where the sizes do not fit.
+/// Marks in `left_out` (one entry per pixel of `size_px`) the pixels whose ray passes within
+/// `radius_m` of the rod from `ends[0]` to `ends[1]`, camera axes, m. Existing marks remain.
+/// Returns false and draws nothing if the sizes do not match.
 pub fn leave_out_rod(
     intrinsics: &Intrinsics,
     size_px: [usize; 2],
@@ -28,11 +28,11 @@ pub fn leave_out_rod(
     true
 }
 
-/// Between a half line from the origin and a segment, m.
+/// Distance between a half line from the origin and a segment, m.
 fn distance(ray: &Vector3<f64>, ends: [&Vector3<f64>; 2]) -> f64 {
     let direction = ray.normalize();
     let rod = ends[1] - ends[0];
-    // Within the plane across the ray the line is a point, and the rod a segment.
+    // In the plane perpendicular to the ray, the line is a point and the rod a segment.
     let across = |v: &Vector3<f64>| v - direction * direction.dot(v);
     let (start, run) = (across(ends[0]), across(&rod));
     let length = run.norm_squared();
@@ -70,7 +70,7 @@ mod tests {
             0.01,
             &mut mask
         ));
-        // From (50, 40) to (70, 40), two pixels to either side.
+        // The rod from (50, 40) to (70, 40), two pixels to either side.
         for (u, v, inside) in [
             (50, 40, 1),
             (70, 40, 1),

@@ -1,5 +1,5 @@
-//! Segments of alike orientation, and bodies: what hangs together without a jump or a crease,
-//! however it turns.
+//! Segments of similar orientation, and connected components: cells connected without a jump or a
+//! crease, whatever their orientation.
 //!
 //! Region growing over the grid's nodes, after the paper's II.B (Westfechtel et al.), but without a
 //! point cloud: neighbours are neighbours in the image.
@@ -10,36 +10,36 @@ use super::config::DepthNormalConfig;
 use super::facets::Facet;
 use super::windows::Node;
 
-/// A cell that belongs to nothing.
+/// Label of a cell that belongs to nothing.
 pub(super) const NONE: u16 = 0;
 
 /// Labels of the cells.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Segments {
-    /// By orientation, from 1.
+    /// Segment of each cell, by orientation, from 1.
     pub segment: Vec<u16>,
-    /// By connection, from 1.
+    /// Connected component of each cell, from 1.
     pub body: Vec<u16>,
     queue: Vec<u32>,
-    /// Over which of its sides, in the order of [`Neighbours::of`], a cell's surface goes on: a bit
-    /// each.
+    /// Sides over which a cell's surface continues: one bit each, in the order of
+    /// [`Neighbours::of`].
     sides: Vec<u8>,
-    /// How much of each body is around the tool.
+    /// Extent of each connected component around the tool.
     votes: Vec<f64>,
     pub segments: u16,
     columns: usize,
 }
 
-/// A segment's principal components.
+/// Principal components of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SegmentShape {
-    /// Middle, camera axes, m.
+    /// Mean point, camera axes, m.
     pub middle: Vector3<f64>,
     /// Direction of least spread, towards the camera: the paper's `n_s`.
     pub normal: Vector3<f64>,
     /// Eq. (16): λ3 / tr Σ.
     pub variation: f64,
-    /// Cells in it.
+    /// Number of cells.
     pub cells: usize,
 }
 
@@ -62,7 +62,8 @@ impl Segments {
         self.votes.reserve(n + 1);
     }
 
-    /// Finds where the surface goes on from cell to cell, and labels the bodies: to be done first.
+    /// Finds the sides over which the surface continues from cell to cell, and labels the connected
+    /// components. Must be called first.
     pub fn grow_bodies(
         &mut self,
         config: &DepthNormalConfig,
@@ -101,8 +102,8 @@ impl Segments {
         self.votes.resize(usize::from(bodies) + 1, 0.0);
     }
 
-    /// Labels the segments; the tool's own first, so that it is centred there. After
-    /// [`Segments::grow_bodies`].
+    /// Labels the segments; the tool's segment is grown first, so that it is centred there. Call
+    /// after [`Segments::grow_bodies`].
     pub fn grow_segments(
         &mut self,
         config: &DepthNormalConfig,
@@ -130,7 +131,7 @@ impl Segments {
                 &neighbours,
                 |to| {
                     let normal = &facets[to].normal;
-                    // The sum's length is left in: a cosine against the sum needs it once.
+                    // The mean is not normalised: comparing the cosine needs its length only once.
                     let alike = mean.dot(normal) >= spread * mean.norm();
                     if alike {
                         mean += normal;
@@ -141,9 +142,9 @@ impl Segments {
         }
     }
 
-    /// The cell at `place` (cells): of the body that has most around it, within `reach(cell)`
-    /// cells, the nearest. A cell that hangs together with nothing is not taken for the surface
-    /// because it lies nearest.
+    /// The cell at `place` (cells): the nearest cell of the connected component with the largest
+    /// extent around it, within `reach(cell)` cells. An isolated cell is thus not mistaken for the
+    /// surface because it is nearest.
     pub fn at(
         &mut self,
         place: [f64; 2],
@@ -193,7 +194,7 @@ impl Segments {
     }
 }
 
-/// Normal and variation from points' mean and covariance (16).
+/// Normal and variation, eq. (16), from the mean and covariance of points.
 pub(super) fn shape_of(
     middle: Vector3<f64>,
     spread: &Matrix3<f64>,
@@ -214,14 +215,14 @@ pub(super) fn shape_of(
     })
 }
 
-/// Where a cell's surface goes on.
+/// Connections of a cell's surface.
 struct Neighbours<'a> {
     sides: &'a [u8],
     columns: usize,
 }
 
 impl Neighbours<'_> {
-    /// Neighbouring cells that the surface goes on to: to the left, right, above, below.
+    /// Neighbouring cells over which the surface continues: left, right, above, below.
     fn of(&self, from: usize) -> impl Iterator<Item = usize> {
         let sides = self.sides[from];
         let cells = [
@@ -237,7 +238,7 @@ impl Neighbours<'_> {
     }
 }
 
-/// What is looked at between neighbouring cells.
+/// Data for comparing neighbouring cells.
 struct Seams<'a> {
     nodes: &'a [Node],
     facets: &'a [Facet],
@@ -247,7 +248,7 @@ struct Seams<'a> {
 }
 
 impl Seams<'_> {
-    /// Every seam once, for both its sides.
+    /// Compares every pair of neighbours once, for both sides.
     fn find(&self, sides: &mut [u8]) {
         sides.fill(0);
         let n = self.facets.len();
@@ -265,21 +266,21 @@ impl Seams<'_> {
         }
     }
 
-    /// Whether the surface goes on to the next cell along an axis without a jump or a crease, and
-    /// from there back.
+    /// Whether the surface continues to the next cell along an axis without a jump or a crease, and
+    /// the same in the opposite direction.
     fn joins(&self, from: usize, to: usize, axis: usize) -> [bool; 2] {
         let (a, b) = (&self.facets[from], &self.facets[to]);
         if !b.valid {
             return [false; 2];
         }
-        // Where normals are in doubt, or cells far apart, they may differ by more.
+        // If normals are uncertain, or cells far apart, the normals may differ by more.
         let doubt = 2.0 * (a.sd_rad * a.sd_rad + b.sd_rad * b.sd_rad).sqrt();
         let bend = self.config.bend_max_per_m * (a.point - b.point).norm();
         let allowed = self.config.crease_rad + doubt + bend;
         if (a.normal - b.normal).norm_squared() > allowed * allowed {
             return [false; 2];
         }
-        // Both planes half way.
+        // Compares both planes half way between the cells.
         let (m, n) = (&self.nodes[from], &self.nodes[to]);
         let there = m.w + 0.5 * m.slope[axis];
         let back = n.w - 0.5 * n.slope[axis];
@@ -299,7 +300,7 @@ fn flood(
     queue.clear();
     queue.push(seed as u32);
     labels[seed] = label;
-    // Every cell enters once, so the queue never outgrows the grid; first in, first out grows
+    // Every cell enters the queue once, so it never outgrows the grid. First in, first out grows
     // evenly around the seed.
     let mut next = 0;
     while let Some(from) = queue.get(next).copied() {

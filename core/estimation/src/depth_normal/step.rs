@@ -1,4 +1,4 @@
-//! `depth_normal`: one frame in, the surface at the tool out.
+//! `depth_normal`: estimates the surface at the tool from one frame.
 
 use nalgebra::{Matrix2, Matrix3, Vector3};
 
@@ -15,7 +15,7 @@ use super::visual_normal::{VisualNormal, VisualValidity};
 use super::windows::Windows;
 use crate::EstimationError;
 
-/// Where the tool touches or will touch.
+/// Current or expected contact point of the tool.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ToolTarget {
     /// A point, camera axes, m.
@@ -24,32 +24,32 @@ pub enum ToolTarget {
     Pixel([f64; 2]),
 }
 
-/// One frame as the step sees it.
+/// Input of the step: one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthSample<'a> {
     /// Time of exposure, s.
     pub time_s: f64,
     /// Depth along the optical axis.
     pub image: DepthImage<'a>,
-    /// Of this image.
+    /// Intrinsics of this image.
     pub intrinsics: Intrinsics,
-    /// Where to say what the surface does.
+    /// Place at which the surface is estimated.
     pub target: ToolTarget,
-    /// As large as the image; not zero where the tool itself (or anything else that is not the
-    /// surface) is seen.
+    /// Mask with the size of the image; not zero where the tool itself (or anything else that is
+    /// not the surface) is visible.
     pub left_out: Option<&'a [u8]>,
-    /// Direction of travel, camera axes, any length; for the map ahead.
+    /// Direction of travel for the map ahead, camera axes, any length.
     pub travel: Option<Vector3<f64>>,
 }
 
-/// The step's settings, checked.
+/// Checked settings of the step.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthNormal {
     config: DepthNormalConfig,
 }
 
-/// What the step works in, kept between frames so that nothing is allocated while the image's size
-/// stays. A fresh one is the reset; no frame depends on an earlier one.
+/// Work space of the step, kept between frames so that nothing is allocated while the image's size
+/// stays the same. A new one is the reset; no frame depends on an earlier one.
 #[derive(Clone, Debug, Default)]
 pub struct DepthNormalState {
     cells: Cells,
@@ -76,7 +76,7 @@ impl DepthNormal {
         &self.config
     }
 
-    /// Takes one frame. Allocates only where the image's size is not that of the frame before.
+    /// Processes one frame. Allocates only if the image's size has changed.
     pub fn update(&self, state: &mut DepthNormalState, sample: &DepthSample<'_>) -> VisualNormal {
         let [width, height] = [sample.image.width(), sample.image.height()];
         let invalid = |validity| VisualNormal::invalid(sample.time_s, validity);
@@ -183,9 +183,9 @@ impl DepthNormal {
         }
     }
 
-    /// A normal for every pixel of the frame that `state` has seen last; `normals` has one entry
-    /// per pixel. All zero for a pixel without depth; false, and nothing is written, where the
-    /// sizes do not fit.
+    /// Normal of every pixel of the last frame that `state` has processed; `normals` has one entry
+    /// per pixel, all zero for a pixel without depth. Returns false and writes nothing if the sizes
+    /// do not match.
     pub fn normals(
         &self,
         state: &DepthNormalState,
@@ -253,7 +253,7 @@ fn plane_depth(facet: &Facet, [a, b]: [f64; 2]) -> Option<f64> {
     (depth.is_finite() && depth > 0.0).then_some(depth)
 }
 
-/// Eigenvalues, the larger first.
+/// Eigenvalues, the larger one first.
 fn principal(shape: &Matrix2<f64>) -> [f64; 2] {
     let middle = 0.5 * shape.trace();
     let apart = (0.25 * (shape.m11 - shape.m22).powi(2) + shape.m12 * shape.m21)

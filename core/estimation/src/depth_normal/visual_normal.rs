@@ -1,4 +1,4 @@
-//! What a frame says about the surface at the tool.
+//! Estimate of the surface at the tool from one frame.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use tangent_mechanics::{Base, Camera, Pose};
@@ -9,25 +9,25 @@ use super::segments::SegmentShape;
 use super::windows::FrameNoise;
 use crate::NormalEstimate;
 
-/// Whether to use a visual normal, and if not, why.
+/// Validity of a visual normal, with the reason if it is not usable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum VisualValidity {
-    /// Use it.
+    /// The normal is usable.
     Valid,
-    /// No frame was seen yet.
+    /// No frame has been processed yet.
     #[default]
     Missing,
-    /// Intrinsics, target or mask cannot be used.
+    /// Intrinsics, target or mask are not usable.
     BadInput,
-    /// The tool touches outside the image.
+    /// The contact point is outside the image.
     OutOfImage,
-    /// No depth around the tool: blocked, dark, or out of range.
+    /// There is no depth around the tool: blocked, dark, or out of range.
     NoDepth,
-    /// Too little of the surface is seen for a fit.
+    /// Too little of the surface is visible for a fit.
     TooFew,
-    /// The surface is seen on one side of the tool only.
+    /// The surface is visible on only one side of the tool.
     Edge,
-    /// The surface is seen too flatly.
+    /// The surface is seen at too flat an angle.
     TooSteep,
 }
 
@@ -67,42 +67,43 @@ impl From<VisualValidity> for Validity {
     }
 }
 
-/// The surface at the tool, camera axes of the time of exposure.
+/// The surface at the tool, camera axes at the time of exposure.
 #[derive(Clone, Debug)]
 pub struct VisualNormal {
-    /// Time of exposure, s, as the sample said.
+    /// Time of exposure, s, as in the sample.
     pub time_s: f64,
-    /// Whether to use what follows.
+    /// Whether the estimate is usable.
     pub validity: VisualValidity,
-    /// On the surface, on the ray to the tool's target, m.
+    /// Point of the surface on the ray to the tool's target, m.
     pub point: Vector3<f64>,
-    /// Unit, out of the material.
+    /// Unit normal, out of the material.
     pub normal: Vector3<f64>,
-    /// Of the normal, rad²; singular along it.
+    /// Covariance of the normal, rad²; singular along the normal.
     pub covariance: Matrix3<f64>,
     /// Shape operator, 1/m: moving by `dp` turns the normal by `curvature dp`; positive for a
     /// convex body.
     pub curvature: Matrix3<f64>,
-    /// Its eigenvalues in the tangent plane, the larger first, 1/m.
+    /// Eigenvalues of `curvature` in the tangent plane, the larger one first, 1/m.
     pub principal_curvatures_per_m: [f64; 2],
-    /// (15): between the surface's inward normal and the camera's z axis, rad.
+    /// Angle between the surface's inward normal and the camera's z axis, eq. (15), rad.
     pub tilt_rad: f64,
-    /// Principal components of the tool's segment: the paper's normal, and its curvature (16).
+    /// Principal components of the tool's segment: the paper's normal, and its variation, eq. (16).
     pub segment: Option<SegmentShape>,
     /// Radius of the patch that the fit used, m.
     pub patch_radius_m: f64,
-    /// Cells of the patch.
+    /// Number of cells in the patch.
     pub patch_cells: usize,
-    /// Segments in the image.
+    /// Number of segments in the image.
     pub segments: usize,
-    /// Noise found in the frame.
+    /// Noise measured in the frame.
     pub noise: FrameNoise,
-    /// The map ahead, where a direction of travel was given.
+    /// The map ahead, if a direction of travel was given.
     pub ahead: SurfaceAhead,
 }
 
 impl VisualNormal {
-    /// A result that says only why there is none: the surface facing the camera, and no idea of it.
+    /// A result without an estimate, with its reason: the surface faces the camera, with a
+    /// covariance that means unknown.
     pub fn invalid(time_s: f64, validity: VisualValidity) -> Self {
         Self {
             time_s,
@@ -122,7 +123,8 @@ impl VisualNormal {
         }
     }
 
-    /// As any estimator publishes it; `base_from_camera` of the time of exposure.
+    /// The estimate as published by any estimator; `base_from_camera` is the pose at the time of
+    /// exposure.
     pub fn in_base(&self, base_from_camera: &Pose<Base, Camera>) -> NormalEstimate {
         let to = base_from_camera.isometry();
         let turn = to.rotation.to_rotation_matrix();

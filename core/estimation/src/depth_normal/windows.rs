@@ -1,38 +1,37 @@
-//! A plane in inverse depth around every cell, over a window as large as the surface allows.
+//! Fits a plane in inverse depth around every cell, over a window as large as the surface allows.
 //!
-//! For a plane inverse depth is linear in the pixel's coordinates, so the weighted least-squares
-//! plane over any rectangle of cells follows from four corners of summed tables, whatever its size.
-//! A window grows while the slopes of all sizes so far agree within their standard deviations
-//! (intersection of confidence intervals): beyond, the surface's bend would show in the slope.
+//! For a plane, inverse depth is linear in the pixel's coordinates, so the weighted least-squares
+//! plane over a rectangle of cells of any size follows from four corners of summed tables. A window
+//! grows while the slopes of all sizes so far agree within their standard deviations (intersection
+//! of confidence intervals): beyond that, the surface's curvature would bias the slope.
 
 use super::cells::{Cell, Cells};
 use super::config::DepthNormalConfig;
 
-/// Sums of a table: those of a [`Cell`], and the number of edge cells.
+/// Number of sums in a table: those of a [`Cell`], and the number of edge cells.
 const SUMS: usize = 11;
-/// Reach of the windows that are tried, cells.
+/// Reaches of the windows that are tried, cells.
 const REACHES: [usize; 6] = [1, 2, 4, 8, 16, 64];
 
-/// The plane at a cell's middle.
+/// Plane at a cell's middle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Node {
-    /// Whether there is one.
+    /// Whether there is a plane.
     pub valid: bool,
     /// Inverse depth, 1/m.
     pub w: f64,
     /// Change of `w` per cell along `u` and `v`, 1/m.
     pub slope: [f64; 2],
-    /// Of the slope, `uu`, `uv`, `vv`, (1/m)².
+    /// Covariance of the slope, `uu`, `uv`, `vv`, (1/m)².
     pub covariance: [f64; 3],
 }
 
-/// What the noise of this frame is, found in it.
+/// Noise measured in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameNoise {
-    /// Variance of a pixel over the configured one.
+    /// Variance of a pixel over the configured variance.
     pub scale: f64,
-    /// How much slower averages get better than those of independent pixels: neighbours share their
-    /// noise.
+    /// Variance of averages over that of independent pixels: neighbours share part of their noise.
     pub correlation: f64,
 }
 
@@ -46,13 +45,13 @@ impl Default for FrameNoise {
 }
 
 impl FrameNoise {
-    /// Of a pixel's inverse depth, as it counts in averages, (1/m)².
+    /// Variance of a pixel's inverse depth for use in averages, (1/m)².
     pub(super) fn variance(&self, config: &DepthNormalConfig) -> f64 {
         config.inverse_depth_sd_per_m.powi(2) * self.scale * self.correlation
     }
 }
 
-/// Summed tables and the nodes made from them.
+/// Summed tables, and the nodes computed from them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Windows {
     pub nodes: Vec<Node>,
@@ -61,24 +60,25 @@ pub(super) struct Windows {
     table: Vec<[f64; SUMS]>,
     columns: usize,
     rows: usize,
-    /// Middle of the grid, cells, and the mean inverse depth: what the tables count from.
+    /// Middle of the grid, cells, and mean inverse depth: reference of the tables.
     origin: [f64; 3],
     ratios: Vec<f64>,
 }
 
-/// A plane over a window, where its points' mean is.
+/// A plane over a window, at the mean of its points.
 #[derive(Clone, Copy, Debug)]
 struct Plane {
     middle: [f64; 3],
     slope: [f64; 2],
-    /// Inverse of the points' spread: times the noise's variance, the slope's covariance.
+    /// Inverse of the points' spread: multiplied by the noise variance, it is the slope's
+    /// covariance.
     inverse: [f64; 3],
-    /// Weighted sum of squares that the plane leaves.
+    /// Weighted sum of squared residuals.
     rest: f64,
 }
 
 impl Plane {
-    /// From sums relative to any origin; none where the points lie on a line.
+    /// Plane from sums relative to any origin; `None` if the points lie on a line.
     fn of(s: &[f64; 10]) -> Option<Self> {
         let p = s[0];
         if p < 3.0 {
@@ -88,7 +88,7 @@ impl Plane {
         let (uu, uv, vv) = (s[3] - s[1] * u, s[4] - s[1] * v, s[5] - s[2] * v);
         let (uw, vw, ww) = (s[7] - s[6] * u, s[8] - s[6] * v, s[9] - s[6] * w);
         let determinant = uu * vv - uv * uv;
-        // Against a spread of a hundredth of a cell.
+        // Compared with a spread of a hundredth of a cell.
         if determinant.is_nan() || determinant <= 1e-6 * p * p {
             return None;
         }
@@ -120,15 +120,15 @@ impl Windows {
         self.ratios.reserve(2 * columns * rows);
     }
 
-    /// Node of every cell without an edge that has depth, or neighbours with depth: from the
-    /// smallest window.
+    /// Computes, from the smallest window, the node of every cell without an edge that has depth or
+    /// neighbours with depth.
     pub fn begin(&mut self, config: &DepthNormalConfig, grid: &Cells) {
         self.sum(grid);
         self.measure_noise(config, grid);
         self.each(config, grid, 1, |_| true);
     }
 
-    /// The widest window for each node that is `wanted`.
+    /// Finds the widest window for each node that is `wanted`.
     pub fn widen(
         &mut self,
         config: &DepthNormalConfig,
@@ -209,8 +209,8 @@ impl Windows {
         sums
     }
 
-    /// Medians over the cells: of what a plane leaves within a cell, and of fourth differences
-    /// between cells.
+    /// Measures the noise by medians over the cells: of the residuals of a plane within a cell, and
+    /// of fourth differences between cells.
     fn measure_noise(&mut self, config: &DepthNormalConfig, grid: &Cells) {
         let full = (config.cell_px * config.cell_px) as f64;
         let expected = config.inverse_depth_sd_per_m.powi(2);
@@ -228,11 +228,11 @@ impl Windows {
             }
         }
         let Some(scale) = median(&mut self.ratios) else {
-            // Too little to tell: what the configuration says.
+            // Too little data: uses the configured noise.
             self.noise = FrameNoise::default();
             return;
         };
-        // A camera without noise still has rounding.
+        // The depth of a camera without noise is still rounded.
         self.noise.scale = scale.clamp(1e-6, 1e4);
         self.ratios.clear();
         let stride = self.columns;
@@ -252,7 +252,7 @@ impl Windows {
         }
         // The median of a squared normal variable is 0.4549 of its variance.
         let ratio = median(&mut self.ratios).unwrap_or(0.4549) / 0.4549;
-        // A cell is not endless: of what neighbours share, the part over its border is missing.
+        // A cell is finite: the correlation with pixels beyond its border is missing.
         let cell = config.cell_px as f64;
         self.noise.correlation = (1.0 + (ratio - 1.0) * cell / (cell - 1.0)).clamp(1.0, 30.0);
     }
@@ -267,7 +267,7 @@ impl Windows {
         let mut bounds = [column, column + 1, row, row + 1];
         let mut best: Option<(Plane, [usize; 4])> = None;
         if reach_max == 1 {
-            // No wider one to compare with: at once, where no edge is in it.
+            // There is no wider window to compare with: accepted at once if it contains no edge.
             let around = [
                 column.saturating_sub(1),
                 (column + 2).min(self.columns),
@@ -298,7 +298,7 @@ impl Windows {
                 (wider[2 * axis], wider[2 * axis + 1]) = (from, to);
                 let mut sums = self.window(wider);
                 if sums[10] > 0.0 {
-                    // An edge on one side: grow on the other only.
+                    // With an edge on one side, the window grows only on the other.
                     let mut one = bounds;
                     one[2 * axis] = from;
                     let mut other = bounds;
@@ -346,7 +346,7 @@ impl Windows {
         self.node_of(&plane, variance, column, row)
     }
 
-    /// What a plane says at a cell's middle.
+    /// Value and slope of a plane at a cell's middle.
     fn node_of(&self, plane: &Plane, variance: f64, column: usize, row: usize) -> Node {
         let du = column as f64 - self.origin[0] - plane.middle[0];
         let dv = row as f64 - self.origin[1] - plane.middle[1];
@@ -359,7 +359,7 @@ impl Windows {
     }
 }
 
-/// A cell's sums with its middle at `at` (cells) and `w` counted from `origin`.
+/// Sums of a cell whose middle is at `at` (cells), with `w` relative to `origin`.
 fn moved(cell: &Cell, [x, y]: [f64; 2], origin: f64) -> [f64; 10] {
     let [p, u, v, uu, uv, vv, w, uw, vw, ww] = cell.sums;
     let r = cell.reference - origin;
@@ -378,8 +378,8 @@ fn moved(cell: &Cell, [x, y]: [f64; 2], origin: f64) -> [f64; 10] {
     ]
 }
 
-/// Squared fourth difference of five cells' means in a row over what independent pixels would give;
-/// quadratics and cubics vanish in it. None unless all are full.
+/// Squared fourth difference of the means of five cells in a row, over its value for independent
+/// pixels. Quadratics and cubics vanish in it. `None` unless all five cells are full.
 fn fourth_difference(cells: &[Cell], first: usize, step: usize, full: f64) -> Option<f64> {
     let mut difference = 0.0;
     let mut variance = 0.0;
@@ -394,7 +394,7 @@ fn fourth_difference(cells: &[Cell], first: usize, step: usize, full: f64) -> Op
     Some(difference * difference / variance)
 }
 
-/// Of at least 20 values.
+/// Median of at least 20 values.
 fn median(values: &mut [f64]) -> Option<f64> {
     (values.len() >= 20).then(|| {
         let middle = values.len() / 2;

@@ -1,23 +1,24 @@
-//! Where the flange was and how hard the tool pressed, over the last moments: a frame is used with
-//! the arm of its exposure.
+//! Flange pose and pressing force over the last moments: a frame is processed with the state of the
+//! arm at its exposure.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
 use tangent_mechanics::{Base, Flange, Pose};
 
-/// Entries kept: a quarter of a second at 1 kHz.
+/// Number of entries kept: a quarter of a second at 1 kHz.
 const ENTRIES: usize = 256;
 
-/// The arm at one time.
+/// State of the arm at one time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ArmMoment {
     pub time_s: f64,
     pub base_from_flange: Pose<Base, Flange>,
-    /// How far the object has yielded, as force (N, along the normal, base axes).
+    /// Deflection of the object, expressed as the force that causes it (N, along the normal, base
+    /// axes).
     pub yielding_n: Vector3<f64>,
 }
 
-/// A ring of the last moments, in order of time.
+/// Ring buffer of the last moments, in order of time.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ArmHistory {
     ring: ArrayVec<ArmMoment, ENTRIES>,
@@ -30,7 +31,7 @@ impl ArmHistory {
         self.next = 0;
     }
 
-    /// Adds a moment; one that is not later than the last is left out.
+    /// Adds a moment; ignored unless it is later than the last one.
     pub fn push(&mut self, moment: ArmMoment) {
         if self
             .newest()
@@ -56,10 +57,11 @@ impl ArmHistory {
         &self.ring[(self.next + i) % self.ring.len()]
     }
 
-    /// The arm at `time_s`, on the way between its neighbours; none where it is not remembered.
+    /// State of the arm at `time_s`, interpolated between its neighbours; `None` outside the stored
+    /// time.
     pub fn at(&self, time_s: f64) -> Option<ArmMoment> {
         let (mut low, mut high) = (0, self.ring.len().checked_sub(1)?);
-        // A clock's last digit must not put a frame of this very cycle out of time.
+        // Rounding of the clock must not reject a frame of the current cycle.
         let slack = 1e-6;
         if !(time_s >= self.nth(low).time_s - slack && time_s <= self.nth(high).time_s + slack) {
             return None;

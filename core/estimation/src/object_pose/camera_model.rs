@@ -1,41 +1,42 @@
-//! What is known of a camera on the wrist, and what it reports: the pinhole of eq. (7), frames of
-//! labelled corners.
+//! Model of a camera on the wrist and its output: the pinhole of eq. (7), and frames of labelled
+//! corners.
 
 use nalgebra::{Vector2, Vector3};
 use tangent_mechanics::{Camera, Flange, Pose};
 
-/// Corners of the target.
+/// Number of corners of the target.
 pub const CORNERS: usize = 4;
 
-/// Nearest depth at which a point counts as before the camera, m.
+/// Smallest depth at which a point counts as in front of the camera, m.
 const DEPTH_MIN_M: f64 = 0.01;
 
 /// A pinhole camera fixed to the flange.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraModel {
-    /// Optical centre, z forward, x to the right and y down in the image.
+    /// Pose of the camera: origin at the optical centre, z forward, x right, y down in the image.
     pub flange_from_camera: Pose<Flange, Camera>,
     /// Focal length, pixels.
     pub focal_px: f64,
     /// Principal point, pixels.
     pub principal_px: Vector2<f64>,
-    /// Edge of a pixel on the sensor, m.
+    /// Edge length of a pixel on the sensor, m.
     pub pixel_m: f64,
 }
 
 impl CameraModel {
-    /// Eq. (7) in pixels; none for a point (camera axes, m) that is not before the camera.
+    /// Pixel of a point (camera axes, m), eq. (7); `None` for a point that is not in front of the
+    /// camera.
     pub fn project(&self, in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
         (in_camera.z > DEPTH_MIN_M)
             .then(|| self.principal_px + in_camera.xy() * (self.focal_px / in_camera.z))
     }
 
-    /// Undoes the pixels: `[x/z, y/z]` as this calibration sees it.
+    /// Converts pixels to `[x/z, y/z]` with this calibration.
     pub fn normalised(&self, pixel_px: &Vector2<f64>) -> Vector2<f64> {
         (pixel_px - self.principal_px) / self.focal_px
     }
 
-    /// The paper's λ_c, m.
+    /// The paper's focal length λ_c, m.
     pub fn focal_m(&self) -> f64 {
         self.focal_px * self.pixel_m
     }
@@ -44,7 +45,7 @@ impl CameraModel {
 /// One corner found in an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// Where, pixels.
+    /// Position in the image, pixels.
     pub pixel_px: Vector2<f64>,
 }
 
@@ -53,8 +54,8 @@ pub struct Corner {
 pub struct CameraFrame {
     /// Time of exposure, s, on the clock of the arm's state.
     pub time_s: f64,
-    /// Counts the camera's frames.
+    /// Number of the frame.
     pub sequence: u64,
-    /// None for a corner that was not found.
+    /// Corners found; `None` for a corner that was not found.
     pub corners: [Option<Corner>; CORNERS],
 }

@@ -58,7 +58,7 @@ pub struct PriorConfig {
     /// Error of the camera's orientation per axis, standard deviation, rad. A uniform ±3° is 30
     /// mrad.
     pub camera_orientation_sd_rad: f64,
-    /// Error of the focal length, standard deviation, share.
+    /// Error of the focal length, standard deviation, as a share of it.
     pub focal_sd_share: f64,
     /// Error of the principal point per axis, standard deviation, share of the focal length.
     pub principal_sd_share: f64,
@@ -197,7 +197,7 @@ impl ObjectPoseConfig {
             ("gate_sd", self.gate_sd, 1.0, 1000.0),
             ("start_rms_max_px", self.start_rms_max_px, 0.01, 1000.0),
             ("vision_patience_s", self.vision_patience_s, 0.01, 3600.0),
-            // None at all would discard a good estimate for nothing.
+            // With 0, every rejected frame would discard a good estimate.
             ("restart_frames", f64::from(self.restart_frames), 1.0, 1e6),
             (
                 "prior.camera_position_sd_m",

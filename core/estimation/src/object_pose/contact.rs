@@ -1,27 +1,27 @@
-//! When the tool touches, and which way the force points: eq. (18).
+//! Detection of contact, and the direction of the force: eq. (18).
 
 use nalgebra::Vector3;
 
 use super::{ContactNoiseConfig, ObjectSample};
 
-/// What the force tells in one cycle.
+/// Contact force of one cycle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Touch {
-    /// n_h of eq. (18), base axes.
+    /// Direction n_h of eq. (18), base axes.
     pub direction: Vector3<f64>,
-    /// N
+    /// Pressing force, N.
     pub force_n: f64,
 }
 
-/// Whether the tool touches, with a hysteresis.
+/// Detects contact, with a hysteresis.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TouchDetector {
     touching: bool,
 }
 
 impl TouchDetector {
-    /// `normal` is the best guess of where the surface faces, base axes: a force across it is no
-    /// pressing.
+    /// `normal` is the best available estimate of the surface normal, base axes. A force
+    /// perpendicular to it does not count as pressing.
     pub fn step(
         &mut self,
         config: &ContactNoiseConfig,
@@ -52,14 +52,14 @@ impl TouchDetector {
     }
 }
 
-/// Below this speed of the tip, friction may point anywhere, m/s.
+/// Speed of the tip below which friction may have any direction, m/s.
 const SLIDING_M_PER_S: f64 = 2e-3;
-/// Way in one direction after which friction points against it, m.
+/// Distance in one direction after which friction is opposed to it, m.
 const PRESLIDING_M: f64 = 5e-4;
-/// Cosine of the turn after which a new direction begins.
+/// Cosine of the angle beyond which a new direction begins.
 const SAME_DIRECTION: f64 = 0.9;
 
-/// Which way the tip slides, from one look at it to the next.
+/// Tracks the sliding direction of the tip between updates.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SlideTracker {
     last: Option<(f64, Vector3<f64>)>,
@@ -68,12 +68,12 @@ pub(super) struct SlideTracker {
 }
 
 impl SlideTracker {
-    /// Time of the last look, s.
+    /// Time of the last update, s.
     pub fn last_s(&self) -> Option<f64> {
         self.last.map(|(at, _)| at)
     }
 
-    /// The direction of sliding (unit, base axes) once friction has come to point against it.
+    /// Direction of sliding (unit, base axes) once friction is opposed to it.
     pub fn step(&mut self, time_s: f64, tip: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (at, from) = self.last.replace((time_s, *tip))?;
         let step = tip - from;

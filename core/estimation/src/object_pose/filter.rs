@@ -1,8 +1,8 @@
 //! `object_pose`: an error-state filter for the object's pose that also calibrates the camera.
 //!
-//! A frame is used with the arm of its exposure and the object of that time. The force gives the
-//! normal, eqs. (18)-(22); the joints say that the tip lies on the surface, which replaces eqs.
-//! (23)-(26); a yielding object and friction are states.
+//! A frame is processed with the arm's state and the object's pose at its exposure. The force gives
+//! the normal, eqs. (18)-(22). The joints give the position of the tip, which lies on the surface;
+//! this replaces eqs. (23)-(26). Compliance of the object and friction are states.
 
 use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector3};
 use tangent_mechanics::{Base, Object, Pose, Twist};
@@ -21,7 +21,7 @@ use super::{
 };
 use crate::EstimationError;
 
-/// The sound estimator of an object's pose.
+/// The consistent estimator of an object's pose.
 pub struct ObjectPose {
     config: ObjectPoseConfig,
     stated: CameraModel,
@@ -29,7 +29,7 @@ pub struct ObjectPose {
     target: PlanarTarget,
     corners: [Vector3<f64>; CORNERS],
     state: Option<FilterState>,
-    /// Time that `state` stands at, s.
+    /// Time of `state`, s.
     time_s: f64,
     history: ArmHistory,
     detector: TouchDetector,
@@ -44,18 +44,18 @@ pub struct ObjectPose {
 }
 
 impl ObjectPose {
-    /// For a shape with a name.
+    /// Estimator for a shape that can be named in a file.
     ///
     /// # Errors
-    /// A setting out of its range.
+    /// A setting is out of its range.
     pub fn new(config: &ObjectPoseConfig, camera: &CameraModel) -> Result<Self, EstimationError> {
         Self::with_surface(config, camera, Box::new(config.target.surface))
     }
 
-    /// For any surface; the one named in `config` is not used.
+    /// Estimator for any surface; the one named in `config` is not used.
     ///
     /// # Errors
-    /// A setting out of its range.
+    /// A setting is out of its range.
     pub fn with_surface(
         config: &ObjectPoseConfig,
         camera: &CameraModel,
@@ -149,7 +149,7 @@ impl ObjectPose {
             self.refused_in_a_row = 0;
         } else if frame.corners.iter().any(Option::is_some) {
             self.refused_in_a_row += 1;
-            // In contact, the touch says more than the camera.
+            // In contact, the force and joints are more reliable than the camera.
             if self.refused_in_a_row >= self.config.restart_frames && !self.detector.touching() {
                 self.state = None;
                 self.refused_in_a_row = 0;
@@ -158,9 +158,9 @@ impl ObjectPose {
         }
     }
 
-    /// The first pose: a start to linearise at, then all its corners against the calibration's
-    /// errors. All at one linearisation: one corner alone leaves the tilt free, and would take it
-    /// far away.
+    /// Computes the first pose: a point to linearise at, then an update with all corners, given the
+    /// errors of the calibration. All corners use one linearisation: a single corner does not
+    /// determine the tilt, which could move far away.
     fn start(&mut self, frame: &CameraFrame, moment: &ArmMoment, now_s: f64) -> bool {
         let mut image = [Vector2::zeros(); CORNERS];
         for (slot, corner) in image.iter_mut().zip(&frame.corners) {
@@ -193,7 +193,7 @@ impl ObjectPose {
         true
     }
 
-    /// One look at force and joints, with the arm of the time that the wrench tells of.
+    /// Updates with force and joints, using the arm's state at the time of the wrench.
     fn feel(&mut self, touch: &Touch, tip: &Vector3<f64>, now_s: f64) {
         let first = self.slide.last_s().is_none();
         let sliding = self.slide.step(now_s, tip);
@@ -208,12 +208,12 @@ impl ObjectPose {
             .hypot(noise.direction_sd_rad * touch.force_n)
             / touch.force_n;
         if noise.friction_sd > 0.0 {
-            // At rest, friction points where it likes and stays so: another look would be the same
-            // one again.
+            // At rest, the direction of friction is unknown and constant: another update would only
+            // repeat the first.
             if sliding.is_none() && !first {
                 return;
             }
-            // Sliding, it is a state, but no material is the same everywhere.
+            // While sliding, friction is a state, but it varies over the surface.
             let left = if sliding.is_some() { 0.1 } else { 1.0 };
             sd = sd.hypot(left * noise.friction_sd);
         }
@@ -227,7 +227,7 @@ impl ObjectPose {
         })
     }
 
-    /// What is published: where the object is with what it yields, and how sure that is.
+    /// Computes the published covariance: that of the object's pose including its deflection.
     fn refresh_covariance(&mut self) {
         let Some(state) = &self.state else {
             return;
@@ -242,8 +242,8 @@ impl ObjectPose {
         self.covariance = map * state.covariance * map.transpose();
     }
 
-    /// Error of the filter's own state, over its covariance and degrees of freedom, for judging
-    /// consistency: against the object at rest and the true camera.
+    /// Squared error of the filter's own state, divided by covariance and degrees of freedom, to
+    /// assess consistency. The reference is the object without load and the true camera.
     pub fn nees_per_dof(&self, rest: &Pose<Base, Object>, camera: &CameraModel) -> Option<f64> {
         let state = self.state.as_ref()?;
         let mut error = SVector::<f64, 15>::zeros();
@@ -378,9 +378,9 @@ impl ObjectPoseEstimator for ObjectPose {
     }
 }
 
-/// Noise of a corner, and what the linear model leaves out while the camera's turn is in doubt by
-/// σ: up to σ²/2 of the ray, the same from frame to frame. Without it the filter grows
-/// sure of what it linearised wrongly.
+/// Noise of a corner, including the error of the linear model while the camera's rotation is
+/// uncertain by σ: up to σ²/2 of the ray, constant from frame to frame. Without this term the
+/// filter becomes overconfident about errors of its linearisation.
 fn corner_variance(config: &ObjectPoseConfig, camera: &CameraModel, state: &FilterState) -> f64 {
     let noise = config.corner_sd_px / camera.focal_px;
     let doubt: f64 = (CAMERA_TURN..CAMERA_TURN + 3)

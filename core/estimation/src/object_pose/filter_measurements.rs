@@ -1,5 +1,5 @@
-//! What `object_pose` measures: corners, the tip on the surface, the force's direction; each as
-//! expected, with its Jacobian.
+//! Measurements of `object_pose`: corners, the tip on the surface, and the force's direction; each
+//! with its prediction and Jacobian.
 
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
@@ -11,9 +11,9 @@ use super::filter_state::{
     PRINCIPAL, SPIN, TURN, VELOCITY,
 };
 
-/// Where a corner (object axes, m) should appear in a frame that is `age` (s) old, as this
-/// calibration counts, and how that depends on the state now: eqs. (13)-(17) with the camera's own
-/// errors. None where it is not before the camera.
+/// Predicted pixel of a corner (object axes, m) in a frame that is `age` (s) old, for the stated
+/// calibration, with its derivative by the current state: eqs. (13)-(17), including the camera's
+/// own errors. `None` if the corner is not in front of the camera.
 pub(super) fn expected_corner(
     state: &FilterState,
     moment: &ArmMoment,
@@ -22,7 +22,7 @@ pub(super) fn expected_corner(
 ) -> Option<(Vector2<f64>, Columns<2>)> {
     let then = state.rest_at(-age);
     let arm = then.rotate(corner);
-    // The whole object has yielded, as far as it was pressed then.
+    // The whole object is deflected by the force at that time.
     let in_base = then.translation() + arm - moment.yielding_n * state.compliance;
     let in_flange = moment.base_from_flange.inverse().transform_point(&in_base);
     let from_camera = in_flange - state.flange_from_camera.translation();
@@ -68,8 +68,8 @@ pub(super) fn expected_corner(
     Some((ratio * state.focal + state.principal, columns))
 }
 
-/// How far the tip lies above the surface as pressed, m: φ/|∇φ| + c F, zero by measurement; and how
-/// that depends on the state.
+/// Predicted distance of the tip above the deflected surface, m: φ/|∇φ| + c F, whose measured value
+/// is zero; with its derivative by the state.
 fn expected_gap(
     state: &FilterState,
     surface: &dyn ImplicitSurface,
@@ -89,7 +89,7 @@ fn expected_gap(
     (gap, columns)
 }
 
-/// Uses that the tip lies on the surface.
+/// Updates with the constraint that the tip lies on the surface.
 pub(super) fn touch_point(
     state: &mut FilterState,
     surface: &dyn ImplicitSurface,
@@ -107,7 +107,7 @@ pub(super) fn touch_point(
     );
 }
 
-/// Two axes across the normal: the first along the sliding where the tool slides.
+/// Two axes perpendicular to the normal: the first along the sliding direction, if the tool slides.
 fn tangents(normal: &Vector3<f64>, sliding: Option<Vector3<f64>>) -> [Vector3<f64>; 2] {
     let seed = sliding.unwrap_or_else(|| {
         if normal.x.abs() < 0.9 {
@@ -126,8 +126,8 @@ fn tangents(normal: &Vector3<f64>, sliding: Option<Vector3<f64>>) -> [Vector3<f6
     [first, normal.cross(&first)]
 }
 
-/// The force's direction across the estimated normal, expected from the state: n - μ s of eq. (19)
-/// with friction.
+/// Predicted direction of the force perpendicular to the estimated normal: n - μ s of eq. (19) with
+/// friction.
 fn expected_direction(
     state: &FilterState,
     surface: &dyn ImplicitSurface,
@@ -159,7 +159,7 @@ fn expected_direction(
     (normal, axes, expected, columns)
 }
 
-/// Uses where the force points.
+/// Updates with the direction of the force.
 pub(super) fn touch_direction(
     state: &mut FilterState,
     surface: &dyn ImplicitSurface,
@@ -170,7 +170,7 @@ pub(super) fn touch_direction(
 ) {
     let (normal, axes, expected, columns) = expected_direction(state, surface, tip, sliding);
     let along = normal.dot(&touch.direction);
-    // A force nearly across the surface is none of this surface's.
+    // A force nearly tangential to the surface does not come from this surface.
     if along < 0.3 {
         return;
     }
@@ -207,8 +207,8 @@ mod tests {
         );
         let mut state = FilterState::new(&ObjectPoseConfig::default(), &camera, rest);
         state.velocity = Vector3::new(0.02, -0.01, 0.03);
-        // At rest the derivative by the spin is exact; at 0.1 rad/s and 20 ms it is wrong by a
-        // thousandth.
+        // At rest the derivative by the angular velocity is exact; at 0.1 rad/s and 20 ms its error
+        // is a thousandth.
         state.spin = Vector3::zeros();
         state.focal = 1.02;
         state.principal = Vector2::new(0.01, -0.02);
@@ -217,7 +217,7 @@ mod tests {
         state
     }
 
-    /// Derivatives by the error state, through the filter's own way of applying one.
+    /// Derivatives by the error state, computed with the filter's own update of the state.
     fn differences<const M: usize>(
         state: &FilterState,
         expected: impl Fn(&FilterState) -> SVector<f64, M>,
@@ -258,7 +258,7 @@ mod tests {
                 let (_, columns) = expected_gap(&state, &shape, 20.0, &on);
                 let by_difference = differences(&state, |s| SVector::<f64, 1>::new(expected_gap(s, &shape, 20.0, &on).0));
                 prop_assert!((columns - by_difference).amax() < 1e-6, "{shape:?}");
-                // Of n - μ s along fixed axes across the normal.
+                // Derivative of n - μ s along fixed axes perpendicular to the normal.
                 let sliding = Vector3::new(0.6, 0.8, 0.0);
                 let (normal, axes, _, columns) = expected_direction(&state, &shape, &on, Some(sliding));
                 let by_difference = differences(&state, |s| {

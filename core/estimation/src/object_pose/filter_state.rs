@@ -4,8 +4,8 @@
 //! Error states, in this order: the object's position (m) and small rotation (rad), its velocity
 //! (m/s) and angular velocity (rad/s), all base axes; the camera's position (m) and small rotation
 //! (rad), flange axes; focal length (share); principal point (2, share of the focal length);
-//! compliance along the normal (m/N); friction coefficient. Rotations are turned from the left by
-//! `exp(δ)`: the error lives on the group, the state is never out of it.
+//! compliance along the normal (m/N); friction coefficient. Rotations are updated from the left by
+//! `exp(δ)`: the error lives in the tangent space, and the state always stays on the group.
 
 use nalgebra::{Matrix2, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use tangent_mechanics::{Base, Camera, Flange, Object, Pose};
@@ -27,21 +27,21 @@ pub(super) const FRICTION: usize = 22;
 /// Transposed Jacobian of `M` measurements: one column per measurement.
 pub(super) type Columns<const M: usize> = SMatrix<f64, STATES, M>;
 
-/// How far the first pose may be off before its own image is used: next to no information.
+/// Standard deviation of the first position before its own image is used, m: almost no information.
 const START_POSITION_SD_M: f64 = 1.0;
 const START_TURN_SD_RAD: f64 = 1.0;
 
-/// Best estimate and covariance.
+/// State estimate and its covariance.
 #[derive(Clone, Debug)]
 pub(super) struct FilterState {
-    /// Where the object stands when nothing presses on it.
+    /// Pose of the object without load.
     pub rest: Pose<Base, Object>,
     pub velocity: Vector3<f64>,
     pub spin: Vector3<f64>,
     pub flange_from_camera: Pose<Flange, Camera>,
-    /// True focal length over the calibration's.
+    /// True focal length divided by the calibration's.
     pub focal: f64,
-    /// True principal point less the calibration's, over the calibration's focal length.
+    /// True principal point minus the calibration's, divided by the calibration's focal length.
     pub principal: Vector2<f64>,
     pub compliance: f64,
     pub friction: f64,
@@ -49,7 +49,7 @@ pub(super) struct FilterState {
 }
 
 impl FilterState {
-    /// `rest` is a start to linearise at, not knowledge.
+    /// `rest` is only a point to linearise at; it carries no information.
     pub fn new(config: &ObjectPoseConfig, camera: &CameraModel, rest: Pose<Base, Object>) -> Self {
         let p = &config.prior;
         let mut sd = SVector::<f64, STATES>::zeros();
@@ -84,7 +84,7 @@ impl FilterState {
     pub fn predict(&mut self, config: &ObjectPoseConfig, dt: f64) {
         self.rest = self.rest_at(dt);
         let p = &mut self.covariance;
-        // F P Fᵀ, with F the identity but for dt from the velocities to the pose.
+        // F P Fᵀ, where F is the identity except for dt from the velocities to the pose.
         for i in 0..6 {
             for j in 0..STATES {
                 p[(i, j)] += dt * p[(i + VELOCITY, j)];
@@ -110,7 +110,7 @@ impl FilterState {
         }
     }
 
-    /// Where the object will stand in `dt` (s), or stood, at the present velocity.
+    /// Pose of the object without load in `dt` (s; negative for the past), at the current velocity.
     pub fn rest_at(&self, dt: f64) -> Pose<Base, Object> {
         Pose::new(
             self.rest.translation() + self.velocity * dt,
@@ -128,9 +128,9 @@ impl FilterState {
         }
     }
 
-    /// Kalman's correction. `columns` is Hᵀ, `innovation` measured less expected, `variance` the
-    /// noise of each measurement. False, and nothing changed, where the innovation lies beyond
-    /// `gate_sd` or is not a number.
+    /// Kalman correction. `columns` is Hᵀ, `innovation` is measured minus predicted, `variance` the
+    /// noise of each measurement. Returns false and changes nothing if the innovation exceeds
+    /// `gate_sd` or is not finite.
     pub fn correct<const M: usize>(
         &mut self,
         columns: &Columns<M>,
@@ -145,8 +145,8 @@ impl FilterState {
         change.is_some()
     }
 
-    /// The correction of the state, with Joseph's covariance already in force; the state itself is
-    /// left where it is.
+    /// Computes the correction of the state and applies Joseph's update to the covariance; the
+    /// state itself is not changed.
     pub fn change<const M: usize>(
         &mut self,
         columns: &Columns<M>,
@@ -184,7 +184,7 @@ impl FilterState {
         Some(gain * innovation)
     }
 
-    /// Moves the state by an error state.
+    /// Applies an error state to the state.
     pub fn apply(&mut self, change: &SVector<f64, STATES>) {
         let part = |start: usize| change.fixed_rows::<3>(start).into_owned();
         let turned = |start: usize, rotation: UnitQuaternion<f64>| {
@@ -209,7 +209,7 @@ impl FilterState {
     }
 }
 
-/// Inverse of the innovation's covariance; none where it is not positive definite.
+/// Inverse of the innovation's covariance; `None` if it is not positive definite.
 fn inverse<const M: usize>(total: &SMatrix<f64, M, M>) -> Option<SMatrix<f64, M, M>> {
     match M {
         1 => (total[(0, 0)] > 0.0).then(|| SMatrix::from_element(1.0 / total[(0, 0)])),
@@ -243,7 +243,7 @@ mod tests {
         let columns = Columns::<2>::from_fn(|i, j| (0.3 * (i * (j + 2)) as f64).sin());
         let (innovation, variance) = (Vector2::new(0.02, -0.01), Vector2::new(1e-4, 3e-4));
         assert!(state.correct(&columns, &innovation, &variance, 1e9));
-        // Information form, by a general inverse.
+        // Information form, with a general inverse.
         let prior = before + SMatrix::<f64, STATES, STATES>::from_diagonal_element(1e-30);
         let total = columns.transpose() * prior * columns + Matrix2::from_diagonal(&variance);
         let gain = prior * columns * total.try_inverse().unwrap();

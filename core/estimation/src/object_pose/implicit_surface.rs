@@ -1,18 +1,18 @@
 //! The object's surface as φ(p) = 0 in object axes, with gradient and Hessian: all that eqs. (1),
-//! (2), (19)-(26) ask of a shape.
+//! (2), (19)-(26) require of a shape.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// A twice differentiable surface φ(p) = 0, φ > 0 outside the material. Points in object axes, m.
 pub trait ImplicitSurface: Send {
-    /// φ
+    /// Value of φ.
     fn value(&self, point: &Vector3<f64>) -> f64;
 
-    /// ∂φ/∂p; zero nowhere near the surface.
+    /// Gradient ∂φ/∂p; not zero near the surface.
     fn gradient(&self, point: &Vector3<f64>) -> Vector3<f64>;
 
-    /// ∂²φ/∂p²
+    /// Hessian ∂²φ/∂p².
     fn hessian(&self, point: &Vector3<f64>) -> Matrix3<f64>;
 
     /// Unit normal, eq. (1), out of the material.
@@ -28,13 +28,13 @@ pub trait ImplicitSurface: Send {
         (Matrix3::identity() - normal * normal.transpose()) * self.hessian(point) / size
     }
 
-    /// φ over the gradient's size: the distance to first order, m; and its derivative by the point
-    /// where φ is small.
+    /// φ divided by the norm of the gradient: the distance to first order, m. Its derivative by the
+    /// point is the unit normal where φ is small.
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.value(point) / self.gradient(point).norm()
     }
 
-    /// The surface's point nearest to `point`, by Newton's steps along the gradient.
+    /// Point of the surface closest to `point`, by Newton steps along the gradient.
     fn closest(&self, point: &Vector3<f64>) -> Vector3<f64> {
         let mut at = *point;
         for _ in 0..4 {
@@ -45,20 +45,20 @@ pub trait ImplicitSurface: Send {
     }
 }
 
-/// The shapes that have a name in a file. Others implement [`ImplicitSurface`].
+/// Shapes that can be named in a file. Other shapes implement [`ImplicitSurface`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "snake_case", deny_unknown_fields)]
 pub enum ObjectShape {
     /// z = 0, material below: the paper's `nᵀp = 0`.
     Plane,
-    /// Around the object's z axis.
+    /// Cylinder around the object's z axis.
     Cylinder {
-        /// m
+        /// Radius, m.
         radius_m: f64,
     },
-    /// Around the object's origin.
+    /// Sphere around the object's origin.
     Sphere {
-        /// m
+        /// Radius, m.
         radius_m: f64,
     },
 }
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// A paraboloid whose φ is no distance: the general case.
+    /// A paraboloid whose φ is not a distance: the general case.
     struct Bowl;
 
     impl ImplicitSurface for Bowl {

@@ -1,4 +1,4 @@
-//! What every estimator of an object's pose takes and gives.
+//! Input and output of every estimator of an object's pose.
 
 use nalgebra::{Matrix6, Vector3};
 use tangent_mechanics::{Base, Flange, Object, Pose, Tool, Twist, Wrench};
@@ -7,7 +7,7 @@ use tangent_sensing::Validity;
 use super::CameraFrame;
 use crate::NormalEstimate;
 
-/// One control cycle as an object-pose estimator sees it.
+/// Input of an object-pose estimator in one control cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectSample {
     /// Time of measurement, s, on any clock that does not jump; the camera's frames use the same.
@@ -16,21 +16,21 @@ pub struct ObjectSample {
     pub base_from_flange: Pose<Base, Flange>,
     /// Measured tool pose; its origin is the paper's tip `P_q`.
     pub base_from_tool: Pose<Base, Tool>,
-    /// Conditioned wrench: what the environment does to the tool.
+    /// Conditioned wrench of the environment on the tool.
     pub wrench: Wrench<Tool>,
     /// Delay of the wrench's filter, s.
     pub wrench_delay_s: f64,
-    /// Whether `wrench` can be used.
+    /// Whether `wrench` is usable.
     pub wrench_validity: Validity,
-    /// Age of the sensor's tare, s; while there was none, its zero may look like a contact, and
-    /// nothing is felt.
+    /// Age of the sensor's tare, s; `None` before the first tare. The zero may then look like a
+    /// contact, so the wrench is not used.
     pub wrench_bias_age_s: Option<f64>,
-    /// The camera's frame that arrived in this cycle.
+    /// Camera frame that arrived in this cycle.
     pub frame: Option<CameraFrame>,
 }
 
 impl ObjectSample {
-    /// Time and poses are finite; without them nothing else in the sample can be placed.
+    /// Whether time and poses are finite; otherwise nothing else in the sample is usable.
     pub(crate) fn is_placed(&self) -> bool {
         let flange = self.base_from_flange.matrix();
         let tool = self.base_from_tool.matrix();
@@ -38,27 +38,27 @@ impl ObjectSample {
     }
 }
 
-/// Where the object is, and how sure that is.
+/// Pose of the object, with its covariance.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectEstimate {
-    /// The object's pose now: with what it yields under the tool's force.
+    /// Current pose of the object, including its deflection under the tool's force.
     pub base_from_object: Pose<Base, Object>,
-    /// Velocity of the object's origin and its angular velocity, base axes; without what it yields.
+    /// Velocity of the object's origin and its angular velocity, base axes, without the deflection.
     pub twist: Twist<Base>,
-    /// Of position (m) and small rotation (rad), base axes.
+    /// Covariance of position (m) and small rotation (rad), base axes.
     pub covariance: Matrix6<f64>,
-    /// Whether to use it.
+    /// Whether the estimate is usable.
     pub validity: Validity,
     /// Age of the newest frame that was used, s; infinite without one.
     pub vision_age_s: f64,
-    /// The estimator holds that the tool touches the object.
+    /// Whether the tool touches the object, according to the estimator.
     pub in_contact: bool,
     /// Pressing force along the estimated normal, N.
     pub force_n: f64,
 }
 
 impl ObjectEstimate {
-    /// An estimate that says only why there is none.
+    /// An estimate that only states why there is none.
     pub fn invalid(validity: Validity) -> Self {
         Self {
             base_from_object: Pose::identity(),
@@ -71,8 +71,8 @@ impl ObjectEstimate {
         }
     }
 
-    /// The normal that this pose implies under `tip` (base axes, m), as any normal estimator
-    /// publishes it.
+    /// The normal under `tip` (base axes, m) that follows from this pose, as published by any
+    /// normal estimator.
     pub fn normal_at(
         &self,
         surface: &dyn super::ImplicitSurface,
@@ -107,8 +107,8 @@ impl ObjectEstimate {
     }
 }
 
-/// An estimator of an object's pose. One call per control cycle; no clock, no allocation after
-/// construction.
+/// An estimator of an object's pose, called once per control cycle. It uses no clock and does not
+/// allocate after construction.
 pub trait ObjectPoseEstimator: Send {
     /// Name as in `estimate/NAME/object`.
     fn name(&self) -> &'static str;
@@ -116,46 +116,47 @@ pub trait ObjectPoseEstimator: Send {
     /// Takes one cycle's sample and returns the estimate at its time.
     fn update(&mut self, sample: &ObjectSample) -> ObjectEstimate;
 
-    /// Forgets everything learnt; called when a task starts.
+    /// Discards everything learnt; called when a task starts.
     fn reset(&mut self);
 
-    /// What became of the frames so far.
+    /// Counts of the frames so far, by what happened to them.
     fn frames(&self) -> FrameCounts;
 
-    /// What it has learnt of the camera; none where the calibration is taken for granted.
+    /// Estimated calibration of the camera; `None` if the estimator does not calibrate the camera.
     fn calibration(&self) -> Option<CalibrationEstimate>;
 
-    /// Squared error of pose and camera over their covariance and degrees of freedom, against the
-    /// truth: the object at rest and the camera as it is. None where the covariance does not speak
-    /// of both.
+    /// Squared error of pose and camera, divided by covariance and degrees of freedom. The
+    /// reference is the object without load and the true camera. `None` if the covariance does not
+    /// include both.
     fn nees(&self, rest: &Pose<Base, Object>, camera: &super::CameraModel) -> Option<f64>;
 }
 
-/// What became of the camera's frames and corners.
+/// Counts of the camera's frames and corners.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounts {
-    /// Frames of which at least one corner was used.
+    /// Frames with at least one corner that was used.
     pub used: u64,
-    /// Frames older than one that was used before, or repeated.
+    /// Frames older than one that was used before, and repeated frames.
     pub out_of_order: u64,
-    /// Frames from before the arm's remembered poses, or from the future.
+    /// Frames from before the stored poses of the arm, or from the future.
     pub out_of_time: u64,
-    /// Corners that lay too far from where they were expected.
+    /// Corners too far from their predicted position.
     pub corners_refused: u64,
-    /// First frames that show no such object: mirrored, wrongly matched, not all corners.
+    /// First frames that do not show the object: mirrored, wrongly matched, or with missing
+    /// corners.
     pub starts_refused: u64,
-    /// Times that the estimate was given up and begun anew.
+    /// Number of times that the estimate was discarded and started again.
     pub restarts: u64,
 }
 
-/// What is known of the camera beyond its stated calibration.
+/// Estimated calibration of the camera and compliance of the object.
 #[derive(Clone, Copy, Debug)]
 pub struct CalibrationEstimate {
-    /// Camera as estimated.
+    /// Estimated camera.
     pub camera: super::CameraModel,
-    /// Covariance of the camera's position (m) and turn (rad) in flange axes.
+    /// Covariance of the camera's position (m) and rotation (rad), flange axes.
     pub covariance: Matrix6<f64>,
-    /// Standard deviation of the focal length's share.
+    /// Standard deviation of the focal length, as a share of it.
     pub focal_sd_share: f64,
     /// Compliance of the object along its normal, m/N, and its standard deviation.
     pub compliance_m_per_n: (f64, f64),

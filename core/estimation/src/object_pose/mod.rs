@@ -2,8 +2,8 @@
 //! and the joints: Lippiello, Siciliano, Villani, "Robot Force/Position Control with Force and
 //! Visual Feedback".
 //!
-//! `object_pose_paper` is the published filter, `object_pose` the sound form. Called by the closed
-//! loop of `evaluate` and by the service that publishes `estimate/NAME/object`.
+//! `object_pose_paper` is the published filter, `object_pose` the consistent form. Called by the
+//! closed loop of `evaluate` and by the service that publishes `estimate/NAME/object`.
 
 mod arm_history;
 mod camera_model;
@@ -30,13 +30,13 @@ pub use planar_pose::{PlanarPoseError, PlanarTarget};
 
 use crate::EstimationError;
 
-/// Names of the estimators of an object's pose, the sound one first.
+/// Names of the estimators of an object's pose; the consistent one comes first.
 pub const OBJECT_ESTIMATORS: [&str; 2] = ["object_pose", "object_pose_paper"];
 
-/// An estimator by name, as told about target, camera and noise.
+/// Creates an object-pose estimator by name, with the settings of target, camera and noise.
 ///
 /// # Errors
-/// An unknown name, or a setting out of its range.
+/// The name is unknown, or a setting is out of its range.
 pub fn build_object_estimator(
     name: &str,
     config: &ObjectPoseConfig,

@@ -1,6 +1,6 @@
 //! `object_pose_paper`: the extended Kalman filter as published. Constant velocity over 20 ms, eq.
 //! (27); features, normal and offset as measurements, eq. (28), the last two in contact only; the
-//! paper's Π and Q; a calibration taken for granted.
+//! paper's Π and Q; the stated calibration is assumed to be exact.
 
 use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector3};
 use tangent_mechanics::{Base, Camera, Object, Pose, Twist};
@@ -22,23 +22,23 @@ use crate::EstimationError;
 const STATES: usize = 14;
 const ROWS: usize = 12;
 
-/// T_s, s.
+/// Period T_s, s.
 const PERIOD_S: f64 = 0.02;
-/// Π of f, on the image plane, m².
+/// Variance Π of the features f, on the image plane, m².
 const FEATURE_VARIANCE_M2: f64 = 625e-11;
-/// Π of n_h.
+/// Variance Π of the normal n_h.
 const NORMAL_VARIANCE: f64 = 1e-5;
-/// Π of δ_hq, m².
+/// Variance Π of the offset δ_hq, m².
 const OFFSET_VARIANCE_M2: f64 = 1e-6;
 /// Diagonal of Q per step; the positions' entries are zero.
 const Q: [f64; STATES] = [
     0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5e-11, 5e-11, 0.5e-11, 1e-9, 1e-8, 1e-8, 1e-8,
 ];
-/// What the first pose may be off by, which the paper does not say: 1 cm and 3°, as its
+/// Uncertainty of the first pose, which the paper does not state: 1 cm and 3°, like its
 /// calibration.
 const START_POSITION_SD_M: f64 = 0.01;
 const START_QUATERNION_SD: f64 = 0.026;
-/// Speeds at the start, per second.
+/// Standard deviation of the initial velocities, per second.
 const START_RATE_SD: f64 = 1e-4;
 
 /// The published filter.
@@ -48,7 +48,7 @@ pub struct ObjectPosePaper {
     surface: Box<dyn ImplicitSurface>,
     target: PlanarTarget,
     corners: [Vector3<f64>; CORNERS],
-    /// w = [x_o; ẋ_o]
+    /// State w = [x_o; ẋ_o] and its covariance.
     state: Option<(SVector<f64, STATES>, SMatrix<f64, STATES, STATES>)>,
     time_s: f64,
     history: ArmHistory,
@@ -59,7 +59,7 @@ pub struct ObjectPosePaper {
     covariance: Matrix6<f64>,
 }
 
-/// One set of measurements, eq. (28). A row that was not measured is zero and counts for nothing.
+/// One set of measurements, eq. (28). The row of a missing measurement is zero and has no effect.
 struct Measured {
     innovation: SVector<f64, ROWS>,
     jacobian: SMatrix<f64, ROWS, 7>,
@@ -67,10 +67,10 @@ struct Measured {
 }
 
 impl ObjectPosePaper {
-    /// For a shape with a name.
+    /// Estimator for a shape that can be named in a file.
     ///
     /// # Errors
-    /// A setting out of its range.
+    /// A setting is out of its range.
     pub fn new(config: &ObjectPoseConfig, camera: &CameraModel) -> Result<Self, EstimationError> {
         config.check()?;
         let corners = config.target.corners();

@@ -11,7 +11,7 @@ use super::ImplicitSurface;
 /// x_o = [o_o; quaternion], the quaternion as scalar, then vector.
 pub(super) type PoseVector = nalgebra::SVector<f64, 7>;
 
-/// The pose behind x_o; the quaternion is brought to unit length first.
+/// The pose of x_o; the quaternion is normalised first.
 pub(super) fn pose(x: &PoseVector) -> Pose<Base, Object> {
     let quaternion = Quaternion::new(x[3], x[4], x[5], x[6]);
     Pose::new(
@@ -26,8 +26,8 @@ pub(super) fn vector(pose: &Pose<Base, Object>) -> PoseVector {
     PoseVector::from_column_slice(&[t.x, t.y, t.z, q.w, q.i, q.j, q.k])
 }
 
-/// L(x_o) of eq. (12): takes ẋ_o to the velocity screw, 6 × 7. With ω = 2 E(Q) Q̇ and E = [-ε, η I
-/// + S(ε)] in base axes.
+/// L(x_o) of eq. (12): maps ẋ_o to the velocity screw, 6 × 7. With ω = 2 E(Q) Q̇ and E = [-ε, η I +
+/// S(ε)] in base axes.
 pub(super) fn screw_from_rate(x: &PoseVector) -> SMatrix<f64, 6, 7> {
     let q = Vector4::new(x[3], x[4], x[5], x[6]);
     let q = q / q.norm().max(1e-12);
@@ -42,7 +42,8 @@ pub(super) fn screw_from_rate(x: &PoseVector) -> SMatrix<f64, 6, 7> {
     l
 }
 
-/// Eq. (13) for one point: `[X, Y]`, m on the image plane; none where it is not before the camera.
+/// Eq. (13) for one point: `[X, Y]`, m on the image plane; `None` if the point is not in front of
+/// the camera.
 pub(super) fn feature(
     x: &PoseVector,
     base_from_camera: &Pose<Base, Camera>,
@@ -66,7 +67,7 @@ pub(super) fn feature_jacobian(
     let p = base_from_camera
         .inverse()
         .transform_point(&object.transform_point(point));
-    // J_o,c: the image of a point that moves with the object's screw, in camera axes.
+    // J_o,c: derivative of the image of a point that moves with the object's screw, camera axes.
     let by_point =
         SMatrix::<f64, 2, 3>::new(1.0, 0.0, -p.x / p.z, 0.0, 1.0, -p.y / p.z) * (focal_m / p.z);
     let mut by_screw = SMatrix::<f64, 2, 6>::zeros();
@@ -112,8 +113,8 @@ pub(super) fn normal_jacobian(
     by_screw * screw_from_rate(x)
 }
 
-/// Eq. (23) as a function of the pose: δ = nᵀ p of the surface's point under the tip. The paper
-/// measures it with the tip, which lies on the surface; at the estimate it may lie φ above.
+/// Eq. (23) as a function of the pose: δ = nᵀ p at the surface point under the tip. The paper
+/// measures it with the tip, which lies on the surface; for the estimated pose it may lie φ above.
 pub(super) fn offset(x: &PoseVector, surface: &dyn ImplicitSurface, tip: &Vector3<f64>) -> f64 {
     let in_object = pose(x).inverse().transform_point(tip);
     normal(x, surface, tip).dot(tip) - surface.distance(&in_object)
@@ -178,7 +179,7 @@ mod tests {
             let by_difference = differences(&x, |x| feature(x, &camera, &corner, 0.008).unwrap());
             prop_assert!((f - by_difference).amax() < 1e-9, "{f} {by_difference}");
             for shape in [ObjectShape::Plane, ObjectShape::Cylinder { radius_m: 0.2 }, ObjectShape::Sphere { radius_m: 0.2 }] {
-                // Curved shapes need the tip near their surface: (26) holds on it.
+                // Curved shapes need the tip near their surface: eq. (26) holds on the surface.
                 let object = pose(&x);
                 let on = object.transform_point(&shape.closest(&object.inverse().transform_point(&tip)));
                 let h = normal_jacobian(&x, &shape, &on);

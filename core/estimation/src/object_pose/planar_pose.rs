@@ -1,21 +1,21 @@
-//! The pose of a flat target from one image of its four corners: a homography, then least squares
-//! on the image.
+//! Pose of a flat target from one image of its four corners: a homography, then least squares on
+//! the image.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use tangent_mechanics::{Camera, Object, Pose};
 
 use super::CORNERS;
 
-/// Why one image gives no pose.
+/// Reason why an image gives no pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PlanarPoseError {
     /// The corners lie on a line, or no homography exists.
     Degenerate,
-    /// The corners run the other way round: a mirrored target, or one seen from behind.
+    /// The corners run in the opposite direction: a mirrored target, or one seen from behind.
     Mirrored,
-    /// No pose explains the corners: a wrong correspondence or an outlier.
+    /// No pose fits the corners: a wrong correspondence or an outlier.
     Residual {
-        /// Root mean square, in units of the normalised image.
+        /// Root mean square residual, in units of the normalised image.
         rms: f64,
     },
 }
@@ -24,13 +24,14 @@ pub enum PlanarPoseError {
 #[derive(Clone, Copy, Debug)]
 pub struct PlanarTarget {
     corners: [Vector3<f64>; CORNERS],
-    /// Object axes from the target's own: x along the first edge, z out.
+    /// Rotation from the target's own axes to object axes: x along the first edge, z out of the
+    /// target.
     axes: Rotation3<f64>,
     flat: [Vector2<f64>; CORNERS],
 }
 
 impl PlanarTarget {
-    /// None when the corners lie on a line.
+    /// Target with these corners; `None` if they lie on a line.
     pub fn new(corners: &[Vector3<f64>; CORNERS]) -> Option<Self> {
         let x = (corners[1] - corners[0]).try_normalize(1e-9)?;
         let z = x.cross(&(corners[2] - corners[0])).try_normalize(1e-9)?;
@@ -43,10 +44,10 @@ impl PlanarTarget {
         })
     }
 
-    /// The pose from `[x/z, y/z]` of all corners; `rms_max` bounds the residual, same units.
+    /// Pose from `[x/z, y/z]` of all corners; `rms_max` bounds the residual in the same units.
     ///
     /// # Errors
-    /// Why these corners cannot be the target's.
+    /// The reason why these corners cannot be the target's.
     pub fn pose(
         &self,
         image: &[Vector2<f64>; CORNERS],
@@ -54,7 +55,7 @@ impl PlanarTarget {
     ) -> Result<Pose<Camera, Object>, PlanarPoseError> {
         let start = self.homography_pose(image)?;
         let (pose, rms) = self.refined(start, image);
-        // Seen nearly face on, the tilt may have either sign: try the other one too.
+        // Seen nearly face on, the tilt may have either sign, so the other sign is tried too.
         let (other, other_rms) = self.refined(self.tilted_back(&pose), image);
         let (pose, rms) = if other_rms < rms {
             (other, other_rms)
@@ -93,7 +94,7 @@ impl PlanarTarget {
             .solve(&right)
             .filter(|h| h.iter().all(|x| x.is_finite()))
             .ok_or(PlanarPoseError::Degenerate)?;
-        // The third entry of the last column is 1: the origin lies before the camera.
+        // The third entry of the last column is 1: the origin lies in front of the camera.
         let (h1, h2) = (
             Vector3::new(h[0], h[3], h[6]),
             Vector3::new(h[1], h[4], h[7]),
@@ -123,7 +124,7 @@ impl PlanarTarget {
         let at = pose.transform_point(&centre);
         let out = pose.rotate(&(self.axes * Vector3::z()));
         let ray = at.normalize();
-        // The rotation that takes the normal to its mirror image about the ray.
+        // Rotation that maps the normal to its mirror image about the ray.
         let mirrored = ray * (2.0 * out.dot(&ray)) - out;
         let turn = UnitQuaternion::rotation_between(&out, &mirrored)
             .unwrap_or_else(UnitQuaternion::identity);
@@ -131,7 +132,7 @@ impl PlanarTarget {
         Pose::new(at - rotation * centre, rotation)
     }
 
-    /// Gauss-Newton on the image; the root mean square left is NaN where a corner came behind the
+    /// Gauss-Newton on the image. The remaining root mean square is NaN if a corner came behind the
     /// camera.
     fn refined(
         &self,
@@ -191,7 +192,7 @@ mod tests {
             .map(|[x, y]| Vector3::new(0.05 * x, 0.05 * y, 0.0))
     }
 
-    /// A camera that looks down on the target from `height`, turned.
+    /// Pose of the target for a camera that looks down on it from `height`, rotated by `turn`.
     fn seen(height: f64, at: [f64; 2], turn: [f64; 3]) -> Pose<Camera, Object> {
         let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
         Pose::new(

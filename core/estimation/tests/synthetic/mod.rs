@@ -1,4 +1,5 @@
-//! Contacts in closed form: a tool that rasters a plane, a pipe or a cone, with exact normals.
+//! Contacts in closed form: a tool that slides in a raster over a plane, a pipe or a cone, with
+//! exact normals.
 #![allow(dead_code)]
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -12,14 +13,14 @@ use tangent_sensing::Validity;
 #[derive(Clone, Copy, Debug)]
 pub enum Surface {
     Plane,
-    /// Radius, m; axis along x.
+    /// Cylinder along x; radius, m.
     Cylinder(f64),
-    /// Half angle, rad, and distance from the apex where the path begins, m; axis upright.
+    /// Upright cone; half angle, rad, and distance from the apex to the start of the path, m.
     Cone(f64, f64),
 }
 
 impl Surface {
-    /// Point and normal at two path lengths from the beginning, m.
+    /// Point and normal at two path lengths from the start, m.
     fn at(self, u: f64, w: f64) -> (Vector3<f64>, Vector3<f64>) {
         match self {
             Self::Plane => (Vector3::new(u, w, 0.0), Vector3::z()),
@@ -39,7 +40,7 @@ impl Surface {
     }
 }
 
-/// What is wrong with the sensors.
+/// Errors of the sensors.
 #[derive(Clone, Copy, Debug)]
 pub struct Flaws {
     pub noise_n: f64,
@@ -71,7 +72,7 @@ pub struct Trial {
     /// Tilt of the tool at touchdown, rad.
     pub tilt_rad: f64,
     pub duration_s: f64,
-    /// Turns the whole world.
+    /// Rotation of the whole world.
     pub world: UnitQuaternion<f64>,
     pub seed: u64,
 }
@@ -90,7 +91,7 @@ impl Trial {
         }
     }
 
-    /// Samples with the true normal of each, and whether the tool touches.
+    /// Samples, each with the true normal and whether the tool touches.
     pub fn samples(&self) -> Vec<(ContactSample, Vector3<f64>, bool)> {
         const DT: f64 = 0.008;
         let mut rng = Pcg64::seed_from_u64(self.seed);
@@ -144,7 +145,7 @@ impl Trial {
             } else if slide.norm() > 0.0 {
                 (normal - slide * (0.7 * self.friction)) * load
             } else {
-                // Stuck: the approach drags the surface along, inside the cone.
+                // Sticking: friction balances the tangential approach force, inside the cone.
                 let along = approach - normal * normal.dot(&approach);
                 (normal + along * (self.friction / along.norm().max(self.friction))) * load
             };
@@ -195,8 +196,8 @@ impl Trial {
     }
 }
 
-/// Velocity along and across at a time since the path began: 10 s per axis, pauses, soft starts and
-/// stops.
+/// Velocity along and across the path at a time since its start: 10 s per axis, with pauses,
+/// gradual starts and stops.
 fn raster(t: f64) -> (f64, f64) {
     if t < 0.0 {
         return (0.0, 0.0);
@@ -223,7 +224,7 @@ impl Figures {
         let angle = n.cross(normal).norm().atan2(n.dot(normal));
         self.errors_deg.push(angle.to_degrees());
         let error = normal - n * n.dot(normal);
-        // The covariance is singular along the normal, where the error is not.
+        // The covariance is singular along the normal, so that direction is filled.
         let full = estimate.covariance + n * n.transpose();
         if let Some(inverse) = full.try_inverse() {
             self.nees.push(error.dot(&(inverse * error)) / 2.0);

@@ -1,4 +1,4 @@
-//! Inverse dynamics, mass matrix and what follows from the two.
+//! Inverse and forward dynamics, mass matrix and energy.
 //!
 //! Equation of motion: tau = M(q) qdd + c(q, qd) + g(q); tau is what the motors supply. No
 //! friction, no motor inertia.
@@ -38,8 +38,8 @@ impl<const N: usize> Arm<N> {
         self.mass_matrix_of(&self.frames(q))
     }
 
-    /// Mass matrix (kg m²) and C(q, qd) qd + g(q) (Nm) for the price of one pass over the frames:
-    /// what an inverse-dynamics law and an implicit integrator need in every step.
+    /// Mass matrix (kg m²) and bias torques C(q, qd) qd + g(q) (Nm), from one pass over the frames.
+    /// Inverse-dynamics laws and implicit integrators need both in every step.
     pub fn mass_matrix_and_bias(
         &self,
         q: &Joints<N>,
@@ -50,8 +50,7 @@ impl<const N: usize> Arm<N> {
         (self.mass_matrix_of(&frames), bias)
     }
 
-    /// Acceleration of the joints (rad/s²) under the torques `tau` (Nm). Not a number if an input
-    /// is not.
+    /// Acceleration of the joints (rad/s²) under the torques `tau` (Nm). NaN if an input is NaN.
     pub fn forward_dynamics(&self, q: &Joints<N>, qd: &Joints<N>, tau: &Joints<N>) -> Joints<N> {
         let frames = self.frames(q);
         let bias = self.newton_euler(&frames, qd, &Joints::zeros(), &self.gravity);
@@ -60,12 +59,12 @@ impl<const N: usize> Arm<N> {
             .unwrap_or_else(|| Joints::repeat(f64::NAN))
     }
 
-    /// qdᵀ M qd / 2, J.
+    /// Kinetic energy qdᵀ M qd / 2, J.
     pub fn kinetic_energy(&self, q: &Joints<N>, qd: &Joints<N>) -> f64 {
         0.5 * qd.dot(&(self.mass_matrix(q) * qd))
     }
 
-    /// Energy of the links in the field of gravity, J; zero with all mass at the base's origin.
+    /// Potential energy of the links, J; zero if all mass were at the base's origin.
     pub fn potential_energy(&self, q: &Joints<N>) -> f64 {
         let frames = self.frames(q);
         (0..N)
@@ -101,7 +100,7 @@ impl<const N: usize> Arm<N> {
             com[i] = rotation * body.com;
             let at_com = acceleration + alpha.cross(&com[i]) + omega.cross(&omega.cross(&com[i]));
             force[i] = at_com * body.mass;
-            // The tensor is constant in the link's axes: turn the vectors, not the tensor.
+            // The tensor is constant in the link's axes, so the vectors are rotated instead of it.
             let spin = rotation.tr_mul(&omega);
             moment[i] = rotation
                 * (body.inertia * rotation.tr_mul(&alpha) + spin.cross(&(body.inertia * spin)));
@@ -125,7 +124,7 @@ impl<const N: usize> Arm<N> {
         let mut mass = SMatrix::zeros();
         let mut beyond = Body::NONE;
         for i in (0..N).rev() {
-            beyond = beyond.joined_with(&self.bodies[i].seen_from(&frames.joints[i]));
+            beyond = beyond.joined_with(&self.bodies[i].placed_in(&frames.joints[i]));
             // Momentum of everything beyond joint i when that joint alone turns at 1 rad/s.
             let axis = frames.axis(i);
             let linear = axis.cross(&(beyond.com - frames.origin(i))) * beyond.mass;
@@ -162,7 +161,7 @@ mod tests {
         prop_assert_eq!(mass, mass.transpose());
         let scale = mass.amax().max(1.0);
 
-        // The same motion through Newton-Euler and through the matrix.
+        // Newton-Euler and the mass matrix give the same torques.
         let tau = arm.inverse_dynamics(&q, &qd, &qdd);
         let parts = mass * qdd + arm.coriolis(&q, &qd) + arm.gravity(&q);
         prop_assert!((tau - parts).amax() < 1e-11 * scale * tau.amax().max(1.0));
@@ -188,8 +187,8 @@ mod tests {
             prop_assert!(difference < 1e-6, "{name}: gravity off by {difference}");
         }
 
-        // Passivity: qd' (Mdot - 2 C) qd = 0, so Coriolis forces do no work but what M's change
-        // asks for.
+        // Passivity: qd' (Mdot - 2 C) qd = 0, so the power of the Coriolis torques equals that of
+        // the change of M.
         let mass_dot =
             (arm.mass_matrix(&(q + qd * h)) - arm.mass_matrix(&(q - qd * h))) / (2.0 * h);
         let power = 0.5 * qd.dot(&(mass_dot * qd));
@@ -290,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arm_on_the_ceiling_feels_the_opposite() {
+    fn on_the_ceiling_the_gravity_torques_are_opposite() {
         let floor = arm::<6>("ur5");
         let ceiling = floor.with_gravity(-floor.gravity_in_base());
         let q = floor.home().add_scalar(0.4);

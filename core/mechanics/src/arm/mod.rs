@@ -1,7 +1,7 @@
 //! An arm with `N` revolute joints: kinematics and dynamics of fixed size, computed from
 //! [`ModelData`] once.
 //!
-//! Control, simulation and the robot bridge hold one of these by value; no method allocates.
+//! Used by control, simulation and the robot bridges. No method allocates.
 
 mod dynamics;
 mod kinematics;
@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::Joints;
 use crate::model::{DhConvention, DhRow, ModelData, ModelError};
 
-/// A rotation and an origin: a fixed step of the chain, or a frame in base axes.
+/// Rotation and origin: a fixed transform of the chain, or a frame in base axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Step {
     rotation: Matrix3<f64>,
@@ -28,7 +28,17 @@ struct Body {
     inertia: Matrix3<f64>,
 }
 
-/// Limits of an arm's joints; all but position are symmetric. `None`: not published.
+/// Limits of an arm's joints. All except those of position are symmetric. A limit is `None` if the
+/// manufacturer does not publish it.
+///
+/// ```
+/// use tangent_mechanics::{Arm, Joints, ModelData};
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5e")?)?;
+/// let far = Joints::<6>::repeat(100.0);
+/// assert!(!arm.limits().contains(&far));
+/// assert_eq!(arm.limits().clamp(&far), arm.limits().position_upper);
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits<const N: usize> {
     /// Lowest angle, rad.
@@ -43,23 +53,38 @@ pub struct Limits<const N: usize> {
     pub jerk: Option<Joints<N>>,
     /// Highest torque, Nm.
     pub effort: Option<Joints<N>>,
-    /// Highest change of torque, Nm/s.
+    /// Highest rate of change of torque, Nm/s.
     pub effort_rate: Option<Joints<N>>,
 }
 
 impl<const N: usize> Limits<N> {
-    /// Every joint's angle (rad) is within its limits; false for NaN.
+    /// Whether every joint's angle (rad) is within its limits; false for NaN.
     pub fn contains(&self, q: &Joints<N>) -> bool {
         (0..N).all(|i| q[i] >= self.position_lower[i] && q[i] <= self.position_upper[i])
     }
 
-    /// Each angle (rad) moved to the nearest one allowed.
+    /// Nearest joint angles (rad) within the limits.
     pub fn clamp(&self, q: &Joints<N>) -> Joints<N> {
         Joints::from_fn(|i, _| q[i].clamp(self.position_lower[i], self.position_upper[i]))
     }
 }
 
-/// A body fixed to the flange: a tool, a sensor, what a gripper holds.
+/// A body fixed to the flange: a tool, a sensor, or an object in a gripper.
+///
+/// ```
+/// use nalgebra::{Matrix3, Vector3};
+/// use tangent_mechanics::{Arm, ModelData, Payload};
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5e")?)?;
+/// let gripper = Payload {
+///     mass_kg: 0.9,
+///     com_in_flange_m: Vector3::new(0.0, 0.0, 0.06),
+///     inertia_kg_m2: Matrix3::zeros(),
+/// };
+/// let bare = arm.gravity(&arm.home());
+/// let loaded = arm.with_payload(&gripper).gravity(&arm.home());
+/// assert!((loaded - bare).norm() > 1.0);
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Payload {
     /// Mass, kg.
@@ -72,15 +97,18 @@ pub struct Payload {
 
 /// Kinematics and dynamics of one arm. Joint vectors are ordered base to flange.
 ///
-/// Link `i`'s frame lies in joint `i`, z along its axis, and turns with it. Both Denavit-Hartenberg
-/// conventions are converted to that form, so the rest of the code does not depend on the
-/// convention.
+/// The frame of link `i` lies in joint `i`, with z along its axis, and turns with it. Both
+/// Denavit-Hartenberg conventions are converted to that form, so the rest of the code does not
+/// depend on the convention.
 ///
 /// ```
-/// use tangent_mechanics::{Arm, ModelData};
+/// use tangent_mechanics::{Arm, Joints, ModelData};
 /// let arm = Arm::<6>::new(&ModelData::builtin("ur5")?)?;
-/// let base_from_flange = arm.base_from_flange(&arm.home());
-/// # let _ = base_from_flange;
+/// let q = arm.home();
+/// assert!(arm.base_from_flange(&q).translation().norm() < 1.0);
+/// // An arm that is held against gravity does not accelerate.
+/// let qdd = arm.forward_dynamics(&q, &Joints::zeros(), &arm.gravity(&q));
+/// assert!(qdd.norm() < 1e-9);
 /// # Ok::<(), tangent_mechanics::ModelError>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,7 +125,10 @@ pub struct Arm<const N: usize> {
 }
 
 impl<const N: usize> Arm<N> {
-    /// Checks `model` and converts it to the form used here. Fails if it does not have `N` joints.
+    /// Checks `model` and computes the arm from it.
+    ///
+    /// # Errors
+    /// A value of the model is not allowed, or the model does not have `N` joints.
     pub fn new(model: &ModelData) -> Result<Self, ModelError> {
         model.validate()?;
         if model.dof != N {
@@ -132,7 +163,7 @@ impl<const N: usize> Arm<N> {
                 com: Vector3::from(link.com_m),
                 inertia,
             }
-            .seen_from(&after);
+            .placed_in(&after);
             reached = after;
         }
         let limits = &model.limits;
@@ -162,15 +193,15 @@ impl<const N: usize> Arm<N> {
             com: payload.com_in_flange_m,
             inertia: payload.inertia_kg_m2,
         }
-        .seen_from(&self.flange);
+        .placed_in(&self.flange);
         if let Some(last) = self.bodies.last_mut() {
             *last = last.joined_with(&body);
         }
         self
     }
 
-    /// Arm in another direction of gravity, as when mounted on a wall or a ceiling: `gravity` is
-    /// its acceleration in base axes, m/s².
+    /// Arm with another gravity, as when mounted on a wall or a ceiling: `gravity` is its
+    /// acceleration in base axes, m/s².
     pub fn with_gravity(mut self, gravity: Vector3<f64>) -> Self {
         self.gravity = gravity;
         self
@@ -237,7 +268,7 @@ impl Body {
     };
 
     /// This body in the frame in which `frame` is given.
-    fn seen_from(&self, frame: &Step) -> Self {
+    fn placed_in(&self, frame: &Step) -> Self {
         Self {
             mass: self.mass,
             com: frame.origin + frame.rotation * self.com,

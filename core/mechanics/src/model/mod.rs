@@ -1,8 +1,8 @@
-//! A robot as plain data: Denavit-Hartenberg table, link masses, limits, and where each figure
-//! comes from.
+//! A robot as plain data: Denavit-Hartenberg table, link masses, limits, and the sources of the
+//! figures.
 //!
-//! Built-in robots are the files in `models/`, compiled in; a robot of one's own is one more such
-//! file, read by the caller and handed over as text. [`crate::Arm`] is computed from this once.
+//! Built-in robots are the files in `models/`, compiled in. Another robot is one more such file,
+//! which the caller reads and passes as text. An [`Arm`](crate::Arm) is computed from this once.
 
 mod error;
 mod validate;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 pub use error::ModelError;
 
-/// Most joints that a model may have.
+/// Largest number of joints of a model.
 pub const DOF_MAX: usize = 8;
 
 const BUILTIN: [(&str, &str); 12] = [
@@ -32,48 +32,71 @@ const BUILTIN: [(&str, &str); 12] = [
     ("planar2", include_str!("../../models/planar2.toml")),
 ];
 
-/// One robot arm with revolute joints, as its data file says. SI units, radians, joints ordered
-/// base to flange.
+/// Data of a robot arm with revolute joints, as in its file. SI units, radians, joints ordered base
+/// to flange.
+///
+/// ```
+/// use tangent_mechanics::ModelData;
+///
+/// let ur5e = ModelData::builtin("ur5e")?;
+/// assert_eq!(ur5e.dof, 6);
+/// assert_eq!(ur5e.dh.rows.len(), ur5e.links.len());
+/// assert!(ur5e.limits.effort_nm.is_some());
+///
+/// // A custom robot starts from the text of a built-in one.
+/// let text = ModelData::builtin_text("ur5e").expect("is built in");
+/// let custom = ModelData::from_toml(&text.replace("name = \"ur5e\"", "name = \"my_arm\""))?;
+/// assert_eq!(custom.name, "my_arm");
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelData {
-    /// Short name, as configurations refer to it.
+    /// Short name, used in configurations.
     pub name: String,
-    /// Maker and type, for people.
+    /// Manufacturer and type, for display.
     pub title: String,
     /// Number of joints, 1 to [`DOF_MAX`].
     pub dof: usize,
     /// Names of the joints, base to flange.
     pub joint_names: Vec<String>,
-    /// In words: which frame of the robot `Base` is.
+    /// Description of the frame that [`Base`](crate::Base) stands for.
     pub base: String,
-    /// In words: which frame of the robot `Flange` is.
+    /// Description of the frame that [`Flange`](crate::Flange) stands for.
     pub flange: String,
     /// Acceleration of gravity in base axes, m/s²; (0, 0, -9.81) for an arm on the floor.
     pub gravity_m_per_s2: [f64; 3],
-    /// A pose to start from, within the limits.
+    /// Default start pose, within the limits.
     pub home_rad: Vec<f64>,
-    /// Where the figures come from.
+    /// Sources of the figures.
     #[serde(default)]
     pub sources: Vec<String>,
-    /// Which figures are somebody's guess.
+    /// Figures that are assumptions.
     #[serde(default)]
     pub assumed: Vec<String>,
-    /// What a user of the figures should know.
+    /// Notes for users of the figures.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// The geometry.
+    /// Geometry.
     pub dh: DhTable,
-    /// What the joints may do.
+    /// Limits of the joints.
     pub limits: LimitsData,
-    /// The moving bodies, base to flange; the fixed base is not one of them.
+    /// Moving bodies, base to flange, without the fixed base.
     pub links: Vec<LinkData>,
     /// Known poses close to a singularity, for tests.
     #[serde(default)]
     pub near_singular: Vec<NearSingular>,
 }
 
-/// Which of the two Denavit-Hartenberg conventions a table follows.
+/// Denavit-Hartenberg convention of a table.
+///
+/// ```
+/// use tangent_mechanics::ModelData;
+/// use tangent_mechanics::model::DhConvention;
+/// assert_eq!(ModelData::builtin("ur5e")?.dh.convention, DhConvention::Standard);
+/// assert_eq!(ModelData::builtin("panda")?.dh.convention, DhConvention::Modified);
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DhConvention {
@@ -84,23 +107,25 @@ pub enum DhConvention {
     Modified,
 }
 
-/// base_from_flange = base_from_dh0 · T(0,1) ⋯ T(n-1,n) · dhn_from_flange.
+/// Denavit-Hartenberg table: `base_from_flange = base_from_dh0 · T(0,1) ⋯ T(n-1,n) ·
+/// dhn_from_flange`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DhTable {
-    /// How a row becomes a transform.
+    /// Convention by which a row becomes a transform.
     pub convention: DhConvention,
-    /// Homogeneous transform, rows of the matrix; identity if left out.
+    /// Homogeneous transform from the first DH frame to the base, row by row; identity if left out.
     #[serde(default = "identity")]
     pub base_from_dh0: [[f64; 4]; 4],
-    /// Homogeneous transform, rows of the matrix; identity if left out.
+    /// Homogeneous transform from the flange to the last DH frame, row by row; identity if left
+    /// out.
     #[serde(default = "identity")]
     pub dhn_from_flange: [[f64; 4]; 4],
     /// One row per joint.
     pub rows: Vec<DhRow>,
 }
 
-/// One joint's Denavit-Hartenberg parameters.
+/// Denavit-Hartenberg parameters of one joint.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DhRow {
@@ -110,7 +135,7 @@ pub struct DhRow {
     pub alpha_rad: f64,
     /// Offset along z, m.
     pub d_m: f64,
-    /// Added to the joint's angle, rad.
+    /// Offset that is added to the joint's angle, rad.
     #[serde(default)]
     pub theta_offset_rad: f64,
 }
@@ -119,7 +144,7 @@ pub struct DhRow {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LinkData {
-    /// The link's name.
+    /// Name of the link.
     pub name: String,
     /// Mass, kg.
     pub mass_kg: f64,
@@ -129,7 +154,8 @@ pub struct LinkData {
     pub inertia_kg_m2: [[f64; 3]; 3],
 }
 
-/// Limits of the joints; all but position are symmetric. A key that is left out was not published.
+/// Limits of the joints. All except those of position are symmetric. A key is left out if the
+/// manufacturer does not publish the limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LimitsData {
@@ -148,7 +174,7 @@ pub struct LimitsData {
     /// Highest torque, Nm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effort_nm: Option<Vec<f64>>,
-    /// Highest change of torque, Nm/s.
+    /// Highest rate of change of torque, Nm/s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effort_rate_nm_per_s: Option<Vec<f64>>,
 }
@@ -157,14 +183,17 @@ pub struct LimitsData {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NearSingular {
-    /// What is nearly aligned.
+    /// Name: what is nearly aligned.
     pub id: String,
     /// Joint angles, rad.
     pub q_rad: Vec<f64>,
 }
 
 impl ModelData {
-    /// Reads and checks a model file's text (TOML).
+    /// Reads and checks the text of a model file (TOML).
+    ///
+    /// # Errors
+    /// The text is not a model file, or a value is not allowed.
     pub fn from_toml(text: &str) -> Result<Self, ModelError> {
         let model: Self = toml::from_str(text).map_err(|error| ModelError::Syntax {
             message: error.to_string(),
@@ -173,7 +202,10 @@ impl ModelData {
         Ok(model)
     }
 
-    /// A built-in robot by name, one of [`ModelData::builtin_names`].
+    /// Built-in robot by name, one of [`ModelData::builtin_names`].
+    ///
+    /// # Errors
+    /// There is no such robot.
     pub fn builtin(name: &str) -> Result<Self, ModelError> {
         let (_, text) = BUILTIN
             .iter()
@@ -190,7 +222,8 @@ impl ModelData {
         BUILTIN.iter().map(|(name, _)| *name)
     }
 
-    /// The text of a built-in robot's file: a start for a robot of one's own.
+    /// Text of the file of a built-in robot: a template for a custom one. `None` if there is no
+    /// such robot.
     pub fn builtin_text(name: &str) -> Option<&'static str> {
         BUILTIN
             .iter()
@@ -198,8 +231,11 @@ impl ModelData {
             .map(|(_, text)| *text)
     }
 
-    /// Checks what the types cannot: lengths, signs, limits the right way round, inertias of real
-    /// bodies.
+    /// Checks what the types cannot: lengths, signs, order of the limits, and inertias that a rigid
+    /// body can have.
+    ///
+    /// # Errors
+    /// The first value that is not allowed.
     pub fn validate(&self) -> Result<(), ModelError> {
         validate::validate(self)
     }

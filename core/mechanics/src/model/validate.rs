@@ -4,9 +4,9 @@ use nalgebra::{Matrix3, Matrix4};
 
 use super::{DOF_MAX, ModelData, ModelError};
 
-/// How far a tensor may be from symmetric, and a transform from rigid; files are often rounded to
-/// six digits or so.
+/// Largest asymmetry of an inertia tensor, relative to its largest entry.
 const ASYMMETRY_MAX: f64 = 1e-9;
+/// Largest deviation of a rotation matrix from orthonormal. Files are often rounded to six digits.
 const RIGID_MAX: f64 = 1e-6;
 
 struct Check<'a>(&'a ModelData);

@@ -3,8 +3,15 @@
 use std::marker::PhantomData;
 
 /// A coordinate frame: an origin and three axes.
+///
+/// ```
+/// use tangent_mechanics::{Aligned, Base, Frame, Tool};
+/// assert_eq!(Base::NAME, "base");
+/// // A vector in base axes is published in the frame `base`, wherever its origin is.
+/// assert_eq!(Aligned::<Tool, Base>::NAME, "base");
+/// ```
 pub trait Frame: Copy + 'static {
-    /// The frame's name as it stands in messages (`frame_id`).
+    /// Name of the frame in messages (`frame_id`).
     const NAME: &'static str;
 }
 
@@ -22,7 +29,7 @@ macro_rules! frames {
 frames! {
     /// Fixed to the floor.
     World = "world";
-    /// The arm's base, as its maker defines it.
+    /// The arm's base, as its manufacturer defines it.
     Base = "base";
     /// The arm's tool flange.
     Flange = "flange";
@@ -40,8 +47,17 @@ frames! {
 
 /// The frame with the origin of `O` and axes parallel to those of `A`.
 ///
-/// A geometric Jacobian speaks in `Aligned<Flange, Base>`: velocity of the flange's origin, in base
+/// A geometric Jacobian gives a twist in `Aligned<Flange, Base>`: of the flange's origin, in base
 /// axes.
+///
+/// ```
+/// use tangent_mechanics::{Aligned, Arm, Base, Flange, Joints, ModelData, Twist};
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5e")?)?;
+/// let qd = Joints::<6>::repeat(0.1);
+/// let twist = Twist::<Aligned<Flange, Base>>::from_vector(&(arm.jacobian(&arm.home()) * qd));
+/// assert!(twist.is_finite());
+/// # Ok::<(), tangent_mechanics::ModelError>(())
+/// ```
 #[derive(Debug, PartialEq, Eq)]
 pub struct Aligned<O, A>(PhantomData<(O, A)>);
 

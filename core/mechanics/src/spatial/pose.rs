@@ -6,16 +6,23 @@ use std::ops::Mul;
 
 use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3};
 
-use super::{Aligned, Frame, Twist, Wrench};
+use super::{Aligned, Direction, Frame, Point, Twist, Wrench};
 
 /// `Pose<A, B>` is `a_from_b`: it takes coordinates in `B` to coordinates in `A` (metres).
 ///
+/// Multiplied by a [`Point`] it rotates and translates; multiplied by a [`Direction`] it only
+/// rotates.
+///
 /// ```
-/// use tangent_mechanics::{Base, Flange, Pose, Tool};
-/// let base_from_flange: Pose<Base, Flange> = Pose::identity();
-/// let flange_from_tool: Pose<Flange, Tool> = Pose::identity();
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_mechanics::{Base, Flange, Point, Pose, Tool};
+///
+/// let base_from_flange: Pose<Base, Flange> =
+///     Pose::new(Vector3::new(0.5, 0.0, 0.3), UnitQuaternion::identity());
+/// let flange_from_tool: Pose<Flange, Tool> =
+///     Pose::new(Vector3::new(0.0, 0.0, 0.1), UnitQuaternion::identity());
 /// let base_from_tool: Pose<Base, Tool> = base_from_flange * flange_from_tool;
-/// # let _ = base_from_tool;
+/// assert_eq!(base_from_tool.origin(), Point::new(Vector3::new(0.5, 0.0, 0.4)));
 /// ```
 pub struct Pose<A, B> {
     isometry: Isometry3<f64>,
@@ -44,7 +51,12 @@ impl<A, B> Pose<A, B> {
         Self::from_isometry(Isometry3::identity())
     }
 
-    /// Origin of `B` in `A`, m.
+    /// Origin of `B` as a point in `A`.
+    pub fn origin(&self) -> Point<A> {
+        Point::new(self.translation())
+    }
+
+    /// Coordinates of the origin of `B` in `A`, m.
     pub fn translation(&self) -> Vector3<f64> {
         self.isometry.translation.vector
     }
@@ -69,17 +81,17 @@ impl<A, B> Pose<A, B> {
         Pose::from_isometry(self.isometry.inverse())
     }
 
-    /// A point's coordinates, from `B` to `A` (m).
+    /// Coordinates of a point in `A`, from those in `B` (m).
     pub fn transform_point(&self, point_in_b: &Vector3<f64>) -> Vector3<f64> {
         self.isometry.rotation * point_in_b + self.isometry.translation.vector
     }
 
-    /// A free vector's components, from `B`'s axes to `A`'s.
+    /// Components of a free vector in the axes of `A`, from those in the axes of `B`.
     pub fn rotate(&self, vector_in_b: &Vector3<f64>) -> Vector3<f64> {
         self.isometry.rotation * vector_in_b
     }
 
-    /// A free vector's components, from `A`'s axes to `B`'s.
+    /// Components of a free vector in the axes of `B`, from those in the axes of `A`.
     pub fn unrotate(&self, vector_in_a: &Vector3<f64>) -> Vector3<f64> {
         self.isometry.rotation.inverse_transform_vector(vector_in_a)
     }
@@ -110,7 +122,7 @@ impl<A: Frame, B: Frame> Pose<A, B> {
         )
     }
 
-    /// Turns only the axes: a wrench at `B`'s origin, in axes of `A`.
+    /// Rotates only the axes: a wrench at `B`'s origin, in axes of `A`.
     pub fn align_wrench(&self, wrench_in_b: &Wrench<B>) -> Wrench<Aligned<B, A>> {
         Wrench::new(
             self.rotate(&wrench_in_b.force),
@@ -118,7 +130,7 @@ impl<A: Frame, B: Frame> Pose<A, B> {
         )
     }
 
-    /// Turns only the axes: a twist of `B`'s origin, in axes of `A`.
+    /// Rotates only the axes: a twist of `B`'s origin, in axes of `A`.
     pub fn align_twist(&self, twist_in_b: &Twist<B>) -> Twist<Aligned<B, A>> {
         Twist::new(
             self.rotate(&twist_in_b.linear),
@@ -126,12 +138,12 @@ impl<A: Frame, B: Frame> Pose<A, B> {
         )
     }
 
-    /// Undoes [`Pose::align_wrench`].
+    /// Inverse of [`Pose::align_wrench`].
     pub fn unalign_wrench(&self, wrench: &Wrench<Aligned<B, A>>) -> Wrench<B> {
         Wrench::new(self.unrotate(&wrench.force), self.unrotate(&wrench.torque))
     }
 
-    /// Undoes [`Pose::align_twist`].
+    /// Inverse of [`Pose::align_twist`].
     pub fn unalign_twist(&self, twist: &Twist<Aligned<B, A>>) -> Twist<B> {
         Twist::new(self.unrotate(&twist.linear), self.unrotate(&twist.angular))
     }
@@ -142,6 +154,22 @@ impl<A, B, C> Mul<Pose<B, C>> for Pose<A, B> {
 
     fn mul(self, b_from_c: Pose<B, C>) -> Pose<A, C> {
         Pose::from_isometry(self.isometry * b_from_c.isometry)
+    }
+}
+
+impl<A, B> Mul<Point<B>> for Pose<A, B> {
+    type Output = Point<A>;
+
+    fn mul(self, point: Point<B>) -> Point<A> {
+        Point::new(self.transform_point(&point.coordinates()))
+    }
+}
+
+impl<A, B> Mul<Direction<B>> for Pose<A, B> {
+    type Output = Direction<A>;
+
+    fn mul(self, direction: Direction<B>) -> Direction<A> {
+        Direction::new(self.rotate(&direction.components()))
     }
 }
 
@@ -192,6 +220,38 @@ mod tests {
             let power = wrench.power(&twist);
             let in_base = base_from_tool.transform_wrench(&wrench).power(&base_from_tool.transform_twist(&twist));
             prop_assert!((power - in_base).abs() < 1e-9 * (1.0 + power.abs()));
+        }
+
+        #[test]
+        fn the_difference_of_mapped_points_is_the_mapped_difference(
+            p in pose(),
+            a in prop::array::uniform3(-2.0f64..2.0),
+            b in prop::array::uniform3(-2.0f64..2.0),
+        ) {
+            let base_from_tool: Pose<Base, Tool> = Pose::new(p.0, p.1);
+            let (a, b) = (Point::<Tool>::new(a.into()), Point::<Tool>::new(b.into()));
+            let by_points = base_from_tool * a - base_from_tool * b;
+            let by_direction = base_from_tool * (a - b);
+            prop_assert!((by_points - by_direction).length() < 1e-12);
+            prop_assert!((by_direction.length() - a.distance(&b)).abs() < 1e-12);
+            let back = base_from_tool.inverse() * (base_from_tool * a);
+            prop_assert!(back.distance(&a) < 1e-12);
+            prop_assert_eq!(base_from_tool * Point::origin(), base_from_tool.origin());
+            prop_assert!((b + (a - b)).distance(&a) < 1e-12);
+        }
+
+        #[test]
+        fn a_rotation_keeps_scalar_and_vector_products(
+            p in pose(),
+            a in prop::array::uniform3(-2.0f64..2.0),
+            b in prop::array::uniform3(-2.0f64..2.0),
+        ) {
+            let base_from_tool: Pose<Base, Tool> = Pose::new(p.0, p.1);
+            let (a, b) = (Direction::<Tool>::new(a.into()), Direction::<Tool>::new(b.into()));
+            let (in_base_a, in_base_b) = (base_from_tool * a, base_from_tool * b);
+            prop_assert!((in_base_a.dot(&in_base_b) - a.dot(&b)).abs() < 1e-12);
+            let cross = base_from_tool * a.cross(&b) - in_base_a.cross(&in_base_b);
+            prop_assert!(cross.length() < 1e-12);
         }
 
         #[test]

@@ -1,23 +1,34 @@
 //! Rigid-body velocity in a named frame.
 
-use std::fmt;
 use std::marker::PhantomData;
-use std::ops::{Add, Mul, Neg, Sub};
 
 use nalgebra::{Vector3, Vector6};
 
-/// Velocity of a rigid body: `linear` of the origin of `F` (m/s), then `angular` (rad/s), in the
-/// axes of `F`.
+use super::{linear_space, plain_data};
+
+/// Velocity of a rigid body in the axes of `F`: of the origin of `F` (m/s), and angular (rad/s).
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_mechanics::{Flange, Pose, Tool, Twist};
+///
+/// // A flange that rotates about its z axis moves a tool that lies beside that axis.
+/// let tool_from_flange: Pose<Tool, Flange> =
+///     Pose::new(Vector3::new(-0.1, 0.0, 0.0), UnitQuaternion::identity());
+/// let flange = Twist::<Flange>::new(Vector3::zeros(), Vector3::z());
+/// let tool: Twist<Tool> = tool_from_flange.transform_twist(&flange);
+/// assert_eq!(tool.linear, Vector3::new(0.0, 0.1, 0.0));
+/// ```
 pub struct Twist<F> {
-    /// m/s, in the axes of `F`.
+    /// Velocity of the origin of `F`, in the axes of `F`, m/s.
     pub linear: Vector3<f64>,
-    /// rad/s, in the axes of `F`.
+    /// Angular velocity, in the axes of `F`, rad/s.
     pub angular: Vector3<f64>,
     frame: PhantomData<F>,
 }
 
 impl<F> Twist<F> {
-    /// Both parts in the axes of `F`.
+    /// Twist from linear (m/s) and angular velocity (rad/s), both in the axes of `F`.
     pub fn new(linear: Vector3<f64>, angular: Vector3<f64>) -> Self {
         Self {
             linear,
@@ -26,12 +37,12 @@ impl<F> Twist<F> {
         }
     }
 
-    /// All zero.
+    /// Twist of a body at rest.
     pub fn zero() -> Self {
         Self::new(Vector3::zeros(), Vector3::zeros())
     }
 
-    /// Linear part first, then angular.
+    /// Twist from a vector of the linear part (m/s), then the angular part (rad/s).
     pub fn from_vector(vector: &Vector6<f64>) -> Self {
         Self::new(
             vector.fixed_rows::<3>(0).into_owned(),
@@ -39,7 +50,7 @@ impl<F> Twist<F> {
         )
     }
 
-    /// Linear part first, then angular.
+    /// Vector of the linear part (m/s), then the angular part (rad/s).
     pub fn vector(&self) -> Vector6<f64> {
         let (a, b) = (&self.linear, &self.angular);
         Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z)
@@ -51,57 +62,5 @@ impl<F> Twist<F> {
     }
 }
 
-impl<F> Add for Twist<F> {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self::new(self.linear + other.linear, self.angular + other.angular)
-    }
-}
-
-impl<F> Sub for Twist<F> {
-    type Output = Self;
-
-    fn sub(self, other: Self) -> Self {
-        Self::new(self.linear - other.linear, self.angular - other.angular)
-    }
-}
-
-impl<F> Mul<f64> for Twist<F> {
-    type Output = Self;
-
-    fn mul(self, scale: f64) -> Self {
-        Self::new(self.linear * scale, self.angular * scale)
-    }
-}
-
-impl<F> Neg for Twist<F> {
-    type Output = Self;
-
-    fn neg(self) -> Self {
-        self * -1.0
-    }
-}
-
-impl<F> Clone for Twist<F> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<F> Copy for Twist<F> {}
-
-impl<F> PartialEq for Twist<F> {
-    fn eq(&self, other: &Self) -> bool {
-        self.linear == other.linear && self.angular == other.angular
-    }
-}
-
-impl<F> fmt::Debug for Twist<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Twist")
-            .field("linear", &self.linear)
-            .field("angular", &self.angular)
-            .finish()
-    }
-}
+plain_data!(Twist { linear, angular });
+linear_space!(Twist { linear, angular });

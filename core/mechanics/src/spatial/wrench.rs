@@ -1,23 +1,35 @@
 //! Force and torque in a named frame.
 
-use std::fmt;
 use std::marker::PhantomData;
-use std::ops::{Add, Mul, Neg, Sub};
 
 use nalgebra::{Vector3, Vector6};
 
-/// What the environment does to the robot, at the origin and in the axes of `F`: `force` (N), then
-/// `torque` (Nm).
+use super::{Twist, linear_space, plain_data};
+
+/// Force (N) and torque (Nm) that the environment exerts on the robot, at the origin and in the
+/// axes of `F`.
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_mechanics::{Pose, Sensor, Tool, Wrench};
+///
+/// // A sideways force at the tool's tip bends the sensor behind it.
+/// let sensor_from_tool: Pose<Sensor, Tool> =
+///     Pose::new(Vector3::new(0.0, 0.0, 0.2), UnitQuaternion::identity());
+/// let at_tip = Wrench::<Tool>::new(Vector3::new(10.0, 0.0, 0.0), Vector3::zeros());
+/// let at_sensor: Wrench<Sensor> = sensor_from_tool.transform_wrench(&at_tip);
+/// assert_eq!(at_sensor.torque, Vector3::new(0.0, 2.0, 0.0));
+/// ```
 pub struct Wrench<F> {
-    /// N, in the axes of `F`.
+    /// Force in the axes of `F`, N.
     pub force: Vector3<f64>,
-    /// Nm, in the axes of `F`.
+    /// Torque about the origin of `F`, in the axes of `F`, Nm.
     pub torque: Vector3<f64>,
     frame: PhantomData<F>,
 }
 
 impl<F> Wrench<F> {
-    /// Both parts in the axes of `F`.
+    /// Wrench from force (N) and torque (Nm), both in the axes of `F`.
     pub fn new(force: Vector3<f64>, torque: Vector3<f64>) -> Self {
         Self {
             force,
@@ -26,12 +38,12 @@ impl<F> Wrench<F> {
         }
     }
 
-    /// All zero.
+    /// No load.
     pub fn zero() -> Self {
         Self::new(Vector3::zeros(), Vector3::zeros())
     }
 
-    /// Linear part first, then angular.
+    /// Wrench from a vector of the force (N), then the torque (Nm).
     pub fn from_vector(vector: &Vector6<f64>) -> Self {
         Self::new(
             vector.fixed_rows::<3>(0).into_owned(),
@@ -39,7 +51,7 @@ impl<F> Wrench<F> {
         )
     }
 
-    /// Linear part first, then angular.
+    /// Vector of the force (N), then the torque (Nm).
     pub fn vector(&self) -> Vector6<f64> {
         let (a, b) = (&self.force, &self.torque);
         Vector6::new(a.x, a.y, a.z, b.x, b.y, b.z)
@@ -49,66 +61,12 @@ impl<F> Wrench<F> {
     pub fn is_finite(&self) -> bool {
         self.vector().iter().all(|x| x.is_finite())
     }
-}
 
-impl<F> Wrench<F> {
     /// Power that this wrench puts into a body moving with `twist`, W.
-    pub fn power(&self, twist: &super::Twist<F>) -> f64 {
+    pub fn power(&self, twist: &Twist<F>) -> f64 {
         self.force.dot(&twist.linear) + self.torque.dot(&twist.angular)
     }
 }
 
-impl<F> Add for Wrench<F> {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self::new(self.force + other.force, self.torque + other.torque)
-    }
-}
-
-impl<F> Sub for Wrench<F> {
-    type Output = Self;
-
-    fn sub(self, other: Self) -> Self {
-        Self::new(self.force - other.force, self.torque - other.torque)
-    }
-}
-
-impl<F> Mul<f64> for Wrench<F> {
-    type Output = Self;
-
-    fn mul(self, scale: f64) -> Self {
-        Self::new(self.force * scale, self.torque * scale)
-    }
-}
-
-impl<F> Neg for Wrench<F> {
-    type Output = Self;
-
-    fn neg(self) -> Self {
-        self * -1.0
-    }
-}
-
-impl<F> Clone for Wrench<F> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<F> Copy for Wrench<F> {}
-
-impl<F> PartialEq for Wrench<F> {
-    fn eq(&self, other: &Self) -> bool {
-        self.force == other.force && self.torque == other.torque
-    }
-}
-
-impl<F> fmt::Debug for Wrench<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Wrench")
-            .field("force", &self.force)
-            .field("torque", &self.torque)
-            .finish()
-    }
-}
+plain_data!(Wrench { force, torque });
+linear_space!(Wrench { force, torque });

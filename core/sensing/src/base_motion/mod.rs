@@ -2,19 +2,22 @@
 //! (`base/pose`).
 //!
 //! Called by the controller, the estimator service and the closed loop of `evaluate`: `take` for
-//! every pose, `at` once per cycle. The result is in a frame that is fixed to the floor and
-//! coincides with the base at its first pose: `world` up to a constant. Numbers therefore stay
-//! small on any map. When the map jumps under the platform (relocalisation), the frame stays fixed
-//! to the surface.
+//! every pose, `at` once per cycle. The result is in a [`World`] that is fixed to the floor and
+//! coincides with the base at its first pose, so that numbers stay small on any map. When the map
+//! jumps under the platform (relocalisation), this frame stays fixed to the surface.
 
 mod config;
 mod pose_filter;
 
-use nalgebra::{Isometry3, Matrix6, Vector3};
-use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World};
+use nalgebra::{Matrix6, Vector3};
+use tangent_mechanics::{Aligned, Base, Point, Pose, Tool, Twist, World};
 
 pub use config::BaseConfig;
 use pose_filter::PoseFilter;
+
+/// Frame of the platform's map. Relocalisation moves it in [`World`].
+#[derive(Clone, Copy, Debug)]
+struct Map;
 
 /// One pose message of the platform.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +28,7 @@ pub struct BasePose {
     pub stamp_s: f64,
     /// Time of arrival on the reader's clock, s. The two clocks need not agree.
     pub arrived_s: f64,
-    /// Position in world axes, m.
+    /// Position of the base in the platform's map, m.
     pub position: Vector3<f64>,
     /// Orientation as received: x, y, z, w, not normalised.
     pub quaternion: [f64; 4],
@@ -85,9 +88,23 @@ impl BaseTrouble {
 }
 
 /// Estimated pose and motion of the base at one moment.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_mechanics::{Pose, Twist};
+/// use tangent_sensing::BaseMotion;
+///
+/// // The arm must move backwards to hold its tool over a fixed point while the platform drives.
+/// let base = BaseMotion {
+///     twist: Twist::new(Vector3::new(0.05, 0.0, 0.0), Vector3::zeros()),
+///     ..BaseMotion::still()
+/// };
+/// let arm = base.against_base(&Pose::identity(), &Twist::zero());
+/// assert_eq!(arm.linear, Vector3::new(-0.05, 0.0, 0.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BaseMotion {
-    /// Pose of the base in the fixed frame.
+    /// Pose of the base in the world.
     pub world_from_base: Pose<World, Base>,
     /// Twist of the base's origin relative to the floor, base axes, m/s and rad/s.
     pub twist: Twist<Base>,
@@ -98,7 +115,7 @@ pub struct BaseMotion {
 }
 
 impl BaseMotion {
-    /// A base at rest at the origin of the fixed frame.
+    /// A base at rest at the origin of the world.
     pub fn still() -> Self {
         Self {
             world_from_base: Pose::identity(),
@@ -108,11 +125,16 @@ impl BaseMotion {
         }
     }
 
-    /// Motion with the pose of the base relative to `origin`.
-    pub fn seen_from(&self, origin: &Pose<World, Base>) -> Self {
-        let origin_from_base = origin.inverse() * self.world_from_base;
+    /// Pose of a second world frame, fixed to the floor where the base is now.
+    pub fn world_here(&self) -> Pose<World, World> {
+        Pose::from_isometry(*self.world_from_base.isometry())
+    }
+
+    /// This motion in a second world frame, whose pose in the present one is `origin`
+    /// ([`BaseMotion::world_here`]).
+    pub fn seen_from(&self, origin: &Pose<World, World>) -> Self {
         Self {
-            world_from_base: Pose::from_isometry(*origin_from_base.isometry()),
+            world_from_base: origin.inverse() * self.world_from_base,
             ..*self
         }
     }
@@ -125,22 +147,21 @@ impl BaseMotion {
             && self.twist.is_finite()
     }
 
-    /// Velocity relative to the floor of a point that is fixed to the base at `point` (base axes,
-    /// m): linear, angular, base axes.
-    pub fn carries(&self, point: &Vector3<f64>) -> Twist<Aligned<Tool, Base>> {
+    /// Velocity relative to the floor, base axes, of a tool that is fixed to the base at `point`.
+    pub fn carries(&self, point: &Point<Base>) -> Twist<Aligned<Tool, Base>> {
         Twist::new(
-            self.twist.linear + self.twist.angular.cross(point),
+            self.twist.linear + self.twist.angular.cross(&point.coordinates()),
             self.twist.angular,
         )
     }
 
-    /// Velocity of the tool relative to the floor, in axes of the fixed frame.
+    /// Velocity of the tool relative to the floor, in world axes.
     pub fn over_ground(
         &self,
         base_from_tool: &Pose<Base, Tool>,
         twist: &Twist<Aligned<Tool, Base>>,
     ) -> Twist<Aligned<Tool, World>> {
-        let sum = *twist + self.carries(&base_from_tool.translation());
+        let sum = *twist + self.carries(&base_from_tool.origin());
         Twist::new(
             self.world_from_base.rotate(&sum.linear),
             self.world_from_base.rotate(&sum.angular),
@@ -157,7 +178,7 @@ impl BaseMotion {
             self.world_from_base.unrotate(&twist.linear),
             self.world_from_base.unrotate(&twist.angular),
         );
-        in_base - self.carries(&base_from_tool.translation())
+        in_base - self.carries(&base_from_tool.origin())
     }
 }
 
@@ -182,6 +203,7 @@ const LEARNING_SHARE: f64 = 0.5;
 /// Bound on the coordinates of a pose, m: no platform and no map is larger.
 const REACH_M: f64 = 1e8;
 
+/// State from the poses received so far.
 #[derive(Clone, Copy, Debug)]
 struct Track {
     publisher: [u8; 16],
@@ -189,9 +211,9 @@ struct Track {
     arrived_s: f64,
     /// Offset from the platform's clock to the reader's: the smallest seen so far, s.
     clock_offset_s: f64,
-    /// Last pose as measured in the map; `fixed_from_map` takes the map to the fixed frame.
-    measured: Isometry3<f64>,
-    fixed_from_map: Isometry3<f64>,
+    /// Last measured pose.
+    map_from_base: Pose<Map, Base>,
+    world_from_map: Pose<World, Map>,
     filter: PoseFilter,
     /// Time since which the pose has been steady, on the reader's clock, s.
     steady_since_s: f64,
@@ -199,6 +221,29 @@ struct Track {
 }
 
 /// Tracks the motion of one base. A new tracker has received no pose.
+///
+/// ```
+/// use nalgebra::{Matrix6, Vector3};
+/// use tangent_sensing::{BaseConfig, BasePose, BaseTracker, BaseTrouble};
+///
+/// let mut tracker = BaseTracker::new(&BaseConfig::default());
+/// assert!(tracker.at(0.0).is_none(), "a base without poses counts as fixed");
+/// for i in 0..100 {
+///     let time_s = 0.02 * f64::from(i);
+///     tracker.take(&BasePose {
+///         publisher: [1; 16],
+///         stamp_s: time_s,
+///         arrived_s: time_s,
+///         position: Vector3::new(0.03 * time_s, 0.0, 0.0),
+///         quaternion: [0.0, 0.0, 0.0, 1.0],
+///         covariance: Matrix6::zeros(),
+///     })?;
+/// }
+/// let motion = tracker.at(1.98).expect("poses were received");
+/// assert_eq!(motion.trouble, None);
+/// assert!((motion.twist.linear.x - 0.03).abs() < 1e-3);
+/// # Ok::<(), BaseTrouble>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct BaseTracker {
     config: BaseConfig,
@@ -240,15 +285,15 @@ impl BaseTracker {
         let measured = self.read(pose)?;
         let config = self.config;
         let Some(track) = &mut self.track else {
-            // The fixed frame coincides with the base at its first pose.
+            // The world coincides with the base at its first pose.
             self.track = Some(Track {
                 publisher: pose.publisher,
                 stamp_s: pose.stamp_s,
                 arrived_s: pose.arrived_s,
                 clock_offset_s: pose.arrived_s - pose.stamp_s,
-                measured,
-                fixed_from_map: measured.inverse(),
-                filter: PoseFilter::at_rest(&Isometry3::identity()),
+                map_from_base: measured,
+                world_from_map: Pose::identity() * measured.inverse(),
+                filter: PoseFilter::at_rest(&Pose::identity()),
                 steady_since_s: pose.arrived_s,
                 refused: None,
             });
@@ -276,20 +321,20 @@ impl BaseTracker {
             track.clock_offset_s = pose.arrived_s - pose.stamp_s;
             let known = config.patience_s;
             track.filter = track.filter.after(since_s, known);
-            track.fixed_from_map = track.filter.pose() * measured.inverse();
+            track.world_from_map = track.filter.pose() * measured.inverse();
             track.steady_since_s = pose.arrived_s;
         } else if said_s > GAP_S {
             // The map is still valid, the velocity is not.
-            track.filter = PoseFilter::at_rest(&(track.fixed_from_map * measured));
+            track.filter = PoseFilter::at_rest(&(track.world_from_map * measured));
             track.steady_since_s = pose.arrived_s;
         } else {
             if jumped(&config, track, &measured, said_s) {
                 let predicted = track.filter.after(said_s, config.patience_s);
-                track.fixed_from_map = predicted.pose() * measured.inverse();
+                track.world_from_map = predicted.pose() * measured.inverse();
                 track.steady_since_s = pose.arrived_s;
             }
             track.filter.take(
-                &(track.fixed_from_map * measured),
+                &(track.world_from_map * measured),
                 said_s,
                 config.filter_rad_per_s,
             );
@@ -297,13 +342,13 @@ impl BaseTracker {
         track.publisher = pose.publisher;
         track.stamp_s = pose.stamp_s;
         track.arrived_s = pose.arrived_s;
-        track.measured = measured;
+        track.map_from_base = measured;
         track.refused = None;
         Ok(())
     }
 
     /// Checks the numbers of a message and converts it to a pose.
-    fn read(&self, pose: &BasePose) -> Result<Isometry3<f64>, BaseTrouble> {
+    fn read(&self, pose: &BasePose) -> Result<Pose<Map, Base>, BaseTrouble> {
         let [x, y, z, w] = pose.quaternion;
         let quaternion = nalgebra::Quaternion::new(w, x, y, z);
         let finite = pose.stamp_s.is_finite()
@@ -330,8 +375,8 @@ impl BaseTracker {
                 return Err(BaseTrouble::Uncertain);
             }
         }
-        Ok(Isometry3::from_parts(
-            pose.position.into(),
+        Ok(Pose::new(
+            pose.position,
             nalgebra::UnitQuaternion::from_quaternion(quaternion),
         ))
     }
@@ -358,7 +403,7 @@ impl BaseTracker {
         } else {
             fast.then_some(BaseTrouble::TooFast)
         };
-        let world_from_base = Pose::from_isometry(now.pose());
+        let world_from_base = now.pose();
         Some(BaseMotion {
             twist: Twist::new(
                 world_from_base.unrotate(&now.velocity),
@@ -372,13 +417,13 @@ impl BaseTracker {
 }
 
 /// Whether the step between two poses exceeds what the estimated motion explains.
-fn jumped(config: &BaseConfig, track: &Track, measured: &Isometry3<f64>, dt_s: f64) -> bool {
+fn jumped(config: &BaseConfig, track: &Track, measured: &Pose<Map, Base>, dt_s: f64) -> bool {
     let (before, after) = (
-        track.fixed_from_map * track.measured,
-        track.fixed_from_map * measured,
+        track.world_from_map * track.map_from_base,
+        track.world_from_map * *measured,
     );
-    let step = after.translation.vector - before.translation.vector;
-    let turn = (after.rotation * before.rotation.inverse()).scaled_axis();
+    let step = after.translation() - before.translation();
+    let turn = (after.rotation() * before.rotation().inverse()).scaled_axis();
     let beyond = |step: Vector3<f64>, rate: &Vector3<f64>, most: f64| {
         let slack = LEARNING_SHARE * rate.norm() * dt_s + 0.5 * ACCELERATION * dt_s * dt_s;
         (step - rate * dt_s).norm() > most + slack

@@ -4,21 +4,26 @@
 //! The fading-memory polynomial filter of second degree (Brookner, *Tracking and Kalman Filtering
 //! Made Easy*, 1998, ch. 7): `θ = exp(-ω T)`, gains `1 - θ³`, `1.5 (1 - θ²)(1 - θ) / T`,
 //! `(1 - θ)³ / T²`. Its three poles are at `-ω`; a constant velocity and a constant acceleration
-//! leave no lag. Turns are small between samples and filtered as rotation vectors in the fixed
+//! leave no lag. Rotations between samples are small and are filtered as rotation vectors in world
 //! axes.
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
+use tangent_mechanics::{Base, Pose, World};
 
-/// Pose and motion of a body, axes of the fixed frame.
+/// Pose and motion of the base, world axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PoseFilter {
+    /// Origin of the base, m.
     pub position: Vector3<f64>,
+    /// Rotation from base axes to world axes.
     pub rotation: UnitQuaternion<f64>,
     /// Linear velocity, m/s.
     pub velocity: Vector3<f64>,
     /// Angular velocity, rad/s.
     pub turn_rate: Vector3<f64>,
+    /// Linear acceleration, m/s².
     acceleration: Vector3<f64>,
+    /// Angular acceleration, rad/s².
     turn_acceleration: Vector3<f64>,
 }
 
@@ -28,11 +33,11 @@ const ACCELERATION_LASTS_S: f64 = 0.1;
 const VELOCITY_FADES_S: f64 = 0.3;
 
 impl PoseFilter {
-    /// A body at rest at `pose`.
-    pub fn at_rest(pose: &Isometry3<f64>) -> Self {
+    /// A base at rest at `pose`.
+    pub fn at_rest(pose: &Pose<World, Base>) -> Self {
         Self {
-            position: pose.translation.vector,
-            rotation: pose.rotation,
+            position: pose.translation(),
+            rotation: pose.rotation(),
             velocity: Vector3::zeros(),
             turn_rate: Vector3::zeros(),
             acceleration: Vector3::zeros(),
@@ -40,8 +45,9 @@ impl PoseFilter {
         }
     }
 
-    pub fn pose(&self) -> Isometry3<f64> {
-        Isometry3::from_parts(Translation3::from(self.position), self.rotation)
+    /// Pose of the base.
+    pub fn pose(&self) -> Pose<World, Base> {
+        Pose::new(self.position, self.rotation)
     }
 
     /// State extrapolated by `dt_s`, s. Beyond `known_s` the velocity decays, as no measurement
@@ -73,7 +79,7 @@ impl PoseFilter {
 
     /// Updates the state with a pose measured `dt_s` (above 0) after the one before; `bandwidth` is
     /// `ω`, rad/s.
-    pub fn take(&mut self, measured: &Isometry3<f64>, dt_s: f64, bandwidth: f64) {
+    pub fn take(&mut self, measured: &Pose<World, Base>, dt_s: f64, bandwidth: f64) {
         let predicted = Self {
             position: self.position
                 + self.velocity * dt_s
@@ -89,8 +95,8 @@ impl PoseFilter {
         let g = 1.0 - theta.powi(3);
         let h = 1.5 * (1.0 - theta * theta) * (1.0 - theta) / dt_s;
         let k = (1.0 - theta).powi(3) / (dt_s * dt_s);
-        let off = measured.translation.vector - predicted.position;
-        let turned = (measured.rotation * predicted.rotation.inverse()).scaled_axis();
+        let off = measured.translation() - predicted.position;
+        let turned = (measured.rotation() * predicted.rotation.inverse()).scaled_axis();
         let mut rotation = UnitQuaternion::new(turned * g) * predicted.rotation;
         // Rounding must not accumulate over hours.
         rotation.renormalize();
@@ -109,8 +115,8 @@ impl PoseFilter {
 mod tests {
     use super::*;
 
-    fn pose(position: Vector3<f64>, turn: Vector3<f64>) -> Isometry3<f64> {
-        Isometry3::from_parts(Translation3::from(position), UnitQuaternion::new(turn))
+    fn pose(position: Vector3<f64>, turn: Vector3<f64>) -> Pose<World, Base> {
+        Pose::new(position, UnitQuaternion::new(turn))
     }
 
     #[test]
@@ -130,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motion_that_nobody_confirms_fades() {
+    fn the_velocity_decays_without_measurements() {
         let mut filter = PoseFilter::at_rest(&pose(Vector3::zeros(), Vector3::zeros()));
         filter.velocity = Vector3::x() * 0.02;
         let known = filter.after(0.2, 0.2);

@@ -1,15 +1,15 @@
-//! What a platform can send: good poses, and every kind of bad ones.
+//! Tests with the poses that a platform can send: good ones, and every kind of bad ones.
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{Isometry3, UnitQuaternion};
 use proptest::prelude::*;
 
 use super::*;
 
 const PERIOD_S: f64 = 0.02;
-/// The platform's clock is hours off.
+/// Offset of the platform's clock, s: hours.
 const CLOCK_S: f64 = 12_345.0;
 
-/// A platform that goes straight and turns.
+/// A platform that moves straight and turns.
 struct Straight {
     start: Isometry3<f64>,
     velocity: Vector3<f64>,
@@ -25,7 +25,7 @@ impl Straight {
         }
     }
 
-    /// In the map.
+    /// Pose in the map.
     fn pose(&self, time_s: f64) -> Isometry3<f64> {
         Isometry3::from_parts(
             (self.start.translation.vector + self.velocity * time_s).into(),
@@ -44,7 +44,7 @@ impl Straight {
     }
 }
 
-/// Times of the messages from one time to before another, without the rounding of a sum.
+/// Times of the messages from one time to just before another, without accumulated rounding.
 fn times(from_s: f64, until_s: f64) -> impl Iterator<Item = f64> {
     let index = |t: f64| (t / PERIOD_S).round() as u32;
     (index(from_s)..index(until_s)).map(|i| f64::from(i) * PERIOD_S)
@@ -122,10 +122,10 @@ fn begins_unsettled_and_falls_silent() {
     platform.feed(&mut tracker, 0.3, 2.0);
     assert_eq!(trouble(&tracker, 2.1), None);
     assert_eq!(trouble(&tracker, 2.25), Some(BaseTrouble::Silent));
-    // What nobody confirms fades.
+    // A velocity that no pose confirms decays.
     let base = tracker.at(5.0).unwrap();
     assert!(base.twist.linear.norm() < 1e-5 && base.is_finite());
-    // Heard again: the map still holds, and the motion is learnt anew.
+    // Poses resume: the map still holds, and the motion is estimated anew.
     platform.feed(&mut tracker, 5.0, 5.4);
     assert_eq!(trouble(&tracker, 5.4), Some(BaseTrouble::Unsettled));
     platform.feed(&mut tracker, 5.4, 8.0);
@@ -134,7 +134,7 @@ fn begins_unsettled_and_falls_silent() {
     assert!((base.world_from_base.translation().norm() - 0.16).abs() < 1e-4);
 }
 
-/// The map jumps, the platform does not: what stands on the floor stays where it was seen.
+/// The map jumps but the platform does not: objects on the floor keep their position in the base.
 #[test]
 fn a_relocalisation_moves_nothing() {
     let platform = Straight::new([0.02, 0.0, 0.0], [0.0, 0.0, 0.02]);
@@ -315,7 +315,7 @@ fn ranges_are_checked_by_name() {
 }
 
 proptest! {
-    /// Whatever comes, what is given out is finite.
+    /// For any input, the output is finite.
     #[test]
     fn any_row_of_poses_gives_finite_motion(rows in prop::collection::vec(
         (prop::array::uniform3(prop_oneof![-1e3f64..1e3, Just(f64::NAN), Just(1e300)]), prop::array::uniform4(-1.0f64..1.0),

@@ -23,7 +23,7 @@ fn conditioner() -> WrenchConditioner {
     WrenchConditioner::new(&ConditioningConfig::default(), &payload(), mounting(), RATE).unwrap()
 }
 
-/// What an ideal sensor with zero `bias` reads while `contact` acts at the tool.
+/// Reading of an ideal sensor with zero `bias` while `contact` acts at the tool.
 fn reading(
     i: usize,
     base_from_tool: Pose<Base, Tool>,
@@ -119,7 +119,7 @@ proptest! {
 
 #[test]
 fn pressing_reads_negative_force_along_the_tools_z() {
-    // A tool straight down on a floor: z_tool = -n, and the floor pushes up with 3 N.
+    // A tool that points straight down on a floor: z_tool = -n, and the floor pushes up with 3 N.
     let sensor_from_tool = Pose::new(Vector3::new(0.0, 0.0, 0.1), UnitQuaternion::identity());
     let conditioner = WrenchConditioner::new(
         &ConditioningConfig {
@@ -132,8 +132,8 @@ fn pressing_reads_negative_force_along_the_tools_z() {
     )
     .unwrap();
     let down = turned([std::f64::consts::PI, 0.0, 0.0]);
-    // 3 N up in base is -3 N in z of a sensor that looks down; 1 N in x at the tip bends by 0.1 Nm
-    // at the sensor.
+    // 3 N up in the base is -3 N along z of a sensor that points down; 1 N along x at the tip
+    // causes 0.1 Nm at the sensor.
     let at_sensor = Wrench::from_vector(&Vector6::new(1.0, 0.0, -3.0, 0.0, 0.1, 0.0));
     let out = conditioner.update(
         &mut WrenchConditionerState::default(),
@@ -207,8 +207,8 @@ fn a_tare_while_moving_shaking_wandering_or_blind_is_refused_and_the_old_one_kep
     );
 }
 
-/// A tare on this ground under a load of `load_n` along z, from sample `start` on; what became of
-/// it, and the sample after.
+/// A tare with this justification under a load of `load_n` along z, from sample `start` on. Returns
+/// its result and the index of the sample after it.
 fn tare_under(
     state: &mut WrenchConditionerState,
     ground: TareGround,
@@ -226,8 +226,8 @@ fn tare_under(
     (state.take_tare_outcome().unwrap(), i)
 }
 
-/// Force of the untared reading beyond the zero that the limit counts from, N, under a load along
-/// z.
+/// Force of the untared reading beyond the zero that the limit is measured from, N, under a load
+/// along z.
 fn beyond_n(state: &mut WrenchConditionerState, load_n: f64, start: usize) -> f64 {
     let load = Wrench::from_vector(&Vector6::new(0.0, 0.0, load_n, 0.0, 0.0, 0.0));
     let mut out = None;
@@ -273,11 +273,11 @@ fn a_zero_on_a_persons_word_hides_no_load_from_the_untared_limit() {
     let (outcome, i) = tare_under(&mut state, TareGround::SaidClear, -20.0, start);
     assert!(outcome.is_ok());
     assert!((beyond_n(&mut state, -40.0, i) - 40.0).abs() < 1e-6);
-    // Nor does one after it that nothing speaks against.
+    // A zero assumed after it does not hide the load either.
     let (outcome, i) = tare_under(&mut state, TareGround::Assumed, -20.2, i + 500);
     assert!(outcome.is_ok());
     assert!((beyond_n(&mut state, -40.0, i) - 40.0).abs() < 1e-6);
-    // Where a motion has shown that nothing presses, it is a zero to count from: a tool was
+    // After a motion has shown that no load acts, the zero is a reference for the limit: a tool was
     // changed.
     let (outcome, i) = tare_under(&mut state, TareGround::Shown, -20.2, i + 500);
     assert!(outcome.is_ok());
@@ -313,7 +313,7 @@ fn a_saturated_record_stays_visible_for_the_hold_and_its_numbers_go_nowhere() {
         conditioner.update(&mut state, &bad).validity,
         Validity::Saturated
     );
-    // 10 ms of hold at 1 kHz; the last of them falls on the edge.
+    // 10 ms of hold at 1 kHz; the last sample falls on the edge.
     for i in 1..10 {
         let out = conditioner.update(&mut state, &free(start + i));
         assert_eq!(out.validity, Validity::Saturated, "{i}");

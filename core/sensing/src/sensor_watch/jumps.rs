@@ -1,55 +1,67 @@
-//! Records that leap and come back, as no load on a sensor does: well-formed, and damaged on their
-//! way or in the box.
+//! Detection of records that jump and return, as no load does: well-formed records that were
+//! damaged in transmission or in the sensor.
 //!
-//! A load has a mass and a stiffness behind it. It may rise within a record (a collision), but then
-//! the next record is near it. A record that is far from the one before, with the next one back,
-//! was no load. So a leap waits for the next record before it counts.
+//! A load may rise within one record (a collision), but then the next record is near the new value.
+//! A single record far from both its neighbours cannot be a load. Therefore a jump counts only once
+//! the next record confirms it.
 
-/// Part of the rated load that two records in a row may differ by at any rate.
+/// Step between two successive records that is always allowed, as a share of the rated load.
 const SHARE: f64 = 0.05;
-/// And per second between them: 2000 N/s for a range of 130 N, a tool that meets 25 kN/m at 80
-/// mm/s.
+/// Additional allowed step per second between the records, as a share of the rated load: 2000 N/s
+/// for a range of 130 N, as when a tool meets 25 kN/m at 80 mm/s.
 const SHARE_PER_S: f64 = 15.0;
-/// A step may be larger than the one before it by this factor.
+/// Factor by which a step may exceed the one before it.
 const GROWTH: f64 = 1.5;
-/// Of the last 32 records, more than this left out is no sensor to work with.
+/// Largest number of records left out among the last 32; beyond it, the sensor is not usable.
 const LEFT_OUT_MAX: u32 = 6;
 
-/// What a record's leap means.
+/// Verdict on the step to one record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JumpVerdict {
-    /// A load can do this, or the record before it has confirmed it.
+    /// A load can cause the step, or the record confirms the jump before it.
     Plausible,
-    /// Too far from the last one that counted: it does not count unless the next one is near it.
+    /// The record is too far from the last accepted one; it is left out unless the next confirms
+    /// it.
     LeaveOut,
-    /// It does not count, and neither did many of those before it.
+    /// The record is left out, as were too many of those before it.
     TooMany,
 }
 
 /// Bounds on the step from one record to the next.
+///
+/// ```
+/// use tangent_sensing::{JumpVerdict, JumpWatch, JumpWatchState};
+///
+/// let watch = JumpWatch::new(1000.0, [100.0, 100.0, 100.0, 10.0, 10.0, 10.0]);
+/// let mut state = JumpWatchState::default();
+/// let (rest, hit) = ([0.0; 6], [0.0, 0.0, -50.0, 0.0, 0.0, 0.0]);
+/// assert_eq!(watch.take(&mut state, &rest, 0), JumpVerdict::Plausible);
+/// assert_eq!(watch.take(&mut state, &hit, 0), JumpVerdict::LeaveOut);
+/// // The next record is near it: the jump was a collision.
+/// assert_eq!(watch.take(&mut state, &hit, 0), JumpVerdict::Plausible);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct JumpWatch {
     range: [f64; 6],
     period_s: f64,
 }
 
-/// Memory of a [`JumpWatch`]. A new one is the reset.
+/// State of a [`JumpWatch`]. A new one is the reset.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JumpWatchState {
-    /// The last one that counted, N and Nm.
+    /// Last accepted record, N and Nm.
     last: Option<[f64; 6]>,
-    /// The leap that waits for its confirmation.
+    /// Record whose jump is not yet confirmed.
     suspect: Option<[f64; 6]>,
-    /// Step to the last one that counted from the record before it, in parts of the range: what
-    /// rises goes on rising.
+    /// Step to the last accepted record, as a share of the range: a rising load continues to rise.
     stride: f64,
-    /// One bit per record, the newest lowest: it was left out.
+    /// One bit per record, the newest lowest; 1 if it was left out.
     left_out: u32,
 }
 
 impl JumpWatch {
-    /// For `rate_hz` records per second of a sensor rated for `range` (N, then Nm; 0 or infinity:
-    /// no bound on that axis).
+    /// Watch for `rate_hz` records per second of a sensor rated for `range` (N, then Nm). An axis
+    /// with range 0 or infinity has no bound.
     pub fn new(rate_hz: f64, range: [f64; 6]) -> Self {
         Self {
             range: range.map(|r| if r > 0.0 { r } else { f64::INFINITY }),
@@ -57,7 +69,7 @@ impl JumpWatch {
         }
     }
 
-    /// One record (N and Nm), with `missed` lost before it.
+    /// Judges one record (N and Nm), with `missed` records lost before it.
     pub fn take(&self, state: &mut JumpWatchState, wrench: &[f64; 6], missed: u32) -> JumpVerdict {
         let Some(last) = state.last else {
             state.last = Some(*wrench);
@@ -73,7 +85,7 @@ impl JumpWatch {
         let confirmed = state.suspect.is_some() && step <= away;
         if away <= bound || confirmed {
             if confirmed && away > bound {
-                // The leap before was a load.
+                // The jump before was a load.
                 state.left_out &= !2;
             }
             state.stride = step.min(away);
@@ -90,8 +102,7 @@ impl JumpWatch {
         }
     }
 
-    /// Largest difference on any axis, in parts of its range; a number that is none is far from
-    /// everything.
+    /// Largest difference on any axis, as a share of its range; infinite if a number is NaN.
     fn distance(&self, a: &[f64; 6], b: &[f64; 6]) -> f64 {
         let mut most: f64 = 0.0;
         for i in 0..6 {

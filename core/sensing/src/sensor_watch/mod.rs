@@ -14,7 +14,27 @@ use nalgebra::Vector3;
 
 use crate::SensorCondition;
 
-/// Both watches of one sensor. Their state is in [`SensorWatchState`].
+/// Record watch and jump watch of one sensor. Their state is in [`SensorWatchState`].
+///
+/// ```
+/// use tangent_sensing::{
+///     RecordWatchConfig, SensorCondition, SensorRecord, SensorWatch, SensorWatchState, Watched,
+/// };
+///
+/// let range = [130.0, 130.0, 400.0, 10.0, 10.0, 10.0];
+/// let watch = SensorWatch::new(&RecordWatchConfig::default(), 1000.0, range);
+/// let mut state = SensorWatchState::default();
+/// let record = SensorRecord {
+///     counts: [100, -20, 5000, 3, 4, -1],
+///     wrench: [0.1, -0.02, 5.0, 0.003, 0.004, -0.001],
+///     condition: SensorCondition::Saturated,
+///     missed: 0,
+///     pressing_at: None,
+/// };
+/// // A condition that the sensor reports is passed on.
+/// let expected = Watched::Take { condition: SensorCondition::Saturated, missed: 0 };
+/// assert_eq!(watch.take(&mut state, &record), expected);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorWatch {
     records: RecordWatch,
@@ -102,11 +122,11 @@ impl SensorWatch {
             RecordVerdict::Frozen => SensorCondition::Frozen,
             RecordVerdict::AxisStuck(_) => SensorCondition::AxisStuck,
         };
-        let leapt = self.jumps.take(&mut state.jumps, wrench, missed);
-        if leapt != JumpVerdict::Plausible {
+        let jump = self.jumps.take(&mut state.jumps, wrench, missed);
+        if jump != JumpVerdict::Plausible {
             state.implausible += 1;
         }
-        let condition = match (found, leapt) {
+        let condition = match (found, jump) {
             (SensorCondition::Good, JumpVerdict::LeaveOut) => {
                 state.left_out = missed.saturating_add(1);
                 return Watched::LeaveOut;

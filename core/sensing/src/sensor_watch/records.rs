@@ -1,28 +1,27 @@
-//! A sensor that stands still behind records that go on: whole records that repeat, or one axis of
-//! them.
+//! Detection of a frozen sensor: records arrive, but whole records or single axes repeat.
 //!
-//! An analogue sensor is never quite still: its converters see noise, so consecutive counts differ
-//! most of the time. The watch learns how often, at the quietest that the sensor has been, and
-//! calls a run of repeats a fault when noise alone would make one like it less than once in 10^11
-//! records. A sensor that repeats by its nature (coarse resolution, an ideal one in a simulation)
-//! is never judged by its repeats: they are likely. What it cannot do either is to repeat to the
-//! count while a tool that presses moves on.
+//! The converters of an analogue sensor see noise, so successive counts differ most of the time.
+//! The watch learns how often they repeat in the quietest conditions so far. A run of repeats is a
+//! fault if noise alone would produce it less than once in 10^11 records. A sensor that often
+//! repeats (coarse resolution, or an ideal one in a simulation) is not judged by its repeats. But
+//! no sensor may repeat exactly while a loaded tool moves.
 
 use nalgebra::Vector3;
 
-/// How a sensor's standstill is told from a quiet moment.
+/// Settings by which a frozen sensor is distinguished from a quiet one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordWatchConfig {
     /// Probability of a run of repeats below which it is a fault.
     pub false_alarm: f64,
-    /// Time of one look at the noise, s; nothing is judged before the first is over.
+    /// Length of one window in which the noise is measured, s. Nothing is judged before the end of
+    /// the first.
     pub window_s: f64,
-    /// A shorter standstill is a hiccup, s.
+    /// Shortest standstill that counts as a fault, s.
     pub least_s: f64,
-    /// The fault is over when everything has lived for so long, s.
+    /// Time for which all axes must vary before the fault ends, s.
     pub heal_s: f64,
-    /// A loaded tool that moves so far under records that repeat exactly has a frozen sensor, noise
-    /// or not, m.
+    /// Distance that a loaded tool may move while records repeat exactly, m; beyond it, the sensor
+    /// is frozen, whatever its noise.
     pub way_max_m: f64,
 }
 
@@ -38,41 +37,62 @@ impl Default for RecordWatchConfig {
     }
 }
 
-/// Looks that the quietest one is kept of: it is remembered for one to two such blocks, 4 to 8
-/// minutes.
+/// Number of windows in a block. The quietest window of the last one to two blocks (4 to 8 minutes)
+/// is in use.
 const BLOCK_WINDOWS: u32 = 256;
-/// Fewest pairs of records in a look.
+/// Smallest number of pairs of records in a window.
 const PAIRS_MIN: u32 = 64;
-/// Least share of steps by more than one count: an axis with less of it is too coarse for its
-/// noise, and may rightly stand still.
+/// Smallest share of steps by more than one count. An axis below it is too coarse for its noise,
+/// and may repeat without a fault.
 const WIDE_MIN: f64 = 0.02;
-/// Least share of changes of direction: what moves without them is a load that moves, not noise.
+/// Smallest share of changes of direction. An axis that moves without them follows a load, not
+/// noise.
 const TURNS_MIN: f64 = 0.01;
-/// Repeats at the worst place between two counts, by the noise's mean step in counts: at most 0.65
-/// where [`WIDE_MIN`] holds; for wider noise 0.32 counts over the step, and half as much again.
+/// Largest probability of a repeat at the worst place between two counts, if [`WIDE_MIN`] holds.
+/// For wider noise it is 0.32 counts divided by the mean step, plus a margin of one half.
 const REPEAT_MAX: f64 = 0.65;
 const REPEAT_PER_COUNT: f64 = 0.5;
 /// An axis that repeats more often than this is not judged.
 const LIVELY_MAX: f64 = 0.8;
-/// A whole record that repeats by chance is believed to be no rarer than this.
+/// Smallest probability that is assumed for the repeat of a whole record by chance.
 const WHOLE_MIN: f64 = 1e-6;
-/// Share of repeated whole records from which on the box sends faster than it measures, and from
-/// which on the sensor is still.
+/// Share of repeated whole records above which the sensor sends faster than it measures.
 const OVERSAMPLED: f64 = 0.3;
+/// Share of repeated whole records above which the axes are not judged.
 const STILL: f64 = 0.9;
 
-/// What a run of records says.
+/// Verdict on a run of records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordVerdict {
-    /// Nothing against it, or nothing learnt yet.
+    /// No fault found, or too few records so far.
     Plausible,
     /// Whole records repeat.
     Frozen,
-    /// These axes repeat while others live: bit 0 Fx to bit 5 Tz.
+    /// These axes repeat while others vary: bit 0 is Fx, bit 5 is Tz.
     AxisStuck(u8),
 }
 
-/// The watch's numbers for one rate of records; all memory is in [`RecordWatchState`].
+/// Watch for records that repeat, at one rate. The state is in [`RecordWatchState`].
+///
+/// ```
+/// use tangent_sensing::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState};
+///
+/// let watch = RecordWatch::new(&RecordWatchConfig::default(), 1000.0);
+/// let mut state = RecordWatchState::default();
+/// // Two seconds of noise, from a pseudo-random sequence.
+/// let mut random = 1_u32;
+/// let mut counts = [0; 6];
+/// for _ in 0..2000 {
+///     for count in &mut counts {
+///         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+///         *count = (random >> 24) as i32;
+///     }
+///     assert_eq!(watch.take(&mut state, &counts, None), RecordVerdict::Plausible);
+/// }
+/// // Then the last record repeats.
+/// let last = (0..100).map(|_| watch.take(&mut state, &counts, None)).last();
+/// assert_eq!(last, Some(RecordVerdict::Frozen));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordWatch {
     ln_false_alarm: f64,
@@ -82,26 +102,28 @@ pub struct RecordWatch {
     way_max_m: f64,
 }
 
-/// Noise of one look, or of the quietest of many.
+/// Noise in one window, or in the quietest of several.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Noise {
-    /// Share of pairs that repeat as a whole.
+    /// Share of pairs in which the whole record repeats.
     repeats: f64,
     /// Share of the other pairs in which an axis repeats.
     same: [f64; 6],
     /// Mean step, counts.
     step: [f64; 6],
-    /// Share of pairs with a step of more than one count, and with a change of direction.
+    /// Share of pairs with a step of more than one count.
     wide: [f64; 6],
+    /// Share of pairs with a change of direction.
     turns: [f64; 6],
-    /// Longest run of repeats that ended by itself, per axis and of whole records.
+    /// Longest run of repeats per axis that ended without a fault.
     longest: [u32; 6],
+    /// Longest run of repeated whole records that ended without a fault.
     longest_whole: u32,
 }
 
-/// Sums of a look that goes on.
+/// Sums over the present window.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Look {
+struct WindowSums {
     pairs: u32,
     repeats: u32,
     same: [u32; 6],
@@ -112,31 +134,32 @@ struct Look {
     longest_whole: u32,
 }
 
-/// Memory of a [`RecordWatch`]. A new one is the reset: nothing learnt.
+/// State of a [`RecordWatch`]. A new one is the reset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordWatchState {
     last: Option<[i32; 6]>,
-    /// Steps before the last one that was none.
+    /// Last step of each axis that was not zero.
     step: [i64; 6],
-    /// Repeats in a row, up to now.
+    /// Present number of successive repeats per axis.
     run: [u32; 6],
     run_whole: u32,
-    /// Smallest step ever seen: one count of the sensor's own.
+    /// Smallest step so far: the resolution of the sensor in counts.
     unit: [i64; 6],
-    look: Look,
+    window: WindowSums,
     pairs: u64,
-    /// The quietest of the block before, and of this one, and how many looks this one has.
+    /// Noise in the quietest window of the block before, and of the present one.
     quietest: [Option<Noise>; 2],
-    looks: u32,
-    /// Runs that are faults.
+    /// Number of windows in the present block.
+    windows: u32,
+    /// Length of a run of repeats from which it is a fault.
     bound: [u32; 6],
     bound_whole: u32,
     frozen: bool,
     stuck: u8,
-    /// Records since the last that spoke against it, counted from the first that changed.
+    /// Number of records without a fault since the first that changed.
     healthy: u32,
     lived: bool,
-    /// Where the tool pressed when the records began to repeat, m.
+    /// Position of the pressing tool when the records began to repeat, m.
     stands_at: Option<Vector3<f64>>,
 }
 
@@ -148,10 +171,10 @@ impl Default for RecordWatchState {
             run: [0; 6],
             run_whole: 0,
             unit: [i64::MAX; 6],
-            look: Look::default(),
+            window: WindowSums::default(),
             pairs: 0,
             quietest: [None; 2],
-            looks: 0,
+            windows: 0,
             bound: [u32::MAX; 6],
             bound_whole: u32::MAX,
             frozen: false,
@@ -164,24 +187,24 @@ impl Default for RecordWatchState {
 }
 
 impl RecordWatchState {
-    /// Axes that stand still: bit 0 Fx to bit 5 Tz.
+    /// Axes whose value stands still: bit 0 is Fx, bit 5 is Tz.
     pub fn stuck_axes(&self) -> u8 {
         if self.frozen { 0x3f } else { self.stuck }
     }
 
-    /// What comes next is not a neighbour of what came last: the sensor said itself that it was not
-    /// right.
+    /// Breaks the sequence, because the sensor itself has reported a fault: the next record is not
+    /// compared with the last.
     pub(super) fn interrupt(&mut self) {
         self.last = None;
         self.run = [0; 6];
         self.run_whole = 0;
-        self.look = Look::default();
+        self.window = WindowSums::default();
         self.stands_at = None;
     }
 }
 
 impl RecordWatch {
-    /// For `rate_hz` records per second.
+    /// Watch for `rate_hz` records per second.
     pub fn new(config: &RecordWatchConfig, rate_hz: f64) -> Self {
         let records = |time_s: f64, least: u32| ((time_s * rate_hz).ceil() as u32).max(least);
         Self {
@@ -193,8 +216,8 @@ impl RecordWatch {
         }
     }
 
-    /// One record's counts, in the order of their measurement. `pressing_at` is where the tool is
-    /// (m, in axes that rest), as long as it is known to press.
+    /// Judges the counts of one record. `pressing_at` is the position of the tool (m, axes at rest)
+    /// while it is known to press.
     pub fn take(
         &self,
         state: &mut RecordWatchState,
@@ -205,12 +228,12 @@ impl RecordWatch {
             return state.verdict();
         };
         let whole = last == *counts;
-        state.look.pairs += 1;
+        state.window.pairs += 1;
         if whole {
-            state.look.repeats += 1;
+            state.window.repeats += 1;
             state.run_whole = state.run_whole.saturating_add(1);
         } else {
-            state.look.longest_whole = state.look.longest_whole.max(state.run_whole);
+            state.window.longest_whole = state.window.longest_whole.max(state.run_whole);
             state.run_whole = 0;
             for i in 0..6 {
                 state.axis(i, i64::from(counts[i]) - i64::from(last[i]));
@@ -230,9 +253,9 @@ impl RecordWatch {
         state.lived |= !whole;
         self.judge(state, moved);
         if state.frozen || state.stuck != 0 {
-            // A fault is not learnt from.
-            state.look = Look::default();
-        } else if state.look.pairs >= self.window {
+            // No noise is learnt during a fault.
+            state.window = WindowSums::default();
+        } else if state.window.pairs >= self.window {
             self.learn(state);
         }
         state.verdict()
@@ -258,16 +281,16 @@ impl RecordWatch {
         }
     }
 
-    /// One look is over.
+    /// Evaluates a complete window.
     fn learn(&self, state: &mut RecordWatchState) {
-        let look = std::mem::take(&mut state.look);
-        state.pairs += u64::from(look.pairs - look.repeats);
-        let noise = Noise::of(&look, &state.unit);
-        if state.looks >= BLOCK_WINDOWS {
+        let sums = std::mem::take(&mut state.window);
+        state.pairs += u64::from(sums.pairs - sums.repeats);
+        let noise = Noise::of(&sums, &state.unit);
+        if state.windows >= BLOCK_WINDOWS {
             state.quietest[0] = state.quietest[1].take();
-            state.looks = 0;
+            state.windows = 0;
         }
-        state.looks += 1;
+        state.windows += 1;
         let block = &mut state.quietest[1];
         *block = Some(block.map_or(noise, |quietest| quietest.quieter(&noise)));
         let quietest = match state.quietest {
@@ -277,9 +300,9 @@ impl RecordWatch {
         self.bound(state, &quietest);
     }
 
-    /// From the noise, the shortest runs that it does not make.
+    /// Computes the shortest runs that the noise does not produce.
     fn bound(&self, state: &mut RecordWatchState, noise: &Noise) {
-        // What was never seen in n pairs may still happen once in so many.
+        // An event that did not occur in n pairs may have a probability of 1/n.
         let unseen = 1.0 / (state.pairs as f64 + 2.0);
         let mut ln_whole = 0.0;
         for i in 0..6 {
@@ -298,7 +321,7 @@ impl RecordWatch {
         }
         state.bound_whole = u32::MAX;
         if ln_whole < 0.0 {
-            // Records per measurement: where every measurement comes several times, so must a
+            // Number of records per measurement: if each measurement is sent several times, so is a
             // repeat of it.
             let copies = if noise.repeats >= OVERSAMPLED {
                 noise.longest_whole.saturating_add(1)
@@ -310,8 +333,8 @@ impl RecordWatch {
         }
     }
 
-    /// Repeats in a row that are rarer than the false alarm, of measurements that come in `copies`
-    /// records each, and rarer than what was seen.
+    /// Number of successive repeats that is less probable than the false alarm and longer than any
+    /// run so far, if each measurement is sent in `copies` records.
     fn run_of(&self, ln_repeat: f64, copies: u32, longest: u32) -> u32 {
         let rare = (self.ln_false_alarm / ln_repeat).ceil();
         (rare as u32)
@@ -326,18 +349,18 @@ impl RecordWatchState {
         let size = step.abs();
         if size == 0 {
             self.run[i] = self.run[i].saturating_add(1);
-            self.look.same[i] += 1;
+            self.window.same[i] += 1;
             return;
         }
-        self.look.longest[i] = self.look.longest[i].max(self.run[i]);
+        self.window.longest[i] = self.window.longest[i].max(self.run[i]);
         self.run[i] = 0;
         self.unit[i] = self.unit[i].min(size);
-        self.look.moved[i] += size as f64;
+        self.window.moved[i] += size as f64;
         if size > self.unit[i] {
-            self.look.wide[i] += 1;
+            self.window.wide[i] += 1;
         }
         if step.signum() == -self.step[i].signum() {
-            self.look.turns[i] += 1;
+            self.window.turns[i] += 1;
         }
         self.step[i] = step;
     }
@@ -354,21 +377,21 @@ impl RecordWatchState {
 }
 
 impl Noise {
-    fn of(look: &Look, unit: &[i64; 6]) -> Self {
-        let pairs = f64::from((look.pairs - look.repeats).max(1));
+    fn of(sums: &WindowSums, unit: &[i64; 6]) -> Self {
+        let pairs = f64::from((sums.pairs - sums.repeats).max(1));
         let share = |n: [u32; 6]| n.map(|n| f64::from(n) / pairs);
         Self {
-            repeats: f64::from(look.repeats) / f64::from(look.pairs.max(1)),
-            same: share(look.same),
-            step: std::array::from_fn(|i| look.moved[i] / pairs / unit[i].max(1) as f64),
-            wide: share(look.wide),
-            turns: share(look.turns),
-            longest: look.longest,
-            longest_whole: look.longest_whole,
+            repeats: f64::from(sums.repeats) / f64::from(sums.pairs.max(1)),
+            same: share(sums.same),
+            step: std::array::from_fn(|i| sums.moved[i] / pairs / unit[i].max(1) as f64),
+            wide: share(sums.wide),
+            turns: share(sums.turns),
+            longest: sums.longest,
+            longest_whole: sums.longest_whole,
         }
     }
 
-    /// Axis by axis the quieter of both.
+    /// The smaller noise of both, axis by axis.
     fn quieter(&self, other: &Self) -> Self {
         let least = |a: &[f64; 6], b: &[f64; 6]| std::array::from_fn(|i| a[i].min(b[i]));
         Self {

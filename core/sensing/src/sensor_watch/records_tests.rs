@@ -3,8 +3,8 @@
 use super::*;
 use proptest::prelude::*;
 
-/// Noise that is the same everywhere: sums of a linear congruential generator, close to normal,
-/// standard deviation 1.
+/// Reproducible noise: sums of a linear congruential generator, approximately normal, standard
+/// deviation 1.
 struct Gauss(u64);
 
 impl Gauss {
@@ -21,7 +21,7 @@ impl Gauss {
     }
 }
 
-/// A reading of `noise` counts around a mean that wanders, in steps of `unit`.
+/// A reading with `noise` counts around a slowly varying mean, in steps of `unit`.
 fn reading(gauss: &mut Gauss, time_s: f64, noise: f64, unit: f64) -> [i32; 6] {
     std::array::from_fn(|i| {
         let load = 4000.0 * (0.7 * time_s + i as f64).sin();
@@ -29,7 +29,7 @@ fn reading(gauss: &mut Gauss, time_s: f64, noise: f64, unit: f64) -> [i32; 6] {
     })
 }
 
-/// Records until the verdict is no longer plausible.
+/// Number of records until the verdict is no longer plausible.
 fn records_until_noticed(
     watch: &RecordWatch,
     state: &mut RecordWatchState,
@@ -81,7 +81,7 @@ fn a_frozen_sensor_is_noticed_within_two_cycles_at_every_rate() {
 
 #[test]
 fn a_sensor_whose_noise_is_a_few_of_its_own_counts_is_noticed_too() {
-    // As a Gamma by its data sheet: steps of 25 mN, noise of 45 mN per record at 1 kHz.
+    // A Gamma according to its data sheet: steps of 25 mN, noise of 45 mN per record at 1 kHz.
     let (watch, mut state, _) = learnt(1000.0, 5.0, 45_000.0, 25_000.0);
     let last = state.last.unwrap();
     let (n, verdict) = records_until_noticed(&watch, &mut state, || last);
@@ -123,7 +123,7 @@ fn it_is_a_fault_until_it_has_lived_for_a_while() {
             RecordVerdict::Frozen
         );
     }
-    // It freezes once more: the time begins anew.
+    // It freezes once more: the time is counted from zero again.
     for _ in 0..30 {
         assert_eq!(watch.take(&mut state, &last, None), RecordVerdict::Frozen);
     }
@@ -140,15 +140,15 @@ fn it_is_a_fault_until_it_has_lived_for_a_while() {
         watch.take(&mut state, &alive(), None),
         RecordVerdict::Plausible
     );
-    // And is noticed again.
+    // The fault is detected again.
     let (n, verdict) = records_until_noticed(&watch, &mut state, || last);
     assert_eq!((verdict, n < 16), (RecordVerdict::Frozen, true));
 }
 
 #[test]
 fn a_sensor_that_is_quiet_by_its_nature_is_never_judged() {
-    // No noise at all while it stands, a load that moves smoothly for a minute, and standing again
-    // for a minute.
+    // No noise at all: standing, then a load that changes smoothly for a minute, then standing
+    // again for a minute.
     for rate_hz in [7000.0, 1000.0, 125.0] {
         let watch = RecordWatch::new(&RecordWatchConfig::default(), rate_hz);
         let mut state = RecordWatchState::default();
@@ -174,7 +174,7 @@ fn a_sensor_that_is_quiet_by_its_nature_is_never_judged() {
 
 #[test]
 fn a_load_that_moves_is_no_noise() {
-    // Switched on in motion: it has never been seen at rest.
+    // Switched on during a motion: the watch has never seen it at rest.
     let watch = RecordWatch::new(&RecordWatchConfig::default(), 1000.0);
     let mut state = RecordWatchState::default();
     for k in 0..30_000 {
@@ -213,8 +213,8 @@ fn a_box_that_sends_every_measurement_several_times_is_no_frozen_one() {
 
 #[test]
 fn a_load_between_two_coarse_counts_may_stand_still() {
-    // Noise of a quarter of a count: an edge flickers, the middle does not. The load rests now
-    // here, now there.
+    // Noise of a quarter of a count: the reading flickers near an edge between counts but not in
+    // the middle. The load rests at varying levels.
     let watch = RecordWatch::new(&RecordWatchConfig::default(), 1000.0);
     let mut state = RecordWatchState::default();
     let mut gauss = Gauss(11);
@@ -248,7 +248,7 @@ fn an_axis_that_never_lived_is_not_judged() {
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
-    /// Whatever noise and resolution a sensor has: five minutes at 1 kHz without a false word.
+    /// For any noise and resolution of a sensor: five minutes at 1 kHz without a false alarm.
     #[test]
     fn no_live_sensor_is_called_frozen(seed: u64, noise in 0.05f64..40.0, low_pass in 0.0f64..0.97) {
         let watch = RecordWatch::new(&RecordWatchConfig::default(), 1000.0);
@@ -258,7 +258,7 @@ proptest! {
         for k in 0..300_000u32 {
             let time_s = f64::from(k) * 1e-3;
             let counts = std::array::from_fn(|i| {
-                // The box's own filter makes neighbours alike.
+                // The sensor box's own filter correlates neighbouring records.
                 held[i] = low_pass * held[i] + (1.0 - low_pass) * noise * gauss.next();
                 let load = 30.0 * (0.05 * time_s + i as f64).sin();
                 (load + held[i]).round() as i32
@@ -271,12 +271,12 @@ proptest! {
 
 #[test]
 fn a_tool_that_presses_and_moves_under_exact_repeats_has_a_frozen_sensor() {
-    // No noise at all: nothing can be learnt.
+    // Without any noise, there are no statistics to learn.
     let watch = RecordWatch::new(&RecordWatchConfig::default(), 1000.0);
     let mut state = RecordWatchState::default();
     let at = |k: u32| Some(Vector3::new(0.4 + 2e-5 * f64::from(k), 0.0, 0.2));
     for k in 0..5000u32 {
-        // Standing, pressing, for as long as it likes; then sliding with a force that follows.
+        // Standing and pressing for a long time; then sliding with a force that follows.
         let (counts, place) = if k < 3000 {
             (7, at(0))
         } else {
@@ -293,7 +293,7 @@ fn a_tool_that_presses_and_moves_under_exact_repeats_has_a_frozen_sensor() {
     }
     let way_m = 2e-5 * f64::from(k - 2000);
     assert!(noticed.is_some() && way_m <= 2e-3, "{way_m} m");
-    // Nothing is over because the arm stands still again.
+    // The fault does not end because the arm stands still again.
     for _ in 0..2000 {
         let verdict = watch.take(&mut state, &[4999; 6], at(k));
         assert_eq!(verdict, RecordVerdict::Frozen);

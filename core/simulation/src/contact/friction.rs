@@ -1,8 +1,54 @@
 //! Friction of one pad point.
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
-use crate::plant_config::{FrictionConfig, FrictionModel};
+/// Friction per pad point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FrictionConfig {
+    /// `none`, `coulomb` or `lugre`.
+    pub model: FrictionModel,
+    /// Sliding friction coefficient.
+    pub coulomb_coefficient: f64,
+    /// Static friction coefficient.
+    pub static_coefficient: f64,
+    /// Stribeck speed, m/s.
+    pub stribeck_m_per_s: f64,
+    /// Viscous part, per unit of normal force, s/m.
+    pub viscous_s_per_m: f64,
+    /// LuGre bristle stiffness per unit of normal force, 1/m.
+    pub bristle_stiffness_per_m: f64,
+    /// LuGre bristle damping per unit of normal force, s/m.
+    pub bristle_damping_s_per_m: f64,
+}
+
+impl Default for FrictionConfig {
+    fn default() -> Self {
+        Self {
+            model: FrictionModel::Lugre,
+            coulomb_coefficient: 0.25,
+            static_coefficient: 0.3,
+            stribeck_m_per_s: 0.003,
+            viscous_s_per_m: 0.0,
+            bristle_stiffness_per_m: 3_000.0,
+            bristle_damping_s_per_m: 2.0,
+        }
+    }
+}
+
+/// Friction law.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FrictionModel {
+    /// Frictionless.
+    None,
+    /// Coulomb friction with the Stribeck effect, as a steep line through zero speed.
+    Coulomb,
+    /// Bristle model: sticks, and creeps before it slips (Canudas de Wit et al. 1995).
+    #[default]
+    Lugre,
+}
 
 /// LuGre (Canudas de Wit, Olsson, Åström, Lischinsky 1995) scaled by the normal force, or Coulomb
 /// with Stribeck:
@@ -16,17 +62,17 @@ pub struct Friction {
     config: FrictionConfig,
 }
 
-/// Friction of one point, with what an implicit step needs.
+/// Friction of one point, with its derivative for an implicit step.
 #[derive(Clone, Copy, Debug)]
 pub struct FrictionForce {
-    /// N, in the tangent plane.
+    /// Force in the tangent plane, N.
     pub force: Vector3<f64>,
     /// Upper bound of -dF/dv, Ns/m.
     pub damping: f64,
 }
 
 impl Friction {
-    /// Coefficients from the scenario.
+    /// Friction with the coefficients of the scenario.
     pub fn new(config: &FrictionConfig) -> Self {
         Self {
             config: config.clone(),
@@ -41,8 +87,8 @@ impl Friction {
     /// `exp(-(v / v_s)²)`: 1 at rest, 0 when sliding.
     fn stribeck(&self, speed: f64) -> f64 {
         let ratio = speed / self.config.stribeck_m_per_s;
-        // Below the last digit beyond six times the Stribeck speed, which is where most of a wipe
-        // is.
+        // Beyond six times the Stribeck speed, as in most of a wipe, the term is below the last
+        // digit.
         if ratio > 6.1 {
             0.0
         } else {
@@ -77,8 +123,8 @@ impl Friction {
                 };
             }
             FrictionModel::Coulomb => {
-                // A line through zero speed as steep as reaches the cone at a tenth of the Stribeck
-                // speed.
+                // The line through zero speed is steep enough to reach the friction cone at a tenth
+                // of the Stribeck speed.
                 let steepest = c.static_coefficient / (0.1 * c.stribeck_m_per_s);
                 let slope = steepest.min(slide / speed.max(1e-12));
                 return FrictionForce {
@@ -88,7 +134,8 @@ impl Friction {
             }
             FrictionModel::Lugre => {}
         }
-        // The bristle turns with the surface, and follows exactly over a step of constant velocity.
+        // The bristle turns with the surface, and is integrated exactly over a step of constant
+        // velocity.
         *bristle -= normal * normal.dot(bristle);
         let before = *bristle;
         if speed > 1e-12 {
@@ -99,7 +146,7 @@ impl Friction {
         let bristle_rate = (*bristle - before) / dt;
         let damping = c.bristle_damping_s_per_m * stribeck;
         let mut friction = -(*bristle * c.bristle_stiffness_per_m + bristle_rate * damping);
-        // Bristle damping must not lift a transient out of the friction cone.
+        // Bristle damping must not move a transient out of the friction cone.
         let size = friction.norm();
         let limit = c.static_coefficient.max(c.coulomb_coefficient);
         if size > limit {

@@ -1,9 +1,18 @@
-//! A pad of points on a surface: Hunt-Crossley along the normal, friction with bristles across it.
+//! Contact of a pad of points with a surface: Hunt-Crossley normal force, bristle friction in the
+//! tangent plane.
 
+mod compliance;
+mod config;
 mod friction;
 mod normal_force;
+mod obstacle;
 mod pad;
 
-pub use friction::Friction;
+pub(crate) use compliance::Compliance;
+pub use compliance::ComplianceConfig;
+pub use config::ContactConfig;
+pub use friction::{Friction, FrictionConfig, FrictionModel};
 pub use normal_force::HuntCrossley;
-pub use pad::{Pad, PadContact, PadLinearisation, PadMotion};
+pub use obstacle::Obstacle;
+pub(crate) use obstacle::Placed;
+pub use pad::{Pad, PadConfig, PadContact, PadLinearisation, PadMotion};

@@ -1,7 +1,7 @@
 //! Normal force of one pad point: a spring whose damping grows with depth, so that contact starts
 //! and ends without a jump.
 
-/// Hunt and Crossley (1975): `F = k x^e (1 + 1.5 a x')`, never pulling.
+/// Law of Hunt and Crossley (1975): `F = k x^e (1 + 1.5 a x')`; never negative.
 #[derive(Clone, Copy, Debug)]
 pub struct HuntCrossley {
     /// `k`, N/m^e.
@@ -12,10 +12,10 @@ pub struct HuntCrossley {
     pub dissipation_s_per_m: f64,
 }
 
-/// Force of one point, with what an implicit step needs.
+/// Force of one point, with its derivatives for an implicit step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NormalForce {
-    /// N, out of the material.
+    /// Force out of the material, N.
     pub force: f64,
     /// dF/dx, N/m.
     pub stiffness: f64,
@@ -24,7 +24,7 @@ pub struct NormalForce {
 }
 
 impl HuntCrossley {
-    /// `depth` in m (positive inside), `depth_rate` in m/s.
+    /// Normal force; `depth` in m (positive inside), `depth_rate` in m/s.
     pub fn force(&self, depth: f64, depth_rate: f64) -> NormalForce {
         if depth <= 0.0 {
             return NormalForce::default();
@@ -79,8 +79,8 @@ mod tests {
 
     #[test]
     fn the_energy_lost_in_a_cycle_is_the_closed_form() {
-        // x = A sin(w t) for half a period: the elastic part returns, the lost part is 1.5 a k ∫ x
-        // x'² dt = 1.5 a k w A³ 2/3.
+        // x = A sin(w t) for half a period: the elastic work is zero, the dissipated work is 1.5 a
+        // k ∫ x x'² dt = 1.5 a k w A³ 2/3.
         let law = HuntCrossley {
             stiffness: 5e3,
             exponent: 1.0,

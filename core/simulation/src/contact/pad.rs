@@ -1,16 +1,43 @@
-//! The tool's pad: points that each feel the surface, and their wrench at the tool's origin.
+//! The tool's pad: contact points on the surface, and their total wrench at the tool's origin.
 
-use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
+use tangent_mechanics::{Base, Pose, Tool};
 
+use super::config::ContactConfig;
 use super::friction::Friction;
 use super::normal_force::HuntCrossley;
-use crate::plant_config::{ContactConfig, PadConfig};
 use crate::surfaces::Surface;
 
-/// Points of the pad with their bristles. Fixed after construction.
+/// A disk of contact points in the tool's xy plane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PadConfig {
+    /// Radius of the disk, m.
+    pub radius_m: f64,
+    /// Rings of points around the central one: ring `i` has `6 i` points. 0 is a single point.
+    pub rings: usize,
+    /// Whether only the outermost ring can touch.
+    pub hollow: bool,
+    /// Radius of the pad's crown, m: the rim is set back. The pad is flat if absent.
+    pub crown_radius_m: Option<f64>,
+}
+
+impl Default for PadConfig {
+    fn default() -> Self {
+        Self {
+            radius_m: 0.008,
+            rings: 2,
+            hollow: false,
+            crown_radius_m: None,
+        }
+    }
+}
+
+/// Points of the pad with their bristles. The number of points is fixed after construction.
 #[derive(Clone, Debug)]
 pub struct Pad {
-    /// In tool axes, m.
+    /// Positions of the points, tool axes, m.
     points: Vec<Vector3<f64>>,
     bristles: Vec<Vector3<f64>>,
     law: HuntCrossley,
@@ -18,36 +45,53 @@ pub struct Pad {
     reach: f64,
 }
 
-/// Where the pad is and how it moves, base axes.
+/// Pose and twist of the pad, base axes.
 #[derive(Clone, Copy, Debug)]
 pub struct PadMotion {
-    /// Tool's origin, m.
+    /// Position of the tool's origin, m.
     pub origin: Vector3<f64>,
     /// `base_from_tool`.
     pub rotation: UnitQuaternion<f64>,
-    /// Of the tool's origin, m/s.
+    /// Velocity of the tool's origin, m/s.
     pub linear: Vector3<f64>,
-    /// rad/s
+    /// Angular velocity, rad/s.
     pub angular: Vector3<f64>,
 }
 
-/// What the surface does to the pad, base axes, at the tool's origin.
+impl PadMotion {
+    /// A pad at rest in a pose.
+    pub fn at_rest(base_from_tool: &Pose<Base, Tool>) -> Self {
+        Self::moving(base_from_tool, &Vector6::zeros())
+    }
+
+    /// A pad in a pose, with the twist of the tool's origin, base axes, m/s and rad/s.
+    pub fn moving(base_from_tool: &Pose<Base, Tool>, twist: &Vector6<f64>) -> Self {
+        Self {
+            origin: base_from_tool.translation(),
+            rotation: base_from_tool.rotation(),
+            linear: twist.fixed_rows::<3>(0).into_owned(),
+            angular: twist.fixed_rows::<3>(3).into_owned(),
+        }
+    }
+}
+
+/// Effect of the surface on the pad, base axes, at the tool's origin.
 #[derive(Clone, Copy, Debug)]
 pub struct PadContact {
-    /// N
+    /// Force, N.
     pub force: Vector3<f64>,
-    /// Nm
+    /// Torque, Nm.
     pub torque: Vector3<f64>,
     /// Sum of the points' normal forces, N.
     pub load: f64,
     /// Depth of the deepest point, m.
     pub depth: f64,
-    /// Points that carry load.
+    /// Number of points that carry load.
     pub touching: usize,
 }
 
 impl PadContact {
-    /// Nothing touches.
+    /// No contact.
     pub fn none() -> Self {
         Self {
             force: Vector3::zeros(),
@@ -57,20 +101,26 @@ impl PadContact {
             touching: 0,
         }
     }
+
+    /// Force and torque, N and Nm.
+    pub fn wrench(&self) -> Vector6<f64> {
+        let (f, t) = (&self.force, &self.torque);
+        Vector6::new(f.x, f.y, f.z, t.x, t.y, t.z)
+    }
 }
 
-/// Change of the pad's wrench with its motion, for an implicit step; base axes, at the tool's
-/// origin.
+/// Derivatives of the pad's wrench with respect to its motion, for an implicit step; base axes, at
+/// the tool's origin.
 #[derive(Clone, Copy, Debug)]
 pub struct PadLinearisation {
-    /// Minus the derivative by displacement and small rotation.
+    /// Minus the derivative with respect to displacement and small rotation.
     pub stiffness: Matrix6<f64>,
-    /// Minus the derivative by twist.
+    /// Minus the derivative with respect to the twist.
     pub damping: Matrix6<f64>,
 }
 
 impl PadLinearisation {
-    /// Nothing touches.
+    /// No contact.
     pub fn none() -> Self {
         Self {
             stiffness: Matrix6::zeros(),
@@ -100,7 +150,7 @@ impl PadLinearisation {
 }
 
 impl Pad {
-    /// `stiffness` is that of the whole pad, N/m: the tool's compliance is already taken out of it.
+    /// `stiffness` is that of the whole pad, N/m, without the tool's compliance.
     pub fn new(pad: &PadConfig, contact: &ContactConfig, stiffness: f64) -> Self {
         let mut points = Vec::new();
         if !pad.hollow || pad.rings == 0 {
@@ -126,7 +176,7 @@ impl Pad {
                 point.z = -(point.x * point.x + point.y * point.y) / (2.0 * crown);
             }
         }
-        // With an exponent, the stiffness is to hold at 1 mm.
+        // With an exponent other than 1, the stiffness holds at a depth of 1 mm.
         let scale = 1e-3f64.powf(1.0 - contact.exponent);
         let law = HuntCrossley {
             stiffness: stiffness * scale / points.len() as f64,

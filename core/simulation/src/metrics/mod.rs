@@ -1,17 +1,16 @@
 //! The figures of a run, computed from plain per-cycle samples. Used by `evaluate`, and by `report`
 //! on a recording.
 //!
-//! Every figure's definition is in `docs/evaluate.md`; the two commands agree because both call
-//! this.
+//! `docs/evaluate.md` defines every figure; the two commands agree because both call this module.
 
-pub mod object_pose;
-pub mod tactile;
+pub mod object;
+pub mod visuo_tactile;
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use tangent_control::Phase;
 
-/// Time after first contact that figures called settled leave out, s.
+/// Time after first contact that the settled figures leave out, s.
 pub const SETTLING_LEFT_OUT_S: f64 = 1.0;
 /// Deviation within which the force counts as settled, share of the reference.
 const SETTLED_SHARE: f64 = 0.10;
@@ -78,7 +77,8 @@ pub struct CycleSample {
 }
 
 impl CycleSample {
-    /// Whether the tool is in contact: by the truth if it is known, otherwise by the controller.
+    /// Whether the tool is in contact: by the true state if it is known, otherwise by the
+    /// controller.
     fn touches(&self) -> bool {
         self.truth.map_or(self.in_contact, |t| t.in_contact)
     }
@@ -101,7 +101,7 @@ pub struct Spread {
     pub std: f64,
     /// Root of the mean square.
     pub rmse: f64,
-    /// Smallest value that 95 % of them do not exceed.
+    /// 95th percentile: the smallest value that 95 % of the values do not exceed.
     pub p95: f64,
     /// Largest value.
     pub max: f64,
@@ -199,7 +199,7 @@ pub struct JointFigures {
     pub manipulability_min: Option<f64>,
 }
 
-/// Energy in the tanks, J. The law of a velocity-controlled arm has a force tank only.
+/// Energy in the tanks, J. The law of a velocity-controlled arm has only a force tank.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)]
 pub struct TankFigures {
@@ -243,7 +243,7 @@ pub fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 impl Figures {
     /// Figures from the cycles of one task, in order of time.
     pub fn of(samples: &[CycleSample]) -> Self {
-        // The figures are about pressing: from first contact to the retraction.
+        // The figures cover the pressing: from first contact to the retraction.
         let first = samples.iter().position(CycleSample::touches);
         let span = first.map_or(&samples[..0], |first| {
             let from_first = &samples[first..];

@@ -118,7 +118,7 @@ fn force_figures_have_closed_forms() {
 
 #[test]
 fn overshoot_and_settling_are_those_of_the_touchdown() {
-    // A ramp that reaches 3.9 N after 0.3 s, and then 3 N; a later bump is no overshoot.
+    // A ramp that reaches 3.9 N after 0.3 s, then 3 N; a later peak is not part of the overshoot.
     let figures = run(|i, s| {
         let t = s.time_s;
         s.phase = if i < 200 {
@@ -184,7 +184,8 @@ fn a_run_without_contact_has_nulls() {
 
 #[test]
 fn a_touchdown_that_bounces_is_judged_by_its_highest_bounce() {
-    // 0.2 s on the surface, 0.1 s off it, each time harder; from 2.1 s on it stays.
+    // Alternately 0.2 s on the surface and 0.1 s off it, harder each time; in contact from 2.1 s
+    // on.
     let bouncing = |settles: bool| {
         run(|i, s| {
             let (bounce, inside) = (i / 30, i % 30);
@@ -209,7 +210,7 @@ fn a_touchdown_that_bounces_is_judged_by_its_highest_bounce() {
     let settled = bouncing(true);
     assert!((settled.overshoot_percent.unwrap() - 200.0 / 3.0).abs() < 1e-9);
     assert!((settled.settling_s.unwrap() - 2.1).abs() < 1e-9);
-    // One that never settles is judged by all of it.
+    // If the force never settles, the whole span counts.
     let never = bouncing(false);
     assert!((never.overshoot_percent.unwrap() - 550.0 / 3.0).abs() < 1e-9);
     assert_eq!(never.settling_s, None);

@@ -1,4 +1,5 @@
-//! A cone around the local z axis: a traffic cone's side, continued without base and tip radius.
+//! A cone around the local z axis: the side of a traffic cone, continued without base and tip
+//! radius.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -39,15 +40,15 @@ impl Shape for Cone {
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
         let (out, rho) = radial(point);
         let (distance, _) = self.distance_and_normal(point);
-        // Meusnier: the circle around the axis has curvature 1/rho, of which cos(half angle) is
-        // along the normal.
+        // Meusnier: the circle around the axis has curvature 1/rho, whose component along the
+        // normal is scaled by cos(half angle).
         let rho_on_surface = (rho - distance * self.cos).max(1e-6);
         let around = Vector3::z().cross(&out);
         around * around.transpose() * (self.cos / rho_on_surface)
     }
 
     fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
-        // Inside where x² + y² <= (slope below)², below = height - z >= 0.
+        // Inside where x² + y² <= (slope below)² and below = height - z >= 0.
         let (o, d) = (&ray.origin, &ray.direction);
         let below = [self.height - o.z, -d.z];
         let s2 = self.slope * self.slope;
@@ -57,8 +58,8 @@ impl Shape for Cone {
         let under = |t: f64| below[0] + below[1] * t >= 0.0;
         let inside = match roots(a, b, c) {
             Some([one, two]) if a > 0.0 => under(0.5 * (one + two)).then_some([one, two]),
-            // Steeper than the side: one root on each half of the double cone, and the lower half
-            // goes on for ever.
+            // Steeper than the side: one root on each half of the double cone; the lower half is
+            // unbounded.
             Some([one, two]) => {
                 if below[1] > 0.0 {
                     Some([two, f64::INFINITY])

@@ -1,4 +1,4 @@
-//! A cylinder around the local z axis, without end: a pipe.
+//! An infinite cylinder around the local z axis: a pipe.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -12,14 +12,14 @@ pub struct Cylinder {
 }
 
 impl Cylinder {
-    /// `radius` in m.
+    /// Cylinder with `radius` in m.
     pub fn new(radius: f64) -> Self {
         Self { radius }
     }
 }
 
-/// Unit vector from the z axis to `point`, and its distance from the axis; x where the point lies
-/// on the axis.
+/// Unit vector from the z axis to `point`, and the distance from the axis; the x axis for a point
+/// on the z axis.
 pub(super) fn radial(point: &Vector3<f64>) -> (Vector3<f64>, f64) {
     let rho = (point.x * point.x + point.y * point.y).sqrt();
     if rho > 1e-12 {

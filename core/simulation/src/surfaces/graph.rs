@@ -8,7 +8,7 @@ pub(super) trait Graph {
     /// Height (m), gradient and second derivatives (1/m) at `(x, y)`.
     fn height(&self, x: f64, y: f64) -> (f64, Vector2<f64>, Matrix2<f64>);
 
-    /// A bound of the gradient's length anywhere.
+    /// Upper bound of the gradient's norm.
     fn slope_max(&self) -> f64;
 }
 
@@ -16,23 +16,24 @@ fn normal_of(gradient: &Vector2<f64>) -> Vector3<f64> {
     Vector3::new(-gradient.x, -gradient.y, 1.0).normalize()
 }
 
-/// Rounds of Newton's method at most. Near the surface two or three reach 1e-12 m; beyond a focal
-/// distance it takes more.
+/// Maximum number of Newton iterations. Near the surface two or three reach 1e-12 m; beyond a focal
+/// distance more are needed.
 const ROUNDS: usize = 30;
-/// A step is halved so often at most.
+/// Maximum number of halvings of a step.
 const HALVINGS: usize = 20;
 
-/// Where the perpendicular from a point meets the graph.
+/// Foot point of the perpendicular from a point to the graph.
 struct Foot {
     place: Vector3<f64>,
     gradient: Vector2<f64>,
     hessian: Matrix2<f64>,
-    /// Height of the point over the graph straight below it: its sign is that of the distance.
+    /// Height of the point above the graph directly below it, m: its sign is that of the distance.
     above: f64,
 }
 
-/// A foot of the perpendicular from `point`: the nearest place, or beyond a focal distance one that
-/// no step makes nearer. Starts straight below the point and only ever comes nearer to it.
+/// Foot point of the perpendicular from `point`: the closest point or, beyond a focal distance, a
+/// local minimum of the distance. The iteration starts directly below the point, and the distance
+/// decreases in every step.
 fn foot<G: Graph>(graph: &G, point: &Vector3<f64>) -> Foot {
     let (mut x, mut y) = (point.x, point.y);
     let (mut h, mut g, mut hessian) = graph.height(x, y);
@@ -42,8 +43,8 @@ fn foot<G: Graph>(graph: &G, point: &Vector3<f64>) -> Foot {
         let above = point.z - h;
         let residual = Vector2::new(point.x - x, point.y - y) + g * above;
         let exact = Matrix2::identity() + g * g.transpose() - hessian * above;
-        // Inside a focal distance the exact matrix is positive; beyond it, the Gauss-Newton one
-        // still descends.
+        // Inside a focal distance the exact matrix is positive definite; beyond it, the
+        // Gauss-Newton matrix still gives a descent direction.
         let matrix = if exact.m11 > 0.0 && exact.determinant() > 0.0 {
             exact
         } else {
@@ -61,7 +62,7 @@ fn foot<G: Graph>(graph: &G, point: &Vector3<f64>) -> Foot {
                 point.y - (y + step.y),
                 point.z - next.0,
             );
-            // Equal but for rounding.
+            // Equal up to rounding.
             if away.norm_squared() <= square * (1.0 + 1e-9) + 1e-24 {
                 square = away.norm_squared();
                 (x, y) = (x + step.x, y + step.y);
@@ -92,7 +93,7 @@ pub(super) fn distance_and_normal<G: Graph>(
     let away = point - foot.place;
     let distance = normal.dot(&away);
     if distance * foot.above < 0.0 && distance.abs() > 1e-9 {
-        // A foot on the far side of a fold.
+        // The foot point is on the far side of a fold.
         let distance = away.norm().copysign(foot.above);
         return (distance, away / distance);
     }

@@ -1,5 +1,5 @@
-//! A table of heights from CSV text, interpolated by a uniform bicubic spline: twice
-//! differentiable, so curvature exists.
+//! A table of heights from CSV text, interpolated by a uniform bicubic spline. It is twice
+//! differentiable, so its curvature exists.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -7,77 +7,77 @@ use super::Shape;
 use super::graph::{self, Graph};
 use super::ray::{self, Ray};
 
-/// Why a table of heights cannot be used.
+/// Error in a table of heights.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HeightFieldError {
     /// A cell is not a number.
     #[error("line {line}, column {column}: `{text}` is not a finite number of metres")]
     NotANumber {
-        /// From 1.
+        /// Line, counted from 1.
         line: usize,
-        /// From 1.
+        /// Column, counted from 1.
         column: usize,
-        /// The cell as it stands.
+        /// Text of the cell.
         text: String,
     },
-    /// A row has another length than the first.
+    /// The length of a row differs from that of the first row.
     #[error(
         "line {line} has {got} cells, but {want} are needed (one coordinate, then one height per column)"
     )]
     Ragged {
-        /// From 1.
+        /// Line, counted from 1.
         line: usize,
-        /// Cells found.
+        /// Number of cells found.
         got: usize,
-        /// Cells wanted.
+        /// Number of cells needed.
         want: usize,
     },
-    /// Too few rows or columns for a cubic.
+    /// There are too few rows or columns for a cubic.
     #[error(
         "the table has {columns} columns and {rows} rows of heights; at least 4 of each are needed"
     )]
     TooSmall {
-        /// Columns of heights.
+        /// Number of columns of heights.
         columns: usize,
-        /// Rows of heights.
+        /// Number of rows of heights.
         rows: usize,
     },
-    /// Coordinates must increase by one constant step.
+    /// The coordinates do not increase by one constant step.
     #[error(
         "{axis} coordinates must increase by one constant step (m), but number {index} is {value} where {expected} was expected"
     )]
     NotUniform {
-        /// `x` or `y`.
+        /// Axis, `x` or `y`.
         axis: char,
-        /// From 1.
+        /// Number of the coordinate, counted from 1.
         index: usize,
-        /// What stands there.
+        /// Coordinate found, m.
         value: f64,
-        /// What a constant step gives.
+        /// Coordinate expected for a constant step, m.
         expected: f64,
     },
 }
 
-/// `z = h(x, y)` from a regular table; outside it, the border's tangent plane goes on.
+/// `z = h(x, y)` from a regular table, continued beyond the border by the tangent plane there.
 #[derive(Clone, Debug)]
 pub struct HeightField {
     origin: [f64; 2],
     step: [f64; 2],
-    /// Columns and rows of heights.
+    /// Number of columns and rows of heights.
     size: [usize; 2],
-    /// Spline coefficients with one extra on every side, row by row.
+    /// Spline coefficients with one more on every side, row by row.
     coefficients: Vec<f64>,
-    /// Bound of the gradient's length: a spline's slope is an average of its coefficients'
-    /// differences.
+    /// Upper bound of the gradient's norm: a spline's slope is an average of the differences of its
+    /// coefficients.
     slope_max: f64,
 }
 
 impl HeightField {
-    /// First row: an ignored cell, then the x coordinates. Further rows: y, then heights. All in m;
-    /// empty lines and lines that start with `#` are skipped.
+    /// Reads a table. First row: an ignored cell, then the x coordinates. Further rows: y, then
+    /// heights. All are in m; empty lines and lines that start with `#` are skipped.
     ///
     /// # Errors
-    /// Says which line, what stands there and what is allowed.
+    /// The table is malformed; the error names the line, the text and what is allowed.
     pub fn from_csv(text: &str) -> Result<Self, HeightFieldError> {
         let mut lines = text
             .lines()
@@ -151,8 +151,8 @@ impl HeightField {
         })
     }
 
-    /// Interval, and the four cubic weights with their first and second derivatives, per unit of
-    /// the step.
+    /// Index of the interval, and the four cubic weights with their first and second derivatives
+    /// per unit of the step.
     fn weights(&self, axis: usize, coordinate: f64) -> (usize, [[f64; 4]; 3], f64) {
         let last = (self.size[axis] - 1) as f64;
         let u = (coordinate - self.origin[axis]) / self.step[axis];
@@ -197,7 +197,7 @@ impl Graph for HeightField {
         let [sx, sy] = self.step;
         let gradient = Vector2::new(sums[1][0] / sx, sums[0][1] / sy);
         let mixed = sums[1][1] / (sx * sy);
-        // Past the border the surface goes on straight, so it bends there no more.
+        // Beyond the border the surface continues straight across it, without curvature.
         let outside = beyond_x != 0.0 || beyond_y != 0.0;
         let hessian = if outside {
             Matrix2::zeros()

@@ -1,8 +1,8 @@
 //! Surfaces to press on: signed distance, closest point, outward normal and curvature, in base
 //! axes.
 //!
-//! Each shape lives in its own file and speaks in its own frame; [`Surface`] places one in the
-//! arm's base. Used by the plant for contact and by everything that needs the truth about a normal.
+//! Each shape has its own file and its own frame; [`Surface`] places one in the arm's base. The
+//! plant uses surfaces for contact; tests and figures use them for the true normal.
 
 mod cone;
 mod cylinder;
@@ -30,7 +30,31 @@ pub use wave::Wave;
 
 use crate::pose_config::PoseConfig;
 
-/// The surface seen from one query point. Same axes as the query.
+/// The surface and its pose.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceConfig {
+    /// `base_from_surface`: origin, m.
+    #[serde(default)]
+    pub position_m: [f64; 3],
+    /// `base_from_surface`: rotations about the fixed x, then y, then z axis, rad.
+    #[serde(default)]
+    pub roll_pitch_yaw_rad: [f64; 3],
+    /// Shape and dimensions.
+    #[serde(flatten)]
+    pub shape: ShapeConfig,
+}
+
+impl SurfaceConfig {
+    /// `base_from_surface`.
+    pub fn pose(&self) -> PoseConfig {
+        PoseConfig {
+            position_m: self.position_m,
+            roll_pitch_yaw_rad: self.roll_pitch_yaw_rad,
+        }
+    }
+}
+
+/// Local geometry of the surface at the point closest to a query point, in the axes of the query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
     /// Signed distance, m: negative inside the material.
@@ -44,7 +68,7 @@ pub struct SurfacePoint {
     pub curvature: Matrix3<f64>,
 }
 
-/// What every shape answers, in its own frame (m).
+/// Geometry that every shape provides, in its own frame, m.
 pub trait Shape {
     /// Signed distance and the unit normal at the closest point.
     fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>);
@@ -52,41 +76,42 @@ pub trait Shape {
     /// Shape operator at the closest point, 1/m.
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64>;
 
-    /// The first `t` within `range` at which the ray is inside the material; its start where it
-    /// begins there. Sphere tracing unless a shape knows a shorter way.
+    /// The first `t` within `range` at which the ray is inside the material; the start of `range`
+    /// if the ray is already inside there. The default is sphere tracing; shapes may override it
+    /// with a faster method.
     fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
         ray::march(ray, range, |p| self.distance_and_normal(p).0)
     }
 }
 
-/// Which shape, with its dimensions; the tagged form of the `[plant.surface]` table.
+/// Shape and dimensions; the tagged form of the `[plant.surface]` table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "snake_case", deny_unknown_fields)]
 pub enum ShapeConfig {
     /// Half space below `z = 0`.
     Plane,
-    /// Around the local z axis, without end.
+    /// Infinite cylinder around the local z axis.
     Cylinder {
-        /// m
+        /// Radius, m.
         radius_m: f64,
     },
-    /// Around the local z axis, wide at `z = 0`, its tip at `z = height_m`.
+    /// Cone around the local z axis with its base at `z = 0` and its tip at `z = height_m`.
     Cone {
         /// Height of the tip over the base, m.
         height_m: f64,
         /// Radius at `z = 0`, m.
         base_radius_m: f64,
     },
-    /// Around the origin.
+    /// Sphere around the origin.
     Sphere {
-        /// m
+        /// Radius, m.
         radius_m: f64,
     },
-    /// Around the local z axis.
+    /// Torus around the local z axis.
     Torus {
-        /// From the axis to the middle of the tube, m.
+        /// Distance from the axis to the middle of the tube, m.
         major_radius_m: f64,
-        /// Of the tube, m.
+        /// Radius of the tube, m.
         minor_radius_m: f64,
     },
     /// `z = a_x sin(2 pi x / l_x) + a_y sin(2 pi y / l_y)`.
@@ -96,18 +121,18 @@ pub enum ShapeConfig {
         /// `[l_x, l_y]`, m.
         wavelength_m: [f64; 2],
     },
-    /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, with upright
+    /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, with vertical
     /// sides.
     Wave {
         /// `a`, m.
         amplitude_m: f64,
         /// `l`, m.
         wavelength_m: f64,
-        /// rad
+        /// Phase, rad.
         phase_rad: f64,
-        /// m
+        /// Offset, m.
         offset_m: f64,
-        /// Along x and y, m.
+        /// Size along x and y, m.
         size_m: [f64; 2],
     },
     /// A table of heights, interpolated by a cubic spline.
@@ -116,28 +141,28 @@ pub enum ShapeConfig {
         /// `csv_file`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         csv: Option<String>,
-        /// Name of a file with that text, resolved where the scenario is loaded.
+        /// Name of a file with that text, read when the scenario is loaded.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         csv_file: Option<String>,
     },
 }
 
-/// A dimension that no surface can have.
+/// Error in the shape or dimensions of a surface.
 #[derive(Debug, thiserror::Error)]
 pub enum SurfaceError {
-    /// Not a positive, finite length.
+    /// A dimension is not a positive, finite length.
     #[error("surface {shape}: `{key}` is {value}, but must be a positive length in metres{advice}")]
     Dimension {
-        /// Shape in question.
+        /// Name of the shape.
         shape: &'static str,
-        /// Key in question.
+        /// Key of the dimension.
         key: &'static str,
-        /// What was given.
+        /// Value given.
         value: f64,
-        /// What else to know; may be empty.
+        /// Additional advice; may be empty.
         advice: &'static str,
     },
-    /// The table of heights is bad.
+    /// The table of heights is malformed.
     #[error("surface height_field: {0}")]
     HeightField(#[from] HeightFieldError),
     /// The table of heights was not loaded.
@@ -227,7 +252,7 @@ impl Surface {
     /// `pose` is `base_from_surface`.
     ///
     /// # Errors
-    /// A dimension that is not positive and finite, or a bad table of heights.
+    /// A dimension is not positive and finite, or the table of heights is malformed.
     pub fn new(shape: &ShapeConfig, pose: &PoseConfig) -> Result<Self, SurfaceError> {
         let shape = match shape {
             ShapeConfig::Plane => AnyShape::Plane(Plane),
@@ -300,7 +325,7 @@ impl Surface {
         })
     }
 
-    /// Moves the surface: `base_from_surface`.
+    /// Sets the surface's pose, `base_from_surface`.
     pub fn place(&mut self, pose: &nalgebra::Isometry3<f64>) {
         self.rotation = pose.rotation.to_rotation_matrix();
         self.translation = pose.translation.vector;
@@ -310,7 +335,7 @@ impl Surface {
         self.rotation.matrix().tr_mul(&(point - self.translation))
     }
 
-    /// A ray in base axes as the shape sees it.
+    /// Transforms a ray from base axes to the surface's axes.
     pub fn ray_in_surface(&self, ray: &Ray) -> Ray {
         Ray {
             origin: self.local(&ray.origin),
@@ -324,14 +349,14 @@ impl Surface {
         self.shape.enter(ray_in_surface, range)
     }
 
-    /// Signed distance (m) and unit normal at the closest point, base axes. The cheap part of
+    /// Signed distance (m) and unit normal at the closest point, base axes. It costs less than
     /// [`Surface::query`].
     pub fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let (distance, normal) = self.shape.distance_and_normal(&self.local(point));
         (distance, self.rotation * normal)
     }
 
-    /// Everything about the surface's closest point to `point` (base axes, m).
+    /// Geometry at the surface point closest to `point` (base axes, m).
     pub fn query(&self, point: &Vector3<f64>) -> SurfacePoint {
         let local = self.local(point);
         let (distance, normal) = self.shape.distance_and_normal(&local);

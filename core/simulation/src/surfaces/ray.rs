@@ -1,4 +1,4 @@
-//! Where a ray enters a shape's material: the geometry of the simulated depth camera.
+//! Intersection of a ray with a shape's material, for the simulated depth camera.
 
 use nalgebra::Vector3;
 
@@ -7,9 +7,9 @@ use super::graph::Graph;
 /// Points `origin + t direction`, in a shape's own axes (m); `direction` need not be a unit vector.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
-    /// Where `t = 0`.
+    /// Point at `t = 0`, m.
     pub origin: Vector3<f64>,
-    /// Per unit of `t`.
+    /// Displacement per unit of `t`, m.
     pub direction: Vector3<f64>,
 }
 
@@ -19,34 +19,33 @@ impl Ray {
         self.origin + self.direction * t
     }
 
-    /// The first `t` in `[from, to]` that lies in `[enter, leave]`.
+    /// The first `t` that lies in both `range` and `inside`.
     pub(super) fn first(range: [f64; 2], inside: [f64; 2]) -> Option<f64> {
         let t = range[0].max(inside[0]);
         (t <= range[1].min(inside[1])).then_some(t)
     }
 }
 
-/// Both roots of `a t² + 2 b t + c`, the smaller first; none where they are not real or `a`
-/// vanishes.
+/// Both roots of `a t² + 2 b t + c`, the smaller first; `None` if they are not real or `a` is zero.
 pub(super) fn roots(a: f64, b: f64, c: f64) -> Option<[f64; 2]> {
     let discriminant = b * b - a * c;
     if a == 0.0 || discriminant < 0.0 {
         return None;
     }
-    // The root that does not cancel first.
+    // The root without cancellation first.
     let q = -(b + discriminant.sqrt().copysign(b));
     let (one, two) = (q / a, if q == 0.0 { 0.0 } else { c / q });
     Some([one.min(two), one.max(two)])
 }
 
-/// Longest walk of a march; a ray that grazes a surface for longer counts as a miss.
+/// Maximum number of steps; a ray that grazes a surface for longer counts as a miss.
 const STEPS_MAX: usize = 2000;
-/// So near to the surface a march no longer slows down, m: what is thinner may be stepped over.
+/// Minimum step length, m: thinner material may be stepped over.
 const NEAR_M: f64 = 1e-4;
-/// Where it has arrived, m.
+/// Clearance at which the ray counts as having arrived, m.
 const ARRIVED_M: f64 = 1e-9;
 
-/// Sphere tracing: `distance` never exceeds the true one outside the material.
+/// Sphere tracing; `distance` must not exceed the true distance outside the material.
 pub(super) fn march(
     ray: &Ray,
     [from, to]: [f64; 2],
@@ -56,8 +55,8 @@ pub(super) fn march(
     walk([from, to], |t| distance(&ray.at(t)), speed)
 }
 
-/// Down to a height over the plane: the clearance changes at most so fast along the ray, which
-/// bounds each step.
+/// Marches along the ray down to a height over the plane. The rate of change of the clearance along
+/// the ray is bounded, which bounds each step.
 pub(super) fn march_graph<G: Graph>(graph: &G, ray: &Ray, [from, to]: [f64; 2]) -> Option<f64> {
     let along = (ray.direction.x * ray.direction.x + ray.direction.y * ray.direction.y).sqrt();
     let rate = ray.direction.z.abs() + graph.slope_max() * along;
@@ -68,7 +67,7 @@ pub(super) fn march_graph<G: Graph>(graph: &G, ray: &Ray, [from, to]: [f64; 2]) 
     walk([from, to], clearance, rate)
 }
 
-/// `rate` bounds how fast the clearance falls along the ray.
+/// Marches along the ray; `rate` bounds how fast `clearance` decreases with `t`.
 fn walk([from, to]: [f64; 2], clearance: impl Fn(f64) -> f64, rate: f64) -> Option<f64> {
     let mut t = from;
     let mut f = clearance(t);
@@ -89,7 +88,7 @@ fn walk([from, to]: [f64; 2], clearance: impl Fn(f64) -> f64, rate: f64) -> Opti
     None
 }
 
-/// Between a point outside and one inside: regula falsi that halves what stands still (Illinois).
+/// Crossing between a point outside and one inside, by regula falsi with the Illinois modification.
 fn crossing(mut outside: [f64; 2], mut inside: [f64; 2], clearance: &impl Fn(f64) -> f64) -> f64 {
     for _ in 0..60 {
         let t = outside[0] + (inside[0] - outside[0]) * outside[1] / (outside[1] - inside[1]);

@@ -1,4 +1,4 @@
-//! A sheet waved in both directions.
+//! A sheet with sine waves in both directions.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -6,7 +6,7 @@ use super::Shape;
 use super::graph::{self, Graph};
 use super::ray::{self, Ray};
 
-/// `z = a_x sin(k_x x) + a_y sin(k_y y)`, material below.
+/// `z = a_x sin(k_x x) + a_y sin(k_y y)`, with the material below.
 #[derive(Clone, Copy, Debug)]
 pub struct Sheet {
     amplitude: [f64; 2],
@@ -14,7 +14,7 @@ pub struct Sheet {
 }
 
 impl Sheet {
-    /// Amplitudes and wavelengths along x and y, m.
+    /// Sheet with amplitudes and wavelengths along x and y, m.
     pub fn new(amplitude: [f64; 2], wavelength: [f64; 2]) -> Self {
         Self {
             amplitude,

@@ -1,4 +1,4 @@
-//! A ball around the local origin.
+//! A sphere around the local origin.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -12,7 +12,7 @@ pub struct Sphere {
 }
 
 impl Sphere {
-    /// `radius` in m.
+    /// Sphere with `radius` in m.
     pub fn new(radius: f64) -> Self {
         Self { radius }
     }

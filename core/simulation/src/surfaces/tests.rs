@@ -1,4 +1,4 @@
-//! Every shape against finite differences of its own distance.
+//! Tests every shape against finite differences of its own distance.
 
 use super::*;
 use proptest::prelude::*;
@@ -16,7 +16,7 @@ y\\x,   -0.15, -0.10, -0.05,  0.00,  0.05,  0.10, 0.15
  0.10,  0.000, 0.001, 0.002, 0.002, 0.001, 0.001, 0.000
 ";
 
-/// Every shape with a point on it from which small steps stay well on it.
+/// Every shape, with a point on it that is far from its edges compared with a small step.
 fn shapes() -> Vec<(&'static str, ShapeConfig, Vector3<f64>)> {
     vec![
         ("plane", ShapeConfig::Plane, Vector3::new(0.1, 0.2, 0.0)),
@@ -100,11 +100,11 @@ proptest! {
             let p = anchor.point + Vector3::from(offset) * 0.4;
             let at = surface.query(&p);
             prop_assert!((at.normal.norm() - 1.0).abs() < 1e-12, "{name}");
-            // The closest point lies on the surface, and its normal is the same.
+            // The closest point lies on the surface, and the normal there is the same.
             let on = surface.query(&at.point);
             prop_assert!(on.distance.abs() < 1e-10, "{name}: {}", on.distance);
             prop_assert!((on.normal - at.normal).norm() < 1e-8, "{name}");
-            // The normal is the distance's gradient.
+            // The normal is the gradient of the distance.
             let h = 1e-6;
             for axis in 0..3 {
                 let step = Vector3::ith(axis, h);
@@ -112,7 +112,7 @@ proptest! {
                 let (minus, _) = surface.distance_and_normal(&(p - step));
                 prop_assert!(((plus - minus) / (2.0 * h) - at.normal[axis]).abs() < 1e-7, "{name}");
             }
-            // The shape operator is the normal's derivative along the surface.
+            // The shape operator is the derivative of the normal along the surface.
             prop_assert!((at.curvature - at.curvature.transpose()).norm() < 1e-9, "{name}");
             prop_assert!((at.curvature * at.normal).norm() < 1e-9, "{name}");
             for axis in 0..3 {
@@ -232,8 +232,8 @@ fn past_its_sides_a_wave_is_not_there() {
 }
 
 proptest! {
-    /// A point that comes in through the side of the block is as deep as it has gone, not as far
-    /// below the top as it came.
+    /// The depth of a point that enters through the side of the block is its distance from the
+    /// side, not from the top.
     #[test]
     fn nothing_is_deep_in_a_block_at_once(
         from in prop::array::uniform3(-1.0f64..1.0),
@@ -256,8 +256,9 @@ proptest! {
 }
 
 proptest! {
-    /// Beyond a focal distance there are several feet: whichever is found, the point is on its own
-    /// side of the surface, and neither farther than straight below nor nearer than it is.
+    /// Beyond a focal distance there are several foot points. Whichever is found, the sign of the
+    /// distance is right, and its size is at most the vertical distance and at least the true
+    /// distance.
     #[test]
     fn a_point_far_above_or_below_is_not_on_the_other_side(
         at in prop::array::uniform3(-1.0f64..1.0),

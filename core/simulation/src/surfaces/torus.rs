@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::Shape;
 use super::cylinder::radial;
 
-/// Material within `minor` of the circle of radius `major` around z.
+/// Material within `minor` of the circle of radius `major` around the z axis.
 #[derive(Clone, Copy, Debug)]
 pub struct Torus {
     major: f64,
@@ -13,7 +13,7 @@ pub struct Torus {
 }
 
 impl Torus {
-    /// Both radii in m, `minor < major`.
+    /// Torus with both radii in m, `minor < major`.
     pub fn new(major: f64, minor: f64) -> Self {
         Self { major, minor }
     }

@@ -1,5 +1,5 @@
-//! A block with a wave across its top, and sides: what the tool leaves when it slides too far, and
-//! what it meets when it comes back.
+//! A block with vertical sides and a wave across its top. A tool can slide off it and hit its side
+//! on the way back.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -7,9 +7,9 @@ use super::Shape;
 use super::graph::{self, Graph};
 use super::ray::{self, Ray};
 
-/// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, material below
-/// without end. Karacan et al., III: the block of 0.26 x 0.51 m with a = 0.02 m, l = 0.38 m, phase
-/// 0.44 rad and an offset of 0.02 m.
+/// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, with the material
+/// below it unbounded. Karacan et al., III: a block of 0.26 x 0.51 m with a = 0.02 m, l = 0.38 m,
+/// phase 0.44 rad and an offset of 0.02 m.
 #[derive(Clone, Copy, Debug)]
 pub struct Wave {
     amplitude: f64,
@@ -31,8 +31,8 @@ impl Wave {
         }
     }
 
-    /// Distance and normal of the block's outside for a point beside or above its edges: to a side,
-    /// or to the edge of the top.
+    /// Distance and normal for a point beside the block or above its edges: to a side, or to the
+    /// edge of the top.
     fn beside(&self, point: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
         let [a, b] = self.half_size;
         let (x, y) = (point.x.clamp(-a, a), point.y.clamp(-b, b));
@@ -79,9 +79,9 @@ impl Shape for Wave {
             return outside;
         }
         let (top, side) = (graph::distance_and_normal(self, point), self.side(point));
-        // What is inside leaves by the nearest way out. A tool that slid off, sank and comes back
-        // meets the side: with a top alone it would find itself centimetres deep at once, and the
-        // world would give it energy from nothing.
+        // The distance inside is that of the nearest way out. A tool that slid off, sank and comes
+        // back touches the side. With the top alone it would suddenly be centimetres deep, and the
+        // simulation would create energy.
         if top.0 >= side.0 { top } else { side }
     }
 
@@ -89,7 +89,7 @@ impl Shape for Wave {
         graph::curvature(self, point)
     }
 
-    /// Of the wave without its edges: a camera's `extent_m` cuts those.
+    /// Intersects the wave without its edges: a camera's `extent_m` cuts those.
     fn enter(&self, ray: &Ray, range: [f64; 2]) -> Option<f64> {
         ray::march_graph(self, ray, range)
     }

@@ -1,13 +1,13 @@
-//! `unified_force_impedance` in a world that is not as it should be: any surface, any policy,
-//! somebody who pushes, a camera that lies.
+//! `unified_force_impedance` in adverse worlds: any surface, any policy, external pushes, and a
+//! camera with wrong normals.
 
-// A world's numbers are also read by what prints it.
+// Some fields are only read when a world is printed.
 #![allow(dead_code)]
 
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
 use tangent_control::{Fault, Phase, VisionInput};
-use tangent_simulation::{TactileCycle, TactileDisturbance, evaluate_tactile_with};
+use tangent_simulation::{Disturbance, VisuoTactileCycle, evaluate_visuo_tactile_with};
 
 use crate::energy_balance::{Balance, EXACT};
 use crate::tactile_cells::scenario;
@@ -21,25 +21,25 @@ pub struct World {
     pub radius_m: f64,
     pub turn_rate_rad_per_s: f64,
     pub rough: Rough,
-    /// Energy in the motion tank and in the force tank at the start.
+    /// Initial energy in the motion tank and in the force tank, J.
     pub tanks_j: [f64; 2],
     pub paper: bool,
     pub seed: u64,
 }
 
-/// Somebody pushes, and the camera sees what it likes.
+/// External pushes, and errors of the camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Rough {
-    /// Amplitude, N, base axes.
+    /// Amplitude of the force, N, base axes.
     pub force_n: [f64; 3],
-    /// Amplitude, Nm, base axes.
+    /// Amplitude of the moment, Nm, base axes.
     pub moment_nm: [f64; 3],
     pub push_rad_per_s: f64,
-    /// Amplitude of the lie, rad.
+    /// Amplitude of the camera's error, rad.
     pub view_rad: [f64; 2],
 }
 
-impl TactileDisturbance for Rough {
+impl Disturbance for Rough {
     fn vision(&mut self, time_s: f64, mut normal: VisionInput) -> Option<VisionInput> {
         let axis = Vector3::new(self.view_rad[0], self.view_rad[1], 0.0) * (3.0 * time_s).sin();
         normal.normal = (normal.normal + axis.cross(&normal.normal)).normalize();
@@ -52,23 +52,23 @@ impl TactileDisturbance for Rough {
     }
 }
 
-/// What a run in a world showed.
+/// Result of a run in a world.
 #[derive(Debug, Default)]
 pub struct Played {
     pub slid: bool,
-    /// What ended the task.
+    /// Fault that ended the task.
     pub fault: Option<Fault>,
     pub motion: Span,
     pub force: Span,
     pub short_j: f64,
     pub balance: Balance,
-    /// Fastest joint over the speed that the robot's maker allows it.
+    /// Highest joint speed, as a share of the limit from the robot's manufacturer.
     pub speed_share: f64,
 }
 
 impl World {
-    /// Runs the task, showing every cycle to `watch`.
-    pub fn play(&self, mut watch: impl FnMut(&TactileCycle<'_>)) -> Played {
+    /// Runs the task and passes every cycle to `watch`.
+    pub fn play(&self, mut watch: impl FnMut(&VisuoTactileCycle<'_>)) -> Played {
         let rate = self.turn_rate_rad_per_s;
         let rate = if rate.abs() < 0.3 { 0.3 } else { rate };
         let preset = if self.paper { "paper" } else { "default" };
@@ -90,7 +90,7 @@ impl World {
             format!("control.tanks.motion.initial_j={}", self.tanks_j[0]),
             format!("control.tanks.force.initial_j={}", self.tanks_j[1]),
             "plant.arm.sub_steps=8".to_owned(),
-            // Somebody pushes at the tare too: that ends no task here.
+            // The pushes also act during the tare, which must not end the task here.
             "control.touch.zero_max_n=100.0".to_owned(),
             "control.touch.align_s=2.0".to_owned(),
             "control.monitor.rate_per_s=8.0".to_owned(),
@@ -103,7 +103,7 @@ impl World {
         set.extend(EXACT);
         let mut played = Played::default();
         let mut rough = self.rough;
-        evaluate_tactile_with(&scenario(&set), &mut rough, |c| {
+        evaluate_visuo_tactile_with(&scenario(&set), &mut rough, |c| {
             played.balance.see(c);
             let tanks = c.output.tanks;
             played.motion.see(tanks.motion_j);
@@ -124,10 +124,11 @@ impl World {
 }
 
 impl Played {
-    /// No tank beyond its limits, none short, and every joule accounted for.
+    /// Checks that no tank exceeds its limits or lacks energy, and that the energy balance is
+    /// closed.
     ///
     /// # Errors
-    /// What does not hold, with its number.
+    /// The condition that does not hold, with its number.
     pub fn judge(&self) -> Result<(), String> {
         if !self.motion.within(1.0, 32.0) {
             return Err(format!("motion tank {:?}", self.motion));
@@ -138,7 +139,7 @@ impl Played {
         if self.short_j != 0.0 {
             return Err(format!("short of {} J", self.short_j));
         }
-        // What the integration of the plant itself is good to.
+        // Accuracy of the plant's own integration.
         let most = 0.02 + 0.01 * self.balance.turnover_j;
         let off = self.balance.worst_j;
         if off.is_nan() || off >= most {
@@ -148,7 +149,7 @@ impl Played {
     }
 }
 
-/// Any world, any policy, any lie of the camera, any energy at the start.
+/// Any world, policy, camera error and initial energy.
 pub fn anything() -> impl Strategy<Value = World> {
     (
         (
@@ -184,7 +185,7 @@ pub fn anything() -> impl Strategy<Value = World> {
         })
 }
 
-/// Least and greatest of something.
+/// Minimum and maximum of a value.
 #[derive(Debug)]
 pub struct Span(f64, f64);
 

@@ -1,5 +1,5 @@
-//! The scenes that normals from depth are judged on: a pipe, a waved sheet and a cone before a
-//! table, seen from 0.3 to 0.6 m.
+//! Scenes for testing normals from depth: a pipe, a waved sheet and a cone in front of a table,
+//! seen from 0.3 to 0.6 m.
 
 #[allow(dead_code)]
 pub mod pcl;
@@ -14,7 +14,7 @@ use tangent_simulation::depth_camera::{
 };
 use tangent_simulation::{PoseConfig, ShapeConfig, Surface};
 
-/// A surface, the camera's settings, and from where it is looked at.
+/// A surface, the camera's settings, and the camera's pose.
 pub struct DepthScene {
     pub name: &'static str,
     pub surface: Surface,
@@ -22,7 +22,7 @@ pub struct DepthScene {
     pub base_from_flange: Vec<Pose<Base, Flange>>,
 }
 
-/// Name, shape, orientation, and the box that it is cut off at.
+/// Name, shape, orientation, and bounding box.
 type Placed = (&'static str, ShapeConfig, [f64; 3], [[f64; 3]; 2]);
 
 /// `image_px` and `focal_px` of the camera; `errors` are its noise, holes and edges.
@@ -103,8 +103,8 @@ pub fn scenes(image_px: [usize; 2], focal_px: f64, errors: DepthNoiseConfig) -> 
         .collect()
 }
 
-/// The true normal of every pixel of a frame, camera axes; all zero where there is no reading, or
-/// none of a smooth face.
+/// True normal of every pixel of a frame, camera axes; all zero where there is no reading or no
+/// smooth face.
 pub fn true_normals(
     camera: &DepthCamera,
     scene: &DepthScene,
@@ -128,19 +128,19 @@ pub fn true_normals(
         .collect()
 }
 
-/// Metres of a frame.
+/// Depths of a frame, m.
 pub fn metres(frame: &DepthFrame) -> Vec<f32> {
     let mut depth_m = Vec::new();
     metres_from_millimetres(&frame.depth_mm, &mut depth_m);
     depth_m
 }
 
-/// As the estimators take it.
+/// A frame in the form used by the estimators.
 pub fn image<'a>(frame: &DepthFrame, depth_m: &'a [f32]) -> DepthImage<'a> {
     DepthImage::new(frame.width, frame.height, depth_m).expect("a frame fits itself")
 }
 
-/// Angles between `found` and `truth` where both are, degrees.
+/// Angles between `found` and `truth` where both exist, degrees.
 pub fn errors_deg(found: &[PixelNormal], truth: &[PixelNormal]) -> Vec<f64> {
     let there = |n: &PixelNormal| *n != [0.0; 3];
     let pairs = found

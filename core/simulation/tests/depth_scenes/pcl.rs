@@ -1,5 +1,5 @@
-//! The Point Cloud Library's normals of the same frames, from a small program that is built when it
-//! is needed.
+//! Normals of the Point Cloud Library for the same frames, from a small program that is built when
+//! needed.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use std::process::Command;
 use tangent_estimation::depth_normal::PixelNormal;
 use tangent_simulation::depth_camera::DepthFrame;
 
-/// What the library did with one frame.
+/// Result of the library for one frame.
 pub struct PclFrame {
     pub fastest_ms: f64,
     pub median_ms: f64,
@@ -16,7 +16,7 @@ pub struct PclFrame {
     pub points: Vec<([f32; 3], PixelNormal)>,
 }
 
-/// The program, ready to run.
+/// The compiled program.
 pub struct Pcl {
     program: PathBuf,
     folder: PathBuf,
@@ -30,7 +30,7 @@ impl Pcl {
     /// Compiles the program against PCL 1.13.
     ///
     /// # Errors
-    /// Says what is not there.
+    /// What is missing.
     pub fn build() -> Result<Self, String> {
         let source = repository().join("tests/pcl/voxel_normals.cpp");
         // Headers of the whole development package, or only those that .ci/pcl-headers unpacks.
@@ -65,10 +65,11 @@ impl Pcl {
         }
     }
 
-    /// Normals of every frame with a voxel of `leaf_m` (0 for none) and this many neighbours.
+    /// Computes the normals of every frame with a voxel size of `leaf_m` (0 for none) and this
+    /// number of neighbours.
     ///
     /// # Errors
-    /// The program failed: a defect.
+    /// The program failed, which is a defect.
     pub fn run(
         &self,
         frames: &[DepthFrame],
@@ -124,12 +125,12 @@ impl Pcl {
 
 impl Drop for Pcl {
     fn drop(&mut self) {
-        // What cannot be removed lies in the target folder.
+        // A folder that cannot be removed remains in the target folder.
         let _ = fs::remove_dir_all(&self.folder);
     }
 }
 
-/// The program's input; its head says what is in it.
+/// Input file of the program; its header describes its contents.
 fn file_of(frames: &[DepthFrame]) -> Vec<u8> {
     let mut bytes = b"tgdepth1".to_vec();
     let first = &frames[0];
@@ -146,7 +147,7 @@ fn file_of(frames: &[DepthFrame]) -> Vec<u8> {
     bytes
 }
 
-/// The truth at the pixel that each point lies behind, in the points' order.
+/// True normals at the pixels of the points, in the points' order.
 pub fn truth_at_points(
     frame: &DepthFrame,
     truth: &[PixelNormal],

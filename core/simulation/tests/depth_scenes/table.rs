@@ -1,4 +1,4 @@
-//! One run of `depth_normal` and PCL on the same frames, one thread each, as a table.
+//! Compares `depth_normal` and PCL on the same frames in one run, one thread each, as a table.
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -13,7 +13,7 @@ use tangent_simulation::depth_camera::{DepthCamera, DepthFrame, DepthNoiseConfig
 use super::pcl::{Pcl, truth_at_points};
 use super::{DepthScene, errors_deg, image, median, metres, scenes, true_normals};
 
-/// What is compared.
+/// Settings of the comparison.
 pub struct Options {
     pub image_px: [usize; 2],
     pub focal_px: f64,
@@ -34,7 +34,7 @@ impl Default for Options {
     }
 }
 
-/// One line of the table.
+/// One row of the table.
 #[derive(Clone, Debug)]
 pub struct Row {
     pub scene: &'static str,
@@ -42,11 +42,11 @@ pub struct Row {
     pub fastest_ms: f64,
     pub median_ms: f64,
     pub error_deg: f64,
-    /// Share of pixels with depth that have a normal; for PCL it is normals per pixel with depth.
+    /// Share of pixels with depth that have a normal; for PCL, normals per pixel with depth.
     pub covered: f64,
 }
 
-/// The frames of a scene with their truth.
+/// The frames of a scene with their true normals.
 pub struct Taken {
     pub frames: Vec<DepthFrame>,
     pub truth: Vec<Vec<PixelNormal>>,
@@ -67,7 +67,7 @@ pub fn take(scene: &DepthScene, seed: u64) -> Taken {
     taken
 }
 
-/// `depth_normal` on a scene: everything it does with a frame, a normal for every pixel included.
+/// Runs `depth_normal` on a scene: its complete step, and a normal for every pixel.
 pub fn ours(scene: &DepthScene, taken: &Taken, config: &DepthNormalConfig, repeats: u32) -> Row {
     let step = DepthNormal::new(config).expect("sound settings");
     let mut state = DepthNormalState::default();
@@ -108,7 +108,7 @@ pub fn ours(scene: &DepthScene, taken: &Taken, config: &DepthNormalConfig, repea
     }
 }
 
-/// PCL on a scene.
+/// Runs PCL on a scene.
 pub fn theirs(
     pcl: &Pcl,
     scene: &DepthScene,
@@ -145,7 +145,7 @@ pub fn theirs(
     })
 }
 
-/// Everything, and whether PCL was there.
+/// The whole table, and whether PCL was available.
 pub fn side_by_side(options: &Options) -> (String, Vec<Row>) {
     let pcl = Pcl::build();
     let mut rows = Vec::new();

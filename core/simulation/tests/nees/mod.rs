@@ -1,11 +1,11 @@
-//! Every sound estimator beside the one that steers: squared error over claimed variance, by phase.
+//! Consistency of every estimator, while one of them is in use: normalised squared error by phase.
 #![allow(dead_code)]
 
 use tangent_control::Phase;
 use tangent_simulation::metrics::{angle_deg, nees_of_normal};
-use tangent_simulation::{Scenario, ScenarioError, evaluate_with};
+use tangent_simulation::{AdmittanceScenario, ScenarioError, evaluate_admittance_with};
 
-/// `blend` steers, the others listen.
+/// `blend` is in use; the others run in parallel.
 pub const ESTIMATORS: [&str; 4] = ["blend", "reactive", "quadratic", "gaussian_process"];
 
 /// Sums over the cycles of one phase.
@@ -25,17 +25,17 @@ impl Tally {
         self.count += other.count;
     }
 
-    /// Per degree of freedom; 0 of nothing.
+    /// Normalised squared error per degree of freedom; 0 without data.
     pub fn nees(&self) -> f64 {
         self.nees / self.count.max(1.0)
     }
 
-    /// Root mean square of what is claimed per axis, degrees.
+    /// Root mean square of the stated standard deviation per axis, degrees.
     pub fn claim_deg(&self) -> f64 {
         (0.5 * self.variance_deg / self.count.max(1.0)).sqrt()
     }
 
-    /// NEES, and per axis the error and the claim, degrees.
+    /// NEES, and per axis the error and the stated standard deviation, degrees.
     pub fn text(&self) -> String {
         if self.count == 0.0 {
             return "-".to_owned();
@@ -46,7 +46,7 @@ impl Tally {
     }
 }
 
-/// Of one estimator: touching down, sliding, standing.
+/// Sums for one estimator: touchdown, sliding, standing.
 #[derive(Clone, Copy, Default)]
 pub struct Phases(pub [Tally; 3]);
 
@@ -64,10 +64,10 @@ impl Phases {
     }
 }
 
-/// Runs a scenario and compares each estimate with the truth of its cycle, in contact.
-pub fn measure(scenario: &Scenario) -> Result<[Phases; 4], ScenarioError> {
+/// Runs a scenario and compares each estimate in contact with the true state of its cycle.
+pub fn measure(scenario: &AdmittanceScenario) -> Result<[Phases; 4], ScenarioError> {
     let mut found = [Phases::default(); 4];
-    evaluate_with(scenario, |cycle| {
+    evaluate_admittance_with(scenario, |cycle| {
         let phase = match cycle.output.phase {
             Phase::Contact => 0,
             Phase::Slide => 1,

@@ -1,10 +1,10 @@
-//! The force shown is the true force whatever people and faults do to a cell: random sequences of
-//! starts, pauses, stops, deaths and tares, for every law.
+//! The displayed force equals the true force whatever operators and faults do to a cell: random
+//! sequences of starts, pauses, stops, crashes and tares, for every law.
 
-// A test says what it found.
+// The test prints its results.
 #![allow(clippy::disallowed_macros)]
 #![allow(clippy::unwrap_used)]
-// Not every binary uses all of it.
+// Not every test binary uses all of this module.
 #![allow(dead_code)]
 
 use std::cell::Cell as Counter;
@@ -15,75 +15,77 @@ use proptest::prelude::*;
 use proptest::test_runner::{TestRunner, contextualize_config};
 use tangent_control::{Fault, Phase};
 
-/// Largest difference between the force shown and the true one, N.
+/// Largest difference between the displayed force and the true one, N.
 pub const SHOWN_MAX_N: f64 = 0.5;
-/// Shown and true are compared as means over so long, s: noise is no lie. Every period ends such a
-/// window, and the true force is taken as much earlier as the filter is late. A window begins anew
-/// where the comparison was interrupted: nothing more is left out to settle.
+/// Window over which the means of displayed and true force are compared, s, so that noise does not
+/// count. A window ends with every period, and the true force is delayed by the filter's delay.
+/// After an interruption of the comparison a new window begins; no further time is left out for
+/// settling.
 pub const WINDOW_S: f64 = 0.2;
-/// How long a task runs after the sequence, s.
+/// Duration of a task after the sequence, s.
 const AFTER_S: f64 = 10.0;
-/// How long a protective stop lasts, s.
+/// Duration of a protective stop, s.
 const STOPPED_S: f64 = 0.3;
 
-/// What one period came to.
+/// Result of one period.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
     pub phase: Phase,
     pub fault: Option<Fault>,
     /// True force on the tool, N.
     pub force_n: f64,
-    /// What of it is compared, N, in any axes.
+    /// Part of the true force that is compared, N, in any axes.
     pub truth: Vector3<f64>,
-    /// As it is shown, N, in the same axes; none while nothing is, or while it says nothing yet.
+    /// Displayed force, N, in the same axes; `None` while no force is displayed, or while it is
+    /// marked as unusable.
     pub shown: Option<Vector3<f64>>,
 }
 
-/// What a person or a fault does.
+/// Action of an operator, or a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Action {
     Start,
     Pause,
     Resume,
     Stop,
-    /// The robot takes no commands for a moment, and the tool stays on the surface.
+    /// The robot accepts no commands for a moment, while the tool stays on the surface.
     ProtectiveStop,
-    /// The controller dies; another takes its place, and runs no task.
+    /// The controller crashes; a new one takes its place and runs no task.
     ControllerDies,
-    /// The sensor's service dies, and another takes its place.
+    /// The sensor service crashes, and a new one takes its place.
     SensorRestarts,
     Tare,
 }
 
-/// A cell that all of it can be done to. What is refused is refused.
+/// A cell that supports all actions. It may reject an action.
 pub trait Cell {
     fn period_s(&self) -> f64;
-    /// What the force shown lags behind the true one, s: the filter's delay.
+    /// Delay of the displayed force relative to the true one, s: the filter's delay.
     fn delay_s(&self) -> f64;
-    /// Whether the force shown is compared in this phase.
+    /// Whether the displayed force is compared in this phase.
     fn compares(&self, phase: Phase) -> bool;
     fn reference_n(&self) -> f64;
     fn phase(&mut self) -> Phase;
-    /// One period.
+    /// Runs one period.
     fn step(&mut self) -> Seen;
     fn set_arm_ready(&mut self, ready: bool);
-    /// Everything else but [`Action::ProtectiveStop`].
+    /// Carries out any action except [`Action::ProtectiveStop`].
     fn act(&mut self, action: Action);
 }
 
-/// A cell, and what was seen of it.
+/// A cell with the observations made of it.
 pub struct Watched<C> {
     pub cell: C,
     pub peak_n: f64,
     pub worst_n: f64,
-    /// When and in which phase the window ended that was worst, s.
+    /// Time (s) and phase at the end of the worst window.
     worst_at: (f64, Phase),
     time_s: f64,
     pub phases: Vec<Phase>,
     pub faults: Vec<Fault>,
-    /// True forces of the filter's delay, oldest first.
+    /// True forces during the filter's delay, oldest first.
     late: VecDeque<Vector3<f64>>,
-    /// Shown less true, of one window.
+    /// Displayed minus true force, over one window.
     differences: VecDeque<Vector3<f64>>,
 }
 
@@ -102,7 +104,7 @@ impl<C: Cell> Watched<C> {
         }
     }
 
-    /// Forgets what was shown until now.
+    /// Discards all observations so far.
     pub fn forget(&mut self) {
         self.differences.clear();
         self.worst_n = 0.0;
@@ -167,7 +169,7 @@ impl<C: Cell> Watched<C> {
         }
     }
 
-    /// What it was, where the tool pressed too hard or the force shown was not the true one.
+    /// The violation, if the tool pressed too hard or the displayed force was not the true one.
     pub fn judge(&self) -> Result<(), String> {
         let peak_max_n = (2.0 * self.cell.reference_n()).max(10.0);
         let told = || format!("{:?} {:?}", self.phases, self.faults);
@@ -190,7 +192,7 @@ impl<C: Cell> Watched<C> {
     }
 }
 
-/// What is done to a cell, each after so long, s.
+/// Actions on a cell, each after a time in s.
 #[derive(Clone, Debug)]
 pub struct Sequence {
     pub seed: u64,
@@ -221,7 +223,7 @@ fn sequence(stiffnesses: &'static [f64], longest_s: f64) -> impl Strategy<Value 
     })
 }
 
-/// Plays a sequence, and then starts once more.
+/// Runs a sequence of actions, followed by one more start.
 pub fn play<C: Cell>(sequence: &Sequence, cell: C) -> Watched<C> {
     let mut cell = Watched::new(cell);
     for (wait_s, action) in &sequence.steps {
@@ -236,8 +238,8 @@ pub fn play<C: Cell>(sequence: &Sequence, cell: C) -> Watched<C> {
     cell
 }
 
-/// The tool stands or slides; it does not move through the air, where what hangs on the sensor and
-/// the joints' friction are felt too.
+/// Whether the tool stands or slides. While it moves through the air, the wrench also contains
+/// inertia of the payload and friction of the joints.
 pub fn stands_or_slides(phase: Phase) -> bool {
     !matches!(
         phase,
@@ -245,8 +247,8 @@ pub fn stands_or_slides(phase: Phase) -> bool {
     )
 }
 
-/// So many sequences, or PROPTEST_CASES, from PROPTEST_RNG_SEED: see .ci/search. At least four of
-/// five have to slide.
+/// Runs this number of sequences, or PROPTEST_CASES, from PROPTEST_RNG_SEED: see .ci/search. At
+/// least four of five have to slide.
 pub fn whatever_is_done<C: Cell>(
     cases: u32,
     stiffnesses: &'static [f64],

@@ -1,10 +1,10 @@
-//! The published wave, with single keys changed.
+//! The published wave scenario, with single keys changed.
 
-use tangent_simulation::TactileScenario;
+use tangent_simulation::VisuoTactileScenario;
 
 const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
 
-pub fn scenario(set: &[&str]) -> TactileScenario {
+pub fn scenario(set: &[&str]) -> VisuoTactileScenario {
     let set: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();
-    TactileScenario::parse("karacan_wave", WAVE, &set).unwrap()
+    VisuoTactileScenario::parse("karacan_wave", WAVE, &set).unwrap()
 }

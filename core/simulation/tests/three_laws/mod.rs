@@ -1,13 +1,13 @@
-//! One cell of each law, stepped alike, with what really happens in each period.
+//! One cell for each law with a common interface, and its true state in each period.
 
 use nalgebra::Vector3;
 use tangent_control::{Clearance, Fault, Parameter, Phase, Task};
 use tangent_simulation::{
-    Calm, ClosedLoop, ObjectLoop, ObjectScenario, Obstacle, Scenario, TactileLoop, TactileScenario,
-    Undisturbed,
+    AdmittanceLoop, AdmittanceScenario, ObjectLoop, ObjectScenario, Obstacle, Undisturbed,
+    VisuoTactileLoop, VisuoTactileScenario, no_files,
 };
 
-/// What runs the cell.
+/// Control law of the cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Law {
     /// Hybrid admittance: joint velocities, a force sensor at the wrist.
@@ -18,7 +18,7 @@ pub enum Law {
     Unified,
 }
 
-/// One period.
+/// True state and measurements in one period.
 #[derive(Clone, Copy, Debug)]
 #[allow(dead_code)] // Not every test asks for everything.
 pub struct Seen {
@@ -26,25 +26,25 @@ pub struct Seen {
     pub phase: Phase,
     pub fault: Option<Fault>,
     pub clearance: Clearance,
-    /// True force on the tool, N: along the surface's normal, and all of it.
+    /// True force on the tool, N: along the surface's normal, and its norm.
     pub pressing_n: f64,
     pub force_n: f64,
-    /// As the law reads it, N.
+    /// Force as read by the law, N.
     pub read_n: Option<f64>,
-    /// The tool's origin as measured, and the normal in use, base axes.
+    /// Measured position of the tool's origin, and the normal in use, base axes.
     pub at: Vector3<f64>,
     pub normal: Vector3<f64>,
-    /// Of the contact, as the law has it, N/m; 0 where it has none.
+    /// Stiffness of the contact estimated by the law, N/m; 0 if there is no estimate.
     pub stiffness_n_per_m: f64,
 }
 
 enum Loop {
-    Velocity(Box<ClosedLoop>),
+    Velocity(Box<AdmittanceLoop>),
     Hybrid(Box<ObjectLoop>),
-    Unified(Box<TactileLoop>),
+    Unified(Box<VisuoTactileLoop>),
 }
 
-/// A cell, its period and what its task asks for.
+/// A cell, its period and the requests of its task.
 pub struct Cell {
     inner: Loop,
     pub period_s: f64,
@@ -57,8 +57,8 @@ fn text(path: &str) -> String {
     std::fs::read_to_string(&file).unwrap()
 }
 
-/// [`Seen`] of a cycle: the three laws' cycles are types of their own, with fields of the same
-/// names.
+/// Builds [`Seen`] from a cycle: the cycles of the three laws are different types with fields of
+/// equal names.
 macro_rules! seen {
     ($c:ident, $at:expr, $stiffness:expr) => {
         Seen {
@@ -77,14 +77,15 @@ macro_rules! seen {
 }
 
 impl Cell {
-    /// Of the scenario at `path` (below `scenarios`, without its ending), with single keys changed.
+    /// Cell of the scenario at `path` (below `scenarios`, without its extension), with single keys
+    /// changed.
     pub fn new(law: Law, path: &str, set: &[String]) -> Self {
         let text = text(path);
         match law {
             Law::Velocity => {
-                let s = Scenario::parse(path, &text, set, &|_| Err("no other file".to_owned()));
+                let s = AdmittanceScenario::parse(path, &text, set, &no_files);
                 let s = s.unwrap();
-                let cell = ClosedLoop::new(&s).unwrap();
+                let cell = AdmittanceLoop::new(&s).unwrap();
                 let period_s = cell.plant().period_s();
                 Self::of(
                     Loop::Velocity(Box::new(cell)),
@@ -105,8 +106,8 @@ impl Cell {
                 )
             }
             Law::Unified => {
-                let s = TactileScenario::parse(path, &text, set).unwrap();
-                let cell = TactileLoop::new(&s).unwrap();
+                let s = VisuoTactileScenario::parse(path, &text, set).unwrap();
+                let cell = VisuoTactileLoop::new(&s).unwrap();
                 let period_s = cell.plant().period_s();
                 Self::of(
                     Loop::Unified(Box::new(cell)),
@@ -127,12 +128,12 @@ impl Cell {
         }
     }
 
-    /// What no true force is to exceed, N.
+    /// Bound on the true force, N.
     pub fn bound_n(&self) -> f64 {
         (2.0 * self.reference_n).max(10.0)
     }
 
-    /// One period.
+    /// Runs one period.
     pub fn step(&mut self) -> Seen {
         let mut seen = None;
         match &mut self.inner {
@@ -148,7 +149,7 @@ impl Cell {
                 });
             }
             Loop::Unified(cell) => {
-                let _ = cell.step(&mut Calm, &mut |c| {
+                let _ = cell.step(&mut Undisturbed, &mut |c| {
                     seen = Some(seen!(c, c.output.base_from_tool.translation(), 0.0));
                 });
             }
@@ -166,7 +167,7 @@ impl Cell {
         }
     }
 
-    /// Presses with another force from now on.
+    /// Changes the reference of the pressing force.
     #[allow(dead_code)]
     pub fn press(&mut self, force_n: f64) {
         match &mut self.inner {
@@ -176,7 +177,7 @@ impl Cell {
         }
     }
 
-    /// Ends the task with a retraction that goes the wrong way.
+    /// Ends the task with a retraction in a wrong direction.
     #[allow(dead_code)]
     pub fn stop_along(&mut self, away: Vector3<f64>) {
         match &mut self.inner {
@@ -186,7 +187,7 @@ impl Cell {
         }
     }
 
-    /// Puts something in the way of the tool as it leaves.
+    /// Puts an obstacle in the way of the tool as it leaves.
     #[allow(dead_code)]
     pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
         match &mut self.inner {

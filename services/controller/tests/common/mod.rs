@@ -1,6 +1,6 @@
-//! Everything of a cell but the controller: a small arm over a plane publishes packets and obeys
-//! the commands, and estimators of every mood speak. The packet's publisher is this thread, as the
-//! bridge's is in the cell.
+//! A simulated cell without the controller: a small arm over a plane publishes packets and follows
+//! the commands, and estimators publish in every mood. The packets are published by this thread, as
+//! the bridge does in a real cell.
 
 // Each test file takes what it needs.
 #![allow(dead_code, clippy::unwrap_used)]
@@ -26,7 +26,7 @@ use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{Answer, ArmCommand, ArmState, ControlState, Request, WrenchStatus};
 use tangent_schemas::topics::{self, queries};
 
-/// Along 20 mm of the plane.
+/// A path of 20 mm on the plane.
 pub const TASK: &str = r#"
     name = "short line"
     estimators = ["blend"]
@@ -36,19 +36,19 @@ pub const TASK: &str = r#"
     to_m = [0.02, 0.0]
     speed_m_per_s = 0.02
 "#;
-/// What the sensor's service says when it refuses a tare.
+/// Reason with which the sensor's service refuses a tare.
 pub const REFUSAL: &str = "not tared: somebody leans on the tool; the zero before stays in force";
 /// Time between packets.
 pub const PERIOD_S: f64 = 0.008;
-/// Longest wait for an answer.
+/// Timeout of an answer.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Packets come faster here than in life: what takes life's time needs a task that outlasts it.
+/// A task that outlasts tests in real time: packets arrive faster here than in reality.
 pub fn long_task() -> String {
     TASK.replace("[0.02, 0.0]", "[0.02, 0.0]\n    strokes = 10000")
 }
 
-/// Everything but the controller.
+/// A simulated cell without the controller.
 pub struct Cell {
     pub bus: Bus,
     pub config: Config,
@@ -57,7 +57,7 @@ pub struct Cell {
     arm_state: Publisher<ArmState>,
     wrench: Publisher<WrenchStamped>,
     status: Publisher<WrenchStatus>,
-    /// In the order in which they were added; the first is `blend`.
+    /// Estimators in the order in which they were added; the first is `blend`.
     pub speakers: Vec<Speaker>,
     pub command: Latest<ArmCommand>,
     pub control: Latest<ControlState>,
@@ -69,13 +69,16 @@ pub struct Cell {
     pub tares: Arc<AtomicU64>,
     pub tared: Arc<AtomicBool>,
     pub latched: u64,
-    /// What the bridge says of the arm.
+    /// Whether the bridge reports that the arm is ready.
     pub ready: bool,
-    /// Tares that are refused before one is granted.
+    /// Number of tares that are refused before one is granted.
     pub refusals: Arc<AtomicU64>,
-    /// Allocations while packets were answered, so far.
+    /// Number of allocations while packets were answered.
     pub allocations: u64,
-    /// Who holds the arm's lease.
+    /// Every phase so far, in order. The packets go on while a request waits for its answer, so a
+    /// short phase can be over by then.
+    pub phases: Vec<String>,
+    /// Holder of the arm's lease.
     pub commander: (&'static str, [u8; 16]),
     _tare: Handle,
 }
@@ -85,8 +88,8 @@ impl Cell {
         Self::with_state(|_| None)
     }
 
-    /// The controller begins with the state that is made for a tool that stands there, base axes,
-    /// m.
+    /// Starts the controller with the stored state that `state` returns for the tool's position,
+    /// base axes, m.
     pub fn with_state(state: impl FnOnce(Vector3<f64>) -> Option<StateFolder>) -> Self {
         let bus = Bus::in_process("test");
         let model = ModelData::builtin("ur5").unwrap();
@@ -140,10 +143,11 @@ impl Cell {
             ready: true,
             refusals,
             allocations: 0,
+            phases: Vec::new(),
             commander: ("", [0; 16]),
             _tare: tare,
         };
-        // Up as soon as it answers a packet, and then the first queries.
+        // The controller is running once it answers a packet; then it answers queries.
         while cell.packet(true).is_none() {
             assert!(!cell.service.as_ref().unwrap().is_finished());
             std::thread::yield_now();
@@ -154,32 +158,32 @@ impl Cell {
         cell
     }
 
-    /// Another estimator speaks from now on.
+    /// Adds an estimator, which publishes from now on.
     pub fn add(&mut self, name: &str) {
         self.speakers.push(Speaker::new(&self.bus, name));
     }
 
-    /// What the controller said in this cycle.
+    /// State that the controller published in this cycle.
     pub fn said(&mut self) -> ControlState {
         self.control.get().unwrap().message.clone()
     }
 
-    /// In the middle of a task that outlasts the test.
+    /// A cell in the middle of a task that outlasts the test.
     pub fn sliding_for_long() -> Self {
         let mut cell = Self::new();
         cell.slide(&long_task());
         cell
     }
 
-    /// Starts a task and goes on until it slides.
+    /// Starts a task and continues until it slides.
     pub fn slide(&mut self, task: &str) {
         let answer = self.ask(queries::CONTROL_TASK, "start", task).unwrap();
         assert!(answer.done, "{}", answer.message);
         self.run_until("slide");
     }
 
-    /// One packet of the robot: the sensor and the estimator speak, then the arm, and the command
-    /// is obeyed.
+    /// One packet of the robot: sensor and estimators publish, then the arm, and the command is
+    /// carried out.
     pub fn packet(&mut self, sensor: bool) -> Option<ArmCommand> {
         let (tool, jacobian) = self
             .arm
@@ -230,8 +234,12 @@ impl Cell {
             self.arm_state.publish(&state);
         });
         self.allocations += answering.count_total;
+        let phase = self.phase();
+        if self.phases.last() != Some(&phase) {
+            self.phases.push(phase);
+        }
         let command = self.command.take_new()?.message.clone();
-        // Answered within the publish call, and nothing else.
+        // Answered within the publish call, with exactly one command.
         assert_eq!(command.cycle, self.cycle);
         self.qd = if command.kind == 1 {
             Joints::from_column_slice(&command.values)
@@ -242,7 +250,8 @@ impl Cell {
         Some(command)
     }
 
-    /// Asks from another thread while the robot's packets go on; none when nobody answers.
+    /// Sends a request from another thread while the robot's packets continue; `None` if there is
+    /// no answer.
     pub fn ask(&mut self, key: &'static str, action: &str, argument: &str) -> Option<Answer> {
         let bus = self.bus.clone();
         let request = Request {
@@ -263,14 +272,14 @@ impl Cell {
             .map_or_else(String::new, |c| c.message.phase_text.to_string())
     }
 
-    /// The tare is asked for in a thread of the service, in life's time: the packets wait for it.
+    /// The tare is requested by a thread of the service, in real time: the packets wait for it.
     fn wait_for_tare(&mut self) {
         while self.phase() == "tare" && !self.tared.load(Ordering::SeqCst) {
             std::thread::yield_now();
         }
     }
 
-    /// Packets until the task is in `phase`.
+    /// Sends packets until the task is in `phase`.
     pub fn run_until(&mut self, phase: &str) {
         for _ in 0..20_000 {
             self.packet(true);

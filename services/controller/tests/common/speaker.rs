@@ -1,4 +1,4 @@
-//! An estimator of the plane, in whatever mood it is.
+//! A simulated estimator of the plane, with selectable faults.
 
 use nalgebra::Vector3;
 use tangent_runtime::{Bus, Publisher, RawPublisher};
@@ -8,34 +8,34 @@ use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{Answer, NormalEstimate};
 use tangent_schemas::topics;
 
-/// How it fares.
+/// Behaviour of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mood {
-    /// Says what it should.
+    /// Publishes correct estimates.
     Well,
-    /// Says nothing any more, as after `kill -9` or a cut.
+    /// Publishes nothing, as after `kill -9` or a network outage.
     Dead,
-    /// Says its last message over and over.
+    /// Repeats its last message.
     Frozen,
-    /// Counts the cycles, with a stamp that stands still.
+    /// Counts the cycles, with a constant stamp.
     Stuck,
-    /// A normal that is no number.
+    /// Publishes a normal of NaN.
     NotANumber,
-    /// Bytes that are no message.
+    /// Publishes bytes that are no valid message.
     Garbage,
     /// Another message type.
     WrongType,
-    /// A normal that leans so far, degrees.
+    /// Publishes a normal tilted by this angle, degrees.
     Leaning(f64),
-    /// Says itself that it has no normal.
+    /// Publishes an estimate that is marked as invalid.
     Invalid,
 }
 
-/// One estimator.
+/// A simulated estimator.
 pub struct Speaker {
     /// As in `estimate/NAME/normal`.
     pub name: String,
-    /// Now.
+    /// Present behaviour.
     pub mood: Mood,
     publisher: Publisher<NormalEstimate>,
     garbage: RawPublisher,
@@ -44,7 +44,7 @@ pub struct Speaker {
 }
 
 impl Speaker {
-    /// Speaks on the topic of `name`.
+    /// Publishes on the topic of `name`.
     pub fn new(bus: &Bus, name: &str) -> Self {
         let topic = topics::estimate_normal(name);
         Self {
@@ -59,7 +59,7 @@ impl Speaker {
         }
     }
 
-    /// One message about the robot's `cycle`, or what the mood makes of it.
+    /// Publishes one message about the robot's `cycle`, according to the mood.
     pub fn speak(&mut self, cycle: u64, stamp_ns: i64) {
         let mut message = NormalEstimate {
             header: Header::new(stamp_ns, "base"),

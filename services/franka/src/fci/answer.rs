@@ -4,30 +4,30 @@ use super::CodecError;
 use super::wire::{Wire, exact, wire_struct};
 
 wire_struct! {
-    /// One answer. In a torque motion only the torques count, and the flag that ends it.
+    /// One answer. In a torque motion only the torques and the flag that ends the motion are used.
     pub struct RobotCommand {
-        /// Of the state that it answers.
+        /// Id of the state that it answers.
         pub message_id: u64,
-        /// rad.
+        /// Commanded joint positions, rad.
         pub q_c: [f64; 7],
-        /// rad/s.
+        /// Commanded joint velocities, rad/s.
         pub dq_c: [f64; 7],
-        /// Column by column, m.
+        /// Commanded pose of the end effector, column by column, m.
         pub o_t_ee_c: [f64; 16],
-        /// m/s, rad/s.
+        /// Commanded twist of the end effector, m/s, rad/s.
         pub o_dp_ee_c: [f64; 6],
         /// Position of joint 3 (rad) and sign of joint 4.
         pub elbow_c: [f64; 2],
-        /// The elbow counts.
+        /// Whether `elbow_c` is used.
         pub valid_elbow: bool,
-        /// This is the last one.
+        /// Whether this is the last answer of the motion.
         pub motion_finished: bool,
-        /// Without gravity, Nm.
+        /// Commanded torques, without gravity, Nm.
         pub tau_j_d: [f64; 7],
     }
 }
 
-/// Length of an answer.
+/// Length of an answer, bytes.
 pub const COMMAND_BYTES: usize = RobotCommand::BYTES;
 
 impl RobotCommand {
@@ -46,20 +46,20 @@ impl RobotCommand {
         }
     }
 
-    /// Appends the datagram.
+    /// Encodes and appends the datagram.
     pub fn encode(&self, out: &mut Vec<u8>) {
         self.put(out);
     }
 
-    /// From a datagram.
+    /// Decodes a datagram.
     ///
     /// # Errors
-    /// Another length.
+    /// The datagram has another length.
     pub fn decode(datagram: &[u8]) -> Result<Self, CodecError> {
         exact("an answer", datagram)
     }
 
-    /// Every number is finite.
+    /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
         [&self.q_c[..], &self.dq_c, &self.o_t_ee_c, &self.o_dp_ee_c]
             .into_iter()

@@ -2,10 +2,10 @@
 
 use std::fmt;
 
-/// How many.
+/// Number of error flags.
 pub const ERROR_COUNT: usize = 41;
 
-/// Their names, in the order of the wire.
+/// Names of the flags, in the order of the state.
 pub const ERROR_NAMES: [&str; ERROR_COUNT] = [
     "joint_position_limits_violation",
     "cartesian_position_limits_violation",
@@ -50,7 +50,7 @@ pub const ERROR_NAMES: [&str; ERROR_COUNT] = [
     "base_acceleration_invalid_reading",
 ];
 
-/// Which errors are set, in the order of [`ERROR_NAMES`].
+/// Flags that are set, in the order of [`ERROR_NAMES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ErrorFlags(pub [bool; ERROR_COUNT]);
 
@@ -61,7 +61,7 @@ impl Default for ErrorFlags {
 }
 
 impl ErrorFlags {
-    /// A joint is beyond its limits; needs a hand to guide it back.
+    /// A joint is beyond its limits; somebody has to guide it back by hand.
     pub const JOINT_POSITION_LIMITS: usize = 0;
     /// A joint is too fast.
     pub const JOINT_VELOCITY: usize = 3;
@@ -73,10 +73,10 @@ impl ErrorFlags {
     pub const COMMUNICATION_CONSTRAINTS: usize = 25;
     /// A torque jumped.
     pub const TORQUE_DISCONTINUITY: usize = 32;
-    /// A torque beyond what the joint can give.
+    /// A torque exceeds what the joint can produce.
     pub const TORQUE_RANGE: usize = 34;
 
-    /// Exactly one.
+    /// Only the flag `index` is set.
     pub fn only(index: usize) -> Self {
         let mut flags = Self::default();
         if let Some(flag) = flags.0.get_mut(index) {
@@ -85,12 +85,12 @@ impl ErrorFlags {
         flags
     }
 
-    /// None is set.
+    /// Whether no flag is set.
     pub fn is_empty(&self) -> bool {
         !self.0.contains(&true)
     }
 
-    /// Names of those that are set.
+    /// Names of the flags that are set.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
         self.0
             .into_iter()

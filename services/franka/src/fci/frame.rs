@@ -3,30 +3,30 @@
 
 use super::wire::Wire;
 
-/// Bytes before the payload.
+/// Length of the header, bytes.
 pub const HEADER_BYTES: usize = 12;
-/// No message that a bridge or a simulator has to take is longer; the model library is never asked
-/// for.
+/// Largest accepted length of a message, bytes. Bridge and simulator need no longer ones, as the
+/// model library is never requested.
 const MESSAGE_BYTES_MAX: usize = 64 * 1024;
 
-/// One message, header taken apart.
+/// A message, with its header decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Message<'a> {
     /// Number of the command.
     pub command: u32,
-    /// Chosen by the client, the same in request and reply.
+    /// Id chosen by the client; the reply has the id of its request.
     pub id: u32,
-    /// After the header.
+    /// Bytes after the header.
     pub payload: &'a [u8],
 }
 
-/// A stream that cannot be a stream of frames.
+/// The stream is not a stream of frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
-    /// Shorter than its header, or longer than any message.
+    /// The size is below that of the header, or above that of any message.
     #[error("a message says it has {size} bytes; 12 to 65536 are allowed")]
     Size {
-        /// As the header says.
+        /// Size in the header, bytes.
         size: u32,
     },
 }
@@ -50,7 +50,7 @@ pub struct Framer {
 }
 
 impl Framer {
-    /// With room for a few messages, so that a loop does not allocate later.
+    /// Allocates room for a few messages, so that a loop does not allocate later.
     pub fn new() -> Self {
         Self {
             buffer: Vec::with_capacity(4096),
@@ -58,7 +58,7 @@ impl Framer {
         }
     }
 
-    /// Takes in what was received.
+    /// Appends received bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         self.buffer.drain(..self.taken);
         self.taken = 0;
@@ -68,7 +68,7 @@ impl Framer {
     /// The next whole message.
     ///
     /// # Errors
-    /// A size that no message has; nothing after it can be understood.
+    /// No message has this size; the rest of the stream cannot be decoded.
     pub fn next_message(&mut self) -> Result<Option<Message<'_>>, FrameError> {
         let rest = &self.buffer[self.taken..];
         if rest.len() < HEADER_BYTES {
@@ -94,7 +94,7 @@ impl Framer {
         }))
     }
 
-    /// Forgets what is half there.
+    /// Discards an incomplete message.
     pub fn clear(&mut self) {
         self.buffer.clear();
         self.taken = 0;

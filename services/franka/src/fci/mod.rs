@@ -28,36 +28,37 @@ pub use request::{
 };
 pub use state::{RobotState, STATE_BYTES};
 
-/// Version of the protocol that is spoken here.
+/// Protocol version that this module implements.
 pub const VERSION: u16 = 5;
-/// TCP port of the commands; states come from the same number over UDP.
+/// TCP port of the commands; the robot sends its states over UDP.
 pub const PORT: u16 = 1337;
-/// Joints of every arm that speaks it.
+/// Number of joints of every arm with this interface.
 pub const JOINTS: usize = 7;
 /// Time between two states, s.
 pub const PERIOD_S: f64 = 0.001;
-/// Lost answers in a row after which the robot stops with `communication_constraints_violation`.
+/// Number of consecutive lost answers after which the robot stops with
+/// `communication_constraints_violation`.
 pub const LOST_MAX: u32 = 20;
 
-/// Bytes that are not what they should be.
+/// Why bytes cannot be decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CodecError {
-    /// A datagram or payload of another length.
+    /// A datagram or payload has the wrong length.
     #[error("{what} of {got} bytes, {wanted} expected")]
     Length {
-        /// What it should be.
+        /// Structure that was expected.
         what: &'static str,
-        /// Its bytes.
+        /// Length received, bytes.
         got: usize,
-        /// Bytes it should have.
+        /// Length expected, bytes.
         wanted: usize,
     },
-    /// A number that the protocol does not know.
+    /// A number is not defined by the protocol.
     #[error("{what} {got} is unknown in FCI version 5")]
     Unknown {
-        /// What it counts.
+        /// Meaning of the number.
         what: &'static str,
-        /// The number.
+        /// The number received.
         got: u32,
     },
 }

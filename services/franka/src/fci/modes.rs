@@ -1,4 +1,4 @@
-//! What the robot says it is doing.
+//! Modes in the robot's state.
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use super::wire::numbered;
 numbered! {
     /// `robot_mode` of the state.
     pub enum RobotMode: u8 {
-        /// None of the others.
+        /// Any other mode.
         Other = 0,
         /// Holds itself, ready for a motion.
         Idle = 1,
@@ -42,7 +42,7 @@ numbered! {
     /// `motion_generator_mode` of the state. A torque motion runs with a joint velocity generator
     /// of zeros: this version has no mode without a generator.
     pub enum MotionMode: u8 {
-        /// None runs.
+        /// No motion generator runs.
         Idle = 0,
         /// Joint positions.
         JointPosition = 1,
@@ -58,13 +58,13 @@ numbered! {
 numbered! {
     /// `controller_mode` of the state.
     pub enum ControllerMode: u8 {
-        /// The robot's own, in joint space.
+        /// The robot's own controller, in joint space.
         JointImpedance = 0,
-        /// The robot's own, in Cartesian space.
+        /// The robot's own controller, in Cartesian space.
         CartesianImpedance = 1,
         /// The client's torques.
         External = 2,
-        /// None of these.
+        /// Any other controller.
         Other = 3,
     }
 }

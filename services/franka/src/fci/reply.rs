@@ -1,4 +1,4 @@
-//! What the robot answers, over TCP.
+//! Replies of the robot, over TCP.
 
 use super::CodecError;
 use super::frame::{Message, put_frame};
@@ -6,21 +6,21 @@ use super::request::Command;
 use super::wire::{Wire, numbered};
 
 numbered! {
-    /// Of a connect request.
+    /// Status of a connect request.
     pub enum ConnectStatus: u8 {
         /// Connected.
         Success = 0,
-        /// The robot speaks another version.
+        /// The robot uses another protocol version.
         IncompatibleVersion = 1,
     }
 }
 
 numbered! {
-    /// Of a move request: `MotionStarted` first, then how it ended.
+    /// Status of a move request: `MotionStarted` first, then how the motion ended.
     pub enum MoveStatus: u8 {
-        /// Ended as asked for.
+        /// The motion ended as requested.
         Success = 0,
-        /// Runs.
+        /// The motion has started.
         MotionStarted = 1,
         /// Another command ended it.
         Preempted = 2,
@@ -42,7 +42,7 @@ numbered! {
 }
 
 numbered! {
-    /// Of a stop request.
+    /// Status of a stop request.
     pub enum StopStatus: u8 {
         /// Stopped.
         Success = 0,
@@ -58,13 +58,13 @@ numbered! {
 }
 
 numbered! {
-    /// Of a recovery request.
+    /// Status of a recovery request.
     pub enum RecoveryStatus: u8 {
         /// Recovered.
         Success = 0,
         /// Not in this mode.
         NotPossible = 1,
-        /// Somebody has to do it at the robot.
+        /// An operator has to recover it at the robot.
         ManualRecoveryRequired = 2,
         /// A reflex ended it.
         ReflexAborted = 3,
@@ -76,7 +76,7 @@ numbered! {
 }
 
 numbered! {
-    /// Of everything that sets or gets a value.
+    /// Status of a request that sets or gets a value.
     pub enum SetterStatus: u8 {
         /// Done.
         Success = 0,
@@ -87,40 +87,40 @@ numbered! {
     }
 }
 
-/// What comes after the header.
+/// Payload of a reply.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ReplyBody {
-    /// To a connect request: status, and the robot's version.
+    /// Reply to a connect request: status, and the robot's protocol version.
     Connect(ConnectStatus, u16),
-    /// To a move request.
+    /// Reply to a move request.
     Move(MoveStatus),
-    /// To a stop request.
+    /// Reply to a stop request.
     Stop(StopStatus),
-    /// To a recovery request.
+    /// Reply to a recovery request.
     Recovery(RecoveryStatus),
-    /// To everything that sets a value.
+    /// Reply to a request that sets a value.
     Setter(SetterStatus),
-    /// To a request for a wall: its size (m), its pose in the base (column by column) and whether
-    /// it counts.
+    /// Reply to a request for a virtual wall: its size (m), its pose in the base (column by column,
+    /// m) and whether it is active.
     Wall(SetterStatus, [f64; 3], [f64; 16], bool),
-    /// To a request for the model's code: whether it comes. What follows a success is not read
-    /// here.
+    /// Reply to a request for the model's code: whether it is sent. The data after a success are
+    /// not read here.
     Model(bool),
 }
 
 /// One reply.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reply {
-    /// To which command.
+    /// Command of the request.
     pub command: Command,
-    /// To which request.
+    /// Id of the request.
     pub id: u32,
-    /// What it says.
+    /// Payload.
     pub body: ReplyBody,
 }
 
 impl Reply {
-    /// Appends the whole message.
+    /// Encodes and appends the whole message.
     pub fn encode(&self, out: &mut Vec<u8>) {
         put_frame(self.command.number(), self.id, out, |out| {
             match &self.body {
@@ -143,10 +143,10 @@ impl Reply {
         });
     }
 
-    /// From a message. Bytes after what is known are let be: robots pad.
+    /// Decodes a message. Extra bytes at its end are ignored, as robots add padding.
     ///
     /// # Errors
-    /// An unknown command or status, a payload too short.
+    /// The command or status is unknown, or the payload is too short.
     pub fn decode(message: &Message<'_>) -> Result<Self, CodecError> {
         let unknown = |what, got| CodecError::Unknown { what, got };
         let command = Command::from_number(message.command)

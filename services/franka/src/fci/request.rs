@@ -1,4 +1,4 @@
-//! What a client asks of the robot, over TCP.
+//! Requests of a client to the robot, over TCP.
 
 use super::CodecError;
 use super::frame::{Message, put_frame};
@@ -11,7 +11,7 @@ numbered! {
         Connect = 0,
         /// Starts a motion; answered twice, at its start and at its end.
         Move = 1,
-        /// Stops it.
+        /// Stops the motion.
         StopMove = 2,
         /// Reads a virtual wall.
         GetCartesianLimit = 3,
@@ -21,13 +21,13 @@ numbered! {
         SetJointImpedance = 5,
         /// Stiffness of the robot's own Cartesian controller.
         SetCartesianImpedance = 6,
-        /// Which axes a hand may guide.
+        /// Selects the axes that can be guided by hand.
         SetGuidingMode = 7,
         /// Stiffness frame on the end effector.
         SetEeToK = 8,
-        /// End effector on the nominal one.
+        /// Pose of the end effector in the nominal end effector's frame.
         SetNeToEe = 9,
-        /// What hangs on the flange.
+        /// Load on the flange.
         SetLoad = 10,
         /// Cut-off frequencies.
         SetFilters = 11,
@@ -39,19 +39,19 @@ numbered! {
 }
 
 numbered! {
-    /// Who makes torques of a motion.
+    /// Controller that produces the torques of a motion.
     pub enum MoveController: u32 {
         /// The robot's joint controller.
         JointImpedance = 0,
         /// The robot's Cartesian controller.
         CartesianImpedance = 1,
-        /// The client.
+        /// The client's torques.
         External = 2,
     }
 }
 
 numbered! {
-    /// What a motion's commands are.
+    /// Type of a motion's commands.
     pub enum MoveGenerator: u32 {
         /// Joint positions.
         JointPosition = 0,
@@ -65,19 +65,19 @@ numbered! {
 }
 
 wire_struct! {
-    /// How far a motion may stray.
+    /// Largest deviation allowed in a motion.
     pub struct Deviation {
-        /// m.
+        /// Translation, m.
         pub translation_m: f64,
-        /// rad.
+        /// Rotation, rad.
         pub rotation_rad: f64,
-        /// rad.
+        /// Elbow, rad.
         pub elbow_rad: f64,
     }
 }
 
 impl Deviation {
-    /// So far that it never ends a torque motion (libfranka's own default).
+    /// So large that it never ends a torque motion (libfranka's own default).
     pub const WIDE: Self = Self {
         translation_m: 10.0,
         rotation_rad: 3.12,
@@ -87,8 +87,8 @@ impl Deviation {
 
 wire_struct! {
     /// Thresholds of external torque (Nm per joint) and force (N, Nm in base axes). Between lower
-    /// and upper it is a contact, beyond upper a collision, and the robot stops. "Acceleration"
-    /// holds while the motion accelerates, "nominal" else.
+    /// and upper threshold the robot reports a contact; beyond the upper one it reports a collision
+    /// and stops. "Acceleration" applies while the motion accelerates, "nominal" otherwise.
     pub struct CollisionBehavior {
         /// Nm.
         pub lower_torque_acceleration: [f64; 7],
@@ -110,13 +110,13 @@ wire_struct! {
 }
 
 wire_struct! {
-    /// What hangs on the flange.
+    /// Load on the flange.
     pub struct Load {
-        /// kg.
+        /// Mass, kg.
         pub mass_kg: f64,
-        /// Flange axes, m.
+        /// Centre of mass, flange axes, m.
         pub com_in_flange_m: [f64; 3],
-        /// About the centre of mass, column by column, kg m².
+        /// Inertia about the centre of mass, column by column, kg m².
         pub inertia_kg_m2: [f64; 9],
     }
 }
@@ -141,25 +141,25 @@ wire_struct! {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(clippy::large_enum_variant)] // few of them live, and none in a cycle
 pub enum Request {
-    /// Version spoken, and where the states shall go.
+    /// Opens the session, with the protocol version and the port for the states.
     Connect {
-        /// Of the protocol.
+        /// Protocol version.
         version: u16,
-        /// UDP.
+        /// UDP port for the states.
         udp_port: u16,
     },
     /// Starts a motion.
     Move {
-        /// Who makes torques.
+        /// Controller that produces the torques.
         controller: MoveController,
-        /// What the commands are.
+        /// Type of the commands.
         generator: MoveGenerator,
-        /// From the path.
+        /// Largest deviation from the path.
         path_deviation: Deviation,
-        /// From the goal.
+        /// Largest deviation from the goal.
         goal_deviation: Deviation,
     },
-    /// Stops it.
+    /// Stops the motion.
     StopMove,
     /// Number of the wall.
     GetCartesianLimit(i32),
@@ -169,7 +169,7 @@ pub enum Request {
     SetJointImpedance([f64; 7]),
     /// N/m, Nm/rad.
     SetCartesianImpedance([f64; 6]),
-    /// Axes free to guide, and the null space.
+    /// Axes that can be guided by hand, and whether the null space can.
     SetGuidingMode([bool; 6], bool),
     /// Column by column, m.
     SetEeToK([f64; 16]),
@@ -181,12 +181,12 @@ pub enum Request {
     SetFilters(Filters),
     /// Leaves a reflex.
     AutomaticErrorRecovery,
-    /// Architecture and system of the code wanted.
+    /// Architecture and operating system of the requested code.
     LoadModelLibrary(u8, u8),
 }
 
 impl Request {
-    /// Which command it is.
+    /// Command of the request.
     pub fn command(&self) -> Command {
         match self {
             Self::Connect { .. } => Command::Connect,
@@ -206,7 +206,7 @@ impl Request {
         }
     }
 
-    /// Appends the whole message; `id` comes back in the reply.
+    /// Encodes and appends the whole message; the reply has the same `id`.
     pub fn encode(&self, id: u32, out: &mut Vec<u8>) {
         put_frame(self.command().number(), id, out, |out| match self {
             Self::Connect { version, udp_port } => [*version, *udp_port].put(out),
@@ -235,10 +235,10 @@ impl Request {
         });
     }
 
-    /// From a message.
+    /// Decodes a message.
     ///
     /// # Errors
-    /// An unknown command, a payload of the wrong length, an unknown mode.
+    /// The command or a mode is unknown, or the payload has the wrong length.
     pub fn decode(message: &Message<'_>) -> Result<Self, CodecError> {
         let unknown = |what, got| CodecError::Unknown { what, got };
         let command = Command::from_number(message.command)
@@ -303,9 +303,9 @@ wire_struct! {
         pub controller: u32,
         /// See [`MoveGenerator`].
         pub generator: u32,
-        /// From the path.
+        /// Largest deviation from the path.
         pub path_deviation: Deviation,
-        /// From the goal.
+        /// Largest deviation from the goal.
         pub goal_deviation: Deviation,
     }
 }

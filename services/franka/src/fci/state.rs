@@ -12,7 +12,7 @@ wire_struct! {
     /// environment. Pulled along +z it reports -z ([libfranka issue
     /// 26](https://github.com/frankarobotics/libfranka/issues/26)).
     pub struct RobotState {
-        /// Counts milliseconds.
+        /// Message counter, one per millisecond.
         pub message_id: u64,
         /// Measured.
         pub o_t_ee: [f64; 16],
@@ -107,7 +107,7 @@ wire_struct! {
     }
 }
 
-/// Length of a state.
+/// Length of a state, bytes.
 pub const STATE_BYTES: usize = RobotState::BYTES;
 
 impl Default for RobotState {
@@ -118,42 +118,43 @@ impl Default for RobotState {
 }
 
 impl RobotState {
-    /// Appends the datagram.
+    /// Encodes and appends the datagram.
     pub fn encode(&self, out: &mut Vec<u8>) {
         self.put(out);
     }
 
-    /// From a datagram.
+    /// Decodes a datagram.
     ///
     /// # Errors
-    /// Another length.
+    /// The datagram has another length.
     pub fn decode(datagram: &[u8]) -> Result<Self, CodecError> {
         exact("a state", datagram)
     }
 
-    /// What the robot does.
+    /// Mode of the robot.
     pub fn mode(&self) -> RobotMode {
         RobotMode::from_number(self.robot_mode).unwrap_or(RobotMode::Other)
     }
 
-    /// Which motion generator runs.
+    /// Motion generator that runs.
     pub fn motion_mode(&self) -> Option<MotionMode> {
         MotionMode::from_number(self.motion_generator_mode)
     }
 
-    /// Which controller runs.
+    /// Controller that runs.
     pub fn controller(&self) -> ControllerMode {
         ControllerMode::from_number(self.controller_mode).unwrap_or(ControllerMode::Other)
     }
 
-    /// The client's torque motion runs.
+    /// Whether the client's torque motion runs.
     pub fn in_torque_motion(&self) -> bool {
         self.mode() == RobotMode::Move
             && self.motion_mode() == Some(MotionMode::JointVelocity)
             && self.controller() == ControllerMode::External
     }
 
-    /// Whatever a loop acts on is finite, and what an arm can have; a robot never sends others.
+    /// Whether all values that a loop uses are finite and physically possible; a robot never sends
+    /// others.
     pub fn is_usable(&self) -> bool {
         let within = |values: &[f64], most: f64| values.iter().all(|x| x.abs() <= most);
         within(&self.q, JOINT_MAX)
@@ -166,7 +167,7 @@ impl RobotState {
     }
 }
 
-/// No joint turns further, rad, or faster, rad/s; no tool is longer, m.
+/// Largest joint angle, rad, joint velocity, rad/s, and tool length, m; beyond any arm.
 const JOINT_MAX: f64 = 100.0;
-/// No joint and no tool feels more, N and Nm.
+/// Largest load of a joint or of the tool, N and Nm; beyond any arm.
 const EFFORT_MAX: f64 = 1e6;

@@ -5,16 +5,16 @@ use super::errors::ErrorFlags;
 
 /// A value with a fixed number of bytes.
 pub(super) trait Wire: Sized {
-    /// How many.
+    /// Length, bytes.
     const BYTES: usize;
-    /// Appends it.
+    /// Encodes and appends it.
     fn put(&self, out: &mut Vec<u8>);
-    /// Reads it from the front of `bytes` and moves past it. `bytes` holds enough: the length was
+    /// Decodes it from the front of `bytes`, and advances past it. The length must have been
     /// checked before.
     fn take(bytes: &mut &[u8]) -> Self;
 }
 
-/// The first `N` bytes; zero where there are none.
+/// The first `N` bytes, padded with zeros.
 fn front<const N: usize>(bytes: &mut &[u8]) -> [u8; N] {
     match bytes.split_first_chunk::<N>() {
         Some((head, rest)) => {
@@ -75,7 +75,7 @@ impl Wire for ErrorFlags {
     }
 }
 
-/// A packed structure: its fields in the order of the wire.
+/// Defines a packed structure, from its fields in the order of the datagram.
 macro_rules! wire_struct {
     ($(#[$about:meta])* pub struct $name:ident {
         $($(#[$doc:meta])* pub $field:ident: $type:ty,)*
@@ -98,7 +98,7 @@ macro_rules! wire_struct {
 }
 pub(super) use wire_struct;
 
-/// Exactly one value.
+/// Decodes bytes that must contain exactly one value.
 pub(super) fn exact<T: Wire>(what: &'static str, mut bytes: &[u8]) -> Result<T, super::CodecError> {
     if bytes.len() != T::BYTES {
         return Err(super::CodecError::Length {
@@ -110,7 +110,7 @@ pub(super) fn exact<T: Wire>(what: &'static str, mut bytes: &[u8]) -> Result<T, 
     Ok(T::take(&mut bytes))
 }
 
-/// A numbered enumeration of the protocol: `number()` and `from_number()`.
+/// Defines a numbered enumeration of the protocol, with `number()` and `from_number()`.
 macro_rules! numbered {
     ($(#[$about:meta])* pub enum $name:ident: $type:ty {
         $($(#[$doc:meta])* $variant:ident = $value:literal,)*
@@ -121,11 +121,11 @@ macro_rules! numbered {
             $($(#[$doc])* $variant = $value,)*
         }
         impl $name {
-            /// As on the wire.
+            /// The number in the protocol.
             pub fn number(self) -> $type {
                 self as $type
             }
-            /// From the wire; `None` for a number that the protocol does not know.
+            /// The variant of a number; `None` if the protocol does not define it.
             pub fn from_number(number: $type) -> Option<Self> {
                 match number {
                     $($value => Some(Self::$variant),)*

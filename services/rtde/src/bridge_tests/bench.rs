@@ -2,14 +2,14 @@
 
 use allocation_counter::measure;
 use nalgebra::{Matrix6, Vector3, Vector6};
+use tangent_actuation::velocity::{Posture, VelocityLimits};
+use tangent_actuation::{Command, MotionLimits};
 
 use crate::bridge::*;
 use crate::codec::*;
 use crate::link::LinkError;
 use crate::program::RegisterMap;
 use crate::scripted_robot::Robot;
-use tangent_actuation::Command;
-use tangent_actuation::velocity::{Posture, VelocityLimits};
 
 /// Only the joints count here.
 pub fn posture(bridge: &Bridge) -> Posture<6> {
@@ -44,14 +44,16 @@ impl Cell {
             series,
             rate_hz: None,
             limits: VelocityLimits {
-                speed_rad_per_s: Vector6::repeat(1.0),
+                motion: MotionLimits {
+                    speed_rad_per_s: Vector6::repeat(1.0),
+                    position_lower_rad: Vector6::repeat(-6.0),
+                    position_upper_rad: Vector6::repeat(6.0),
+                    tool_speed_max_m_per_s: 0.25,
+                    tool_turn_rate_max_rad_per_s: 1.0,
+                    workspace_lower_m: Vector3::repeat(-1.0),
+                    workspace_upper_m: Vector3::repeat(1.0),
+                },
                 acceleration_rad_per_s2: Vector6::repeat(8.0),
-                position_lower_rad: Vector6::repeat(-6.0),
-                position_upper_rad: Vector6::repeat(6.0),
-                tool_speed_max_m_per_s: 0.25,
-                tool_turn_rate_max_rad_per_s: 1.0,
-                workspace_lower_m: Vector3::repeat(-1.0),
-                workspace_upper_m: Vector3::repeat(1.0),
                 response_s: 0.04,
                 patience_cycles: 2,
                 silence_latch_s: 0.1,

@@ -1,4 +1,4 @@
-//! Which fields a controller has, their types, and since when.
+//! Fields of a controller: their types, and the releases that introduced them.
 //!
 //! Types and releases are those of the vendor's RTDE guide. Register families are matched by
 //! pattern.
@@ -6,8 +6,8 @@
 use super::{ControllerVersion, DataType, Series};
 use DataType::{Bool, Double, Int32, Uint8, Uint32, Uint64, Vector3d, Vector6Int32, Vector6d};
 
-/// First release that has a field: `(minor, bugfix)` of software 3 and of software 5; `None` where
-/// it never came.
+/// First release with a field: `(minor, bugfix)` of software 3 and of software 5; `None` if no
+/// release has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Availability {
     /// CB3, software 3.
@@ -16,7 +16,7 @@ pub struct Availability {
     pub e_series: Option<(u32, u32)>,
 }
 
-/// As old as RTDE itself.
+/// Available since RTDE exists.
 const ALWAYS: Availability = since((0, 0), (0, 0));
 const UPPER: Availability = since((9, 0), (3, 0));
 
@@ -34,7 +34,7 @@ const fn e_series_only(minor: u32) -> Availability {
     }
 }
 
-/// A field's type, and since when it exists.
+/// Type of a field, and its availability.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
     /// Type on the wire.

@@ -5,7 +5,8 @@ pub const HEADER_BYTES: usize = 3;
 /// Largest package that the size field can express.
 pub const PACKAGE_BYTES_MAX: usize = u16::MAX as usize;
 
-/// A stream that cannot be cut: nothing after this point means anything, close the connection.
+/// Error of a stream that cannot be cut into packages: the rest is meaningless, so close the
+/// connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// The size field counts the header, so it is at least 3.
@@ -13,15 +14,15 @@ pub enum FrameError {
         "a package says it is {size} bytes long, less than its own header of 3; this is no RTDE stream"
     )]
     TooShort {
-        /// What the size field says.
+        /// Value of the size field.
         size: usize,
     },
-    /// Longer than this end takes.
+    /// The package is longer than this end accepts.
     #[error("a package says it is {size} bytes long; at most {limit} are taken here")]
     TooLong {
-        /// What the size field says.
+        /// Value of the size field.
         size: usize,
-        /// The most that this end takes.
+        /// Longest package that this end accepts, bytes.
         limit: usize,
     },
 }
@@ -35,7 +36,7 @@ pub struct Package<'a> {
     pub payload: &'a [u8],
 }
 
-/// Collects bytes as they come and gives whole packages; its memory is fixed when it is made.
+/// Collects received bytes and returns whole packages; its memory is allocated once.
 ///
 /// ```
 /// use tangent_rtde::codec::Framer;
@@ -54,11 +55,11 @@ pub struct Framer {
 }
 
 impl Framer {
-    /// `limit`: longest package taken, bytes with header; at most [`PACKAGE_BYTES_MAX`].
+    /// `limit` is the longest accepted package, bytes with header; at most [`PACKAGE_BYTES_MAX`].
     pub fn new(limit: usize) -> Self {
         let limit = limit.clamp(HEADER_BYTES, PACKAGE_BYTES_MAX);
         Self {
-            // Twice, so that a whole package fits behind one that is being read.
+            // Twice the limit, so that a whole package fits behind the one being read.
             buffer: vec![0; 2 * limit].into_boxed_slice(),
             start: 0,
             end: 0,
@@ -66,8 +67,8 @@ impl Framer {
         }
     }
 
-    /// Takes as many bytes as there is room for and says how many; after taking out all packages
-    /// there is always room for more.
+    /// Takes as many bytes as fit and returns their number. After all packages are taken out, there
+    /// is always room for more.
     pub fn push(&mut self, bytes: &[u8]) -> usize {
         let space = self.space();
         let n = space.len().min(bytes.len());
@@ -91,12 +92,12 @@ impl Framer {
         self.end = (self.end + n).min(self.buffer.len());
     }
 
-    /// Bytes waiting.
+    /// Number of bytes not yet taken out.
     pub fn waiting(&self) -> usize {
         self.end - self.start
     }
 
-    /// The next whole package, `None` when its end has not arrived yet.
+    /// The next whole package; `None` if its end has not arrived yet.
     pub fn next_package(&mut self) -> Result<Option<Package<'_>>, FrameError> {
         let bytes = &self.buffer[self.start..self.end];
         if bytes.len() < HEADER_BYTES {

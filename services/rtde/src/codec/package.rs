@@ -1,9 +1,8 @@
-//! What every package has, whichever way it goes: its kind, its frame, its lists, and what can be
-//! wrong with it.
+//! Common to all packages in both directions: kind, frame, lists of names, and errors.
 
 use super::{DataType, HEADER_BYTES, PACKAGE_BYTES_MAX};
 
-/// Longest list of names that a controller takes, bytes.
+/// Longest list of names that a controller accepts, bytes.
 pub const NAMES_BYTES_MAX: usize = 2048;
 
 /// Kinds of package.
@@ -28,7 +27,7 @@ pub enum PackageKind {
 }
 
 impl PackageKind {
-    /// Every kind there is.
+    /// All kinds.
     pub const ALL: [Self; 8] = [
         Self::RequestProtocolVersion,
         Self::GetControllerVersion,
@@ -40,7 +39,7 @@ impl PackageKind {
         Self::Pause,
     ];
 
-    /// The byte in the header.
+    /// Kind byte in the header.
     pub fn code(self) -> u8 {
         match self {
             Self::RequestProtocolVersion => b'V',
@@ -54,39 +53,39 @@ impl PackageKind {
         }
     }
 
-    /// By the byte in the header.
+    /// Kind from the kind byte in the header.
     pub fn from_code(code: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|k| k.code() == code)
     }
 }
 
-/// A package that makes no sense; the connection can go on.
+/// Error of a package that cannot be decoded; the connection can continue.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// A kind byte that no package has.
+    /// The kind byte is unknown.
     #[error("package of unknown kind {code} ({:?})", char::from(*code))]
     UnknownKind {
         /// The kind byte.
         code: u8,
     },
-    /// Ends too early, or holds more than it should.
+    /// The package is too short or too long for its contents.
     #[error("{kind} with a payload of {bytes} bytes, which it cannot have")]
     Length {
-        /// The kind's name.
+        /// Name of the kind.
         kind: &'static str,
         /// Bytes of the payload.
         bytes: usize,
     },
-    /// A type name that no field has.
+    /// The type name is unknown.
     #[error("the controller names a type {name:?} that RTDE does not have")]
     UnknownType {
-        /// As it came, cut to 64 characters.
+        /// Name as received, cut to 64 characters.
         name: String,
     },
     /// A list of names longer than [`NAMES_BYTES_MAX`].
     #[error("a list of names of {bytes} bytes; at most {NAMES_BYTES_MAX} are taken")]
     NamesTooLong {
-        /// Its length.
+        /// Length of the list, bytes.
         bytes: usize,
     },
 }
@@ -97,27 +96,27 @@ impl DecodeError {
     }
 }
 
-/// A package that cannot be written.
+/// Error of a package that cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a package of {bytes} bytes cannot be sent; the most is {PACKAGE_BYTES_MAX}")]
 pub struct EncodeError {
-    /// Bytes it would have.
+    /// Length that the package would have, bytes.
     pub bytes: usize,
 }
 
-/// What a controller says about one name of a recipe.
+/// A controller's reply for one name of a recipe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slot {
-    /// The field exists and has this type.
+    /// The field exists, with this type.
     Type(DataType),
-    /// No such field on this controller.
+    /// The controller has no such field.
     NotFound,
     /// Another client owns this input.
     InUse,
 }
 
 impl Slot {
-    /// As it stands on the wire.
+    /// Text in the package.
     pub fn name(self) -> &'static str {
         match self {
             Self::Type(t) => t.name(),
@@ -141,7 +140,7 @@ impl Slot {
     }
 }
 
-/// Writes header and payload; on an error `out` is as before.
+/// Writes header and payload; after an error `out` is unchanged.
 pub(super) fn package(
     kind: PackageKind,
     out: &mut Vec<u8>,

@@ -9,37 +9,37 @@ pub enum RecipeError {
     /// The fields do not fit into one package.
     #[error("a recipe of {bytes} bytes does not fit into one package of {PACKAGE_BYTES_MAX}")]
     TooLong {
-        /// Bytes of the package that would be needed.
+        /// Length of the package that would be needed, bytes.
         bytes: usize,
     },
-    /// A data package of another length than its recipe.
+    /// The data package has another length than its recipe.
     #[error("data package of {got} bytes where recipe {id} has {expected}")]
     Length {
-        /// Recipe's id.
+        /// Id of the recipe.
         id: u8,
-        /// Bytes of the recipe's fields.
+        /// Length of the recipe's fields, bytes.
         expected: usize,
-        /// Bytes that came.
+        /// Length received, bytes.
         got: usize,
     },
-    /// A data package for another recipe.
+    /// The data package is for another recipe.
     #[error("data package for recipe {got} where {expected} was set up")]
     WrongId {
-        /// Recipe's id.
+        /// Id of the recipe.
         expected: u8,
-        /// The id that came.
+        /// Id received.
         got: u8,
     },
-    /// As many values as fields, and of the same types.
+    /// The number of values or their types differ from the recipe's fields.
     #[error("value {index} does not fit recipe {id}: {got} where {expected} belongs")]
     Mismatch {
-        /// Recipe's id.
+        /// Id of the recipe.
         id: u8,
-        /// Which value, from 0.
+        /// Index of the value, from 0.
         index: usize,
-        /// What belongs there, or `nothing`.
+        /// Type of the field, or `nothing`.
         expected: &'static str,
-        /// What was given, or `nothing`.
+        /// Type of the given value, or `nothing`.
         got: &'static str,
     },
 }

@@ -1,17 +1,17 @@
-//! What the controller answers, and the data that it sends.
+//! Replies of the controller, and the data that it sends.
 
 use super::package::{DecodeError, EncodeError, PackageKind, Slot, join, package};
 use super::{ControllerVersion, Protocol, TextMessage};
 
-/// From controller to client.
+/// A package from controller to client.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reply<'a> {
-    /// Whether the version asked for is spoken from now on.
+    /// Whether the requested protocol version is used from now on.
     ProtocolVersion {
         /// False for a version the controller does not know.
         accepted: bool,
     },
-    /// Which software runs here.
+    /// Version of the controller's software.
     ControllerVersion(ControllerVersion),
     /// A line from the controller.
     Text(TextMessage),
@@ -19,24 +19,24 @@ pub enum Reply<'a> {
     SetupOutputs {
         /// `None` in protocol 1.
         recipe_id: Option<u8>,
-        /// What became of each name.
+        /// Result for each name.
         slots: Vec<Slot>,
     },
     /// One slot per name, in order.
     SetupInputs {
-        /// 0 when the recipe is refused.
+        /// Id of the recipe; 0 if it is refused.
         recipe_id: u8,
-        /// What became of each name.
+        /// Result for each name.
         slots: Vec<Slot>,
     },
-    /// Whether outputs flow now.
+    /// Whether the outputs are now being sent.
     Start {
         /// False when there is no valid output recipe.
         accepted: bool,
     },
-    /// Whether outputs have ceased.
+    /// Whether the outputs have stopped.
     Pause {
-        /// As the controller says.
+        /// As reported by the controller.
         accepted: bool,
     },
     /// Output data: recipe id (protocol 2 only), then fields.
@@ -133,7 +133,7 @@ impl<'a> Reply<'a> {
         })
     }
 
-    /// Which kind of package carries it.
+    /// Kind of the package.
     pub fn kind(&self) -> PackageKind {
         match self {
             Self::ProtocolVersion { .. } => PackageKind::RequestProtocolVersion,

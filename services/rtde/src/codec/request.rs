@@ -1,21 +1,21 @@
-//! What a client asks of the controller.
+//! Requests of a client to the controller.
 
 use super::package::{DecodeError, EncodeError, NAMES_BYTES_MAX, PackageKind, join, package};
 use super::{Protocol, TextMessage};
 
-/// From client to controller.
+/// A package from client to controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Request<'a> {
-    /// Speak this version from now on. Any number may come; [`Protocol::from_number`] says which
-    /// exist.
+    /// Use this protocol version from now on. Any number may arrive; [`Protocol::from_number`]
+    /// accepts the existing ones.
     ProtocolVersion(u16),
-    /// Which software runs there.
+    /// Request the version of the controller's software.
     ControllerVersion,
     /// A line for the controller's log.
     Text(TextMessage),
     /// Replace the output recipe.
     SetupOutputs {
-        /// Packages per second asked for; protocol 1 does not carry it.
+        /// Requested rate, Hz; protocol 1 does not contain it.
         frequency_hz: Option<f64>,
         /// Fields.
         names: Vec<String>,
@@ -93,7 +93,7 @@ impl<'a> Request<'a> {
         })
     }
 
-    /// Which kind of package carries it.
+    /// Kind of the package.
     pub fn kind(&self) -> PackageKind {
         match self {
             Self::ProtocolVersion(_) => PackageKind::RequestProtocolVersion,
@@ -108,7 +108,8 @@ impl<'a> Request<'a> {
     }
 }
 
-/// Names between commas. Behind an empty name at the end stands one more, which is no further name.
+/// Joins names with commas. An empty name at the end is followed by an extra comma, which adds no
+/// name.
 fn encode_names(names: &[String], out: &mut Vec<u8>) {
     join(names.iter().map(String::as_str), out);
     if names.last().is_some_and(String::is_empty) {
@@ -116,13 +117,13 @@ fn encode_names(names: &[String], out: &mut Vec<u8>) {
     }
 }
 
-/// Names between commas. A comma at the very end is no further name: one well-known client always
-/// sends it.
+/// Splits names at commas. A comma at the very end adds no name: one well-known client always sends
+/// it.
 fn decode_names(list: &[u8]) -> Result<Vec<String>, DecodeError> {
     if list.len() > NAMES_BYTES_MAX {
         return Err(DecodeError::NamesTooLong { bytes: list.len() });
     }
-    // The sign in place of a byte that is no text is longer than the byte.
+    // The replacement character for an invalid byte is longer than the byte.
     let text = String::from_utf8_lossy(list);
     if text.len() > NAMES_BYTES_MAX {
         return Err(DecodeError::NamesTooLong { bytes: text.len() });

@@ -1,8 +1,10 @@
 //! Text messages, which either side may send at any time.
 
+use std::fmt;
+
 use super::{DecodeError, Protocol};
 
-/// How serious a text message is.
+/// Severity of a text message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TextLevel {
     /// 0
@@ -13,7 +15,7 @@ pub enum TextLevel {
     Warning,
     /// 3
     Info,
-    /// Anything else, as it came.
+    /// Any other number, as received.
     Other(u8),
 }
 
@@ -29,7 +31,7 @@ impl TextLevel {
         }
     }
 
-    /// Every number means something, if only itself.
+    /// Never fails: an unknown number becomes [`TextLevel::Other`].
     pub fn from_number(number: u8) -> Self {
         match number {
             0 => Self::Exception,
@@ -41,20 +43,26 @@ impl TextLevel {
     }
 }
 
-/// A line for the log. With a length on the wire a text is at most 255 bytes; what is longer is
-/// cut.
+/// A line for the log. A text whose length is in the package has at most 255 bytes; longer texts
+/// are cut off.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextMessage {
-    /// What is said.
+    /// Text of the message.
     pub message: String,
-    /// Who says it; empty where the protocol does not carry it.
+    /// Sender; empty if the protocol does not contain it.
     pub source: String,
-    /// How serious.
+    /// Severity.
     pub level: TextLevel,
 }
 
+impl fmt::Display for TextMessage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "robot ({}): {}", self.source, self.message)
+    }
+}
+
 impl TextMessage {
-    /// The layout with lengths: v2 in both directions, and v1 from client to controller.
+    /// Layout with lengths: version 2 in both directions, and version 1 from client to controller.
     pub(super) fn encode_full(&self, out: &mut Vec<u8>) {
         for text in [&self.message, &self.source] {
             let text = cut(text);
@@ -64,7 +72,7 @@ impl TextMessage {
         out.push(self.level.number());
     }
 
-    /// v1 from controller to client: level, then the message to the end.
+    /// Layout of version 1 from controller to client: level, then the message to the end.
     pub(super) fn encode_v1_reply(&self, out: &mut Vec<u8>) {
         out.push(self.level.number());
         out.extend_from_slice(self.message.as_bytes());
@@ -106,8 +114,8 @@ fn counted(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     rest.split_at_checked(usize::from(*n))
 }
 
-/// As text. The sign in place of a byte that is none is longer than the byte, so that the whole may
-/// have to be cut.
+/// Converts bytes to text. The replacement character for an invalid byte is longer than the byte,
+/// so the text may have to be cut off.
 fn readable(bytes: &[u8]) -> String {
     cut(&String::from_utf8_lossy(bytes)).to_owned()
 }

@@ -28,7 +28,7 @@ pub enum DataType {
 }
 
 impl DataType {
-    /// Every type there is.
+    /// All types.
     pub const ALL: [Self; 10] = [
         Self::Bool,
         Self::Uint8,
@@ -74,7 +74,7 @@ impl DataType {
         }
     }
 
-    /// What a field of this type holds before anybody wrote it.
+    /// Value of a field of this type before it is first written.
     pub fn zero(self) -> Value {
         match self {
             Self::Bool => Value::Bool(false),
@@ -90,8 +90,8 @@ impl DataType {
         }
     }
 
-    /// Reads one value from the front of `bytes` and says what remains; `None` when there are too
-    /// few.
+    /// Reads one value from the front of `bytes` and returns it with the rest; `None` if there are
+    /// too few bytes.
     pub fn decode(self, bytes: &[u8]) -> Option<(Value, &[u8])> {
         let (head, rest) = bytes.split_at_checked(self.bytes())?;
         let value = match self {

@@ -31,7 +31,7 @@ impl Protocol {
     }
 }
 
-/// Family of controllers; it decides the control rate and which fields exist.
+/// Family of controllers; it determines the control rate and the available fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Series {
     /// CB3 and older: software 1 to 3, 125 Hz.
@@ -87,7 +87,7 @@ impl ControllerVersion {
         }
     }
 
-    /// By the major number.
+    /// Family, from the major number.
     pub fn series(&self) -> Series {
         if self.major >= 4 {
             Series::ESeries
@@ -96,7 +96,7 @@ impl ControllerVersion {
         }
     }
 
-    /// Registers 24 to 47 and bits 64 to 127 are open to RTDE clients.
+    /// Whether registers 24 to 47 and bits 64 to 127 are available to RTDE clients.
     pub fn has_upper_registers(&self) -> bool {
         let floor = match self.series() {
             Series::Cb3 => Self::FLOOR_CB3,
@@ -118,14 +118,14 @@ impl fmt::Display for ControllerVersion {
     }
 }
 
-/// Every how many control cycles an output package is sent when a client asks for `frequency_hz`:
-/// the controller only divides its rate by whole numbers, so 50 Hz asked of a CB3 gives 62.5 Hz. At
-/// least 1.
+/// Number of control cycles per output package when a client requests `frequency_hz`. The
+/// controller divides its rate only by whole numbers, so a request of 50 Hz gives 62.5 Hz on a CB3.
+/// At least 1.
 pub fn output_cycles(series: Series, frequency_hz: f64) -> u32 {
     if !frequency_hz.is_finite() || frequency_hz <= 0.0 {
         return 1;
     }
-    // A hair more, so that 125/12.5 is 10 whatever the rounding.
+    // The small term makes 125/12.5 exactly 10 in spite of rounding.
     ((series.rate_hz() / frequency_hz + 1e-9).floor() as u32).max(1)
 }
 

@@ -17,7 +17,7 @@ use super::session::Session;
 const LOOK: Duration = Duration::from_millis(100);
 /// Longest time to wait for the router's list of tokens; it normally replies at once.
 const ASK_PATIENCE: Duration = Duration::from_secs(1);
-/// Time within which an instance that lost the race for a name has gone.
+/// Time within which an instance that lost the race for a name disappears.
 const RIVAL_PATIENCE: Duration = Duration::from_secs(1);
 
 /// A running service.

@@ -1,4 +1,5 @@
-//! Requests and answers: somebody asks on a key, the service behind it says done, or why not.
+//! Requests and answers: a client sends a request on a key, and the service answers that it is
+//! done, or why not.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -9,7 +10,7 @@ use zenoh::key_expr::OwnedKeyExpr;
 
 use super::budget::Budget;
 
-/// It was done.
+/// Answer to a request that was carried out.
 pub fn done(message: impl Into<String>) -> Answer {
     Answer {
         done: true,
@@ -18,7 +19,7 @@ pub fn done(message: impl Into<String>) -> Answer {
     }
 }
 
-/// It was done, and this came of it, as JSON.
+/// Answer to a request that was carried out, with its result as JSON.
 pub fn done_with<T: Serialize + ?Sized>(message: impl Into<String>, data: &T) -> Answer {
     match serde_json::to_string(data) {
         Ok(data) => Answer {
@@ -30,7 +31,7 @@ pub fn done_with<T: Serialize + ?Sized>(message: impl Into<String>, data: &T) ->
     }
 }
 
-/// It was not done, and why.
+/// Answer to a request that was not carried out, with the reason.
 pub fn refused(reason: impl Into<String>) -> Answer {
     Answer {
         done: false,
@@ -39,21 +40,21 @@ pub fn refused(reason: impl Into<String>) -> Answer {
     }
 }
 
-/// A request as a service gets it.
+/// A request as a service receives it.
 #[derive(Clone, Debug)]
 pub struct Asked {
-    /// Key that was asked.
+    /// Key to which the request was sent.
     pub key: String,
-    /// What is asked.
+    /// The request itself.
     pub request: Request,
-    /// When it came to this process.
+    /// Time of arrival in this process.
     pub received: Instant,
-    /// Nothing may be begun for it after this.
+    /// No work for the request may begin after this time.
     pub deadline: Instant,
 }
 
 impl Asked {
-    /// A request of this process's own, whose asker waits for `patience`.
+    /// A request from this process itself, whose sender waits for `patience`.
     pub fn now(key: &str, request: &Request, patience: Duration) -> Self {
         let received = Instant::now();
         Self {
@@ -64,7 +65,7 @@ impl Asked {
         }
     }
 
-    /// The refusal of a request whose time is up.
+    /// The refusal of a request whose deadline has passed; `None` before that.
     pub fn late(&self) -> Option<Answer> {
         let over = Instant::now().checked_duration_since(self.deadline)?;
         Some(refused(format!(
@@ -74,13 +75,13 @@ impl Asked {
     }
 }
 
-/// What a service says to a request.
+/// Outcome of a request, as the service reports it.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reply {
-    /// Done, or refused without an effect.
+    /// Done, or refused without any effect.
     Answered(Answer),
-    /// Whether it was done is not known, and why: a device did not answer, for
-    /// instance.
+    /// It is not known whether the request was carried out; with the reason, for instance a device
+    /// that did not answer.
     Unknown(String),
 }
 
@@ -92,10 +93,11 @@ impl From<Answer> for Reply {
 
 pub(crate) type Handler = Arc<dyn Fn(Asked) -> Reply + Send + Sync>;
 
-/// Says at once why a request is refused; none where it may be carried out.
+/// Returns the reason for refusing a request, without waiting; `None` if it may be carried out.
 pub(crate) type Judge = Arc<dyn Fn(&Asked) -> Option<Answer> + Send + Sync>;
 
-/// The key an answer goes out under: the one asked, or for a question to many the answerer's own.
+/// Key of the answer: the requested key, or the answering service's own if the request has
+/// wildcards.
 pub(super) fn reply_key(asked: &str, pattern: &OwnedKeyExpr) -> String {
     if asked.contains('*') {
         pattern.to_string()

@@ -1,27 +1,26 @@
-//! What every sample carries beside its payload, in rmw_zenoh's layout: sequence, source time,
-//! publisher's id.
+//! Attachment of every sample, in rmw_zenoh's layout: sequence number, source time, publisher's id.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Bytes of an attachment: i64 sequence, i64 source time in ns since the Unix epoch, u8 16, 16
-/// bytes of id; all little-endian.
+/// Length of an attachment, bytes: i64 sequence number, i64 source time in ns since the Unix epoch,
+/// u8 16, 16 bytes of id; all little-endian.
 pub const LENGTH: usize = 33;
 
-/// The attachment in words.
+/// A decoded attachment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Attachment {
-    /// Counts the publisher's messages from 1; 0 for a publisher that does not say.
+    /// Sequence number, counted by the publisher from 1; 0 if the publisher does not state it.
     pub sequence: u64,
-    /// When it was published, ns since the Unix epoch on the publisher's host.
+    /// Time of publication, ns since the Unix epoch on the publisher's host.
     pub source_time_ns: i64,
-    /// Random per publisher and start.
+    /// Id, random for each publisher and start.
     pub publisher: [u8; 16],
 }
 
 impl Attachment {
-    /// As bytes.
+    /// Encodes the attachment.
     pub fn to_bytes(self) -> [u8; LENGTH] {
         let mut bytes = [0; LENGTH];
         bytes[..8].copy_from_slice(&(self.sequence as i64).to_le_bytes());
@@ -31,7 +30,7 @@ impl Attachment {
         bytes
     }
 
-    /// From bytes; `None` when they are not an attachment.
+    /// Decodes an attachment; `None` if the bytes are not one.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (sequence, rest) = bytes.split_first_chunk::<8>()?;
         let (time, rest) = rest.split_first_chunk::<8>()?;
@@ -46,7 +45,8 @@ impl Attachment {
     }
 }
 
-/// Ids of a bus's publishers: eight random bytes of the bus, eight that count its publishers.
+/// Generates the ids of a bus's publishers: eight random bytes for the bus, and eight that count
+/// its publishers.
 #[derive(Clone, Debug)]
 pub struct BusId {
     bus: [u8; 8],
@@ -54,7 +54,7 @@ pub struct BusId {
 }
 
 impl BusId {
-    /// Of a new bus.
+    /// Draws the random part for a new bus.
     pub fn new() -> Self {
         // The standard library seeds its hash maps from the system's randomness.
         let random = RandomState::new().build_hasher().finish();
@@ -64,7 +64,7 @@ impl BusId {
         }
     }
 
-    /// For a new publisher.
+    /// Id of a new publisher.
     pub fn next(&self) -> [u8; 16] {
         let mut id = [0; 16];
         id[..8].copy_from_slice(&self.bus);
@@ -72,7 +72,7 @@ impl BusId {
         id
     }
 
-    /// The id is of a publisher of this bus.
+    /// Whether the id belongs to a publisher of this bus.
     pub fn made(&self, publisher: &[u8; 16]) -> bool {
         publisher[..8] == self.bus
     }

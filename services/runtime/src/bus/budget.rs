@@ -1,7 +1,7 @@
-//! How long a request may wait before it is carried out: travels with each query, judged by the
-//! service that gets it.
+//! Time budget of a request: how long it may wait before it is carried out. It travels with each
+//! query, and the receiving service enforces it.
 //!
-//! The asker waits longer than the budget, so that an answer of any kind still reaches it.
+//! The sender waits longer than the budget, so that any answer still reaches it.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::OnceLock;
@@ -11,28 +11,28 @@ use nix::time::{ClockId, clock_gettime};
 
 use super::attachment::{Attachment, LENGTH};
 
-/// Budget of a request that names none, as from a client of another make.
+/// Budget of a request that states none, for instance from a third-party client.
 pub const BUDGET_UNNAMED: Duration = Duration::from_secs(4);
-/// Part of the asker's patience that is kept for the answer's way back.
+/// Share of the sender's timeout that is reserved for the way back of the answer.
 const RESERVE_SHARE: f64 = 0.2;
 const RESERVE_MAX: Duration = Duration::from_secs(1);
-/// i64 budget in ns, u64 clock, i64 time on that clock in ns; little-endian, behind rmw_zenoh's
-/// attachment.
+/// Length of an attachment with a budget, bytes. rmw_zenoh's attachment is followed by an i64
+/// budget in ns, a u64 clock id and an i64 time on that clock in ns; little-endian.
 const BUDGET_LENGTH: usize = LENGTH + 24;
 
-/// What an asker says about its own time.
+/// Time budget as the sender states it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// The request may be carried out so long after it was sent.
+    /// Time after sending within which the request may be carried out.
     pub budget: Duration,
-    /// Names the clock of `sent_ns`: two processes with the same one read the same time. 0 where
-    /// there is none.
+    /// Id of the clock of `sent_ns`: two processes with the same id read the same clock. 0 if there
+    /// is none.
     clock: u64,
     sent_ns: i64,
 }
 
 impl Budget {
-    /// For an asker that waits for `patience`, from now.
+    /// Budget, starting now, for a sender that waits for `patience`.
     pub fn within(patience: Duration) -> Self {
         let reserve = patience.mul_f64(RESERVE_SHARE).min(RESERVE_MAX);
         Self {
@@ -42,7 +42,7 @@ impl Budget {
         }
     }
 
-    /// As a query carries it.
+    /// Encodes it as the attachment of a query.
     pub fn to_bytes(self, attachment: Attachment) -> [u8; BUDGET_LENGTH] {
         let mut bytes = [0; BUDGET_LENGTH];
         let nanoseconds = i64::try_from(self.budget.as_nanos()).unwrap_or(i64::MAX);
@@ -53,7 +53,7 @@ impl Budget {
         bytes
     }
 
-    /// From a query's attachment; `None` when it names no budget.
+    /// Decodes it from a query's attachment; `None` if that states no budget.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let bytes = <&[u8; BUDGET_LENGTH]>::try_from(bytes).ok()?;
         let (_, rest) = bytes.split_first_chunk::<LENGTH>()?;
@@ -66,12 +66,12 @@ impl Budget {
         })
     }
 
-    /// Until when the request may be carried out, on the receiver's clock. The way here counts
-    /// where both read the same clock; elsewhere the budget runs from the receipt.
+    /// Deadline for carrying out the request, on the receiver's clock. The transit time counts if
+    /// both processes read the same clock; otherwise the budget runs from the receipt.
     pub fn deadline(&self, received: Instant) -> Instant {
         let under_way_ns = if self.clock != 0 && self.clock == clock_name() {
-            // This order: time between the two readings shortens what is left, and never adds to
-            // the budget.
+            // The order matters: time between the two readings then shortens the remaining budget,
+            // and never extends it.
             let since = received.elapsed();
             monotonic_ns()
                 .saturating_sub(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
@@ -81,7 +81,7 @@ impl Budget {
         };
         let under_way = Duration::from_nanos(u64::try_from(under_way_ns).unwrap_or(0));
         let left = self.budget.saturating_sub(under_way);
-        // A budget of centuries is as good as none.
+        // A deadline beyond the range of the clock counts as if no budget was stated.
         received
             .checked_add(left)
             .unwrap_or(received + BUDGET_UNNAMED)
@@ -96,7 +96,7 @@ fn monotonic_ns() -> i64 {
     })
 }
 
-/// Names the monotonic clock of this boot and time namespace; 0 where the system does not say.
+/// Id of the monotonic clock of this boot and time namespace; 0 if the system does not provide it.
 fn clock_name() -> u64 {
     static NAME: OnceLock<u64> = OnceLock::new();
     *NAME.get_or_init(|| {
@@ -104,8 +104,8 @@ fn clock_name() -> u64 {
         let space = std::fs::read_link("/proc/self/ns/time");
         match (boot, space) {
             (Ok(boot), Ok(space)) => {
-                // Fixed keys: the same in every process of one build, and of another build of the
-                // same toolchain.
+                // The hasher has fixed keys, so that the result is the same in every process of
+                // this build, and of other builds by the same toolchain.
                 let mut hasher = DefaultHasher::new();
                 boot.trim().hash(&mut hasher);
                 space.hash(&mut hasher);
@@ -147,7 +147,7 @@ mod tests {
         assert!(near <= Duration::from_secs(1), "{near:?}");
         budget.sent_ns -= 3_000_000_000;
         assert!(budget.deadline(received) <= received);
-        // Another host's clock says nothing here, nor does one from the future.
+        // A time on another host's clock is ignored, and so is one in the future.
         budget.clock ^= 1;
         assert_eq!(budget.deadline(received), received + Duration::from_secs(4));
         let mut ahead = Budget::within(Duration::from_secs(5));

@@ -1,4 +1,4 @@
-//! What can go wrong on the bus, and what to do about it.
+//! Errors of the bus, with what to do about each.
 
 use std::time::Duration;
 
@@ -15,10 +15,10 @@ fn hint(endpoints: &str) -> &'static str {
 /// Errors of the bus.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
-    /// The key is not one that Zenoh and this bus take.
+    /// Zenoh or this bus does not accept the key.
     #[error("`{key}` is not a valid key: {reason}")]
     Key {
-        /// As given.
+        /// Key as given.
         key: String,
         /// What is wrong with it.
         reason: String,
@@ -44,7 +44,7 @@ pub enum BusError {
         /// The endpoint asked for.
         endpoint: String,
     },
-    /// A router would listen beyond this host without certificates, and the file does not allow it.
+    /// A router would listen beyond this host without certificates, which the file does not allow.
     #[error(
         "zenoh.listen = {endpoint}: beyond this host, and without certificates. Whoever reaches it may start tasks and speak \
          as the sensor. Listen on 127.0.0.1; or make certificates with `tangent keys new` (docs/security.md); or, where the \
@@ -54,51 +54,51 @@ pub enum BusError {
         /// The first such endpoint.
         endpoint: String,
     },
-    /// No router at any of the endpoints.
+    /// No router answered at any of the endpoints.
     #[error(
         "no router answered at {endpoints} within {} s: start `tangent up` or `tangent run router`, or correct \
          zenoh.connect in cell.toml{}", .patience.as_secs_f64(), hint(.endpoints)
     )]
     NoRouter {
-        /// Where it was looked for.
+        /// Endpoints that were tried.
         endpoints: String,
-        /// For how long.
+        /// Time waited.
         patience: Duration,
     },
     /// Zenoh refused its configuration.
     #[error("Zenoh does not take {key} = {value}: {reason}")]
     Configuration {
-        /// Zenoh's key.
+        /// Zenoh's configuration key.
         key: String,
-        /// Value it got.
+        /// Value that was set.
         value: String,
-        /// What it says.
+        /// Zenoh's reason.
         reason: String,
     },
-    /// Certificates or access rules that cannot be used.
+    /// The certificates or access rules cannot be used.
     #[error(transparent)]
     Security(#[from] crate::security::SecurityError),
-    /// The service runs already.
+    /// The service is already running.
     #[error(
         "{service} runs already in cell {cell}: {instance} on host {host}. Stop that one first, or give this cell \
          another name (cell.name in cell.toml)"
     )]
     Taken {
-        /// Which service.
+        /// Name of the service.
         service: String,
-        /// In which cell.
+        /// Name of the cell.
         cell: String,
-        /// Which process.
+        /// Instance that is running.
         instance: String,
-        /// Where it runs.
+        /// Host on which it runs.
         host: String,
     },
     /// Any other refusal by Zenoh.
     #[error("{action} failed: {reason}")]
     Zenoh {
-        /// What was tried.
+        /// What was attempted.
         action: String,
-        /// What Zenoh says.
+        /// Zenoh's reason.
         reason: String,
     },
     /// No service answered a request.
@@ -107,29 +107,29 @@ pub enum BusError {
          ask again; `tangent status` shows whether the service runs", .waited.as_secs_f64()
     )]
     NoAnswer {
-        /// Key asked.
+        /// Key of the request.
         key: String,
-        /// How long an answer was waited for; less than the patience where the bus knows of nobody
-        /// who answers.
+        /// Time waited; less than the timeout if the bus knows of no service that answers on the
+        /// key.
         waited: Duration,
     },
-    /// The service itself does not know what came of a request.
+    /// The service does not know the outcome of the request.
     #[error("`{key}`: whether it was done is unknown: {reason}")]
     Unknown {
-        /// Key asked.
+        /// Key of the request.
         key: String,
-        /// What it does know.
+        /// What the service does know.
         reason: String,
     },
-    /// An answer that cannot be read.
+    /// An answer that cannot be decoded.
     #[error("the answer on `{key}` cannot be read: {reason}")]
     BadAnswer {
-        /// Key asked.
+        /// Key of the request.
         key: String,
         /// What is wrong.
         reason: String,
     },
-    /// Asked to stop while waiting.
+    /// A stop was requested while waiting.
     #[error("stopped while waiting for the network")]
     Stopped,
 }

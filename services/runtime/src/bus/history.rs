@@ -1,8 +1,8 @@
-//! The last seconds of a publisher, as they went out: for a recorder that missed some of them.
+//! The last seconds of one publisher's messages, as sent, for a recorder that missed some of them.
 //!
-//! Kept by the publishing thread, behind the queue that the publisher fills, so that the control
-//! loop has no part in it. Full blocks never change: who answers questions shares them and needs no
-//! lock.
+//! The publishing thread keeps them, behind the queue that the publisher fills, so that the control
+//! loop has no part in it. Full blocks never change: the thread that answers questions shares them
+//! without a lock.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,16 +10,16 @@ use std::time::{Duration, Instant};
 
 use super::attachment::Attachment;
 
-/// Messages are kept for so long.
+/// Time for which messages are kept.
 pub(crate) const KEPT: Duration = Duration::from_secs(12);
-/// Of one publisher at most, with what it takes to find them.
+/// Largest memory for one publisher's messages and their index, bytes.
 pub(crate) const BYTES_MAX: usize = 16 << 20;
-/// A block is full with so many bytes.
+/// Size at which a block is full, bytes.
 const BLOCK_BYTES: usize = 64 << 10;
-/// A block is full after this time.
+/// Time after which a block is full.
 const BLOCK_TIME: Duration = Duration::from_secs(1);
 
-/// Some messages in the order of their sequences.
+/// Some messages, ordered by sequence number.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Block {
     messages: Vec<Place>,
@@ -35,7 +35,7 @@ struct Place {
 }
 
 impl Block {
-    /// Sequence, time of publication and bytes of each message.
+    /// Sequence number, time of publication and bytes of each message.
     pub(crate) fn messages(&self) -> impl Iterator<Item = (u64, i64, &[u8])> {
         let mut from = 0;
         self.messages.iter().map(move |place| {
@@ -50,7 +50,7 @@ impl Block {
     }
 }
 
-/// What one publisher said last.
+/// Recent messages of one publisher.
 #[derive(Debug, Default)]
 pub(crate) struct History {
     full: VecDeque<Arc<Block>>,
@@ -59,7 +59,7 @@ pub(crate) struct History {
 }
 
 impl History {
-    /// Adds a message and lets go of what is too old or too much.
+    /// Adds a message, and drops those beyond the limits of age and size.
     pub(crate) fn keep(&mut self, attachment: &Attachment, payload: &[u8], now: Instant) {
         let since = |place: Option<&Place>| place.map(|p| now.saturating_duration_since(p.kept));
         let old = since(self.open.messages.first()).is_some_and(|age| age >= BLOCK_TIME);
@@ -90,7 +90,7 @@ impl History {
         }
     }
 
-    /// What is kept now. Copies one block, however much there is.
+    /// The blocks kept now. Copies only one block, whatever their number.
     pub(crate) fn blocks(&self) -> Vec<Arc<Block>> {
         let open = Arc::new(self.open.clone());
         self.full.iter().cloned().chain([open]).collect()

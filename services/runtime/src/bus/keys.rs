@@ -1,13 +1,14 @@
-//! Limit on the keys that a reader of patterns follows: every publisher can invent keys, and each
-//! costs its reader memory, a recorder a channel of its file.
+//! Limit on the number of keys that a reader of patterns follows. Any publisher can invent keys;
+//! each costs its reader memory, and a recorder a channel of its file.
 
 use std::collections::{BTreeMap, HashSet};
 
-/// Keys under each topic of a cell, such as `estimate/`; and under all other words together.
+/// Largest number of keys under each topic of a cell, such as `estimate/`, and under all unknown
+/// first words together.
 pub(crate) const KEYS_MAX: usize = 256;
 
-/// First words of a cell's own topics. What a stranger invents beside them takes no place of
-/// theirs.
+/// First words of a cell's own topics. Unknown first words are counted apart, so that invented keys
+/// cannot use up the limit of these topics.
 const TOPICS: [&str; 13] = [
     "arm",
     "base",
@@ -28,12 +29,12 @@ const TOPICS: [&str; 13] = [
 #[derive(Debug, Default)]
 pub(crate) struct Keys {
     known: HashSet<Box<str>>,
-    /// How many of each group.
+    /// Number of keys in each group.
     groups: BTreeMap<Box<str>, usize>,
-    /// The keys begin with a cell's name.
+    /// Whether the keys begin with a cell's name.
     outside: bool,
     refused: u64,
-    /// The key refused last.
+    /// The key that was refused last.
     last: Option<Box<str>>,
 }
 
@@ -68,8 +69,8 @@ impl Keys {
         true
     }
 
-    /// The topic's first word, with its cell's name where the keys have one; one group for
-    /// everything else.
+    /// Group of a key: the topic's first word, with the cell's name if the keys have one; one group
+    /// for all unknown words.
     fn group<'k>(&self, key: &'k str) -> &'k str {
         let cell = match self.outside {
             true => key.find('/').map_or(0, |at| at + 1),
@@ -82,12 +83,12 @@ impl Keys {
         }
     }
 
-    /// Messages refused.
+    /// Number of messages refused.
     pub(crate) fn refused(&self) -> u64 {
         self.refused
     }
 
-    /// In words; none while nothing was refused.
+    /// Text for a person; `None` while no message was refused.
     pub(crate) fn remark(&self) -> Option<String> {
         let last = self.last.as_ref()?;
         Some(format!(
@@ -114,7 +115,7 @@ mod tests {
         assert_eq!(taken, KEYS_MAX);
         assert_eq!(keys.refused(), 140_000 - 2 * KEYS_MAX as u64);
         assert!(keys.remark().unwrap().contains("`x69999/y`"));
-        // What is known goes on, and other topics begin.
+        // Known keys are still admitted, and so are new keys of other topics.
         assert!(keys.admit("estimate/e0/normal") && keys.admit("arm/state"));
         assert!(keys.known.len() <= 2 * KEYS_MAX + 1 && keys.groups.len() <= 3);
 

@@ -12,13 +12,13 @@ use zenoh::query::Query;
 
 use super::answer::{Asked, Handler, Judge, Reply, reply_key};
 use super::budget::{BUDGET_UNNAMED, Budget};
-use super::session;
+use super::replies;
 use crate::realtime::setup_thread;
 
-/// Requests that wait in one lane before others are refused.
+/// Requests that may wait in one lane; further ones are refused.
 const WAITING_MAX: usize = 64;
 
-/// In which thread a request from another process is answered.
+/// Selects the thread in which a request from another process is answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
     /// Answered at once without waiting for anything: one thread for all keys of the process.
@@ -41,14 +41,14 @@ pub(super) struct Job {
     request: Request,
     received: Instant,
     deadline: Instant,
-    /// Judges the request first, and where it goes when it is allowed.
+    /// Set for a request that must be judged first: the judge, and the lane for an allowed request.
     judged: Option<(Judge, Jobs)>,
 }
 
-/// Takes jobs to the thread of one lane; the thread ends with the last of these.
+/// Sends jobs to the thread of one lane. The thread ends when the last of these senders is dropped.
 pub(super) type Jobs = SyncSender<Job>;
 
-/// Starts the thread of a lane, with a priority where it has one.
+/// Starts the thread of a lane, with real-time priority `priority` if there is one.
 pub(super) fn start(name: &str, priority: Option<u8>) -> Jobs {
     let (sender, receiver) = sync_channel(WAITING_MAX);
     let role = name.to_owned();
@@ -66,7 +66,7 @@ pub(super) fn start(name: &str, priority: Option<u8>) -> Jobs {
     sender
 }
 
-/// One key's way into the lanes.
+/// Routes the requests of one key into the lanes.
 pub(super) struct Entrance {
     pub pattern: OwnedKeyExpr,
     pub handler: Handler,
@@ -80,7 +80,7 @@ pub(super) struct Entrance {
 }
 
 impl Entrance {
-    /// Takes one query in, or refuses it. In Zenoh's thread: never waits.
+    /// Accepts one query or refuses it. Runs in Zenoh's thread, so it never waits.
     pub fn take(&self, query: Query) {
         let received = Instant::now();
         let payload = query.payload().map(|payload| payload.to_bytes());
@@ -131,7 +131,7 @@ impl Entrance {
     }
 }
 
-/// Puts a job into a lane, or refuses it. Never waits.
+/// Puts a job into a lane, or refuses it if the lane is full. Never waits.
 fn hand_on(jobs: &Jobs, job: Job) {
     match jobs.try_send(job) {
         Ok(()) => {}
@@ -184,9 +184,9 @@ fn send(query: &Query, pattern: &OwnedKeyExpr, reply: &Reply, scratch: &mut Vec<
     let key = reply_key(query.key_expr().as_str(), pattern);
     match reply {
         Reply::Answered(answer) => match cdr::encode::<Answer>(answer, scratch) {
-            Ok(()) => session::reply(query, &key, scratch),
+            Ok(()) => replies::reply(query, &key, scratch),
             Err(error) => tracing::warn!("{key}: an answer cannot be encoded: {error}"),
         },
-        Reply::Unknown(reason) => session::reply_unknown(query, &key, reason),
+        Reply::Unknown(reason) => replies::reply_unknown(query, &key, reason),
     }
 }

@@ -1,4 +1,4 @@
-//! The reading end that keeps the newest message only.
+//! A reader that keeps the newest message only.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -23,12 +23,13 @@ impl<M: Message> Latest<M> {
         }
     }
 
-    /// Takes in what came since the last call; true when there was something. No lock, no memory.
+    /// Takes in messages since the last call; true if there were any. Takes no lock and allocates
+    /// nothing.
     pub fn refresh(&mut self) -> bool {
         self.output.update()
     }
 
-    /// The newest message so far, however old. No lock, no memory.
+    /// The newest message so far, however old. Takes no lock and allocates nothing.
     pub fn get(&mut self) -> Option<&Received<M>> {
         self.output.read().as_ref()
     }
@@ -38,7 +39,7 @@ impl<M: Message> Latest<M> {
         self.get().filter(|received| received.age() <= patience)
     }
 
-    /// The newest message, if it came since the last call of any of these.
+    /// The newest message, if it arrived since the last call of any of these methods.
     pub fn take_new(&mut self) -> Option<&Received<M>> {
         if self.refresh() {
             self.output.output_buffer().as_ref()
@@ -48,24 +49,24 @@ impl<M: Message> Latest<M> {
     }
 
     /// Refuses samples from other processes whose source time is older than `age` when they arrive.
-    /// Only where the hosts' clocks agree.
+    /// Use it only if the hosts' clocks agree.
     pub fn refuse_older_than(&self, age: Duration) {
         self.core.refuse_older_than(age);
     }
 
-    /// While it is held, no other publisher takes the place of the present one, even when that
-    /// falls silent. For topics that have one publisher
-    /// ([`tangent_schemas::topics::Sources::One`]). No lock, no memory.
+    /// While held, no other publisher replaces the present one, even when that falls silent. For
+    /// topics that have one publisher ([`tangent_schemas::topics::Sources::One`]). Takes no lock
+    /// and allocates nothing.
     pub fn hold(&self, held: bool) {
         self.core.hold(held);
     }
 
-    /// What happened to this reader's messages.
+    /// Counts of this reader's messages, delivered and refused.
     pub fn counts(&self) -> Counts {
         self.core.counts()
     }
 
-    /// Messages that never came, by sequence.
+    /// Number of messages that never arrived, by sequence number.
     pub fn lost(&self) -> u64 {
         self.counts().missing
     }

@@ -25,7 +25,10 @@ mod recall;
 mod refused;
 mod registry;
 mod remarks;
+mod remote_publisher;
+mod replies;
 mod requests;
+mod role;
 mod session;
 mod session_config;
 mod sleeper;
@@ -49,6 +52,7 @@ pub use raw::{PushedOut, RawMessage};
 pub use raw_reader::RawSubscription;
 pub use reader::{Counts, Handle, Received, Subscription};
 pub use refused::Refused;
+pub use role::Role;
 
 use crate::config::{CellConfig, ZenohConfig};
 use crate::stop::Stop;
@@ -57,15 +61,6 @@ use reader::{ReaderCore, Sink};
 use registry::Registry;
 use session::{Opening, Session};
 use source::Admission;
-
-/// Role of a session on the network.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// Connects to the cell's router.
-    Client,
-    /// Is the cell's router: listens, and forwards the messages of all sessions.
-    Router,
-}
 
 /// A cell's bus. Clones are cheap and share one session.
 #[derive(Clone)]

@@ -1,5 +1,5 @@
-//! The way out of the process: each publisher's queue, and the two threads that empty them: one for
-//! images, one for everything else.
+//! Outgoing messages: a queue per publisher, and the two threads that empty the queues, one for
+//! images and one for everything else.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,17 +17,17 @@ use super::raw::{self, RawMessage};
 use super::reader::Received;
 use super::recall::Recall;
 use super::registry::Registry;
-use super::session::RemotePublisher;
+use super::remote_publisher::RemotePublisher;
 use crate::realtime::setup_thread;
 
-/// Messages of one lower class that are sent before the real-time queues are looked at again.
+/// Messages of one lower class that are sent before the real-time queues are checked again.
 const BURST: usize = 8;
 
-/// How many messages wait for the publishing thread before the oldest goes.
+/// Number of messages that may wait for the publishing thread before the oldest is dropped.
 fn capacity<M>(delivery: Delivery) -> usize {
     match delivery {
-        // What fits into two mebibytes: more than a second of raw records at 7 kHz. A recorder
-        // wants every one.
+        // As many as fit into 2 MiB, which is more than a second of raw records at 7 kHz: a
+        // recorder needs every one.
         Delivery::RealTime | Delivery::Stream => {
             ((2 << 20) / size_of::<Received<M>>()).clamp(256, 1 << 14)
         }
@@ -37,7 +37,7 @@ fn capacity<M>(delivery: Delivery) -> usize {
     }
 }
 
-/// One publisher's way out.
+/// Outgoing queue of one publisher.
 pub(crate) struct Outlet<M> {
     key: OwnedKeyExpr,
     delivery: Delivery,
@@ -70,12 +70,12 @@ impl<M: Message> Outlet<M> {
         }
     }
 
-    /// Somebody outside, or a recorder inside, wants this topic. No lock.
+    /// Whether a reader in another process, or a recorder in this one, reads this topic. No lock.
     pub(crate) fn is_wanted(&self) -> bool {
         self.is_wanted_remotely() || self.registry.has_raw_readers()
     }
 
-    /// It takes messages: somebody wants them now, or may ask for them later. No lock.
+    /// Whether to queue messages: the topic is read now, or may be asked for later. No lock.
     pub(crate) fn takes(&self) -> bool {
         self.keeps() || self.is_wanted()
     }
@@ -88,7 +88,7 @@ impl<M: Message> Outlet<M> {
         self.remote.as_ref().is_some_and(RemotePublisher::matches)
     }
 
-    /// Leaves a message for the publishing thread. No lock, no memory.
+    /// Queues a message for the publishing thread. Takes no lock and allocates nothing.
     pub(crate) fn push(&self, received: Received<M>) {
         if self.queue.force_push(received).is_some() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -100,15 +100,15 @@ impl<M: Message> Outlet<M> {
     }
 }
 
-/// An outlet without its type.
+/// An outlet without its message type.
 pub(crate) trait AnyOutlet: Send + Sync {
     fn delivery(&self) -> Delivery;
     /// The publisher's id.
     fn publisher(&self) -> [u8; 16];
-    /// Sends the oldest waiting message, and keeps it where it may be asked for; false when none
-    /// waits.
+    /// Sends the oldest waiting message, and keeps it in `history` if it may be asked for later;
+    /// false if none waits.
     fn send_one(&self, scratch: &mut Vec<u8>, history: &mut History) -> bool;
-    /// Its publisher is gone and everything is sent.
+    /// Whether its publisher was dropped and everything is sent.
     fn is_done(&self) -> bool;
 }
 
@@ -174,8 +174,8 @@ struct Shared {
     recall: Option<Arc<Recall>>,
 }
 
-/// The publishing threads. Images have their own: Zenoh lets the pieces of one wait for the wire,
-/// and nothing else may wait for them.
+/// The publishing threads. Images have their own: Zenoh makes the fragments of one wait for the
+/// link, and no other message may wait for them.
 pub(crate) struct Pump {
     dropped: Arc<AtomicU64>,
     messages: Lane,
@@ -183,8 +183,8 @@ pub(crate) struct Pump {
 }
 
 impl Pump {
-    /// `priority`: of SCHED_FIFO for the publishing threads, that of images one lower; `None` for
-    /// normal scheduling.
+    /// `priority` is the SCHED_FIFO priority of the publishing threads; that of images gets one
+    /// less. `None`: normal scheduling.
     pub(crate) fn start(priority: Option<u8>, recall: Option<Arc<Recall>>) -> Self {
         let behind = priority.map(|priority| priority.saturating_sub(1).max(1));
         Self {
@@ -209,7 +209,7 @@ impl Pump {
         shared.generation.fetch_add(1, Ordering::Release);
     }
 
-    /// The thread that sends what goes out so.
+    /// The thread that sends messages with this delivery.
     pub(crate) fn thread(&self, delivery: Delivery) -> Option<Thread> {
         self.lane(delivery).thread.clone()
     }
@@ -218,7 +218,7 @@ impl Pump {
         self.dropped.load(Ordering::Relaxed)
     }
 
-    /// Sends what waits and ends the threads.
+    /// Sends everything that is queued, and ends the threads.
     pub(crate) fn stop(&self) {
         for lane in [&self.messages, &self.images] {
             lane.stop();
@@ -234,7 +234,7 @@ struct Lane {
 }
 
 impl Lane {
-    /// `role` names the thread in what is said of its scheduling.
+    /// `role` names the thread in the report on its scheduling.
     fn start(
         name: &str,
         role: &'static str,
@@ -290,7 +290,7 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// An outlet and what it sent last.
+/// An outlet and the history of its sent messages.
 struct Line {
     outlet: Arc<dyn AnyOutlet>,
     history: History,
@@ -302,7 +302,7 @@ impl Line {
     }
 }
 
-/// Lines for these outlets; what the same outlets sent before stays with them.
+/// Updates the lines to these outlets; the history of outlets that stay is kept.
 fn follow(lines: &mut Vec<Line>, outlets: &[Arc<dyn AnyOutlet>]) {
     let mut before = std::mem::take(lines);
     for outlet in outlets {
@@ -354,7 +354,7 @@ fn pump(shared: &Shared) {
             continue;
         }
         if lines.iter().any(|line| line.outlet.is_done()) {
-            // Their Zenoh publishers are undeclared here, not in the thread that dropped the
+            // The Zenoh publishers are undeclared here, not in the thread that dropped the
             // publisher.
             lines.retain(|line| !line.outlet.is_done());
             lock(&shared.outlets).retain(|outlet| !outlet.is_done());

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::thread::Thread;
 use std::time::Instant;
 
+use tangent_actuation::lease;
 use tangent_schemas::Message;
 use tangent_schemas::topics::{Delivery, Topic};
 use zenoh::key_expr::OwnedKeyExpr;
@@ -16,9 +17,8 @@ use super::outlet::Outlet;
 use super::raw::{self, RawMessage};
 use super::reader::{Arrival, Received};
 use super::registry::{Channel, Readers, parse_concrete_key};
-use super::session::RemotePublisher;
+use super::remote_publisher::RemotePublisher;
 use crate::clock;
-use tangent_actuation::lease;
 
 /// Publishes one topic from one thread at a time.
 ///
@@ -47,10 +47,10 @@ impl<M: Message> Publisher<M> {
             Some(session) => {
                 // Images are too large to be kept.
                 let kept = topic.delivery() != Delivery::Bulk;
-                let entrance = kept
-                    .then(|| bus.entrance(key.as_str(), M::NAME, id, pump.clone()))
+                let questions = kept
+                    .then(|| bus.questions(key.as_str(), M::NAME, id, pump.clone()))
                     .flatten();
-                Some(session.publisher(&key, topic.delivery(), M::NAME, entrance)?)
+                Some(session.publisher(&key, topic.delivery(), M::NAME, questions)?)
             }
             None => None,
         };
@@ -105,7 +105,7 @@ impl<M: Message> Publisher<M> {
         sequence
     }
 
-    /// The readers as last looked up. They are looked up again after a change.
+    /// The readers as of the last look-up, which is repeated after a change.
     fn readers(&self) -> Readers<M> {
         let generation = self.channel.generation();
         let mut known = self.known.borrow_mut();

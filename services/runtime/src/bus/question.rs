@@ -1,50 +1,50 @@
-//! What a recorder asks publishers to say again, and what they answer: as bytes and in words.
+//! Encoding of a recorder's questions for missed messages, and of the publishers' answers.
 //!
-//! A question and its answers name messages by publisher and sequence, so that nothing is sent that
-//! is there already.
+//! A question and its answers identify messages by publisher and sequence number, so that no
+//! message is sent that the recorder already has.
 
 use super::attachment::Attachment;
 
-/// Key of the question to the publishers of `key`; with `**` to all of them.
+/// Key for questions to the publishers of `key`; with `**`, to all publishers.
 pub(crate) fn question_key(key: &str) -> String {
     format!("{PREFIX}{key}")
 }
 
-/// First part of the keys that such questions go to.
+/// First part of the keys for such questions.
 pub(crate) const PREFIX: &str = "history/";
 
-/// Spans that one question may name.
+/// Largest number of spans in one question.
 pub const SPANS_MAX: usize = 1024;
 
-/// Messages of one publisher.
+/// A range of messages of one publisher.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
-    /// Its id.
+    /// Id of the publisher.
     pub publisher: [u8; 16],
-    /// First sequence.
+    /// First sequence number.
     pub from: u64,
-    /// Last sequence.
+    /// Last sequence number, included.
     pub to: u64,
-    /// Only what was published since, ns since the Unix epoch on the publisher's host; `i64::MIN`:
-    /// all.
+    /// Only messages published since this time, ns since the Unix epoch on the publisher's host;
+    /// `i64::MIN`: all.
     pub since_ns: i64,
 }
 
-/// Which messages are wanted.
+/// Selects the messages that are wanted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Question {
-    /// Of publishers that no span names: what they published since, ns since the Unix epoch;
-    /// `i64::MAX`: nothing.
+    /// For publishers that no span names: messages published since this time, ns since the Unix
+    /// epoch; `i64::MAX`: none.
     pub others_since_ns: i64,
-    /// At most [`SPANS_MAX`]; further ones are not asked for.
+    /// Spans, at most [`SPANS_MAX`]; further ones are left out.
     pub spans: Vec<Span>,
 }
 
 const SPAN_LENGTH: usize = 40;
 
 impl Question {
-    /// i64 `others_since_ns`; for each span 16 bytes of id, u64 `from`, u64 `to`, i64 `since_ns`;
-    /// little-endian.
+    /// Encodes it: i64 `others_since_ns`; for each span 16 bytes of id, u64 `from`, u64 `to`, i64
+    /// `since_ns`; little-endian.
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(8 + SPAN_LENGTH * self.spans.len());
         bytes.extend(self.others_since_ns.to_le_bytes());
@@ -57,7 +57,7 @@ impl Question {
         bytes
     }
 
-    /// From bytes; `None` when they are no question, or one of too many spans.
+    /// Decodes it; `None` if the bytes are not a question, or have too many spans.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (others, rest) = bytes.split_first_chunk::<8>()?;
         let spans = rest.chunks_exact(SPAN_LENGTH);
@@ -79,7 +79,7 @@ impl Question {
         })
     }
 
-    /// The part of it that one publisher answers; `None` when nothing of that publisher is wanted.
+    /// The part that concerns one publisher; `None` if nothing of that publisher is wanted.
     pub(crate) fn of(&self, publisher: [u8; 16]) -> Option<Vec<Span>> {
         let named = self.spans.iter().filter(|s| s.publisher == publisher);
         let mut spans: Vec<Span> = named.copied().collect();
@@ -96,7 +96,7 @@ impl Question {
 }
 
 impl Span {
-    /// The message is one of these.
+    /// Whether the span contains this message.
     pub(crate) fn holds(&self, sequence: u64, source_time_ns: i64) -> bool {
         (self.from..=self.to).contains(&sequence) && source_time_ns >= self.since_ns
     }
@@ -112,16 +112,16 @@ impl Reader<'_> {
     }
 }
 
-/// One answer of several: messages of one publisher, in the order of their sequences.
+/// One of several answers: messages of one publisher, ordered by sequence number.
 ///
-/// 16 bytes of id; u8 length and text of the type's name; for each message i64 sequence, i64 time
-/// of publication, u32 length and the bytes; little-endian.
+/// Layout: 16 bytes of id; u8 length and text of the type's name; for each message i64 sequence
+/// number, i64 time of publication, u32 length and the bytes; little-endian.
 pub(crate) struct Batch {
     bytes: Vec<u8>,
     header: usize,
 }
 
-/// A batch as it is read.
+/// A decoded batch.
 pub(crate) struct Said<'a> {
     pub type_name: String,
     pub messages: Vec<(Attachment, &'a [u8])>,
@@ -154,12 +154,12 @@ impl Batch {
         self.bytes.len() == self.header
     }
 
-    /// Empties it of messages.
+    /// Removes all messages.
     pub(crate) fn clear(&mut self) {
         self.bytes.truncate(self.header);
     }
 
-    /// What a batch's bytes say; `None` when they are none.
+    /// Decodes a batch; `None` if the bytes are not one.
     pub(crate) fn read(bytes: &[u8]) -> Option<Said<'_>> {
         let mut reader = Reader(bytes);
         let publisher = reader.take::<16>()?;
@@ -168,7 +168,7 @@ impl Batch {
         reader.0 = rest;
         let mut messages = Vec::new();
         while !reader.0.is_empty() {
-            // As in an attachment, none is negative.
+            // A sequence number is never negative, here or in an attachment.
             let sequence = u64::try_from(i64::from_le_bytes(reader.take()?)).ok()?;
             let attachment = Attachment {
                 sequence,

@@ -1,4 +1,4 @@
-//! The reading end of every message as it is on the wire, for the recorder.
+//! Reader of all messages in encoded form, for the recorder.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -31,39 +31,39 @@ pub(crate) fn subscribe(
     })
 }
 
-/// Encoded messages through a bounded queue; never holds a publisher up.
+/// Encoded messages through a bounded queue, which never delays a publisher.
 pub struct RawSubscription {
     core: Arc<RawCore>,
     _handles: Vec<Handle>,
 }
 
 impl RawSubscription {
-    /// The oldest message that waits, if one does.
+    /// The oldest waiting message, if there is one.
     pub fn try_recv(&self) -> Option<RawMessage> {
         self.core.queue.pop()
     }
 
-    /// The oldest message, waiting for it at most so long. For one thread at a time.
+    /// The oldest message, waiting for it for at most `timeout`. For one thread at a time.
     pub fn recv_timeout(&self, timeout: Duration) -> Option<RawMessage> {
         sleep_for(&self.core.queue, &self.core.sleeper, timeout)
     }
 
-    /// Messages that wait.
+    /// Number of waiting messages.
     pub fn waiting(&self) -> usize {
         self.core.queue.len()
     }
 
-    /// Whether messages on this key are followed: as many keys are as a reader of patterns follows.
+    /// Whether messages on this key are followed; the number of keys followed is limited.
     pub fn follows(&self, key: &str) -> bool {
         self.core.keys().admit(key)
     }
 
-    /// What went from the full queue unread since the last call.
+    /// Messages dropped unread from the full queue since the last call.
     pub fn pushed_out(&self) -> Vec<PushedOut> {
         self.core.pushed_out().drain().map(|(_, one)| one).collect()
     }
 
-    /// What happened to this reader's messages; odd ones (`overtaken`) are delivered all the same.
+    /// Counts of this reader's messages; those counted as `overtaken` are delivered all the same.
     pub fn counts(&self) -> Counts {
         let load = |count: &AtomicU64| count.load(Ordering::Relaxed);
         Counts {
@@ -76,7 +76,8 @@ impl RawSubscription {
         }
     }
 
-    /// Messages that were not read: never came, or pushed out of the full queue.
+    /// Number of messages that were not read: they never arrived, or were dropped from the full
+    /// queue.
     pub fn lost(&self) -> u64 {
         let counts = self.counts();
         counts.missing + counts.dropped

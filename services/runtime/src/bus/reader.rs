@@ -1,5 +1,5 @@
-//! The reading ends: newest value, queue, callback. Delivery from the same process takes no lock
-//! and no memory.
+//! Readers: newest value, queue, callback. Delivery within the same process takes no lock and
+//! allocates nothing.
 
 use std::any::Any;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
@@ -16,46 +16,46 @@ use super::sleeper::{Sleeper, sleep_for};
 use super::source::{Admission, Rival};
 use crate::clock;
 
-/// A message and how it came.
+/// A message and the circumstances of its arrival.
 #[derive(Clone, Debug)]
 pub struct Received<M> {
-    /// What was said.
+    /// The message itself.
     pub message: M,
-    /// Counts its publisher's messages from 1; 0 when the publisher does not say.
+    /// Sequence number, counted by its publisher from 1; 0 if the publisher does not state it.
     pub sequence: u64,
-    /// When it was published, ns since the Unix epoch on the publisher's host.
+    /// Time of publication, ns since the Unix epoch on the publisher's host.
     pub source_time_ns: i64,
-    /// When it arrived here, on the clock that judges silence.
+    /// Time of arrival here, on the clock that is used to detect silence.
     pub received: Instant,
-    /// Its publisher's id.
+    /// Id of its publisher.
     pub publisher: [u8; 16],
 }
 
 impl<M> Received<M> {
-    /// Time since it arrived here.
+    /// Time since its arrival here.
     pub fn age(&self) -> Duration {
         self.received.elapsed()
     }
 }
 
-/// What happened to a reader's messages since it was made.
+/// Counts of a reader's messages since the reader was created.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Delivered to this reader.
     pub received: u64,
-    /// Missing by sequence: lost between the processes.
+    /// Missing by sequence number: lost between the processes.
     pub missing: u64,
-    /// Pushed out of a full queue, or arrived while the callback was running in the same thread.
+    /// Dropped from a full queue, or arrived while the callback was running in the same thread.
     pub dropped: u64,
-    /// Refused: doubled or overtaken by a newer one.
+    /// Refused: duplicates, or overtaken by a newer one.
     pub overtaken: u64,
     /// Refused: older than the reader accepts.
     pub too_old: u64,
-    /// Refused: another type, or bytes that are no message.
+    /// Refused: of another type, or not decodable.
     pub undecodable: u64,
-    /// Refused: of another publisher, on a topic that has one.
+    /// Refused: from a second publisher, on a topic that has one.
     pub second_source: u64,
-    /// Refused: on more keys than a reader of patterns follows.
+    /// Refused: on keys beyond the limit that a reader of patterns follows.
     pub new_keys: u64,
 }
 
@@ -75,10 +75,10 @@ fn add(count: &AtomicU64, more: u64) {
 
 type Callback<M> = Box<dyn FnMut(&Received<M>) + Send>;
 
-/// Where messages go.
+/// Destination of the messages.
 pub(crate) enum Sink<M: Message> {
-    /// The newest value. The lock is between publishers of the same topic only: reader and writer
-    /// never wait for one another, even when one of them is pre-empted in the middle.
+    /// The newest value. The lock is only between publishers of the same topic: reader and writer
+    /// never wait for each other, even if one is pre-empted halfway.
     Newest(Mutex<Input<Option<Received<M>>>>),
     Queue {
         queue: Box<ArrayQueue<Received<M>>>,
@@ -86,7 +86,7 @@ pub(crate) enum Sink<M: Message> {
     },
     Callback {
         callback: Mutex<Callback<M>>,
-        /// Thread that is in the callback, by number; 0: none.
+        /// Number of the thread that runs the callback; 0: none.
         inside: AtomicU64,
     },
 }
@@ -107,10 +107,11 @@ impl<M: Message> Sink<M> {
     }
 }
 
-/// A reader without its type: takes encoded samples from other processes.
+/// A reader without its message type: takes encoded samples from other processes.
 pub(crate) trait ErasedReader: Send + Sync {
     fn message_name(&self) -> &'static str;
-    /// Who is refused, on a topic that has one publisher, and how many samples were.
+    /// On a topic that has one publisher: the publisher refused now, and the number of samples
+    /// refused.
     fn rival(&self, now: Instant) -> (Option<Rival>, u64);
     fn deliver_encoded(&self, key: &str, type_name: Option<&str>, at: Arrival<'_>);
 }
@@ -122,12 +123,12 @@ pub(crate) struct Arrival<'a> {
     pub attachment: Attachment,
     pub received: Instant,
     pub received_ns: i64,
-    /// From this process.
+    /// Whether it comes from this process.
     pub near: bool,
 }
 
-/// The reader's end of a triple buffer: three values, of which writer and reader own one each and
-/// swap for the third.
+/// The reader's end of a triple buffer: of three values, writer and reader own one each, and swap
+/// it for the third.
 pub(crate) type Output<M> = triple_buffer::Output<Option<Received<M>>>;
 
 pub(crate) struct ReaderCore<M: Message> {
@@ -135,12 +136,12 @@ pub(crate) struct ReaderCore<M: Message> {
     admission: Admission,
     guard: Mutex<Guard>,
     counts: AtomicCounts,
-    /// Oldest source time accepted, as an age in ns; 0: any.
+    /// Largest age by source time that is accepted, ns; 0: any.
     age_max_ns: AtomicI64,
 }
 
 impl<M: Message> ReaderCore<M> {
-    /// For a reader of the newest value, with that reader's end.
+    /// For a reader of the newest value; also returns that reader's end of the buffer.
     pub(crate) fn newest(admission: Admission) -> (Self, Output<M>) {
         let (input, output) = TripleBuffer::default().split();
         (
@@ -163,18 +164,18 @@ impl<M: Message> ReaderCore<M> {
         matches!(self.sink, Sink::Callback { .. })
     }
 
-    /// From a publisher of this process, in its thread.
+    /// Delivers a message of a publisher in this process, in its thread.
     pub(crate) fn deliver_near(&self, received: &Received<M>) {
         self.admission.near(received.received);
         self.deliver(received);
     }
 
-    /// No other publisher is taken until this is released.
+    /// While held, no other publisher is accepted.
     pub(crate) fn hold(&self, held: bool) {
         self.admission.hold(held);
     }
 
-    /// In the sender's thread, or in Zenoh's.
+    /// Runs in the sender's thread, or in Zenoh's.
     fn deliver(&self, received: &Received<M>) {
         match &self.sink {
             Sink::Newest(input) => {
@@ -200,7 +201,7 @@ impl<M: Message> ReaderCore<M> {
                             add(&self.counts.dropped, 1);
                             return;
                         }
-                        // Two publishers on one topic: the second waits for the first to be done.
+                        // If two publishers share a topic, the second one waits for the first.
                         callback.lock().unwrap_or_else(PoisonError::into_inner)
                     }
                 };
@@ -239,7 +240,7 @@ impl<M: Message> ReaderCore<M> {
     }
 
     fn undecodable(&self, key: &str, why: &dyn std::fmt::Display) {
-        // Once is enough for a person; the count says the rest.
+        // One log line is enough; the counter shows the rest.
         if self.counts.undecodable.fetch_add(1, Ordering::Relaxed) == 0 {
             tracing::warn!("{key}: a sample was refused: {why} (further ones are only counted)");
         }
@@ -270,7 +271,8 @@ impl<M: Message> ErasedReader for ReaderCore<M> {
         let mut guard = self.guard.lock().unwrap_or_else(PoisonError::into_inner);
         let verdict = guard.judge(&at.attachment, at.received_ns, self.age_max());
         if verdict == Verdict::Overtaken && !at.near && self.admission.one_at_a_time() {
-            // Were it two publishers, the greater count would silence the other for good.
+            // If there are two publishers, the greater sequence number would block the other for
+            // ever.
             guard.forget(publisher);
             self.admission.overtaken(publisher, at.received);
         }
@@ -307,15 +309,15 @@ impl Arrival<'_> {
     }
 }
 
-/// A small number per thread, never 0; `ThreadId` has none on stable Rust.
+/// A small number per thread, never 0; stable Rust gives no number for a `ThreadId`.
 fn thread_number() -> u64 {
     static NEXT: AtomicU64 = AtomicU64::new(1);
     thread_local!(static NUMBER: u64 = NEXT.fetch_add(1, Ordering::Relaxed));
     NUMBER.with(|number| *number)
 }
 
-/// Keeps a callback, an answerer or a subscription in force; dropping it ends it. Do not drop one
-/// inside its own callback.
+/// Keeps a callback, an answer handler or a subscription alive; dropping it ends that. Do not drop
+/// one inside its own callback.
 #[must_use = "dropping the handle ends what it stands for"]
 pub struct Handle {
     release: Option<Box<dyn FnOnce() + Send + Sync>>,
@@ -330,7 +332,7 @@ impl Handle {
         }
     }
 
-    /// Keeps something else for as long.
+    /// Keeps another value alive as long as this handle.
     pub(crate) fn keep(&mut self, what: impl Any + Send + Sync) {
         self.kept.push(Box::new(what));
     }
@@ -344,7 +346,7 @@ impl Drop for Handle {
     }
 }
 
-/// Every message of a topic, through a bounded queue.
+/// Reads every message of a topic, through a bounded queue.
 pub struct Subscription<M: Message> {
     core: Arc<ReaderCore<M>>,
     _handle: Handle,
@@ -358,7 +360,7 @@ impl<M: Message> Subscription<M> {
         }
     }
 
-    /// The oldest message that waits, if one does.
+    /// The oldest waiting message, if there is one.
     pub fn try_recv(&self) -> Option<Received<M>> {
         match &self.core.sink {
             Sink::Queue { queue, .. } => queue.pop(),
@@ -366,7 +368,7 @@ impl<M: Message> Subscription<M> {
         }
     }
 
-    /// The oldest message, waiting for it at most so long. For one thread at a time.
+    /// The oldest message, waiting for it for at most `timeout`. For one thread at a time.
     pub fn recv_timeout(&self, timeout: Duration) -> Option<Received<M>> {
         let Sink::Queue { queue, sleeper } = &self.core.sink else {
             return None;
@@ -375,17 +377,18 @@ impl<M: Message> Subscription<M> {
     }
 
     /// Refuses samples from other processes whose source time is older than `age` when they arrive.
-    /// Only where the hosts' clocks agree.
+    /// Use it only if the hosts' clocks agree.
     pub fn refuse_older_than(&self, age: Duration) {
         self.core.refuse_older_than(age);
     }
 
-    /// What happened to this reader's messages.
+    /// Counts of this reader's messages, delivered and refused.
     pub fn counts(&self) -> Counts {
         self.core.counts()
     }
 
-    /// Messages that were not read: never came, or pushed out of the full queue.
+    /// Number of messages that were not read: they never arrived, or were dropped from the full
+    /// queue.
     pub fn lost(&self) -> u64 {
         let counts = self.counts();
         counts.missing + counts.dropped

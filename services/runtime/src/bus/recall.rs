@@ -1,9 +1,9 @@
-//! Publishers say again what a recorder missed: a thread of each process answers from the kept
+//! Resending of messages that a recorder missed: a thread of each process answers from the kept
 //! messages.
 //!
-//! A question is looked at in Zenoh's thread, the publishing thread hands over what is kept without
-//! copying it, and a thread of its own sends the answers, at a bounded rate. However many ask, a
-//! bounded number of questions is under way; further ones stay without an answer.
+//! Zenoh's thread checks a question, the publishing thread hands over the kept messages without
+//! copying them, and a third thread sends the answers at a bounded rate. The number of questions in
+//! progress is bounded; further ones get no answer.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -20,24 +20,25 @@ use super::history::Block;
 use super::question::{Batch, PREFIX, Question, Span, question_key};
 use super::raw::RawMessage;
 use super::reader::Arrival;
-use super::session;
+use super::replies::reply_batch;
+use super::session::Questions;
 use super::{Bus, Inner};
 
-/// Questions that one process has under way: one to each publisher of a process that runs
-/// everything, twice.
+/// Largest number of questions in progress in one process: twice one question to each publisher of
+/// a process that runs all services.
 const UNDER_WAY_MAX: usize = 64;
-/// A batch is sent when it has so many bytes: with one more message, still one packet.
+/// Size at which a batch is sent, bytes: with one more message it still fits into one packet.
 const BATCH_BYTES: usize = 32 << 10;
-/// So much is said again per second, beside what is published.
+/// Largest rate of resending, bytes/s, besides what is published.
 const BYTES_PER_S: f64 = 8e6;
-/// Between two questions.
+/// Pause between two questions.
 const PAUSE: Duration = Duration::from_millis(1);
-/// Who asked has given up by then.
+/// Time after which the sender of a question has given up.
 const ANSWER_WITHIN: Duration = Duration::from_secs(6);
-/// Answers to one question that an asker holds at most, bytes.
+/// Largest size of the answers to one question that its sender buffers, bytes.
 const ANSWERS_BYTES_MAX: usize = 256 << 20;
 
-/// A question to one publisher of this process, on its way to what is kept.
+/// A question to one publisher of this process, on its way to the kept messages.
 pub(crate) struct Ask {
     query: Query,
     key: String,
@@ -48,7 +49,7 @@ pub(crate) struct Ask {
     _place: Place,
 }
 
-/// One of the questions under way.
+/// Counts as one question in progress until it is dropped.
 struct Place(Arc<AtomicUsize>);
 
 impl Drop for Place {
@@ -62,8 +63,8 @@ struct Job {
     blocks: Vec<Arc<Block>>,
 }
 
-/// The questions that a process has under way, and the thread that answers them; it ends with this
-/// value.
+/// The questions in progress in this process, and the thread that answers them; it ends when this
+/// value is dropped.
 pub(crate) struct Recall {
     under_way: Arc<AtomicUsize>,
     asks: ArrayQueue<Ask>,
@@ -86,14 +87,14 @@ impl Recall {
         })
     }
 
-    /// A question that waits for the publishing thread.
+    /// The next question that waits for the publishing thread.
     pub(crate) fn next(&self) -> Option<Ask> {
         self.asks.pop()
     }
 
-    /// Has it answered from these. Never waits.
+    /// Queues the question for an answer from these blocks. Never waits.
     pub(crate) fn answer(&self, ask: Ask, blocks: Vec<Arc<Block>>) {
-        // Without room the asker gets no answer, and asks again.
+        // If the queue is full, no answer is sent, and the recorder asks again.
         let _ = self.jobs.try_send(Job { ask, blocks });
     }
 
@@ -104,18 +105,19 @@ impl Recall {
     }
 }
 
-/// Where questions to one publisher come in.
-pub(crate) struct Entrance {
-    pub recall: Arc<Recall>,
-    pub pump: Option<Thread>,
-    pub key: String,
-    pub type_name: &'static str,
-    pub publisher: [u8; 16],
+/// Receives the questions to one publisher.
+struct Entrance {
+    recall: Arc<Recall>,
+    pump: Option<Thread>,
+    key: String,
+    type_name: &'static str,
+    publisher: [u8; 16],
 }
 
 impl Entrance {
-    /// Takes one question in, or leaves it without an answer. In Zenoh's thread: never waits.
-    pub(crate) fn take(&self, query: Query) {
+    /// Accepts one question, or leaves it without an answer. Runs in Zenoh's thread, so it never
+    /// waits.
+    fn take(&self, query: Query) {
         let question = query
             .payload()
             .and_then(|payload| Question::from_bytes(&payload.to_bytes()));
@@ -170,7 +172,7 @@ fn answer_all(jobs: &Receiver<Job>) {
 }
 
 fn send(ask: &Ask, batch: &mut Batch) {
-    session::reply_batch(&ask.query, &ask.key, batch.bytes());
+    reply_batch(&ask.query, &ask.key, batch.bytes());
     std::thread::sleep(Duration::from_secs_f64(
         batch.bytes().len() as f64 / BYTES_PER_S,
     ));
@@ -179,12 +181,12 @@ fn send(ask: &Ask, batch: &mut Batch) {
 
 impl Bus {
     /// Asks every publisher of a cell for messages that it still has (about the last 12 s, no
-    /// images), waits until all have answered or `patience` is over, and gives each to `take`.
-    /// `prefix` stands before the cell's keys: `CELL/` on a bus outside any cell, nothing
-    /// otherwise. Without a network nothing is kept, and nothing comes.
+    /// images), waits until all have answered or `patience` is over, and passes each message to
+    /// `take`. `prefix` precedes the cell's keys: `CELL/` on a bus outside any cell, otherwise
+    /// empty. Without a network, no messages are kept and none are returned.
     ///
     /// # Errors
-    /// A bad key, or a closed session.
+    /// The key is not valid, or the session is closed.
     pub fn recall(
         &self,
         prefix: &str,
@@ -217,8 +219,8 @@ impl Bus {
         Ok(())
     }
 
-    /// Name of the router that this process is connected to now; of the process itself where that
-    /// is the router. `None` while there is none, and without a network.
+    /// Name of the router that this process is connected to now, or of the process itself if it is
+    /// the router. `None` while there is no router, and without a network.
     pub fn router(&self) -> Option<String> {
         self.inner.session.as_ref()?.router()
     }
@@ -229,20 +231,24 @@ fn recalled(key: &str, type_name: &str, attachment: Attachment, payload: &[u8]) 
 }
 
 impl Inner {
-    /// Where questions to a publisher come in; none without a network.
-    pub(super) fn entrance(
+    /// Receiver of questions to a publisher; `None` without a network.
+    pub(super) fn questions(
         &self,
         key: &str,
         type_name: &'static str,
         publisher: [u8; 16],
         pump: Option<Thread>,
-    ) -> Option<Entrance> {
-        Some(Entrance {
+    ) -> Option<Questions> {
+        let entrance = Entrance {
             recall: Arc::clone(self.recall.as_ref()?),
             pump,
             key: question_key(key),
             type_name,
             publisher,
+        };
+        Some(Questions {
+            key: entrance.key.clone(),
+            take: Box::new(move |query| entrance.take(query)),
         })
     }
 }

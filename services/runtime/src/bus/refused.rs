@@ -1,5 +1,5 @@
-//! Who was refused as a second publisher, in words: ids are told by the name that a service's
-//! health gives.
+//! Names of refused second publishers: an id is translated to the name in the service's health
+//! message.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,22 +13,24 @@ use super::reader::Handle;
 use super::source::Rival;
 use super::{Bus, Inner};
 
-/// Buses whose names are kept. More than a cell has; strangers' healths do not grow it further.
+/// Largest number of buses whose names are kept: more than a cell has. Health messages of unknown
+/// processes cannot grow the map beyond it.
 const NAMES_MAX: usize = 128;
 
-/// Services by the part of a publisher's id that stands for the bus.
+/// Names of services, by the part of a publisher's id that stands for its bus.
 pub(super) type Names = Arc<Mutex<BTreeMap<[u8; 8], String>>>;
 
-/// A topic on which somebody was refused.
+/// A topic on which a publisher was refused.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refused {
     /// Key or pattern of the reader.
     pub topic: String,
-    /// The source that is refused now, if known; none when none is.
+    /// Name of the publisher that is refused now; `None` if it is not known, or none is refused
+    /// now.
     pub who: Option<String>,
-    /// It uses the id of the publisher that is listened to.
+    /// Whether it uses the id of the accepted publisher.
     pub forged: bool,
-    /// Samples refused since the reader was made.
+    /// Number of samples refused since the reader was created.
     pub samples: u64,
 }
 
@@ -51,7 +53,7 @@ impl fmt::Display for Refused {
     }
 }
 
-/// Listens to every service's health.
+/// Subscribes to the health of every service.
 pub(super) fn learn(bus: &Bus) -> Result<Handle, BusError> {
     let names = Arc::clone(&bus.inner.names);
     bus.on(&topics::HEALTHS, move |health| {
@@ -70,7 +72,7 @@ fn bus_of(publisher: [u8; 16]) -> [u8; 8] {
     part
 }
 
-/// One per topic.
+/// Refused publishers, one entry per topic.
 pub(super) fn list(bus: &Inner) -> Vec<Refused> {
     let mut all: BTreeMap<String, Refused> = BTreeMap::new();
     for (topic, rival, samples) in bus.registry.rivals(Instant::now()) {

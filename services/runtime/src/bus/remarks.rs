@@ -1,27 +1,27 @@
-//! What is said of a session at its start and in the health of its services for as long as it
-//! holds.
+//! Remarks about a session: logged at its start, and part of its services' health as long as they
+//! apply.
 
-use super::Role;
 use super::error::BusError;
+use super::role::Role;
 use crate::clock;
 use crate::config::ZenohConfig;
 use crate::security::Expiry;
 
-/// What there is to say.
+/// Reasons for remarks.
 #[derive(Debug, Default)]
 pub(crate) struct Remarks {
     /// A router that listens beyond this host without certificates.
     open: Option<String>,
-    /// When the certificates end.
+    /// Expiry of the certificates.
     expiry: Option<Expiry>,
 }
 
 impl Remarks {
-    /// On a session that is about to be opened.
+    /// Remarks on a session that is about to be opened.
     ///
     /// # Errors
-    /// A router that would listen beyond this host in the clear, where the file does not say that
-    /// it may; a certificate that cannot be read.
+    /// A router would listen beyond this host without encryption, and the file does not allow it;
+    /// or a certificate cannot be read.
     pub(crate) fn on(config: &ZenohConfig, role: Role) -> Result<Self, BusError> {
         let endpoint = match role {
             Role::Router => config.open_to_anybody(),
@@ -46,14 +46,14 @@ impl Remarks {
         Ok(Self { open, expiry })
     }
 
-    /// At the start.
+    /// Logs the remarks at the start.
     pub(crate) fn log(&self) {
         for words in self.now() {
             tracing::warn!("{words}");
         }
     }
 
-    /// As it stands now.
+    /// The remarks that apply now.
     pub(crate) fn now(&self) -> Vec<String> {
         let now_s = clock::now_ns() / 1_000_000_000;
         let expiry = self.expiry.as_ref().and_then(|e| e.remark(now_s));

@@ -1,4 +1,4 @@
-//! Who answers in this process, and how others are asked.
+//! Handlers of requests in this process, and requests to other processes.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -17,6 +17,7 @@ use super::error::BusError;
 use super::lane::{self, Entrance, Jobs, LaneOf};
 use super::reader::Handle;
 use super::registry::parse_key;
+use super::replies::UnknownOutcome;
 use super::session::Asking;
 use crate::clock::now_ns;
 
@@ -32,21 +33,21 @@ struct State {
     entries: Vec<Entry>,
 }
 
-/// Everything that answers in this process.
+/// All request handlers of this process.
 #[derive(Default)]
 pub(crate) struct Answerers {
     state: Mutex<State>,
     /// The lane that all keys share.
     prompt: OnceLock<Jobs>,
-    /// Of the urgent lanes' threads, where the cell asks for real-time scheduling.
+    /// SCHED_FIFO priority of the urgent lanes' threads; `None` for normal scheduling.
     priority: Option<u8>,
-    /// Under which this bus asks, and how many queries it has sent.
+    /// Id under which this bus sends queries.
     asker: OnceLock<[u8; 16]>,
     asked: AtomicU64,
 }
 
 impl Answerers {
-    /// Without an answering service; `priority` as in the field.
+    /// Without any handler. `priority` is the SCHED_FIFO priority of the urgent lanes' threads.
     pub fn new(priority: Option<u8>) -> Self {
         Self {
             priority,
@@ -126,7 +127,8 @@ pub(crate) fn ask(
     timeout: Duration,
 ) -> Result<Answer, BusError> {
     let parsed = parse_key(key)?;
-    // In the same process an answer needs no network: `stop` works also when the router is gone.
+    // Within the same process a request needs no network: `stop` works even when the router is
+    // down.
     if let Some((_, handler)) = bus.answerers.matching(&parsed).into_iter().next() {
         return known(key, handler(Asked::now(key, request, timeout)));
     }
@@ -141,7 +143,7 @@ pub(crate) fn ask(
     let replies = session.get(key, &asking(bus, key, request, &payload, timeout))?;
     match replies.recv_timeout(timeout) {
         Some(Ok((_, bytes))) => decode(key, &bytes),
-        Some(Err(reason)) => Err(BusError::Unknown {
+        Some(Err(UnknownOutcome(reason))) => Err(BusError::Unknown {
             key: key.to_owned(),
             reason,
         }),
@@ -149,7 +151,7 @@ pub(crate) fn ask(
     }
 }
 
-/// Every query of a bus under the same id, numbered from 1.
+/// All queries of a bus have the same id, and are numbered from 1.
 fn asking<'a>(
     bus: &Inner,
     key: &str,

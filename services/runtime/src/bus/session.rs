@@ -1,4 +1,5 @@
-//! The Zenoh session of a bus: the far lane. Nothing else in the workspace names Zenoh.
+//! The Zenoh session of a bus: the path to other processes. No other module of the workspace uses
+//! Zenoh.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -9,19 +10,19 @@ use tangent_schemas::topics::Delivery;
 use tangent_schemas::{Message, tangent};
 use zenoh::Wait;
 use zenoh::bytes::Encoding;
-use zenoh::handlers::FifoChannelHandler;
 use zenoh::key_expr::OwnedKeyExpr;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Reply};
 use zenoh::sample::{Locality, Sample, SampleKind};
 
-use super::Role;
 use super::attachment::Attachment;
 use super::error::BusError;
 use super::raw::{RawCore, RawMessage};
 use super::reader::{Arrival, ErasedReader};
-use super::recall::Entrance;
 use super::remarks::Remarks;
+use super::remote_publisher::RemotePublisher;
+use super::replies::Replies;
+use super::role::Role;
 use super::session_config::session_config;
 use crate::config::ZenohConfig;
 use crate::realtime::setup_thread;
@@ -34,7 +35,7 @@ pub(crate) struct Opening<'a> {
     pub config: &'a ZenohConfig,
     pub namespace: Option<&'a str>,
     pub role: Role,
-    /// How long to wait for a router; for ever without one.
+    /// Time to wait for a router; `None`: without limit.
     pub patience: Option<Duration>,
     pub stop: &'a Stop,
     /// SCHED_FIFO priority of Zenoh's threads; `None` for normal scheduling.
@@ -47,10 +48,17 @@ pub(crate) struct Session {
     stale_after: Duration,
     message_max: usize,
     remarks: Remarks,
-    /// One declaration at a time. Zenoh 1.10.2 gives a key its number before it tells the network
-    /// of it: a thread that declares the same key in between uses a number that is not known yet,
-    /// and what it declared is never matched (`Session::declare_prefix`).
+    /// Only one declaration at a time. Zenoh 1.10.2 assigns a number to a key before it announces
+    /// the key to the network. A thread that declares the same key in between uses a number that is
+    /// not known yet, and its declaration never matches (`Session::declare_prefix`).
     declaring: Mutex<()>,
+}
+
+/// Keys and handler of questions for a publisher's recent messages. The handler runs in Zenoh's
+/// thread, so it must not wait.
+pub(crate) struct Questions {
+    pub key: String,
+    pub take: Box<dyn Fn(Query) + Send + Sync>,
 }
 
 /// One query, ready to be sent.
@@ -61,7 +69,7 @@ pub(crate) struct Asking<'a> {
     pub timeout: Duration,
 }
 
-/// Zenoh's priority, and whether a message goes out at once.
+/// Zenoh's priority for this delivery, and whether messages are sent without batching.
 fn quality(delivery: Delivery) -> (Priority, bool) {
     match delivery {
         Delivery::RealTime => (Priority::RealTime, true),
@@ -80,8 +88,8 @@ fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
 }
 
 impl Session {
-    /// Opens on a thread of its own, since `open` says nothing while it waits; logs each second
-    /// until it is there.
+    /// Opens the session in a separate thread, as `open` logs nothing while it waits. This function
+    /// logs each second until the session is open.
     pub(crate) fn open(opening: Opening<'_>) -> Result<Self, BusError> {
         let Opening {
             config,
@@ -104,7 +112,7 @@ impl Session {
             .name("bus-open".into())
             .spawn(move || {
                 if let Some(priority) = priority {
-                    // Zenoh's threads are made by this one and inherit its scheduling.
+                    // Zenoh's threads are created by this one and inherit its scheduling.
                     setup_thread("bus", priority);
                 }
                 let _ = sender.send(zenoh::open(zenoh_config).wait());
@@ -156,12 +164,12 @@ impl Session {
         }
     }
 
-    /// What a person should know about how this session is secured, as it stands now.
+    /// Remarks on the security of this session that apply now.
     pub(crate) fn remarks(&self) -> Vec<String> {
         self.remarks.now()
     }
 
-    /// A process that was cut off seems to be here for so long.
+    /// Time for which a process that was cut off still appears to be running.
     pub(crate) fn stale_after(&self) -> Duration {
         self.stale_after
     }
@@ -177,7 +185,7 @@ impl Session {
         key: &OwnedKeyExpr,
         delivery: Delivery,
         type_name: &str,
-        entrance: Option<Entrance>,
+        questions: Option<Questions>,
     ) -> Result<RemotePublisher, BusError> {
         let _alone = self.declare();
         let (priority, express) = quality(delivery);
@@ -188,8 +196,8 @@ impl Session {
             .congestion_control(CongestionControl::Drop)
             .priority(priority)
             .express(express)
-            // Readers in this process were served before; the session must not bring them the same
-            // again.
+            // Readers in this process have already got the message; the session must not deliver it
+            // to them again.
             .allowed_destination(Locality::Remote)
             .wait()
             .map_err(failed(format!("publishing `{key}`")))?;
@@ -208,17 +216,15 @@ impl Session {
         {
             matching.store(true, Ordering::Release);
         }
-        let questions = match entrance {
-            Some(entrance) => Some(self.questions(entrance)?),
-            None => None,
-        };
-        Ok(RemotePublisher {
+        let questions = questions
+            .map(|questions| self.questions(questions))
+            .transpose()?;
+        Ok(RemotePublisher::new(
             publisher,
             matching,
             questions,
-            message_max: self.message_max,
-            too_large: AtomicBool::new(false),
-        })
+            self.message_max,
+        ))
     }
 
     pub(crate) fn subscribe(
@@ -231,7 +237,7 @@ impl Session {
             let encoding = sample.encoding().to_string();
             let type_name = encoding.strip_prefix(CDR);
             if type_name.is_none() && *sample.encoding() != Encoding::default() {
-                // Some other serialisation: let the reader refuse it by name.
+                // Encoded in another way: the reader refuses it by the name of its type.
                 return reader.deliver_encoded(sample.key_expr().as_str(), Some(&encoding), at);
             }
             reader.deliver_encoded(sample.key_expr().as_str(), type_name, at);
@@ -315,23 +321,23 @@ impl Session {
             .timeout(asking.timeout)
             .wait()
             .map_err(failed(format!("asking on `{key}`")))?;
-        Ok(Replies { replies })
+        Ok(Replies::new(replies))
     }
 
-    /// Has questions for what a publisher said come in. Also those of a recorder in this process.
+    /// Receives questions for a publisher's recent messages, also from a recorder in this process.
     /// Part of a publisher's declaration.
-    fn questions(&self, entrance: Entrance) -> Result<zenoh::query::Queryable<()>, BusError> {
-        let key = entrance.key.clone();
+    fn questions(&self, questions: Questions) -> Result<zenoh::query::Queryable<()>, BusError> {
+        let Questions { key, take } = questions;
         self.session
             .declare_queryable(key.clone())
-            .callback(move |query| entrance.take(query))
+            .callback(take)
             .wait()
             .map_err(failed(format!("answering on `{key}`")))
     }
 
-    /// Asks behind everything that is measured; key and payload of each answer. They end when all
-    /// have answered. Beyond `bytes_max` of answers that have not been taken, further ones are
-    /// dropped.
+    /// Sends a question with a lower priority than measurements. Returns key and payload of each
+    /// answer, until all have answered. Once answers of `bytes_max` bytes wait to be read, further
+    /// ones are dropped.
     pub(crate) fn recall(
         &self,
         key: &str,
@@ -354,7 +360,7 @@ impl Session {
         self.session
             .get(key.to_owned())
             .payload(question)
-            // Answers go out as the question does.
+            // Answers have the priority of the question.
             .priority(Priority::DataLow)
             .congestion_control(CongestionControl::Drop)
             .target(zenoh::query::QueryTarget::All)
@@ -366,7 +372,7 @@ impl Session {
         Ok(answers)
     }
 
-    /// The router at the other end, or this session where it is one.
+    /// Name of the connected router, or of this session if it is the router.
     pub(crate) fn router(&self) -> Option<String> {
         let info = self.session.info();
         if self.role == Role::Router {
@@ -406,109 +412,6 @@ impl Session {
             && let Err(error) = self.session.close().wait()
         {
             tracing::warn!("leaving the network failed: {error}");
-        }
-    }
-}
-
-/// Answers from other processes.
-pub(crate) struct Replies {
-    replies: FifoChannelHandler<Reply>,
-}
-
-impl Replies {
-    /// Key and payload of the next answer; `None` when no more come, or not in time.
-    pub(crate) fn recv_timeout(
-        &self,
-        timeout: Duration,
-    ) -> Option<Result<(String, Vec<u8>), String>> {
-        let reply = self.replies.recv_timeout(timeout).ok()??;
-        match reply.into_result() {
-            Ok(sample) => Some(Ok((
-                sample.key_expr().to_string(),
-                sample.payload().to_bytes().into_owned(),
-            ))),
-            Err(error) => {
-                let reason = String::from_utf8_lossy(&error.payload().to_bytes()).into_owned();
-                // Zenoh's own text for a missing answer.
-                (reason != TIMEOUT).then_some(Err(reason))
-            }
-        }
-    }
-}
-
-/// What Zenoh answers itself with when a query's time is up.
-const TIMEOUT: &str = "Timeout";
-
-/// The answer that it is not known whether it was done, and why.
-pub(crate) fn reply_unknown(query: &Query, key: &str, reason: &str) {
-    let result = query
-        .reply_err(reason.as_bytes())
-        .encoding(Encoding::ZENOH_STRING)
-        .wait();
-    if let Err(error) = result {
-        tracing::warn!("{key}: an answer could not be sent: {error}");
-    }
-}
-
-/// Sends one answer.
-pub(crate) fn reply(query: &Query, key: &str, payload: &[u8]) {
-    let result = query
-        .reply(key, payload)
-        .encoding(Encoding::APPLICATION_CDR.with_schema(tangent::Answer::NAME))
-        .wait();
-    if let Err(error) = result {
-        tracing::warn!("{key}: an answer could not be sent: {error}");
-    }
-}
-
-/// Sends some messages again.
-pub(crate) fn reply_batch(query: &Query, key: &str, payload: &[u8]) {
-    if let Err(error) = query.reply(key, payload).wait() {
-        tracing::debug!("{key}: an answer could not be sent: {error}");
-    }
-}
-
-/// A declared publisher, and whether anybody in another process reads it.
-pub(crate) struct RemotePublisher {
-    publisher: zenoh::pubsub::Publisher<'static>,
-    matching: Arc<AtomicBool>,
-    /// Where it is asked for what it said last; what it says is kept for that.
-    questions: Option<zenoh::query::Queryable<()>>,
-    message_max: usize,
-    /// One was, and it was said.
-    too_large: AtomicBool,
-}
-
-impl RemotePublisher {
-    pub(crate) fn matches(&self) -> bool {
-        self.matching.load(Ordering::Acquire)
-    }
-
-    /// What it says is to be kept.
-    pub(crate) fn keeps(&self) -> bool {
-        self.questions.is_some()
-    }
-
-    pub(crate) fn put(&self, payload: &[u8], attachment: Attachment) {
-        if payload.len() >= self.message_max {
-            if !self.too_large.swap(true, Ordering::Relaxed) {
-                tracing::warn!(
-                    "{}: a message of {:.1} MB is not sent, nobody would take it: zenoh.message_max_mb is {:.1} (said once)",
-                    self.publisher.key_expr(),
-                    payload.len() as f64 * 1e-6,
-                    self.message_max as f64 * 1e-6
-                );
-            }
-            return;
-        }
-        let result = self
-            .publisher
-            .put(payload)
-            .attachment(attachment.to_bytes())
-            .wait();
-        if let Err(error) = result {
-            // The session is closed; readers notice the silence.
-            tracing::debug!("{}: {error}", self.publisher.key_expr());
         }
     }
 }

@@ -1,20 +1,20 @@
-//! What Zenoh is told about a session: the cell file's section, certificates, access rules, and
-//! what was measured to matter.
+//! Zenoh configuration of a session: the cell file's section, certificates, access rules, and
+//! values found by measurement.
 
 use std::time::Duration;
 
 use serde_json::json;
 use zenoh::Config;
 
-use super::Role;
 use super::error::BusError;
+use super::role::Role;
 use crate::clock;
 use crate::config::{TlsConfig, ZenohConfig};
 use crate::security;
 
-/// What the router does with every message of more than half a packet: a ROS
-/// 2 bridge sends images as it sends measurements, whose queue holds two packets, and a reliable
-/// one would have a slow reader's link closed.
+/// The router sends every message of more than half a packet with this priority. A ROS 2 bridge
+/// sends images with the priority of measurements, whose queue holds two packets; a reliable image
+/// would close the link of a slow reader.
 const IMAGES_BEHIND: &str = r#"[{
     id: "images behind the measurements",
     messages: ["put"],
@@ -23,8 +23,8 @@ const IMAGES_BEHIND: &str = r#"[{
     overwrite: { priority: "data_low", congestion_control: "drop" },
 }]"#;
 
-/// The session's configuration: what was measured to matter for a control loop's neighbours, and
-/// nothing else.
+/// Configuration of the session. Beyond the cell file it sets only values whose effect on control
+/// loops was measured.
 pub(crate) fn session_config(
     config: &ZenohConfig,
     namespace: Option<&str>,
@@ -42,7 +42,7 @@ pub(crate) fn session_config(
     if let Some(tls) = &config.tls {
         secure(&mut zenoh_config, config, tls, role)?;
     }
-    // Rules of a file of one's own stand.
+    // Rules in a user's own file are kept.
     let has_rules = zenoh_config
         .get_json("qos/network")
         .is_ok_and(|rules| rules != "[]");
@@ -69,23 +69,23 @@ pub(crate) fn session_config(
         }
     }
     let fixed = [
-        // Back within half a second after a router restart.
+        // Reconnects within half a second after a router restart.
         (
             "connect/retry",
             "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 1.5 }",
         ),
-        // No peer joins without an address.
+        // Processes connect only to configured addresses.
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
         ("timestamping/enabled", "false"),
         // With the default of 2, express messages were lost under CPU load.
         ("transport/link/tx/queue/size/real_time", "16"),
-        // Images go out in pieces of 64 KiB: with 2 of them, none would ever be whole. 16, the most
-        // there can be, hold 1 MB.
+        // Images are sent in fragments of 64 KiB: with a queue of 2, no image would arrive whole.
+        // 16 is the maximum, and holds 1 MB.
         ("transport/link/tx/queue/size/data_low", "16"),
-        // A message hardly waits before it is dropped, the next one is newer. The time doubles with
-        // each piece sent: the 17th of an image may wait until the deadline below, and a depth
-        // image of 1.6 MB has 25.
+        // A message waits only briefly before it is dropped, as the next one is newer. The time
+        // doubles with each fragment sent: the 17th of an image may wait until the deadline below,
+        // and a depth image of 1.6 MB has 25.
         (
             "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
             "100",
@@ -94,7 +94,7 @@ pub(crate) fn session_config(
             "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments",
             "50000",
         ),
-        // A stalled neighbour is cut off after half a second, not five.
+        // A stalled peer is disconnected after half a second, not five.
         (
             "transport/link/tx/queue/congestion_control/block/wait_before_close",
             "500000",
@@ -130,7 +130,7 @@ fn insert(zenoh_config: &mut Config, key: &str, value: String) -> Result<(), Bus
         })
 }
 
-/// Mutual TLS, by QUIC, on every link; a router takes its access rules from their file.
+/// Mutual TLS over QUIC on every link; a router reads its access rules from their file.
 fn secure(
     zenoh_config: &mut Config,
     config: &ZenohConfig,
@@ -157,15 +157,15 @@ fn secure(
     Ok(())
 }
 
-/// That a router would take the cell's access rules as they stand now.
+/// Checks that a router would accept the cell's access rules as they are now.
 ///
 /// # Errors
-/// What is wrong with them.
+/// A defect of the rules.
 pub(super) fn check_access(config: &ZenohConfig) -> Result<(), BusError> {
     access_rules(config).map(|_| ())
 }
 
-/// The access rules' text, once it is known that they deny what they do not name.
+/// Text of the access rules, after a check that they deny everything they do not name.
 fn access_rules(config: &ZenohConfig) -> Result<String, BusError> {
     let refused = |value: String, reason: &str| BusError::Configuration {
         key: "zenoh.access".into(),

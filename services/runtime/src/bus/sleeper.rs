@@ -1,4 +1,4 @@
-//! A thread that sleeps until there is something in its queue, and is woken without waiting for it.
+//! Lets a thread sleep until its queue has an item; the sender wakes it without waiting.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
 
-/// Where the reader of a queue leaves its thread while it sleeps. One reader at a time.
+/// Holds the handle of a queue's reading thread while that sleeps. One reader at a time.
 #[derive(Debug, Default)]
 pub(crate) struct Sleeper {
     asleep: AtomicBool,
@@ -15,8 +15,8 @@ pub(crate) struct Sleeper {
 }
 
 impl Sleeper {
-    /// Wakes the reader if it sleeps. Call it after the push. Never waits: a reader that is busy
-    /// with this sleeper has not lain down yet, and looks at its queue once more before it does.
+    /// Wakes the reader if it sleeps. Call it after the push. Never waits: a reader that is just
+    /// registering or deregistering itself checks its queue once more before it sleeps.
     pub(crate) fn wake(&self) {
         if self.asleep.swap(false, Ordering::SeqCst)
             && let Ok(thread) = self.thread.try_lock()
@@ -36,7 +36,7 @@ impl Sleeper {
     }
 }
 
-/// Pops, or parks until a sender wakes this thread or the time is up.
+/// Pops an item, or parks until a sender wakes this thread or the time is up.
 pub(crate) fn sleep_for<T>(
     queue: &ArrayQueue<T>,
     sleeper: &Sleeper,
@@ -48,8 +48,8 @@ pub(crate) fn sleep_for<T>(
             return Some(item);
         }
         sleeper.lie_down();
-        // Between the first look and lying down something may have come, whose sender saw nobody
-        // asleep.
+        // An item may have arrived after the first check and before registration; its sender did
+        // not wake this thread.
         if let Some(item) = queue.pop() {
             sleeper.get_up();
             return Some(item);
@@ -74,8 +74,8 @@ mod tests {
         let queue = Arc::new(ArrayQueue::new(4));
         let sleeper = Arc::new(Sleeper::default());
         let (pushes, wakes) = (Arc::clone(&queue), Arc::clone(&sleeper));
-        // One at a time, each pushed the moment the one before was taken: the worst moment for a
-        // sleeper.
+        // Each item is pushed the moment the previous one was taken, which is the hardest case for
+        // a missed wake-up.
         let sender = std::thread::spawn(move || {
             for i in 0..20_000 {
                 while !pushes.is_empty() {
@@ -86,7 +86,7 @@ mod tests {
             }
         });
         for expected in 0..20_000 {
-            // A missed wake would cost the whole minute.
+            // A missed wake-up would take the whole minute.
             assert_eq!(
                 sleep_for(&queue, &sleeper, Duration::from_secs(60)),
                 Some(expected)

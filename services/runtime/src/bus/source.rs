@@ -1,32 +1,32 @@
-//! One publisher at a time, on topics that have one: who else speaks there is refused, counted and
+//! Accepts one publisher at a time on topics that have one; any other is refused, counted and
 //! named.
 //!
-//! A sample from the same process is taken as it is: what runs together trusts each other. Of the
-//! network's publishers the first one heard is listened to while it speaks; another one is taken
-//! after [`SILENCE`], and not while the reader is held to its publisher. An id can be copied by
-//! whoever hears it. A publisher of this bus is never taken from the network; and two that count
-//! apart under one id are both refused until only one is left.
+//! A sample from the same process is always accepted, as services of one process trust each other.
+//! Of the publishers on the network, the first one is accepted as long as it sends. Another one is
+//! accepted after [`SILENCE`], unless the reader is held to its publisher. Any reader can copy an
+//! id. A publisher of this bus is therefore never accepted from the network, and two publishers
+//! that count separately under one id are both refused until only one is left.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use tangent_actuation::lease::SILENCE_S;
 use tangent_schemas::topics::Sources;
 
 use super::attachment::BusId;
-use tangent_actuation::lease::SILENCE_S;
 
-/// A publisher that says nothing for so long has gone.
+/// A publisher that is silent for this long counts as ended.
 const SILENCE: Duration = Duration::from_millis((1e3 * SILENCE_S) as u64);
-/// A refused publisher is told about for so long after it was heard.
+/// A refused publisher is reported for this long after its last sample.
 const REMEMBERED: Duration = Duration::from_secs(2);
 
-/// Who is refused now.
+/// A publisher that is refused now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rival {
     /// Id in its samples.
     pub publisher: [u8; 16],
-    /// It uses the id of the publisher that is listened to, or of one in this process.
+    /// Whether it uses the id of the accepted publisher, or of one in this process.
     pub forged: bool,
 }
 
@@ -35,19 +35,19 @@ pub(crate) struct Admission {
     kind: Sources,
     own: BusId,
     began: Instant,
-    /// When a publisher of this process last spoke, ns since `began`; 0: never.
+    /// Time of the last sample from a publisher of this process, ns since `began`; 0: never.
     near_ns: AtomicU64,
     held: AtomicBool,
     far: Mutex<Far>,
     refused: AtomicU64,
 }
 
-/// What is known of the network's publishers.
+/// State of the publishers on the network.
 #[derive(Debug, Default)]
 struct Far {
     holder: Option<([u8; 16], Instant)>,
     rival: Option<(Rival, Instant)>,
-    /// Two speak under one id: when the last sign of it was.
+    /// Time of the last evidence that two publishers use one id.
     contested: Option<Instant>,
 }
 
@@ -72,7 +72,7 @@ impl Admission {
         self.kind != Sources::Any
     }
 
-    /// A publisher of this process speaks. No lock, no memory.
+    /// Notes a sample from a publisher of this process. Takes no lock and allocates nothing.
     pub(crate) fn near(&self, at: Instant) {
         if self.kind == Sources::One {
             let ns = at.saturating_duration_since(self.began).as_nanos();
@@ -81,14 +81,14 @@ impl Admission {
         }
     }
 
-    /// No other publisher is taken until this is released, however long the present one is silent.
-    /// No lock, no memory.
+    /// While held, no other publisher is accepted, however long the present one is silent. Takes no
+    /// lock and allocates nothing.
     pub(crate) fn hold(&self, held: bool) {
         self.held.store(held, Ordering::Relaxed);
     }
 
-    /// Whether to take a sample that came over the network. To be asked before its sequence is
-    /// judged.
+    /// Whether to accept a sample from the network. Call it before the check of the sequence
+    /// number.
     pub(crate) fn admit(&self, publisher: [u8; 16], now: Instant) -> bool {
         if self.kind == Sources::Any {
             return true;
@@ -125,8 +125,8 @@ impl Admission {
         true
     }
 
-    /// A sample was overtaken by one of the same id: on a link that keeps the order, two publishers
-    /// count apart.
+    /// Notes a sample that was overtaken by one with the same id. As the link keeps the order, two
+    /// publishers must be counting separately under that id.
     pub(crate) fn overtaken(&self, publisher: [u8; 16], now: Instant) {
         if self.one_at_a_time() {
             let mut far = self.lock();
@@ -135,8 +135,7 @@ impl Admission {
         }
     }
 
-    /// Whether two speak under the id of the publisher that is listened to; then neither is
-    /// believed.
+    /// Whether two publishers use the id of the accepted one; then both are refused.
     pub(crate) fn is_contested(&self, publisher: [u8; 16], now: Instant) -> bool {
         if self.kind == Sources::Any {
             return false;
@@ -164,14 +163,14 @@ impl Admission {
         false
     }
 
-    /// Who was refused in the last seconds.
+    /// The publisher that was refused in the last seconds, if any.
     pub(crate) fn rival(&self, now: Instant) -> Option<Rival> {
         let far = self.lock();
         let (rival, at) = far.rival?;
         (now.saturating_duration_since(at) <= REMEMBERED).then_some(rival)
     }
 
-    /// Samples refused since the reader was made.
+    /// Number of samples refused since the reader was created.
     pub(crate) fn refused(&self) -> u64 {
         self.refused.load(Ordering::Relaxed)
     }
@@ -204,7 +203,7 @@ mod tests {
         };
         assert_eq!(reader.rival(t + 1000 * MS), Some(rival));
         assert_eq!(reader.refused(), 1000);
-        // The first falls silent.
+        // The first publisher falls silent.
         assert!(!reader.admit(B, t + 1400 * MS));
         assert!(reader.admit(B, t + 1500 * MS));
         assert!(!reader.admit(A, t + 1501 * MS));
@@ -234,7 +233,7 @@ mod tests {
         assert!(!reader.admit(A, t + 500 * MS));
         assert!(reader.admit(A, t + 600 * MS));
         assert_eq!(reader.rival(t + 601 * MS), None, "it is taken now");
-        // Held to this process's own publisher.
+        // The reader is held to this process's own publisher.
         reader.near(t + 700 * MS);
         reader.hold(true);
         assert!(!reader.admit(A, t + 9000 * MS));

@@ -1,18 +1,18 @@
-//! Range checks that say where the value stands and what is allowed.
+//! Range checks with errors that give the location of the value and the allowed range.
 
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
 use super::load::{ConfigError, locate};
 
-/// Checks values of one file. Other crates check their own files with it too.
+/// Checks values of one file. Other crates use it for their own files too.
 pub struct Checker<'a> {
     file: &'a str,
     text: &'a str,
 }
 
 impl<'a> Checker<'a> {
-    /// For the text of `file`.
+    /// Checker for `text`, the contents of `file`.
     pub fn new(file: &'a str, text: &'a str) -> Self {
         Self { file, text }
     }
@@ -34,10 +34,10 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// A condition on a value.
+    /// Checks a condition on a value.
     ///
     /// # Errors
-    /// When it does not hold.
+    /// The condition does not hold.
     pub fn require(
         &self,
         holds: bool,
@@ -52,10 +52,10 @@ impl<'a> Checker<'a> {
         }
     }
 
-    /// A number within bounds; NaN never is.
+    /// Checks that a number is within bounds; NaN never is.
     ///
     /// # Errors
-    /// When it is outside.
+    /// The number is outside.
     pub fn range(
         &self,
         key: &str,
@@ -67,10 +67,10 @@ impl<'a> Checker<'a> {
         self.require(range.contains(&value), key, value, allowed.trim_end())
     }
 
-    /// Every number of a list within bounds.
+    /// Checks that every number of a list is within bounds.
     ///
     /// # Errors
-    /// At the first one outside.
+    /// A number is outside; the error is about the first one.
     pub fn ranges(
         &self,
         key: &str,

@@ -1,5 +1,5 @@
-//! TOML with errors that a person can act on: which file, line and key, what stands there, and what
-//! may.
+//! Reads TOML, with errors that a person can act on: file, line, key, the present value, and what
+//! is allowed.
 
 use std::path::Path;
 
@@ -7,59 +7,59 @@ use serde::de::DeserializeOwned;
 use tangent_mechanics::names::nearest;
 use toml::de::DeTable;
 
-/// What is wrong with a configuration file.
+/// Errors of a configuration file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ConfigError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("{file}: {reason}")]
     Read {
-        /// Path as given.
+        /// File path as given.
         file: String,
-        /// What the system says.
+        /// The system's reason.
         reason: String,
     },
-    /// It is not TOML.
+    /// The file is not valid TOML.
     #[error("{file}, line {line}: not TOML: {reason}")]
     Syntax {
-        /// Path as given.
+        /// File path as given.
         file: String,
-        /// Counted from 1.
+        /// Line number, from 1.
         line: usize,
-        /// What the parser says.
+        /// The parser's reason.
         reason: String,
     },
     /// An unknown key.
     #[error("{file}, line {line}: unknown key `{key}`{}", suggest(.suggestion, .allowed))]
     UnknownKey {
-        /// Path as given.
+        /// File path as given.
         file: String,
-        /// Counted from 1.
+        /// Line number, from 1.
         line: usize,
-        /// Dotted.
+        /// Dotted key.
         key: String,
-        /// The key that was perhaps meant.
+        /// The key that was probably meant.
         suggestion: Option<String>,
-        /// All keys of that place.
+        /// All keys that are allowed there.
         allowed: String,
     },
-    /// A key that must be there.
+    /// A required key is missing.
     #[error("{file}: `{key}` is missing")]
     Missing {
-        /// Path as given.
+        /// File path as given.
         file: String,
-        /// Dotted.
+        /// Dotted key.
         key: String,
     },
     /// A value of another type, or of another kind than listed.
     #[error("{file}, line {line}: `{key}` = {value}: {reason}")]
     Type {
-        /// Path as given.
+        /// File path as given.
         file: String,
-        /// Counted from 1.
+        /// Line number, from 1.
         line: usize,
-        /// Dotted.
+        /// Dotted key.
         key: String,
-        /// As it stands there.
+        /// Value as it stands in the file.
         value: String,
         /// What was expected.
         reason: String,
@@ -67,15 +67,15 @@ pub enum ConfigError {
     /// A value that is not allowed.
     #[error("{file}, line {line}: `{key}` = {value} is not allowed: {allowed}")]
     Value {
-        /// Path as given.
+        /// File path as given.
         file: String,
-        /// Counted from 1; 0 for a default.
+        /// Line number, from 1; 0 for a default.
         line: usize,
-        /// Dotted.
+        /// Dotted key.
         key: String,
-        /// As it stands there.
+        /// Value as it stands in the file.
         value: String,
-        /// What is.
+        /// What is allowed.
         allowed: String,
     },
 }
@@ -100,7 +100,7 @@ pub fn read_toml<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
     toml_from_str(&file, &text)
 }
 
-/// Reads a TOML text into a type; `file` is what errors call it.
+/// Reads a TOML text into a type; errors refer to it as `file`.
 ///
 /// # Errors
 /// [`ConfigError`].
@@ -178,7 +178,7 @@ pub(super) fn line_of(text: &str, offset: usize) -> usize {
         + 1
 }
 
-/// Where a dotted key's value stands: line and text.
+/// Line number and text of a dotted key's value.
 pub(super) fn locate(text: &str, key: &str) -> Option<(usize, String)> {
     let document = DeTable::parse(text).ok()?;
     let mut parts = key.split('.');

@@ -14,42 +14,42 @@ pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
     Calibration, CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
-    FRANKA_TORQUE_RATE_SHARE, Focal, FrankaConfig, Law, LimitsConfig, PoseConfig, RealtimeConfig,
-    RecorderConfig, RobotConfig, RobotDriver, SensorConfig, SensorMode, SimulatorConfig, TlsConfig,
-    ToolConfig, WrenchSource, ZenohConfig,
+    FRANKA_TORQUE_RATE_SHARE, Focal, FrankaConfig, JointCountError, Law, LimitsConfig, PoseConfig,
+    RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, RobotModelError, SensorConfig,
+    SensorMode, SimulatorConfig, TlsConfig, ToolConfig, WrenchSource, ZenohConfig,
 };
 
-/// The cell file that ships: a simulated UR5 with a Gamma sensor on loopback.
+/// The cell file supplied with the program: a simulated UR5 with a Gamma sensor on loopback.
 pub const DEFAULT_CELL: &str = include_str!("../../../../deploy/cell.toml");
 
-/// One cell.
+/// Configuration of one cell.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CellConfig {
-    /// Name.
+    /// Name and state folder.
     pub cell: CellSection,
-    /// The arm and where it is reached.
+    /// The arm and its address.
     pub robot: RobotConfig,
     /// The force/torque sensor.
     pub sensor: SensorConfig,
-    /// What is mounted behind the sensor.
+    /// The tool, mounted behind the sensor.
     pub tool: ToolConfig,
     /// The camera on the wrist, if there is one.
     #[serde(default)]
     pub camera: Option<CameraConfig>,
-    /// How the pose of a moving base is judged; whether it moves, `base/pose` says.
+    /// Checks on the pose of a moving base. Whether the base moves follows from `base/pose`.
     #[serde(default)]
     pub base: BaseConfig,
-    /// What the arm may never exceed.
+    /// Limits that the arm must never exceed.
     #[serde(default)]
     pub limits: LimitsConfig,
     /// The network.
     #[serde(default)]
     pub zenoh: ZenohConfig,
-    /// Which normal estimators run, and which is used.
+    /// The normal estimators that run, and the one that is used first.
     #[serde(default)]
     pub estimators: EstimatorsConfig,
-    /// The control law's preset and gains.
+    /// The control law, its preset and its gains.
     #[serde(default)]
     pub controller: ControllerConfig,
     /// Recordings.
@@ -61,10 +61,10 @@ pub struct CellConfig {
     /// Scheduling.
     #[serde(default)]
     pub realtime: RealtimeConfig,
-    /// What all this was read from.
+    /// Text that the configuration was read from.
     #[serde(skip)]
     text: String,
-    /// Folder at which relative paths in it start.
+    /// Folder that relative paths start from.
     #[serde(skip)]
     folder: PathBuf,
 }
@@ -90,7 +90,7 @@ impl CellConfig {
         Ok(config)
     }
 
-    /// Checks a text; `file` is what errors call it.
+    /// Reads and checks a text; errors refer to it as `file`.
     ///
     /// # Errors
     /// [`ConfigError`], naming file, key, value and what is allowed.
@@ -102,22 +102,21 @@ impl CellConfig {
         Ok(config)
     }
 
-    /// The text that the cell was read from, for recordings; what was changed since then is not in
-    /// it.
+    /// Text that the cell was read from, for recordings. Later changes are not in it.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// The cell that ships ([`DEFAULT_CELL`]); its relative paths stay relative to the working
-    /// directory.
+    /// The cell supplied with the program ([`DEFAULT_CELL`]). Its relative paths stay relative to
+    /// the working directory.
     pub fn default_cell() -> Self {
         Self::parse("the built-in cell.toml", DEFAULT_CELL)
             .expect("the cell file that ships is loaded by a test")
     }
 
-    /// The cell as if other values stood in its file, checked like a file. [`CellConfig::text`] is
-    /// then the changed text, so that a recording holds the cell that ran. `title` becomes the
-    /// first line of the text and is what errors call it.
+    /// This cell with other values in its file, checked like a file. [`CellConfig::text`] is then
+    /// the changed text, so that a recording holds the cell that ran. `title` becomes the first
+    /// line of the text, and errors refer to the text by it.
     ///
     /// # Errors
     /// [`ConfigError`], naming key, value and what is allowed.

@@ -1,22 +1,22 @@
-//! The router's rules as Zenoh takes them: everything is denied but what a role needs.
+//! Access rules of the router in Zenoh's form: everything is denied except what a role needs.
 //!
-//! Zenoh's rules are by message and direction. A session's own messages are the router's ingress,
-//! what it is sent the router's egress. A rule holds for a message when one of its key expressions
-//! includes the message's.
+//! Zenoh's rules are by message and direction. Messages from a session are the router's ingress;
+//! messages to it are the router's egress. A rule applies to a message if one of its key
+//! expressions includes that of the message.
 
 use serde_json::{Value, json};
 
 use super::fleet::Fleet;
 use super::roles::{self, Role};
 
-/// What anybody who may read a cell declares and asks for, besides data.
+/// Declarations and queries, besides data, of any identity that may read a cell.
 const READING: [&str; 3] = [
     "declare_subscriber",
     "liveliness_query",
     "declare_liveliness_subscriber",
 ];
 
-/// The rules as a file that a person can read too: one rule to a line.
+/// The rules as a file that a person can read too, with one rule per line.
 pub fn text(fleet: &Fleet) -> String {
     let rules = rules(fleet);
     let lines = |what: &str| {
@@ -39,8 +39,8 @@ pub fn text(fleet: &Fleet) -> String {
     )
 }
 
-/// Rules for a router that serves this fleet: an object with Zenoh's `access_control`. A revoked
-/// identity is in none, so that everything is denied to it.
+/// Rules for a router of this fleet: an object with Zenoh's `access_control`. A revoked identity is
+/// in no rule, so that everything is denied to it.
 pub fn rules(fleet: &Fleet) -> Value {
     let mut table = Table::default();
     let identities = fleet.identities();
@@ -49,7 +49,8 @@ pub fn rules(fleet: &Fleet) -> Value {
             if let Some((of, cell)) = roles::parse(identity)
                 && of.name == role.name
             {
-                // Of the fleet: any one name, the cell's.
+                // A role of the fleet has access to all cells, which is any one name; a role of a
+                // cell only to that cell.
                 table.add(role, cell.unwrap_or("*"), identity);
             }
         }
@@ -83,7 +84,7 @@ impl Table {
         for service in role.services {
             let key = |key: &&str| format!("{cell}/{key}");
             publishes.extend(service.publishes.iter().map(key));
-            // Who may say it may say it again.
+            // An identity that may publish a key may also resend its messages.
             let again = |key: &&str| format!("{cell}/history/{key}");
             answers.extend(service.publishes.iter().map(again));
             answers.extend(service.answers.iter().map(key));
@@ -129,7 +130,7 @@ impl Table {
         );
         rule("asks", "ingress", &["query"], &asks);
         if !publishes.is_empty() {
-            // It has to know who listens, or it would publish nothing.
+            // A session must know the readers of its topics, or it would publish nothing.
             rule("hears of readers", "egress", &READING, &everything);
         }
         if !answers.is_empty() {
@@ -154,7 +155,7 @@ impl Table {
 mod tests {
     use super::*;
 
-    /// Who may do what, by the rules' own words; `true` when some rule of the identity allows it.
+    /// Evaluates the rules themselves: `true` if some rule of the identity allows the message.
     fn allowed(rules: &Value, identity: &str, flow: &str, message: &str, key: &str) -> bool {
         let list = |value: &Value, what: &str| -> Vec<String> {
             value[what]

@@ -1,4 +1,4 @@
-//! The fleet's own certificate authority: makes one certificate per identity.
+//! The fleet's own certificate authority, which creates one certificate per identity.
 
 use std::fs::{self, OpenOptions};
 use std::io::Write;
@@ -14,12 +14,13 @@ use time::{Duration, OffsetDateTime};
 use super::certificate::{Certificate, read};
 use super::{SecurityError, roles};
 
-/// Certificate of the authority, within its folder.
+/// File name of the authority's certificate, within its folder.
 pub const CA: &str = "ca.pem";
 const CA_KEY: &str = "ca.key";
-/// The authority outlives what it makes.
+/// Lifetime of the authority's certificate, days: longer than that of any certificate it issues.
 const CA_DAYS: i64 = 3650;
-/// Hosts' clocks differ; a new certificate holds at once everywhere.
+/// Start of validity before the time of issue, so that a new certificate is valid at once on hosts
+/// whose clocks are behind.
 const EARLIER: Duration = Duration::hours(1);
 
 /// Files of one identity.
@@ -31,17 +32,17 @@ pub struct Issued {
     pub key: PathBuf,
 }
 
-/// A folder with an authority's key and certificate, and what it made.
+/// A folder with an authority's key and certificate, and the files that it has issued.
 pub struct Authority {
     folder: PathBuf,
     issuer: Issuer<'static, KeyPair>,
 }
 
 impl Authority {
-    /// The authority in a folder; made when there is none yet.
+    /// Opens the authority in a folder, or creates one if there is none.
     ///
     /// # Errors
-    /// A folder that cannot be written, or files in it that are no authority.
+    /// The folder cannot be written, or files in it are not those of an authority.
     pub fn open_or_create(folder: &Path) -> Result<Self, SecurityError> {
         fs::create_dir_all(folder).map_err(|error| cannot_write(folder, &error))?;
         let (certificate, key) = (folder.join(CA), folder.join(CA_KEY));
@@ -61,7 +62,8 @@ impl Authority {
             Issuer::new(ca_params(&ca.identity), pair)
         } else {
             let pair = KeyPair::generate().map_err(|error| making("the authority", &error))?;
-            // Two authorities have two names: a certificate says which one made it.
+            // Two authorities have different names, so that a certificate shows which one issued
+            // it.
             let public = pair.public_key_raw();
             let mark: String = public[public.len().saturating_sub(4)..]
                 .iter()
@@ -81,12 +83,12 @@ impl Authority {
         })
     }
 
-    /// The authority's certificate, which everybody needs.
+    /// Certificate of the authority, which every process needs.
     pub fn ca(&self) -> PathBuf {
         self.folder.join(CA)
     }
 
-    /// Where an identity's files are, made or not.
+    /// Paths of an identity's files, whether they exist or not.
     pub fn files(&self, identity: &str) -> Issued {
         Issued {
             certificate: self.folder.join(format!("{identity}.pem")),
@@ -94,10 +96,10 @@ impl Authority {
         }
     }
 
-    /// Writes a text beside the keys, whole or not at all: a router may be reading it.
+    /// Writes a text beside the keys, atomically: a router may be reading it.
     ///
     /// # Errors
-    /// A folder that cannot be written.
+    /// The folder cannot be written.
     pub fn put(&self, name: &str, text: &str) -> Result<PathBuf, SecurityError> {
         let (file, new) = (
             self.folder.join(name),
@@ -108,12 +110,12 @@ impl Authority {
         Ok(file)
     }
 
-    /// Makes a key and a certificate for `identity`; files that are there are replaced. `hosts`:
-    /// names and addresses under which it is dialled, for the router.
+    /// Creates a key and a certificate for `identity`; existing files are replaced. `hosts` are
+    /// names and addresses at which clients connect, for the router.
     ///
     /// # Errors
-    /// A name that is no identity, a host that is neither name nor address, or a folder that cannot
-    /// be written.
+    /// The name is not a valid identity, a host is neither a name nor an address, or the folder
+    /// cannot be written.
     pub fn issue(
         &self,
         identity: &str,
@@ -193,7 +195,7 @@ fn cannot_write(file: &Path, error: &std::io::Error) -> SecurityError {
     }
 }
 
-/// Writes with these rights from the first byte on: a key is never readable by others.
+/// Writes with this mode from the first byte on: a key is never readable by others.
 fn write(file: &Path, words: &str, mode: u32) -> Result<(), SecurityError> {
     let failed = |error: std::io::Error| cannot_write(file, &error);
     match fs::remove_file(file) {

@@ -1,4 +1,4 @@
-//! Reads a certificate file and says whose it is, who made it and how long it holds.
+//! Reads a certificate file: its identity, its issuer and its validity.
 
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
@@ -11,18 +11,18 @@ use super::SecurityError;
 
 const DAY_S: i64 = 24 * 3600;
 
-/// What a certificate file says.
+/// Contents of a certificate file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Certificate {
-    /// Where it was read.
+    /// Path of the file.
     pub file: PathBuf,
     /// Common name.
     pub identity: String,
-    /// Holds from, s since the Unix epoch.
+    /// Start of validity, s since the Unix epoch.
     pub from_s: i64,
-    /// Holds until, s since the Unix epoch.
+    /// End of validity, s since the Unix epoch.
     pub until_s: i64,
-    /// Names and addresses for which it holds, of a router.
+    /// Names and addresses for which a router's certificate is valid.
     pub hosts: Vec<String>,
     pub(super) subject: Vec<u8>,
     pub(super) issuer: Vec<u8>,
@@ -34,7 +34,7 @@ impl Certificate {
     /// Reads the first certificate of a PEM file.
     ///
     /// # Errors
-    /// A file that cannot be read, or that holds no certificate.
+    /// The file cannot be read, or holds no certificate.
     pub fn read(file: &Path) -> Result<Self, SecurityError> {
         let bytes = read(file)?;
         Self::parse(file, &bytes)
@@ -73,12 +73,12 @@ impl Certificate {
         })
     }
 
-    /// Whole days that it still holds; negative when it has expired.
+    /// Whole days until it expires; negative if it has expired.
     pub fn days_left(&self, now_s: i64) -> i64 {
         (self.until_s - now_s).div_euclid(DAY_S)
     }
 
-    /// That it holds now.
+    /// Checks that it is valid now.
     ///
     /// # Errors
     /// [`SecurityError::Validity`], with what to do.
@@ -139,7 +139,7 @@ fn in_words(seconds: i64) -> String {
     }
 }
 
-/// A file's bytes.
+/// Reads a file's bytes.
 pub(super) fn read(file: &Path) -> Result<Vec<u8>, SecurityError> {
     std::fs::read(file).map_err(|error| SecurityError::File {
         file: file.to_owned(),

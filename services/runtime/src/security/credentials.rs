@@ -1,5 +1,5 @@
-//! What a session presents: looked at before Zenoh is, which says little about what is wrong with a
-//! file.
+//! Certificate files of a session. They are checked before Zenoh reads them, since its errors say
+//! little about what is wrong with a file.
 
 use std::path::{Path, PathBuf};
 
@@ -11,11 +11,11 @@ use crate::config::TlsConfig;
 
 /// Stands for the identity in the cell file's paths.
 const PLACEHOLDER: &str = "{identity}";
-/// Shorter than this, a certificate's end is worth a word.
+/// A certificate that is valid for fewer days than this causes a warning.
 const DAYS_WARNED: i64 = 30;
 const DAY_S: i64 = 24 * 3600;
 
-/// Files that were found good.
+/// Certificate files that passed the check.
 #[derive(Clone, Debug)]
 pub(crate) struct Credentials {
     pub(crate) ca: PathBuf,
@@ -26,7 +26,8 @@ pub(crate) struct Credentials {
 /// Finds and checks the files of `[zenoh.tls]`.
 ///
 /// # Errors
-/// The first file that is missing, unreadable, expired, or does not belong to the others.
+/// A file is missing, unreadable, expired, or does not belong to the others; the error is about the
+/// first one.
 pub(crate) fn check(tls: &TlsConfig, now_s: i64) -> Result<Credentials, SecurityError> {
     let identity = tls.identity.as_deref();
     let found = Credentials {
@@ -52,22 +53,22 @@ pub(crate) fn check(tls: &TlsConfig, now_s: i64) -> Result<Credentials, Security
     Ok(found)
 }
 
-/// When the certificates of a process end.
+/// Expiry of the certificates of a process.
 #[derive(Clone, Debug)]
 pub(crate) struct Expiry {
     file: PathBuf,
     identity: String,
     until_s: i64,
-    /// The authority's own.
+    /// Expiry of the authority's certificate.
     ca: PathBuf,
     ca_until_s: i64,
 }
 
 impl Expiry {
-    /// Of the files of `[zenoh.tls]`.
+    /// Expiry of the certificates in `[zenoh.tls]`.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// A file cannot be read.
     pub(crate) fn of(tls: &TlsConfig) -> Result<Self, SecurityError> {
         let path = named("certificate", &tls.certificate, tls.identity.as_deref())?;
         let (own, ca) = (Certificate::read(&path)?, Certificate::read(&tls.ca)?);
@@ -80,7 +81,7 @@ impl Expiry {
         })
     }
 
-    /// What to say of it at this time; nothing while there is time enough.
+    /// Warning that applies at this time; `None` while the certificates are valid long enough.
     pub(crate) fn remark(&self, now_s: i64) -> Option<String> {
         if self.ca_until_s - now_s < DAYS_WARNED * DAY_S {
             let when = when(self.ca_until_s - now_s);
@@ -131,7 +132,7 @@ fn check_key(found: &Credentials, own: &Certificate) -> Result<(), SecurityError
             "holds no private key (no `-----BEGIN PRIVATE KEY-----`)".to_owned(),
         ));
     }
-    // Keys of another form than PKCS#8 are left to Zenoh.
+    // Keys in another form than PKCS#8 are checked by Zenoh only.
     if let Ok(pair) = KeyPair::from_pem(&words)
         && pair.public_key_raw() != own.public_key
     {
@@ -193,7 +194,7 @@ mod tests {
             let found = check(&tls(folder.path(), Some(identity)), now_s()).unwrap();
             let own = Certificate::read(&found.certificate).unwrap();
             assert_eq!(own.identity, identity);
-            // Whole days, and part of a second has passed.
+            // The result is in whole days, and part of a second has passed.
             assert!((9..=10).contains(&own.days_left(now_s())));
         }
     }

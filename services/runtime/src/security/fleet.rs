@@ -1,5 +1,5 @@
-//! Who a folder of keys is for, kept in it as `keys.toml`: what is added or renewed later forgets
-//! nobody.
+//! Identities of a folder of keys, kept in it as `keys.toml`, so that later additions and renewals
+//! include all of them.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -10,25 +10,25 @@ use serde::{Deserialize, Serialize};
 use super::certificate::Certificate;
 use super::{SecurityError, roles};
 
-/// Within the folder.
+/// File name within the folder.
 pub const MANIFEST: &str = "keys.toml";
 
-/// The cells of a network and who takes part in them.
+/// The cells of a network and the identities that take part.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Fleet {
     /// Names of the cells.
     pub cells: Vec<String>,
-    /// Names and addresses under which the router is dialled.
+    /// Names and addresses at which clients connect to the router.
     pub hosts: Vec<String>,
-    /// Identities besides one of each role, for instance `estimator-laptop2.cell1`.
+    /// Identities in addition to one of each role, for instance `estimator-laptop2.cell1`.
     pub also: Vec<String>,
-    /// Identities that are locked out for good: their names are not given again.
+    /// Identities that are locked out for good; their names are not issued again.
     pub revoked: Vec<String>,
 }
 
 impl Fleet {
-    /// One of each role in these cells.
+    /// A fleet with one identity of each role in these cells.
     pub fn of(cells: &[&str]) -> Self {
         Self {
             cells: cells.iter().map(|&cell| cell.to_owned()).collect(),
@@ -36,11 +36,11 @@ impl Fleet {
         }
     }
 
-    /// The folder's. Without a `keys.toml`, as its certificates tell it; empty where there are
-    /// none.
+    /// Reads the fleet of a folder. Without a `keys.toml`, it is derived from the certificates; it
+    /// is empty if there are none.
     ///
     /// # Errors
-    /// A file that cannot be read, or is no such list.
+    /// A file cannot be read, or is not a valid list.
     pub fn load(folder: &Path) -> Result<Self, SecurityError> {
         let file = folder.join(MANIFEST);
         match fs::read_to_string(&file) {
@@ -57,7 +57,7 @@ impl Fleet {
         }
     }
 
-    /// From the certificates of a folder that has no list.
+    /// Derives the fleet from the certificates of a folder without a list.
     fn read_back(folder: &Path) -> Result<Self, SecurityError> {
         let mut fleet = Self::default();
         let files = fs::read_dir(folder).into_iter().flatten().flatten();
@@ -80,14 +80,14 @@ impl Fleet {
         Ok(fleet)
     }
 
-    /// Adds what is not there yet.
+    /// Adds entries that are not in the fleet yet.
     pub fn extend(&mut self, cells: &[String], hosts: &[String], also: &[String]) {
         add(&mut self.cells, cells.iter().cloned());
         add(&mut self.hosts, hosts.iter().cloned());
         add(&mut self.also, also.iter().cloned());
     }
 
-    /// Everybody who takes part, the router first; without who is locked out.
+    /// All identities that take part, the router's first; without revoked ones.
     pub fn identities(&self) -> Vec<String> {
         let mut all = roles::identities(&self.cells);
         add(&mut all, self.also.iter().cloned());
@@ -95,7 +95,7 @@ impl Fleet {
         all
     }
 
-    /// As `keys.toml`.
+    /// The fleet as the text of `keys.toml`.
     pub fn text(&self) -> String {
         let list = |names: &[String]| {
             let names: Vec<String> = names.iter().map(|name| format!("{name:?}")).collect();

@@ -1,10 +1,10 @@
-//! Who may do what on a cell's network: certificates that say who a process is, and the router's
-//! rules for each.
+//! Access control on a cell's network: certificates that identify a process, and the router's rules
+//! for each identity.
 //!
 //! An identity is a role in a cell (`controller.cell1`) or in the whole fleet (`operator`); it is
-//! the common name of a certificate. [`Authority`] makes certificates, [`roles`] says what each
-//! role may do, [`access`] writes that down as Zenoh's access rules, and [`Certificate`] reads a
-//! file back and says what is wrong with it.
+//! the common name of a certificate. [`Authority`] creates certificates, [`roles`] defines the
+//! rights of each role, [`access`] converts them to Zenoh's access rules, and [`Certificate`] reads
+//! and checks a file.
 
 pub mod access;
 mod authority;
@@ -20,40 +20,40 @@ pub use fleet::{Fleet, MANIFEST};
 
 use std::path::PathBuf;
 
-/// What is wrong with keys, certificates or rules, and what to do about it.
+/// Errors of keys, certificates or rules, with what to do about each.
 #[derive(Debug, thiserror::Error)]
 pub enum SecurityError {
-    /// A file is not there, or may not be read or written.
+    /// A file does not exist, or may not be read or written.
     #[error("{}: {reason}; {remedy}", .file.display())]
     File {
-        /// Which one.
+        /// Path of the file.
         file: PathBuf,
-        /// What the system says.
+        /// The system's reason.
         reason: String,
         /// What to do.
         remedy: &'static str,
     },
-    /// A file holds something else than it should.
+    /// The contents of a file are not as expected.
     #[error("{}: {reason}", .file.display())]
     Content {
-        /// Which one.
+        /// Path of the file.
         file: PathBuf,
         /// What is wrong with it, and what to do.
         reason: String,
     },
-    /// The time of a certificate is over, or has not begun.
+    /// A certificate has expired, or is not valid yet.
     #[error("{}: the certificate of `{identity}` {what}; {remedy}", .file.display())]
     Validity {
-        /// Which file.
+        /// Path of the file.
         file: PathBuf,
-        /// Whose certificate.
+        /// Identity of the certificate.
         identity: String,
         /// For instance `expired 3 days ago`.
         what: String,
         /// What to do.
         remedy: String,
     },
-    /// A path contains `{identity}`, and this process was given no identity.
+    /// A path contains `{identity}`, and this process has no identity.
     #[error(
         "`zenoh.tls.{key}` = {value} stands for several identities: say which one with --identity (`tangent keys list` \
          shows them)"
@@ -61,23 +61,23 @@ pub enum SecurityError {
     NoIdentity {
         /// Key in the cell file.
         key: &'static str,
-        /// As it stands there.
+        /// Value as it stands in the file.
         value: String,
     },
-    /// An identity that no certificate can be made for.
+    /// No certificate can be created for this identity.
     #[error("`{name}` is no identity: {allowed}")]
     Identity {
-        /// As given.
+        /// Identity as given.
         name: String,
-        /// What is.
+        /// What is allowed.
         allowed: String,
     },
-    /// A certificate could not be made.
+    /// A certificate could not be created.
     #[error("the certificate of `{identity}` could not be made: {reason}")]
     Making {
-        /// Whose.
+        /// Identity of the certificate.
         identity: String,
-        /// What the library says.
+        /// The library's reason.
         reason: String,
     },
 }

@@ -1,22 +1,23 @@
-//! What each role may say, answer and ask. Everybody of a cell may read everything in it.
+//! Rights of each role to publish, answer and query. Every identity of a cell may read everything
+//! in it.
 
 /// One role. Keys are relative to the cell's namespace.
 #[derive(Clone, Copy, Debug)]
 pub struct Role {
     /// First part of the identity.
     pub name: &'static str,
-    /// It is for all cells of the fleet, not for one.
+    /// Whether it applies to all cells of the fleet, not to one.
     pub fleet: bool,
-    /// Services of which it is made up.
+    /// Services that it consists of.
     pub services: &'static [Service],
-    /// In a sentence.
+    /// Description, one sentence.
     pub words: &'static str,
 }
 
-/// What one service does on the network.
+/// Rights of one service on the network.
 #[derive(Clone, Copy, Debug)]
 pub struct Service {
-    /// In `health/NAME`, `alive/NAME/*` and `param/NAME/*`; empty for people, who have none of
+    /// Name in `health/NAME`, `alive/NAME/*` and `param/NAME/*`; empty for people, who have none of
     /// these.
     pub name: &'static str,
     /// Topics it publishes besides its health.
@@ -36,7 +37,7 @@ const RTDE: Service = Service {
     asks: &[],
     tokens: &[],
 };
-/// A Franka has no separate sensor: its bridge says what it feels, and sets the zero of it.
+/// A Franka has no separate sensor: its bridge publishes the wrench, and sets its zero.
 const FRANKA: Service = Service {
     name: "franka",
     publishes: &["arm/state", "wrench/*"],
@@ -44,7 +45,7 @@ const FRANKA: Service = Service {
     asks: &[],
     tokens: &[],
 };
-/// The only one that publishes `arm/command`.
+/// The only service that publishes `arm/command`.
 const CONTROLLER: Service = Service {
     name: "controller",
     publishes: &[
@@ -93,7 +94,7 @@ const SIMULATOR: Service = Service {
     asks: &[],
     tokens: &[],
 };
-/// The platform under the arm, or whatever bridges its odometry to the bus.
+/// The platform under the arm, or a bridge from its odometry to the bus.
 const BASE: Service = Service {
     name: "",
     publishes: &["base/pose"],
@@ -165,7 +166,7 @@ pub const ROLES: &[Role] = &[
     fleet("viewer", &[VIEWER], "reads only"),
 ];
 
-/// Identity of the router: it holds the rules and is not subject to them.
+/// Identity of the router, which applies the rules and is not subject to them.
 pub const ROUTER: &str = "router";
 
 const fn cell(name: &'static str, services: &'static [Service], words: &'static str) -> Role {
@@ -186,7 +187,7 @@ const fn fleet(name: &'static str, services: &'static [Service], words: &'static
     }
 }
 
-/// `ROLE.CELL`, or `ROLE` for a role of the fleet and for the router.
+/// Identity `ROLE.CELL`, or `ROLE` for a role of the fleet and for the router.
 pub fn identity(role: &str, cell: &str) -> String {
     match ROLES.iter().find(|known| known.name == role) {
         Some(known) if !known.fleet => format!("{role}.{cell}"),
@@ -194,9 +195,9 @@ pub fn identity(role: &str, cell: &str) -> String {
     }
 }
 
-/// What an identity stands for: `ROLE.CELL`, or `ROLE` for the whole fleet. `ROLE-NAME` in place of
-/// `ROLE` is one holder of several, for instance `estimator-laptop2.cell1` or `operator-anna`: the
-/// role's rights, and a key of its own.
+/// Role and cell of an identity: `ROLE.CELL`, or `ROLE` for the whole fleet. `ROLE-NAME` in place
+/// of `ROLE` is one of several holders, for instance `estimator-laptop2.cell1` or `operator-anna`,
+/// with the rights of the role and a key of its own.
 pub fn parse(identity: &str) -> Option<(&'static Role, Option<&str>)> {
     let (words, cell) = match identity.split_once('.') {
         Some((words, cell)) => (words, Some(cell)),
@@ -207,7 +208,7 @@ pub fn parse(identity: &str) -> Option<(&'static Role, Option<&str>)> {
     (role.fleet == cell.is_none()).then_some((role, cell))
 }
 
-/// Every identity of a fleet of these cells, the router's first.
+/// All identities of a fleet of these cells, the router's first.
 pub fn identities(cells: &[String]) -> Vec<String> {
     let mut all = vec![ROUTER.to_owned()];
     all.extend(
@@ -238,7 +239,7 @@ pub fn role_of(services: &[&str]) -> Option<&'static str> {
             .all(|wanted| role.services.iter().any(|service| service.name == *wanted))
     };
     let fitting = ROLES.iter().filter(covers);
-    // The one that may do least besides.
+    // Of several roles, the one with the fewest services.
     fitting
         .min_by_key(|role| role.services.len())
         .filter(|_| !services.is_empty())

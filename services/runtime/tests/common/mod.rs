@@ -1,6 +1,5 @@
 //! Cells on free loopback ports.
 
-use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
 use tangent_runtime::{Bus, CellConfig, Role};
@@ -8,10 +7,9 @@ use tangent_runtime::{Bus, CellConfig, Role};
 /// Far more than anything here takes, so that only a real failure meets it.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A cell whose router listens on a port that was free a moment ago.
+/// A cell whose router listens on a port of its own.
 pub fn cell() -> CellConfig {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let port = listener.local_addr().unwrap().port();
+    let port = tangent_live::ports::free();
     let mut config = CellConfig::default_cell();
     config.cell.name = format!("test{port}");
     config.zenoh.connect = vec![format!("tcp/127.0.0.1:{port}")];

@@ -1,74 +1,58 @@
-//! What can be wrong in a cell.
+//! Faults of a UR cell.
 
-/// What is wrong in a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// The bridge's process is gone, and the controller in it: nothing reaches the robot.
-    /// Afterwards both begin anew.
+use crate::table::{TableFault, faults};
+
+faults! {
+    /// The bridge's process, which contains the controller, has died: nothing reaches the robot.
+    /// Afterwards both restart.
     BridgeDead,
     /// The controller does not answer.
     NoCommand,
-    /// Its answer is not a number.
+    /// The controller's answer is not a number.
     CommandNan,
-    /// Its answer is beyond the cell's limits.
+    /// The controller's answer is beyond the cell's limits.
     CommandFast,
-    /// Its answer is to a packet of a second ago.
+    /// The controller answers a packet of a second ago.
     CommandOld,
-    /// Somebody else commands too, in the same cycle and before it.
+    /// A second source sends commands too, in the same cycle and before the controller.
     SecondSource,
-    /// No record of the sensor comes.
+    /// No record of the sensor arrives.
     SensorSilent,
-    /// Its records are not numbers.
+    /// The sensor's records are not numbers.
     SensorNan,
-    /// A gauge is at its end.
+    /// A gauge of the sensor is saturated.
     SensorSaturated,
-    /// It reports an error.
+    /// The sensor reports an error.
     SensorError,
-    /// Its records go on and say what the last one before said.
+    /// The sensor's records continue and repeat the last one before the fault.
     SensorFrozen,
-    /// One axis of them does, the one that presses.
+    /// One axis of the records repeats its value, the one along which the tool presses.
     AxisStuck,
-    /// The transducer is cut off: its records say zero, to the count.
+    /// The transducer is disconnected: its records are exactly zero counts.
     SensorDead,
-    /// One record in four is off by 30 N: well-formed, and of no load.
+    /// One record in four is wrong by 30 N: well-formed, but caused by no load.
     SensorCorrupt,
-    /// The sensor's service begins anew, and no record comes while it does. It keeps the last good
-    /// zero.
+    /// The sensor's service restarts, and no record arrives meanwhile. It keeps the last good zero.
     SensorRestart,
-    /// No estimate comes.
+    /// No estimate arrives.
     EstimateSilent,
-    /// Nothing is felt any more.
+    /// The measured contact force is zero from now on.
     ContactLost,
-    /// The robot stops protectively. Afterwards somebody unlocks it, which takes 5 s.
+    /// The robot stops protectively. Afterwards a person unlocks it, which takes 5 s.
     ProtectiveStop,
-    /// Its emergency button. Afterwards somebody powers it on.
+    /// The robot's emergency button is pressed. Afterwards a person powers the robot on.
     EmergencyStop,
-    /// It begins anew: its clock and registers, and every connection is gone until it is up.
+    /// The robot restarts: its clock and registers are reset, and all connections are closed until
+    /// it has started.
     RobotRestart,
 }
 
-impl Fault {
-    /// All of them.
-    pub const ALL: [Self; 20] = [
-        Self::BridgeDead,
-        Self::NoCommand,
-        Self::CommandNan,
-        Self::CommandFast,
-        Self::CommandOld,
-        Self::SecondSource,
-        Self::SensorSilent,
-        Self::SensorNan,
-        Self::SensorSaturated,
-        Self::SensorError,
-        Self::SensorFrozen,
-        Self::AxisStuck,
-        Self::SensorDead,
-        Self::SensorCorrupt,
-        Self::SensorRestart,
-        Self::EstimateSilent,
-        Self::ContactLost,
-        Self::ProtectiveStop,
-        Self::EmergencyStop,
-        Self::RobotRestart,
-    ];
+impl TableFault for Fault {
+    const ALL: &'static [Self] = Self::ALL;
+    const NO_COMMAND: Self = Self::NoCommand;
+    const CONTACT_LOST: Self = Self::ContactLost;
+
+    fn is_borne(self) -> bool {
+        self == Self::SecondSource
+    }
 }

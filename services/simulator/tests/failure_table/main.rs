@@ -1,33 +1,37 @@
-//! The failure table of docs/architecture.md where it is logic: robot program, bridge and
-//! controller stepped together in simulated time, with the fault in every cycle. The bounds are met
-//! exactly: no machine is in it. What a machine adds is what `tangent faults` measures.
+//! The failure table of docs/architecture.md as far as it is logic: robot program, bridge and
+//! controller are stepped together in simulated time, with the fault in every cycle. The bounds are
+//! met exactly, because no real machine is involved. `tangent faults` measures what a machine adds.
 
-// A whole file of tests: what fails here is the test.
+// Everything in this file is test code: a panic fails the test.
 #![allow(clippy::unwrap_used)]
 
 mod cell;
 mod fault;
 mod pairs;
+#[path = "../table/mod.rs"]
+mod table;
 
 use cell::Cell;
 use fault::Fault;
 use tangent_control::{Fault as TaskFault, Phase};
 use tangent_sensing::Validity;
-use tangent_simulator::Flavour;
+use tangent_simulated_ur::Flavour;
 
-/// Faults come in each of the path's first cycles.
+use table::{TableCell, second_source_changes_nothing};
+
+/// A fault begins in each of this many first cycles of the path.
 const OFFSETS: u64 = 40;
-/// In this time the arm has come to rest after its program stopped it, s.
+/// Time in which the arm comes to rest after its program stopped it, s.
 const REST_S: f64 = 0.4;
-/// Of the default cell and law.
+/// Timeout of the wrench in the default cell and law, cycles.
 const WRENCH_SILENT_CYCLES: f64 = 2.0;
 const WRENCH_JITTER_S: f64 = 0.004;
 const WRENCH_RETRACT_S: f64 = 0.1;
 const ESTIMATE_S: f64 = 0.1;
 const ESTIMATE_RETRACT_S: f64 = 1.0;
 
-/// Where both series are looked at: every cycle at 125 Hz, and cycles of all phases of that at 500
-/// Hz.
+/// Cycles in which both series are tested: every cycle at 125 Hz, and a selection at 500 Hz that
+/// covers all phases of a cycle at 125 Hz.
 fn both() -> impl Iterator<Item = (Flavour, u64)> {
     let cb3 = (0..OFFSETS).map(|offset| (Flavour::Cb3, offset));
     cb3.chain(
@@ -37,24 +41,15 @@ fn both() -> impl Iterator<Item = (Flavour, u64)> {
     )
 }
 
-/// Every third cycle offset, starting with `of`: three faults that are judged alike share the
-/// offsets.
+/// Every third cycle offset, starting with `of`: three faults with the same expected result share
+/// the offsets.
 fn every_third(of: usize) -> impl Iterator<Item = (Flavour, u64)> {
     both().filter(move |(_, offset)| *offset as usize % 3 == of)
 }
 
-/// How it ends is looked at in some of the cycles.
+/// Whether the end of the fault is tested too; that is done for some of the cycles.
 fn is_followed(offset: u64) -> bool {
     offset % 8 == 3
-}
-
-/// Sliding, and from the next cycle on with `fault`.
-fn with(fault: Fault, flavour: Flavour, offset: u64) -> Cell {
-    let mut cell = Cell::sliding(flavour);
-    cell.steps(offset);
-    assert_eq!(cell.phase(), Phase::Slide);
-    cell.faults = vec![fault];
-    cell
 }
 
 /// The first cycle whose end is later than `limit_s` after a start, where each adds `period_s`.
@@ -67,8 +62,9 @@ fn first_beyond(limit_s: f64, period_s: f64) -> u64 {
     cycles
 }
 
-/// The cycle in which an age goes beyond `limit_s`, one period more in each; where that is a whole
-/// number of periods, rounding decides whether it is the cycle before, which the cell says.
+/// Cycle in which an age exceeds `limit_s`, if it grows by one period per cycle. If the limit is a
+/// whole number of periods, rounding decides whether it is the cycle before; `is_earlier` gives the
+/// cell's result.
 fn cycle_beyond(limit_s: f64, period_s: f64, is_earlier: bool) -> u64 {
     let cycles = limit_s / period_s;
     let whole = (cycles - cycles.round()).abs() < 1e-6;
@@ -83,14 +79,14 @@ fn cycle_beyond(limit_s: f64, period_s: f64, is_earlier: bool) -> u64 {
 fn the_program_holds_for_two_cycles_is_at_zero_in_the_fifth_and_stops() {
     for (flavour, held, zero) in [(Flavour::Cb3, 2, 5), (Flavour::ESeries, 8, 20)] {
         for (_, offset) in both().filter(|(at, _)| *at == flavour) {
-            let mut cell = with(Fault::BridgeDead, flavour, offset);
+            let mut cell = Cell::with(flavour, Fault::BridgeDead, offset);
             let before = cell.given();
             assert!(before.norm() > 0.0);
             for stale in 1..=zero {
                 cell.step();
                 let left = (f64::from(zero - stale) / f64::from(zero - held)).min(1.0);
                 let off = (cell.given() - before * left).norm() / before.norm();
-                // The program's text gives the ramp's step with nine decimals.
+                // The program's text gives the step of the ramp with nine decimals.
                 assert!(
                     off < 1e-8,
                     "{flavour:?}, {offset}, {stale}: {}",
@@ -102,7 +98,7 @@ fn the_program_holds_for_two_cycles_is_at_zero_in_the_fifth_and_stops() {
             cell.steps((REST_S / cell.period_s()) as u64);
             assert_eq!(cell.program(), (4, 1), "{flavour:?}, {offset}");
             assert!(cell.robot_speed() < 1e-6);
-            assert!(cell.peak_n < 10.0, "{} N", cell.peak_n);
+            assert!(cell.trial.peak_n < 10.0, "{} N", cell.trial.peak_n);
         }
     }
 }
@@ -110,7 +106,7 @@ fn the_program_holds_for_two_cycles_is_at_zero_in_the_fifth_and_stops() {
 #[test]
 fn without_a_command_the_bridge_holds_for_two_cycles_and_ramps_in_the_third() {
     for (flavour, offset) in both() {
-        let mut cell = with(Fault::NoCommand, flavour, offset);
+        let mut cell = Cell::with(flavour, Fault::NoCommand, offset);
         let last = cell.output.unwrap().qd;
         for _ in 0..2 {
             cell.step();
@@ -129,7 +125,7 @@ fn without_a_command_the_bridge_holds_for_two_cycles_and_ramps_in_the_third() {
             "{offset}: {}",
             gate.admission.missed()
         );
-        // 0.1 s of silence end the task.
+        // A silence of 0.1 s ends the task.
         cell.steps((0.16 / cell.period_s()) as u64);
         assert!(
             cell.bridge().gate().admission.activation_latched() > 0,
@@ -145,7 +141,7 @@ fn a_bad_command_is_refused_and_ramped_down_from_in_its_cycle() {
         .enumerate()
     {
         for (flavour, offset) in every_third(i) {
-            let mut cell = with(fault, flavour, offset);
+            let mut cell = Cell::with(flavour, fault, offset);
             let (last, refused) = (
                 cell.bridge().gate().qd().norm(),
                 cell.bridge().gate().admission.refused(),
@@ -161,7 +157,7 @@ fn a_bad_command_is_refused_and_ramped_down_from_in_its_cycle() {
 #[test]
 fn an_old_command_is_refused_in_its_cycle_and_counts_as_none() {
     for (flavour, offset) in both() {
-        let mut cell = with(Fault::CommandOld, flavour, offset);
+        let mut cell = Cell::with(flavour, Fault::CommandOld, offset);
         let mut last = *cell.bridge().gate().qd();
         for silent in 1..=3 {
             let refused = cell.bridge().gate().admission.refused();
@@ -181,15 +177,11 @@ fn an_old_command_is_refused_in_its_cycle_and_counts_as_none() {
 #[test]
 fn a_second_source_is_refused_in_its_cycle_and_the_first_notices_nothing() {
     for offset in (0..OFFSETS).step_by(5) {
-        let mut cell = with(Fault::SecondSource, Flavour::Cb3, offset);
         let mut alone = Cell::sliding(Flavour::Cb3);
         alone.steps(offset);
-        for cycle in 1..=50 {
-            cell.step();
-            alone.step();
-            assert_eq!(cell.bridge().lease().refused(), cycle);
-            assert_eq!(cell.given(), alone.given(), "{offset}, {cycle}");
-        }
+        let cells = (Cell::with(Flavour::Cb3, Fault::SecondSource, offset), alone);
+        let refused = |cell: &Cell| cell.bridge().lease().refused();
+        let cell = second_source_changes_nothing(cells, 50, refused, Cell::given);
         let rival = cell.bridge().lease().rival(cell.now_s()).unwrap();
         assert_eq!(rival.to_string(), "controller/other-2");
     }
@@ -205,13 +197,8 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
     for (i, (fault, validity)) in faults.into_iter().enumerate() {
         for (flavour, offset) in every_third(i) {
             let what = format!("{fault:?}, {flavour:?}, {offset}");
-            let mut cell = with(fault, flavour, offset);
-            cell.step();
-            assert_eq!(cell.phase(), Phase::Slide, "{what}");
-            cell.step();
-            assert_eq!(cell.phase(), Phase::Retract, "{what}");
-            let why = cell.output.unwrap().fault;
-            assert_eq!(why, Some(TaskFault::Wrench(validity)), "{what}");
+            let mut cell = Cell::with(flavour, fault, offset);
+            cell.assert_retracts_for(&what, 2, validity);
             if is_followed(offset) {
                 off_the_surface(&mut cell);
             }
@@ -219,8 +206,8 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
     }
 }
 
-/// Records that repeat, that repeat on one axis, or that are of a transducer that is cut off: 1 kHz
-/// gives 8 of them in a cycle at 125 Hz, and 2 at 500 Hz.
+/// Records that repeat, repeat on one axis, or come from a disconnected transducer: at 1 kHz there
+/// are 8 of them in a cycle at 125 Hz, and 2 at 500 Hz.
 #[test]
 fn a_sensor_that_does_not_live_retracts_within_two_cycles() {
     let faults = [
@@ -231,18 +218,12 @@ fn a_sensor_that_does_not_live_retracts_within_two_cycles() {
     for (i, (fault, validity)) in faults.into_iter().enumerate() {
         for (flavour, offset) in every_third(i) {
             let what = format!("{fault:?}, {flavour:?}, {offset}");
-            let mut cell = with(fault, flavour, offset);
+            let mut cell = Cell::with(flavour, fault, offset);
             let decides = match flavour {
                 Flavour::Cb3 => 1,
                 Flavour::ESeries => 2,
             };
-            for cycle in 1..=decides {
-                assert_eq!(cell.phase(), Phase::Slide, "{what}, {cycle}");
-                cell.step();
-            }
-            assert_eq!(cell.phase(), Phase::Retract, "{what}");
-            let why = cell.output.unwrap().fault;
-            assert_eq!(why, Some(TaskFault::Wrench(validity)), "{what}");
+            cell.assert_retracts_for(&what, decides, validity);
             if is_followed(offset) {
                 off_the_surface(&mut cell);
             }
@@ -250,12 +231,12 @@ fn a_sensor_that_does_not_live_retracts_within_two_cycles() {
     }
 }
 
-/// One in four is off: the seventh of them, with the 28th record, is one too many.
+/// One record in four is wrong: the seventh wrong one, with the 28th record, exceeds the limit.
 #[test]
 fn records_that_leap_are_left_out_until_they_are_too_many() {
     for (flavour, offset) in both() {
         let what = format!("{flavour:?}, {offset}");
-        let mut cell = with(Fault::SensorCorrupt, flavour, offset);
+        let mut cell = Cell::with(flavour, Fault::SensorCorrupt, offset);
         let decides = (28.0 * 0.001 / cell.period_s()).ceil() as u64;
         for cycle in 1..=decides {
             assert_eq!(cell.phase(), Phase::Slide, "{what}, {cycle}");
@@ -277,8 +258,8 @@ fn records_that_leap_are_left_out_until_they_are_too_many() {
     }
 }
 
-/// The robot's own stops, and its restart: the task ends with the first packet that says so, and
-/// nothing moves before a new start.
+/// The robot's own stops, and its restart: the task ends with the first packet that reports them,
+/// and nothing moves before a new start.
 #[test]
 fn a_robot_that_stops_by_itself_ends_the_task_in_that_cycle() {
     for fault in [
@@ -288,14 +269,14 @@ fn a_robot_that_stops_by_itself_ends_the_task_in_that_cycle() {
     ] {
         for (flavour, offset) in both().filter(|(_, offset)| is_followed(*offset)) {
             let what = format!("{fault:?}, {flavour:?}, {offset}");
-            let mut cell = with(fault, flavour, offset);
+            let mut cell = Cell::with(flavour, fault, offset);
             let activation = cell.output.unwrap().activation;
             cell.step();
             if fault == Fault::RobotRestart {
-                // No packet says anything, and the bridge has closed.
+                // No packet arrives, and the bridge has closed.
                 assert_eq!(cell.phase(), Phase::Slide, "{what}");
                 cell.steps(20);
-                cell.faults.clear();
+                cell.trial.faults.clear();
                 cell.until("a packet comes", |c| c.phase() != Phase::Slide);
             }
             assert_eq!(cell.phase(), Phase::Fault, "{what}");
@@ -306,7 +287,7 @@ fn a_robot_that_stops_by_itself_ends_the_task_in_that_cycle() {
             );
             cell.steps((REST_S / cell.period_s()) as u64);
             assert!(cell.robot_speed() < 1e-6, "{what}");
-            cell.faults.clear();
+            cell.trial.faults.clear();
             cell.until("the robot is there again", |c| {
                 if !c.bridge().is_ready() {
                     return false;
@@ -320,23 +301,23 @@ fn a_robot_that_stops_by_itself_ends_the_task_in_that_cycle() {
             );
             cell.steps(100);
             assert!(cell.robot_speed() < 1e-6, "{what}");
-            assert!(cell.peak_n < 10.0, "{what}: {} N", cell.peak_n);
+            assert!(cell.trial.peak_n < 10.0, "{what}: {} N", cell.trial.peak_n);
         }
     }
 }
 
-/// It retracts along the normal and stands; how hard it pressed at most.
+/// The tool retracts along the normal and stops; returns the largest force.
 fn off_the_surface(cell: &mut Cell) {
     cell.until("it has left", |c| c.phase() == Phase::Fault);
     let truth = cell.truth();
     assert_eq!(truth.wrench.force.norm(), 0.0);
-    assert!(cell.peak_n < 10.0, "{} N", cell.peak_n);
+    assert!(cell.trial.peak_n < 10.0, "{} N", cell.trial.peak_n);
     cell.until("it rests", |c| c.robot_speed() < 1e-6);
 }
 
-/// What is silent for `silent_s` stops the path in the cycle that sees it, and after `patience_s`
-/// more the tool retracts. `during` looks at each cycle before that, with its number and that of
-/// the stop. The latest cycle for the stop.
+/// An input that is silent for `silent_s` stops the path in the cycle that detects it, and
+/// `patience_s` later the tool retracts. `during` checks each cycle before that, given its number
+/// and that of the stop. Returns the latest cycle of the stop.
 fn stops_then_retracts(
     cell: &mut Cell,
     silent_s: f64,
@@ -380,14 +361,14 @@ fn a_silent_wrench_stops_after_two_cycles_and_retracts_after_its_patience() {
     {
         for (flavour, offset) in every_third(i) {
             let what = format!("{fault:?}, {flavour:?}, {offset}");
-            let mut cell = with(fault, flavour, offset);
+            let mut cell = Cell::with(flavour, fault, offset);
             let period_s = cell.period_s();
-            // The newest record is as old as its filter's neighbours make it: at a packet, the last
-            // of the period that ended.
+            // The filter delays the newest record: at a packet, it is the last one of the period
+            // that ended.
             let silent_s = WRENCH_SILENT_CYCLES * period_s + WRENCH_JITTER_S;
             let late =
                 stops_then_retracts(&mut cell, silent_s, WRENCH_RETRACT_S, &what, |_, _, _| {});
-            // Two cycles are borne, and what the sensor's own jitter adds.
+            // Two cycles are tolerated, plus the sensor's own jitter.
             assert_eq!(
                 late,
                 match flavour {
@@ -405,12 +386,12 @@ fn a_silent_wrench_stops_after_two_cycles_and_retracts_after_its_patience() {
 #[test]
 fn without_an_estimate_the_path_stops_after_its_patience_and_the_tool_retracts_after_a_second() {
     for (flavour, offset) in both().filter(|(_, offset)| offset % 3 == 0) {
-        let mut cell = with(Fault::EstimateSilent, flavour, offset);
+        let mut cell = Cell::with(flavour, Fault::EstimateSilent, offset);
         let period_s = cell.period_s();
         let what = format!("{flavour:?}, {offset}");
-        // An estimate is made of the packet before.
+        // An estimate is computed from the packet before.
         let kept = |cell: &Cell, cycle: u64, stops: u64| {
-            // The force is kept while the path stands.
+            // The force is kept while the path is stopped.
             if cycle > stops.saturating_add((0.32 / period_s) as u64) {
                 let force_n = cell.truth().wrench.force.norm();
                 assert!((force_n - 3.0).abs() < 0.5, "{what}, {cycle}: {force_n} N");
@@ -424,28 +405,14 @@ fn without_an_estimate_the_path_stops_after_its_patience_and_the_tool_retracts_a
 #[test]
 fn a_lost_contact_is_sought_in_its_third_cycle() {
     for (flavour, offset) in both() {
-        let mut cell = with(Fault::ContactLost, flavour, offset);
-        for cycle in 1..=3 {
-            cell.step();
-            let expected = if cycle < 3 { Phase::Slide } else { Phase::Seek };
-            assert_eq!(cell.phase(), expected, "{offset}, cycle {cycle}");
-        }
-        let progress = cell.output.unwrap().path_progress;
-        // It is felt again: the path goes on from where it stood.
-        cell.faults.clear();
-        cell.until("it slides again", |c| {
-            let slides = c.phase() == Phase::Slide;
-            if !slides {
-                assert_eq!(c.output.unwrap().path_progress, progress, "{offset}");
-            }
-            slides
-        });
-        // In its first cycle it starts from rest.
+        let mut cell = Cell::with(flavour, Fault::ContactLost, offset);
+        let progress = cell.assert_seeks_after(&format!("{flavour:?}, {offset}"), 3);
+        // In its first cycle the path starts from rest.
         let gone_s = (cell.output.unwrap().path_progress - progress) * cell.path_s();
         assert!(
             (0.0..cell.period_s()).contains(&gone_s),
             "{offset}: {gone_s} s"
         );
-        assert!(cell.peak_n < 10.0, "{} N", cell.peak_n);
+        assert!(cell.trial.peak_n < 10.0, "{} N", cell.trial.peak_n);
     }
 }

@@ -1,31 +1,31 @@
-//! What can be wrong in a Franka's cell.
+//! Faults of a Franka cell.
 
-/// What is wrong in a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// The process of bridge and controller is gone, and its connection closed. Afterwards both
-    /// begin anew.
+use crate::table::{TableFault, faults};
+
+faults! {
+    /// The process of bridge and controller has died, and its connection is closed. Afterwards both
+    /// restart.
     BridgeDead,
-    /// That process stands still with its sockets open. Afterwards it goes on with the newest
-    /// state.
+    /// That process hangs with its sockets open. Afterwards it continues with the newest state.
     BridgeHung,
-    /// The controller does not answer. Afterwards it goes on.
+    /// The controller does not answer. Afterwards it continues.
     NoCommand,
-    /// The controller is gone. Afterwards another process takes its place.
+    /// The controller has died. Afterwards another process takes its place.
     ControllerDead,
-    /// Its answer is not a number.
+    /// The controller's answer is not a number.
     CommandNan,
-    /// Its answer is beyond what a joint may be asked for.
+    /// The controller's answer is beyond the torque limit of a joint.
     CommandStrong,
-    /// Its answer is to a state of a second ago.
+    /// The controller answers a state of a second ago.
     CommandOld,
-    /// Its last answer before the fault comes again in every cycle, and no other.
+    /// The controller's last answer before the fault is repeated in every cycle.
     CommandRepeated,
-    /// Two of its answers come together, the older one last; none in the cycle between.
+    /// Two answers of the controller arrive together, the older one last; none in the cycle
+    /// between.
     CommandSwapped,
-    /// Its answer is to a state that has not been yet.
+    /// The controller answers a future state.
     CommandAhead,
-    /// Somebody else commands too, in the same cycle and before it.
+    /// A second source sends commands too, in the same cycle and before the controller.
     SecondSource,
     /// No state of the robot arrives.
     StatesLost,
@@ -35,81 +35,49 @@ pub enum Fault {
     StateLate,
     /// Each state arrives twice.
     StateTwice,
-    /// The states' estimate of the wrench is not a number: the whole state is none.
+    /// The wrench estimate in the states is not a number, so the whole state is invalid.
     StateNan,
     /// No answer reaches the robot.
     AnswersLost,
     /// Every second answer is lost.
     AnswersThinned,
-    /// The connection is cut. Afterwards it can be had again.
+    /// The connection is cut. Afterwards the bridge can connect again.
     Disconnected,
-    /// The controller hears no wrench any more.
+    /// The controller receives no wrench.
     WrenchSilent,
-    /// What it hears is not a number.
+    /// The wrench that the controller receives is not a number.
     WrenchNan,
-    /// It is told that the estimate cannot be used.
+    /// The status that the controller receives marks the estimate as unusable.
     WrenchError,
-    /// The robot's estimate stays as it is.
+    /// The robot's estimate keeps its last value.
     WrenchFrozen,
-    /// The part of it that presses does.
+    /// The component of the estimate along which the tool presses keeps its last value.
     AxisStuck,
-    /// Nothing is felt any more: the estimate lives and says zero.
+    /// The measured contact force is zero: the estimate varies around zero.
     ContactLost,
-    /// No frame of the depth camera comes.
+    /// No frame of the depth camera arrives.
     CameraDark,
-    /// Its normals are not numbers.
+    /// The camera's normals are not numbers.
     CameraNan,
-    /// Its normals are off by a radian, and sure of themselves.
+    /// The camera's normals are wrong by one radian, with a small covariance.
     CameraAskew,
-    /// No estimate from touch comes.
+    /// No estimate from touch arrives.
     TouchSilent,
-    /// Neither comes.
+    /// No estimate arrives, neither from touch nor from the camera.
     EstimatesSilent,
-    /// Something pushes the tool off the surface with 90 N until the robot stops by its own reflex.
+    /// An external force of 90 N pushes the tool off the surface until the robot stops by its own
+    /// reflex.
     Collision,
-    /// The button of the robot's activation device.
+    /// The button of the robot's activation device is pressed.
     UserStop,
 }
 
-impl Fault {
-    /// All of them.
-    pub const ALL: [Self; 32] = [
-        Self::BridgeDead,
-        Self::BridgeHung,
-        Self::NoCommand,
-        Self::ControllerDead,
-        Self::CommandNan,
-        Self::CommandStrong,
-        Self::CommandOld,
-        Self::CommandRepeated,
-        Self::CommandSwapped,
-        Self::CommandAhead,
-        Self::SecondSource,
-        Self::StatesLost,
-        Self::StatesThinned,
-        Self::StateLate,
-        Self::StateTwice,
-        Self::StateNan,
-        Self::AnswersLost,
-        Self::AnswersThinned,
-        Self::Disconnected,
-        Self::WrenchSilent,
-        Self::WrenchNan,
-        Self::WrenchError,
-        Self::WrenchFrozen,
-        Self::AxisStuck,
-        Self::ContactLost,
-        Self::CameraDark,
-        Self::CameraNan,
-        Self::CameraAskew,
-        Self::TouchSilent,
-        Self::EstimatesSilent,
-        Self::Collision,
-        Self::UserStop,
-    ];
+impl TableFault for Fault {
+    const ALL: &'static [Self] = Self::ALL;
+    const NO_COMMAND: Self = Self::NoCommand;
+    const CONTACT_LOST: Self = Self::ContactLost;
 
-    /// A task goes on through it: it is borne, or the other sense stands in.
-    pub fn is_borne(self) -> bool {
+    fn is_borne(self) -> bool {
         matches!(
             self,
             Self::CommandSwapped

@@ -1,88 +1,58 @@
-//! The failure table of docs/architecture.md for an arm that takes torques over FCI: robot, Franka
-//! bridge and `unified_force_impedance` stepped together at 1 kHz in simulated time, with the fault
-//! in every cycle. The bounds are met exactly: no machine is in it.
+//! The failure table of docs/architecture.md for an arm with torque commands over FCI: robot,
+//! Franka bridge and `unified_force_impedance` are stepped together at 1 kHz in simulated time,
+//! with the fault in every cycle. The bounds are met exactly, because no real machine is involved.
 
-// A whole file of tests: what fails here is the test.
+// Everything in this file is test code: a panic fails the test.
 #![allow(clippy::unwrap_used)]
 
 mod cell;
 mod fault;
 mod pairs;
+#[path = "../table/mod.rs"]
+mod table;
 
 use cell::Cell;
 use fault::Fault;
+use table::{TableCell, second_source_changes_nothing};
 use tangent_control::{Fault as TaskFault, Phase};
 use tangent_franka::fci::{LOST_MAX, RobotMode};
 use tangent_sensing::Validity;
 
-/// Faults come in each of the path's first cycles.
+/// A fault begins in each of this many first cycles of the path.
 const OFFSETS: u64 = 24;
-/// Silence after which a task is latched out, cycles.
+/// Silence after which the activation of a task is rejected, cycles.
 const LATCHED: u64 = 101;
-/// Age beyond which a wrench is silent (two cycles and the sensor's jitter of 2 ms), and patience
-/// after that, cycles.
+/// Age beyond which a wrench counts as silent (two cycles and the sensor's jitter of 2 ms), cycles,
+/// and the timeout after that, cycles.
 const WRENCH_SILENT: u64 = 5;
 const WRENCH_RETRACT: u64 = 100;
-/// Age of the last frame beyond which the camera is dark, s.
+/// Age of the last frame beyond which the camera counts as dark, s.
 const CAMERA_S: f64 = 0.3;
-/// Cycles without a normal until the path's clock is slowed down, until it stands then, and until
+/// Cycles without a normal until the path's clock slows down, then until it stops, and then until
 /// the tool retracts.
 const ESTIMATE: u64 = 100;
 const CLOCK: u64 = 200;
 const ESTIMATE_RETRACT: u64 = 1000;
-/// In this time the arm has come to rest after its task was ended, cycles.
+/// Time in which the arm comes to rest after its task has ended, cycles.
 const REST: u64 = 700;
-/// Slower than this it is at rest, rad/s.
-pub const AT_REST: f64 = 2e-3;
 
-/// Twice the reference, or 10 N: what the tool may press with whatever happens.
-pub fn most_n(cell: &Cell) -> f64 {
-    (2.0 * cell.reference_n()).max(10.0)
-}
-
-/// Sliding, and from the next cycle on with `fault`.
+/// A cell that slides, with `fault` from the next cycle on.
 fn with(fault: Fault, offset: u64) -> Cell {
-    let mut cell = Cell::sliding();
-    cell.steps(offset);
-    assert_eq!(cell.phase(), Phase::Slide);
-    cell.faults = vec![fault];
-    cell
+    Cell::with((), fault, offset)
 }
 
-/// Every offset, one of `n` faults that are judged alike at each.
+/// Every offset, each with one of `N` faults that have the same expected result.
 fn shared<const N: usize>(faults: [Fault; N]) -> impl Iterator<Item = (Fault, u64)> {
-    (0..OFFSETS).map(move |offset| (faults[offset as usize % N], offset))
+    table::shared(OFFSETS, faults)
 }
 
-/// How it ends is looked at in some of the cycles.
+/// Whether the end of the fault is tested too; that is done for some of the cycles.
 fn is_followed(offset: u64) -> bool {
     offset % 8 < 4 && offset % 5 < 2
 }
 
-/// It retracts along the normal and stands.
-fn off_the_surface(cell: &mut Cell, what: &str) {
-    cell.until("it has left", |c| !c.phase().is_active());
-    cell.until("it rests", |c| c.robot_speed() < AT_REST);
-    let (force_n, most_n) = (cell.truth().wrench.force.norm(), most_n(cell));
-    assert_eq!(force_n, 0.0, "{what}");
-    assert!(cell.peak_n <= most_n, "{what}: {} N", cell.peak_n);
-}
-
-/// The task is over and the arm rests, and stays so when the fault is over.
-fn stands(cell: &mut Cell, what: &str) {
-    cell.steps(REST);
-    let speed = cell.robot_speed();
-    assert!(speed < AT_REST, "{what}: {speed} rad/s");
-    cell.faults.clear();
-    cell.steps(1000);
-    assert!(!cell.phase().is_active(), "{what}: {:?}", cell.phase());
-    assert!(cell.robot_speed() < AT_REST, "{what}: moves again");
-    let most_n = most_n(cell);
-    assert!(cell.peak_n <= most_n, "{what}: {} N", cell.peak_n);
-}
-
-/// Two cycles are followed with the command before, in the third the hold begins with the torque in
-/// force, and from the fourth on it fades.
+/// For two cycles the previous command is kept; in the third the hold begins with the present
+/// torque, and from the fourth on this torque fades.
 #[test]
 fn without_a_good_command_the_bridge_follows_for_two_cycles_then_holds_and_latches_after_a_tenth_of_a_second()
  {
@@ -115,7 +85,7 @@ fn without_a_good_command_the_bridge_follows_for_two_cycles_then_holds_and_latch
             assert_eq!(latched, cycle == LATCHED, "{what}, cycle {cycle}");
         }
         if is_followed(offset) {
-            stands(&mut cell, &what);
+            cell.assert_stands(&what, REST, 1000);
         }
     }
 }
@@ -130,14 +100,14 @@ fn a_bad_command_is_refused_and_the_arm_held_in_its_cycle() {
         for cycle in 1..=LATCHED {
             cell.step();
             let gate = cell.bridge().gate();
-            // The hold begins with the torque in force.
+            // The hold begins with the present torque.
             assert_eq!(cell.answered == last, cycle == 1, "{what}, cycle {cycle}");
             assert_eq!(gate.admission.refused(), refused + cycle, "{what}");
             let latched = gate.admission.activation_latched() >= activation;
             assert_eq!(latched, cycle == LATCHED, "{what}, cycle {cycle}");
         }
         if is_followed(offset) {
-            stands(&mut cell, &what);
+            cell.assert_stands(&what, REST, 1000);
         }
     }
 }
@@ -145,22 +115,18 @@ fn a_bad_command_is_refused_and_the_arm_held_in_its_cycle() {
 #[test]
 fn a_second_source_is_refused_in_its_cycle_and_the_first_notices_nothing() {
     for offset in (0..OFFSETS).step_by(10) {
-        let mut cell = with(Fault::SecondSource, offset);
-        let mut alone = Cell::sliding();
+        let mut alone = Cell::sliding(());
         alone.steps(offset);
-        for cycle in 1..=100 {
-            cell.step();
-            alone.step();
-            assert_eq!(cell.bridge().lease().refused(), cycle);
-            assert_eq!(cell.answered, alone.answered, "{offset}, {cycle}");
-        }
+        let cells = (with(Fault::SecondSource, offset), alone);
+        let refused = |cell: &Cell| cell.bridge().lease().refused();
+        let cell = second_source_changes_nothing(cells, 100, refused, |cell| cell.answered);
         let rival = cell.bridge().lease().rival(cell.now_s()).unwrap();
         assert_eq!(rival.to_string(), "controller/other-2");
     }
 }
 
-/// Answers that come late by a cycle, states that come twice, and half of either: no task ends for
-/// it.
+/// Answers that are a cycle late, states that arrive twice, and half of the states or answers lost:
+/// none of these ends a task.
 #[test]
 fn what_is_borne_is_borne() {
     let faults = [
@@ -180,13 +146,13 @@ fn what_is_borne_is_borne() {
         let arrived = cell.answers - answers;
         let thinned = matches!(fault, Fault::StatesThinned | Fault::AnswersThinned);
         assert_eq!(arrived, if thinned { 500 } else { 1000 }, "{fault:?}");
-        assert!(cell.peak_n <= most_n(&cell), "{fault:?}: {} N", cell.peak_n);
+        cell.assert_force(&fault);
         assert_eq!(cell.bridge().gate().admission.refused(), 0, "{fault:?}");
     }
 }
 
-/// The robot stops by itself; its task ends with the first state that says so, and the arm moves
-/// again for a start alone.
+/// The robot stops by itself; its task ends with the first state that reports it, and only a new
+/// start moves the arm again.
 #[test]
 fn twenty_lost_answers_are_a_reflex_and_end_the_task() {
     let faults = [
@@ -206,7 +172,7 @@ fn twenty_lost_answers_are_a_reflex_and_end_the_task() {
         }
         assert_eq!(cell.mode(), RobotMode::Reflex, "{what}");
         assert_eq!(cell.phase(), Phase::Slide, "{what}");
-        // Until a state comes that says it.
+        // Until a state that reports it arrives.
         cell.steps(match fault {
             Fault::AnswersLost => 1,
             Fault::StateLate => 3,
@@ -214,7 +180,7 @@ fn twenty_lost_answers_are_a_reflex_and_end_the_task() {
         });
         if matches!(fault, Fault::StatesLost | Fault::BridgeHung) {
             cell.steps(30);
-            cell.faults.clear();
+            cell.trial.faults.clear();
             cell.step();
         }
         assert_eq!(cell.phase(), Phase::Retract, "{what}");
@@ -224,19 +190,19 @@ fn twenty_lost_answers_are_a_reflex_and_end_the_task() {
         assert!(latched >= activation, "{what}");
         if is_followed(offset) {
             cell.until("the task is over", |c| !c.phase().is_active());
-            stands(&mut cell, &what);
+            cell.assert_stands(&what, REST, 1000);
             assert_eq!(cell.mode(), RobotMode::Reflex, "{what}: left by itself");
         }
     }
 }
 
-/// It says so, and not that the tool were not free.
+/// The reported reason is the fault, not a tool that does not hang free.
 #[test]
 fn a_robot_that_stops_while_the_tool_moves_off_ends_the_task() {
-    let mut cell = Cell::in_phase(Phase::Clear);
+    let mut cell = Cell::in_phase((), Phase::Clear);
     cell.step();
     assert_eq!(cell.phase(), Phase::Clear);
-    cell.faults.push(Fault::UserStop);
+    cell.trial.faults.push(Fault::UserStop);
     for _ in 0..2 {
         cell.step();
     }
@@ -245,7 +211,7 @@ fn a_robot_that_stops_while_the_tool_moves_off_ends_the_task() {
     assert_eq!(why, Some(TaskFault::ArmNotReady));
 }
 
-/// The task is over with the first state that says so.
+/// The task ends with the first state that reports the fault.
 #[test]
 fn a_robot_that_stops_by_itself_ends_the_task() {
     for (fault, offset) in shared([Fault::UserStop, Fault::Collision]) {
@@ -266,13 +232,13 @@ fn a_robot_that_stops_by_itself_ends_the_task() {
         assert!(latched >= activation, "{what}");
         if is_followed(offset) {
             cell.until("the task is over", |c| !c.phase().is_active());
-            stands(&mut cell, &what);
+            cell.assert_stands(&what, REST, 1000);
         }
     }
 }
 
-/// The robot holds itself from that cycle on, and what was commanded before is latched out when the
-/// bridge is there again.
+/// The robot holds itself from that cycle on, and earlier commands are rejected when the bridge has
+/// restarted.
 #[test]
 fn without_a_connection_the_robot_holds_itself() {
     let faults = [Fault::BridgeDead, Fault::Disconnected, Fault::StateNan];
@@ -288,11 +254,11 @@ fn without_a_connection_the_robot_holds_itself() {
         }
         if is_followed(offset) {
             cell.steps(REST);
-            assert!(cell.robot_speed() < AT_REST, "{what}");
-            cell.faults.clear();
+            assert!(cell.robot_speed() < Cell::AT_REST, "{what}");
+            cell.trial.faults.clear();
             cell.until("the arm is ready", Cell::is_ready);
             cell.until("the task is over", |c| !c.phase().is_active());
-            stands(&mut cell, &what);
+            cell.assert_stands(&what, REST, 1000);
         }
     }
 }
@@ -314,12 +280,12 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
         };
         assert_eq!(why, Some(TaskFault::Wrench(validity)), "{what}");
         if is_followed(offset) {
-            off_the_surface(&mut cell, &what);
+            cell.assert_leaves_the_surface(&what);
         }
     }
 }
 
-/// A standstill of less than 3 ms is a hiccup of the robot.
+/// A standstill of less than 3 ms is normal jitter of the robot.
 #[test]
 fn an_estimate_that_does_not_live_retracts_within_four_states() {
     for (fault, offset) in shared([Fault::WrenchFrozen, Fault::AxisStuck]) {
@@ -329,15 +295,9 @@ fn an_estimate_that_does_not_live_retracts_within_four_states() {
             Fault::WrenchFrozen => (3, Validity::Frozen),
             _ => (4, Validity::AxisStuck),
         };
-        for cycle in 1..=decides {
-            assert_eq!(cell.phase(), Phase::Slide, "{what}, cycle {cycle}");
-            cell.step();
-        }
-        assert_eq!(cell.phase(), Phase::Retract, "{what}");
-        let why = cell.output.unwrap().fault;
-        assert_eq!(why, Some(TaskFault::Wrench(validity)), "{what}");
+        cell.assert_retracts_for(&what, decides, validity);
         if is_followed(offset) {
-            off_the_surface(&mut cell, &what);
+            cell.assert_leaves_the_surface(&what);
         }
     }
 }
@@ -347,26 +307,9 @@ fn a_silent_wrench_stops_and_retracts_after_its_patience() {
     for offset in 0..OFFSETS {
         let what = format!("{offset}");
         let mut cell = with(Fault::WrenchSilent, offset);
-        let mut stops = 0;
-        while cell.phase() == Phase::Slide {
-            cell.step();
-            stops += 1;
-        }
-        assert_eq!(cell.phase(), Phase::Hold, "{what}");
-        // An age of just the limit is decided by rounding.
-        assert!(
-            (WRENCH_SILENT - 1..=WRENCH_SILENT).contains(&stops),
-            "{what}: {stops}"
-        );
-        let mut waits = 1_u64;
-        while cell.phase() == Phase::Hold {
-            cell.step();
-            waits += 1;
-        }
-        assert_eq!(cell.phase(), Phase::Retract, "{what}");
-        assert!(waits.abs_diff(WRENCH_RETRACT + 1) <= 1, "{what}: {waits}");
+        cell.assert_stops_then_retracts(&what, WRENCH_SILENT - 1..=WRENCH_SILENT, WRENCH_RETRACT);
         if is_followed(offset) {
-            off_the_surface(&mut cell, &what);
+            cell.assert_leaves_the_surface(&what);
         }
     }
 }
@@ -375,12 +318,12 @@ fn a_silent_wrench_stops_and_retracts_after_its_patience() {
 fn without_any_normal_the_path_stops_and_the_tool_retracts_after_a_second() {
     for offset in (0..OFFSETS).step_by(5) {
         let mut cell = with(Fault::EstimatesSilent, offset);
-        // The cycle in which the last frame is too old.
+        // The first cycle in which the last frame is too old.
         let blind = ((cell.seen_s() + CAMERA_S) * 1000.0).floor() as u64 + 1;
         let mut stopped = None;
         while cell.phase() != Phase::Retract {
             cell.step();
-            let cycle = cell.cycle;
+            let cycle = cell.trial.cycle;
             assert!(cycle < blind + 2 * ESTIMATE_RETRACT, "{offset}");
             if cell.phase() == Phase::Hold {
                 let at = cell.output.unwrap().path_progress;
@@ -394,29 +337,29 @@ fn without_any_normal_the_path_stops_and_the_tool_retracts_after_a_second() {
         let (since, _) = stopped.unwrap();
         let stops = since - blind;
         assert!(stops.abs_diff(ESTIMATE + CLOCK) <= 2, "{offset}: {stops}");
-        let retracts = cell.cycle - blind;
+        let retracts = cell.trial.cycle - blind;
         assert!(
             retracts.abs_diff(ESTIMATE_RETRACT) <= 2,
             "{offset}: {retracts}"
         );
         let why = cell.output.unwrap().fault;
         assert!(matches!(why, Some(TaskFault::Estimate(_))), "{why:?}");
-        off_the_surface(&mut cell, &format!("{offset}"));
+        cell.assert_leaves_the_surface(&format!("{offset}"));
     }
 }
 
-/// The law counts its patience by the robot's clock, not in the states that came.
+/// The law measures its timeouts by the robot's clock, not by the number of states received.
 #[test]
 fn without_any_normal_and_half_of_the_states_the_tool_retracts_after_a_second() {
     let mut cell = with(Fault::EstimatesSilent, 0);
     let blind = ((cell.seen_s() + CAMERA_S) * 1000.0).floor() as u64 + 1;
-    cell.faults.push(Fault::StatesThinned);
+    cell.trial.faults.push(Fault::StatesThinned);
     cell.until("it retracts", |c| c.phase() == Phase::Retract);
-    let retracts = cell.cycle - blind;
+    let retracts = cell.trial.cycle - blind;
     assert!(retracts.abs_diff(ESTIMATE_RETRACT) <= 4, "{retracts}");
 }
 
-/// Eye and touch stand in for each other, and touch does not believe an eye that is wrong.
+/// Camera and touch replace each other, and touch is kept when the camera is wrong.
 #[test]
 fn one_sense_is_enough_to_go_on() {
     let faults = [
@@ -433,7 +376,7 @@ fn one_sense_is_enough_to_go_on() {
             let off = cell.output.unwrap().normal.angle(&cell.truth().normal);
             assert!(off < 0.2, "{fault:?}, {offset}, {cycle}: {off} rad");
         }
-        assert!(cell.peak_n <= most_n(&cell), "{fault:?}: {} N", cell.peak_n);
+        cell.assert_force(&fault);
     }
 }
 
@@ -441,19 +384,6 @@ fn one_sense_is_enough_to_go_on() {
 fn a_lost_contact_is_sought_after_thirty_milliseconds() {
     for offset in 0..OFFSETS {
         let mut cell = with(Fault::ContactLost, offset);
-        for cycle in 1..=30 {
-            assert_eq!(cell.phase(), Phase::Slide, "{offset}, cycle {cycle}");
-            cell.step();
-        }
-        assert_eq!(cell.phase(), Phase::Seek, "{offset}");
-        let progress = cell.output.unwrap().path_progress;
-        // It is felt again: the path goes on from where it stood.
-        cell.faults.clear();
-        cell.until("it slides again", |c| {
-            let slides = c.phase() == Phase::Slide;
-            assert!(slides || c.output.unwrap().path_progress == progress);
-            slides
-        });
-        assert!(cell.peak_n <= most_n(&cell), "{} N", cell.peak_n);
+        cell.assert_seeks_after(&format!("{offset}"), 30);
     }
 }

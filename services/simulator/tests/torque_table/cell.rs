@@ -1,62 +1,52 @@
 //! A torque cell in simulated time: arm, object, force sensor and camera, the gate before the
 //! motors, conditioning, the object's pose, the law. There is no bus, clock or thread, so that a
-//! fault comes in the very cycle that a test names.
+//! fault occurs in exactly the cycle that a test names.
 
 use std::sync::OnceLock;
 
-use nalgebra::Vector6;
-use tangent_actuation::lease::{SILENCE_S, Source};
+use tangent_actuation::lease::Source;
 use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
-use tangent_control::{Clearance, ControlError, Phase, StateInterval, UntaredLoad};
+use tangent_control::{Clearance, Fault as TaskFault, Phase, StateInterval, UntaredLoad};
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{ObjectEstimate, ObjectPoseEstimator, ObjectSample};
 use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};
-use tangent_schemas::Name;
 use tangent_schemas::convert::joint_array;
 use tangent_schemas::tangent::ArmCommand;
-use tangent_sensing::{
-    ConditionedWrench, Payload, Reading, RecordWatchConfig, SensorCondition, SensorRecord,
-    SensorWatch, SensorWatchState, Validity, Watched, WrenchConditioner, WrenchConditionerState,
-    pressing_at,
-};
+use tangent_sensing::{SensorWatchState, Validity};
 use tangent_simulation::{ObjectPlant, ObjectScenario, Truth, loaded_arm};
-use tangent_simulator::torque_cell::TorqueGate;
+use tangent_torque_arm::TorqueGate;
 
 use crate::fault::Fault;
+use crate::table::arrivals::{Arrivals, Way, newest};
+use crate::table::sensor::{RecordFaults, SensorChain};
+use crate::table::{TableCell, Trial, source};
 
-/// The plane with friction, a cold sensor and a model that is wrong.
+/// Scenario: a plane with friction, a cold sensor and a wrong model.
 const PLANE: &str = include_str!("../../../../scenarios/lippiello/lippiello_realistic.toml");
-/// Soon on the surface, and soon off it.
+/// Changes to the scenario: soon on the surface, and soon off it.
 const CHANGES: [&str; 4] = [
     "plant.start.clearance_m=0.005",
     "task.end.retract_distance_m=0.02",
     "plant.arm.sub_steps=2",
     "control.touch.settle_s=0.3",
 ];
-/// Longest wait for anything, cycles.
-const PATIENCE: u64 = 20_000;
-/// Cycles in which the watch of the sensor learns how it lives, and what it has learnt; nothing is
+/// Cycles in which the watch of the sensor learns its normal variation, and the result; nothing is
 /// judged before.
 const LEARNS: u64 = 1_100;
 static LEARNT: OnceLock<SensorWatchState> = OnceLock::new();
 
-/// The cell.
+/// The simulated torque cell.
 pub struct Cell {
     plant: ObjectPlant,
     gate: TorqueGate,
     model: Arm<6>,
     torque: Joints<6>,
     scenario: ObjectScenario,
-    conditioner: WrenchConditioner,
-    conditioning: WrenchConditionerState,
-    watch: SensorWatch,
-    watching: SensorWatchState,
+    sensor: SensorChain,
     /// The last record before a sensor's fault.
     kept: [i32; 6],
-    wrench: Option<(ConditionedWrench, f64)>,
-    scale: [f64; 6],
     estimator: Box<dyn ObjectPoseEstimator>,
-    /// What the law has of it, and of which cycle.
+    /// The estimate that the law has, and the cycle to which it belongs.
     estimate: Option<(ObjectEstimate, u64)>,
     interval: StateInterval,
     law: HybridDynamics,
@@ -64,263 +54,45 @@ pub struct Cell {
     source: Source,
     starts: u8,
     spoke_s: f64,
-    last_sent: Option<ArmCommand>,
-    held_back: Option<ArmCommand>,
+    arrivals: Arrivals<ArmCommand>,
     pub output: Option<HybridOutput>,
-    pub cycle: u64,
-    /// What is wrong now.
-    pub faults: Vec<Fault>,
-    faults_before: Vec<Fault>,
-    /// Largest true force since it was set to zero, N.
-    pub peak_n: f64,
-}
-
-fn source(name: &str, id: u8) -> Source {
-    Source {
-        name: Name::from(name).unwrap(),
-        publisher: [id; 16],
-    }
+    pub trial: Trial<Fault>,
 }
 
 impl Cell {
-    /// Held, with a controller that waits for a task.
-    pub fn new() -> Self {
-        let changes: Vec<String> = CHANGES.iter().map(|s| (*s).to_owned()).collect();
-        let scenario = ObjectScenario::parse("lippiello_realistic", PLANE, &changes).unwrap();
-        let corners = scenario.estimation.target.corners();
-        let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed).unwrap();
-        let model = loaded_arm::<6>(&scenario.plant.robot, &scenario.plant.tool, false).unwrap();
-        let payload = &scenario.plant.tool.payload;
-        let conditioner = WrenchConditioner::new(
-            &scenario.sensing,
-            &Payload {
-                mass_kg: payload.mass_kg,
-                com_in_sensor_m: payload.com_in_sensor_m,
-                inertia_kg_m2: payload.inertia_kg_m2,
-            },
-            plant.flange_from_sensor().inverse() * plant.flange_from_tool(),
-            scenario.plant.sensor.rate_hz,
-        )
-        .unwrap();
-        let law = HybridDynamics::new(
-            model,
-            plant.flange_from_tool(),
-            scenario.limits,
-            &scenario.law().unwrap(),
-            &scenario.task,
-            Box::new(scenario.object_surface().unwrap()),
-        )
-        .unwrap();
-        let sensor = &scenario.plant.sensor;
-        let ([fx, fy, fz], [tx, ty, tz]) = (sensor.range_n, sensor.range_nm);
-        let (n, nm) = (1.0 / sensor.counts_per_n, 1.0 / sensor.counts_per_nm);
-        let q = plant.arm().q;
-        let camera = scenario.plant.camera.model();
-        let learnt = LEARNT.get().copied();
-        let mut cell = Self {
-            gate: TorqueGate::new(model, &q, plant.period_s()),
-            torque: model.gravity(&q),
-            model,
-            conditioning: WrenchConditionerState::default(),
-            conditioner,
-            watch: SensorWatch::new(
-                &RecordWatchConfig::default(),
-                sensor.rate_hz,
-                [fx, fy, fz, tx, ty, tz],
-            ),
-            watching: learnt.unwrap_or_default(),
-            kept: [0; 6],
-            wrench: None,
-            scale: [n, n, n, nm, nm, nm],
-            estimator: build_object_estimator(scenario.estimator(), &scenario.estimation, &camera)
-                .unwrap(),
-            estimate: None,
-            interval: StateInterval::default(),
-            law,
-            activation: 0,
-            source: source("controller/cell-1", 1),
-            starts: 1,
-            spoke_s: 0.0,
-            last_sent: None,
-            held_back: None,
-            output: None,
-            cycle: 0,
-            faults: Vec::new(),
-            faults_before: Vec::new(),
-            peak_n: 0.0,
-            plant,
-            scenario,
-        };
-        // No task was started yet.
-        cell.law.begin(Clearance::Assumed);
-        cell.law.stop();
-        cell.until("the arm is ready", |c| c.is_ready() && c.wrench.is_some());
-        if learnt.is_none() {
-            cell.steps(LEARNS);
-            // Another thread may have been first.
-            let _ = LEARNT.set(cell.watching);
-            return Self::new();
-        }
-        cell
-    }
-
-    /// Starts the task, as the service does with one that is asked for while the arm is ready.
-    pub fn start_task(&mut self) -> Result<(), ControlError> {
-        let clearance = self.law.clearance();
-        self.law
-            .check_start(&clearance, &self.tool().translation())?;
-        self.law.begin(clearance);
-        self.activation = self
-            .activation
-            .max(self.gate.admission().activation_latched())
-            + 1;
-        Ok(())
-    }
-
-    /// Ends the task.
-    pub fn stop_task(&mut self) {
-        self.law.stop();
-    }
-
-    /// A task in this phase, as far as it has come in the first cycle of it.
-    pub fn in_phase(phase: Phase) -> Self {
-        let mut cell = match phase {
-            Phase::Slide => return Self::sliding(),
-            Phase::Hold | Phase::Retract | Phase::Clear => Self::sliding(),
-            _ => Self::new(),
-        };
-        match phase {
-            Phase::Hold => cell.law.pause(true).unwrap(),
-            Phase::Retract => cell.law.stop(),
-            Phase::Clear => {
-                // A task that ended on the surface.
-                cell.faults = vec![Fault::NoCommand];
-                cell.steps(400);
-                cell.faults.clear();
-                cell.until("the task is over", |c| !c.phase().is_active());
-                cell.start_task().unwrap();
-            }
-            _ => cell.start_task().unwrap(),
-        }
-        // A pause keeps the phase that it comes in.
-        if phase != Phase::Hold {
-            cell.until("it is in the phase", |c| c.phase() == phase);
-        }
-        cell.peak_n = 0.0;
-        cell
-    }
-
-    /// On the path.
-    pub fn sliding() -> Self {
-        let mut cell = Self::new();
-        cell.start_task().unwrap();
-        cell.until("it slides", |c| {
-            c.law.phase() == Phase::Slide && c.output.is_some_and(|o| o.path_progress > 0.002)
-        });
-        cell.peak_n = 0.0;
-        cell
-    }
-
     /// Simulated time, s.
     pub fn now_s(&self) -> f64 {
         self.plant.time_s()
-    }
-
-    pub fn phase(&self) -> Phase {
-        self.law.phase()
-    }
-
-    pub fn reference_n(&self) -> f64 {
-        self.scenario.task.force.reference_n
     }
 
     pub fn gate(&self) -> &TorqueGate {
         &self.gate
     }
 
-    /// A task could move the arm: it is taken, and nobody else drives it.
-    pub fn is_ready(&self) -> bool {
-        !self.has(Fault::EmergencyStop) && self.gate.lease().holder() == Some(&self.source)
-    }
-
     pub fn activation(&self) -> u64 {
         self.activation
     }
 
-    /// What the gate gave to the motors last, Nm.
+    /// Torques that the gate last passed to the motors, Nm.
     pub fn given(&self) -> Joints<6> {
         self.torque
-    }
-
-    pub fn truth(&self) -> Truth {
-        self.plant.truth()
-    }
-
-    /// Largest joint speed of the arm, rad/s.
-    pub fn robot_speed(&self) -> f64 {
-        self.plant.arm().qd.amax()
     }
 
     fn tool(&self) -> Pose<Base, Tool> {
         self.model.base_from_flange(&self.plant.arm().q) * self.plant.flange_from_tool()
     }
 
-    /// Cycles until `done`.
-    pub fn until(&mut self, what: &str, done: impl Fn(&Self) -> bool) {
-        let begun = self.cycle;
-        while !done(self) {
-            self.step();
-            assert!(
-                self.cycle - begun < PATIENCE,
-                "never: {what}; {:?}, {:?}, {:?}",
-                self.law.phase(),
-                self.gate.reason(),
-                self.output.and_then(|o| o.fault)
-            );
-        }
-    }
-
-    pub fn steps(&mut self, n: u64) {
-        for _ in 0..n {
-            self.step();
-        }
-    }
-
-    pub fn has(&self, fault: Fault) -> bool {
-        self.faults.contains(&fault)
-    }
-
-    /// One period: the arm says its state, lets the answer through the gate, and moves.
-    pub fn step(&mut self) {
-        self.cycle += 1;
-        self.begin_and_end();
-        if self.has(Fault::EmergencyStop) {
-            self.gate.forbid();
-        }
-        let arm = self.plant.arm();
-        let newest = self.commands();
-        self.torque = self.gate.step(newest.as_ref(), self.cycle, &arm.q, &arm.qd);
-        assert!(self.torque.iter().all(|x| x.is_finite()));
-        self.plant.step(&self.torque);
-        self.sense();
-        self.peak_n = self.peak_n.max(self.plant.truth().wrench.force.norm());
-    }
-
-    /// What faults do when they begin, and people when they are over.
+    /// Effects of faults when they begin, and actions of people when they end.
     fn begin_and_end(&mut self) {
-        if self.faults == self.faults_before {
+        let Some((begun, ended)) = self.trial.changes() else {
             return;
-        }
-        let before = std::mem::replace(&mut self.faults_before, self.faults.clone());
-        let now = self.faults.clone();
-        for fault in now.iter().filter(|fault| !before.contains(fault)) {
-            if *fault == Fault::SensorRestart {
-                let zero = self.conditioning.reference().copied();
-                self.conditioning = WrenchConditionerState::default();
-                self.conditioning.set_tare(zero);
+        };
+        for fault in begun {
+            if fault == Fault::SensorRestart {
+                self.sensor.restart();
             }
         }
-        for fault in before.iter().filter(|fault| !now.contains(fault)) {
+        for fault in ended {
             match fault {
                 Fault::ControllerDead => {
                     self.starts += 1;
@@ -331,19 +103,19 @@ impl Cell {
                     self.law.stop();
                     self.output = None;
                 }
-                Fault::CommandSwapped => self.held_back = None,
+                Fault::CommandSwapped => self.arrivals.forget(),
                 _ => {}
             }
         }
     }
 
-    /// What arrives in this period, as the gate lets it in.
+    /// The command of this period that the gate accepts, if one arrives.
     fn commands(&mut self) -> Option<ArmCommand> {
         let now_s = self.now_s();
         let mut queue = Vec::new();
         if self.has(Fault::SecondSource) {
             let other = ArmCommand {
-                cycle: self.cycle,
+                cycle: self.trial.cycle,
                 kind: 2,
                 values: joint_array(&Joints::<6>::repeat(1.0)),
                 activation: 99,
@@ -357,58 +129,40 @@ impl Cell {
             let arriving = self.on_the_way(sent);
             queue.extend(arriving.into_iter().map(|sent| (self.source, sent)));
         }
-        let mut newest = None;
-        for (source, sent) in queue {
-            let admitted = self.gate.admit(&source, sent.activation, now_s);
-            let own = source == self.source;
-            assert!(
-                own || !admitted || now_s - self.spoke_s > SILENCE_S,
-                "a second source is let in beside the first"
-            );
-            if admitted {
-                if own {
-                    self.spoke_s = now_s;
-                }
-                newest = Some(sent);
+        let (gate, spoke_s) = (&mut self.gate, &mut self.spoke_s);
+        newest(queue, &self.source, spoke_s, now_s, |source, sent| {
+            gate.admit(source, sent.activation, now_s)
+        })
+    }
+
+    /// The commands that arrive when the controller sends `sent`.
+    fn on_the_way(&mut self, sent: ArmCommand) -> Vec<ArmCommand> {
+        let way = match () {
+            () if self.has(Fault::CommandRepeated) => Way::Repeated,
+            () if self.has(Fault::CommandSwapped) => Way::Swapped,
+            () => Way::Open,
+        };
+        let faults = &self.trial.faults;
+        self.arrivals.pass(way, sent, |sent| {
+            if faults.contains(&Fault::CommandNan) {
+                sent.values[3] = f64::NAN;
             }
-        }
-        newest
+            if faults.contains(&Fault::CommandStrong) {
+                sent.values[1] = 1e5;
+            }
+            if faults.contains(&Fault::CommandKind) {
+                sent.kind = 1;
+            }
+            if faults.contains(&Fault::CommandOld) {
+                sent.cycle = sent.cycle.saturating_sub(1000);
+            }
+            if faults.contains(&Fault::CommandAhead) {
+                sent.cycle += 5;
+            }
+        })
     }
 
-    /// What arrives of an answer.
-    fn on_the_way(&mut self, mut sent: ArmCommand) -> Vec<ArmCommand> {
-        if self.has(Fault::CommandRepeated) {
-            return self.last_sent.clone().into_iter().collect();
-        }
-        self.last_sent = Some(sent.clone());
-        if self.has(Fault::CommandNan) {
-            sent.values[3] = f64::NAN;
-        }
-        if self.has(Fault::CommandStrong) {
-            sent.values[1] = 1e5;
-        }
-        if self.has(Fault::CommandKind) {
-            sent.kind = 1;
-        }
-        if self.has(Fault::CommandOld) {
-            sent.cycle = sent.cycle.saturating_sub(1000);
-        }
-        if self.has(Fault::CommandAhead) {
-            sent.cycle += 5;
-        }
-        if self.has(Fault::CommandSwapped) {
-            return match self.held_back.take() {
-                Some(older) => vec![sent, older],
-                None => {
-                    self.held_back = Some(sent);
-                    Vec::new()
-                }
-            };
-        }
-        vec![sent]
-    }
-
-    /// The records of the period through watch and conditioning, as the service does it.
+    /// Passes the records of the period through watch and conditioning, as the service does.
     fn sense(&mut self) {
         if self.has(Fault::SensorSilent) || self.has(Fault::SensorRestart) {
             return;
@@ -423,45 +177,13 @@ impl Cell {
             } else {
                 self.kept = counts;
             }
-            let mut raw = Vector6::from_fn(|i, _| f64::from(counts[i]) * self.scale[i]);
-            if self.has(Fault::SensorNan) {
-                raw.fill(f64::NAN);
-            }
-            let said = if self.has(Fault::SensorError) {
-                SensorCondition::Error
-            } else if sample.saturated || self.has(Fault::SensorSaturated) {
-                SensorCondition::Saturated
-            } else {
-                SensorCondition::Good
+            let faults = RecordFaults {
+                nan: self.has(Fault::SensorNan),
+                error: self.has(Fault::SensorError),
+                saturated: self.has(Fault::SensorSaturated),
+                contact_lost: self.has(Fault::ContactLost),
             };
-            let felt = self.wrench.filter(|(w, _)| w.bias_age_s.is_some());
-            let record = SensorRecord {
-                counts,
-                wrench: raw.into(),
-                condition: said,
-                missed: 0,
-                pressing_at: felt
-                    .and_then(|(w, _)| pressing_at(Some(tool.translation()), &w.wrench.force)),
-            };
-            let taken = self.watch.take(&mut self.watching, &record);
-            let Watched::Take { condition, missed } = taken else {
-                continue;
-            };
-            let mut conditioned = self.conditioner.update(
-                &mut self.conditioning,
-                &Reading {
-                    time_s: sample.time_s,
-                    wrench: Wrench::from_vector(&raw),
-                    condition,
-                    missed,
-                    base_from_tool: Some((tool, 0.0)),
-                    motion: None,
-                },
-            );
-            if self.has(Fault::ContactLost) {
-                conditioned.wrench = Wrench::zero();
-            }
-            self.wrench = Some((conditioned, sample.time_s));
+            self.sensor.take(&sample, counts, faults, (tool, 0.0));
         }
     }
 
@@ -469,9 +191,9 @@ impl Cell {
     fn law_step(&mut self, now_s: f64) -> ArmCommand {
         let arm = self.plant.arm();
         let latched = self.gate.admission().activation_latched();
-        // As the service does: a task that the gate has latched out moves nothing any more.
+        // As in the service: a task that the gate has rejected moves the arm no more.
         let ended = self.law.phase().is_active() && latched >= self.activation;
-        let (wrench, tare) = (self.wrench, self.conditioner.tare_config());
+        let (wrench, tare) = (self.sensor.wrench, self.sensor.conditioner.tare_config());
         let estimate = self.estimate;
         let input = HybridInput {
             time_s: now_s,
@@ -492,21 +214,24 @@ impl Cell {
             }),
             estimate: estimate.map(|(said, _)| said),
             estimate_age_s: estimate.map_or(f64::INFINITY, |(_, cycle)| {
-                (self.cycle - cycle) as f64 * self.plant.period_s()
+                (self.trial.cycle - cycle) as f64 * self.plant.period_s()
             }),
         };
         let output = self.law.step(&input);
-        if output.tare_requested && !self.conditioning.is_taring() {
-            self.conditioner
-                .start_tare(&mut self.conditioning, output.clearance.tare_ground());
+        let sensor = &mut self.sensor;
+        if output.tare_requested && !sensor.conditioning.is_taring() {
+            let ground = output.clearance.tare_ground();
+            sensor
+                .conditioner
+                .start_tare(&mut sensor.conditioning, ground);
         }
         if output.zero_withdrawn {
-            self.conditioning.withdraw_tare();
+            sensor.conditioning.withdraw_tare();
         }
         self.output = Some(output);
         self.look(&input, wrench.map_or(0.0, |(w, _)| w.delay_s));
         ArmCommand {
-            cycle: self.cycle,
+            cycle: self.trial.cycle,
             kind: if output.phase.is_active() { 2 } else { 0 },
             values: joint_array(&output.torque),
             activation: self.activation,
@@ -515,7 +240,7 @@ impl Cell {
         }
     }
 
-    /// The object's pose for the cycles to come.
+    /// Estimates the object's pose for the next cycles.
     fn look(&mut self, input: &HybridInput, wrench_delay_s: f64) {
         let mut newest = None;
         while let Some(frame) = self.plant.take_frame() {
@@ -533,7 +258,170 @@ impl Cell {
             frame: newest.filter(|_| !self.has(Fault::CameraDark)),
         });
         if !self.has(Fault::EstimateSilent) {
-            self.estimate = Some((said, self.cycle));
+            self.estimate = Some((said, self.trial.cycle));
         }
+    }
+}
+
+impl TableCell for Cell {
+    type Setup = ();
+    type Fault = Fault;
+    const PATIENCE: u64 = 20_000;
+    const AT_REST: f64 = 2e-3;
+    const PAUSE_IS_A_PHASE: bool = false;
+
+    fn new((): ()) -> Self {
+        let changes: Vec<String> = CHANGES.iter().map(|s| (*s).to_owned()).collect();
+        let scenario = ObjectScenario::parse("lippiello_realistic", PLANE, &changes).unwrap();
+        let corners = scenario.estimation.target.corners();
+        let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed).unwrap();
+        let model = loaded_arm::<6>(&scenario.plant.robot, &scenario.plant.tool, false).unwrap();
+        let mut sensor = SensorChain::new(
+            &scenario.sensing,
+            &scenario.plant.tool.payload,
+            plant.flange_from_sensor().inverse() * plant.flange_from_tool(),
+            &scenario.plant.sensor,
+        );
+        let law = HybridDynamics::new(
+            model,
+            plant.flange_from_tool(),
+            scenario.limits,
+            &scenario.law().unwrap(),
+            &scenario.task,
+            Box::new(scenario.object_surface().unwrap()),
+        )
+        .unwrap();
+        let q = plant.arm().q;
+        let camera = scenario.plant.camera.model();
+        let learnt = LEARNT.get().copied();
+        sensor.watching = learnt.unwrap_or_default();
+        let mut cell = Self {
+            gate: TorqueGate::new(model, &q, plant.period_s()),
+            torque: model.gravity(&q),
+            model,
+            sensor,
+            kept: [0; 6],
+            estimator: build_object_estimator(scenario.estimator(), &scenario.estimation, &camera)
+                .unwrap(),
+            estimate: None,
+            interval: StateInterval::default(),
+            law,
+            activation: 0,
+            source: source("controller/cell-1", 1),
+            starts: 1,
+            spoke_s: 0.0,
+            arrivals: Arrivals::default(),
+            output: None,
+            trial: Trial::default(),
+            plant,
+            scenario,
+        };
+        // No task has been started yet.
+        cell.law.begin(Clearance::Assumed);
+        cell.law.stop();
+        cell.until("the arm is ready", |c| {
+            c.is_ready() && c.sensor.wrench.is_some()
+        });
+        if learnt.is_none() {
+            cell.steps(LEARNS);
+            // Another thread may have set it first.
+            let _ = LEARNT.set(cell.sensor.watching);
+            return Self::new(());
+        }
+        cell
+    }
+
+    /// One period: the arm publishes its state, passes the answer through the gate, and moves.
+    fn step(&mut self) {
+        self.trial.cycle += 1;
+        self.begin_and_end();
+        if self.has(Fault::EmergencyStop) {
+            self.gate.forbid();
+        }
+        let arm = self.plant.arm();
+        let newest = self.commands();
+        let cycle = self.trial.cycle;
+        self.torque = self.gate.step(newest.as_ref(), cycle, &arm.q, &arm.qd);
+        assert!(self.torque.iter().all(|x| x.is_finite()));
+        self.plant.step(&self.torque);
+        self.sense();
+        let force_n = self.plant.truth().wrench.force.norm();
+        self.trial.peak_n = self.trial.peak_n.max(force_n);
+    }
+
+    fn trial(&self) -> &Trial<Fault> {
+        &self.trial
+    }
+
+    fn trial_mut(&mut self) -> &mut Trial<Fault> {
+        &mut self.trial
+    }
+
+    fn period_s(&self) -> f64 {
+        self.plant.period_s()
+    }
+
+    fn phase(&self) -> Phase {
+        self.law.phase()
+    }
+
+    fn is_sliding(&self) -> bool {
+        self.law.phase() == Phase::Slide && self.output.is_some_and(|o| o.path_progress > 0.002)
+    }
+
+    /// A controller holds the arm, and no other source drives it.
+    fn is_ready(&self) -> bool {
+        !self.has(Fault::EmergencyStop) && self.gate.lease().holder() == Some(&self.source)
+    }
+
+    fn in_words(&self) -> String {
+        let fault = self.output.and_then(|o| o.fault);
+        format!(
+            "{:?}, {:?}, {fault:?}",
+            self.law.phase(),
+            self.gate.admission().refusal()
+        )
+    }
+
+    fn truth(&self) -> Truth {
+        self.plant.truth()
+    }
+
+    fn shown_n(&self) -> f64 {
+        self.output.unwrap().force_n.unwrap()
+    }
+
+    fn task_fault(&self) -> Option<TaskFault> {
+        self.output.unwrap().fault
+    }
+
+    fn progress(&self) -> f64 {
+        self.output.unwrap().path_progress
+    }
+
+    fn reference_n(&self) -> f64 {
+        self.scenario.task.force.reference_n
+    }
+
+    fn robot_speed(&self) -> f64 {
+        self.plant.arm().qd.amax()
+    }
+
+    /// As the service does for a start request while the arm is ready.
+    fn start_task(&mut self) {
+        let clearance = self.law.clearance();
+        let at = self.tool().translation();
+        self.law.check_start(&clearance, &at).unwrap();
+        self.law.begin(clearance);
+        let latched = self.gate.admission().activation_latched();
+        self.activation = self.activation.max(latched) + 1;
+    }
+
+    fn pause_task(&mut self) {
+        self.law.pause(true).unwrap();
+    }
+
+    fn stop_task(&mut self) {
+        self.law.stop();
     }
 }

@@ -1,84 +1,61 @@
-//! What can be wrong in a torque cell.
+//! Faults of a torque cell.
 
-/// What is wrong in a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// The controller does not answer. Afterwards it goes on.
+use crate::table::{TableFault, faults};
+
+faults! {
+    /// The controller does not answer. Afterwards it continues.
     NoCommand,
-    /// The controller is gone. Afterwards another process takes its place.
+    /// The controller has died. Afterwards another process takes its place.
     ControllerDead,
-    /// Its answer is not a number.
+    /// The controller's answer is not a number.
     CommandNan,
-    /// Its answer is beyond a joint's effort.
+    /// The controller's answer is beyond the effort limit of a joint.
     CommandStrong,
-    /// Its answer is of velocities.
+    /// The controller's answer contains velocities.
     CommandKind,
-    /// Its answer is to a state of a second ago.
+    /// The controller answers a state of a second ago.
     CommandOld,
-    /// Its last answer before the fault comes again in every cycle, and no other.
+    /// The controller's last answer before the fault is repeated in every cycle.
     CommandRepeated,
-    /// Two of its answers come together, the older one last; none in the cycle between.
+    /// Two answers of the controller arrive together, the older one last; none in the cycle
+    /// between.
     CommandSwapped,
-    /// Its answer is to a state that has not been yet.
+    /// The controller answers a future state.
     CommandAhead,
-    /// Somebody else commands too, in the same cycle and before it.
+    /// A second source sends commands too, in the same cycle and before the controller.
     SecondSource,
-    /// The arm says no state, so that nobody answers.
+    /// The arm publishes no state, so that no controller answers.
     StateSilent,
-    /// Its emergency button.
+    /// The emergency button of the arm is pressed.
     EmergencyStop,
-    /// No record of the sensor comes.
+    /// No record of the sensor arrives.
     SensorSilent,
-    /// Its records are not numbers.
+    /// The sensor's records are not numbers.
     SensorNan,
-    /// A gauge is at its end.
+    /// A gauge of the sensor is saturated.
     SensorSaturated,
-    /// It reports an error.
+    /// The sensor reports an error.
     SensorError,
-    /// Its records go on and say what the last one before said.
+    /// The sensor's records continue and repeat the last one before the fault.
     SensorFrozen,
-    /// One axis of them does, the one that presses.
+    /// One axis of the records repeats its value, the one along which the tool presses.
     AxisStuck,
-    /// The sensor's service begins anew, and no record comes while it does. It keeps the last good
-    /// zero.
+    /// The sensor's service restarts, and no record arrives meanwhile. It keeps the last good zero.
     SensorRestart,
     /// The camera takes no frames.
     CameraDark,
     /// No estimate of the object comes.
     EstimateSilent,
-    /// Nothing is felt any more.
+    /// No estimate of the object arrives.
     ContactLost,
 }
 
-impl Fault {
-    /// All of them.
-    pub const ALL: [Self; 22] = [
-        Self::NoCommand,
-        Self::ControllerDead,
-        Self::CommandNan,
-        Self::CommandStrong,
-        Self::CommandKind,
-        Self::CommandOld,
-        Self::CommandRepeated,
-        Self::CommandSwapped,
-        Self::CommandAhead,
-        Self::SecondSource,
-        Self::StateSilent,
-        Self::EmergencyStop,
-        Self::SensorSilent,
-        Self::SensorNan,
-        Self::SensorSaturated,
-        Self::SensorError,
-        Self::SensorFrozen,
-        Self::AxisStuck,
-        Self::SensorRestart,
-        Self::CameraDark,
-        Self::EstimateSilent,
-        Self::ContactLost,
-    ];
+impl TableFault for Fault {
+    const ALL: &'static [Self] = Self::ALL;
+    const NO_COMMAND: Self = Self::NoCommand;
+    const CONTACT_LOST: Self = Self::ContactLost;
 
-    /// A task goes on through it.
-    pub fn is_borne(self) -> bool {
+    fn is_borne(self) -> bool {
         matches!(self, Self::CommandSwapped | Self::SecondSource)
     }
 }

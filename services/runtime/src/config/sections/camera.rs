@@ -1,4 +1,4 @@
-//! `[camera]`: the camera on the wrist, where its images come from and what is found in them.
+//! `[camera]`: the camera on the wrist, the source of its images and what is detected in them.
 
 use std::path::PathBuf;
 
@@ -10,24 +10,25 @@ use super::PoseConfig;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
-/// What a camera's images show.
+/// Content of a camera's images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraKind {
-    /// Grey values or colours, in which the target's corners are looked for.
+    /// Grey values or colours, in which the corners of the target are detected.
     #[default]
     Target,
-    /// Depth, passed on to `depth_normal`.
+    /// Depth, which is passed on to `depth_normal`.
     Depth,
 }
 
-/// Focal length, pixels: one for square pixels, or along the rows and along the columns.
+/// Focal length, pixels: one value for square pixels, or one along the rows and one along the
+/// columns.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(untagged)]
 pub enum Focal {
-    /// Both ways the same.
+    /// The same in both directions.
     Square(f64),
-    /// fx and fy.
+    /// fx along the rows and fy along the columns.
     Each([f64; 2]),
 }
 
@@ -41,7 +42,7 @@ impl Focal {
     }
 }
 
-/// What is known of a camera without distortion.
+/// Calibration of a camera without distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     /// Width and height of an image, pixels.
@@ -53,7 +54,8 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// As a driver says it; `None` where it says that it has none, or nothing that could be one.
+    /// Calibration from a driver's message; `None` if the message states that there is none, or is
+    /// not valid.
     pub fn of(info: &CameraInfo) -> Option<Self> {
         let [fx, _, cx, _, fy, cy, ..] = info.k;
         let known = fx > 0.0 && fy > 0.0 && info.k.iter().all(|x| x.is_finite());
@@ -64,7 +66,8 @@ impl Calibration {
         })
     }
 
-    /// What differs from another by more than `share` of the focal length, in words.
+    /// Describes a difference from `other` by more than `share` of the focal length; `None` if
+    /// there is none.
     pub fn differs(&self, other: &Self, share: f64) -> Option<String> {
         if self.size_px != other.size_px {
             let (own, its) = (self.size_px, other.size_px);
@@ -88,20 +91,21 @@ pub struct CameraConfig {
     /// bridge.
     #[serde(default = "simulated")]
     pub topic: String,
-    /// A recording (MCAP) whose images are played on `topic` in place of a driver's.
+    /// A recording (MCAP) whose images are played on `topic` in place of a driver's images.
     #[serde(default)]
     pub recording: Option<PathBuf>,
-    /// Topic of the images in it; none: the first that has some.
+    /// Topic of the images in the recording; `None`: the first topic that has images.
     #[serde(default)]
     pub recording_topic: Option<String>,
-    /// What its images show.
+    /// Content of the images.
     #[serde(default)]
     pub kind: CameraKind,
-    /// Key of the driver's calibration, `sensor_msgs/msg/CameraInfo`; none: only what stands here.
+    /// Key of the driver's calibration, `sensor_msgs/msg/CameraInfo`; `None`: only the values given
+    /// here are used.
     #[serde(default)]
     pub info_topic: Option<String>,
-    /// Width and height of an image, pixels. Images of another size are refused. This and the two
-    /// below: all or none, and none of them only for depth with an `info_topic`.
+    /// Width and height of an image, pixels. Images of another size are refused. Give this and the
+    /// next two keys all together, or leave out all three for depth with an `info_topic`.
     #[serde(default)]
     pub size_px: Option<[u32; 2]>,
     /// Focal length of the calibration, pixels.
@@ -115,7 +119,7 @@ pub struct CameraConfig {
     pub pixel_m: f64,
     /// Optical centre on the flange, z forward, x to the right and y down in the image.
     pub flange_from_camera: PoseConfig,
-    /// Images passed on for viewers and recordings, per second; 0: none.
+    /// Rate of the images that are passed on for viewers and recordings, Hz; 0: none.
     #[serde(default = "pass_on")]
     pub pass_on_hz: f64,
 }
@@ -133,12 +137,12 @@ fn pass_on() -> f64 {
 }
 
 impl CameraConfig {
-    /// Where the camera is on the flange.
+    /// Pose of the camera on the flange.
     pub fn flange_from_camera(&self) -> Pose<Flange, Camera> {
         self.flange_from_camera.pose()
     }
 
-    /// What the file says of it; `None` where the driver's word is taken.
+    /// Calibration in the file; `None` if the driver's is used.
     pub fn calibration(&self) -> Option<Calibration> {
         Some(Calibration {
             size_px: self.size_px?,
@@ -189,7 +193,7 @@ impl CameraConfig {
             .check(checker, "camera.flange_from_camera")
     }
 
-    /// Where the file gives no calibration.
+    /// Checks a camera whose calibration is not in the file.
     fn check_drivers_word(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
         let given = [
             ("camera.size_px", self.size_px.is_some()),

@@ -1,4 +1,4 @@
-//! `[cell]`: which cell this is.
+//! `[cell]`: name and state folder of the cell.
 
 use std::path::PathBuf;
 
@@ -13,14 +13,15 @@ use crate::config::load::ConfigError;
 pub struct CellSection {
     /// Namespace of all keys on the network.
     pub name: String,
-    /// Folder for what services keep over restarts and power cuts: that the tool may touch, the
-    /// sensor's last good zero. Default: the folder that systemd gives the service
-    /// (`$STATE_DIRECTORY`), else `state` beside the cell file; in it one per cell's name.
+    /// Folder for data that services keep across restarts and power cuts: the permission for the
+    /// tool to touch, and the sensor's last good zero. Default: the folder that systemd gives the
+    /// service (`$STATE_DIRECTORY`), else `state` beside the cell file; each cell has a subfolder
+    /// of its name.
     #[serde(default)]
     pub state_folder: Option<PathBuf>,
 }
 
-/// What can stand as a cell's name in every key on the network.
+/// Whether the text is valid as a cell's name in every key on the network.
 pub(super) fn is_cell_name(name: &str) -> bool {
     let good = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     (1..=32).contains(&name.len()) && name.chars().all(good)

@@ -1,5 +1,5 @@
-//! `[robot.franka]`: what the bridge to a Franka arm has to know beyond `[robot]`. Per joint from
-//! base to flange; forces and moments are x, y, z and about x, y, z.
+//! `[robot.franka]`: settings of the bridge to a Franka arm beyond `[robot]`. Lists per joint run
+//! from base to flange; forces and moments are x, y, z and about x, y, z.
 
 use serde::Deserialize;
 
@@ -7,16 +7,16 @@ use super::check_port;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
-/// Share of the robot's own bound on a torque's rate that the bridge lets through.
+/// Share of the robot's own limit on the torque rate that the bridge allows.
 pub const FRANKA_TORQUE_RATE_SHARE: f64 = 0.9;
-/// Longest delay of an answer that the law accounts for, periods.
+/// Largest delay of an answer that the law compensates, in periods of 1 ms.
 const DELAY_PERIODS_MAX: usize = 8;
 
 /// `[robot.franka]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FrankaConfig {
-    /// FCI.
+    /// TCP port of the FCI.
     pub fci_port: u16,
     /// External joint torque from which the robot reports a contact, Nm.
     pub contact_torque_nm: [f64; 7],
@@ -26,26 +26,27 @@ pub struct FrankaConfig {
     pub contact_force_n_nm: [f64; 6],
     /// External force and moment at which the robot stops with a reflex, N, Nm.
     pub collision_force_n_nm: [f64; 6],
-    /// Stiffness with which the robot holds itself without commands, Nm/rad.
+    /// Stiffness with which the robot holds its pose without commands, Nm/rad.
     pub joint_impedance_nm_per_rad: [f64; 7],
     /// Inertia of the tool about its centre of mass, kg m²: about x, y, z.
     pub tool_inertia_kg_m2: [f64; 3],
-    /// Share of a joint's greatest torque that a command may ask for.
+    /// Share of a joint's largest torque that a command may use, 0 to 1.
     pub torque_share: f64,
-    /// Periods of 1 ms that pass before the answer to a state acts, beyond the one it is given in.
-    /// The law's tanks and dampers go by it.
+    /// Number of 1 ms periods, beyond the current one, until the answer to a state takes effect.
+    /// The law's energy tanks and dampers use it.
     pub delay_periods: usize,
     /// Stiffness with which the bridge holds the arm in a torque motion while no command moves it,
     /// Nm/rad.
     pub hold_stiffness_nm_per_rad: [f64; 7],
-    /// Damping of the same, Nm s/rad.
+    /// Damping with which the bridge holds the arm in a torque motion while no command moves it, Nm
+    /// s/rad.
     pub hold_damping_nm_s_per_rad: [f64; 7],
-    /// Largest force that a tare may take for the zero of the robot's wrench estimate, N.
+    /// Largest force that a tare may accept as the zero of the robot's wrench estimate, N.
     pub zero_max_n: f64,
-    /// Farthest that a new zero may be from the last good one, N in any axis: the estimate is off
-    /// differently in every pose.
+    /// Largest difference between a new zero and the last good one, N in any axis. The error of the
+    /// robot's estimate differs with the pose.
     pub zero_jump_max_n: f64,
-    /// Farthest that a new zero may be from the last good one, Nm about any axis.
+    /// Largest difference between a new zero and the last good one, Nm about any axis.
     pub zero_jump_max_nm: f64,
 }
 

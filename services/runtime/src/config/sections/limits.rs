@@ -1,10 +1,25 @@
 //! `[limits]`: limits that the arm must never exceed.
 
+use nalgebra::Vector3;
 use serde::Deserialize;
+use tangent_actuation::MotionLimits;
+use tangent_mechanics::{Arm, Joints};
 use tangent_schemas::JointArray;
 
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
+
+/// A list of limits whose length does not fit the arm.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("[limits] {key} has {got} values; 1 or {joints} are allowed for this arm")]
+pub struct JointCountError {
+    /// Key of the list in `[limits]`.
+    pub key: &'static str,
+    /// Its length.
+    pub got: usize,
+    /// Joints of the arm.
+    pub joints: usize,
+}
 
 /// `[limits]`: the controller stays within them, and the guard of the robot's bridge checks its
 /// commands as the last stage.
@@ -67,6 +82,37 @@ impl LimitsConfig {
     /// another length.
     pub fn joint_acceleration_max(&self, joints: usize) -> Option<JointArray> {
         per_joint(&self.joint_acceleration_max_rad_per_s2, joints)
+    }
+
+    /// Limits on the motion of `arm`, for the gate before it. The arm's own joint speed limits
+    /// apply where they are lower; its joint ranges are its own.
+    ///
+    /// # Errors
+    /// [`JointCountError`] if the joint speeds are for another number of joints.
+    pub fn motion<const N: usize>(&self, arm: &Arm<N>) -> Result<MotionLimits<N>, JointCountError> {
+        let own = arm.limits();
+        let speed: Joints<N> =
+            joints("joint_speed_max_rad_per_s", &self.joint_speed_max_rad_per_s)?;
+        Ok(MotionLimits {
+            speed_rad_per_s: speed.inf(&own.velocity),
+            position_lower_rad: own.position_lower,
+            position_upper_rad: own.position_upper,
+            tool_speed_max_m_per_s: self.tool_speed_max_m_per_s,
+            tool_turn_rate_max_rad_per_s: self.tool_turn_rate_max_rad_per_s,
+            workspace_lower_m: Vector3::from(self.workspace_min_m),
+            workspace_upper_m: Vector3::from(self.workspace_max_m),
+        })
+    }
+
+    /// Largest joint accelerations of an arm with `N` joints, rad/s².
+    ///
+    /// # Errors
+    /// [`JointCountError`] if the list is for another number of joints.
+    pub fn joint_acceleration<const N: usize>(&self) -> Result<Joints<N>, JointCountError> {
+        joints(
+            "joint_acceleration_max_rad_per_s2",
+            &self.joint_acceleration_max_rad_per_s2,
+        )
     }
 
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
@@ -132,10 +178,45 @@ impl LimitsConfig {
     }
 }
 
+fn joints<const N: usize>(key: &'static str, list: &[f64]) -> Result<Joints<N>, JointCountError> {
+    per_joint(list, N)
+        .and_then(|joints| <[f64; N]>::try_from(joints.as_slice()).ok())
+        .map(Joints::from)
+        .ok_or(JointCountError {
+            key,
+            got: list.len(),
+            joints: N,
+        })
+}
+
 fn per_joint(list: &[f64], joints: usize) -> Option<JointArray> {
     match list {
         [all] => Some(std::iter::repeat_n(*all, joints.min(7)).collect()),
         each if each.len() == joints => Some(each.iter().copied().collect()),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tangent_mechanics::ModelData;
+
+    use super::*;
+
+    #[test]
+    fn the_arms_own_speed_limit_applies_where_it_is_lower() {
+        let arm = Arm::<6>::new(&ModelData::builtin("ur5").unwrap()).unwrap();
+        let mut limits = LimitsConfig {
+            joint_speed_max_rad_per_s: vec![0.5, 0.5, 0.5, 0.5, 0.5, 100.0],
+            ..LimitsConfig::default()
+        };
+        let motion = limits.motion(&arm).unwrap();
+        assert_eq!(motion.speed_rad_per_s[0], 0.5);
+        assert_eq!(motion.speed_rad_per_s[5], arm.limits().velocity[5]);
+        limits.joint_speed_max_rad_per_s.pop();
+        assert_eq!(
+            limits.motion(&arm).unwrap_err().to_string(),
+            "[limits] joint_speed_max_rad_per_s has 5 values; 1 or 6 are allowed for this arm"
+        );
     }
 }

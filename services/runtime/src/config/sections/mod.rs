@@ -1,4 +1,4 @@
-//! The sections of `cell.toml`. What a key means stands here and, for users, in `deploy/cell.toml`
+//! The sections of `cell.toml`. Each key is documented here and, for users, in `deploy/cell.toml`
 //! and `docs/services/runtime.md`.
 
 mod camera;
@@ -16,10 +16,10 @@ mod zenoh;
 pub use camera::{Calibration, CameraConfig, CameraKind, Focal};
 pub use cell::CellSection;
 pub use franka::{FRANKA_TORQUE_RATE_SHARE, FrankaConfig};
-pub use limits::LimitsConfig;
+pub use limits::{JointCountError, LimitsConfig};
 pub use pose::PoseConfig;
 pub use realtime::RealtimeConfig;
-pub use robot::{RobotConfig, RobotDriver};
+pub use robot::{RobotConfig, RobotDriver, RobotModelError};
 pub use sensor::{SensorConfig, SensorMode};
 pub use services::{
     ControllerConfig, EstimatorsConfig, Law, RecorderConfig, SimulatorConfig, WrenchSource,

@@ -1,4 +1,4 @@
-//! How a mounting is written: position and rotation vector.
+//! Pose of a mounted part: position and rotation vector.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::Deserialize;
@@ -7,20 +7,20 @@ use tangent_mechanics::Pose;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
-/// A pose as a position and a rotation vector (axis times angle), as a UR pendant shows a tcp.
+/// A pose as a position and a rotation vector (axis times angle), as a UR pendant shows a TCP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseConfig {
-    /// m
+    /// Position, m.
     #[serde(default)]
     pub translation_m: [f64; 3],
-    /// rad
+    /// Rotation vector, rad.
     #[serde(default)]
     pub rotation_vector_rad: [f64; 3],
 }
 
 impl PoseConfig {
-    /// As a pose between frames.
+    /// Converts it to a pose between frames.
     pub fn pose<A, B>(&self) -> Pose<A, B> {
         Pose::new(
             Vector3::from(self.translation_m),

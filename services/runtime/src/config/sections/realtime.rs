@@ -9,6 +9,7 @@ use serde::Deserialize;
 
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
+use crate::realtime::{RealtimeReport, setup_thread_on};
 
 /// `[realtime]`
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -50,6 +51,15 @@ impl Default for RealtimeConfig {
 }
 
 impl RealtimeConfig {
+    /// Sets the calling thread up as the robot loop `name`, as far as this section asks for it.
+    pub fn setup_loop(&self, name: &str) -> RealtimeReport {
+        if self.enabled {
+            setup_thread_on(name, self.loop_priority, self.loop_cpu)
+        } else {
+            RealtimeReport::not_asked(name)
+        }
+    }
+
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
         for (key, priority) in [
             ("realtime.loop_priority", self.loop_priority),

@@ -1,15 +1,17 @@
-//! `[robot]`: the arm, where it is reached and what the bridge asks of it.
+//! `[robot]`: the arm, its address and the settings of its bridge.
 
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
 use serde::Deserialize;
+use tangent_mechanics::{ModelData, ModelError};
 
-use super::{FrankaConfig, check_port};
+use super::check_port;
+use super::franka::FrankaConfig;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
-/// Which protocol the arm speaks, and so which service drives it.
+/// The protocol of the arm, which determines the service that drives it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RobotDriver {
@@ -20,42 +22,59 @@ pub enum RobotDriver {
     Franka,
 }
 
+/// Why the model of the cell's arm cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum RobotModelError {
+    /// The file cannot be read.
+    #[error("[robot] model_file = {path}: {reason}")]
+    File {
+        /// Its path.
+        path: String,
+        /// The system's reason.
+        reason: String,
+    },
+    /// There is no built-in model of this name, or the file is not a valid model.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
 /// `[robot]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RobotConfig {
-    /// Which protocol the arm speaks.
+    /// Protocol of the arm.
     #[serde(default)]
     pub driver: RobotDriver,
     /// Name of a built-in model, for instance `ur5`.
     pub model: String,
-    /// A model of one's own instead.
+    /// File of a user's own model, used instead of `model`.
     #[serde(default)]
     pub model_file: Option<PathBuf>,
     /// Host name or IP address of the controller.
     pub address: String,
-    /// Added to every port below, so that several simulated robots fit on one host.
+    /// Offset that is added to every port below, so that several simulated robots fit on one host.
     #[serde(default)]
     pub port_offset: u16,
-    /// RTDE.
+    /// TCP port of RTDE.
     #[serde(default = "ports::rtde")]
     pub rtde_port: u16,
-    /// Where the program is sent: the primary interface, which also says why a program failed.
+    /// TCP port of the primary interface. The bridge sends its program there, and reads why a
+    /// program failed.
     #[serde(default = "ports::script")]
     pub script_port: u16,
-    /// Dashboard server.
+    /// TCP port of the dashboard server.
     #[serde(default = "ports::dashboard")]
     pub dashboard_port: u16,
-    /// Packets per second; 0: the most that the controller offers (125 on CB3, 500 on e-Series).
+    /// RTDE rate, Hz; 0: the highest that the controller offers (125 on CB3, 500 on e-Series).
     #[serde(default)]
     pub rate_hz: f64,
-    /// First RTDE register in use.
+    /// First RTDE register that the bridge uses.
     #[serde(default = "ports::register_base")]
     pub register_base: u8,
-    /// Power on and release the brakes through the dashboard when the bridge starts.
+    /// Whether to power on and release the brakes through the dashboard when the bridge starts.
     #[serde(default)]
     pub power_on: bool,
-    /// Gravity in base axes, m/s²: tells how the base is mounted.
+    /// Gravity in base axes, m/s²; it defines how the base is mounted.
     #[serde(default = "standard_gravity")]
     pub gravity_in_base_m_per_s2: [f64; 3],
     /// Cycles without a fresh command before the bridge ramps the joint speed to zero.
@@ -64,14 +83,14 @@ pub struct RobotConfig {
     /// Least speed scaling (limiter times slider, 0 to 1) at which the arm may move.
     #[serde(default = "speed_scaling_min")]
     pub speed_scaling_min: f64,
-    /// Arm the controller's own watchdog behind the bridge's program. On CB3 a trip is a protective
-    /// stop.
+    /// Whether to arm the controller's own watchdog, in addition to the one in the bridge's
+    /// program. On CB3 its trip is a protective stop.
     #[serde(default = "controller_watchdog")]
     pub controller_watchdog: bool,
-    /// Connection attempts wait this long, s.
+    /// Timeout of a connection attempt, s.
     #[serde(default = "connect_timeout")]
     pub connect_timeout_s: f64,
-    /// What only a Franka has.
+    /// Settings that only a Franka has.
     #[serde(default)]
     pub franka: Option<FrankaConfig>,
 }
@@ -112,7 +131,7 @@ fn connect_timeout() -> f64 {
 }
 
 impl RobotConfig {
-    /// What only a Franka has, with defaults where the cell says nothing.
+    /// Settings that only a Franka has; defaults if the cell file has no `[robot.franka]`.
     pub fn franka(&self) -> FrankaConfig {
         self.franka.clone().unwrap_or_default()
     }
@@ -120,6 +139,22 @@ impl RobotConfig {
     /// Gravity in base axes, m/s².
     pub fn gravity_in_base(&self) -> Vector3<f64> {
         Vector3::from(self.gravity_in_base_m_per_s2)
+    }
+
+    /// Model of the arm: read from `model_file` if given, else the built-in one named `model`.
+    ///
+    /// # Errors
+    /// [`RobotModelError`]: there is no such model, or the file cannot be read or is not a valid
+    /// model.
+    pub fn model_data(&self) -> Result<ModelData, RobotModelError> {
+        let Some(path) = &self.model_file else {
+            return Ok(ModelData::builtin(&self.model)?);
+        };
+        let text = std::fs::read_to_string(path).map_err(|error| RobotModelError::File {
+            path: path.display().to_string(),
+            reason: error.to_string(),
+        })?;
+        Ok(ModelData::from_toml(&text)?)
     }
 
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {

@@ -10,15 +10,15 @@ use super::cell::is_cell_name;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
-/// Which wrench estimators of normals go by.
+/// Selects the wrench that the normal estimators use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WrenchSource {
-    /// `wrench/tool`, as measured.
+    /// The measured one, `wrench/tool`.
     #[default]
     Measured,
-    /// The one in `control/state`: for arms that only estimate it, a law takes the joints' friction
-    /// and the zero out of it.
+    /// The one in `control/state`, from which the law has removed joint friction and zero. For arms
+    /// that only estimate the wrench.
     Law,
 }
 
@@ -26,13 +26,13 @@ pub enum WrenchSource {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorsConfig {
-    /// Those that this cell's estimator service runs, each on its own topic.
+    /// Estimators that this cell's estimator service runs, each on its own topic.
     pub run: Vec<String>,
-    /// The one that the controller starts with.
+    /// The estimator that the controller uses first.
     pub active: String,
-    /// Which wrench estimators of normals go by.
+    /// The wrench that the normal estimators use.
     pub wrench: WrenchSource,
-    /// Settings per estimator, as that estimator documents them.
+    /// Settings of each estimator; see that estimator's documentation for the keys.
     pub settings: BTreeMap<String, toml::Table>,
 }
 
@@ -66,12 +66,13 @@ impl EstimatorsConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Law {
-    /// Joint velocities, on estimated normals.
+    /// Commands joint velocities; uses estimated normals.
     #[default]
     HybridAdmittance,
-    /// Joint torques, on the estimated pose of an object of known shape.
+    /// Commands joint torques; uses the estimated pose of an object of known shape.
     HybridDynamics,
-    /// Joint torques of a seven-joint arm, on estimated normals, passive by energy tanks.
+    /// Commands joint torques of a seven-joint arm; uses estimated normals, and is passive by
+    /// energy tanks.
     UnifiedForceImpedance,
 }
 
@@ -79,8 +80,8 @@ pub enum Law {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerConfig {
-    /// `hybrid_admittance` for arms that take velocities, `hybrid_dynamics` for those that take
-    /// torques.
+    /// The law: `hybrid_admittance` for arms that accept velocities, the two others for arms that
+    /// accept torques.
     pub law: Law,
     /// Set of gains: `default` or `paper`.
     pub preset: String,
@@ -102,29 +103,29 @@ impl Default for ControllerConfig {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RecorderConfig {
-    /// Folder of the recordings, made when missing; from the working directory.
+    /// Folder of the recordings, created if missing; relative to the working directory.
     pub folder: PathBuf,
     /// Key patterns to record.
     pub include: Vec<String>,
-    /// Key patterns not to record, whatever `include` says: the camera's raw images are many, what
-    /// was found in them is not.
+    /// Key patterns not to record, whatever `include` says. The camera's raw images take much
+    /// space; the results of their detection do not.
     pub exclude: Vec<String>,
-    /// Cells to record through one router; none: this cell.
+    /// Cells to record through one router; empty: this cell.
     pub cells: Vec<String>,
-    /// A new file after so many megabytes.
+    /// Size at which a new file begins, MB.
     pub rotate_mb: f64,
-    /// A new file after so many seconds.
+    /// Time after which a new file begins, s.
     pub rotate_s: f64,
-    /// All recordings of the folder together, torn copies counted, bytes: with more, the oldest are
-    /// deleted; 0: never.
+    /// Limit on the total size of all recordings in the folder, with copies of damaged files,
+    /// bytes. Beyond it, the oldest are deleted; 0: no limit.
     pub keep_bytes: u64,
-    /// Recordings that were last written so many days ago are deleted; 0: never.
+    /// Age since the last write at which a recording is deleted, days; 0: never.
     pub keep_days: f64,
-    /// Chunks are compressed with zstd.
+    /// Whether to compress chunks with zstd.
     pub compress: bool,
-    /// Wrenches on `wrench/raw` are kept in arrays, hundreds in a message.
+    /// Whether to pack wrenches on `wrench/raw` into arrays, with hundreds in one message.
     pub pack: bool,
-    /// Messages that wait for the disk before the oldest is dropped and counted.
+    /// Number of messages that may wait for the disk before the oldest is dropped and counted.
     pub queue_messages: usize,
 }
 
@@ -150,7 +151,7 @@ impl RecorderConfig {
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
         checker.range("recorder.rotate_mb", self.rotate_mb, 0.1..=1e6, "MB")?;
         checker.range("recorder.rotate_s", self.rotate_s, 1.0..=1e6, "s")?;
-        // The file being written is never deleted, and it may grow to rotate_mb.
+        // The file being written is never deleted, and may grow to `rotate_mb`.
         checker.require(
             self.keep_bytes == 0 || self.keep_bytes as f64 >= 2e6 * self.rotate_mb,
             "recorder.keep_bytes",
@@ -178,12 +179,11 @@ impl RecorderConfig {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimulatorConfig {
-    /// Where the simulated robot and sensor listen: an address of this host; 0.0.0.0 for all of
-    /// them.
+    /// Address of this host at which the simulated robot and sensor listen; 0.0.0.0: all addresses.
     pub address: IpAddr,
-    /// Scenario file: surface, contact, sensor noise. Without one: the built-in pipe.
+    /// Scenario file: surface, contact, sensor noise. `None`: the built-in pipe.
     pub scenario: Option<PathBuf>,
-    /// Seed of all randomness; without one the scenario's.
+    /// Seed of all randomness; `None`: the scenario's.
     pub seed: Option<u64>,
 }
 

@@ -1,4 +1,4 @@
-//! `[tool]`: what the sensor carries.
+//! `[tool]`: the parts that the sensor carries.
 
 use nalgebra::Vector3;
 use serde::Deserialize;
@@ -8,23 +8,24 @@ use super::PoseConfig;
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
-/// `[tool]`: everything that the sensor carries.
+/// `[tool]`: all parts that the sensor carries.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolConfig {
-    /// Mass behind the sensor, kg.
+    /// Mass beyond the sensor, kg.
     pub mass_kg: f64,
-    /// Its centre, sensor axes, m.
+    /// Centre of mass, sensor axes, m.
     pub com_in_sensor_m: [f64; 3],
-    /// Its moments of inertia about that centre, sensor axes, kg m²; for torque-controlled arms.
+    /// Moments of inertia about the centre of mass, sensor axes, kg m²; for torque-controlled arms.
     #[serde(default)]
     pub inertia_kg_m2: [f64; 3],
-    /// Origin at the tool's contact point, z out of the tool, into the surface.
+    /// Pose of the tool frame on the flange: origin at the tool's contact point, z out of the tool,
+    /// into the surface.
     pub flange_from_tool: PoseConfig,
 }
 
 impl ToolConfig {
-    /// The tool frame on the flange.
+    /// Pose of the tool frame on the flange.
     pub fn flange_from_tool(&self) -> Pose<Flange, Tool> {
         self.flange_from_tool.pose()
     }

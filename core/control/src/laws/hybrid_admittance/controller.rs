@@ -1,0 +1,448 @@
+//! The controller: phases, laws and guards composed into one step per robot cycle.
+
+use nalgebra::Vector3;
+use tangent_mechanics::{Arm, Flange, Pose, Tool, Twist};
+
+use super::config::ControllerConfig;
+use super::interface::{ControlInput, ControlOutput};
+use super::joint_velocity::JointVelocity;
+use super::motion::{ramp_gains, wanted_twist};
+use super::moving_base::MovingBase;
+use super::percept::Requests;
+use super::run::Run;
+use crate::contact::alignment::alignment_error;
+use crate::error::ControlError;
+use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
+use crate::law::{EstimateInput, MAX_ESTIMATORS};
+use crate::leaving::clearance::Clearance;
+use crate::limits::faults::Fault;
+use crate::limits::plausibility::{is_arm_state, is_place, is_time, is_velocity};
+use crate::limits::{Limits, TwistLimiter};
+use crate::parameters::live::Parameter;
+use crate::phase_machine::Phase;
+use crate::task::Task;
+use crate::task::program::{EstimatorName, EstimatorNames, Program};
+use tangent_schemas::CommandKind;
+
+/// One arm's controller. Call `start` with a program, then `step` once per robot packet.
+pub struct Controller<const N: usize = 6> {
+    arm: Arm<N>,
+    flange_from_tool: Pose<Flange, Tool>,
+    limits: Limits,
+    config: ControllerConfig,
+    program: Option<Program>,
+    names: EstimatorNames,
+    activation: u64,
+    requests: Requests,
+    run: Run,
+    moving_base: MovingBase,
+    limiter: TwistLimiter,
+    joints: JointVelocity<N>,
+    estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
+    /// Targets of the live parameters, in the order of [`Parameter::ALL`]; `config` ramps to them.
+    targets: [f64; 4],
+    speed_m_per_s: f64,
+}
+
+impl<const N: usize> Controller<N> {
+    /// Stays idle until a program is started. `config` is for tasks that name no preset.
+    pub fn new(
+        arm: Arm<N>,
+        flange_from_tool: Pose<Flange, Tool>,
+        limits: Limits,
+        config: ControllerConfig,
+    ) -> Result<Self, ControlError> {
+        limits.check()?;
+        config.check()?;
+        Ok(Self {
+            arm,
+            flange_from_tool,
+            limits,
+            config,
+            program: None,
+            names: EstimatorNames::new(),
+            activation: 0,
+            requests: Requests::default(),
+            run: Run::idle(),
+            moving_base: MovingBase::default(),
+            limiter: TwistLimiter::default(),
+            joints: JointVelocity::default(),
+            estimates: [None; MAX_ESTIMATORS],
+            targets: [0.0; 4],
+            speed_m_per_s: 0.0,
+        })
+    }
+
+    /// Makes a program from a task and starts it. Allocates: for the closed loop and tests, not for
+    /// the robot's cycle.
+    pub fn start_task(&mut self, task: &Task) -> Result<(), ControlError> {
+        let program = Program::new(task, &self.config)?;
+        self.start(program, 0).map(drop)
+    }
+
+    /// Starts a program from idle, done or fault. Returns the previous one, which must be dropped
+    /// outside the loop. `latched` is the activation that the bridge has latched out: the new one
+    /// is greater.
+    pub fn start(
+        &mut self,
+        program: Program,
+        latched: u64,
+    ) -> Result<Option<Program>, ControlError> {
+        if self.run.phase.is_active() {
+            return Err(self.wrong_phase("start a task", "stop the running task first"));
+        }
+        if self.run.clearance == Clearance::Unknown {
+            return Err(ControlError::MayTouch { moved_m: None });
+        }
+        self.activation = self.activation.max(latched).saturating_add(1);
+        self.requests = Requests::default();
+        self.run = Run::start(&program, self.run.clearance);
+        self.moving_base = MovingBase::default();
+        self.names = program.estimators.clone();
+        self.config = program.config;
+        self.speed_m_per_s = program.task.path.speed_m_per_s();
+        self.targets = [
+            program.task.force.reference_n,
+            self.speed_m_per_s,
+            self.config.alignment.gain_per_s,
+            self.config.force.damping_n_s_per_m,
+        ];
+        Ok(self.program.replace(program))
+    }
+
+    /// Whether a task may start with the tool at `position` (base axes, m).
+    ///
+    /// # Errors
+    /// [`ControlError::MayTouch`] if the tool may touch something and the direction away from it is
+    /// not known.
+    pub fn check_start(&self, position: &Vector3<f64>) -> Result<(), ControlError> {
+        let leave = &self.config.leave;
+        self.run.clearance.way_out(leave, position).map(drop)
+    }
+
+    /// Whether the tool may touch something. The next start depends on it.
+    pub fn clearance(&self) -> Clearance {
+        self.run.clearance
+    }
+
+    /// Sets the clearance known from an earlier controller or confirmed by a person.
+    ///
+    /// # Errors
+    /// A task runs.
+    pub fn set_clearance(&mut self, clearance: Clearance) -> Result<(), ControlError> {
+        if self.run.phase.is_active() {
+            return Err(self.wrong_phase("say that the tool hangs free", "stop the task first"));
+        }
+        self.run.clearance = clearance;
+        Ok(())
+    }
+
+    /// Stands still in every phase: the path stops where it is, a pressing tool keeps its force,
+    /// and no time limit runs.
+    ///
+    /// # Errors
+    /// No task runs, or it is leaving the surface.
+    pub fn pause(&mut self) -> Result<(), ControlError> {
+        if !self.run.phase.is_active() || self.run.phase == Phase::Retract {
+            return Err(self.wrong_phase("pause", "there is no path to stop"));
+        }
+        self.requests.paused = true;
+        Ok(())
+    }
+
+    /// Resumes after [`Controller::pause`].
+    pub fn resume(&mut self) -> Result<(), ControlError> {
+        if !self.run.phase.is_active() || self.run.phase == Phase::Retract {
+            return Err(self.wrong_phase("resume", "start the task again"));
+        }
+        self.requests.paused = false;
+        Ok(())
+    }
+
+    /// Whether a task is paused.
+    pub fn is_paused(&self) -> bool {
+        self.requests.paused && self.run.phase.is_active() && self.run.phase != Phase::Retract
+    }
+
+    /// Ends the task: retracts, then done. No effect if no task runs.
+    pub fn stop(&mut self) {
+        self.requests.stopping = true;
+    }
+
+    /// Ends the task with a retraction along `away` (base axes) instead of the last good normal:
+    /// for tests with a wrong direction.
+    #[doc(hidden)]
+    pub fn stop_along(&mut self, away: Vector3<f64>) {
+        self.run.way_off = Some(away);
+        self.stop();
+    }
+
+    /// Whether the task has ended with the tool possibly still on the surface, after a fault in
+    /// which nothing could move.
+    pub fn is_left_on_surface(&self) -> bool {
+        self.run.is_left_on_surface()
+    }
+
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface) along the last good
+    /// normal, by the retraction distance of the task. `latched` as in [`Controller::start`]: the
+    /// motion has its own activation.
+    pub fn leave_surface(&mut self, latched: u64) {
+        if self.run.is_left_on_surface() {
+            self.activation = self.activation.max(latched) + 1;
+            self.requests = Requests::default();
+            self.run.leave_again();
+        }
+    }
+
+    fn wrong_phase(&self, request: &'static str, remedy: &'static str) -> ControlError {
+        ControlError::WrongPhase {
+            request,
+            phase: self.run.phase.name(),
+            remedy,
+        }
+    }
+
+    /// Adds an estimator to [`Controller::estimators`] without using it. Returns its place in the
+    /// list, `None` if the list is full.
+    pub fn listen_to(&mut self, name: EstimatorName) -> Option<usize> {
+        if let Some(index) = self.names.iter().position(|n| *n == name) {
+            return Some(index);
+        }
+        self.names.try_push(name).ok()?;
+        Some(self.names.len() - 1)
+    }
+
+    /// Switches to another estimator of [`Controller::estimators`] if it is fresh, valid and near
+    /// the normal in use; `force` waives the last two conditions. The normal then turns at a
+    /// bounded rate.
+    pub fn select_estimator(&mut self, name: &str, force: bool) -> Result<(), SwitchRefusal> {
+        if !self.run.phase.is_active() {
+            return Err(SwitchRefusal::NoTask);
+        }
+        let index = self
+            .names
+            .iter()
+            .position(|n| n.as_str() == name)
+            .ok_or(SwitchRefusal::Unknown)?;
+        let program = self.program.as_ref().ok_or(SwitchRefusal::NoTask)?;
+        self.run.choice.select(
+            &ChoiceRules::new(
+                &self.config.normal,
+                &self.config.patience,
+                &program.task.switching,
+            ),
+            &self.estimates,
+            &self.run.surface.normal,
+            index,
+            force,
+        )
+    }
+
+    /// Sets a live parameter, clamped to its range; it takes effect over a ramp. A task's start
+    /// sets all of them to the values of the task and the preset.
+    pub fn set(&mut self, parameter: Parameter, value: f64) {
+        let (lower, upper) = parameter.range();
+        if value.is_finite() {
+            self.targets[parameter as usize] = value.clamp(lower, upper);
+        }
+    }
+
+    /// Value of a live parameter, or its target during a ramp.
+    pub fn get(&self, parameter: Parameter) -> f64 {
+        self.targets[parameter as usize]
+    }
+
+    /// Estimators to which `ControlInput::estimates` refers, in this order.
+    pub fn estimators(&self) -> &EstimatorNames {
+        &self.names
+    }
+
+    /// The phase after the last step.
+    pub fn phase(&self) -> Phase {
+        self.run.phase
+    }
+
+    /// Number of task starts.
+    pub fn activation(&self) -> u64 {
+        self.activation
+    }
+
+    /// Limits in effect.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Parameters of the law in effect.
+    pub fn config(&self) -> &ControllerConfig {
+        &self.config
+    }
+
+    /// The running or last task.
+    pub fn task(&self) -> Option<&Task> {
+        self.program.as_ref().map(|program| &program.task)
+    }
+
+    /// One robot cycle. Allocates nothing.
+    pub fn step(&mut self, input: &ControlInput<N>) -> ControlOutput<N> {
+        if !is_sane(input) {
+            if self.run.phase.is_active() {
+                self.run.abort(Fault::ArmState);
+            }
+            return self.stand(input);
+        }
+        let placed = self.moving_base.place(input);
+        self.estimates = placed.estimates;
+        if self.run.phase.is_active() && !input.arm_ready {
+            self.run.abort(Fault::ArmNotReady);
+        }
+        let (Some(program), true) = (&self.program, self.run.phase.is_active()) else {
+            return self.stand(input);
+        };
+        ramp_gains(&mut self.config, &self.targets, input.dt_s);
+        let reference_n = self.targets[Parameter::ForceReference as usize];
+        let speed_target = self.targets[Parameter::Speed as usize];
+        let percept = self.run.perceive(
+            program,
+            &self.config,
+            &self.limits,
+            &placed,
+            &self.moving_base,
+            reference_n,
+        );
+        self.run.decide(
+            program,
+            &self.config,
+            &self.limits,
+            &self.requests,
+            reference_n,
+            &placed,
+            &percept,
+        );
+        if !self.run.phase.is_active() {
+            return self.stand(input);
+        }
+        let speed_factor = speed_target / self.speed_m_per_s * input.speed_scaling.clamp(0.0, 1.0);
+        let wanted = wanted_twist(
+            &mut self.run,
+            program,
+            &self.config,
+            &self.limits,
+            &placed,
+            &percept,
+            reference_n,
+            speed_factor,
+        );
+        // The sensor is tared with the arm at rest; all other phases are relative to the floor.
+        let wanted = if self.run.phase == Phase::Tare {
+            wanted
+        } else {
+            self.moving_base.against_base(&input.base_from_tool, wanted)
+        };
+        let twist = self.limiter.step(&self.limits, wanted, input.dt_s);
+        let (qd, manipulability) = self.joints.step(
+            &self.arm,
+            &self.flange_from_tool,
+            &self.limits,
+            &input.q,
+            &twist,
+            input.dt_s,
+        );
+        if self.moving_base.moves() {
+            let jacobian = self.arm.jacobian_at(&input.q, &self.flange_from_tool);
+            let made = Twist::from_vector(&(jacobian * qd));
+            self.moving_base.follow(&twist, &made, input.dt_s);
+        }
+        let run = &self.run;
+        ControlOutput {
+            kind: CommandKind::JointVelocity,
+            qd,
+            acceleration: self.limits.joint_acceleration_max_rad_per_s2,
+            twist_commanded: twist,
+            manipulability,
+            alignment_error_rad: alignment_error(&percept.z_tool, &run.surface.normal),
+            path_error_m: run.tracking.error_m(&percept.position, &run.surface.normal),
+            force_n: percept.force_n,
+            wrench: percept.wrench.map(|_| input.wrench),
+            ..self.report(input)
+        }
+    }
+
+    /// No task moves the arm: any remaining motion slows down, then no motion is commanded.
+    fn stand(&mut self, input: &ControlInput<N>) -> ControlOutput<N> {
+        self.limiter.reset();
+        let dt = if input.dt_s.is_finite() {
+            input.dt_s.clamp(0.0, 0.02)
+        } else {
+            0.0
+        };
+        let (qd, stands) = self.joints.slow_down(&self.limits, dt);
+        ControlOutput {
+            kind: if stands || !input.arm_ready {
+                CommandKind::Hold
+            } else {
+                CommandKind::JointVelocity
+            },
+            qd,
+            acceleration: self.limits.joint_acceleration_max_rad_per_s2,
+            ..self.report(input)
+        }
+    }
+
+    /// Outputs that are reported in every phase.
+    fn report(&self, input: &ControlInput<N>) -> ControlOutput<N> {
+        let run = &self.run;
+        let active = run.phase.is_active();
+        let estimate_age = input.estimates[run.choice.index].map(|e| e.age_s);
+        let hold = ControlOutput {
+            clearance: run.clearance,
+            ..ControlOutput::hold(input)
+        };
+        let Some(program) = &self.program else {
+            return hold;
+        };
+        ControlOutput {
+            phase: run.phase,
+            activation: self.activation,
+            estimator: run.choice.index,
+            estimator_cause: run.choice.cause,
+            estimator_switches: run.choice.switches,
+            normal: if active {
+                self.moving_base.direction(&run.surface.normal)
+            } else {
+                hold.normal
+            },
+            force_reference_n: if run.phase.is_pressing() {
+                self.targets[Parameter::ForceReference as usize]
+            } else {
+                0.0
+            },
+            path_reference: if active {
+                self.moving_base.point(&run.tracking.reference)
+            } else {
+                hold.path_reference
+            },
+            path_progress: run.tracking.progress(&program.path),
+            estimate_age_s: estimate_age.unwrap_or(-1.0),
+            contact_lost_count: run.lost_count,
+            in_contact: active && run.in_contact,
+            tare_requested: run.phase == Phase::Tare,
+            stiffness_n_per_m: run.force.stiffness_n_per_m(),
+            damping_n_s_per_m: run.force.damping_n_s_per_m(),
+            force_tank_j: run.force.tank_j(),
+            fault: run.fault,
+            zero_withdrawn: run.zero_withdrawn,
+            ..hold
+        }
+    }
+}
+
+fn is_sane<const N: usize>(input: &ControlInput<N>) -> bool {
+    is_time(input.time_s, input.dt_s)
+        && input.speed_scaling.is_finite()
+        && is_arm_state(&input.q, &input.qd)
+        && is_place(&input.base_from_tool)
+        && is_velocity(&input.twist)
+        && input
+            .base
+            .is_none_or(|base| is_place(&base.world_from_base) && is_velocity(&base.twist))
+}

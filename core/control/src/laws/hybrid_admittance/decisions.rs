@@ -1,0 +1,254 @@
+//! The phase machine of the hybrid admittance: the next phase from the evaluated inputs.
+
+use nalgebra::Vector3;
+use tangent_sensing::Validity;
+
+use super::config::ControllerConfig;
+use super::interface::ControlInput;
+use super::percept::{Percept, Requests};
+use super::run::{HoldReason, Run};
+use super::touchdown::{approach_speed, seek_speed};
+use super::urgent::urgent_fault;
+use crate::estimator_choice::EstimateStatus;
+use crate::limits::Limits;
+use crate::limits::faults::Fault;
+use crate::limits::wrench_guard::WrenchVerdict;
+use crate::phase_machine::Phase;
+use crate::task::ZeroAtLimit;
+use crate::task::program::Program;
+
+impl Run {
+    /// Advances the phase machine.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one cycle's whole view, each part with its own owner"
+    )]
+    pub fn decide<const N: usize>(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+        requests: &Requests,
+        reference_n: f64,
+        input: &ControlInput<N>,
+        percept: &Percept,
+    ) {
+        let dt = input.dt_s;
+        self.in_phase_s += dt;
+        self.paused = requests.paused;
+        if self.paused {
+            self.paused_s += dt;
+        } else {
+            self.elapsed_s += dt;
+        }
+        // No time limit runs while the task is paused.
+        let waited_s = self.in_phase_s - self.paused_s;
+        let blind = matches!(percept.estimate, EstimateStatus::None(_));
+        self.blind_s = if blind && self.phase.is_pressing() {
+            self.blind_s + dt
+        } else {
+            0.0
+        };
+        self.adrift_s = percept.base.map_or(0.0, |_| self.adrift_s + dt);
+        let task = &program.task;
+        self.remember(input, percept);
+        if self.phase == Phase::Clear {
+            return self.decide_clear(program, config, limits, requests, percept, input.dt_s);
+        }
+        if self.phase != Phase::Retract {
+            if requests.stopping {
+                return self.leave(percept, None);
+            }
+            if self.phase != Phase::Tare
+                && let Some(fault) =
+                    urgent_fault(limits, percept).or_else(|| self.zero_fault(program, input))
+            {
+                return self.leave(percept, Some(fault));
+            }
+            if self.is_zero_old(program, input) {
+                let stops = task.zero.at_limit == ZeroAtLimit::Stop || input.base.is_some();
+                if stops || self.is_new_zero_no_help() {
+                    return self.leave(percept, Some(Fault::ZeroOld));
+                }
+                return self.lift_off(percept);
+            }
+            if let Some(trouble) = percept.base
+                && self.phase != Phase::Tare
+                && self.adrift_s > config.patience.base_retract_s
+            {
+                return self.leave(percept, Some(Fault::Base(trouble)));
+            }
+            if task.timeouts.task_s > 0.0 && self.elapsed_s > task.timeouts.task_s {
+                return self.leave(percept, Some(Fault::TaskTimeout));
+            }
+            if matches!(percept.verdict, WrenchVerdict::Stop(_)) {
+                if !self.stands_without_wrench() {
+                    let from = self.phase;
+                    self.interrupted = (self.hold, self.in_phase_s, self.phase_start);
+                    self.enter(Phase::Hold, percept);
+                    self.hold = HoldReason::NoWrench(from);
+                }
+                return;
+            }
+            if !self.in_contact && self.phase.is_pressing() && !self.stands_without_wrench() {
+                self.lost_count += 1;
+                if self.lost_count > config.contact.lost_count_max {
+                    return self.leave(percept, Some(Fault::ContactUnstable));
+                }
+                self.tracking.freeze();
+                return self.enter(Phase::Seek, percept);
+            }
+        }
+        match self.phase {
+            Phase::Tare => {
+                // A tare younger than this phase is the requested one.
+                if input.bias_age_s.is_some_and(|age| age < self.in_phase_s)
+                    && input.wrench_validity == Validity::Valid
+                {
+                    // An untared sensor's offset can look like a touch; only contact detected from
+                    // here on counts.
+                    self.in_contact = false;
+                    self.low_cycles = 0;
+                    self.tared_at = Some(percept.position);
+                    // A task that lifted off for a new zero returns to where it was.
+                    let back = if self.touched {
+                        Phase::Seek
+                    } else {
+                        Phase::Approach
+                    };
+                    if !self.paused {
+                        self.enter(back, percept);
+                    }
+                } else if waited_s > task.timeouts.tare_s {
+                    self.leave(percept, Some(Fault::NoTare));
+                }
+            }
+            Phase::Approach => {
+                let way = (percept.position - self.phase_start).dot(&self.approach);
+                let patience =
+                    5.0 + 3.0 * task.approach.distance_max_m / approach_speed(program, config);
+                if self.in_contact {
+                    self.touch(config, percept, approach_speed(program, config));
+                } else if way > task.approach.distance_max_m || waited_s > patience {
+                    self.leave(percept, Some(Fault::NoSurface));
+                }
+            }
+            Phase::Contact => {
+                let near = config.contact.settled_share * reference_n;
+                let arrived = (self.force.reference_n() - reference_n).abs() < 1e-9;
+                let is_near = |force_n: f64| (force_n - reference_n).abs() < near;
+                if arrived && percept.force_n.is_some_and(is_near) {
+                    self.settled_s += dt;
+                } else {
+                    self.settled_s = 0.0;
+                }
+                if self.settled_s > config.contact.settled_s {
+                    if !self.paused {
+                        self.enter(Phase::Slide, percept);
+                    }
+                } else if waited_s > task.timeouts.contact_s {
+                    self.leave(percept, Some(Fault::ForceNotReached));
+                }
+            }
+            Phase::Slide => {
+                let reason = if let EstimateStatus::None(_) = percept.estimate {
+                    Some(HoldReason::NoEstimate)
+                } else if percept.base.is_some() {
+                    Some(HoldReason::NoBase)
+                } else if requests.paused {
+                    Some(HoldReason::Paused)
+                } else if self.tracking.is_finished(&program.path) {
+                    Some(HoldReason::PathEnd)
+                } else {
+                    None
+                };
+                if let Some(reason) = reason {
+                    self.enter(Phase::Hold, percept);
+                    self.hold = reason;
+                }
+            }
+            Phase::Hold => self.decide_hold(program, config, requests, percept),
+            Phase::Seek => {
+                let way = -(percept.position - self.phase_start).dot(&self.surface.normal);
+                let stiffness = self.force.stiffness_n_per_m();
+                let speed = seek_speed(config, reference_n, stiffness);
+                let patience = 1.0 + 3.0 * limits.blind_distance_max_m / speed;
+                if self.in_contact {
+                    self.touch(config, percept, speed);
+                } else if way > limits.blind_distance_max_m || waited_s > patience {
+                    self.leave(percept, Some(Fault::SurfaceLost));
+                }
+            }
+            Phase::Retract => self.decide_retract(program, config, limits, input, percept),
+            Phase::Clear | Phase::Idle | Phase::Done | Phase::Fault => {}
+        }
+    }
+
+    fn decide_hold(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        requests: &Requests,
+        percept: &Percept,
+    ) {
+        match self.hold {
+            HoldReason::NoWrench(from) => {
+                if percept.verdict == WrenchVerdict::Good {
+                    // Pressing starts again from rest wherever the tool stopped; the phase's time
+                    // continues.
+                    let start;
+                    self.enter(from, percept);
+                    (self.hold, self.in_phase_s, start) = self.interrupted;
+                    if matches!(from, Phase::Approach | Phase::Seek) {
+                        // The distance already covered still counts.
+                        self.phase_start = start;
+                    }
+                }
+            }
+            HoldReason::Paused => {
+                if !requests.paused {
+                    self.enter(Phase::Slide, percept);
+                }
+            }
+            HoldReason::NoBase => {
+                if percept.base.is_none() {
+                    self.enter(Phase::Slide, percept);
+                }
+            }
+            HoldReason::PathEnd => {
+                if !self.paused && self.in_phase_s - self.paused_s >= program.task.end.hold_s {
+                    self.leave(percept, None);
+                }
+            }
+            HoldReason::NoEstimate => match percept.estimate {
+                EstimateStatus::None(reason) => {
+                    if self.blind_s > config.patience.estimate_retract_s {
+                        self.leave(percept, Some(Fault::Estimate(reason)));
+                    }
+                }
+                _ => self.enter(Phase::Slide, percept),
+            },
+        }
+    }
+
+    fn touch(&mut self, config: &ControllerConfig, percept: &Percept, speed_m_per_s: f64) {
+        let Some(force_n) = percept.force_n else {
+            return;
+        };
+        let tared_at = self.tared_at.take();
+        let near = |at: Vector3<f64>| (percept.position - at).norm() < config.leave.touch_at_once_m;
+        if tared_at.is_some_and(near) {
+            self.zero_withdrawn = true;
+            return self.leave(percept, Some(Fault::ZeroInContact));
+        }
+        self.force.touch(config, force_n, speed_m_per_s);
+        self.off = false;
+        if !self.touched {
+            self.touched = true;
+            self.tracking.begin_at(percept.position);
+        }
+        self.settled_s = 0.0;
+        self.low_cycles = 0;
+        self.enter(Phase::Contact, percept);
+    }
+}

@@ -1,0 +1,432 @@
+//! The force-controlled half of the hybrid law: eq. (1) along the normal and about the tangential
+//! axes, with damping for the measured stiffness, an integral for the surface's motion, and a ramp
+//! on the reference.
+//!
+//! Called by the controller each cycle while the tool presses.
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use tangent_mechanics::{Aligned, Base, Contact, Pose, Tool, Twist, Wrench};
+
+use super::admittance::{Admittance, AdmittanceState};
+use super::config::ControllerConfig;
+use super::force_integral::ForceIntegral;
+use super::stiffness::Stiffness;
+use crate::contact::alignment::{any_perpendicular, tangential};
+use crate::contact::energy_tank::{EnergyTank, EnergyTankState};
+use crate::limits::{Limits, clamp_norm};
+
+/// After a touch the tool moves back at its touchdown speed for this share of the loop's delay. An
+/// arm with lag then stops sooner, and ends where it touched the surface instead of a whole delay
+/// deeper.
+const RECOIL_SHARE: f64 = 0.6;
+
+/// Inputs of the force law in one cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct ForceSample {
+    /// Measured at the tool's origin, base axes.
+    pub wrench: Wrench<Aligned<Tool, Base>>,
+    /// Measured tool pose.
+    pub base_from_tool: Pose<Base, Tool>,
+    /// Normal in use, base axes.
+    pub normal: Vector3<f64>,
+    /// Commanded sliding velocity, base axes, m/s.
+    pub along: Vector3<f64>,
+    /// Delay of the wrench's filter, s.
+    pub wrench_delay_s: f64,
+    /// Whether the tool stands on the surface while the force builds up: depth and force then show
+    /// the stiffness.
+    pub settling: bool,
+    /// Period, s.
+    pub dt_s: f64,
+}
+
+/// The force law and its state.
+#[derive(Clone, Copy, Debug)]
+pub struct ForceLaw {
+    state: AdmittanceState,
+    integral: ForceIntegral,
+    stiffness: Stiffness,
+    reference_n: f64,
+    touch_wait_s: f64,
+    /// Outward speed after a touch, m/s, and its remaining duration, s.
+    recoil: (f64, f64),
+    damping: f64,
+    /// Depth along the normal, m, summed from increments: the normal may turn meanwhile, and the
+    /// origin is far away.
+    depth_m: f64,
+    position: Option<Vector3<f64>>,
+    /// Energy that may still be put into the surface, if the configuration bounds it.
+    tank: Option<EnergyTankState>,
+    /// Position of the tool at the last energy accounting; `None` after a time in which the law did
+    /// not press.
+    settled_at: Option<Vector3<f64>>,
+}
+
+impl ForceLaw {
+    /// At rest, with nothing learnt; `stiffness_n_per_m` is the expected value.
+    pub fn new(stiffness_n_per_m: f64) -> Self {
+        Self {
+            state: AdmittanceState::default(),
+            integral: ForceIntegral::default(),
+            stiffness: Stiffness::new(stiffness_n_per_m),
+            reference_n: 0.0,
+            touch_wait_s: 0.0,
+            recoil: (0.0, 0.0),
+            damping: 0.0,
+            depth_m: 0.0,
+            position: None,
+            tank: None,
+            settled_at: None,
+        }
+    }
+
+    /// Energy that may still be put into the surface, J; `None` if it is not bounded.
+    pub fn tank_j(&self) -> Option<f64> {
+        self.tank.map(|tank| tank.energy_j())
+    }
+
+    /// Accounts for the work that the tool did on the surface since the last cycle, from its
+    /// measured motion. Returns the share of an inward speed that the tank allows now.
+    fn allowed(&mut self, tank: &EnergyTank, sample: &ForceSample, force_n: f64) -> f64 {
+        let at = sample.base_from_tool.translation();
+        let mut state = self.tank.unwrap_or_else(|| tank.start());
+        let before = self.settled_at.replace(at).unwrap_or(at);
+        let inward_m = (before - at).dot(&sample.normal);
+        tank.draw(&mut state, force_n.max(0.0) * inward_m);
+        self.tank = Some(state);
+        tank.valve(&state)
+    }
+
+    /// Starts at a touch with `force_n` (N), at the approach speed `speed_m_per_s`.
+    pub fn touch(&mut self, config: &ControllerConfig, force_n: f64, speed_m_per_s: f64) {
+        let mut twist = Twist::zero();
+        twist.linear.z = -speed_m_per_s;
+        self.state = AdmittanceState { twist };
+        self.integral.reset();
+        self.stiffness.restart();
+        self.position = None;
+        self.settled_at = None;
+        self.reference_n = force_n;
+        // The motion already commanded takes effect first; the law then starts from the resulting
+        // force.
+        let delay_s = if config.force.adaptive {
+            config.force.loop_delay_s
+        } else {
+            0.0
+        };
+        self.touch_wait_s = 1.5 * delay_s;
+        self.recoil = (speed_m_per_s, RECOIL_SHARE * delay_s);
+    }
+
+    /// Stiffness in use, N/m.
+    pub fn stiffness_n_per_m(&self) -> f64 {
+        self.stiffness.value_n_per_m()
+    }
+
+    /// Measured stiffness of the contact, N/m; `None` before a measurement.
+    pub fn stiffness_measured_n_per_m(&self) -> Option<f64> {
+        self.stiffness
+            .is_known()
+            .then(|| self.stiffness.value_n_per_m())
+    }
+
+    /// Damping in use, Ns/m.
+    pub fn damping_n_s_per_m(&self) -> f64 {
+        self.damping
+    }
+
+    /// Reference in effect, N: ramps to the one requested.
+    pub fn reference_n(&self) -> f64 {
+        self.reference_n
+    }
+
+    /// Resets the velocity state: the tool stands still for another reason.
+    pub fn rest(&mut self) {
+        self.state = AdmittanceState::default();
+        self.settled_at = None;
+    }
+
+    /// Processes one cycle towards `reference_n` (N). Returns the velocity along the normal (out of
+    /// the material, m/s) and the turn rate from the torque (base axes, rad/s).
+    pub fn step(
+        &mut self,
+        config: &ControllerConfig,
+        limits: &Limits,
+        reference_n: f64,
+        sample: &ForceSample,
+    ) -> (f64, Vector3<f64>) {
+        let (force, dt) = (&config.force, sample.dt_s);
+        let force_n = sample.wrench.force.dot(&sample.normal);
+        if force.adaptive && sample.settling {
+            let position = sample.base_from_tool.translation();
+            let step = position - self.position.unwrap_or(position);
+            self.position = Some(position);
+            self.depth_m -= step.dot(&sample.normal);
+            self.stiffness
+                .update(self.depth_m, force_n, sample.wrench_delay_s, dt);
+        }
+        self.damping = if force.adaptive {
+            (self.stiffness.value_n_per_m() * force.loop_delay_s / force.delay_margin_rad)
+                .clamp(force.damping_n_s_per_m, force.damping_max_n_s_per_m)
+        } else {
+            force.damping_n_s_per_m
+        };
+        let waiting = self.touch_wait_s > 0.0;
+        if waiting {
+            self.touch_wait_s -= dt;
+            self.reference_n = force_n.clamp(0.0, reference_n.max(0.0));
+        } else {
+            let step = force.reference_rate_n_per_s * dt;
+            self.reference_n += (reference_n - self.reference_n).clamp(-step, step);
+        }
+        let base_from_contact = contact_axes(&sample.normal, &sample.base_from_tool);
+        let measured = sample.wrench;
+        // Measured minus reference; `admittance` explains the sign. While waiting, the force has no
+        // effect.
+        let error_n = if waiting {
+            0.0
+        } else {
+            force_n - self.reference_n
+        };
+        let torque = base_from_contact.inverse_transform_vector(&measured.torque);
+        let error = Wrench::<Contact>::new(
+            Vector3::new(0.0, 0.0, error_n),
+            Vector3::new(torque.x, torque.y, 0.0),
+        );
+        let law = Admittance::force_along_normal(
+            force.mass_kg,
+            config.torque.inertia_kg_m2,
+            self.damping,
+            config.torque.damping_n_m_s_per_rad,
+        );
+        let twist = law.step(&mut self.state, &error, dt);
+        let mut speed = twist.linear.z;
+        if waiting && self.recoil.1 > 0.0 {
+            self.recoil.1 -= dt;
+            speed = self.recoil.0;
+        }
+        if force.integral_ratio > 0.0 {
+            if !waiting {
+                // The crossover follows from stiffness and damping in use.
+                let crossover = (self.stiffness.value_n_per_m() / self.damping)
+                    .min(force.delay_margin_rad / force.loop_delay_s);
+                let rate = error_n / self.damping * crossover / force.integral_ratio;
+                self.integral.step(
+                    rate,
+                    &tangential(&sample.along, &sample.normal),
+                    &sample.normal,
+                    force.integral_speed_max_m_per_s,
+                    dt,
+                );
+            }
+            speed += self.integral.velocity(&sample.along);
+        }
+        speed = speed.clamp(-force.speed_max_m_per_s, force.speed_max_m_per_s);
+        if force_n > 0.0 {
+            speed = speed.max(-limits.power_max_w / force_n);
+        }
+        if let Some(tank) = &force.tank {
+            let share = self.allowed(tank, sample, force_n);
+            if speed < 0.0 {
+                speed *= share;
+            }
+        }
+        let turn = clamp_norm(
+            base_from_contact * twist.angular,
+            config.torque.turn_rate_max_rad_per_s,
+        );
+        (speed, turn)
+    }
+}
+
+/// Axes of the contact: z along the normal, x as near to the tool's x as the surface allows.
+fn contact_axes(normal: &Vector3<f64>, base_from_tool: &Pose<Base, Tool>) -> UnitQuaternion<f64> {
+    let x = tangential(&base_from_tool.rotate(&Vector3::x()), normal);
+    let x = if x.norm() > 1e-6 {
+        x.normalize()
+    } else {
+        any_perpendicular(normal)
+    };
+    let y = normal.cross(&x);
+    let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, *normal]));
+    UnitQuaternion::from_rotation_matrix(&axes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::touchdown::touchdown_speed;
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+
+    /// A spring behind a delayed velocity servo with a lagging sensor: the loop in one dimension.
+    struct Bench {
+        stiffness: f64,
+        commands: VecDeque<f64>,
+        velocity: f64,
+        depth: f64,
+        force: f64,
+        dt: f64,
+    }
+
+    impl Bench {
+        fn new(stiffness: f64, dt: f64, delay_s: f64) -> Self {
+            let cycles = (delay_s / dt).round().max(1.0) as usize;
+            Self {
+                stiffness,
+                commands: VecDeque::from(vec![0.0; cycles]),
+                velocity: 0.0,
+                depth: 0.0,
+                force: 0.0,
+                dt,
+            }
+        }
+
+        /// `into` is the commanded velocity into the surface.
+        fn step(&mut self, into: f64) {
+            self.commands.push_back(into);
+            let wanted = self.commands.pop_front().unwrap_or(0.0);
+            let n = 8;
+            let h = self.dt / f64::from(n);
+            for _ in 0..n {
+                self.velocity += (wanted - self.velocity) * (1.0 - (-h / 0.012f64).exp());
+                self.depth += self.velocity * h;
+                let push = self.stiffness * self.depth.max(0.0);
+                self.force += (push - self.force) * (1.0 - (-h / 0.008f64).exp());
+            }
+        }
+
+        fn sample(&self, settling: bool) -> ForceSample {
+            ForceSample {
+                wrench: Wrench::new(Vector3::z() * self.force, Vector3::zeros()),
+                base_from_tool: Pose::new(
+                    Vector3::new(0.0, 0.0, -self.depth),
+                    UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI),
+                ),
+                normal: Vector3::z(),
+                along: Vector3::zeros(),
+                wrench_delay_s: 0.008,
+                settling,
+                dt_s: self.dt,
+            }
+        }
+    }
+
+    /// Touches down at `speed` and presses with 3 N; returns the overshoot in percent and the
+    /// largest error in the last second, N.
+    fn touchdown(preset: &str, stiffness: f64, dt: f64, delay_s: f64, speed: f64) -> (f64, f64) {
+        let config = ControllerConfig::preset(preset).unwrap();
+        let limits = Limits::default();
+        let mut law = ForceLaw::new(config.force.stiffness_expected_n_per_m);
+        let mut bench = Bench::new(stiffness, dt, delay_s);
+        while bench.force < 0.6 {
+            bench.step(speed);
+        }
+        law.touch(&config, bench.force, speed);
+        let (mut peak, mut worst) = (0.0f64, 0.0f64);
+        let cycles = (6.0 / dt) as usize;
+        for i in 0..cycles {
+            let (out, _) = law.step(&config, &limits, 3.0, &bench.sample(true));
+            bench.step(-out);
+            peak = peak.max(bench.stiffness * bench.depth);
+            if i as f64 * dt > 5.0 {
+                worst = worst.max((bench.force - 3.0).abs());
+            }
+        }
+        ((peak / 3.0 - 1.0) * 100.0, worst)
+    }
+
+    #[test]
+    fn touchdown_is_gentle_from_soft_to_stiff_at_both_rates_told_nothing() {
+        let config = ControllerConfig::default();
+        let speed = touchdown_speed(&config, 3.0, config.force.stiffness_expected_n_per_m);
+        for (dt, delay) in [(0.008, 0.016), (0.008, 0.024), (0.002, 0.006)] {
+            for stiffness in [1e3, 2e3, 5e3, 1e4, 2.5e4, 5e4] {
+                let (overshoot, worst) = touchdown("default", stiffness, dt, delay, speed);
+                assert!(overshoot < 30.0, "{stiffness} at {dt}: {overshoot} %");
+                assert!(worst < 0.05, "{stiffness} at {dt}: {worst} N");
+            }
+        }
+    }
+
+    #[test]
+    fn the_papers_damping_is_for_soft_contacts() {
+        assert!(touchdown("paper", 1e3, 0.008, 0.016, 0.005).0 < 5.0);
+        let (overshoot, worst) = touchdown("paper", 1.2e4, 0.008, 0.016, 0.005);
+        assert!(overshoot > 50.0 && worst > 0.5, "{overshoot} {worst}");
+    }
+
+    #[test]
+    fn the_papers_law_is_eq_1() {
+        let config = ControllerConfig::preset("paper").unwrap();
+        let mut law = ForceLaw::new(1e4);
+        let bench = Bench::new(1e4, 0.008, 0.016);
+        law.touch(&config, 3.0, 0.0);
+        let mut speed = 0.0;
+        for _ in 0..100 {
+            speed = law
+                .step(&config, &Limits::default(), 3.0, &bench.sample(true))
+                .0;
+        }
+        // No force, 3 N requested: into the surface at 3/150 m/s.
+        assert!((speed + 0.02).abs() < 1e-6, "{speed}");
+    }
+
+    #[test]
+    fn a_tank_bounds_what_is_put_into_a_surface_that_gives_way_for_ever() {
+        let tank = EnergyTank {
+            initial_j: 0.3,
+            lower_j: 0.05,
+            upper_j: 0.5,
+            band_j: 0.05,
+            reserve_j: 0.01,
+        };
+        let mut config = ControllerConfig::default();
+        config.force.tank = Some(tank);
+        let mut law = ForceLaw::new(1e4);
+        let mut sample = Bench::new(1e4, 0.008, 0.016).sample(true);
+        // Dough: it pushes back with 2 N at any depth, of the 10 N requested.
+        sample.wrench = Wrench::new(Vector3::z() * 2.0, Vector3::zeros());
+        let mut depth = 0.0;
+        for _ in 0..5000 {
+            sample.base_from_tool = Pose::new(
+                Vector3::new(0.0, 0.0, -depth),
+                sample.base_from_tool.rotation(),
+            );
+            let (speed, _) = law.step(&config, &Limits::default(), 10.0, &sample);
+            depth -= speed * sample.dt_s;
+        }
+        let spent = 2.0 * depth;
+        assert!(
+            spent > 0.15 && spent <= tank.initial_j - tank.lower_j,
+            "{spent} J"
+        );
+        assert!(law.tank_j().unwrap() >= tank.lower_j);
+        // When the tool is pushed out again, the energy returns and it may press once more.
+        sample.base_from_tool = Pose::new(Vector3::zeros(), sample.base_from_tool.rotation());
+        law.step(&config, &Limits::default(), 10.0, &sample);
+        assert!((law.tank_j().unwrap() - tank.initial_j).abs() < 1e-9);
+        // A distance over which the tool was moved externally is not work on the surface.
+        law.touch(&config, 2.0, 0.0);
+        sample.base_from_tool = Pose::new(Vector3::z() * 0.05, sample.base_from_tool.rotation());
+        let before = law.tank_j().unwrap();
+        law.step(&config, &Limits::default(), 10.0, &sample);
+        assert_eq!(law.tank_j().unwrap(), before);
+    }
+
+    proptest! {
+        #[test]
+        fn speed_and_power_stay_bounded(forces in prop::collection::vec(prop::array::uniform3(-500.0f64..500.0), 1..80)) {
+            let (config, limits) = (ControllerConfig::default(), Limits::default());
+            let mut law = ForceLaw::new(1e4);
+            for force in forces {
+                let mut sample = Bench::new(1e4, 0.008, 0.016).sample(true);
+                sample.wrench = Wrench::new(Vector3::from(force), Vector3::from(force) * 0.1);
+                let (speed, turn) = law.step(&config, &limits, 3.0, &sample);
+                prop_assert!(speed.abs() <= config.force.speed_max_m_per_s);
+                prop_assert!(-speed * force[2] <= limits.power_max_w + 1e-9);
+                prop_assert!(turn.norm() <= config.torque.turn_rate_max_rad_per_s + 1e-9);
+            }
+        }
+    }
+}

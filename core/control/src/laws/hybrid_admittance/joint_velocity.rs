@@ -1,0 +1,123 @@
+//! Eq. (3): the tool's twist as joint velocities, damped near singularities and inside every
+//! joint's limits.
+//!
+//! Called by the controller each cycle, last.
+
+use tangent_mechanics::{Aligned, Arm, Base, Flange, Joints, Pose, Tool, Twist, manipulability};
+
+use crate::limits::Limits;
+
+/// Turns twists into joint velocities. Its state is the last velocities it returned.
+#[derive(Clone, Copy, Debug)]
+pub struct JointVelocity<const N: usize> {
+    last: Joints<N>,
+}
+
+impl<const N: usize> Default for JointVelocity<N> {
+    fn default() -> Self {
+        Self {
+            last: Joints::zeros(),
+        }
+    }
+}
+
+impl<const N: usize> JointVelocity<N> {
+    /// Joint velocities (rad/s) for `twist` at `q`, and the manipulability there. A speed limit
+    /// keeps the direction of motion; near an end stop only that joint slows down.
+    pub fn step(
+        &mut self,
+        arm: &Arm<N>,
+        flange_from_tool: &Pose<Flange, Tool>,
+        limits: &Limits,
+        q: &Joints<N>,
+        twist: &Twist<Aligned<Tool, Base>>,
+        dt_s: f64,
+    ) -> (Joints<N>, f64) {
+        let jacobian = arm.jacobian_at(q, flange_from_tool);
+        let mut wanted = limits.singularity.solve(&jacobian, &twist.vector());
+        if !wanted.iter().all(|x| x.is_finite()) {
+            wanted = Joints::zeros();
+        }
+        let bounds = arm.limits();
+        let mut scale: f64 = 1.0;
+        for i in 0..N {
+            let fastest = bounds.velocity[i] * limits.joint_speed_share;
+            if wanted[i].abs() > fastest {
+                scale = scale.min(fastest / wanted[i].abs());
+            }
+        }
+        wanted *= scale;
+        let most = limits.joint_acceleration_max_rad_per_s2;
+        for i in 0..N {
+            // Slow enough to stop before the end stop: v² = 2 a s. Half the acceleration leaves
+            // room for the arm's delay.
+            let brake = |room: f64| (most * room.max(0.0)).sqrt();
+            let upper = brake(bounds.position_upper[i] - limits.joint_margin_rad - q[i]);
+            let lower = -brake(q[i] - bounds.position_lower[i] - limits.joint_margin_rad);
+            let change = most * dt_s;
+            let smooth = wanted[i].clamp(self.last[i] - change, self.last[i] + change);
+            self.last[i] = smooth.max(lower).min(upper);
+        }
+        (self.last, manipulability(&jacobian))
+    }
+
+    /// Slows every joint down as fast as allowed; returns true once all are at rest.
+    pub fn slow_down(&mut self, limits: &Limits, dt_s: f64) -> (Joints<N>, bool) {
+        let change = limits.joint_acceleration_max_rad_per_s2 * dt_s;
+        for speed in self.last.iter_mut() {
+            *speed -= speed.clamp(-change, change);
+        }
+        (self.last, self.last.iter().all(|v| *v == 0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector6;
+    use proptest::prelude::*;
+    use tangent_mechanics::ModelData;
+
+    fn ur5() -> Arm<6> {
+        Arm::new(&ModelData::builtin("ur5").unwrap()).unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn joint_limits_hold_for_any_twist_and_pose(q in prop::array::uniform6(-7.0f64..7.0), v in prop::array::uniform6(-5.0f64..5.0)) {
+            let (arm, limits) = (ur5(), Limits::default());
+            let mut law = JointVelocity::default();
+            let (q, dt) = (Joints::from(q), 0.008);
+            let mut before = Joints::zeros();
+            for _ in 0..200 {
+                let (qd, _) = law.step(&arm, &Pose::identity(), &limits, &q, &Twist::from_vector(&Vector6::from(v)), dt);
+                for i in 0..6 {
+                    prop_assert!(qd[i].abs() <= arm.limits().velocity[i] * limits.joint_speed_share + 1e-9);
+                    let room = arm.limits().position_upper[i] - limits.joint_margin_rad - q[i];
+                    if room < 0.0 { prop_assert!(qd[i] <= 0.0); }
+                    if room > 0.1 && q[i] > arm.limits().position_lower[i] + limits.joint_margin_rad + 0.1 {
+                        prop_assert!((qd[i] - before[i]).abs() <= limits.joint_acceleration_max_rad_per_s2 * dt + 1e-9);
+                    }
+                }
+                before = qd;
+            }
+        }
+    }
+
+    #[test]
+    fn the_tool_moves_as_asked_away_from_singularities() {
+        let (arm, limits) = (ur5(), Limits::default());
+        let q = arm.home();
+        let flange_from_tool = Pose::identity();
+        let twist = Twist::from_vector(&Vector6::new(0.02, -0.01, 0.005, 0.1, 0.0, -0.05));
+        let mut law = JointVelocity::default();
+        let mut qd = Joints::zeros();
+        for _ in 0..100 {
+            qd = law
+                .step(&arm, &flange_from_tool, &limits, &q, &twist, 0.008)
+                .0;
+        }
+        let moved = arm.jacobian_at(&q, &flange_from_tool) * qd;
+        assert!((moved - twist.vector()).norm() < 1e-9, "{moved}");
+    }
+}

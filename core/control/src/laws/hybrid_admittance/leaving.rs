@@ -1,0 +1,221 @@
+//! How a run leaves contact: moving off before a tare, lifting off for a new zero, and the
+//! retraction at the end.
+//!
+//! Called by the run's phase machine each cycle; `clearance` judges the force during the motion.
+
+use tangent_sensing::Validity;
+
+use super::config::ControllerConfig;
+use super::interface::ControlInput;
+use super::percept::{Percept, Requests};
+use super::run::Run;
+use super::urgent::outside;
+use crate::leaving::clearance::{Ceiling, Clearance, Leaving, Met};
+use crate::limits::Limits;
+use crate::limits::faults::Fault;
+use crate::limits::wrench_guard::WrenchVerdict;
+use crate::phase_machine::Phase;
+use crate::task::program::Program;
+
+/// Minimum sliding time after the return of a tool for its new zero to have helped, s.
+const SLID_ON_S: f64 = 0.5;
+
+impl Run {
+    /// Records where the tool may touch, and the direction away from the surface. Nothing moves in
+    /// `tare`.
+    pub(crate) fn remember<const N: usize>(&mut self, input: &ControlInput<N>, percept: &Percept) {
+        if matches!(self.phase, Phase::Tare | Phase::Clear) {
+            return;
+        }
+        self.clearance = if input.base.is_some() {
+            // On a moving base: at the next start the surface is at another place in base axes.
+            Clearance::Unknown
+        } else {
+            Clearance::Possible {
+                normal: if self.phase == Phase::Retract {
+                    self.retract
+                } else {
+                    self.way_off()
+                },
+                position: percept.position,
+            }
+        };
+    }
+
+    /// Phase `clear`: moves off along the last known normal until the force has been steady over
+    /// the required distance. Without a wrench the tool stands until there is one again; any other
+    /// fault ends the task.
+    pub(crate) fn decide_clear(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+        requests: &Requests,
+        percept: &Percept,
+        dt_s: f64,
+    ) {
+        let leave = &config.leave;
+        let way_m = (percept.position - self.phase_start).dot(&self.retract);
+        let release_max_n = (2.0 * program.task.force.reference_n).max(10.0);
+        let fault = match (&self.clearance, percept.verdict) {
+            // The base has moved, or the arm was moved between the start and this cycle.
+            (Clearance::Unknown, _) if !self.has_touched() => Some(Fault::NotClear),
+            (Clearance::Possible { position, .. }, _)
+                if !self.has_touched() && (self.phase_start - position).norm() > leave.near_m =>
+            {
+                Some(Fault::NotClear)
+            }
+            (_, WrenchVerdict::Retract(reason)) => Some(Fault::Wrench(reason)),
+            _ => outside(limits, percept),
+        };
+        if requests.stopping || fault.is_some() {
+            return self.leave(percept, fault);
+        }
+        let Some(wrench) = &percept.wrench else {
+            return;
+        };
+        match self.leave.clear(
+            leave,
+            &self.retract,
+            way_m,
+            &wrench.force,
+            release_max_n,
+            dt_s,
+        ) {
+            Leaving::Opposed => self.leave(percept, Some(Fault::NotClear)),
+            Leaving::Free => {
+                self.clearance = Clearance::Free;
+                self.tracking.freeze();
+                let next = if self.has_touched() {
+                    Phase::Tare
+                } else {
+                    program.first_phase()
+                };
+                self.enter(next, percept);
+            }
+            Leaving::Going => {
+                let patience_s = 2.0 + 3.0 * leave.distance_max_m / leave.speed_m_per_s;
+                if way_m > leave.distance_max_m || self.time_in_phase_s() > patience_s {
+                    self.leave(percept, Some(Fault::NotClear));
+                }
+            }
+        }
+    }
+
+    /// The retraction: ends after its distance, and at once if an obstacle opposes it.
+    pub(crate) fn decide_retract<const N: usize>(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+        input: &ControlInput<N>,
+        percept: &Percept,
+    ) {
+        let end = &program.task.end;
+        let way_m = (percept.position - self.phase_start).dot(&self.retract);
+        match &percept.wrench {
+            Some(wrench) => {
+                let hidden = |load| limits.is_untared_beyond(load);
+                let met = Met {
+                    way_m,
+                    force: wrench.force,
+                    torque_nm: wrench.torque.norm(),
+                    hidden: percept.untared.as_ref().is_some_and(hidden),
+                    zeroed: !self.zero_withdrawn
+                        && (input.bias_age_s.is_some() || !program.task.tare),
+                    dt_s: input.dt_s,
+                };
+                self.left = self
+                    .leave
+                    .retract(&config.leave, &Ceiling::of(limits), &met);
+                if self.left == Leaving::Opposed {
+                    // Moving on in the same direction would press harder; the direction away is now
+                    // unknown.
+                    self.clearance = Clearance::Unknown;
+                    self.fault = self.fault.or(Some(Fault::RetractOpposed));
+                    return self.enter(Phase::Fault, percept);
+                }
+            }
+            None => {
+                self.leave.blind();
+                self.left = Leaving::Going;
+            }
+        }
+        let speed = end
+            .retract_speed_m_per_s
+            .min(config.leave.blind_speed_m_per_s);
+        let patience_s = 1.0 + 3.0 * end.retract_distance_m / speed;
+        let arrived = way_m >= end.retract_distance_m;
+        if arrived || self.time_in_phase_s() > patience_s {
+            self.off = arrived;
+            if arrived && self.left == Leaving::Free {
+                self.clearance = Clearance::Free;
+            }
+            let phase = if self.fault.is_some() {
+                Phase::Fault
+            } else {
+                Phase::Done
+            };
+            self.enter(phase, percept);
+        }
+    }
+
+    /// Speed of the retraction, m/s: slow without a usable wrench.
+    pub(crate) fn retract_speed(
+        &self,
+        program: &Program,
+        config: &ControllerConfig,
+        percept: &Percept,
+    ) -> f64 {
+        let wanted = program.task.end.retract_speed_m_per_s;
+        if percept.wrench.is_some() {
+            wanted
+        } else {
+            wanted.min(config.leave.blind_speed_m_per_s)
+        }
+    }
+
+    /// Fault of a task that took a zero and has lost it: the sensor's service restarted or withdrew
+    /// it.
+    pub(crate) fn zero_fault<const N: usize>(
+        &self,
+        program: &Program,
+        input: &ControlInput<N>,
+    ) -> Option<Fault> {
+        let lost = program.task.tare
+            && input.bias_age_s.is_none()
+            && input.wrench_validity == Validity::Valid;
+        lost.then_some(Fault::ZeroLost)
+    }
+
+    /// Whether the zero's drift may exceed what the task allows, in a phase that can be interrupted
+    /// for a new zero.
+    pub(crate) fn is_zero_old<const N: usize>(
+        &self,
+        program: &Program,
+        input: &ControlInput<N>,
+    ) -> bool {
+        let Some(error_max_n) = program.task.zero.error_max_n else {
+            return false;
+        };
+        matches!(self.phase, Phase::Slide | Phase::Hold)
+            && !self.stands_without_wrench()
+            && input
+                .zero_bound_n
+                .is_none_or(|bound_n| bound_n > error_max_n)
+    }
+
+    /// Whether a zero taken anew in this run was too old as soon as the tool was back: another one
+    /// would not help.
+    pub(crate) fn is_new_zero_no_help(&self) -> bool {
+        self.renewed && self.phase == Phase::Slide && self.time_in_phase_s() < SLID_ON_S
+    }
+
+    /// Lifts the tool off for a new zero; the path waits.
+    pub(crate) fn lift_off(&mut self, percept: &Percept) {
+        self.renewed = true;
+        self.tracking.freeze();
+        self.retract = self.way_off();
+        self.enter(Phase::Clear, percept);
+    }
+}

@@ -1,0 +1,33 @@
+//! `hybrid_admittance`: force along the surface normal, motion in the tangent plane, for arms that
+//! take joint velocities. Tugal et al.
+//!
+//! Called once per cycle of the robot by the closed loop of `evaluate`, and by the service that
+//! commands the arm.
+
+pub mod admittance;
+mod as_law;
+mod config;
+mod controller;
+mod decisions;
+pub mod force_integral;
+pub mod force_law;
+mod interface;
+pub mod joint_velocity;
+mod leaving;
+mod motion;
+mod moving_base;
+mod percept;
+mod run;
+mod senses;
+pub mod stiffness;
+pub mod surface;
+pub mod touchdown;
+mod tracking;
+mod urgent;
+
+pub use config::{
+    AlignmentConfig, ContactConfig, ControllerConfig, ForceConfig, NormalConfig, PathConfig,
+    TorqueConfig,
+};
+pub use controller::Controller;
+pub use interface::{ControlInput, ControlOutput};

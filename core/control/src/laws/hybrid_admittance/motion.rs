@@ -1,0 +1,116 @@
+//! Desired motion of the tool in each phase.
+
+use super::config::ControllerConfig;
+use super::force_law::ForceSample;
+use super::interface::ControlInput;
+use super::percept::Percept;
+use super::run::Run;
+use super::touchdown::{approach_speed, seek_speed};
+use crate::contact::alignment::alignment_rate;
+use crate::limits::{Limits, clamp_norm};
+use crate::parameters::live::Parameter;
+use crate::phase_machine::Phase;
+use crate::task::program::Program;
+use nalgebra::Vector3;
+use tangent_mechanics::{Aligned, Base, Tool, Twist};
+
+/// Time constant with which a changed gain takes effect, s.
+const GAIN_RAMP_S: f64 = 0.3;
+
+/// Desired velocity of the tool in the present phase, base axes: motion in the tangent plane, force
+/// along the normal, and alignment with the normal.
+#[allow(clippy::too_many_arguments)] // One cycle's whole state; a struct for it would only be built and taken apart.
+pub(super) fn wanted_twist<const N: usize>(
+    run: &mut Run,
+    program: &Program,
+    config: &ControllerConfig,
+    limits: &Limits,
+    input: &ControlInput<N>,
+    percept: &Percept,
+    reference_n: f64,
+    speed_factor: f64,
+) -> Twist<Aligned<Tool, Base>> {
+    let normal = run.surface.normal;
+    let still = Vector3::zeros();
+    match run.phase {
+        // No motion while the task is paused or the motion of the base is unknown.
+        Phase::Approach | Phase::Seek if percept.base.is_some() || run.paused => {
+            run.tracking.freeze();
+            Twist::zero()
+        }
+        Phase::Approach => Twist::new(run.approach * approach_speed(program, config), still),
+        Phase::Seek => {
+            run.tracking.freeze();
+            let speed = seek_speed(config, reference_n, run.force.stiffness_n_per_m());
+            Twist::new(normal * -speed, still)
+        }
+        Phase::Retract => {
+            let speed = run.retract_speed(program, config, percept);
+            Twist::new(run.retract * speed, still)
+        }
+        // Without a wrench the tool stands: it could not detect an obstacle.
+        Phase::Clear if percept.wrench.is_none() || run.paused => Twist::zero(),
+        Phase::Clear => Twist::new(run.retract * config.leave.speed_m_per_s, still),
+        Phase::Hold if run.stands_without_wrench() => {
+            run.tracking.freeze();
+            run.force.rest();
+            Twist::zero()
+        }
+        Phase::Contact | Phase::Slide | Phase::Hold => {
+            let factor = if run.phase == Phase::Slide {
+                speed_factor
+            } else {
+                0.0
+            };
+            let along = run.tracking.step(
+                &config.path,
+                &program.path,
+                factor,
+                &percept.position,
+                &normal,
+                input.dt_s,
+            );
+            let (speed, turn) = if let Some(wrench) = percept.wrench {
+                run.force.step(
+                    config,
+                    limits,
+                    reference_n,
+                    &ForceSample {
+                        wrench,
+                        base_from_tool: input.base_from_tool,
+                        normal,
+                        along,
+                        wrench_delay_s: input.wrench_delay_s,
+                        settling: run.phase == Phase::Contact,
+                        dt_s: input.dt_s,
+                    },
+                )
+            } else {
+                run.force.rest();
+                (0.0, still)
+            };
+            let align = clamp_norm(
+                alignment_rate(config.alignment.gain_per_s, &percept.z_tool, &normal),
+                config.alignment.turn_rate_max_rad_per_s,
+            );
+            let ahead = if config.alignment.feed_forward && run.phase == Phase::Slide {
+                run.surface.turn_rate
+            } else {
+                still
+            };
+            Twist::new(along + normal * speed, align + ahead + turn)
+        }
+        Phase::Idle | Phase::Done | Phase::Fault | Phase::Tare => Twist::zero(),
+    }
+}
+
+/// Moves the gains towards their targets over `GAIN_RAMP_S`; force and speed have ramps of their
+/// own.
+pub(super) fn ramp_gains(config: &mut ControllerConfig, targets: &[f64; 4], dt_s: f64) {
+    let share = (dt_s / GAIN_RAMP_S).min(1.0);
+    let gain = &mut config.alignment.gain_per_s;
+    *gain += (targets[Parameter::AlignmentGain as usize] - *gain) * share;
+    let damping = &mut config.force.damping_n_s_per_m;
+    *damping += (targets[Parameter::Damping as usize] - *damping) * share;
+    config.force.damping_max_n_s_per_m = config.force.damping_max_n_s_per_m.max(*damping);
+}

@@ -1,0 +1,245 @@
+//! One run of a program: the state that is reset with every task, and the phase machine's
+//! decisions.
+//!
+//! Called by the controller each cycle: `perceive` first, then `decide`; `controller` turns the
+//! outcome into motion.
+
+use nalgebra::Vector3;
+
+use super::config::ControllerConfig;
+use super::force_law::ForceLaw;
+use super::interface::ControlInput;
+use super::percept::Percept;
+use super::surface::Surface;
+use super::touchdown::stiffness_expected;
+use super::tracking::Tracking;
+use crate::estimator_choice::EstimatorChoice;
+use crate::leaving::clearance::{Clearance, LeaveWatch, Leaving};
+use crate::limits::faults::Fault;
+use crate::limits::response_guard::ResponseGuard;
+use crate::limits::wrench_guard::WrenchGuard;
+use crate::phase_machine::Phase;
+use crate::task::program::Program;
+
+/// Why the tool stands on the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum HoldReason {
+    Paused,
+    PathEnd,
+    NoEstimate,
+    /// The motion of the base is not known.
+    NoBase,
+    /// Not even the force is controlled: nothing moves. Returns to the interrupted phase when the
+    /// wrench is valid again.
+    NoWrench(Phase),
+}
+
+/// One run of a program.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Run {
+    pub phase: Phase,
+    pub hold: HoldReason,
+    pub fault: Option<Fault>,
+    pub choice: EstimatorChoice,
+    pub surface: Surface,
+    pub tracking: Tracking,
+    pub force: ForceLaw,
+    pub in_contact: bool,
+    pub lost_count: u32,
+    pub approach: Vector3<f64>,
+    /// Direction away from the surface that replaces the last good normal.
+    pub way_off: Option<Vector3<f64>>,
+    pub retract: Vector3<f64>,
+    pub guard: WrenchGuard,
+    pub response: ResponseGuard,
+    pub begun: bool,
+    pub touched: bool,
+    pub estimated: bool,
+    pub in_phase_s: f64,
+    pub elapsed_s: f64,
+    pub settled_s: f64,
+    pub low_cycles: u32,
+    /// Time without a usable normal while pressing, s; an intermittent wrench does not reset it.
+    pub blind_s: f64,
+    /// Time for which the motion of the base has been unknown, s.
+    pub adrift_s: f64,
+    /// Reason, time and start position of the phase that a missing wrench interrupted.
+    pub interrupted: (HoldReason, f64, Vector3<f64>),
+    pub phase_start: Vector3<f64>,
+    /// Whether a person paused the task: nothing moves except to keep the force.
+    pub paused: bool,
+    /// Part of `in_phase_s` that was spent paused, s.
+    pub paused_s: f64,
+    /// Whether a retraction has covered its distance since the last touch.
+    pub off: bool,
+    /// Whether the phase begins at the tool's position in the next cycle.
+    pub starts_here: bool,
+    /// Whether the tool may touch something, base axes: persists after the run.
+    pub clearance: Clearance,
+    pub leave: LeaveWatch,
+    pub left: Leaving,
+    /// Position of the tool when the zero in force was taken, m; `None` once contact was detected
+    /// after it.
+    pub tared_at: Option<Vector3<f64>>,
+    /// Whether the tool has lifted off for a new zero in this run.
+    pub renewed: bool,
+    /// Whether the zero in force turned out to have been taken in contact.
+    pub zero_withdrawn: bool,
+}
+
+impl Run {
+    /// State before the first `perceive` of an active phase.
+    pub fn idle() -> Self {
+        Self {
+            phase: Phase::Idle,
+            hold: HoldReason::Paused,
+            fault: None,
+            choice: EstimatorChoice::default(),
+            surface: Surface::new(Vector3::z()),
+            tracking: Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros()),
+            force: ForceLaw::new(1e4),
+            in_contact: false,
+            lost_count: 0,
+            approach: -Vector3::z(),
+            way_off: None,
+            retract: Vector3::z(),
+            guard: WrenchGuard::default(),
+            response: ResponseGuard::default(),
+            begun: false,
+            touched: false,
+            estimated: false,
+            in_phase_s: 0.0,
+            elapsed_s: 0.0,
+            settled_s: 0.0,
+            low_cycles: 0,
+            blind_s: 0.0,
+            adrift_s: 0.0,
+            interrupted: (HoldReason::Paused, 0.0, Vector3::zeros()),
+            phase_start: Vector3::zeros(),
+            paused: false,
+            paused_s: 0.0,
+            off: false,
+            starts_here: false,
+            clearance: Clearance::Assumed,
+            leave: LeaveWatch::default(),
+            left: Leaving::Going,
+            tared_at: None,
+            renewed: false,
+            zero_withdrawn: false,
+        }
+    }
+
+    /// Ready for the first cycle of `program`. Unless the tool is known to be free, it first moves
+    /// off the surface.
+    pub fn start(program: &Program, clearance: Clearance) -> Self {
+        Self {
+            phase: if !clearance.is_free() {
+                Phase::Clear
+            } else {
+                program.first_phase()
+            },
+            clearance,
+            ..Self::idle()
+        }
+    }
+
+    pub(super) fn begin<const N: usize>(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        input: &ControlInput<N>,
+    ) {
+        let pose = &input.base_from_tool;
+        let task = &program.task;
+        self.begun = true;
+        self.approach = task.approach.direction.in_base(pose);
+        self.retract = match self.clearance {
+            Clearance::Possible { normal, .. } => normal,
+            Clearance::Assumed | Clearance::Free | Clearance::Unknown => -self.approach,
+        };
+        self.tracking = Tracking::new(
+            -self.approach,
+            task.plane.x_axis.in_base(pose),
+            pose.translation(),
+        );
+        self.surface = Surface::new(-pose.z_axis());
+        self.force = ForceLaw::new(stiffness_expected(program, config));
+        self.phase_start = pose.translation();
+    }
+
+    /// Whether not even the force is controlled now.
+    pub fn stands_without_wrench(&self) -> bool {
+        self.phase == Phase::Hold && matches!(self.hold, HoldReason::NoWrench(_))
+    }
+
+    /// Leaves the surface along the last good normal; ends at once if nothing has moved yet.
+    pub(crate) fn leave(&mut self, percept: &Percept, fault: Option<Fault>) {
+        self.fault = fault.or(self.fault);
+        if matches!(self.phase, Phase::Tare | Phase::Clear) && !self.touched {
+            let phase = if self.fault.is_some() {
+                Phase::Fault
+            } else {
+                Phase::Done
+            };
+            return self.enter(phase, percept);
+        }
+        self.retract = self.way_off();
+        self.enter(Phase::Retract, percept);
+    }
+
+    /// Direction away from the surface: the last good normal, or against the approach.
+    pub(crate) fn way_off(&self) -> Vector3<f64> {
+        if let Some(way) = self.way_off {
+            way
+        } else if self.touched {
+            self.surface.normal
+        } else {
+            -self.approach
+        }
+    }
+
+    /// Whether contact was detected in this run.
+    pub(crate) fn has_touched(&self) -> bool {
+        self.touched
+    }
+
+    /// Time in the phase, s, without pauses.
+    pub(crate) fn time_in_phase_s(&self) -> f64 {
+        self.in_phase_s - self.paused_s
+    }
+
+    pub(crate) fn enter(&mut self, phase: Phase, percept: &Percept) {
+        self.phase = phase;
+        self.in_phase_s = 0.0;
+        self.paused_s = 0.0;
+        self.phase_start = percept.position;
+        self.leave = LeaveWatch::default();
+        self.left = Leaving::Going;
+        if phase == Phase::Seek {
+            self.low_cycles = 0;
+        }
+    }
+
+    /// Whether the task has ended with the tool possibly still on the surface.
+    pub fn is_left_on_surface(&self) -> bool {
+        !self.phase.is_active() && self.touched && !self.off && !self.clearance.is_free()
+    }
+
+    /// Retracts a tool that the end of the task left on the surface, along the last good normal, as
+    /// at the end of any task.
+    pub fn leave_again(&mut self) {
+        self.retract = self.surface.normal;
+        self.phase = Phase::Retract;
+        self.in_phase_s = 0.0;
+        self.paused_s = 0.0;
+        self.starts_here = true;
+        self.leave = LeaveWatch::default();
+        self.left = Leaving::Going;
+    }
+
+    /// Ends at once, without a motion: the arm cannot be moved.
+    pub fn abort(&mut self, fault: Fault) {
+        self.phase = Phase::Fault;
+        self.fault = Some(fault);
+    }
+}

@@ -1,0 +1,174 @@
+//! Evaluation of the measurements of one cycle: whether the wrench can be used, whether the tool
+//! touches, and which normal is in use. Called by the controller each cycle, before `decisions`.
+
+use nalgebra::Vector3;
+use tangent_sensing::Validity;
+
+use super::config::ControllerConfig;
+use super::interface::ControlInput;
+use super::moving_base::MovingBase;
+use super::percept::Percept;
+use super::run::Run;
+use super::surface::Surface;
+use crate::estimator_choice::EstimateStatus;
+use crate::estimator_choice::switching::ChoiceRules;
+use crate::limits::Limits;
+use crate::limits::answer::DepthRule;
+use crate::limits::plausibility::is_wrench;
+use crate::limits::response_guard::{Doing, Touch};
+use crate::limits::wrench_guard::WrenchVerdict;
+use crate::phase_machine::Phase;
+use crate::task::program::Program;
+
+/// Slope by which the normal in use may be wrong: 20 degrees, because an estimator that works by
+/// touch alone finds the normal only while sliding.
+const SLOPE: f64 = 0.36;
+
+impl Run {
+    /// Evaluates the cycle's measurements: contact, normal, and validity of the wrench. `input` has
+    /// been transformed by `moving_base`.
+    pub fn perceive<const N: usize>(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+        input: &ControlInput<N>,
+        moving_base: &MovingBase,
+        reference_n: f64,
+    ) -> Percept {
+        let pose = &input.base_from_tool;
+        let (position, z_tool) = (pose.translation(), pose.z_axis());
+        if !self.begun {
+            self.begin(program, config, input);
+        }
+        if std::mem::take(&mut self.starts_here) {
+            self.phase_start = position;
+        }
+        let validity = self.answering(input, reference_n, limits.blind_distance_max_m);
+        let verdict = if self.phase == Phase::Tare {
+            WrenchVerdict::Good
+        } else {
+            self.guard.step(
+                &config.patience,
+                validity,
+                is_wrench(&input.wrench),
+                input.wrench_age_s,
+                input.dt_s,
+            )
+        };
+        let good = verdict == WrenchVerdict::Good && is_wrench(&input.wrench);
+        let wrench = good.then(|| pose.align_wrench(&input.wrench));
+        let on_surface = self.phase.is_pressing() || self.phase == Phase::Seek;
+        let mut estimate = EstimateStatus::Waiting;
+        if on_surface {
+            let slid = if self.phase == Phase::Seek {
+                Vector3::zeros()
+            } else {
+                input.twist.linear
+            };
+            let way = crate::contact::alignment::tangential(&slid, &self.surface.normal).norm()
+                * input.dt_s;
+            estimate = self.choice.step(
+                &ChoiceRules::new(&config.normal, &config.patience, &program.task.switching),
+                &input.estimates,
+                &self.surface.normal,
+                way,
+                input.dt_s,
+            );
+            let usable = match &estimate {
+                EstimateStatus::Usable(estimate) if self.phase != Phase::Seek => Some(estimate),
+                _ => None,
+            };
+            self.estimated |= usable.is_some();
+            if self.estimated {
+                self.surface.step(&config.normal, usable, &slid, input.dt_s);
+            } else {
+                // Until there is an estimate, the surface is assumed to face the tool (Tugal et
+                // al., IV.B.d): the torques alone align the tool.
+                self.surface = Surface::new(-z_tool);
+            }
+        } else if !self.touched {
+            self.surface = Surface::new(-z_tool);
+        }
+        let against = if self.touched {
+            self.surface.normal
+        } else {
+            -self.approach
+        };
+        let force_n = wrench.map(|wrench| wrench.force.dot(&against));
+        if matches!(self.phase, Phase::Tare | Phase::Clear) {
+            // Before the tare, an unloaded sensor may show any force.
+            self.in_contact = false;
+        } else if let Some(force_n) = force_n {
+            self.feel(config, force_n, reference_n);
+        }
+        Percept {
+            position,
+            position_in_base: moving_base.point(&position),
+            base: input.base.and_then(|base| base.trouble),
+            out_of_reach: moving_base.out_of_reach(),
+            z_tool,
+            wrench,
+            verdict,
+            untared: input.untared.filter(|_| good),
+            force_n,
+            estimate,
+        }
+    }
+
+    /// Validity of the wrench: as the input states it, or by how the wrench responds to the tool's
+    /// motion.
+    fn answering<const N: usize>(
+        &mut self,
+        input: &ControlInput<N>,
+        reference_n: f64,
+        blind_max_m: f64,
+    ) -> Validity {
+        if !input.wrench_validity.is_valid() {
+            return input.wrench_validity;
+        }
+        let pose = &input.base_from_tool;
+        let normal = if self.touched {
+            self.surface.normal
+        } else {
+            -self.approach
+        };
+        self.response.step(&Touch {
+            doing: Doing::of(self.phase),
+            position: pose.translation(),
+            normal,
+            wrench: input.wrench.vector(),
+            force_n: pose.rotate(&input.wrench.force).dot(&normal),
+            reference_n,
+            stiffness_n_per_m: self.force.stiffness_measured_n_per_m(),
+            rests: input.base.is_none(),
+            fresh: input.wrench_age_s <= input.dt_s,
+            depth: Some(DepthRule {
+                settling: self.phase == Phase::Contact,
+                slope: SLOPE,
+                blind_max_m,
+            }),
+            dt_s: input.dt_s,
+        })
+    }
+
+    /// Detects contact from the force, with hysteresis and a cycle count against noise.
+    fn feel(&mut self, config: &ControllerConfig, force_n: f64, reference_n: f64) {
+        let contact = &config.contact;
+        let touch = (contact.touch_share * reference_n).max(contact.noise_n);
+        let lost = (contact.lost_share * reference_n)
+            .max(0.5 * contact.noise_n)
+            .min(0.7 * touch);
+        if force_n >= touch {
+            self.in_contact = true;
+        }
+        if force_n < lost {
+            self.low_cycles = self.low_cycles.saturating_add(1);
+            if self.low_cycles >= contact.lost_cycles {
+                self.in_contact = false;
+            }
+        } else {
+            self.low_cycles = 0;
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! Contact stiffness from touchdown: measured force per distance that the arm itself moves.
+//!
+//! Called by the controller while the tool stands on the surface and the force builds up. While the
+//! tool slides, the depth also changes with the surface's shape, so nothing is learnt.
+
+/// Regression of force on depth with forgetting.
+#[derive(Clone, Copy, Debug)]
+pub struct Stiffness {
+    value_n_per_m: f64,
+    known: bool,
+    depth_lagged_m: Option<f64>,
+    weight: f64,
+    depth_mean: f64,
+    force_mean: f64,
+    depth_var: f64,
+    covariance: f64,
+}
+
+/// Minimum spread of depth for a measurement, m: well above a joint encoder's noise at the tool.
+const SPREAD_MIN_M: f64 = 1.5e-5;
+/// Softest and stiffest plausible contact, N/m.
+const BELIEVED: (f64, f64) = (300.0, 60_000.0);
+/// Time constant of the forgetting, s.
+const MEMORY_S: f64 = 0.4;
+
+impl Stiffness {
+    /// Nothing learnt yet: `expected_n_per_m` is used until there is a measurement.
+    pub fn new(expected_n_per_m: f64) -> Self {
+        Self {
+            value_n_per_m: expected_n_per_m,
+            known: false,
+            depth_lagged_m: None,
+            weight: 0.0,
+            depth_mean: 0.0,
+            force_mean: 0.0,
+            depth_var: 0.0,
+            covariance: 0.0,
+        }
+    }
+
+    /// Stiffness in use, N/m.
+    pub fn value_n_per_m(&self) -> f64 {
+        self.value_n_per_m
+    }
+
+    /// Whether the stiffness was measured, rather than expected.
+    pub fn is_known(&self) -> bool {
+        self.known
+    }
+
+    /// Processes one cycle: `depth_m` grows into the surface; `force_n` lags it by `delay_s`, the
+    /// delay of the wrench filter.
+    pub fn update(&mut self, depth_m: f64, force_n: f64, delay_s: f64, dt_s: f64) {
+        let lagged = self.depth_lagged_m.map_or(depth_m, |lagged| {
+            lagged + (depth_m - lagged) * (dt_s / (dt_s + delay_s.max(0.0)))
+        });
+        self.depth_lagged_m = Some(lagged);
+        let keep = (-dt_s / MEMORY_S).exp();
+        self.weight = self.weight * keep + 1.0;
+        let gain = 1.0 / self.weight;
+        let (depth, force) = (lagged - self.depth_mean, force_n - self.force_mean);
+        self.depth_mean += gain * depth;
+        self.force_mean += gain * force;
+        self.depth_var = self.depth_var * keep + depth * (lagged - self.depth_mean);
+        self.covariance = self.covariance * keep + depth * (force_n - self.force_mean);
+        if self.depth_var / self.weight < SPREAD_MIN_M * SPREAD_MIN_M || self.covariance <= 0.0 {
+            return;
+        }
+        let measured = (self.covariance / self.depth_var).clamp(BELIEVED.0, BELIEVED.1);
+        self.known = true;
+        // A higher stiffness is adopted at once, because the loop may be ringing. A lower one is
+        // adopted slowly: it only makes the loop faster.
+        let share = if measured > self.value_n_per_m {
+            1.0
+        } else {
+            dt_s / (dt_s + 0.1)
+        };
+        self.value_n_per_m += share * (measured - self.value_n_per_m);
+    }
+
+    /// Discards the samples and keeps the value: the next touch is at another place.
+    pub fn restart(&mut self) {
+        *self = Self {
+            value_n_per_m: self.value_n_per_m,
+            known: self.known,
+            ..Self::new(self.value_n_per_m)
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn learn(k: f64, noise_n: f64) -> Stiffness {
+        let mut stiffness = Stiffness::new(10_000.0);
+        let mut depth = 0.0;
+        for i in 0..250u32 {
+            // The force rises to 3 N and stays.
+            depth += (3.0 / k - depth) * 0.02;
+            let noise = noise_n * f64::from(i * 7919 % 101) / 50.0 - noise_n;
+            stiffness.update(0.4 + depth, k * depth + noise, 0.0, 0.008);
+        }
+        stiffness
+    }
+
+    #[test]
+    fn finds_soft_and_stiff() {
+        for k in [1e3, 5e3, 1e4, 2.5e4] {
+            let found = learn(k, 0.0);
+            assert!(found.is_known());
+            assert!(
+                (found.value_n_per_m() / k - 1.0).abs() < 0.1,
+                "{k}: {found:?}"
+            );
+            let noisy = learn(k, 0.1);
+            assert!(
+                (0.5..2.0).contains(&(noisy.value_n_per_m() / k)),
+                "{k}: {noisy:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn noise_without_motion_teaches_nothing() {
+        let mut stiffness = Stiffness::new(8_000.0);
+        for i in 0..500 {
+            let sign = f64::from(i % 2) - 0.5;
+            stiffness.update(1.0 + 1e-6 * sign, 3.0 + sign, 0.0, 0.008);
+        }
+        assert_eq!(stiffness.value_n_per_m(), 8_000.0);
+        assert!(!stiffness.is_known());
+    }
+}

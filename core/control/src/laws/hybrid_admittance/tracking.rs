@@ -1,0 +1,196 @@
+//! Follows a plane path on a curved surface.
+//!
+//! The path's plane is perpendicular to the approach direction. Each cycle the path velocity is
+//! rotated from the plane into the tangent plane of the surface by the smallest rotation, so a
+//! metre of path is a metre on the surface however steep it gets, and the reference point moves
+//! with it. The position error is fed back in the tangent plane. The path runs on its own clock:
+//! pause, speed, a lagging arm and a lost contact slow or stop the clock, and the path continues
+//! from the same point.
+
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+
+use super::config::PathConfig;
+use crate::contact::alignment::{plane_axes, tangential};
+use crate::limits::clamp_norm;
+use crate::task::path::Path;
+
+/// Runs a path on a surface. Its state is the clock and the reference point.
+#[derive(Clone, Copy, Debug)]
+pub struct Tracking {
+    x_axis: Vector3<f64>,
+    y_axis: Vector3<f64>,
+    plane_normal: Vector3<f64>,
+    clock_s: f64,
+    clock_rate: f64,
+    /// Reference position of the tool on the path, base axes, m.
+    pub reference: Vector3<f64>,
+}
+
+impl Tracking {
+    /// A plane with `plane_normal` (unit, out of the material), x the projection of `x_axis`,
+    /// starting at `start`, m; base axes.
+    pub fn new(plane_normal: Vector3<f64>, x_axis: Vector3<f64>, start: Vector3<f64>) -> Self {
+        let (x_axis, y_axis) = plane_axes(&plane_normal, &x_axis);
+        Self {
+            x_axis,
+            y_axis,
+            plane_normal,
+            clock_s: 0.0,
+            clock_rate: 0.0,
+            reference: start,
+        }
+    }
+
+    /// Sets the path's start: where the tool touched down.
+    pub fn begin_at(&mut self, start: Vector3<f64>) {
+        self.reference = start;
+        self.clock_s = 0.0;
+        self.clock_rate = 0.0;
+    }
+
+    /// Stops the clock at once, after a loss of contact.
+    pub fn freeze(&mut self) {
+        self.clock_rate = 0.0;
+    }
+
+    /// Processes one cycle. Returns the desired velocity in the tangent plane of `normal`, base
+    /// axes, m/s. `speed_factor` is 1 at the path's own speed and 0 to stand.
+    pub fn step(
+        &mut self,
+        config: &PathConfig,
+        path: &Path,
+        speed_factor: f64,
+        position: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        dt_s: f64,
+    ) -> Vector3<f64> {
+        // The reference is projected into the tangent plane through the tool: the normal direction
+        // is force-controlled.
+        let error = tangential(&(self.reference - position), normal);
+        let waiting = (2.0 - error.norm() / config.wait_error_m).clamp(0.0, 1.0);
+        let step = dt_s / config.clock_ramp_s;
+        self.clock_rate += (speed_factor - self.clock_rate).clamp(-step, step);
+        let before = path.at(self.clock_s).position;
+        self.clock_s = (self.clock_s + self.clock_rate * waiting * dt_s).min(path.duration_s());
+        let way = self.on_surface(path.at(self.clock_s).position - before, normal);
+        self.reference = position + error + way;
+        way / dt_s + clamp_norm(error * config.gain_per_s, config.feedback_speed_max_m_per_s)
+    }
+
+    /// Rotates a vector of the plane into the tangent plane of `normal`; base axes.
+    fn on_surface(&self, in_plane: Vector2<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+        let flat = self.x_axis * in_plane.x + self.y_axis * in_plane.y;
+        match UnitQuaternion::rotation_between(&self.plane_normal, normal) {
+            Some(rotation) => rotation * flat,
+            // Opposite normals: no unique smallest rotation. Stand still.
+            None => Vector3::zeros(),
+        }
+    }
+
+    /// Elapsed share of the path's time, 0 to 1.
+    pub fn progress(&self, path: &Path) -> f64 {
+        if path.duration_s() > 0.0 {
+            (self.clock_s / path.duration_s()).min(1.0)
+        } else {
+            1.0
+        }
+    }
+
+    /// Whether the path is at its end.
+    pub fn is_finished(&self, path: &Path) -> bool {
+        self.clock_s >= path.duration_s()
+    }
+
+    /// Distance of `position` from the reference in the tangent plane of `normal`, m.
+    pub fn error_m(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> f64 {
+        tangential(&(self.reference - position), normal).norm()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::task::path::PathSpec;
+
+    fn circle(radius: f64) -> Path {
+        let spec: PathSpec = toml::from_str(&format!(
+            "kind = \"circle\"\nradius_m = {radius}\nspeed_m_per_s = 0.02"
+        ))
+        .unwrap();
+        Path::new(&spec, 0.1, 1.0).unwrap()
+    }
+
+    /// On a cylinder (flat when unrolled) a circle closes, and keeps its drawn length.
+    #[test]
+    fn a_circle_on_a_pipe_closes() {
+        let (config, path, dt) = (PathConfig::default(), circle(0.08), 0.008);
+        let radius = 0.25;
+        let mut tracking =
+            Tracking::new(Vector3::z(), Vector3::x(), Vector3::new(0.0, 0.0, radius));
+        let mut position = Vector3::new(0.0, 0.0, radius);
+        let (mut length, mut steepest) = (0.0, 0.0f64);
+        while !tracking.is_finished(&path) {
+            let normal = Vector3::new(0.0, position.y, position.z).normalize();
+            let v = tracking.step(&config, &path, 1.0, &position, &normal, dt);
+            assert!(v.dot(&normal).abs() < 1e-12);
+            position += v * dt;
+            let outward = Vector3::new(0.0, position.y, position.z).normalize() * radius;
+            position = Vector3::new(position.x, outward.y, outward.z);
+            length += v.norm() * dt;
+            steepest = steepest.max(normal.y.abs().asin());
+        }
+        assert!(steepest > 0.25, "{steepest}");
+        assert!(
+            (position - Vector3::new(0.0, 0.0, radius)).norm() < 1e-3,
+            "{position}"
+        );
+        assert!(
+            (length - std::f64::consts::TAU * 0.08).abs() < 2e-3,
+            "{length}"
+        );
+    }
+
+    #[test]
+    fn stops_where_it_is_and_goes_on_there() {
+        let (config, path, dt) = (PathConfig::default(), circle(0.05), 0.008);
+        let mut tracking = Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros());
+        let mut position = Vector3::zeros();
+        let mut run = |factor: f64, cycles: usize, freeze: bool| {
+            for _ in 0..cycles {
+                if freeze {
+                    tracking.freeze();
+                }
+                position +=
+                    tracking.step(&config, &path, factor, &position, &Vector3::z(), dt) * dt;
+            }
+            (tracking.progress(&path), position)
+        };
+        run(1.0, 500, false);
+        run(0.0, 100, false);
+        let stopped = run(0.0, 1, false);
+        let later = run(0.0, 200, false);
+        assert_eq!(stopped.0, later.0);
+        assert!((stopped.1 - later.1).norm() < 1e-6);
+        let frozen = run(1.0, 0, false);
+        assert_eq!(frozen.0, later.0);
+        assert!(run(1.0, 100, false).0 > later.0);
+    }
+
+    #[test]
+    fn waits_for_an_arm_that_does_not_follow() {
+        let (config, path) = (PathConfig::default(), circle(0.05));
+        let mut tracking = Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros());
+        for _ in 0..5000 {
+            tracking.step(&config, &path, 1.0, &Vector3::zeros(), &Vector3::z(), 0.008);
+        }
+        assert!(!tracking.is_finished(&path));
+        assert!(tracking.reference.norm() <= 2.0 * config.wait_error_m + 1e-6);
+    }
+
+    #[test]
+    fn the_x_axis_is_laid_into_the_plane() {
+        let tracking = Tracking::new(Vector3::x(), Vector3::x(), Vector3::zeros());
+        assert!(tracking.x_axis.dot(&Vector3::x()).abs() < 1e-12);
+        assert!((tracking.x_axis.norm() - 1.0).abs() < 1e-12);
+    }
+}

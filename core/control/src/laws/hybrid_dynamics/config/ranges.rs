@@ -1,0 +1,120 @@
+//! Valid range of each parameter of the law.
+
+use super::HybridDynamicsConfig;
+use crate::error::{ControlError, check_range};
+use crate::law::LawConfig;
+use crate::laws::torque_task::TorqueConfig;
+use crate::leaving::clearance::LeaveConfig;
+use crate::parameters::PatienceConfig;
+use crate::parameters::ranges::{FRICTION, LEAVE, PATH_PROFILE, PATIENCE, Ranges, check_all};
+
+const RANGES: Ranges = &[
+    (
+        "motion",
+        &[
+            ("position_per_s2", 1.0, 40_000.0),
+            ("position_damping_per_s", 1.0, 500.0),
+            ("orientation_per_s2", 1.0, 40_000.0),
+            ("orientation_damping_per_s", 1.0, 500.0),
+            ("integral_per_s3", 0.0, 1e6),
+        ],
+    ),
+    (
+        "force",
+        &[
+            ("integral_per_s", 0.0, 100.0),
+            ("error_per_kg", 0.0, 10.0),
+            ("damping_per_s", 0.0, 500.0),
+            ("integral_max_n", 0.0, 1000.0),
+            ("reference_rate_n_per_s", 0.1, 1e6),
+        ],
+    ),
+    ("friction", FRICTION),
+    (
+        "estimate",
+        &[
+            ("follow_s", 0.0, 10.0),
+            ("speed_max_m_per_s", 1e-4, 1.0),
+            ("turn_rate_max_rad_per_s", 1e-4, 10.0),
+            ("slow_within_sd", 0.0, 100.0),
+        ],
+    ),
+    (
+        "touch",
+        &[
+            ("on_n", 0.01, 100.0),
+            ("off_n", 0.001, 100.0),
+            ("lost_cycles", 1.0, 1000.0),
+            ("lost_count_max", 0.0, 1e6),
+            ("seek_speed_m_per_s", 1e-4, 0.25),
+            ("seek_distance_max_m", 0.0, 1.0),
+            ("settle_s", 0.0, 60.0),
+        ],
+    ),
+    ("path", PATH_PROFILE),
+    ("patience", PATIENCE),
+    ("leave", LEAVE),
+];
+
+impl HybridDynamicsConfig {
+    /// Checks that every number is in its range.
+    ///
+    /// # Errors
+    /// Names the key, the value and the allowed range.
+    pub fn check(&self) -> Result<(), ControlError> {
+        check_all(self, RANGES)?;
+        check_range("touch.off_n", self.touch.off_n, 0.001, self.touch.on_n)
+    }
+}
+
+impl LawConfig for HybridDynamicsConfig {
+    fn check(&self) -> Result<(), ControlError> {
+        HybridDynamicsConfig::check(self)
+    }
+
+    fn path_bounds(&self) -> (f64, f64) {
+        (self.path.acceleration_m_per_s2, self.path.jerk_m_per_s3)
+    }
+}
+
+impl TorqueConfig for HybridDynamicsConfig {
+    const FELT_BY_SLIDING: bool = false;
+
+    fn patience(&self) -> &PatienceConfig {
+        &self.patience
+    }
+
+    fn leave(&self) -> &LeaveConfig {
+        &self.leave
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parameters::ranges::tests::every_number_has_a_range_that_holds;
+
+    #[test]
+    fn every_number_has_a_range_and_every_range_a_number() {
+        let config = HybridDynamicsConfig::default();
+        every_number_has_a_range_that_holds(&config, RANGES, HybridDynamicsConfig::check);
+    }
+
+    #[test]
+    fn what_depends_on_another_parameter_is_held_against_it() {
+        let mut config = HybridDynamicsConfig::default();
+        config.touch.off_n = config.touch.on_n + 0.1;
+        assert!(config.check().is_err());
+    }
+
+    #[test]
+    fn a_wrench_is_not_waited_for_for_ever() {
+        for (cycles, retract_s) in [(1e5, 0.1), (2.0, f64::INFINITY), (2.0, f64::NAN)] {
+            let mut config = HybridDynamicsConfig::default();
+            config.patience.wrench_cycles = cycles;
+            config.patience.wrench_retract_s = retract_s;
+            let error = config.check().unwrap_err().to_string();
+            assert!(error.contains("patience.wrench_"), "{error}");
+        }
+    }
+}

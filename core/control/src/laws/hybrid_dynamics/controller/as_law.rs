@@ -1,0 +1,114 @@
+//! Implements [`crate::law::Law`] for `hybrid_dynamics`, for arms that take joint torques.
+
+use tangent_schemas::CommandKind;
+
+use super::super::config::HybridDynamicsConfig;
+use super::super::interface::{HybridInput, HybridOutput};
+use super::HybridDynamics;
+use crate::law::{JointCommand, LawInput, LawOutput};
+use crate::laws::torque_task::{TorqueLaw, TorqueTask};
+use crate::leaving::clearance::Clearance;
+
+impl HybridDynamics {
+    /// Chooses among the estimates of `input`, and converts it to the law's own input.
+    pub fn choose(&mut self, input: &LawInput<6>) -> HybridInput {
+        let used = self.task.estimators.step_objects(
+            &input.objects,
+            &*self.surface,
+            &input.base_from_tool.translation(),
+            self.task.normal_in_use,
+            input.slid_m(self.task.phase),
+            input.dt_s,
+        );
+        HybridInput {
+            time_s: input.time_s,
+            dt_s: input.dt_s,
+            q: input.q,
+            qd: input.qd,
+            arm_ready: input.arm_ready,
+            wrench: input.wrench,
+            wrench_validity: input.wrench_validity,
+            wrench_age_s: input.wrench_age_s,
+            bias_age_s: input.bias_age_s,
+            zero_bound_n: input.zero_bound_n,
+            untared: input.untared,
+            estimate: used.map(|used| used.estimate),
+            estimate_age_s: used.map_or(f64::INFINITY, |used| used.age_s),
+        }
+    }
+
+    fn told(&self, own: &HybridInput, output: &HybridOutput) -> LawOutput<6> {
+        let active = output.phase.is_active();
+        let usable = own.wrench_validity.is_valid() && own.wrench.is_finite();
+        LawOutput {
+            command: JointCommand {
+                kind: if active {
+                    CommandKind::JointTorque
+                } else {
+                    CommandKind::Hold
+                },
+                values: output.torque,
+                acceleration: 0.0,
+            },
+            phase: output.phase,
+            fault: output.fault,
+            tare_requested: output.tare_requested,
+            clearance: output.clearance,
+            zero_withdrawn: output.zero_withdrawn,
+            estimator: Some(self.task.estimators.in_use()),
+            estimate_age_s: own.estimate.map(|_| own.estimate_age_s),
+            normal: output.normal,
+            force_reference_n: output.force_reference_n,
+            force_n: output.force_n,
+            wrench: usable.then_some(own.wrench),
+            wrench_age_s: own.wrench_age_s,
+            zero_age_s: own.bias_age_s,
+            zero_bound_n: own.bias_age_s.and(own.zero_bound_n),
+            path_reference: output.path_reference,
+            path_error_m: output.path_error_m,
+            path_progress: output.path_progress,
+            alignment_error_rad: output.alignment_error_rad,
+            manipulability: output.manipulability,
+            contact_lost_count: output.contact_lost_count,
+            motion_tank_j: 0.0,
+            force_tank_j: 0.0,
+            shaping: None,
+        }
+    }
+}
+
+impl TorqueLaw<6> for HybridDynamics {
+    type Config = HybridDynamicsConfig;
+
+    const SHAPES: bool = false;
+
+    fn task(&self) -> &TorqueTask<Self::Config> {
+        &self.task
+    }
+
+    fn task_mut(&mut self) -> &mut TorqueTask<Self::Config> {
+        &mut self.task
+    }
+
+    fn begin(&mut self, clearance: Clearance) {
+        HybridDynamics::begin(self, clearance);
+    }
+
+    fn stop(&mut self) {
+        HybridDynamics::stop(self);
+    }
+
+    fn is_left_on_surface(&self) -> bool {
+        HybridDynamics::is_left_on_surface(self)
+    }
+
+    fn leave_surface(&mut self) {
+        HybridDynamics::leave_surface(self);
+    }
+
+    fn cycle(&mut self, input: &LawInput<6>) -> LawOutput<6> {
+        let own = self.choose(input);
+        let output = HybridDynamics::step(self, &own);
+        self.told(&own, &output)
+    }
+}

@@ -1,0 +1,441 @@
+//! One control period of the law: evaluation of the inputs, the conditions that end a task, and the
+//! resulting torques. The phases are in `phase_steps`.
+
+mod as_law;
+mod leaving;
+mod phase_steps;
+mod senses;
+
+use nalgebra::Vector3;
+use tangent_estimation::object_pose::ImplicitSurface;
+use tangent_mechanics::{Arm, Base, Flange, JointFriction, Joints, Pose, Tool};
+
+use super::estimate_follower::EstimateFollower;
+use super::law::{
+    ArmNow, ForceIntegral, MotionIntegral, MotionReference, hybrid, motion_acceleration,
+    pressing_force, stacked, torque,
+};
+use super::reference::{Descent, SurfacePath};
+use super::{ForceChannel, HybridDynamicsConfig, HybridInput, HybridOutput};
+use crate::error::ControlError;
+use crate::laws::torque_task::{IDLE_FORCE_N, TorqueTask};
+use crate::leaving::clearance::Clearance;
+use crate::limits::Limits;
+use crate::limits::faults::Fault;
+use crate::limits::joint_guard::bounded_torque;
+use crate::limits::plausibility::{is_arm_state, is_time, is_wrench};
+use crate::limits::response_guard::ResponseGuard;
+use crate::limits::wrench_guard::{WrenchGuard, WrenchVerdict};
+use crate::phase_machine::Phase;
+use crate::task::Task;
+use crate::task::program::Program;
+
+/// Time constant with which the torques fade to gravity compensation after the arm's state becomes
+/// invalid, s.
+const FADE_S: f64 = 0.025;
+
+/// The controller. One [`HybridDynamics::step`] per control period; nothing in it allocates.
+pub struct HybridDynamics {
+    model: Arm<6>,
+    flange_from_tool: Pose<Flange, Tool>,
+    limits: Limits,
+    /// Joint friction that the law compensates.
+    friction: JointFriction<6>,
+    task: TorqueTask<HybridDynamicsConfig>,
+    surface: Box<dyn ImplicitSurface>,
+    run: Run,
+}
+
+/// State of one task; reset when a task begins.
+#[derive(Clone, Copy, Debug, Default)]
+struct Run {
+    guard: WrenchGuard,
+    response: ResponseGuard,
+    /// Position of the tool at which the zero in force was taken, base axes, m; `None` after
+    /// contact.
+    tared_at: Option<Vector3<f64>>,
+    /// Whether the zero in force turned out to have been taken in contact.
+    zero_withdrawn: bool,
+    /// The last usable wrench, base axes.
+    felt: Option<Felt>,
+    object: Option<EstimateFollower>,
+    /// Pose that the tool holds while no motion is commanded.
+    held: Option<Pose<Base, Tool>>,
+    descent: Option<Descent>,
+    lay: Option<SurfacePath>,
+    path_s: f64,
+    /// Rate of the reference's clock relative to real time, 0 to 1.
+    rate: f64,
+    motion: MotionIntegral,
+    force: ForceIntegral,
+    reference_n: f64,
+    weak_cycles: u32,
+    lost_count: u32,
+    sought_m: f64,
+    blind_s: f64,
+    torque: Joints<6>,
+    /// Joint positions, rad, and period, s, of the last cycle with a valid arm state.
+    last_good: Option<(Joints<6>, f64)>,
+}
+
+/// Wrench at the tool's origin, base axes, N and Nm, and its pressing component, N.
+#[derive(Clone, Copy, Debug)]
+struct Felt {
+    force: Vector3<f64>,
+    moment: Vector3<f64>,
+    pressing_n: f64,
+}
+
+/// Reference of one phase for one period.
+struct Wanted {
+    reference: MotionReference,
+    /// Position of the reference in object axes, m; `None` if it was not planned on the object.
+    in_object: Option<Vector3<f64>>,
+    pressing: bool,
+    /// Speed against the normal while seeking contact, m/s; `None` in other phases.
+    seek_m_per_s: Option<f64>,
+}
+
+impl HybridDynamics {
+    /// Controller for an arm with its payload, a task, and the surface of the object.
+    ///
+    /// # Errors
+    /// A parameter, limit or task is out of its range.
+    pub fn new(
+        model: Arm<6>,
+        flange_from_tool: Pose<Flange, Tool>,
+        limits: Limits,
+        config: &HybridDynamicsConfig,
+        task: &Task,
+        surface: Box<dyn ImplicitSurface>,
+    ) -> Result<Self, ControlError> {
+        let program = Program::with_config(task, config.clone())?;
+        let task = TorqueTask::new(program);
+        Self::with_task(model, flange_from_tool, limits, task, surface)
+    }
+
+    /// Controller for an arm with its payload and the surface of the object, before the first task.
+    /// `clearance` is what is known of the tool.
+    ///
+    /// # Errors
+    /// A parameter or limit is out of its range.
+    pub fn idle(
+        model: Arm<6>,
+        flange_from_tool: Pose<Flange, Tool>,
+        limits: Limits,
+        config: &HybridDynamicsConfig,
+        surface: Box<dyn ImplicitSurface>,
+        clearance: Clearance,
+    ) -> Result<Self, ControlError> {
+        let program = Program::with_config(&Task::leave(IDLE_FORCE_N), config.clone())?;
+        let task = TorqueTask::idle(program, clearance);
+        Self::with_task(model, flange_from_tool, limits, task, surface)
+    }
+
+    fn with_task(
+        model: Arm<6>,
+        flange_from_tool: Pose<Flange, Tool>,
+        limits: Limits,
+        task: TorqueTask<HybridDynamicsConfig>,
+        surface: Box<dyn ImplicitSurface>,
+    ) -> Result<Self, ControlError> {
+        limits.check()?;
+        Ok(Self {
+            model,
+            flange_from_tool,
+            limits,
+            friction: task.program.config.friction.model(),
+            task,
+            surface,
+            run: Run::default(),
+        })
+    }
+
+    /// Restarts the task with the current clearance.
+    pub fn restart(&mut self) {
+        self.begin(self.task.departure.clearance);
+    }
+
+    /// Begins the task with `clearance`. Unless the tool is known to be free, it first moves off
+    /// the surface (phase `Clear`).
+    pub fn begin(&mut self, clearance: Clearance) {
+        self.task.begin(clearance);
+        self.friction = self.task.program.config.friction.model();
+        self.run = Run::default();
+    }
+
+    /// Whether the tool may touch something. The next start depends on it.
+    pub fn clearance(&self) -> Clearance {
+        self.task.departure.clearance
+    }
+
+    /// Whether a task may start with the tool at `position` (base axes, m), given its clearance.
+    ///
+    /// # Errors
+    /// [`ControlError::MayTouch`] if the tool may touch something and the direction away from it is
+    /// not known.
+    pub fn check_start(
+        &self,
+        clearance: &Clearance,
+        position: &Vector3<f64>,
+    ) -> Result<(), ControlError> {
+        clearance
+            .way_out(&self.task.program.config.leave, position)
+            .map(drop)
+    }
+
+    /// Ends the task: the tool retracts from the surface.
+    pub fn stop(&mut self) {
+        if self.task.phase.is_active() {
+            self.leave(Phase::Done);
+        }
+    }
+
+    /// Ends the task with a retraction along `away` (base axes) instead of the last good normal:
+    /// for tests with a wrong direction.
+    #[doc(hidden)]
+    pub fn stop_along(&mut self, away: Vector3<f64>) {
+        self.task.departure.way_off = Some(away);
+        self.stop();
+    }
+
+    /// Stands still in every phase: the path stops where it is, and a pressing tool keeps its
+    /// force; `false` resumes.
+    ///
+    /// # Errors
+    /// No task runs, or it is retracting.
+    pub fn pause(&mut self, paused: bool) -> Result<(), ControlError> {
+        self.task.pause(paused)
+    }
+
+    /// Whether the task has ended with the tool possibly still on the surface.
+    pub fn is_left_on_surface(&self) -> bool {
+        !self.task.phase.is_active()
+            && self.run.lay.is_some()
+            && self.task.departure.may_be_on_surface()
+    }
+
+    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), by the retraction
+    /// distance of the task.
+    pub fn leave_surface(&mut self) {
+        if !self.is_left_on_surface() {
+            return;
+        }
+        // The arm may have been moved since the task ended: no integral of it is kept.
+        self.task.paused = false;
+        self.run.motion = MotionIntegral::default();
+        self.run.force = ForceIntegral::default();
+        self.leave(self.task.phase_at_end());
+    }
+
+    /// Whether the task is paused.
+    pub fn is_paused(&self) -> bool {
+        self.task.is_paused()
+    }
+
+    /// Sets the desired pressing force, N. The reference moves there at its limited rate.
+    pub fn set_force_reference(&mut self, force_n: f64) {
+        self.task.set_force_reference(force_n);
+    }
+
+    /// Phase after the last step.
+    pub fn phase(&self) -> Phase {
+        self.task.phase
+    }
+
+    /// The task.
+    pub fn task(&self) -> &Task {
+        &self.task.program.task
+    }
+
+    /// Runs one control period.
+    pub fn step(&mut self, input: &HybridInput) -> HybridOutput {
+        let output = self.period(input);
+        self.task.keep_normal(output.phase, output.normal);
+        output
+    }
+
+    fn period(&mut self, input: &HybridInput) -> HybridOutput {
+        let dt = input.dt_s;
+        if !is_time(input.time_s, dt) || !is_arm_state(&input.q, &input.qd) {
+            return self.blind_output(input);
+        }
+        self.run.last_good = Some((input.q, dt));
+        let now = ArmNow::new(&self.model, &self.flange_from_tool, &input.q, &input.qd);
+        self.task.count(dt);
+        let estimate = self.usable(input);
+        self.follow(estimate.as_ref(), &now, dt);
+        let constraint = self.constraint(&now);
+        let validity = self.answering(input, &now, &constraint.normal);
+        let verdict = self.run.guard.step(
+            &self.task.program.config.patience,
+            validity,
+            is_wrench(&input.wrench),
+            input.wrench_age_s,
+            dt,
+        );
+        let felt = (verdict == WrenchVerdict::Good).then(|| {
+            let force = now.tool.rotate(&input.wrench.force);
+            Felt {
+                force,
+                moment: now.tool.rotate(&input.wrench.torque),
+                pressing_n: match self.task.program.config.force.channel {
+                    ForceChannel::Torque => pressing_force(&now, &constraint.normal, &force),
+                    // Computed with the pseudo-inverse, the force would contain friction; along the
+                    // normal it does not.
+                    ForceChannel::Acceleration => constraint.normal.dot(&force),
+                },
+            }
+        });
+        self.run.felt = felt.or(self.run.felt);
+
+        self.judge(input, verdict, &now, estimate.as_ref(), felt.as_ref());
+        let wanted = self.advance(input, &now, estimate.as_ref(), felt.as_ref(), verdict);
+        let position = now.tool.translation();
+        self.task
+            .departure
+            .remember(self.task.phase, constraint.normal, position);
+
+        let motion = motion_acceleration(
+            &self.task.program.config.motion,
+            &mut self.run.motion,
+            &now,
+            &wanted.reference,
+            dt,
+        );
+        let mut constraint = constraint;
+        // While seeking, the damping acts relative to the seek speed along the normal.
+        constraint.velocity -= constraint.normal * wanted.seek_m_per_s.unwrap_or(0.0);
+        // While the wrench is bad, the last good one is used.
+        let (acceleration, push) = if let (true, Some(used)) = (wanted.pressing, self.run.felt) {
+            self.run.motion.forget_along(&constraint.normal);
+            let wrench = stacked(&used.force, &used.moment);
+            let pressing_n = used.pressing_n;
+            let seeking = wanted.seek_m_per_s.is_some();
+            let reference = if seeking || verdict != WrenchVerdict::Good {
+                pressing_n
+            } else {
+                self.run.reference_n
+            };
+            let mut gains = self.task.program.config.force;
+            if seeking {
+                // The published law has no damping with which to hold a speed.
+                gains.damping_per_s = self.task.program.config.motion.position_damping_per_s;
+            }
+            let command = hybrid(
+                &gains,
+                &mut self.run.force,
+                &now,
+                &constraint,
+                &motion,
+                reference,
+                pressing_n,
+                &wrench,
+                dt,
+            );
+            (command.acceleration, command.push)
+        } else {
+            (motion, Joints::<6>::zeros())
+        };
+        let twist = stacked(&wanted.reference.velocity, &wanted.reference.angular);
+        let (torque, limited) = torque(
+            &self.model,
+            &self.limits,
+            &self.task.program.config,
+            &self.friction,
+            &now,
+            &acceleration,
+            &twist,
+            &push,
+        );
+        if !torque.iter().all(|x| x.is_finite()) {
+            return self.blind_output(input);
+        }
+        self.run.torque = torque;
+        let away = now.tool.translation() - wanted.reference.position;
+        let n = &constraint.normal;
+        HybridOutput {
+            torque: self.run.torque,
+            phase: self.task.phase,
+            fault: self.task.fault,
+            tare_requested: self.task.phase == Phase::Tare && self.task.program.task.tare,
+            in_contact: self.task.phase.is_pressing(),
+            contact_lost_count: self.run.lost_count,
+            normal: *n,
+            force_reference_n: if wanted.pressing {
+                self.run.reference_n
+            } else {
+                0.0
+            },
+            force_n: felt.map(|felt| felt.pressing_n),
+            clearance: self.task.departure.clearance,
+            zero_withdrawn: self.run.zero_withdrawn,
+            base_from_tool: now.tool,
+            path_reference: wanted.reference.position,
+            reference_in_object: wanted.in_object,
+            path_error_m: (away - n * n.dot(&away)).norm(),
+            path_progress: (self.run.path_s / self.task.program.path.duration_s().max(1e-9))
+                .min(1.0),
+            alignment_error_rad: n.angle(&-now.tool.z_axis()),
+            manipulability: now.jacobian.determinant().abs(),
+            limited,
+        }
+    }
+
+    /// Output for a period in which the arm's state or the period is invalid, or in which the
+    /// torques would not be finite. The torques fade to gravity compensation at the last valid
+    /// joint positions.
+    fn blind_output(&mut self, input: &HybridInput) -> HybridOutput {
+        self.task.fault = Some(Fault::ArmState);
+        self.task.phase = Phase::Fault;
+        self.run.held = None;
+        if let Some((q, dt)) = self.run.last_good {
+            let gravity = self.model.gravity(&q);
+            let held = bounded_torque(self.model.limits(), &gravity, &Joints::zeros()).0;
+            self.run.torque += (held - self.run.torque) * (dt / FADE_S).min(1.0);
+        }
+        HybridOutput {
+            torque: self.run.torque,
+            phase: Phase::Fault,
+            fault: self.task.fault,
+            tare_requested: false,
+            in_contact: false,
+            contact_lost_count: self.run.lost_count,
+            normal: Vector3::z(),
+            force_reference_n: 0.0,
+            force_n: None,
+            clearance: self.task.departure.clearance,
+            zero_withdrawn: self.run.zero_withdrawn,
+            base_from_tool: Pose::identity(),
+            path_reference: Vector3::zeros(),
+            reference_in_object: None,
+            path_error_m: 0.0,
+            path_progress: 0.0,
+            alignment_error_rad: 0.0,
+            manipulability: 0.0,
+            limited: !input.arm_ready,
+        }
+    }
+
+    /// Retracts from the surface, then enters phase `then`. Enters it at once from `Tare`, before
+    /// the tool has approached, and from `Clear`, which moves it off already.
+    fn leave(&mut self, then: Phase) {
+        self.run.held = None;
+        self.task.leave(then);
+    }
+
+    /// Returns to the phase that was interrupted: `Slide` once the path has begun, else `Contact`.
+    fn resume(&mut self) {
+        self.run.rate = 0.0;
+        self.task.enter(if self.run.path_s > 0.0 {
+            Phase::Slide
+        } else {
+            Phase::Contact
+        });
+    }
+
+    fn fail(&mut self, fault: Fault) {
+        self.task.fault = Some(fault);
+        self.leave(Phase::Fault);
+    }
+}

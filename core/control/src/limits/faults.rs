@@ -1,0 +1,126 @@
+//! Faults: why a task ended early, and what to do about it.
+
+/// Why a task ended early.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// The wrench is missing, old, not finite, saturated or the sensor reports an error.
+    Wrench(tangent_sensing::Validity),
+    /// No estimator in the task's list gave a usable normal for too long.
+    Estimate(tangent_sensing::Validity),
+    /// The motion of the base was not known for too long.
+    Base(tangent_sensing::BaseTrouble),
+    /// The arm cannot compensate the motion of its base.
+    OutOfReach,
+    /// The approach ended without contact.
+    NoSurface,
+    /// The surface was lost and not found again.
+    SurfaceLost,
+    /// Contact was lost too often.
+    ContactUnstable,
+    /// The force exceeds the cell's limit.
+    ForceLimit,
+    /// The torque exceeds the cell's limit.
+    TorqueLimit,
+    /// The tool leaves the cell's workspace.
+    Workspace,
+    /// The force did not settle in time.
+    ForceNotReached,
+    /// No tare arrived in time.
+    NoTare,
+    /// The arm does not accept commands.
+    ArmNotReady,
+    /// The arm's state is not finite.
+    ArmState,
+    /// The motion tank is empty: the path needs more energy than the task's budget.
+    TankEmpty,
+    /// The task exceeded its time limit.
+    TaskTimeout,
+    /// Moving off before the tare met an obstacle, or did not end in free space.
+    NotClear,
+    /// The retraction met an obstacle.
+    RetractOpposed,
+    /// The tool touched at the place where the sensor was tared: the zero hides a contact.
+    ZeroInContact,
+    /// The zero that the law took exceeds the possible error of the robot's estimate.
+    ZeroTooLarge,
+    /// The sensor has lost its zero.
+    ZeroLost,
+    /// The zero is so old that its drift may exceed what the task allows.
+    ZeroOld,
+    /// The untared reading exceeds the cell's limit.
+    UntaredLimit,
+}
+
+impl Fault {
+    /// What happened and what to do, as text.
+    pub fn text(self) -> &'static str {
+        use tangent_sensing::Validity;
+        match self {
+            Self::Wrench(Validity::Missing) => "no wrench: is netft running?",
+            Self::Wrench(Validity::Stale) => {
+                "wrench fell silent: check the sensor's cable and netft"
+            }
+            Self::Wrench(Validity::Saturated) => "sensor saturated: too much force or torque",
+            Self::Wrench(Validity::NotFinite) => "wrench is not a finite number",
+            Self::Wrench(Validity::Frozen) => {
+                "sensor frozen: its records repeat; restart the sensor, check its cable and transducer"
+            }
+            Self::Wrench(Validity::AxisStuck) => {
+                "one axis of the sensor is stuck: restart the sensor, check its cable and transducer"
+            }
+            Self::Wrench(Validity::Unresponsive) => {
+                "the wrench does not answer to the tool's motion: check the sensor, its mounting, its delay, and that the surface stays in its place"
+            }
+            Self::Wrench(Validity::Implausible) => {
+                "the wrench jumps as no load can: check the network and the sensor for damaged records"
+            }
+            Self::Wrench(_) => "sensor reports an error: see wrench/status",
+            Self::Estimate(Validity::Missing) => "no normal estimate: is the estimator running?",
+            Self::Estimate(Validity::Stale) => {
+                "normal estimate fell silent, no other to fall back to"
+            }
+            Self::Estimate(_) => "normal estimate unusable, no other to fall back to",
+            Self::Base(trouble) => trouble.reason(),
+            Self::OutOfReach => {
+                "the base carries the arm out of its reach: stop the platform, or start nearer"
+            }
+            Self::NoSurface => "no surface within approach.distance_max_m",
+            Self::SurfaceLost => {
+                "surface lost and not found again within limits.blind_distance_max_m"
+            }
+            Self::ContactUnstable => {
+                "contact lost too often: more damping or a lower approach speed for this stiffness"
+            }
+            Self::ForceLimit => "force beyond limits.force_max_n",
+            Self::TorqueLimit => "torque beyond limits.torque_max_nm",
+            Self::Workspace => "tool at the edge of the workspace (limits.workspace_min_m, _max_m)",
+            Self::ForceNotReached => "force did not settle within timeouts.contact_s",
+            Self::NoTare => "no tare within timeouts.tare_s: is netft running?",
+            Self::ArmNotReady => "arm does not take commands: see arm/state",
+            Self::ArmState => "arm state is not a finite number",
+            Self::TankEmpty => {
+                "motion tank empty: give the task more energy in control.tanks.motion, or less force or path"
+            }
+            Self::TaskTimeout => "task took longer than timeouts.task_s",
+            Self::NotClear => {
+                "moving off before the tare met something or never came free: move the tool clear, then start with --clear"
+            }
+            Self::RetractOpposed => {
+                "retraction met something and stopped: move the tool clear, then start with --clear"
+            }
+            Self::ZeroInContact => {
+                "touched right where it was tared: the zero was taken in contact and is withdrawn; start again"
+            }
+            Self::ZeroTooLarge => {
+                "wrench beyond touch.zero_max_n at rest: the tool touches something, or the robot's load is set wrong"
+            }
+            Self::ZeroLost => "sensor lost its zero: did netft restart? start again",
+            Self::ZeroOld => {
+                "zero too old for zero.error_max_n: start again, or zero.at_limit = \"retare\""
+            }
+            Self::UntaredLimit => {
+                "untared reading beyond limits.untared_force_max_n or untared_share_max"
+            }
+        }
+    }
+}

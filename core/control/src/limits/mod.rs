@@ -1,0 +1,255 @@
+//! Limits of the cell that no task and no law may exceed, and the limiter that keeps a twist within
+//! them.
+
+pub(crate) mod answer;
+pub mod faults;
+pub(crate) mod joint_guard;
+pub(crate) mod plausibility;
+pub(crate) mod response_guard;
+pub mod wrench_guard;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use tangent_mechanics::{Aligned, Base, DampedLeastSquares, Tool, Twist};
+
+use crate::error::{ControlError, check_range};
+use crate::law::UntaredLoad;
+
+/// Limits of the cell. The bridge enforces its own, wider limits as well.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Speed of the tool's origin, m/s.
+    pub speed_max_m_per_s: f64,
+    /// Acceleration of the tool's origin, m/s².
+    pub acceleration_max_m_per_s2: f64,
+    /// Angular speed of the tool, rad/s.
+    pub turn_rate_max_rad_per_s: f64,
+    /// Angular acceleration of the tool, rad/s².
+    pub turn_acceleration_max_rad_per_s2: f64,
+    /// Share of the arm's own joint speed limits, 0 to 1.
+    pub joint_speed_share: f64,
+    /// Joint acceleration, rad/s².
+    pub joint_acceleration_max_rad_per_s2: f64,
+    /// Distance kept from a joint's end stops, rad.
+    pub joint_margin_rad: f64,
+    /// Force at the tool beyond which the arm retracts, N.
+    pub force_max_n: f64,
+    /// Torque at the tool beyond which the arm retracts, Nm.
+    pub torque_max_nm: f64,
+    /// Force beyond which the arm retracts regardless of the current zero, N: the untared reading
+    /// relative to the last zero taken after a motion had shown the tool free. `None`:
+    /// `force_max_n` plus 5 N for the drift of a zero.
+    pub untared_force_max_n: Option<f64>,
+    /// Largest share of the sensor's rating that the untared reading may take in any axis.
+    pub untared_share_max: f64,
+    /// Lower corner of the box in which the tool's origin stays while it works, base axes, m.
+    pub workspace_min_m: [f64; 3],
+    /// Upper corner of the box, base axes, m.
+    pub workspace_max_m: [f64; 3],
+    /// Power put into the surface along the normal, W.
+    pub power_max_w: f64,
+    /// Distance against the normal without contact after which the arm gives up and retracts, m.
+    pub blind_distance_max_m: f64,
+    /// Damping of the inverse Jacobian (eq. 3) near a singularity.
+    pub singularity: DampedLeastSquares,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            speed_max_m_per_s: 0.25,
+            acceleration_max_m_per_s2: 1.0,
+            turn_rate_max_rad_per_s: 1.0,
+            turn_acceleration_max_rad_per_s2: 10.0,
+            joint_speed_share: 0.5,
+            joint_acceleration_max_rad_per_s2: 15.0,
+            joint_margin_rad: 0.05,
+            force_max_n: 40.0,
+            torque_max_nm: 5.0,
+            untared_force_max_n: None,
+            untared_share_max: 0.7,
+            workspace_min_m: [-2.0; 3],
+            workspace_max_m: [2.0; 3],
+            power_max_w: 0.5,
+            blind_distance_max_m: 0.03,
+            singularity: DampedLeastSquares::default(),
+        }
+    }
+}
+
+impl Limits {
+    /// Checks that every number is in its range.
+    pub fn check(&self) -> Result<(), ControlError> {
+        let positive =
+            |key: &str, value, upper| check_range(&format!("limits.{key}"), value, 1e-6, upper);
+        positive("speed_max_m_per_s", self.speed_max_m_per_s, 2.0)?;
+        positive(
+            "acceleration_max_m_per_s2",
+            self.acceleration_max_m_per_s2,
+            50.0,
+        )?;
+        positive("turn_rate_max_rad_per_s", self.turn_rate_max_rad_per_s, 6.0)?;
+        positive(
+            "turn_acceleration_max_rad_per_s2",
+            self.turn_acceleration_max_rad_per_s2,
+            200.0,
+        )?;
+        positive("joint_speed_share", self.joint_speed_share, 1.0)?;
+        positive(
+            "joint_acceleration_max_rad_per_s2",
+            self.joint_acceleration_max_rad_per_s2,
+            100.0,
+        )?;
+        check_range("limits.joint_margin_rad", self.joint_margin_rad, 0.0, 1.0)?;
+        positive("force_max_n", self.force_max_n, 1000.0)?;
+        positive("torque_max_nm", self.torque_max_nm, 1000.0)?;
+        positive("untared_force_max_n", self.untared_max_n(), 1005.0)?;
+        positive("untared_share_max", self.untared_share_max, 1.0)?;
+        for i in 0..3 {
+            let (lower, upper) = (self.workspace_min_m[i], self.workspace_max_m[i]);
+            check_range("limits.workspace_min_m", lower, -10.0, 10.0)?;
+            check_range("limits.workspace_max_m", upper, lower, 10.0)?;
+        }
+        positive("power_max_w", self.power_max_w, 100.0)?;
+        positive("blind_distance_max_m", self.blind_distance_max_m, 0.5)?;
+        positive(
+            "singularity.damping_max",
+            self.singularity.damping_max,
+            10.0,
+        )?;
+        positive("singularity.threshold", self.singularity.threshold, 10.0)
+    }
+}
+
+/// Drift of a zero that the limit on the untared reading allows for, N.
+const DRIFT_N: f64 = 5.0;
+
+impl Limits {
+    /// Limit of the untared force beyond which the arm retracts, N, relative to the last zero that
+    /// a motion has shown to be free of load.
+    pub fn untared_max_n(&self) -> f64 {
+        self.untared_force_max_n
+            .unwrap_or(self.force_max_n + DRIFT_N)
+    }
+
+    /// Whether the untared reading is beyond its limit.
+    pub fn is_untared_beyond(&self, untared: &UntaredLoad) -> bool {
+        // Written so that NaN is beyond the limit.
+        let beyond = |value: Option<f64>, most| value.is_some_and(|x| x.is_nan() || x > most);
+        beyond(untared.beyond_reference_n, self.untared_max_n())
+            || beyond(untared.rated_share, self.untared_share_max)
+    }
+}
+
+/// `vector`, shortened to `length` if longer.
+pub fn clamp_norm(vector: Vector3<f64>, length: f64) -> Vector3<f64> {
+    let norm = vector.norm();
+    if norm > length {
+        vector * (length / norm)
+    } else {
+        vector
+    }
+}
+
+/// Keeps a commanded twist within speed and acceleration limits. Its state is the last twist it
+/// returned.
+#[derive(Clone, Copy, Debug)]
+pub struct TwistLimiter {
+    last: Twist<Aligned<Tool, Base>>,
+}
+
+impl Default for TwistLimiter {
+    fn default() -> Self {
+        Self {
+            last: Twist::zero(),
+        }
+    }
+}
+
+impl TwistLimiter {
+    /// The twist nearest to `wanted` (starting from the last one) within `limits`. A twist that is
+    /// not finite requests a stop.
+    pub fn step(
+        &mut self,
+        limits: &Limits,
+        wanted: Twist<Aligned<Tool, Base>>,
+        dt_s: f64,
+    ) -> Twist<Aligned<Tool, Base>> {
+        let wanted = if wanted.is_finite() {
+            wanted
+        } else {
+            Twist::zero()
+        };
+        let linear = clamp_norm(wanted.linear, limits.speed_max_m_per_s);
+        let angular = clamp_norm(wanted.angular, limits.turn_rate_max_rad_per_s);
+        self.last = Twist::new(
+            self.last.linear
+                + clamp_norm(
+                    linear - self.last.linear,
+                    limits.acceleration_max_m_per_s2 * dt_s,
+                ),
+            self.last.angular
+                + clamp_norm(
+                    angular - self.last.angular,
+                    limits.turn_acceleration_max_rad_per_s2 * dt_s,
+                ),
+        );
+        self.last
+    }
+
+    /// The last twist returned.
+    pub fn last(&self) -> Twist<Aligned<Tool, Base>> {
+        self.last
+    }
+
+    /// Resets the state to rest: the arm stands.
+    pub fn reset(&mut self) {
+        self.last = Twist::zero();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn any_number() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            -1.0f64..1.0,
+            -1e9f64..1e9,
+            Just(f64::NAN),
+            Just(f64::INFINITY)
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn never_beyond_the_limits_for_any_input(wanted in prop::collection::vec(prop::array::uniform6(any_number()), 1..50)) {
+            let limits = Limits::default();
+            let mut limiter = TwistLimiter::default();
+            let dt = 0.008;
+            for w in wanted {
+                let before = limiter.last();
+                let out = limiter.step(&limits, Twist::from_vector(&w.into()), dt);
+                prop_assert!(out.is_finite());
+                prop_assert!(out.linear.norm() <= limits.speed_max_m_per_s * (1.0 + 1e-9));
+                prop_assert!(out.angular.norm() <= limits.turn_rate_max_rad_per_s * (1.0 + 1e-9));
+                let step = out - before;
+                prop_assert!(step.linear.norm() <= limits.acceleration_max_m_per_s2 * dt * (1.0 + 1e-9));
+                prop_assert!(step.angular.norm() <= limits.turn_acceleration_max_rad_per_s2 * dt * (1.0 + 1e-9));
+            }
+        }
+    }
+
+    #[test]
+    fn the_default_is_in_range() {
+        Limits::default().check().unwrap();
+        let wrong = Limits {
+            power_max_w: f64::NAN,
+            ..Limits::default()
+        };
+        let error = wrong.check().unwrap_err().to_string();
+        assert!(error.contains("limits.power_max_w"), "{error}");
+    }
+}

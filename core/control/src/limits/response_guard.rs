@@ -1,0 +1,407 @@
+//! Detects a wrench that does not respond to the tool's motion, independent of the sensor's own
+//! status.
+//!
+//! Every law calls it each cycle beside the wrench guard, before it uses the wrench. Three
+//! observations rule out a working sensor: the tool goes deeper or comes out while the reading does
+//! not change; the tool goes deeper while the reading's mean does not rise (`answer`: a dead sensor
+//! that still produces noise); the tool leaves the surface while the pressing force remains. One
+//! case cannot be distinguished here: a dead sensor and a surface that recedes no more steeply than
+//! the possible error of the normal both need more motion at the same force.
+
+use nalgebra::{Vector3, Vector6};
+use tangent_sensing::Validity;
+
+use crate::limits::answer::{Answer, DepthRule, Pressed};
+use crate::phase_machine::Phase;
+
+/// Lower bound assumed for the stiffness, N/m: high, so that a short distance is enough. A dead
+/// sensor makes every contact look soft.
+const STIFFNESS_N_PER_M: f64 = 25_000.0;
+/// A reading that changes by less than this is constant, N: a payload that turns with the tool
+/// changes it slightly.
+const STILL_N: f64 = 5e-3;
+/// Additional change per metre of depth below which a reading counts as constant, N/m: a quarter of
+/// the softest surface's stiffness.
+const STILL_N_PER_M: f64 = 250.0;
+/// Force that may build up undetected while the reading is constant, N, or this share of the
+/// reference.
+const UNFELT_N: f64 = 1.5;
+const UNFELT_SHARE: f64 = 0.5;
+/// Time until a reading shows the effect of a motion, s.
+const LATE_S: f64 = 0.03;
+/// Minimum distance that counts, m: above a joint encoder's noise at the tool.
+const WAY_MIN_M: f64 = 2e-5;
+/// Distance after which the decision is made, m.
+const WAY_M: f64 = 2e-3;
+/// Stiffness of the softest surface that releases its force over the distance of a retraction, N/m.
+const SOFTEST_N_PER_M: f64 = 1000.0;
+/// Share of the pressing force that may remain after the tool has covered its indentation and
+/// [`WAY_M`] more.
+const LEFT_SHARE: f64 = 0.8;
+/// A force below this, or below this share of the reference, is no contact: the loss of contact is
+/// handled elsewhere.
+const PRESSED_N: f64 = 0.2;
+const PRESSED_SHARE: f64 = 0.1;
+/// Share of the reference from which the mean is compared with the depth: a sensor may die at the
+/// first touch.
+const TOUCHED_SHARE: f64 = 0.02;
+
+/// What the tool does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Doing {
+    /// In free space, or not meant to touch.
+    Free,
+    /// Pressing on the surface.
+    Pressing,
+    /// Moving off the surface.
+    Leaving,
+}
+
+impl Doing {
+    /// What the tool does in a phase.
+    pub fn of(phase: Phase) -> Self {
+        match phase {
+            Phase::Retract => Self::Leaving,
+            pressing if pressing.is_pressing() => Self::Pressing,
+            _ => Self::Free,
+        }
+    }
+}
+
+/// Measurements of one cycle of the tool and its sensor.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Touch {
+    pub doing: Doing,
+    /// Position of the tool's origin, m, in axes in which the surface is at rest.
+    pub position: Vector3<f64>,
+    /// Normal in the same axes, out of the material.
+    pub normal: Vector3<f64>,
+    /// Wrench as read, tool axes, N and Nm.
+    pub wrench: Vector6<f64>,
+    /// Pressing force of that wrench, N.
+    pub force_n: f64,
+    /// Reference of the pressing force, N.
+    pub reference_n: f64,
+    /// Measured stiffness of the contact, N/m; `None` if not measured.
+    pub stiffness_n_per_m: Option<f64>,
+    /// Whether the arm's base is at rest.
+    pub rests: bool,
+    /// Whether the reading arrived since the last cycle: a repeated reading carries no new
+    /// information.
+    pub fresh: bool,
+    /// How the mean of the reading is compared with the depth; `None`: not at all.
+    pub depth: Option<DepthRule>,
+    /// Period, s.
+    pub dt_s: f64,
+}
+
+impl Touch {
+    /// Whether the tool is meant to press, and the measured force is at least this share of the
+    /// reference.
+    fn presses(&self, share: f64) -> bool {
+        self.doing == Doing::Pressing
+            && self.rests
+            && self.force_n >= PRESSED_N.max(share * self.reference_n)
+    }
+}
+
+/// A reading that stays constant, and the tool's motion since.
+#[derive(Clone, Copy, Debug)]
+struct Still {
+    wrench: Vector6<f64>,
+    /// Depth into the surface, m, along the normals in use during the motion.
+    depth_m: f64,
+    /// Distance across those normals, m.
+    across_m: f64,
+    /// Part of the depth that the reading can show by now, m.
+    late_m: f64,
+    since_s: f64,
+}
+
+impl Still {
+    fn at(touch: &Touch) -> Self {
+        Self {
+            wrench: touch.wrench,
+            depth_m: 0.0,
+            across_m: 0.0,
+            late_m: 0.0,
+            since_s: 0.0,
+        }
+    }
+}
+
+/// State of the guard for one task. A new one is the reset.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ResponseGuard {
+    still: Option<Still>,
+    answer: Option<Answer>,
+    /// Stiffness measured in the last contact, N/m.
+    stiffness_n_per_m: Option<f64>,
+    /// Time since the last fresh reading, s.
+    since_s: f64,
+    /// Pressing force, N, and position, m, when the tool began to leave.
+    left: Option<(f64, Vector3<f64>)>,
+    last: Option<Vector3<f64>>,
+    tripped: bool,
+}
+
+impl ResponseGuard {
+    /// Processes one cycle. Returns [`Validity::Unresponsive`] for the rest of the task once the
+    /// reading has failed to respond.
+    pub fn step(&mut self, touch: &Touch) -> Validity {
+        self.since_s += touch.dt_s;
+        let sound = touch.fresh
+            && touch.wrench.iter().all(|x| x.is_finite())
+            && touch.position.iter().all(|x| x.is_finite());
+        if sound {
+            let step = touch.position - self.last.replace(touch.position).unwrap_or(touch.position);
+            let touch = &Touch {
+                dt_s: std::mem::take(&mut self.since_s),
+                ..*touch
+            };
+            self.tripped |= self.stands_still(touch, &step)
+                | self.does_not_follow(touch, &step)
+                | self.stays_while_leaving(touch);
+        }
+        if self.tripped {
+            Validity::Unresponsive
+        } else {
+            Validity::Valid
+        }
+    }
+
+    /// Whether the tool goes deeper or comes out while the reading stays constant.
+    fn stands_still(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
+        if !touch.presses(PRESSED_SHARE) {
+            self.still = None;
+            return false;
+        }
+        let Some(still) = &mut self.still else {
+            self.still = Some(Still::at(touch));
+            return false;
+        };
+        let deeper = -step.dot(&touch.normal);
+        still.depth_m += deeper;
+        still.across_m += (step + touch.normal * deeper).norm();
+        still.late_m += (still.depth_m - still.late_m) * (touch.dt_s / (touch.dt_s + LATE_S));
+        still.since_s += touch.dt_s;
+        let Still {
+            depth_m,
+            across_m,
+            late_m,
+            since_s,
+            ..
+        } = *still;
+        let changed = (touch.wrench - still.wrench).fixed_rows::<3>(0).norm();
+        // On the way out the reading need not change much: a hand that lifts the tool off gives a
+        // steady reading. It still varies more than a dead sensor's, and the true force falls.
+        let still_n = STILL_N.max(STILL_N_PER_M * late_m);
+        if changed > still_n {
+            *still = Still::at(touch);
+            return false;
+        }
+        let stiffness = touch
+            .stiffness_n_per_m
+            .unwrap_or(0.0)
+            .max(STIFFNESS_N_PER_M);
+        let unfelt = UNFELT_N.max(UNFELT_SHARE * touch.reference_n);
+        let enough = (unfelt / stiffness).clamp(WAY_MIN_M, WAY_M);
+        // A normal that is off by 20 degrees turns sliding along the surface into apparent depth.
+        since_s >= LATE_S && depth_m.abs() - 0.36 * across_m >= enough
+    }
+
+    /// Whether the tool goes deeper while the mean of the noisy reading does not rise.
+    fn does_not_follow(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
+        if !touch.presses(TOUCHED_SHARE) {
+            if let Some(answer) = self.answer.take() {
+                self.stiffness_n_per_m = answer.stiffness_n_per_m().or(self.stiffness_n_per_m);
+            }
+            return false;
+        }
+        let Some(rule) = touch.depth else {
+            return false;
+        };
+        let deeper_m = -step.dot(&touch.normal);
+        let pressed = Pressed {
+            deeper_m,
+            across_m: (step + touch.normal * deeper_m).norm(),
+            force_n: touch.force_n,
+            reference_n: touch.reference_n,
+            rule,
+            dt_s: touch.dt_s,
+        };
+        match &mut self.answer {
+            Some(answer) => answer.is_missing(&pressed),
+            None => {
+                self.answer = Some(Answer::new(&pressed, self.stiffness_n_per_m));
+                false
+            }
+        }
+    }
+
+    /// Whether the tool has left while the force remains.
+    fn stays_while_leaving(&mut self, touch: &Touch) -> bool {
+        if touch.doing != Doing::Leaving || !touch.rests {
+            self.left = None;
+            return false;
+        }
+        let (force, from) = *self.left.get_or_insert((touch.force_n, touch.position));
+        let way = (touch.position - from).dot(&touch.normal);
+        force >= UNFELT_N
+            && way >= WAY_M + force / SOFTEST_N_PER_M
+            && touch.force_n >= LEFT_SHARE * force
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The tool at a depth (m) in the surface, after sliding `x` (m), reading `force_n`.
+    fn touch(doing: Doing, depth: f64, x: f64, force_n: f64) -> Touch {
+        Touch {
+            doing,
+            position: Vector3::new(0.4 + x, 0.0, 0.2 - depth),
+            normal: Vector3::z(),
+            wrench: Vector6::new(0.0, 0.0, -force_n, 0.0, 0.0, 0.0),
+            force_n,
+            reference_n: 3.0,
+            stiffness_n_per_m: None,
+            rests: true,
+            fresh: true,
+            depth: Some(DepthRule {
+                settling: false,
+                slope: 0.36,
+                blind_max_m: 0.03,
+            }),
+            dt_s: 0.008,
+        }
+    }
+
+    /// Depth, m, at which a constant reading is detected.
+    fn unfelt_m(stiffness: Option<f64>, per_cycle_m: f64) -> f64 {
+        let mut guard = ResponseGuard::default();
+        for k in 0..10_000 {
+            let depth = per_cycle_m * f64::from(k);
+            let sample = Touch {
+                stiffness_n_per_m: stiffness,
+                ..touch(Doing::Pressing, depth, 0.0, 2.0)
+            };
+            if guard.step(&sample) == Validity::Unresponsive {
+                return depth.abs();
+            }
+        }
+        panic!("not noticed");
+    }
+
+    #[test]
+    fn a_tool_that_goes_deeper_under_a_standing_reading_is_stopped_before_ten_newtons() {
+        for stiffness in [1e3, 5e3, 2.5e4, 5e4] {
+            for per_cycle in [5e-6, 2e-5, -2e-5] {
+                for known in [Some(stiffness), None] {
+                    let way = unfelt_m(known, per_cycle);
+                    assert!(way <= 2e-3 + 1e-9, "{way}");
+                    assert!(stiffness * way < 7.0, "{stiffness} {known:?}: {way}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_reading_that_follows_is_well() {
+        let mut guard = ResponseGuard::default();
+        for k in 0..5000 {
+            // Two newtons on 1 kN/m, up and down.
+            let depth = 1e-3 * (f64::from(k) * 0.01).sin();
+            let x = 2e-4 * f64::from(k);
+            let sample = touch(Doing::Pressing, depth, x, 3.0 + 1000.0 * depth);
+            assert_eq!(guard.step(&sample), Validity::Valid);
+        }
+    }
+
+    #[test]
+    fn along_a_slope_a_steady_force_is_right() {
+        // 15 degrees of undetected error of the normal.
+        let mut guard = ResponseGuard::default();
+        for k in 0..5000 {
+            let x = 2e-4 * f64::from(k);
+            let sample = touch(Doing::Pressing, 0.268 * x, x, 3.0);
+            assert_eq!(guard.step(&sample), Validity::Valid);
+        }
+    }
+
+    #[test]
+    fn a_force_that_stays_while_the_tool_leaves_is_no_force() {
+        let run = |force: &dyn Fn(f64) -> f64| {
+            let mut guard = ResponseGuard::default();
+            (0..1000).find_map(|k| {
+                let away = 2e-5 * f64::from(k);
+                let sample = touch(Doing::Leaving, -away, 0.0, force(away));
+                (guard.step(&sample) == Validity::Unresponsive).then_some(away)
+            })
+        };
+        // Noise does not hide it; at 1 kN/m the force is released within 3 mm; leaving a surface
+        // that was never pressed reports nothing.
+        let noticed = run(&|away| 3.0 + 0.1 * (1e5 * away).sin());
+        assert!(noticed.is_some_and(|way| way < 5.1e-3), "{noticed:?}");
+        assert_eq!(run(&|away| (3.0 - 1000.0 * away).max(0.0)), None);
+        assert_eq!(run(&|_| 0.4), None);
+    }
+
+    #[test]
+    fn a_reading_that_is_used_again_is_no_standstill() {
+        let mut guard = ResponseGuard::default();
+        for k in 0..1000 {
+            // A new reading every fourth cycle, at 25 kN/m.
+            let depth = 5e-6 * f64::from(k);
+            let force = 25_000.0 * 5e-6 * f64::from(k / 4 * 4);
+            let sample = Touch {
+                fresh: k % 4 == 0,
+                ..touch(Doing::Pressing, depth, 0.0, force)
+            };
+            assert_eq!(guard.step(&sample), Validity::Valid);
+        }
+    }
+
+    #[test]
+    fn a_hand_that_lifts_the_tool_is_not_a_dead_sensor() {
+        let run = |trembles_n: f64| {
+            let mut guard = ResponseGuard::default();
+            (0..500).find_map(|k| {
+                let away = 2e-5 * f64::from(k);
+                let force = 25.0 + trembles_n * f64::from(k).sin();
+                let lifted = touch(Doing::Pressing, -away, 0.0, force);
+                (guard.step(&lifted) == Validity::Unresponsive).then_some(away)
+            })
+        };
+        assert_eq!(run(0.02), None);
+        assert!(run(0.0).is_some_and(|way| way < 2.1e-3));
+    }
+
+    #[test]
+    fn a_contact_that_is_lost_is_not_a_dead_sensor() {
+        let mut guard = ResponseGuard::default();
+        for k in 0..1000 {
+            let sample = touch(Doing::Pressing, 2e-5 * f64::from(k), 0.0, 0.0);
+            assert_eq!(guard.step(&sample), Validity::Valid);
+        }
+    }
+
+    #[test]
+    fn it_stays_said_until_the_next_task_and_a_moving_base_is_not_judged() {
+        let mut guard = ResponseGuard::default();
+        for k in 0..100 {
+            guard.step(&touch(Doing::Pressing, 2e-5 * f64::from(k), 0.0, 2.0));
+        }
+        let fresh = touch(Doing::Free, 0.0, 0.0, 0.1);
+        assert_eq!(guard.step(&fresh), Validity::Unresponsive);
+        let mut guard = ResponseGuard::default();
+        for k in 0..1000 {
+            let sample = Touch {
+                rests: false,
+                ..touch(Doing::Pressing, 2e-5 * f64::from(k), 0.0, 2.0)
+            };
+            assert_eq!(guard.step(&sample), Validity::Valid);
+        }
+    }
+}

@@ -1,0 +1,347 @@
+//! Paths in a plane, as a task specifies them, with a smooth time law.
+//!
+//! A path starts at the origin (where the tool touched down) and is drawn in the plane's x and y.
+//! The controller maps the plane to the surface: see `tracking`.
+
+mod places;
+mod spec;
+
+use nalgebra::Vector2;
+
+use crate::error::ControlError;
+use crate::task::profile::Profile;
+
+pub use places::PathPlace;
+pub use spec::{Circle, Line, PathSpec, Raster, Stay, Waypoints};
+
+#[derive(Clone, Copy, Debug)]
+enum Shape {
+    Straight {
+        from: Vector2<f64>,
+        direction: Vector2<f64>,
+    },
+    Arc {
+        centre: Vector2<f64>,
+        radius: f64,
+        start_rad: f64,
+        sign: f64,
+    },
+    /// The length of its profile is the policy's time, s.
+    Loops {
+        radius: f64,
+        turn_rate: f64,
+        advance: f64,
+    },
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    start_s: f64,
+    shape: Shape,
+    profile: Profile,
+}
+
+/// A path with its time law; made once, then read every cycle.
+#[derive(Clone, Debug)]
+pub struct Path {
+    stretches: Vec<Stretch>,
+    duration_s: f64,
+}
+
+/// Point of the path at a time, in plane coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathPoint {
+    /// Position, m.
+    pub position: Vector2<f64>,
+    /// Velocity, m/s.
+    pub velocity: Vector2<f64>,
+}
+
+impl Path {
+    /// Gives the path its time law.
+    pub fn new(
+        spec: &PathSpec,
+        acceleration_m_per_s2: f64,
+        jerk_m_per_s3: f64,
+    ) -> Result<Self, ControlError> {
+        spec.check()?;
+        let mut path = Self {
+            stretches: Vec::new(),
+            duration_s: 0.0,
+        };
+        let bounds = (acceleration_m_per_s2, jerk_m_per_s3);
+        match spec {
+            PathSpec::Raster(r) => path.raster(r, bounds),
+            PathSpec::Circle(c) => {
+                // The centripetal acceleration is v²/r, its jerk v³/r².
+                let speed = c
+                    .speed_m_per_s
+                    .min((acceleration_m_per_s2 * c.radius_m).sqrt())
+                    .min((jerk_m_per_s3 * c.radius_m * c.radius_m).cbrt());
+                let length = std::f64::consts::TAU * c.radius_m * c.turns.abs();
+                path.push(
+                    Shape::Arc {
+                        centre: Vector2::new(c.radius_m, 0.0),
+                        radius: c.radius_m,
+                        start_rad: std::f64::consts::PI,
+                        sign: c.turns.signum(),
+                    },
+                    Profile::new(length, speed, bounds.0, bounds.1),
+                );
+            }
+            PathSpec::Line(l) => {
+                let ends = [Vector2::zeros(), Vector2::from(l.to_m)];
+                for i in 0..l.strokes as usize {
+                    if i > 0 {
+                        path.duration_s += l.pause_s;
+                    }
+                    path.straight(ends[i % 2], ends[(i + 1) % 2], l.speed_m_per_s, bounds);
+                }
+            }
+            PathSpec::Waypoints(w) => {
+                let mut from = Vector2::zeros();
+                for point in &w.points_m {
+                    let to = Vector2::from(*point);
+                    path.straight(from, to, w.speed_m_per_s, bounds);
+                    path.duration_s += w.pause_s;
+                    from = to;
+                }
+            }
+            PathSpec::Loops(l) => {
+                // The policy's time accelerates to its rate and decelerates again within the
+                // acceleration limit.
+                let speed = l.speed();
+                path.push(
+                    Shape::Loops {
+                        radius: l.radius_m,
+                        turn_rate: l.turn_rate_rad_per_s,
+                        advance: l.advance_m_per_s,
+                    },
+                    Profile::new(l.duration_s, 1.0, bounds.0 / speed, bounds.1 / speed),
+                );
+            }
+            PathSpec::Stay(s) => path.duration_s = s.duration_s,
+        }
+        Ok(path)
+    }
+
+    fn raster(&mut self, r: &Raster, bounds: (f64, f64)) {
+        let mut corners = vec![Vector2::zeros()];
+        for line in 0..r.lines {
+            let y = r.step_m * f64::from(line);
+            let (near, far) = (Vector2::new(0.0, y), Vector2::new(r.length_m, y));
+            let (from, to) = if line % 2 == 0 {
+                (near, far)
+            } else {
+                (far, near)
+            };
+            if line > 0 {
+                corners.push(from);
+            }
+            corners.push(to);
+        }
+        loop {
+            for ends in corners.windows(2) {
+                if r.duration_s > 0.0 && self.duration_s >= r.duration_s {
+                    self.duration_s = r.duration_s;
+                    return;
+                }
+                self.straight(ends[0], ends[1], r.speed_m_per_s, bounds);
+                self.duration_s += r.pause_s;
+            }
+            if self.duration_s >= r.duration_s {
+                break;
+            }
+            corners.reverse();
+        }
+        if r.duration_s > 0.0 {
+            self.duration_s = r.duration_s;
+        }
+    }
+
+    fn straight(&mut self, from: Vector2<f64>, to: Vector2<f64>, speed: f64, bounds: (f64, f64)) {
+        let length = (to - from).norm();
+        if length > 0.0 {
+            self.push(
+                Shape::Straight {
+                    from,
+                    direction: (to - from) / length,
+                },
+                Profile::new(length, speed, bounds.0, bounds.1),
+            );
+        }
+    }
+
+    fn push(&mut self, shape: Shape, profile: Profile) {
+        self.stretches.push(Stretch {
+            start_s: self.duration_s,
+            shape,
+            profile,
+        });
+        self.duration_s += profile.duration_s();
+    }
+
+    /// Duration of the path at nominal speed, s.
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// Position and velocity at `time_s`; at rest before the start and after the end.
+    pub fn at(&self, time_s: f64) -> PathPoint {
+        let time_s = time_s.min(self.duration_s);
+        let index = self
+            .stretches
+            .partition_point(|stretch| stretch.start_s <= time_s);
+        let Some(stretch) = index.checked_sub(1).and_then(|i| self.stretches.get(i)) else {
+            return PathPoint {
+                position: Vector2::zeros(),
+                velocity: Vector2::zeros(),
+            };
+        };
+        let (distance, speed) = stretch.profile.at(time_s - stretch.start_s);
+        stretch.shape.at(distance, speed)
+    }
+}
+
+impl Shape {
+    /// `distance` and `speed` are those of the stretch's profile.
+    fn at(&self, distance: f64, speed: f64) -> PathPoint {
+        match *self {
+            Self::Straight { from, direction } => PathPoint {
+                position: from + direction * distance,
+                velocity: direction * speed,
+            },
+            Self::Arc {
+                centre,
+                radius,
+                start_rad,
+                sign,
+            } => {
+                let (sin, cos) = (start_rad + sign * distance / radius).sin_cos();
+                PathPoint {
+                    position: centre + Vector2::new(cos, sin) * radius,
+                    velocity: Vector2::new(-sin, cos) * (sign * speed),
+                }
+            }
+            Self::Loops {
+                radius,
+                turn_rate,
+                advance,
+            } => {
+                let (sin, cos) = (turn_rate * distance).sin_cos();
+                let along = radius * turn_rate;
+                PathPoint {
+                    position: Vector2::new(radius * sin, radius * (cos - 1.0) - advance * distance),
+                    velocity: Vector2::new(along * cos, -along * sin - advance) * speed,
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn path(toml: &str) -> Path {
+        let spec: PathSpec = toml::from_str(toml).unwrap();
+        Path::new(&spec, 0.1, 1.0).unwrap()
+    }
+
+    fn end(path: &Path) -> Vector2<f64> {
+        path.at(path.duration_s()).position
+    }
+
+    #[test]
+    fn the_papers_raster_takes_thirty_seconds_and_stays_in_its_square() {
+        let raster = path(
+            "kind = \"raster\"\nlength_m = 0.2\nstep_m = 0.2\nspeed_m_per_s = 0.02\npause_s = 0.5\nduration_s = 30.0",
+        );
+        assert_eq!(raster.duration_s(), 30.0);
+        for i in 0..3000 {
+            let p = raster.at(f64::from(i) * 0.01).position;
+            assert!((-1e-12..=0.2 + 1e-12).contains(&p.x) && (-1e-12..=0.2 + 1e-12).contains(&p.y));
+        }
+        assert!((raster.at(10.6).position - Vector2::new(0.2, 0.0)).norm() < 1e-9);
+        assert_eq!(raster.at(10.6).velocity.norm(), 0.0);
+    }
+
+    #[test]
+    fn ends_are_where_they_were_drawn() {
+        let circle = path("kind = \"circle\"\nradius_m = 0.05\nspeed_m_per_s = 0.03\nturns = -1.0");
+        assert!(end(&circle).norm() < 1e-12);
+        assert!(
+            (circle.at(circle.duration_s() / 2.0).position - Vector2::new(0.1, 0.0)).norm() < 1e-9
+        );
+        let line = path("kind = \"line\"\nto_m = [0.03, -0.04]\nspeed_m_per_s = 0.02\nstrokes = 3");
+        assert!((end(&line) - Vector2::new(0.03, -0.04)).norm() < 1e-12);
+        let points = path(
+            "kind = \"waypoints\"\npoints_m = [[0.1, 0.0], [0.1, 0.0], [0.0, 0.1]]\nspeed_m_per_s = 0.02",
+        );
+        assert!((end(&points) - Vector2::new(0.0, 0.1)).norm() < 1e-12);
+        let stay = path("kind = \"stay\"\nduration_s = 2.0");
+        assert_eq!((end(&stay), stay.duration_s()), (Vector2::zeros(), 2.0));
+    }
+
+    #[test]
+    fn the_wiping_policy_is_the_published_one_but_for_its_start_and_end() {
+        let loops = path(
+            "kind = \"loops\"\nradius_m = 0.04\nturn_rate_rad_per_s = 2.0\nadvance_m_per_s = 0.005\nduration_s = 20.0",
+        );
+        let policy = |t: f64| {
+            Vector2::new(
+                0.04 * (2.0 * t).sin(),
+                0.04 * ((2.0 * t).cos() - 1.0) - 0.005 * t,
+            )
+        };
+        let ramp = loops.duration_s() - 20.0;
+        assert!(ramp > 0.1 && ramp < 2.0, "{ramp}");
+        // The acceleration takes one ramp and covers half of its time.
+        for t in [2.0, 7.3, 15.0] {
+            let now = loops.at(t + 0.5 * ramp);
+            assert!((now.position - policy(t)).norm() < 1e-12);
+            let slope = (policy(t + 1e-6) - policy(t - 1e-6)) / 2e-6;
+            assert!((now.velocity - slope).norm() < 1e-8);
+        }
+        assert!((end(&loops) - policy(20.0)).norm() < 1e-12);
+        assert_eq!(loops.at(0.0).velocity.norm(), 0.0);
+    }
+
+    #[test]
+    fn unknown_keys_of_a_kind_are_errors() {
+        let text = "kind = \"circle\"\nradius_m = 0.05\nspeed_m_per_s = 0.03\nlength_m = 1.0";
+        let error = toml::from_str::<PathSpec>(text).unwrap_err().to_string();
+        assert!(error.contains("length_m"), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn speed_and_acceleration_stay_bounded(points in prop::collection::vec(prop::array::uniform2(-0.3f64..0.3), 1..6),
+                                               speed in 0.005f64..0.1) {
+            let spec = PathSpec::Waypoints(Waypoints { points_m: points, speed_m_per_s: speed, pause_s: 0.1 });
+            let path = Path::new(&spec, 0.1, 1.0).unwrap();
+            let h = 0.004;
+            let mut before = path.at(0.0);
+            let mut t = 0.0;
+            while t < path.duration_s() + 0.1 {
+                t += h;
+                let now = path.at(t);
+                prop_assert!(now.velocity.norm() <= speed * (1.0 + 1e-9));
+                prop_assert!((now.velocity - before.velocity).norm() / h <= 0.1 * (1.0 + 1e-6));
+                prop_assert!((now.position - before.position).norm() <= speed * h * (1.0 + 1e-6));
+                before = now;
+            }
+        }
+
+        #[test]
+        fn a_circle_stays_on_its_circle(radius in 0.01f64..0.3, speed in 0.005f64..0.2, t in 0.0f64..1.0) {
+            let spec = PathSpec::Circle(Circle { radius_m: radius, turns: 1.5, speed_m_per_s: speed });
+            let path = Path::new(&spec, 0.1, 1.0).unwrap();
+            let at = path.at(t * path.duration_s());
+            prop_assert!(((at.position - Vector2::new(radius, 0.0)).norm() - radius).abs() < 1e-9);
+            // Centripetal acceleration within the bound.
+            prop_assert!(at.velocity.norm_squared() / radius <= 0.1 * (1.0 + 1e-9));
+        }
+    }
+}

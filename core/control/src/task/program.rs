@@ -1,0 +1,75 @@
+//! A task made ready to run: checked, its path timed, its names in fixed capacity. Made outside the
+//! loop.
+
+use arrayvec::{ArrayString, ArrayVec};
+
+use crate::error::ControlError;
+use crate::law::{LawConfig, MAX_ESTIMATORS};
+use crate::laws::hybrid_admittance::ControllerConfig;
+use crate::phase_machine::Phase;
+use crate::task::Task;
+use crate::task::path::Path;
+
+/// An estimator's name, as in `estimate/NAME/normal`.
+pub type EstimatorName = ArrayString<64>;
+/// Estimators by order of preference.
+pub type EstimatorNames = ArrayVec<EstimatorName, MAX_ESTIMATORS>;
+
+/// A task made ready to run. Making one allocates; running it does not.
+#[derive(Clone, Debug)]
+pub struct Program<C = ControllerConfig> {
+    /// Task from which the program was made.
+    pub task: Task,
+    /// Parameters of the law.
+    pub config: C,
+    /// The path over time.
+    pub path: Path,
+    /// Estimators by order of preference.
+    pub estimators: EstimatorNames,
+}
+
+impl<C: LawConfig> Program<C> {
+    /// Checks the task and the parameters of its law, and times the path.
+    ///
+    /// # Errors
+    /// A number is out of its range.
+    pub fn with_config(task: &Task, config: C) -> Result<Self, ControlError> {
+        task.check()?;
+        config.check()?;
+        let (acceleration, jerk) = config.path_bounds();
+        let path = Path::new(&task.path, acceleration, jerk)?;
+        let mut estimators = EstimatorNames::new();
+        for name in &task.estimators {
+            estimators.push(
+                EstimatorName::from(name)
+                    .map_err(|e| ControlError::range("estimators", e, "at most 64 bytes"))?,
+            );
+        }
+        Ok(Self {
+            task: task.clone(),
+            config,
+            path,
+            estimators,
+        })
+    }
+}
+
+impl Program {
+    /// First phase of a task that starts with a free tool.
+    pub(crate) fn first_phase(&self) -> Phase {
+        self.task.phase_when_free()
+    }
+
+    /// Checks the task and times its path. The task's own preset takes precedence over `config`.
+    ///
+    /// # Errors
+    /// An unknown preset, or a number out of its range.
+    pub fn new(task: &Task, config: &ControllerConfig) -> Result<Self, ControlError> {
+        task.check()?;
+        let config = match &task.controller {
+            Some(name) => ControllerConfig::preset(name)?,
+            None => *config,
+        };
+        Self::with_config(task, config)
+    }
+}

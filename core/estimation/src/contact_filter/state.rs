@@ -1,0 +1,360 @@
+//! Memory of the contact filter, in groups that are set and reset together.
+
+use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
+
+use super::residual::Residual;
+use super::{BIAS, ContactPhase, FRICTION, NORMAL, RATE_TIME_S, Row, SHAPE, STATES, WEIGHT};
+use crate::EstimatorConfig;
+use crate::motion::Motion;
+use crate::tangent_frame::TangentFrame;
+
+/// Number of standard deviations beyond which an innovation gets less weight.
+const HUBER_SD: f64 = 2.5;
+/// Range of a measured compliance, m/N. Values outside are clamped.
+const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
+/// Cosine of the turn of the sliding direction beyond which presliding starts again. Friction
+/// follows a gentler turn without it.
+const TURN_COS_MIN: f64 = 0.5;
+
+/// Memory of a [`ContactFilter`](super::ContactFilter). A new one is the reset.
+#[derive(Clone, Debug)]
+pub(crate) struct ContactFilterState {
+    pub(super) surface: SurfaceState,
+    pub(super) payload: PayloadState,
+    pub(super) phase: ContactPhase,
+    /// Whether the tool has touched a surface since the tare.
+    pub(super) has_touched: bool,
+    /// Whether the tool has slid on the present surface.
+    pub(super) has_slid: bool,
+    /// Distance travelled since the last contact, m.
+    pub(super) free_distance_m: f64,
+    /// Time since the last contact, s.
+    pub(super) free_time_s: f64,
+    pub(super) touch: Touchdown,
+    pub(super) slide: Slide,
+    pub(super) load: Load,
+    pub(super) centre: CentreOfPressure,
+    pub(super) noise: LearntNoise,
+    pub(super) compliance: Compliance,
+}
+
+/// Mean and covariance of the Kalman filter.
+#[derive(Clone, Debug)]
+pub(super) struct SurfaceState {
+    /// Normal and tangent axes, world axes.
+    pub frame: TangentFrame,
+    /// Shape operator, tangent axes, 1/m.
+    pub shape: Matrix2<f64>,
+    pub friction: f64,
+    /// Force bias, tool axes, N.
+    pub bias: Vector3<f64>,
+    /// Error of the compensated payload weight, N.
+    pub weight_n: f64,
+    pub covariance: SMatrix<f64, STATES, STATES>,
+}
+
+/// How an error of the payload's weight acts on the sensor.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PayloadState {
+    /// Direction of gravity in tool axes when the sensor was tared; `None` before the first sample.
+    pub gravity_at_tare: Option<Vector3<f64>>,
+    /// Force that one newton of payload weight error adds now, tool axes.
+    pub leverage: Vector3<f64>,
+}
+
+/// The beginning of the present contact.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Touchdown {
+    /// Tool's origin at touchdown, world axes, m.
+    pub point: Vector3<f64>,
+    /// Pressing force at touchdown, N.
+    pub force_n: f64,
+    /// Information that the force has given since then while pressing, relative to a full load.
+    pub pressing_information: f64,
+    /// Information of the best tilt measurement from the pad's torque since then, 1/rad².
+    pub flush_information: f64,
+}
+
+/// Motion along the surface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slide {
+    /// Unit direction of sliding in the tangent plane, world axes; zero before the tool has slid.
+    pub direction: Vector3<f64>,
+    /// Distance slid since the last stop or turn, m.
+    pub distance_m: f64,
+    /// Turn rate of the sliding direction.
+    pub turn_rate_rad_per_s: f64,
+    /// Speed of the centre of pressure in the tangent plane.
+    pub speed_m_per_s: f64,
+}
+
+/// Pressing force along the normal, and its rate.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Load {
+    pub force_n: f64,
+    pub filtered_n: f64,
+    pub rate_n_per_s: f64,
+}
+
+/// Centre of pressure on the pad.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct CentreOfPressure {
+    /// Relative to the tool's origin, world axes, m.
+    pub position: Vector3<f64>,
+    /// Standard deviation per axis, m.
+    pub sd_m: f64,
+}
+
+/// Noise that is estimated from the innovations.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LearntNoise {
+    /// Velocity across the surface.
+    pub velocity: Residual,
+    /// Variance of the force along the direction of sliding, N².
+    pub friction_n2: f64,
+    /// Variance of the change of curvature, relative to the configured one.
+    pub unrest: f64,
+    /// Mean square innovation of the velocity.
+    pub innovation_m2_per_s2: f64,
+    /// Mean square that was expected of it.
+    pub expected_m2_per_s2: f64,
+}
+
+/// Compliance of tool, wrist and surface along the tool's axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Compliance {
+    pub m_per_n: f64,
+    /// Whether it was measured since the tare.
+    pub is_measured: bool,
+}
+
+impl ContactFilterState {
+    /// State in free space, just after a tare.
+    pub fn new(config: &EstimatorConfig) -> Self {
+        Self {
+            surface: SurfaceState::new(config),
+            payload: PayloadState {
+                gravity_at_tare: None,
+                leverage: Vector3::zeros(),
+            },
+            phase: ContactPhase::Free,
+            has_touched: false,
+            has_slid: false,
+            free_distance_m: 0.0,
+            free_time_s: 0.0,
+            touch: Touchdown {
+                point: Vector3::zeros(),
+                force_n: 0.0,
+                pressing_information: 0.0,
+                flush_information: 0.0,
+            },
+            slide: Slide {
+                direction: Vector3::zeros(),
+                distance_m: 0.0,
+                turn_rate_rad_per_s: 0.0,
+                speed_m_per_s: 0.0,
+            },
+            load: Load {
+                force_n: 0.0,
+                filtered_n: 0.0,
+                rate_n_per_s: 0.0,
+            },
+            centre: CentreOfPressure::default(),
+            noise: LearntNoise {
+                velocity: Residual::new(config.sensing.velocity_sd_m_per_s),
+                friction_n2: 0.0,
+                unrest: 1.0,
+                innovation_m2_per_s2: 0.0,
+                expected_m2_per_s2: 0.0,
+            },
+            compliance: Compliance {
+                m_per_n: config.sensing.compliance_m_per_n,
+                is_measured: false,
+            },
+        }
+    }
+
+    /// Updates how the payload's error acts, with the direction of gravity in tool axes.
+    pub(super) fn turn_payload(&mut self, gravity: &Vector3<f64>) {
+        let payload = &mut self.payload;
+        payload.leverage = gravity - *payload.gravity_at_tare.get_or_insert(*gravity);
+    }
+
+    /// Force on the tool without bias and payload weight error, tool axes, N.
+    pub(super) fn force_in_tool(&self, motion: &Motion) -> Vector3<f64> {
+        motion.force_in_tool - self.surface.bias - self.payload.leverage * self.surface.weight_n
+    }
+
+    /// Force on the tool without bias and payload weight error, world axes, N.
+    pub(super) fn force(&self, motion: &Motion) -> Vector3<f64> {
+        motion.rotation * self.force_in_tool(motion)
+    }
+
+    /// Resets what is counted from touchdown.
+    pub(super) fn begin_contact(&mut self, motion: &Motion, pressing_n: f64) {
+        self.load.filtered_n = 0.0;
+        self.load.rate_n_per_s = 0.0;
+        self.touch = Touchdown {
+            point: motion.point_lagged,
+            force_n: pressing_n,
+            pressing_information: 0.0,
+            flush_information: 0.0,
+        };
+    }
+
+    /// Measures the compliance: distance moved into the surface since touchdown, per force gained.
+    pub(super) fn learn_compliance(&mut self, motion: &Motion, pressing_n: f64) {
+        let gained_n = pressing_n - self.touch.force_n;
+        if gained_n < 0.3 * pressing_n {
+            return;
+        }
+        let z: Vector3<f64> = motion.rotation.column(2).into();
+        let measured = (motion.point_lagged - self.touch.point).dot(&z) / gained_n;
+        self.compliance = Compliance {
+            m_per_n: measured.clamp(COMPLIANCE_M_PER_N.0, COMPLIANCE_M_PER_N.1),
+            is_measured: true,
+        };
+    }
+
+    pub fn phase(&self) -> ContactPhase {
+        self.phase
+    }
+
+    /// Tangent frame of the normal at the tool's origin, at the time of the wrench.
+    pub fn frame(&self) -> &TangentFrame {
+        &self.surface.frame
+    }
+
+    /// Shape operator in tangent axes, 1/m.
+    pub fn shape(&self) -> &Matrix2<f64> {
+        &self.surface.shape
+    }
+
+    /// Unit direction of sliding in the tangent plane, world axes; zero before the tool has slid.
+    pub fn slide_direction(&self) -> Vector3<f64> {
+        self.slide.direction
+    }
+
+    /// Centre of pressure relative to the tool's origin, world axes, m.
+    pub fn centre(&self) -> Vector3<f64> {
+        self.centre.position
+    }
+
+    /// Standard deviation of the centre of pressure per axis, m.
+    pub fn centre_sd_m(&self) -> f64 {
+        self.centre.sd_m
+    }
+
+    /// Pressing force along the normal, N.
+    pub fn force_n(&self) -> f64 {
+        self.load.force_n
+    }
+}
+
+impl SurfaceState {
+    fn new(config: &EstimatorConfig) -> Self {
+        let mut covariance = SMatrix::zeros();
+        for i in BIAS..BIAS + 3 {
+            covariance[(i, i)] = config.sensing.force_bias_sd_n.powi(2);
+        }
+        covariance[(WEIGHT, WEIGHT)] = config.sensing.payload_error_n.powi(2);
+        covariance[(FRICTION, FRICTION)] = config.surface.friction_sd.powi(2);
+        Self {
+            frame: TangentFrame::new(Vector3::z(), Vector3::x()),
+            shape: Matrix2::zeros(),
+            friction: config.surface.friction_initial,
+            bias: Vector3::zeros(),
+            weight_n: 0.0,
+            covariance,
+        }
+    }
+
+    /// Adds the drift of the bias over a time (s).
+    pub fn add_bias_drift(&mut self, config: &EstimatorConfig, time_s: f64) {
+        let q = config.sensing.force_bias_drift_n_per_sqrt_s.powi(2) * time_s;
+        for i in BIAS..BIAS + 3 {
+            self.covariance[(i, i)] += q;
+        }
+    }
+
+    /// Resets normal and shape to the tool's axis and a flat surface, as at a first touchdown.
+    pub fn forget_normal(&mut self, config: &EstimatorConfig, motion: &Motion) {
+        self.frame =
+            TangentFrame::new(-motion.rotation.column(2), motion.rotation.column(0).into());
+        self.shape = Matrix2::zeros();
+        for i in 0..FRICTION {
+            self.covariance.row_mut(i).fill(0.0);
+            self.covariance.column_mut(i).fill(0.0);
+        }
+        for i in NORMAL..NORMAL + 2 {
+            self.covariance[(i, i)] = config.contact.approach_misalignment_sd_rad.powi(2);
+        }
+        let curvature = config.surface.curvature_sd_per_m.powi(2);
+        self.covariance[(SHAPE, SHAPE)] = curvature;
+        self.covariance[(SHAPE + 1, SHAPE + 1)] = curvature;
+        self.covariance[(SHAPE + 2, SHAPE + 2)] = 0.5 * curvature;
+    }
+
+    /// Updates mean and covariance with one scalar measurement. Outliers get less weight (Huber),
+    /// so that a seam does not upset the state.
+    pub fn correct(&mut self, row: &Row, innovation: f64, variance: f64, friction_max: f64) {
+        let gain = self.covariance * row;
+        let mut total = row.dot(&gain) + variance;
+        // A measurement without information, as after a step of almost no time.
+        if !total.is_finite() {
+            return;
+        }
+        let excess = innovation.abs() / (HUBER_SD * total.sqrt());
+        if excess > 1.0 {
+            total *= excess;
+        }
+        let gain = gain / total;
+        let change = gain * innovation;
+        self.covariance -= gain * gain.transpose() * total;
+        // Keeps the covariance exactly symmetric, and its diagonal non-negative.
+        for i in 0..STATES {
+            for j in 0..i {
+                let mean = 0.5 * (self.covariance[(i, j)] + self.covariance[(j, i)]);
+                self.covariance[(i, j)] = mean;
+                self.covariance[(j, i)] = mean;
+            }
+            self.covariance[(i, i)] = self.covariance[(i, i)].max(0.0);
+        }
+        self.frame = self.frame.turned(&Vector2::new(change[0], change[1]));
+        self.shape.m11 += change[SHAPE];
+        self.shape.m22 += change[SHAPE + 1];
+        self.shape.m12 += change[SHAPE + 2];
+        self.shape.m21 = self.shape.m12;
+        self.friction = (self.friction + change[FRICTION]).clamp(0.0, friction_max);
+        self.bias += change.fixed_rows::<3>(BIAS);
+        self.weight_n += change[WEIGHT];
+    }
+}
+
+impl Load {
+    pub fn track(&mut self, force_n: f64, dt_s: f64) {
+        self.force_n = force_n;
+        // Written without a division by `dt_s` alone, which may be close to zero.
+        self.rate_n_per_s = (self.force_n - self.filtered_n) / (RATE_TIME_S + dt_s);
+        self.filtered_n += self.rate_n_per_s * dt_s;
+    }
+}
+
+impl Slide {
+    /// Continues sliding with a tangential velocity at the present speed.
+    pub fn go_on(&mut self, tangential: &Vector3<f64>, dt_s: f64) {
+        let direction = tangential / self.speed_m_per_s;
+        if self.distance_m > 0.0 {
+            let turn = direction.cross(&self.direction).norm();
+            self.turn_rate_rad_per_s +=
+                (turn - self.turn_rate_rad_per_s * dt_s) / (RATE_TIME_S + dt_s);
+        } else {
+            self.turn_rate_rad_per_s = 0.0;
+        }
+        if direction.dot(&self.direction) < TURN_COS_MIN {
+            self.distance_m = 0.0;
+        }
+        self.direction = direction;
+        self.distance_m += self.speed_m_per_s * dt_s;
+    }
+}

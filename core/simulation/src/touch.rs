@@ -1,0 +1,88 @@
+//! Contact of a tool's pad with a surface: the part that the plants of all systems have in common.
+
+use nalgebra::Vector3;
+use tangent_mechanics::{Base, Pose, Tool};
+
+use crate::contact::{Compliance, ContactConfig, Obstacle, Pad, PadContact, PadMotion, Placed};
+use crate::surfaces::{Surface, SurfaceConfig, SurfaceError};
+use crate::tool::ToolConfig;
+use crate::truth::Truth;
+
+/// Pad, surface, and the contact between them.
+#[derive(Clone, Debug)]
+pub(crate) struct Touch {
+    /// The surface.
+    pub surface: Surface,
+    pad: Pad,
+    compliance: Option<Compliance>,
+    obstacle: Option<Placed>,
+    friction_coefficient: f64,
+    /// The pad's motion, with the deflection of the tool.
+    pub motion: PadMotion,
+    /// Forces on the pad.
+    pub contact: PadContact,
+}
+
+impl Touch {
+    /// Creates the pad at the origin of the base, until [`Touch::place_tool`] is called.
+    ///
+    /// # Errors
+    /// A dimension of the surface is out of its range.
+    pub fn new(
+        surface: &SurfaceConfig,
+        tool: &ToolConfig,
+        contact: &ContactConfig,
+    ) -> Result<Self, SurfaceError> {
+        let pad_stiffness = match &tool.compliance {
+            None => contact.stiffness_n_per_m,
+            Some(c) => 1.0 / (1.0 / contact.stiffness_n_per_m - 1.0 / c.stiffness_n_per_m[2]),
+        };
+        Ok(Self {
+            surface: Surface::new(&surface.shape, &surface.pose())?,
+            pad: Pad::new(&tool.pad, contact, pad_stiffness),
+            compliance: tool.compliance.as_ref().map(Compliance::new),
+            obstacle: None,
+            friction_coefficient: contact.friction.coulomb_coefficient,
+            motion: PadMotion::at_rest(&Pose::identity()),
+            contact: PadContact::none(),
+        })
+    }
+
+    /// Places the tool at rest in a pose, without contact.
+    pub fn place_tool(&mut self, base_from_tool: &Pose<Base, Tool>) {
+        self.motion = PadMotion::at_rest(base_from_tool);
+        self.contact = PadContact::none();
+    }
+
+    /// One sub-step of `dt` (s). `rigid` is the motion that the pad would have on a rigid tool.
+    pub fn step(&mut self, rigid: PadMotion, dt: f64) {
+        (self.contact, self.motion) = match &mut self.compliance {
+            None => (self.pad.step(&self.surface, &rigid, dt, None), rigid),
+            Some(compliance) => compliance.step(&mut self.pad, &self.surface, &rigid, dt),
+        };
+        if let Some(obstacle) = &self.obstacle {
+            obstacle.push(&self.motion.origin, &mut self.contact);
+        }
+    }
+
+    /// Normal of the surface under the tool, base axes, out of the material.
+    pub fn normal(&self) -> Vector3<f64> {
+        self.surface.distance_and_normal(&self.motion.origin).1
+    }
+
+    /// Puts an obstacle in the way of a tool that leaves the surface under it.
+    pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
+        self.obstacle = Some(Placed::new(obstacle, self.motion.origin, self.normal()));
+    }
+
+    /// True state of the contact at `time_s`.
+    pub fn truth(&self, time_s: f64) -> Truth {
+        Truth::of(
+            time_s,
+            &self.surface,
+            &self.motion,
+            &self.contact,
+            self.friction_coefficient,
+        )
+    }
+}

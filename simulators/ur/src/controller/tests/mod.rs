@@ -1,0 +1,3 @@
+mod bridge_program;
+mod modes;
+mod programs;

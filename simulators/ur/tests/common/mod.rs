@@ -1,0 +1,58 @@
+//! A simulated controller with a bare arm on loopback, and connections to it.
+
+// Each test file uses a part of this module.
+#![allow(dead_code)]
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream};
+use std::time::Duration;
+
+use tangent_simulated_device::Ports;
+use tangent_simulated_ur::plant::BareArm;
+use tangent_simulated_ur::{ControllerConfig, Flavour, Listeners, Place, SimulatedUr, StartError};
+use tangent_simulation::ServoConfig;
+
+pub const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A controller with a bare arm: no sensor, no surface.
+pub fn start_at(
+    address: IpAddr,
+    ports: Ports,
+    config: &ControllerConfig,
+) -> Result<SimulatedUr, StartError> {
+    start_model(address, ports, config, "ur5")
+}
+
+/// A controller with a bare arm of this built-in model.
+pub fn start_model(
+    address: IpAddr,
+    ports: Ports,
+    config: &ControllerConfig,
+    model: &str,
+) -> Result<SimulatedUr, StartError> {
+    let servo = match config.flavour {
+        Flavour::Cb3 => ServoConfig::cb3(),
+        Flavour::ESeries => ServoConfig::e_series(),
+    };
+    let place = Place {
+        address,
+        ports,
+        ..Place::default()
+    };
+    let arm = Box::new(BareArm::builtin(model, &servo).unwrap());
+    SimulatedUr::start(place, config, model, arm, Listeners::default())
+}
+
+pub fn start(config: ControllerConfig) -> SimulatedUr {
+    start_at(IpAddr::V4(Ipv4Addr::LOCALHOST), Ports::Ephemeral, &config).unwrap()
+}
+
+pub fn cb3() -> SimulatedUr {
+    start(ControllerConfig::default())
+}
+
+pub fn connect(address: SocketAddr) -> TcpStream {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_nodelay(true).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream
+}

@@ -1,0 +1,16 @@
+//! Reasons why a program is refused.
+
+/// Error of [`crate::Program::compile`]: the text is not a program that this controller runs.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {line}, column {column}: {reason}")]
+pub struct CompileError {
+    /// Line, counted from 1.
+    pub line: u32,
+    /// Column, counted from 1.
+    pub column: u32,
+    /// What is wrong and what is allowed.
+    pub reason: String,
+    /// The text is well formed, but calls or reads a name that does not exist. The controller
+    /// reports these on its ports; about a text that is not well formed it says nothing there.
+    pub unknown_name: bool,
+}

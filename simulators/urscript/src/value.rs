@@ -1,0 +1,359 @@
+//! Values of a running program. Copies are cheap, and sizes are bounded.
+
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use crate::syntax::Binary;
+
+/// Elements of all lists alive in this process: about 100 MB.
+const LIVE_ITEMS_MAX: usize = 4_000_000;
+static LIVE_ITEMS: AtomicUsize = AtomicUsize::new(0);
+/// Most elements in a list, those of lists inside counted.
+const LIST_ITEMS_MAX: usize = 10_000;
+/// Deepest list in a list.
+const LIST_DEPTH_MAX: u8 = 4;
+/// Longest text, bytes.
+const TEXT_BYTES_MAX: usize = 1024;
+
+/// Value of a variable.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// Nothing: an argument left out, or what a function without `return` returns.
+    None,
+    /// True or False.
+    Bool(bool),
+    /// 32 bits, as on the controller.
+    Integer(i32),
+    /// 64 bits.
+    Float(f64),
+    /// A text.
+    Text(Arc<str>),
+    /// A list; copied when it is assigned.
+    List(List),
+    /// Position (m) and rotation vector (rad).
+    Pose([f64; 6]),
+}
+
+/// Elements of a list, with its size known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct List {
+    items: Arc<Items>,
+    weight: usize,
+    depth: u8,
+}
+
+/// Counts itself in [`LIVE_ITEMS`].
+#[derive(Debug, PartialEq)]
+struct Items(Box<[Value]>);
+
+impl Items {
+    fn new(items: Vec<Value>) -> Arc<Self> {
+        LIVE_ITEMS.fetch_add(items.len(), Ordering::Relaxed);
+        Arc::new(Self(items.into()))
+    }
+}
+
+impl Drop for Items {
+    fn drop(&mut self) {
+        LIVE_ITEMS.fetch_sub(self.0.len(), Ordering::Relaxed);
+    }
+}
+
+impl std::ops::Deref for Items {
+    type Target = [Value];
+    fn deref(&self) -> &[Value] {
+        &self.0
+    }
+}
+
+impl Value {
+    pub(super) fn list(items: Vec<Value>) -> Result<Self, String> {
+        let weight = items.iter().map(Value::weight).sum::<usize>();
+        let depth = 1 + items.iter().map(Value::depth).max().unwrap_or(0);
+        if weight > LIST_ITEMS_MAX || depth > LIST_DEPTH_MAX {
+            return Err(format!(
+                "a list with {weight} elements, {depth} deep; at most {LIST_ITEMS_MAX}, {LIST_DEPTH_MAX} deep"
+            ));
+        }
+        if LIVE_ITEMS.load(Ordering::Relaxed) > LIVE_ITEMS_MAX {
+            return Err("out of memory for lists".to_owned());
+        }
+        Ok(Self::List(List {
+            items: Items::new(items),
+            weight,
+            depth,
+        }))
+    }
+
+    pub(super) fn text(text: String) -> Result<Self, String> {
+        if text.len() > TEXT_BYTES_MAX {
+            return Err(format!("a text longer than {TEXT_BYTES_MAX} bytes"));
+        }
+        Ok(Self::Text(text.into()))
+    }
+
+    pub(super) fn joints(q: &[f64; 6]) -> Self {
+        let items: Vec<Value> = q.iter().map(|x| Self::Float(*x)).collect();
+        Self::List(List {
+            items: Items::new(items),
+            weight: 6,
+            depth: 1,
+        })
+    }
+
+    /// Size as a measure of the cost of an operation.
+    pub(super) fn weight(&self) -> usize {
+        match self {
+            Self::List(list) => 1 + list.weight,
+            Self::Text(text) => 1 + text.len() / 16,
+            _ => 1,
+        }
+    }
+
+    fn depth(&self) -> u8 {
+        match self {
+            Self::List(list) => list.depth,
+            _ => 0,
+        }
+    }
+
+    /// The type's name, for messages.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::None => "nothing",
+            Self::Bool(_) => "a bool",
+            Self::Integer(_) => "an int",
+            Self::Float(_) => "a float",
+            Self::Text(_) => "a text",
+            Self::List(_) => "a list",
+            Self::Pose(_) => "a pose",
+        }
+    }
+
+    pub(super) fn truth(&self) -> Result<bool, String> {
+        match self {
+            Self::Bool(b) => Ok(*b),
+            other => Err(format!("a bool is needed, not {}", other.kind())),
+        }
+    }
+
+    pub(super) fn float(&self) -> Result<f64, String> {
+        match self {
+            Self::Integer(n) => Ok(f64::from(*n)),
+            Self::Float(x) => Ok(*x),
+            other => Err(format!("a number is needed, not {}", other.kind())),
+        }
+    }
+
+    pub(super) fn integer(&self) -> Result<i32, String> {
+        match self {
+            Self::Integer(n) => Ok(*n),
+            Self::Float(x) if x.is_finite() && x.abs() < 2e9 => Ok(*x as i32),
+            Self::Bool(b) => Ok(i32::from(*b)),
+            other => Err(format!("an int is needed, not {}", other.kind())),
+        }
+    }
+
+    /// Six numbers, of a list or of a pose.
+    pub(super) fn six(&self) -> Result<[f64; 6], String> {
+        match self {
+            Self::Pose(p) => Ok(*p),
+            Self::List(list) if list.items.len() == 6 => {
+                let mut out = [0.0; 6];
+                for (x, item) in out.iter_mut().zip(list.items.iter()) {
+                    *x = item.float()?;
+                }
+                Ok(out)
+            }
+            Self::List(list) => Err(format!("six numbers are needed, not {}", list.items.len())),
+            other => Err(format!("six numbers are needed, not {}", other.kind())),
+        }
+    }
+
+    pub(super) fn numbers(&self) -> Result<Vec<f64>, String> {
+        match self {
+            Self::Pose(p) => Ok(p.to_vec()),
+            Self::List(list) => list.items.iter().map(Value::float).collect(),
+            other => Ok(vec![other.float()?]),
+        }
+    }
+
+    pub(super) fn length(&self) -> Result<i32, String> {
+        match self {
+            Self::Pose(_) => Ok(6),
+            Self::List(list) => Ok(list.items.len() as i32),
+            Self::Text(text) => Ok(text.len() as i32),
+            other => Err(format!("{} has no length", other.kind())),
+        }
+    }
+
+    pub(super) fn element(&self, index: &Value) -> Result<Value, String> {
+        let n = index.integer()?;
+        let found = match self {
+            Self::List(list) => usize::try_from(n)
+                .ok()
+                .and_then(|n| list.items.get(n).cloned()),
+            Self::Pose(p) => usize::try_from(n)
+                .ok()
+                .and_then(|n| p.get(n))
+                .map(|x| Self::Float(*x)),
+            other => return Err(format!("{} has no elements", other.kind())),
+        };
+        found.ok_or_else(|| format!("index {n} is out of range"))
+    }
+
+    pub(super) fn with_element(&self, indices: &[Value], value: Value) -> Result<Value, String> {
+        let Some((first, rest)) = indices.split_first() else {
+            return Ok(value);
+        };
+        let n = usize::try_from(first.integer()?).unwrap_or(usize::MAX);
+        match self {
+            Self::List(list) => {
+                let mut items = list.items.to_vec();
+                let Some(item) = items.get_mut(n) else {
+                    return Err(format!("index {n} is out of range"));
+                };
+                *item = item.with_element(rest, value)?;
+                Self::list(items)
+            }
+            Self::Pose(p) => {
+                let mut p = *p;
+                match p.get_mut(n) {
+                    Some(x) if rest.is_empty() => *x = value.float()?,
+                    _ => return Err(format!("index {n} is out of range")),
+                }
+                Ok(Self::Pose(p))
+            }
+            other => Err(format!("{} has no elements", other.kind())),
+        }
+    }
+
+    pub(super) fn negated(&self) -> Result<Value, String> {
+        match self {
+            Self::Integer(n) => Ok(Self::Integer(n.wrapping_neg())),
+            Self::Float(x) => Ok(Self::Float(-x)),
+            Self::List(list) => Self::list(
+                list.items
+                    .iter()
+                    .map(Value::negated)
+                    .collect::<Result<_, _>>()?,
+            ),
+            other => Err(format!("{} has no negative", other.kind())),
+        }
+    }
+
+    pub(super) fn binary(operator: Binary, left: &Value, right: &Value) -> Result<Value, String> {
+        use Value::{Bool, Float, Integer};
+        let unfit = || {
+            format!(
+                "{} does not work with {} and {}",
+                operator.symbol(),
+                left.kind(),
+                right.kind()
+            )
+        };
+        Ok(match operator {
+            Binary::Equal => Bool(left.equals(right)),
+            Binary::NotEqual => Bool(!left.equals(right)),
+            Binary::Xor => Bool(left.truth()? ^ right.truth()?),
+            Binary::And => Bool(left.truth()? && right.truth()?),
+            Binary::Or => Bool(left.truth()? || right.truth()?),
+            Binary::Less => Bool(left.float()? < right.float()?),
+            Binary::LessOrEqual => Bool(left.float()? <= right.float()?),
+            Binary::Greater => Bool(left.float()? > right.float()?),
+            Binary::GreaterOrEqual => Bool(left.float()? >= right.float()?),
+            Binary::Add | Binary::Subtract | Binary::Multiply => match (left, right) {
+                (Integer(a), Integer(b)) => Integer(match operator {
+                    Binary::Add => a.wrapping_add(*b),
+                    Binary::Subtract => a.wrapping_sub(*b),
+                    _ => a.wrapping_mul(*b),
+                }),
+                (Integer(_) | Float(_), Integer(_) | Float(_)) => {
+                    let (a, b) = (left.float()?, right.float()?);
+                    Float(match operator {
+                        Binary::Add => a + b,
+                        Binary::Subtract => a - b,
+                        _ => a * b,
+                    })
+                }
+                _ => Self::each(operator, left, right).ok_or_else(unfit)??,
+            },
+            // Dividing two ints gives a float, as on the controller.
+            Binary::Divide => match (left, right) {
+                (Self::List(_), _) => Self::each(operator, left, right).ok_or_else(unfit)??,
+                _ => {
+                    let b = right.float()?;
+                    if b == 0.0 {
+                        return Err("division by zero".to_owned());
+                    }
+                    Float(left.float()? / b)
+                }
+            },
+            Binary::Remainder => match (left, right) {
+                (Integer(_), Integer(0)) => return Err("division by zero".to_owned()),
+                (Integer(a), Integer(b)) => Integer(a.wrapping_rem(*b)),
+                _ => Float(left.float()? % right.float()?),
+            },
+        })
+    }
+
+    /// Element by element: list with list, list with number.
+    fn each(operator: Binary, left: &Value, right: &Value) -> Option<Result<Value, String>> {
+        let items: Result<Vec<Value>, String> = match (left, right) {
+            (Self::List(a), Self::List(b)) if a.items.len() == b.items.len() => a
+                .items
+                .iter()
+                .zip(b.items.iter())
+                .map(|(x, y)| Self::binary(operator, x, y))
+                .collect(),
+            (Self::List(a), Self::Integer(_) | Self::Float(_)) => a
+                .items
+                .iter()
+                .map(|x| Self::binary(operator, x, right))
+                .collect(),
+            (Self::Integer(_) | Self::Float(_), Self::List(b)) => b
+                .items
+                .iter()
+                .map(|y| Self::binary(operator, left, y))
+                .collect(),
+            _ => return None,
+        };
+        Some(items.and_then(Self::list))
+    }
+
+    fn equals(&self, other: &Value) -> bool {
+        match (self, other) {
+            (Self::Integer(a), Self::Float(b)) | (Self::Float(b), Self::Integer(a)) => {
+                f64::from(*a) == *b
+            }
+            _ => self == other,
+        }
+    }
+}
+
+impl fmt::Display for Value {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::None => f.write_str("None"),
+            Self::Bool(true) => f.write_str("True"),
+            Self::Bool(false) => f.write_str("False"),
+            Self::Integer(n) => write!(f, "{n}"),
+            Self::Float(x) => write!(f, "{x}"),
+            Self::Text(text) => f.write_str(text),
+            Self::Pose(p) => write!(
+                f,
+                "p[{}, {}, {}, {}, {}, {}]",
+                p[0], p[1], p[2], p[3], p[4], p[5]
+            ),
+            Self::List(list) => {
+                f.write_str("[")?;
+                for (i, item) in list.items.iter().enumerate() {
+                    let comma = if i > 0 { ", " } else { "" };
+                    write!(f, "{comma}{item}")?;
+                }
+                f.write_str("]")
+            }
+        }
+    }
+}

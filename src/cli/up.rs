@@ -1,0 +1,32 @@
+//! `tangent up`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+/// Options of `tangent up`.
+#[derive(Debug, Args)]
+pub struct Up {
+    /// Task file, or a system's name: tugal, lippiello, karacan. The scenario's own task if none is
+    /// named.
+    pub task: Option<PathBuf>,
+    /// Scenario that the simulator plays: a name from `scenarios/` or a file; the system's own, or
+    /// pipe_realistic.
+    #[arg(long)]
+    pub scenario: Option<String>,
+    /// Seed of the simulator's noise.
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Override one key of the scenario, `KEY.PATH=VALUE`; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Folder for the recording and the report.
+    #[arg(long, default_value = "recordings")]
+    pub folder: PathBuf,
+    /// Added to every port of the simulated robot and sensor, and to the router's.
+    #[arg(long, default_value_t = 0)]
+    pub port_offset: u16,
+    /// Keep the system running after the task, until Ctrl-C.
+    #[arg(long)]
+    pub stay: bool,
+}

@@ -1,0 +1,124 @@
+//! `tangent faults`: provokes every failure of the table on a private simulated cell, and measures
+//! the reactions.
+
+use anyhow::Result;
+use serde_json::{Value, json};
+use tangent_faults::{Campaign, FORCE_MAX_N, Row, SHOWN_MAX_N, Setup, known};
+
+use crate::cli::Faults;
+use crate::output::{Outcome, print_json};
+
+/// Provokes all faults, or those that are named.
+///
+/// # Errors
+/// A name is unknown, or a cell does not start.
+pub fn run(args: &Faults, json: bool) -> Result<Outcome> {
+    if args.list {
+        return list(json);
+    }
+    let campaign = Campaign {
+        faults: args.faults.clone(),
+        allow_ms: args.allow_ms,
+        folder: args.folder.clone(),
+        setup: Setup {
+            program: std::env::current_exe()?,
+            port_offset: args.port_offset,
+            seed: args.seed,
+        },
+    };
+    let rows = campaign.run()?;
+    if json {
+        print_json(&json!({
+            "allow_ms": args.allow_ms,
+            "force_max_n": FORCE_MAX_N,
+            "shown_minus_true_max_n": SHOWN_MAX_N,
+            "rows": rows.iter().map(row_json).collect::<Vec<_>>(),
+        }))?;
+    } else {
+        print(&rows, args.allow_ms);
+    }
+    Ok(if rows.iter().any(|row| !row.met && !row.skipped) {
+        Outcome::Failed
+    } else if rows.iter().any(|row| row.skipped) {
+        Outcome::Lossy
+    } else {
+        Outcome::Done
+    })
+}
+
+fn list(json: bool) -> Result<Outcome> {
+    let all = known();
+    if json {
+        let names: Vec<&str> = all.iter().map(|(name, _)| *name).collect();
+        print_json(&json!({ "faults": names }))?;
+    } else {
+        for (name, what) in all {
+            println!("{name:<34} {what}");
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+fn row_json(row: &Row) -> Value {
+    json!({
+        "fault": row.fault,
+        "what": row.what,
+        "notices": row.notices,
+        "outcome": row.outcome.name(),
+        "noticed_ms": row.noticed_ms,
+        "noticed_bound_ms": row.noticed_bound_ms,
+        "safe_ms": row.safe_ms,
+        "bound_ms": row.bound_ms,
+        "peak_force_n": row.peak_force_n,
+        "messages_lost": row.lost.values().sum::<u64>(),
+        "lost_by_topic": row.lost,
+        "messages_lost_outside": row.lost_outside.values().sum::<u64>(),
+        "lost_outside_by_topic": row.lost_outside,
+        "again_peak_force_n": row.again.map(|again| again.peak_force_n),
+        "again_shown_minus_true_n": row.again.map(|again| again.shown_minus_true_n),
+        "again_retracted": row.again.map(|again| again.retracted),
+        "met": row.met,
+        "skipped": row.skipped,
+        "remark": row.remark,
+    })
+}
+
+fn print(rows: &[Row], allow_ms: f64) {
+    let ms = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.0}"));
+    let newtons = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.2}"));
+    println!(
+        "{:<34} {:>10} {:>6} {:>8} {:>6} {:>7} {:>6} {:>13} {:>12}",
+        "fault",
+        "noticed ms",
+        "bound",
+        "safe ms",
+        "bound",
+        "peak N",
+        "lost",
+        "again, peak N",
+        "shown-true N"
+    );
+    for row in rows {
+        println!(
+            "{:<34} {:>10} {:>6} {:>8} {:>6} {:>7.2} {:>6} {:>13} {:>12}  {}",
+            row.fault,
+            ms(row.noticed_ms),
+            ms(row.noticed_bound_ms),
+            ms(row.safe_ms),
+            ms(row.bound_ms),
+            row.peak_force_n,
+            row.lost.values().sum::<u64>(),
+            newtons(row.again.map(|again| again.peak_force_n)),
+            newtons(row.again.map(|again| again.shown_minus_true_n)),
+            match (row.met, row.remark.as_str()) {
+                (true, _) => "met",
+                (false, remark) => remark,
+            }
+        );
+    }
+    println!(
+        "Bounds are allowed {allow_ms:.0} ms more (--allow-ms); no fault may press harder than {FORCE_MAX_N:.0} N. Lost: \
+         messages that the recording lacks within the fault. Again: the task after it, which may show {SHOWN_MAX_N} N more or less \
+         than is true in the mean, and has to leave the surface."
+    );
+}

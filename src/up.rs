@@ -1,0 +1,136 @@
+//! `tangent up`: the whole system against the simulator, in this process, from approach to report.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use tangent_compose::RecorderExtra;
+use tangent_control::Phase;
+use tangent_follow::Start;
+use tangent_runtime::security::roles;
+use tangent_runtime::{Bus, CellConfig, Role, Stop, ending, watchdog};
+use tangent_simulated_cell::{GivenCell, RunningCell, run_cell_file, run_scenario, scenarios};
+use tangent_simulation::Scenario;
+
+use crate::cli::Up;
+use crate::output::{Outcome, print_json};
+use crate::{control, live_view};
+
+/// Longest wait for the arm to be powered, its program to run and the sensor to stream.
+const READY_PATIENCE: Duration = Duration::from_secs(30);
+
+/// Runs the system, the task, and the report. `given` is the cell file that the user named.
+///
+/// # Errors
+/// A bad file, a task that the cell would refuse, a busy port, or a service that cannot run.
+pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Result<Outcome> {
+    let mut overrides = args.set.clone();
+    if let Some(seed) = args.seed {
+        overrides.push(format!("seed={seed}"));
+    }
+    let (scenario, task_file) = asked_for(args, &base, given.is_some());
+    let mut played = scenarios::load(&scenario, &overrides)?;
+    let task = match task_file {
+        Some(file) => control::task_text(file)?,
+        None => toml::to_string(played.task())?,
+    };
+    let mut config = as_run(args, &base, given, &mut played)?;
+    tangent_check::before_start(&config, &task, || played.start_joints())?;
+
+    let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
+    ending::in_order(&stop);
+    eprintln!(
+        "cell {}: {} ({}); Ctrl-C retracts and stops",
+        config.cell.name,
+        played.title(),
+        played.name()
+    );
+    config.zenoh.identify(roles::ROUTER);
+    // The simulated arm begins anew with each run: nothing is left of the one before.
+    config.cell.state_folder = None;
+    let bus = Bus::open_until(&config, Role::Router, Some(READY_PATIENCE), &stop)?;
+    let _router = tangent_compose::router(&bus)?;
+    let extra = RecorderExtra {
+        folder: Some(args.folder.clone()),
+        attachments: vec![
+            ("scenario.toml".to_owned(), toml::to_string(&played)?),
+            ("task.toml".to_owned(), task.clone()),
+        ],
+    };
+    let cell = RunningCell::start(&config, &played, &bus, &stop, &extra)?;
+    watchdog::watch(&stop, None).context("starting the watchdog")?;
+    let start = Start {
+        action: "start",
+        task: &task,
+        patience: READY_PATIENCE,
+    };
+    let ended = live_view::follow(&bus, &start, &stop, args.stay);
+    let recordings = cell.end(&args.folder)?;
+    let phase = ended?.phase;
+
+    let (figures, page) = tangent_report::write_for(&recordings)?;
+    if json {
+        print_json(&figures)?;
+    } else {
+        print!("{}", tangent_report::words(&figures));
+        for path in &recordings {
+            println!("recording  {}", path.display());
+        }
+        println!("report     {}", page.display());
+    }
+    Ok(match phase {
+        Phase::Done if figures.is_lossy() => Outcome::Lossy,
+        Phase::Done => Outcome::Done,
+        _ => Outcome::Failed,
+    })
+}
+
+/// The scenario to play and the task file, if one is named: a system's name in the task's place
+/// means its scenario and task.
+fn asked_for<'a>(args: &'a Up, cell: &CellConfig, given: bool) -> (String, Option<&'a Path>) {
+    let system = args
+        .task
+        .as_ref()
+        .and_then(|task| scenarios::of_system(&task.to_string_lossy()));
+    let task_file = args.task.as_deref().filter(|_| system.is_none());
+    let scenario = match (&args.scenario, system) {
+        (Some(named), _) => named.clone(),
+        (None, Some(own)) => own.to_owned(),
+        (None, None) if given => scenarios::of_cell(cell),
+        (None, None) => scenarios::DEFAULT.to_owned(),
+    };
+    (scenario, task_file)
+}
+
+/// The cell as it runs: the file that was given, as far as it can be simulated, or one that fits
+/// the scenario. What of the file is not used is printed.
+fn as_run(
+    args: &Up,
+    base: &CellConfig,
+    given: Option<&Path>,
+    played: &mut Scenario,
+) -> Result<CellConfig> {
+    let Some(file) = given else {
+        return Ok(run_scenario(base, played, args.port_offset)?);
+    };
+    let GivenCell { config, mut unused } = run_cell_file(base, file, played, args.port_offset)?;
+    if base.recorder.folder != args.folder {
+        let folder = args.folder.display();
+        unused.push(format!("recorder.folder (recorded to --folder {folder})"));
+    }
+    eprintln!("{}", not_used(file, played, &unused));
+    Ok(config)
+}
+
+/// One sentence on what of the cell file is not used.
+fn not_used(file: &Path, played: &Scenario, unused: &[String]) -> String {
+    let all = format!(
+        "{} runs as it stands, against the surface, contact, sensor noise and start pose of scenario {}",
+        file.display(),
+        played.name()
+    );
+    if unused.is_empty() {
+        return all;
+    }
+    format!("{all}; not used of it: {}", unused.join(", "))
+}

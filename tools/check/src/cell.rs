@@ -1,0 +1,125 @@
+//! Checks a cell file with the rules of every service of the cell.
+
+use std::path::Path;
+
+use tangent_compose::with_causes;
+use tangent_estimation::{build, build_object_estimator};
+use tangent_runtime::CellConfig;
+use tangent_runtime::config::{Law, RobotDriver};
+use tangent_simulated_cell::scenarios;
+
+use crate::findings::Findings;
+
+pub fn check(path: &Path, findings: &mut Findings) {
+    let config = match CellConfig::load(path) {
+        Ok(config) => config,
+        Err(error) => return findings.error(error),
+    };
+    services(&config, findings);
+    if let Some(scenario) = &config.simulator.scenario
+        && let Err(error) = scenarios::load(&scenario.display().to_string(), &[])
+    {
+        let error = with_causes(&error);
+        findings.error(format!("simulator.scenario: {error}"));
+    }
+    for (key, file) in files(&config) {
+        if !file.exists() {
+            findings.note(format!("{key}: {} is not there yet", file.display()));
+        }
+    }
+    let (force, range) = (config.limits.force_max_n, config.sensor.force_range_n[2]);
+    if config.robot.driver == RobotDriver::Rtde && force > range {
+        findings.note(format!(
+            "limits.force_max_n = {force} N is above the sensor's range along z, sensor.force_range_n = {range} N: a saturated sensor retracts before"
+        ));
+    }
+}
+
+/// Runs the configuration checks of each service that this cell needs.
+pub fn services(config: &CellConfig, findings: &mut Findings) {
+    let model = match tangent_compose::model(config) {
+        Ok(model) => model,
+        Err(error) => return findings.error(with_causes(&error)),
+    };
+    let torque = config.controller.law != Law::HybridAdmittance;
+    if config.robot.driver == RobotDriver::Franka {
+        if let Err(error) = tangent_franka::Config::from_cell(config) {
+            findings.error(error);
+        }
+    } else if !torque && let Err(error) = tangent_rtde::Config::from_cell(config) {
+        findings.error(error);
+    }
+    let controller = if torque {
+        tangent_controller::TorqueConfig::from_cell(config, &model).map(drop)
+    } else {
+        tangent_controller::Config::from_cell(config, model.clone()).map(drop)
+    };
+    if let Err(error) = controller {
+        findings.error(error);
+    }
+    if config.camera.is_some()
+        && let Err(error) = tangent_camera::Config::from_cell(config)
+    {
+        findings.error(error);
+    }
+    let estimator = match tangent_estimator::Config::from_cell(config, model) {
+        Ok(estimator) => estimator,
+        Err(error) => return findings.error(error),
+    };
+    for choice in &estimator.estimators {
+        if let Err(error) = build(&choice.name, &choice.settings) {
+            findings.error(format!("estimators.run: {error}"));
+        }
+    }
+    for choice in &estimator.objects {
+        match &estimator.camera {
+            None => findings.error(format!(
+                "estimators.run: \"{}\" needs a camera, and there is no [camera] with a calibration",
+                choice.name
+            )),
+            Some(camera) => {
+                if let Err(error) = build_object_estimator(&choice.name, &choice.settings, camera) {
+                    findings.error(format!("estimators.run: {error}"));
+                }
+            }
+        }
+    }
+    for (index, name) in config.estimators.run.iter().enumerate() {
+        if config.estimators.run[..index].contains(name) {
+            findings.error(format!("estimators.run: \"{name}\" is listed twice"));
+        }
+    }
+    let known = tangent_controller::known_estimators(&config.estimators.run);
+    let active = config.estimators.active.as_str();
+    if !known.contains(&active)
+        && let Some(unknown) = tangent_controller::unknown_estimators(&[active], &known)
+    {
+        findings.note(format!("estimators.active: {unknown}"));
+    }
+}
+
+/// Files that the cell names and that its services open.
+fn files(config: &CellConfig) -> Vec<(&'static str, &Path)> {
+    let mut files = Vec::new();
+    files.extend(
+        config
+            .zenoh
+            .file
+            .as_deref()
+            .map(|file| ("zenoh.file", file)),
+    );
+    files.extend(
+        config
+            .zenoh
+            .access
+            .as_deref()
+            .map(|file| ("zenoh.access", file)),
+    );
+    if let Some(tls) = &config.zenoh.tls {
+        files.push(("zenoh.tls.ca", tls.ca.as_path()));
+    }
+    let camera = config.camera.as_ref();
+    let recording = camera.and_then(|camera| camera.recording.as_deref());
+    files.extend(recording.map(|file| ("camera.recording", file)));
+    files
+}

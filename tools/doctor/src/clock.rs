@@ -1,0 +1,98 @@
+//! Checks the host's clock: stamps of several hosts are comparable only if each clock is
+//! synchronized.
+
+use crate::finding::Finding;
+use crate::processes;
+use crate::system::System;
+
+/// Programs that synchronize a clock, and the source of each one's accuracy.
+const KEEPERS: [(&str, &str); 5] = [
+    ("chronyd", "`chronyc tracking` tells its offset"),
+    ("ntpd", "`ntpq -p` tells its offset"),
+    ("phc2sys", "its log tells its offset"),
+    ("ptp4l", "its log tells its offset"),
+    (
+        "systemd-timesyn",
+        "`timedatectl timesync-status` tells its offset",
+    ),
+];
+
+/// Checks the clock's source and its synchronization.
+pub fn check(system: &System) -> Vec<Finding> {
+    let mut findings = vec![kept(system)];
+    findings.extend(source(system));
+    findings
+}
+
+fn kept(system: &System) -> Finding {
+    const CHECK: &str = "clock";
+    // The kernel truncates process names to 15 characters.
+    let keeper = KEEPERS
+        .iter()
+        .find(|(name, _)| processes::named(system, name).next().is_some());
+    let in_step = system.exists("/run/systemd/timesync/synchronized");
+    match keeper {
+        Some(("systemd-timesyn", advice)) if !in_step => Finding::warning(
+            CHECK,
+            "systemd-timesyncd runs, but has reached no time server",
+            "ages of messages between hosts are wrong by as much as the clocks differ; ages within this host are right",
+            format!(
+                "a time server in the cell's network (NTP= in /etc/systemd/timesyncd.conf); {advice}"
+            ),
+        ),
+        Some((name, words)) => Finding::ok(CHECK, format!("kept by {name}; {words}")),
+        None if in_step => Finding::ok(CHECK, "was set by systemd-timesyncd"),
+        None => Finding::warning(
+            CHECK,
+            "no program that keeps the clock is to be seen (chronyd, ntpd, ptp4l, phc2sys, systemd-timesyncd)",
+            "with services on several hosts, ages of messages are wrong by as much as the clocks differ; on one host it is no matter",
+            "chrony on every host, all with the same server; in a container, look at the host",
+        ),
+    }
+}
+
+fn source(system: &System) -> Option<Finding> {
+    const CHECK: &str = "clock source";
+    let path = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+    let source = system.text(path)?;
+    Some(match source.as_str() {
+        "hpet" | "acpi_pm" | "jiffies" | "refined-jiffies" => Finding::warning(
+            CHECK,
+            source,
+            "each look at the clock takes about a microsecond, and the loop looks often",
+            "the kernel found the processor's own counter unsteady: update the BIOS, or try `tsc=reliable` on the kernel's command line",
+        ),
+        _ => Finding::ok(CHECK, source),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::finding::Level;
+    use crate::system::tests::machine;
+
+    #[test]
+    fn a_clock_that_nobody_keeps_is_told() {
+        assert_eq!(kept(&machine(&[]).1).level, Level::Warning);
+        let chrony = kept(&machine(&[("/proc/77/comm", "chronyd\n")]).1);
+        assert_eq!(chrony.level, Level::Ok);
+        assert!(chrony.found.contains("chronyc tracking"));
+    }
+
+    #[test]
+    fn timesyncd_counts_once_it_reached_a_server() {
+        let running = ("/proc/9/comm", "systemd-timesyn\n");
+        let reached = ("/run/systemd/timesync/synchronized", "");
+        assert_eq!(kept(&machine(&[running]).1).level, Level::Warning);
+        assert_eq!(kept(&machine(&[running, reached]).1).level, Level::Ok);
+    }
+
+    #[test]
+    fn a_slow_source_is_told() {
+        let path = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+        let with = |source| super::source(&machine(&[(path, source)]).1).unwrap().level;
+        assert_eq!(with("tsc\n"), Level::Ok);
+        assert_eq!(with("hpet\n"), Level::Warning);
+    }
+}

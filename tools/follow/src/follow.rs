@@ -1,0 +1,94 @@
+//! One task from its start to its end: starts it when the cell is ready, shows it, retracts when
+//! asked to stop.
+
+use std::time::{Duration, Instant};
+
+use tangent_client::session::ask;
+use tangent_control::Phase;
+use tangent_runtime::{Bus, Stop};
+use tangent_schemas::topics::{self, queries};
+
+use crate::error::FollowError;
+use crate::start::{Start, start_when_ready};
+use crate::view::FollowView;
+
+/// Longest wait for the retract after a stop.
+const RETRACT_PATIENCE: Duration = Duration::from_secs(20);
+/// A controller that publishes nothing for this long is gone: long enough for a router or a
+/// container that restarts.
+const SILENCE: Duration = Duration::from_secs(30);
+/// How often the view is renewed.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// How a task ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ended {
+    /// The phase that it ended in.
+    pub phase: Phase,
+    /// The fault that ended it; empty when there is none.
+    pub fault: String,
+}
+
+/// Starts the task when everything is ready, shows it, and waits for its end. With `stay`, that is
+/// when `stop` is triggered. A `stop` before the end retracts.
+///
+/// # Errors
+/// The cell is not ready, or refuses the task, for longer than the patience; the arm does not
+/// retract; the controller is gone.
+pub fn follow(
+    bus: &Bus,
+    start: &Start,
+    stop: &Stop,
+    stay: bool,
+    view: &mut dyn FollowView,
+) -> Result<Ended, FollowError> {
+    let mut control = bus.latest(&topics::CONTROL_STATE)?;
+    let mut truth = bus.latest(&topics::TRUTH_CONTACT)?;
+    let message = start_when_ready(bus, start, stop, &mut |reason| view.waiting(reason))?;
+    view.say(&message);
+    let mut asked_to_stop: Option<Instant> = None;
+    let mut seen_active = false;
+    let started = Instant::now();
+    let phase = loop {
+        let newest = control.get();
+        if let Some(newest) = newest {
+            let truth = truth.get().map(|received| &received.message);
+            view.show(&newest.message, newest.age(), truth);
+        }
+        let phase = newest.and_then(|received| Phase::from_code(received.message.phase));
+        if let Some(phase) = phase {
+            seen_active |= phase.is_active();
+            if seen_active && !phase.is_active() && (!stay || stop.is_stopped()) {
+                break phase;
+            }
+        }
+        let silence = newest.map_or_else(|| started.elapsed(), |received| received.age());
+        if silence > SILENCE {
+            return Err(FollowError::Silent(SILENCE));
+        }
+        if stop.is_stopped() {
+            let since = *asked_to_stop.get_or_insert_with(|| {
+                view.say("retracting");
+                if let Err(error) = ask(bus, queries::CONTROL_STOP, "stop", "") {
+                    view.say(&error.to_string());
+                }
+                Instant::now()
+            });
+            if since.elapsed() > RETRACT_PATIENCE {
+                return Err(FollowError::NotRetracted(RETRACT_PATIENCE));
+            }
+            std::thread::sleep(LOOK);
+        } else {
+            stop.wait(LOOK);
+        }
+    };
+    let mut fault = String::new();
+    if let Some(newest) = control.get() {
+        let truth = truth.get().map(|received| &received.message);
+        view.show(&newest.message, newest.age(), truth);
+        if phase == Phase::Fault {
+            fault = newest.message.fault.to_string();
+        }
+    }
+    Ok(Ended { phase, fault })
+}

@@ -1,0 +1,102 @@
+//! Reads the files of a recording, and writes the page of its report.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::error::ReportError;
+use crate::figures::Report;
+use crate::html;
+use crate::run::Run;
+use crate::task_run::TaskRun;
+
+/// The report on a recording.
+pub struct Read {
+    /// All figures.
+    pub report: Report,
+    /// Files that lack their end.
+    pub truncated: Vec<PathBuf>,
+    /// The page as HTML, if it was requested.
+    pub page: Option<String>,
+}
+
+/// Reads one run, which may be spread over several files; `cell` is needed if the recording holds
+/// several cells. With `page`, the page is generated too.
+///
+/// # Errors
+/// A file cannot be read, is not a recording or holds no messages of a tangent cell; a plot cannot
+/// be drawn.
+pub fn read(paths: &[PathBuf], cell: Option<&str>, page: bool) -> Result<Read, ReportError> {
+    let run = Run::read(paths, cell)?;
+    let task = TaskRun::of(&run);
+    let report = Report::of(&run, &task);
+    let page = page.then(|| html::page(&run, &task, &report)).transpose()?;
+    Ok(Read {
+        report,
+        truncated: run.truncated,
+        page,
+    })
+}
+
+/// Returns figures and page of one run. The page is written beside the first file.
+///
+/// # Errors
+/// The run cannot be read, see [`read`]; or the page cannot be written.
+pub fn write_for(recordings: &[PathBuf]) -> Result<(Report, PathBuf), ReportError> {
+    let first = recordings.first().ok_or(ReportError::NoFile)?;
+    let read = read(recordings, None, true)?;
+    let html = beside(first);
+    if let Some(page) = read.page {
+        write_page(&html, &page)?;
+    }
+    Ok((read.report, html))
+}
+
+/// Returns the file itself; for a folder, the files of its newest run (`CELL-STAMP-NNN.mcap`, NNN
+/// counts), at least one.
+///
+/// # Errors
+/// The folder cannot be listed, or has no recording.
+pub fn recordings(path: &Path) -> Result<Vec<PathBuf>, ReportError> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let of_run = |path: &PathBuf| {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        stem.rsplit_once('-')
+            .map_or(stem.to_string(), |(run, _)| run.to_owned())
+    };
+    let listing = fs::read_dir(path).map_err(|source| ReportError::Folder {
+        folder: path.to_owned(),
+        source,
+    })?;
+    let mut files: Vec<PathBuf> = listing
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|file| file.extension().is_some_and(|e| e == "mcap"))
+        .collect();
+    let modified = |file: &PathBuf| fs::metadata(file).and_then(|m| m.modified()).ok();
+    let newest = files
+        .iter()
+        .max_by_key(|file| modified(file))
+        .map(of_run)
+        .ok_or_else(|| ReportError::EmptyFolder(path.to_owned()))?;
+    files.retain(|file| of_run(file) == newest);
+    files.sort();
+    Ok(files)
+}
+
+/// Default path of the page: beside the recording.
+pub fn beside(recording: &Path) -> PathBuf {
+    recording.with_extension("html")
+}
+
+/// Writes the page.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_page(path: &Path, page: &str) -> Result<(), ReportError> {
+    fs::write(path, page).map_err(|source| ReportError::Page {
+        page: path.to_owned(),
+        source,
+    })
+}

@@ -1,0 +1,37 @@
+//! The report on a recorded run: figures, plots, and a page that needs nothing else.
+//!
+//! A recording (`.mcap`, as `tangent record` or `tangent up` makes it) is read into a
+//! [`run::Run`], the messages in order. Its last task is cut out as a [`TaskRun`], one entry per
+//! robot cycle. From these come the [`Report`], whose figures are defined as in
+//! `tangent evaluate`, and the HTML page. `tangent report` and `tangent up` call [`read`] and
+//! [`write_for`]; `tangent estimator` uses the comparison of estimators, and
+//! `tangent reproduce` the plots.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`run`] | the messages of a recording, or of a live cell |
+//! | [`live`] | the estimators of a live cell, recorded for a while |
+//! | [`object`], [`tactile`] | data of a single law or estimator, and the figures of its paper |
+//! | [`plot`] | line plots as SVG |
+
+mod comparison;
+mod error;
+mod figures;
+mod files;
+mod html;
+pub mod live;
+pub mod object;
+pub mod plot;
+pub mod run;
+pub mod tactile;
+mod task_run;
+#[cfg(test)]
+mod tests;
+mod words;
+
+pub use comparison::{EstimatorFigures, Switch, estimators, words as estimator_words};
+pub use error::ReportError;
+pub use figures::{LoopFigures, Quantiles, RecordingFigures, Report};
+pub use files::{Read, beside, read, recordings, write_for, write_page};
+pub use task_run::{Cycle, TaskRun};
+pub use words::words;

@@ -1,0 +1,233 @@
+//! The last task of a recording, cycle by cycle, with the messages that belong to each cycle.
+
+use std::collections::HashMap;
+
+use nalgebra::{Matrix3, Vector3};
+use tangent_control::Phase;
+use tangent_mechanics::{Base, Pose, Tool};
+use tangent_schemas::standard::Header;
+use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
+use tangent_simulation::metrics::{CycleSample, EstimateSample, TruthSample};
+
+use crate::run::Run;
+
+/// Time for which a run continues after its task has ended, s; as in `evaluate`.
+const AFTER_END_S: f64 = 0.2;
+/// Largest time between a truth and the cycle to which it is assigned, ns.
+const TRUTH_REACH_NS: i64 = 20_000_000;
+
+/// One cycle with all messages that belong to it.
+pub struct Cycle<'a> {
+    /// Time since the task's start, s.
+    pub time_s: f64,
+    /// State of the arm.
+    pub arm: &'a ArmState,
+    /// Answer of the controller.
+    pub control: &'a ControlState,
+    /// Ground truth, if there is one.
+    pub truth: Option<&'a ContactTruth>,
+    /// The cycle in the form that the figures need.
+    pub sample: CycleSample,
+}
+
+/// The last task of a recording.
+pub struct TaskRun<'a> {
+    /// Cycles of the task, in order.
+    pub cycles: Vec<Cycle<'a>>,
+    /// Stamp of its start, ns since the Unix epoch.
+    pub start_ns: i64,
+    /// Number of tasks in the recording.
+    pub tasks: usize,
+}
+
+/// The phase in a message; an unknown number, from a later version, counts as idle.
+fn phase_of(control: &ControlState) -> Phase {
+    Phase::ALL
+        .into_iter()
+        .find(|phase| *phase as u8 == control.phase)
+        .unwrap_or_default()
+}
+
+impl<'a> TaskRun<'a> {
+    /// Joins the messages of all services on the cycles of the last task.
+    pub fn of(run: &'a Run) -> Self {
+        let mut activations: Vec<u64> = run.control.iter().map(|c| c.activation).collect();
+        activations.dedup();
+        activations.retain(|a| *a > 0);
+        let Some(&last) = activations.last() else {
+            return Self {
+                cycles: Vec::new(),
+                start_ns: run.arm.first().map_or(0, |a| a.header.stamp.to_ns()),
+                tasks: 0,
+            };
+        };
+        let from = run
+            .control
+            .iter()
+            .rposition(|c| c.activation != last)
+            .map_or(0, |i| i + 1);
+        let control = &run.control[from..];
+        let start_ns = control.first().map_or(0, |c| c.header.stamp.to_ns());
+        let window = |ns: i64| ns > start_ns - 1_000_000_000;
+        let arms: HashMap<u64, &ArmState> = run
+            .arm
+            .iter()
+            .filter(|a| window(a.header.stamp.to_ns()))
+            .map(|a| (a.cycle, a))
+            .collect();
+
+        let mut origin_ns = None;
+        let mut cycles = Vec::new();
+        let mut ended_at = None;
+        for state in control {
+            let Some(arm) = arms.get(&state.cycle).copied() else {
+                continue;
+            };
+            let stamp_ns = arm.header.stamp.to_ns();
+            // The first packet of a task ends its first period.
+            let origin = *origin_ns.get_or_insert(stamp_ns - (arm.period_s * 1e9).round() as i64);
+            let time_s = (stamp_ns - origin) as f64 * 1e-9;
+            let truth = nearest(&run.truth, |t| &t.header, stamp_ns);
+            let estimate = newest(
+                run.estimates.get(state.estimator.as_str()),
+                |e| e.cycle,
+                state.cycle,
+            );
+            cycles.push(Cycle {
+                time_s,
+                arm,
+                control: state,
+                truth,
+                sample: sample(time_s, arm, state, truth, estimate),
+            });
+            if !phase_of(state).is_active() {
+                let since: f64 = *ended_at.get_or_insert(time_s);
+                // Stamps are whole nanoseconds: their rounding must not add a cycle.
+                if time_s - since >= AFTER_END_S - 1e-6 {
+                    break;
+                }
+            }
+        }
+        Self {
+            cycles,
+            start_ns: origin_ns.unwrap_or(start_ns),
+            tasks: activations.len(),
+        }
+    }
+
+    /// The cycles in the form that the figures need, with the estimates of `estimator` in place of
+    /// those in use.
+    pub fn samples_with(&self, run: &Run, estimator: &str) -> Vec<CycleSample> {
+        let estimates = run.estimates.get(estimator);
+        self.cycles
+            .iter()
+            .map(|cycle| CycleSample {
+                estimate: newest(estimates, |e| e.cycle, cycle.control.cycle).map(estimate_sample),
+                ..cycle.sample
+            })
+            .collect()
+    }
+}
+
+/// The truth with the nearest stamp; `truth` must be in order.
+pub(crate) fn nearest<T>(truth: &[T], stamp: impl Fn(&T) -> &Header, stamp_ns: i64) -> Option<&T> {
+    let stamp_of = |t: &T| stamp(t).stamp.to_ns();
+    let after = truth.partition_point(|t| stamp_of(t) < stamp_ns);
+    let distance = |t: &&T| (stamp_of(t) - stamp_ns).abs();
+    [after.checked_sub(1), Some(after)]
+        .into_iter()
+        .flatten()
+        .filter_map(|i| truth.get(i))
+        .min_by_key(distance)
+        .filter(|t| distance(t) <= TRUTH_REACH_NS)
+}
+
+/// The newest estimate computed by `cycle`; `estimates` must be in order.
+pub(crate) fn newest<E>(
+    estimates: Option<&Vec<E>>,
+    made_at: impl Fn(&E) -> u64,
+    cycle: u64,
+) -> Option<&E> {
+    let estimates = estimates?;
+    let after = estimates.partition_point(|e| made_at(e) <= cycle);
+    estimates.get(after.checked_sub(1)?)
+}
+
+fn estimate_sample(estimate: &NormalEstimate) -> EstimateSample {
+    EstimateSample {
+        normal: (&estimate.normal).into(),
+        covariance: Matrix3::from_row_slice(&estimate.covariance),
+        valid: estimate.validity == 0,
+    }
+}
+
+fn sample(
+    time_s: f64,
+    arm: &ArmState,
+    control: &ControlState,
+    truth: Option<&ContactTruth>,
+    estimate: Option<&NormalEstimate>,
+) -> CycleSample {
+    let phase = phase_of(control);
+    let z_axis = |pose: &tangent_schemas::standard::Pose| {
+        Pose::<Base, Tool>::try_from(pose).map_or(Vector3::z(), |p| p.z_axis())
+    };
+    CycleSample {
+        time_s,
+        phase,
+        estimate: estimate.map(estimate_sample),
+        truth: truth.map(|t| {
+            let normal = Vector3::from(&t.normal);
+            TruthSample {
+                normal,
+                tool_z: z_axis(&t.tool_pose),
+                in_contact: t.in_contact,
+                force_n: Vector3::from(&t.wrench.force).dot(&normal),
+            }
+        }),
+        tool_position: (&arm.tool_pose.position).into(),
+        tool_z: z_axis(&arm.tool_pose),
+        force_n: Some(control.force_n).filter(|n| n.is_finite()),
+        force_reference_n: control.force_reference_n,
+        // Without a truth, the controller's pressing phases count as contact.
+        in_contact: phase.is_pressing(),
+        path_reference: (&control.path_reference).into(),
+        path_error_m: control.path_error_m,
+        joint_speed_rad_per_s: arm.qd.iter().fold(0.0, |most, qd| qd.abs().max(most)),
+        // A controller that holds the arm computes no manipulability.
+        manipulability: if control.manipulability > 0.0 {
+            control.manipulability
+        } else {
+            f64::INFINITY
+        },
+        motion_tank_j: tank(control.motion_tank_j),
+        force_tank_j: tank(control.force_tank_j),
+    }
+}
+
+/// Energy of a tank, J; a law without this tank publishes zero.
+fn tank(energy_j: f64) -> Option<f64> {
+    (energy_j != 0.0).then_some(energy_j)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_truth_nearest_in_stamp_is_taken_and_none_that_is_far() {
+        let at = |ms: i64| ContactTruth {
+            header: tangent_schemas::standard::Header::new(ms * 1_000_000, "base"),
+            penetration_m: ms as f64,
+            ..ContactTruth::default()
+        };
+        let truth = [at(0), at(8), at(16), at(500)];
+        let found =
+            |ms: i64| nearest(&truth, |t| &t.header, ms * 1_000_000).map(|t| t.penetration_m);
+        assert_eq!(found(5), Some(8.0));
+        assert_eq!(found(3), Some(0.0));
+        assert_eq!(found(30), Some(16.0));
+        assert_eq!(found(200), None);
+        assert_eq!(found(510), Some(500.0));
+    }
+}

@@ -1,0 +1,296 @@
+//! Tests with a closed-loop run written as a live system would record it: the report's figures must
+//! equal those of `evaluate`.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use tangent_recorder::{Record, RecordingWriter};
+use tangent_schemas::convert::{cut, joint_array};
+use tangent_schemas::standard::Header;
+use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
+use tangent_schemas::{Message, cdr};
+use tangent_simulation::{
+    AdmittanceCycle, AdmittanceScenario, Evaluation, evaluate_admittance_with,
+};
+
+use crate::files::{read, write_for};
+
+const START_NS: i64 = 1_795_260_245_123_456_789;
+
+fn scenario() -> AdmittanceScenario {
+    let text = include_str!("../../../scenarios/pipe_ideal.toml");
+    AdmittanceScenario::parse("pipe_ideal", text, &[], &tangent_simulation::no_files).unwrap()
+}
+
+struct Tape {
+    writer: RecordingWriter,
+    sequence: u32,
+}
+
+impl Tape {
+    fn create(path: &Path) -> Self {
+        let mut writer = RecordingWriter::create(path).unwrap();
+        let facts = [
+            ("scenario", "pipe_ideal"),
+            ("controller", "default"),
+            ("seed", "1"),
+            ("version", "0.1.0"),
+        ];
+        let facts = facts.map(|(n, v)| (n.to_owned(), v.to_owned()));
+        writer.metadata("tangent", facts.into()).unwrap();
+        writer
+            .attach("task-1.toml", "name = \"wipe <a> pipe\"", 1)
+            .unwrap();
+        Self {
+            writer,
+            sequence: 0,
+        }
+    }
+
+    fn put<M: Message>(&mut self, topic: &str, stamp_ns: i64, message: &M) {
+        let mut bytes = Vec::new();
+        cdr::encode(message, &mut bytes).unwrap();
+        self.sequence += 1;
+        self.writer
+            .write(&Record {
+                publisher: [0; 16],
+                topic,
+                type_name: M::NAME,
+                definition: Some(&M::definition()),
+                sequence: self.sequence,
+                log_time_ns: stamp_ns as u64,
+                publish_time_ns: stamp_ns as u64,
+                bytes: &bytes,
+            })
+            .unwrap();
+    }
+
+    fn cycle(&mut self, number: u64, period_s: f64, cycle: &AdmittanceCycle<'_>) {
+        let (arm, input, output, truth) = (cycle.arm, cycle.input, cycle.output, cycle.truth);
+        let at = START_NS + (arm.time_s * 1e9).round() as i64;
+        let header = || Header::new(at, "base");
+        self.put(
+            "/arm/state",
+            at,
+            &ArmState {
+                header: header(),
+                cycle: number,
+                period_s,
+                q: joint_array(&arm.q),
+                qd: joint_array(&arm.qd),
+                tool_pose: (&input.base_from_tool).into(),
+                tool_twist: (&input.twist).into(),
+                packet_to_command_s: 100e-6 + 1e-9 * number as f64,
+                ..ArmState::default()
+            },
+        );
+        if let Some(estimate) = cycle.estimate {
+            let mut covariance = [0.0; 9];
+            for (i, value) in covariance.iter_mut().enumerate() {
+                *value = estimate.covariance[(i / 3, i % 3)];
+            }
+            self.put(
+                "/estimate/blend/normal",
+                at,
+                &NormalEstimate {
+                    header: header(),
+                    cycle: number,
+                    estimator: cut("blend"),
+                    normal: (&estimate.normal).into(),
+                    covariance,
+                    validity: u8::from(!estimate.validity.is_valid()),
+                    ..NormalEstimate::default()
+                },
+            );
+        }
+        self.put(
+            "/control/state",
+            at,
+            &ControlState {
+                header: header(),
+                cycle: number,
+                phase: output.phase as u8,
+                phase_text: cut(output.phase.name()),
+                task: cut("wipe a pipe"),
+                activation: output.activation,
+                estimator: cut("blend"),
+                normal: (&output.normal).into(),
+                force_reference_n: output.force_reference_n,
+                force_n: output.force_n.unwrap_or(f64::NAN),
+                path_reference: (&output.path_reference).into(),
+                path_error_m: output.path_error_m,
+                wrench_age_s: output.wrench_age_s,
+                estimate_age_s: output.estimate_age_s,
+                manipulability: output.manipulability,
+                fault: output.fault.map(|f| cut(f.text())).unwrap_or_default(),
+                ..ControlState::default()
+            },
+        );
+        // The simulator's clock differs a little from the bridge's.
+        self.put(
+            "/truth/contact",
+            at + 150_000,
+            &ContactTruth {
+                header: Header::new(at + 150_000, "base"),
+                point: (&truth.point).into(),
+                normal: (&truth.normal).into(),
+                in_contact: truth.in_contact,
+                wrench: (&truth.wrench).into(),
+                tool_pose: (&truth.base_from_tool).into(),
+                ..ContactTruth::default()
+            },
+        );
+    }
+}
+
+/// Records a run into files with this many cycles each.
+fn record(folder: &Path, cycles_per_file: u64) -> (Evaluation, Vec<PathBuf>) {
+    let scenario = scenario();
+    let mut files = Vec::new();
+    let mut tape: Option<Tape> = None;
+    let mut number = 0;
+    let evaluation = evaluate_admittance_with(&scenario, |cycle| {
+        if number % cycles_per_file == 0 {
+            if let Some(tape) = tape.take() {
+                tape.writer.finish().unwrap();
+            }
+            let path = folder.join(format!("run-{:03}.mcap", files.len()));
+            tape = Some(Tape::create(&path));
+            files.push(path);
+        }
+        // The bridge ran before the task.
+        number += 1;
+        tape.as_mut().unwrap().cycle(1000 + number, 0.008, cycle);
+    })
+    .unwrap();
+    tape.unwrap().writer.finish().unwrap();
+    (evaluation, files)
+}
+
+/// Fails if two JSON values differ by more than a relative error of 1e-6.
+fn assert_close(path: &str, a: &Value, b: &Value) {
+    match (a, b) {
+        (Value::Number(x), Value::Number(y)) => {
+            let (x, y) = (x.as_f64().unwrap(), y.as_f64().unwrap());
+            assert!(
+                (x - y).abs() <= 1e-6 * x.abs().max(1e-3),
+                "{path}: {x} and {y}"
+            );
+        }
+        (Value::Object(x), Value::Object(y)) => {
+            assert_eq!(
+                x.keys().collect::<Vec<_>>(),
+                y.keys().collect::<Vec<_>>(),
+                "{path}"
+            );
+            for (key, value) in x {
+                assert_close(&format!("{path}.{key}"), value, &y[key]);
+            }
+        }
+        (Value::Array(x), Value::Array(y)) => {
+            assert_eq!(x.len(), y.len(), "{path}");
+            for (x, y) in x.iter().zip(y) {
+                assert_close(path, x, y);
+            }
+        }
+        _ => assert_eq!(a, b, "{path}"),
+    }
+}
+
+#[test]
+fn the_figures_are_those_of_evaluate_also_over_rotated_files() {
+    for cycles_per_file in [u64::MAX, 1111] {
+        let folder = tempfile::tempdir().unwrap();
+        let (evaluation, files) = record(folder.path(), cycles_per_file);
+        assert!(files.len() == 1 || files.len() > 2);
+        let (report, html) = write_for(&files).unwrap();
+        let (ours, theirs) = (
+            serde_json::to_value(&report).unwrap(),
+            serde_json::to_value(&evaluation).unwrap(),
+        );
+        for (key, value) in theirs.as_object().unwrap() {
+            match key.as_str() {
+                "loop" | "state_digest" | "wall_s" | "real_time_factor" => {}
+                // A run ends 0.2 s after its task, up to the rounding of one cycle's stamp.
+                "steps" | "duration_s" => {
+                    let (x, y) = (value.as_f64().unwrap(), ours[key].as_f64().unwrap());
+                    assert!(
+                        (x - y).abs() <= 1.001 * x / evaluation.steps as f64,
+                        "{key}"
+                    );
+                }
+                _ => assert_close(key, value, &ours[key]),
+            }
+            assert!(ours.get(key).is_some(), "{key} is missing in the report");
+        }
+        assert_eq!(ours["scenario"], "pipe_ideal");
+        assert_eq!(ours["loop"]["missed_cycles"], 0);
+        let max = ours["loop"]["packet_to_command_us"]["max"]
+            .as_f64()
+            .unwrap();
+        assert!((max - 100.0 - 1e-3 * (1000 + evaluation.steps) as f64).abs() < 1e-6);
+        assert!(!report.is_lossy());
+
+        let page = std::fs::read_to_string(&html).unwrap();
+        assert!(page.matches("<svg").count() >= 6);
+        for words in [
+            "Pressing force",
+            "Path on the surface",
+            "wipe &lt;a&gt; pipe",
+            "Nothing was lost",
+        ] {
+            assert!(page.contains(words), "{words}");
+        }
+        // The page loads nothing from outside.
+        for outside in ["src=", "href=", "@import", "url("] {
+            assert!(!page.contains(outside), "{outside}");
+        }
+        if let (1, Some(keep)) = (files.len(), std::env::var_os("TANGENT_KEEP_REPORT")) {
+            std::fs::copy(&html, keep).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_cut_recording_gives_what_is_whole_and_says_that_something_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (evaluation, files) = record(folder.path(), u64::MAX);
+    let bytes = std::fs::read(&files[0]).unwrap();
+    std::fs::write(&files[0], &bytes[..bytes.len() / 2]).unwrap();
+    let found = read(&files, None, true).unwrap();
+    assert!(found.report.is_lossy());
+    assert_eq!(found.truncated, files);
+    assert!(found.report.recording.truncated);
+    assert!(found.report.steps > 100 && found.report.steps < evaluation.steps);
+    assert!(found.page.unwrap().contains("lacks its end"));
+}
+
+fn with_causes(error: &dyn std::error::Error) -> String {
+    let causes = std::iter::successors(Some(error), |error| error.source());
+    causes
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join(": ")
+}
+
+#[test]
+fn what_is_no_recording_of_a_cell_is_refused_with_a_way_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("other.mcap");
+    let mut tape = Tape::create(&path);
+    tape.put("/scan", 1, &Header::new(1, "laser"));
+    tape.writer.finish().unwrap();
+    let error = read(std::slice::from_ref(&path), None, false)
+        .err()
+        .unwrap();
+    let error = with_causes(&error);
+    for words in ["other.mcap", "/scan", "tangent record"] {
+        assert!(error.contains(words), "{error}");
+    }
+    std::fs::write(&path, "no recording").unwrap();
+    let error = with_causes(&read(&[path], None, false).err().unwrap());
+    assert!(
+        error.contains("other.mcap") && error.contains("no MCAP file"),
+        "{error}"
+    );
+}
