@@ -25,8 +25,13 @@ const POSES: [[f64; 3]; 9] = [
     [-1.57, -1.57, 0.0],
 ];
 
-/// Moves the simulated arm as its pendant would: with another program in place of ours.
+/// Moves the simulated arm as its pendant would: with another program in place of ours. Waits for
+/// ours first: the bridge sends it again after every move, and would replace a program that arrived
+/// at that moment.
 fn move_to(cell: &Cell, observer: &Observer, wrist: [f64; 3]) {
+    wait_for("the bridge's program runs", PATIENCE, || {
+        observer.arm().filter(|arm| arm.ready)
+    });
     let [a, b, c] = wrist;
     let q = [3.1, -1.9, 1.4, a, b, c];
     let program = format!("def go():\n  movej({q:?}, a=8, v=3)\nend\n");
@@ -114,9 +119,6 @@ fn the_payload_is_found_live_and_from_the_recording() {
         let mut cell = Cell::new(|_| {});
         cell.start_all(&["router simulator netft rtde recorder"]);
         let observer = Observer::join(&cell);
-        wait_for("the arm is ready", PATIENCE, || {
-            observer.arm().filter(|arm| arm.ready)
-        });
         move_to(&cell, &observer, POSES[0]);
 
         let mut person = Person::start(&cell, &["--poses", "9"]);

@@ -77,11 +77,13 @@ fn verdict<P, W>(
 ) {
     for run in 1..=RUNS {
         let _place = place(run);
+        let began = Instant::now();
         let watch = start();
         let ended = catch_unwind(AssertUnwindSafe(&test));
         let machine = end(watch);
+        let took = began.elapsed().as_secs_f64();
         match ended {
-            Ok(()) => return say(&format!("{PASSED} {run}: {machine}")),
+            Ok(()) => return say(&format!("{PASSED} {run} after {took:.1} s: {machine}")),
             Err(failure) if !machine.is_spoilt() => {
                 say(&format!("failed in run {run}: {machine}"));
                 resume_unwind(failure);
