@@ -197,20 +197,22 @@ impl History {
     /// Every change that only a request makes has one of its own that was not refused.
     fn check_changes(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
         let mut used = BTreeSet::new();
-        let mut expect = |kind: Kind, at_ns: i64, what: String| {
+        let mut expect = |kinds: &[Kind], at_ns: i64, what: String| {
             checked.effects += 1;
             // A request has one effect. Changes come in the order of time, so each takes the
             // request that can explain others for the shortest time: if there is an assignment,
             // this finds one.
             let explains = self
-                .of(kind)
+                .operations
+                .iter()
+                .filter(|o| kinds.contains(&o.kind))
                 .filter(|o| o.explains(at_ns) && !used.contains(&o.number));
             match explains.min_by_key(|o| o.until_ns()) {
                 Some(operation) => {
                     used.insert(operation.number);
                 }
                 None => wrong.push(format!(
-                    "{what} at {at_ns}, and no {kind:?} is left that explains it"
+                    "{what} at {at_ns}, and none of {kinds:?} is left that explains it"
                 )),
             }
         };
@@ -221,27 +223,30 @@ impl History {
             if after.task != before.task || after.activation != before.activation {
                 continue;
             }
-            if !before.paused && after.paused {
-                expect(Kind::Pause, at_ns, what("paused"));
-            }
             let ended = |s: &ControlState| matches!(s.phase_text.as_str(), "done" | "fault");
-            if before.paused && !after.paused && !ended(after) {
-                expect(Kind::Resume, at_ns, what("resumed"));
-            }
             let left = |s: &ControlState| matches!(s.phase_text.as_str(), "retract" | "done");
-            if !left(before) && !ended(before) && left(after) && after.fault.is_empty() {
-                expect(Kind::Stop, at_ns, what("stopped"));
+            let leaves = !left(before) && !ended(before) && left(after) && after.fault.is_empty();
+            if !before.paused && after.paused {
+                expect(&[Kind::Pause], at_ns, what("paused"));
+            }
+            if before.paused && leaves {
+                // A task that is stopped, or that was paused while it left and goes on.
+                expect(&[Kind::Stop, Kind::Resume], at_ns, what("left"));
+            } else if before.paused && !after.paused && !ended(after) {
+                expect(&[Kind::Resume], at_ns, what("resumed"));
+            } else if leaves {
+                expect(&[Kind::Stop], at_ns, what("stopped"));
             }
             let asked = |s: &ControlState| {
                 let cause = s.estimator_cause.as_str();
                 cause.starts_with("asked") || cause.starts_with("forced")
             };
             if after.estimator_switches > before.estimator_switches && asked(after) {
-                expect(Kind::Select, at_ns, what("switched"));
+                expect(&[Kind::Select], at_ns, what("switched"));
             }
         }
         for at_ns in &self.zeros {
-            expect(Kind::Tare, *at_ns, "another zero".to_owned());
+            expect(&[Kind::Tare], *at_ns, "another zero".to_owned());
         }
     }
 

@@ -323,7 +323,8 @@ fn what_was_refused_has_no_effect_for_long() {
     );
 }
 
-/// The router is stopped while a start is in transit: the answer must agree with what happens.
+/// The router is stopped while a start is in transit: the answer must agree with what happens. If
+/// the standstill cost a process its link, there is no answer; a later start has one.
 #[test]
 fn a_start_while_the_router_stands_does_what_its_answer_says() {
     let mut cell = Cell::new(|_| {});
@@ -336,7 +337,11 @@ fn a_start_while_the_router_stands_does_what_its_answer_says() {
     observer.phase("done", 0);
     let config = CellConfig::load(&cell.file()).unwrap();
     let bus = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
-    for number in 0..4 {
+    let mut answered = 0;
+    for number in 0..12 {
+        if answered == 4 {
+            return;
+        }
         let asking = {
             let bus = bus.clone();
             std::thread::spawn(move || {
@@ -349,7 +354,11 @@ fn a_start_while_the_router_stands_does_what_its_answer_says() {
         cell.process("router").signal("STOP");
         nemesis::pause(Duration::from_millis(750));
         cell.process("router").signal("CONT");
-        let answer = asking.join().unwrap().unwrap();
+        let answer = match asking.join().unwrap() {
+            Ok(answer) => Some(answer),
+            Err(BusError::NoAnswer { .. } | BusError::Unknown { .. }) => None,
+            Err(error) => panic!("{error}"),
+        };
         let after = now_ns();
         // Waits for states from well after the answer.
         wait_for("states", PATIENCE, || {
@@ -361,8 +370,11 @@ fn a_start_while_the_router_stands_does_what_its_answer_says() {
             .controls(0)
             .iter()
             .any(|s| s.message.task.as_str() == name);
-        assert_eq!(answer.done, ran, "{name}: {}", answer.message);
-        if answer.done {
+        if let Some(answer) = answer {
+            assert_eq!(answer.done, ran, "{name}: {}", answer.message);
+            answered += 1;
+        }
+        if ran {
             let from = now_ns();
             cell.cli(&["task", "stop"]);
             wait_for("the end", PATIENCE, || {
@@ -372,6 +384,7 @@ fn a_start_while_the_router_stands_does_what_its_answer_says() {
             });
         }
     }
+    assert_eq!(answered, 4, "starts with an answer");
 }
 
 /// A proxy of the robot's dashboard server that can be silenced; a command then waits for its
