@@ -2,7 +2,7 @@
 //! `cargo run --release -p tangent-estimation --example accuracy_table`.
 #![allow(clippy::unwrap_used, clippy::disallowed_macros)]
 
-#[path = "../tests/synthetic/mod.rs"]
+#[path = "../tests/integration/synthetic/mod.rs"]
 mod synthetic;
 
 use synthetic::{Figures, Flaws, Surface, Trial};

@@ -1,0 +1,9 @@
+//! Integration tests of this crate, in one binary: each links the whole crate once more.
+
+#![allow(clippy::unwrap_used)]
+
+mod bridge;
+mod common;
+mod dashboard_and_scripts;
+mod rtde;
+mod ur_rtde;
