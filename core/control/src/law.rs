@@ -4,51 +4,19 @@
 //! Called by the closed loops of `evaluate` and by the loop of the `controller` service.
 
 use nalgebra::Vector3;
-use tangent_estimation::{NormalEstimate, ObjectEstimate};
 use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist, Wrench};
 use tangent_schemas::CommandKind;
 use tangent_sensing::{BaseMotion, Validity};
 
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{SwitchCause, SwitchRefusal};
-use crate::laws::unified_force_impedance::VisionInput;
+use crate::inputs::{EstimateInput, MAX_ESTIMATORS, ObjectInput, UntaredLoad, VisionInput};
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
 use crate::task::Task;
-use crate::task::program::{EstimatorName, Program};
-
-/// Maximum number of estimators that a task can name.
-pub const MAX_ESTIMATORS: usize = 8;
-
-/// One estimator's newest estimate.
-#[derive(Clone, Copy, Debug)]
-pub struct EstimateInput {
-    /// The estimate.
-    pub estimate: NormalEstimate,
-    /// Its age now, s.
-    pub age_s: f64,
-}
-
-/// Deviation of the untared reading, without the payload, from an unloaded sensor: no zero hides a
-/// load in it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct UntaredLoad {
-    /// Force beyond the last good zero, N; `None` without one.
-    pub beyond_reference_n: Option<f64>,
-    /// Largest share of the sensor's rating in any axis; `None` if it is not known.
-    pub rated_share: Option<f64>,
-}
-
-/// One estimator's newest pose of an object.
-#[derive(Clone, Copy, Debug)]
-pub struct ObjectInput {
-    /// The estimate.
-    pub estimate: ObjectEstimate,
-    /// Its age now, s.
-    pub age_s: f64,
-}
+use crate::task::program::{EstimatorName, LawConfig, Program};
 
 /// Inputs of one cycle. The wrench is that of the environment on the tool: a pressing tool reads a
 /// negative z. A law reads what it needs of them.
@@ -240,18 +208,6 @@ pub struct Start {
     pub position: Vector3<f64>,
     /// Activation that the arm has latched out. That of the start is greater.
     pub latched: u64,
-}
-
-/// Parameters of a law that a program needs.
-pub trait LawConfig: Clone + Send + 'static {
-    /// Checks all parameters.
-    ///
-    /// # Errors
-    /// A parameter is out of its range.
-    fn check(&self) -> Result<(), ControlError>;
-
-    /// Bounds of the path's acceleration, m/s², and jerk, m/s³.
-    fn path_bounds(&self) -> (f64, f64);
 }
 
 /// A control law for an arm of `N` joints. The loop calls [`Law::step`] once per cycle of the arm,

@@ -6,6 +6,7 @@
 pub mod contact;
 mod error;
 mod estimator_choice;
+mod inputs;
 mod law;
 pub mod laws;
 mod leaving;
@@ -20,10 +21,10 @@ pub use error::ControlError;
 pub use estimator_choice::list::EstimatorList;
 pub use estimator_choice::switching::{ChoiceRules, SwitchCause, SwitchRefusal};
 pub use estimator_choice::{EstimateStatus, EstimatorChoice};
-pub use law::{
-    EstimateInput, EstimatorInUse, JointCommand, Law, LawConfig, LawInput, LawOutput,
-    MAX_ESTIMATORS, ObjectInput, Shaping, Start, UntaredLoad,
+pub use inputs::{
+    BendChange, EstimateInput, MAX_ESTIMATORS, ObjectInput, UntaredLoad, VisionInput,
 };
+pub use law::{EstimatorInUse, JointCommand, Law, LawInput, LawOutput, Shaping, Start};
 pub use laws::hybrid_admittance::{
     AlignmentConfig, ContactConfig, ControlInput, ControlOutput, Controller, ControllerConfig,
     ForceConfig, NormalConfig, PathConfig, TorqueConfig,
@@ -32,8 +33,8 @@ pub use laws::hybrid_dynamics;
 pub use laws::hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
 pub use laws::unified_force_impedance;
 pub use laws::unified_force_impedance::{
-    BendChange, TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
-    UnifiedInput, UnifiedOutput, VisionInput,
+    TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput,
+    UnifiedOutput,
 };
 pub use leaving::clearance::{Clearance, LeaveConfig};
 pub use leaving::tare_permission::{ContactSign, ControllerWord};
@@ -47,7 +48,7 @@ pub use tangent_schemas::CommandKind;
 pub use task::path::{Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, Waypoints};
 pub use task::preflight;
 pub use task::profile::Profile;
-pub use task::program::{EstimatorName, EstimatorNames, Program};
+pub use task::program::{EstimatorName, EstimatorNames, LawConfig, Program};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis, ZeroAtLimit, ZeroSpec,

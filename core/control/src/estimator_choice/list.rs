@@ -10,7 +10,8 @@ use tangent_sensing::Validity;
 
 use super::switching::{ChoiceRules, SwitchRefusal};
 use super::{EstimateStatus, EstimatorChoice};
-use crate::law::{EstimateInput, EstimatorInUse, MAX_ESTIMATORS, ObjectInput};
+use crate::inputs::{EstimateInput, MAX_ESTIMATORS, ObjectInput};
+use crate::law::EstimatorInUse;
 use crate::task::program::{EstimatorName, EstimatorNames};
 
 /// Deviation of a unit vector's length from 1 that counts as rounding.

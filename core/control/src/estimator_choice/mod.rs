@@ -8,7 +8,7 @@ use tangent_sensing::Validity;
 
 use crate::contact::alignment::angle_between;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchCause, SwitchRefusal};
-use crate::law::{EstimateInput, MAX_ESTIMATORS};
+use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
 
 /// Result of the choice in this cycle.
 #[derive(Clone, Copy, Debug)]

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use crate::error::ControlError;
 use crate::estimator_choice::list::EstimatorList;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
-use crate::law::{Law, LawConfig, LawInput, LawOutput, Start};
+use crate::law::{Law, LawInput, LawOutput, Start};
 use crate::leaving::clearance::{Clearance, LeaveConfig};
 use crate::leaving::departure::Departure;
 use crate::limits::faults::Fault;
@@ -16,7 +16,7 @@ use crate::parameters::PatienceConfig;
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
 use crate::task::Task;
-use crate::task::program::{EstimatorName, Program};
+use crate::task::program::{EstimatorName, LawConfig, Program};
 
 /// Force limit, N, of the placeholder task before the first one. It is never started.
 pub(crate) const IDLE_FORCE_N: f64 = 20.0;

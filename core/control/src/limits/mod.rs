@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use tangent_mechanics::{Aligned, Base, DampedLeastSquares, Tool, Twist};
 
 use crate::error::{ControlError, check_range};
-use crate::law::UntaredLoad;
+use crate::inputs::UntaredLoad;
 
 /// Limits of the cell. The bridge enforces its own, wider limits as well.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -7,10 +7,8 @@ pub(crate) mod ranges;
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::JointFriction;
 
-use crate::laws::hybrid_admittance::PathConfig;
-
-/// Path profile of a torque law: it follows the reference with its own gains, and does not wait for
-/// the arm.
+/// Path profile of a torque law, which follows the reference with its own gains and does not wait
+/// for the arm. Its default is also that of the hybrid admittance.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PathProfileConfig {
@@ -24,11 +22,10 @@ pub struct PathProfileConfig {
 
 impl Default for PathProfileConfig {
     fn default() -> Self {
-        let path = PathConfig::default();
         Self {
-            acceleration_m_per_s2: path.acceleration_m_per_s2,
-            jerk_m_per_s3: path.jerk_m_per_s3,
-            clock_ramp_s: path.clock_ramp_s,
+            acceleration_m_per_s2: 0.1,
+            jerk_m_per_s3: 1.0,
+            clock_ramp_s: 0.2,
         }
     }
 }

@@ -13,7 +13,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{ControlError, check_range};
-use crate::law::MAX_ESTIMATORS;
+use crate::inputs::MAX_ESTIMATORS;
+use crate::laws::hybrid_admittance::ControllerConfig;
 use crate::phase_machine::Phase;
 use crate::task::path::{PathSpec, Stay};
 
@@ -330,7 +331,7 @@ impl Task {
             }
         }
         if let Some(name) = &self.controller {
-            crate::ControllerConfig::preset(name)?;
+            ControllerConfig::preset(name)?;
         }
         let switching = &self.switching;
         if let Some(angle) = switching.disagreement_max_rad {

@@ -3,8 +3,10 @@
 
 use nalgebra::Vector3;
 
-use super::state::{ContactFilterState, LearntNoise, SurfaceState};
-use super::{BIAS, ContactFilter, FRICTION, NORMAL, Row, SHAPE, WEIGHT};
+use super::ContactFilter;
+use super::state::{
+    BIAS, ContactFilterState, FRICTION, LearntNoise, NORMAL, Row, SHAPE, SurfaceState, WEIGHT,
+};
 use crate::motion::Motion;
 
 /// Correlation length of velocity errors and of friction's fluctuations, m.

@@ -15,24 +15,15 @@ mod measurements;
 mod residual;
 mod state;
 
-use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
 use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
-pub(crate) use self::state::ContactFilterState;
-use self::state::{CentreOfPressure, Slide};
+use self::state::{BIAS, CentreOfPressure, FRICTION, NORMAL, Row, SHAPE, STATES, Slide, WEIGHT};
+pub(crate) use self::state::{ContactFilterState, ContactPhase};
 use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};
 use crate::world_estimator::WorldEstimate;
-
-const STATES: usize = 10;
-const NORMAL: usize = 0;
-const SHAPE: usize = 2;
-const FRICTION: usize = 5;
-const BIAS: usize = 6;
-const WEIGHT: usize = 9;
-
-type Row = SVector<f64, STATES>;
 
 /// Correlation time of force disturbances in free space (inertia, cables), s.
 const FREE_CORRELATION_S: f64 = 0.5;
@@ -40,19 +31,8 @@ const FREE_CORRELATION_S: f64 = 0.5;
 const FREE_FORCE_SD_N: f64 = 0.05;
 /// Standard deviation of the lag between wrench and motion, s.
 const LAG_SD_S: f64 = 0.008;
-/// Time constant of the rates of force and of the sliding direction, s: it distinguishes a
-/// touchdown from noise.
-const RATE_TIME_S: f64 = 0.05;
 /// Time after a contact during which the filtered wrench still contains part of it, s.
 const SETTLING_S: f64 = 0.2;
-
-/// How the tool touches the surface in this cycle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum ContactPhase {
-    Free,
-    Pressing,
-    Sliding,
-}
 
 /// Configuration of the filter. A tare resets the state, as [`ContactFilter::initial_state`] does.
 #[derive(Clone, Copy, Debug)]

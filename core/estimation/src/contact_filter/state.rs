@@ -1,12 +1,34 @@
 //! Memory of the contact filter, in groups that are set and reset together.
 
-use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::residual::Residual;
-use super::{BIAS, ContactPhase, FRICTION, NORMAL, RATE_TIME_S, Row, SHAPE, STATES, WEIGHT};
 use crate::EstimatorConfig;
 use crate::motion::Motion;
 use crate::tangent_frame::TangentFrame;
+
+/// Number of error states, and the places of the groups among them.
+pub(super) const STATES: usize = 10;
+pub(super) const NORMAL: usize = 0;
+pub(super) const SHAPE: usize = 2;
+pub(super) const FRICTION: usize = 5;
+pub(super) const BIAS: usize = 6;
+pub(super) const WEIGHT: usize = 9;
+
+/// One row of a measurement matrix.
+pub(super) type Row = SVector<f64, STATES>;
+
+/// Time constant of the rates of force and of the sliding direction, s: it distinguishes a
+/// touchdown from noise.
+const RATE_TIME_S: f64 = 0.05;
+
+/// How the tool touches the surface in this cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ContactPhase {
+    Free,
+    Pressing,
+    Sliding,
+}
 
 /// Number of standard deviations beyond which an innovation gets less weight.
 const HUBER_SD: f64 = 2.5;

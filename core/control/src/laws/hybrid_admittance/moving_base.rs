@@ -12,7 +12,7 @@ use tangent_mechanics::{Aligned, Base, Pose, Tool, Twist, World};
 use tangent_sensing::BaseMotion;
 
 use super::interface::ControlInput;
-use crate::law::EstimateInput;
+use crate::inputs::EstimateInput;
 
 /// Shortfall of the arm against the commanded motion, m/s, at which the base counts as too fast.
 const SHORTFALL_M_PER_S: f64 = 0.002;

@@ -5,7 +5,7 @@ use tangent_mechanics::{Aligned, Base, Tool, Wrench};
 use tangent_sensing::BaseTrouble;
 
 use crate::estimator_choice::EstimateStatus;
-use crate::law::UntaredLoad;
+use crate::inputs::UntaredLoad;
 use crate::limits::wrench_guard::WrenchVerdict;
 
 /// External requests to a running task.

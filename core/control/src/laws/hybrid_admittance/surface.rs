@@ -9,7 +9,7 @@ use tangent_estimation::NormalEstimate;
 
 use super::config::NormalConfig;
 use crate::contact::alignment::{angle_between, any_perpendicular, tangential};
-use crate::law::EstimateInput;
+use crate::inputs::EstimateInput;
 use crate::limits::clamp_norm;
 
 /// Minimum speed at which a direction of travel is defined for learning the curvature, m/s.

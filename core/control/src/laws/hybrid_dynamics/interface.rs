@@ -5,7 +5,7 @@ use tangent_estimation::ObjectEstimate;
 use tangent_mechanics::{Base, Joints, Pose, Tool, Wrench};
 use tangent_sensing::Validity;
 
-use crate::law::UntaredLoad;
+use crate::inputs::UntaredLoad;
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::phase_machine::Phase;

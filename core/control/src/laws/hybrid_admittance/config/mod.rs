@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use crate::contact::energy_tank::EnergyTank;
 use crate::error::ControlError;
 use crate::leaving::clearance::LeaveConfig;
-use crate::parameters::PatienceConfig;
 use crate::parameters::overlay::with_changes;
+use crate::parameters::{PathProfileConfig, PatienceConfig};
 
 /// Parameters of the law. `ControllerConfig::preset` gives a complete set; a file may change single
 /// keys of it.
@@ -227,13 +227,14 @@ impl Default for NormalConfig {
 
 impl Default for PathConfig {
     fn default() -> Self {
+        let profile = PathProfileConfig::default();
         Self {
             gain_per_s: 2.0,
             feedback_speed_max_m_per_s: 0.02,
             wait_error_m: 0.005,
-            acceleration_m_per_s2: 0.1,
-            jerk_m_per_s3: 1.0,
-            clock_ramp_s: 0.2,
+            acceleration_m_per_s2: profile.acceleration_m_per_s2,
+            jerk_m_per_s3: profile.jerk_m_per_s3,
+            clock_ramp_s: profile.clock_ramp_s,
         }
     }
 }

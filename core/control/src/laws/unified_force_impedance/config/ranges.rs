@@ -2,11 +2,11 @@
 
 use super::UnifiedForceImpedanceConfig;
 use crate::error::{ControlError, check_range};
-use crate::law::LawConfig;
 use crate::laws::torque_task::TorqueConfig;
 use crate::leaving::clearance::LeaveConfig;
 use crate::parameters::PatienceConfig;
 use crate::parameters::ranges::{FRICTION, LEAVE, PATH_PROFILE, PATIENCE, Ranges, TANK, check_all};
+use crate::task::program::LawConfig;
 
 const RANGES: Ranges = &[
     (
