@@ -6,9 +6,6 @@
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::Receiver;
-use std::sync::{Arc, Mutex, TryLockError};
 use std::time::{Duration, Instant};
 
 use tangent_franka::fci::{
@@ -16,6 +13,7 @@ use tangent_franka::fci::{
     RobotState, STATE_BYTES,
 };
 use tangent_runtime::clock::DeadlineClock;
+use tangent_simulated_device::DeviceLink;
 use tangent_simulation::Truth;
 
 use crate::fault::FciFault;
@@ -57,21 +55,14 @@ struct Client {
     states: Option<SocketAddr>,
 }
 
-/// What the server shares with its handle.
-pub(crate) struct Shared {
-    pub faults: Receiver<FciFault>,
-    pub snapshot: Arc<Mutex<Option<Snapshot>>>,
-    pub stop: Arc<AtomicBool>,
-    pub truth: Option<FciTruthListener>,
-}
-
 /// The robot with its sockets, in the thread that paces it.
 pub(crate) struct Server {
     robot: FciRobot,
     listener: TcpListener,
     udp: UdpSocket,
     client: Option<Client>,
-    shared: Shared,
+    link: DeviceLink<FciFault, Snapshot>,
+    truth: Option<FciTruthListener>,
     wait: Duration,
     drop_states: u32,
     drop_answers: u32,
@@ -92,14 +83,16 @@ impl Server {
         listener: TcpListener,
         udp: UdpSocket,
         wait: Duration,
-        shared: Shared,
+        link: DeviceLink<FciFault, Snapshot>,
+        truth: Option<FciTruthListener>,
     ) -> Self {
         Self {
             robot,
             listener,
             udp,
             client: None,
-            shared,
+            link,
+            truth,
             wait,
             drop_states: 0,
             drop_answers: 0,
@@ -117,9 +110,9 @@ impl Server {
     /// Runs until the handle stops it.
     pub fn run(&mut self) {
         let mut clock = DeadlineClock::new(Duration::from_secs_f64(PERIOD_S));
-        while !self.shared.stop.load(Ordering::Acquire) {
+        while !self.link.is_stopped() {
             self.missed += clock.wait();
-            while let Ok(fault) = self.shared.faults.try_recv() {
+            while let Some(fault) = self.link.next_fault() {
                 self.apply(fault);
             }
             if let Some(until) = self.frozen_until {
@@ -154,7 +147,7 @@ impl Server {
         self.reply();
         self.cycles += 1;
         let truth = self.robot.plant().truth();
-        if let (Some(listener), Some(truth)) = (&mut self.shared.truth, &truth) {
+        if let (Some(listener), Some(truth)) = (&mut self.truth, &truth) {
             listener(truth);
         }
         self.show(state, truth);
@@ -274,7 +267,7 @@ impl Server {
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {
                     if !self.robot.wants_answer()
                         || Instant::now() >= deadline
-                        || self.shared.stop.load(Ordering::Acquire)
+                        || self.link.is_stopped()
                     {
                         return None;
                     }
@@ -360,11 +353,6 @@ impl Server {
             connections: self.connections,
             truth,
         };
-        // A thread that reads the last state must not delay the robot; it gets the next one.
-        match self.shared.snapshot.try_lock() {
-            Ok(mut shown) => *shown = Some(snapshot),
-            Err(TryLockError::Poisoned(shown)) => *shown.into_inner() = Some(snapshot),
-            Err(TryLockError::WouldBlock) => {}
-        }
+        self.link.show(snapshot);
     }
 }

@@ -1,24 +1,20 @@
-//! The running robot: its handle and its thread.
+//! Handle of the running robot: starting it, and its address.
 
 use std::io;
 use std::net::{IpAddr, SocketAddr, TcpListener, UdpSocket};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::ops::Deref;
+use std::time::Duration;
 
 use tangent_franka::fci::PORT;
 use tangent_mechanics::ModelError;
-use tangent_runtime::realtime::setup_thread;
-use tangent_simulated_device::Ports;
+use tangent_simulated_device::{DeviceThread, Ports};
 
 use crate::bench::BenchPlant;
 use crate::config::FciConfig;
 use crate::fault::FciFault;
 use crate::plant::TorquePlant;
 use crate::robot::FciRobot;
-use crate::server::{FciTruthListener, Server, Shared, Snapshot};
+use crate::server::{FciTruthListener, Server, Snapshot};
 
 /// Reasons why a robot cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -47,13 +43,11 @@ pub enum FciStartError {
     Thread(io::Error),
 }
 
-/// A running robot. Dropping it stops it.
+/// A running robot: the [`DeviceThread`] of its faults and snapshots, and its address. Dropping it
+/// stops it.
 pub struct SimulatedFranka {
     address: SocketAddr,
-    faults: Sender<FciFault>,
-    snapshot: Arc<Mutex<Option<Snapshot>>>,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    thread: DeviceThread<FciFault, Snapshot>,
 }
 
 impl std::fmt::Debug for SimulatedFranka {
@@ -91,98 +85,27 @@ impl SimulatedFranka {
         let address = listener.local_addr().map_err(refused)?;
         listener.set_nonblocking(true).map_err(refused)?;
         udp.set_nonblocking(true).map_err(refused)?;
-        let (faults, receiver) = channel();
-        let snapshot = Arc::new(Mutex::new(None));
-        let stop = Arc::new(AtomicBool::new(false));
         let robot = FciRobot::new(config, plant)?;
         let wait = Duration::from_secs_f64(config.answer_wait_s.clamp(0.0, 10.0));
-        let shared = Shared {
-            faults: receiver,
-            snapshot: Arc::clone(&snapshot),
-            stop: Arc::clone(&stop),
-            truth,
-        };
-        let mut server = Server::new(robot, listener, udp, wait, shared);
-        let priority = config.realtime_priority;
-        let thread = std::thread::Builder::new()
-            .name("simulated franka".into())
-            .spawn(move || {
-                if let Some(priority) = priority {
-                    setup_thread("simulated robot", priority);
-                }
-                server.run();
+        let thread =
+            DeviceThread::start("simulated franka", config.realtime_priority, move |link| {
+                Server::new(robot, listener, udp, wait, link, truth).run();
             })
             .map_err(FciStartError::Thread)?;
-        Ok(Self {
-            address,
-            faults,
-            snapshot,
-            stop,
-            thread: Some(thread),
-        })
+        Ok(Self { address, thread })
     }
 
     /// Address on which the robot listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
-
-    /// Provokes (or ends) a fault in the next cycle.
-    pub fn fault(&self, fault: FciFault) {
-        // A robot that has ended ignores faults.
-        let _ = self.faults.send(fault);
-    }
-
-    /// A function that provokes faults, for other threads.
-    pub fn faults(&self) -> impl Fn(FciFault) + Send + Sync + use<> {
-        let faults = self.faults.clone();
-        move |fault| {
-            let _ = faults.send(fault);
-        }
-    }
-
-    /// State after the last cycle; `None` before the first.
-    pub fn snapshot(&self) -> Option<Snapshot> {
-        self.snapshot
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
-    }
-
-    /// Waits until `condition` holds, with one check per millisecond; false if it does not within
-    /// `at_most`.
-    pub fn wait_for(&self, at_most: Duration, condition: impl Fn(&Snapshot) -> bool) -> bool {
-        let deadline = Instant::now() + at_most;
-        loop {
-            if self.snapshot().is_some_and(|s| condition(&s)) {
-                return true;
-            }
-            if Instant::now() >= deadline {
-                return false;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
-    /// Whether its thread has ended by itself, which it never should.
-    pub fn has_ended(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
-    }
-
-    /// Stops the robot and waits for its thread.
-    pub fn stop(&mut self) {
-        self.stop.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take()
-            && thread.join().is_err()
-        {
-            tracing::error!(target: "simulator", "the robot's thread failed");
-        }
-    }
 }
 
-impl Drop for SimulatedFranka {
-    fn drop(&mut self) {
-        self.stop();
+impl Deref for SimulatedFranka {
+    type Target = DeviceThread<FciFault, Snapshot>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.thread
     }
 }
 

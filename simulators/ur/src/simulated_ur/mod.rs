@@ -12,16 +12,13 @@ mod servers;
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::ops::Deref;
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex, PoisonError, TryLockError};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tangent_mechanics::{ModelData, ModelError};
 use tangent_runtime::clock::DeadlineClock;
-use tangent_runtime::realtime::setup_thread;
-use tangent_simulated_device::{PastLastPort, Ports};
+use tangent_simulated_device::{DeviceLink, DeviceThread, PastLastPort, Ports};
 use tangent_simulation::Truth;
 
 use crate::config::ControllerConfig;
@@ -100,13 +97,12 @@ impl Default for Place {
     }
 }
 
-/// A running UR controller with its arm. Dropping it stops it.
+/// A running UR controller with its arm: the [`DeviceThread`] of its faults and snapshots, and its
+/// servers. Dropping it stops it.
 pub struct SimulatedUr {
     endpoints: Endpoints,
-    controls: Sender<Control>,
-    snapshot: Arc<Mutex<Option<Snapshot>>>,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    log_requests: Sender<Sender<Vec<String>>>,
+    thread: DeviceThread<Fault, Snapshot>,
 }
 
 impl std::fmt::Debug for SimulatedUr {
@@ -115,11 +111,6 @@ impl std::fmt::Debug for SimulatedUr {
             .field("endpoints", &self.endpoints)
             .finish_non_exhaustive()
     }
-}
-
-enum Control {
-    Fault(Fault),
-    Log(Sender<Vec<String>>),
 }
 
 impl SimulatedUr {
@@ -140,39 +131,30 @@ impl SimulatedUr {
         let model = ModelData::builtin(robot)?;
         let servers = Servers::bind(&wanted)?;
         let endpoints = servers.endpoints;
-        let (controls, control_receiver) = channel();
-        let snapshot = Arc::new(Mutex::new(None));
-        let stop = Arc::new(AtomicBool::new(false));
-        let mut cell = Cell {
-            geometry: Geometry::of(&model),
-            controller,
-            plant,
-            servers: Some(servers),
-            wanted: endpoints.into(),
-            booted: None,
-            controls: control_receiver,
-            snapshot: Arc::clone(&snapshot),
-            stop: Arc::clone(&stop),
-            listeners,
-            cycles: 0,
-            missed: 0,
-            disturbance: Disturbance::default(),
-        };
-        let thread = std::thread::Builder::new()
-            .name("simulated cell".into())
-            .spawn(move || {
-                if let Some(priority) = place.realtime_priority {
-                    setup_thread("simulated robot", priority);
-                }
-                cell.run();
-            })
-            .map_err(StartError::Thread)?;
+        let (log_requests, log_receiver) = channel();
+        let priority = place.realtime_priority;
+        let thread = DeviceThread::start("simulated cell", priority, move |link| {
+            let mut cell = Cell {
+                geometry: Geometry::of(&model),
+                controller,
+                plant,
+                servers: Some(servers),
+                wanted: endpoints.into(),
+                booted: None,
+                log_requests: log_receiver,
+                link,
+                listeners,
+                cycles: 0,
+                missed: 0,
+                disturbance: Disturbance::default(),
+            };
+            cell.run();
+        })
+        .map_err(StartError::Thread)?;
         Ok(Self {
             endpoints,
-            controls,
-            snapshot,
-            stop,
-            thread: Some(thread),
+            log_requests,
+            thread,
         })
     }
 
@@ -181,71 +163,21 @@ impl SimulatedUr {
         &self.endpoints
     }
 
-    /// Provokes or ends a fault in the next cycle.
-    pub fn fault(&self, fault: Fault) {
-        // A controller that has ended ignores faults.
-        let _ = self.controls.send(Control::Fault(fault));
-    }
-
-    /// A function that provokes faults, for other threads.
-    pub fn faults(&self) -> impl Fn(Fault) + Send + Sync + use<> {
-        let controls = self.controls.clone();
-        move |fault| {
-            let _ = controls.send(Control::Fault(fault));
-        }
-    }
-
     /// The newest lines of the controller's log, oldest first.
     pub fn log(&self) -> Vec<String> {
         let (sender, receiver) = channel();
-        let _ = self.controls.send(Control::Log(sender));
+        let _ = self.log_requests.send(sender);
         receiver
             .recv_timeout(Duration::from_secs(5))
             .unwrap_or_default()
     }
-
-    /// State after the last cycle; `None` before the first.
-    pub fn snapshot(&self) -> Option<Snapshot> {
-        self.snapshot
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
-    }
-
-    /// Waits until `condition` holds, with one check per millisecond; false if it does not within
-    /// `at_most`.
-    pub fn wait_for(&self, at_most: Duration, condition: impl Fn(&Snapshot) -> bool) -> bool {
-        let deadline = Instant::now() + at_most;
-        loop {
-            if self.snapshot().is_some_and(|s| condition(&s)) {
-                return true;
-            }
-            if Instant::now() >= deadline {
-                return false;
-            }
-            std::thread::sleep(Duration::from_millis(1));
-        }
-    }
-
-    /// Whether its thread has ended by itself, which it never should.
-    pub fn has_ended(&self) -> bool {
-        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
-    }
-
-    /// Stops the controller and waits for its thread.
-    pub fn stop(&mut self) {
-        self.stop.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take()
-            && thread.join().is_err()
-        {
-            tracing::error!(target: "simulator", "the cell's thread failed");
-        }
-    }
 }
 
-impl Drop for SimulatedUr {
-    fn drop(&mut self) {
-        self.stop();
+impl Deref for SimulatedUr {
+    type Target = DeviceThread<Fault, Snapshot>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.thread
     }
 }
 
@@ -257,9 +189,8 @@ struct Cell {
     servers: Option<Servers>,
     wanted: Wanted,
     booted: Option<Instant>,
-    controls: Receiver<Control>,
-    snapshot: Arc<Mutex<Option<Snapshot>>>,
-    stop: Arc<AtomicBool>,
+    log_requests: Receiver<Sender<Vec<String>>>,
+    link: DeviceLink<Fault, Snapshot>,
     listeners: Listeners,
     cycles: u64,
     missed: u64,
@@ -272,7 +203,7 @@ impl Cell {
         let period = Duration::from_secs_f64(config.flavour.period_s());
         let window = period.mul_f64(config.input_window.clamp(0.0, 0.9));
         let mut clock = DeadlineClock::new(period);
-        while !self.stop.load(Ordering::Acquire) {
+        while !self.link.is_stopped() {
             self.missed += clock.wait();
             let now = Instant::now();
             self.tell(now);
@@ -284,13 +215,11 @@ impl Cell {
 
     /// Applies requests, then publishes the state after the last period.
     fn tell(&mut self, now: Instant) {
-        while let Ok(control) = self.controls.try_recv() {
-            match control {
-                Control::Fault(fault) => self.apply(fault, now),
-                Control::Log(reply) => {
-                    let _ = reply.send(self.controller.log().map(str::to_owned).collect());
-                }
-            }
+        while let Some(fault) = self.link.next_fault() {
+            self.apply(fault, now);
+        }
+        while let Ok(reply) = self.log_requests.try_recv() {
+            let _ = reply.send(self.controller.log().map(str::to_owned).collect());
         }
         self.finish_boot(now);
         let truth = self.plant.truth();
@@ -395,11 +324,6 @@ impl Cell {
             rtde_clients: self.servers.as_ref().map_or(0, |s| s.rtde.clients()),
             truth,
         };
-        // A thread that reads the last snapshot must not delay the robot; it gets the next one.
-        match self.snapshot.try_lock() {
-            Ok(mut shown) => *shown = Some(snapshot),
-            Err(TryLockError::Poisoned(shown)) => *shown.into_inner() = Some(snapshot),
-            Err(TryLockError::WouldBlock) => {}
-        }
+        self.link.show(snapshot);
     }
 }
