@@ -80,7 +80,7 @@ fn print(list: &EstimatorList) {
 
 fn nobody(config: &CellConfig) -> String {
     format!(
-        "nobody publishes normals in cell {}; start `tangent run estimator`",
+        "no estimator publishes normals in cell {}; start `tangent run estimator`",
         config.cell.name
     )
 }
@@ -108,7 +108,7 @@ fn compare_recorded(file: &Path, cell: Option<&Path>, json: bool) -> Result<Outc
     let cell = cell.map(cell_name).transpose()?;
     let recorded = Heard::read(&[file.to_owned()], cell.as_deref())?;
     if recorded.estimates.is_empty() {
-        bail!("{}: no estimate is in it", file.display());
+        bail!("{}: no estimate in this recording", file.display());
     }
     let seconds = TaskRun::of(&recorded)
         .cycles

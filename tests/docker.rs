@@ -157,7 +157,7 @@ fn the_compose_files_run_a_secured_cell() {
         it_wipes_and_records(&project);
         let viewer = project.tangent(&["task", "stop", "--identity", "viewer"]);
         assert_eq!(viewer.code, Some(1), "{viewer:?}");
-        assert!(viewer.stderr.contains("nobody answered"), "{viewer:?}");
+        assert!(viewer.stderr.contains("no answer on"), "{viewer:?}");
         assert_eq!(project.tangent(&["task", "stop"]).code, Some(0));
         project.compose(&["down"]);
     });

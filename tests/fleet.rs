@@ -188,7 +188,7 @@ fn two_cells_share_a_router_and_nothing_else() {
         ]);
         assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
         assert!(
-            stderr(&refused).contains("nobody answered"),
+            stderr(&refused).contains("no answer on"),
             "{}",
             stderr(&refused)
         );

@@ -46,13 +46,11 @@ impl Known {
         if let Some(stated) = &self.stated
             && let Some(what) = stated.differs(&said, DIFFERS_SHARE)
         {
-            return Some(format!(
-                "the cell file does not agree with {topic}: camera.{what}"
-            ));
+            return Some(format!("the cell file contradicts {topic}: camera.{what}"));
         }
         info.d.iter().any(|d| *d != 0.0).then(|| {
             format!(
-                "{topic} says that the images are distorted, and nothing here undoes that: set topic to the rectified ones"
+                "{topic} states that the images are distorted, and they are not rectified here: set topic to the rectified images"
             )
         })
     }
@@ -139,7 +137,7 @@ mod tests {
         let mut known = Known::new(Some(STATED));
         known.hear(&driver(385.0, vec![]));
         let words = known.trouble("camera/info_of_driver").unwrap();
-        assert!(words.contains("camera.focal_px [423.0, 424.0] against [385.0, 424.5]"));
+        assert!(words.contains("camera.focal_px = [423.0, 424.0] against [385.0, 424.5]"));
         assert_eq!(known.info(5).unwrap().k[0], 423.0);
         let mut smaller = driver(423.0, vec![]);
         smaller.width = 640;

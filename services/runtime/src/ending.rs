@@ -66,7 +66,8 @@ pub fn end(words: String) {
     let cut_off = std::thread::Builder::new().name("end".into()).spawn(|| {
         Stop::new().wait(GRACE);
         log::line(&format!(
-            "ERROR not everything ended within {GRACE:?}: the process is cut off"
+            "ERROR not all threads ended within {} s: the process is killed",
+            GRACE.as_secs()
         ));
         log::flush(LAST_WORDS);
         low_level::exit(FAILED);

@@ -34,7 +34,7 @@ pub enum BenchError {
         source: io::Error,
     },
     /// The other end of the bus does not answer.
-    #[error("{name}: nobody answers: no answer within {within:?}")]
+    #[error("{name}: no answer within {:.1} s", .within.as_secs_f64())]
     NobodyAnswers {
         /// What was measured.
         name: String,

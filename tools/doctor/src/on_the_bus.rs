@@ -120,20 +120,20 @@ pub fn arm(config: &CellConfig, cell: &RunningCell) -> Vec<Finding> {
         Ok(Some(heard)) => Finding::ok(
             CHECK,
             format!(
-                "{what}: arm/state comes, one cycle is {:.1} ms",
+                "{what}: arm/state arrives, one cycle is {:.1} ms",
                 heard.last.period_s * 1e3
             ),
         ),
         Ok(None) => Finding::problem(
             CHECK,
             format!("{what}: no arm/state within {} s", LISTEN.as_secs()),
-            "there is nothing to control",
+            "the controller has no arm to control",
             advice,
         ),
         Err(why) => Finding::problem(
             CHECK,
             format!("{what}: {why}"),
-            "there is nothing to control",
+            "the controller has no arm to control",
             advice,
         ),
     }]

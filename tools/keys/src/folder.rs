@@ -120,7 +120,7 @@ fn wanted(args: &NewKeys) -> Result<Fleet, KeysError> {
     for name in args.renew.iter().chain(&args.also) {
         if fleet.revoked.contains(name) {
             return Err(KeysError::usage(format!(
-                "{name} is revoked: whoever has its old key would be let in again. Give its holder another name, \
+                "{name} is revoked: a holder of its old key would be admitted again. Give its holder another name, \
                  for instance --also {}",
                 another_name(name)
             )));
@@ -204,7 +204,7 @@ pub fn revoke(folder: &Path, identities: &[String]) -> Result<Revoked, KeysError
     for name in identities {
         if name == roles::ROUTER {
             return Err(KeysError::usage(
-                "router: it holds the rules, and is not subject to them. Make a new folder of keys",
+                "router: it applies the rules and is not subject to them. Make a new folder of keys",
             ));
         }
         if fleet.revoked.contains(name) {

@@ -64,7 +64,7 @@ pub fn words(report: &Report) -> String {
     ));
     if let Some(age_s) = l.zero_age_max_s {
         let bound = l.zero_bound_max_n.map_or_else(String::new, |n| {
-            format!(": the force may be off by {n:.2} N")
+            format!(": the force may be wrong by {n:.2} N")
         });
         lines.push(format!("sensor's zero    at most {age_s:.0} s old{bound}"));
     }
