@@ -151,7 +151,7 @@ fn the_first_returns_by_the_tasks_rule() {
             assert!(cycles < 200);
         }
         assert!(f64::from(cycles) * PERIOD_S > 0.75, "{cycles}");
-        assert!(cell.said().estimator_cause.starts_with("came back"));
+        assert!(cell.said().estimator_cause.starts_with("returned"));
         cell.end();
     });
 }

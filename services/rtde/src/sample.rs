@@ -58,11 +58,11 @@ pub struct Sample {
     pub qd: [f64; 6],
     /// Target joint speeds of the robot's own controller, rad/s.
     pub qd_target: [f64; 6],
-    /// See [`crate::status::robot_mode_text`].
+    /// Robot mode; [`crate::status::robot_mode_text`] names each value.
     pub robot_mode: i32,
-    /// See [`crate::status::safety_mode_text`].
+    /// Safety mode; [`crate::status::safety_mode_text`] names each value.
     pub safety_mode: i32,
-    /// See [`crate::status::runtime_state_text`].
+    /// State of the program; [`crate::status::runtime_state_text`] names each value.
     pub runtime_state: u32,
     /// Bit 0 power on, 1 program running.
     pub robot_status_bits: u32,

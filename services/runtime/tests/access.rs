@@ -203,7 +203,7 @@ fn a_stranger_is_not_let_in() {
         assert!(
             refused
                 .to_string()
-                .contains("refused this process's certificate"),
+                .contains("rejected this process's certificate"),
             "{refused}"
         );
 

@@ -387,7 +387,7 @@ mod tests {
             ("/sys/kernel/debug/sched/preempt", "none (voluntary) full"),
         ]);
         assert!(dynamic.found.starts_with("voluntary"), "{}", dynamic.found);
-        assert!(dynamic.meaning.contains("holds the loop up"));
+        assert!(dynamic.meaning.contains("delays the loop"));
         let full = with(&[
             ("/proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC"),
             ("/sys/kernel/debug/sched/preempt", "none voluntary (full)"),

@@ -26,7 +26,7 @@ pub enum CameraKind {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(untagged)]
 pub enum Focal {
-    /// The same in both directions.
+    /// One focal length for both directions, pixels.
     Square(f64),
     /// fx along the rows and fy along the columns.
     Each([f64; 2]),
