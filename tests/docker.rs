@@ -304,7 +304,7 @@ fn it_stops_in_order(project: &Project) {
     // The volume still exists, and its newest recording is complete.
     let said = project.inside(&["report", "recordings", "--no-html", "--json"]);
     assert!(matches!(said.code, Some(0 | 3)), "{said:?}");
-    assert!(!said.stderr.contains("lacks its end"), "{said:?}");
+    assert!(!said.stderr.contains("the end is missing"), "{said:?}");
     let phase = parsed(&said)["phase"].clone();
     assert!(phase == "done" || phase == "fault", "{phase}");
 }

@@ -82,7 +82,7 @@ pub enum TaskRefusal {
     NoArm,
     /// Another controller holds the lease of the arm.
     #[error(
-        "controller {0} drives the arm: start the task there, or end that controller and start the task again"
+        "{0} drives the arm: start the task there, or end that controller and start the task again"
     )]
     DrivenByAnother(String),
     /// The arm does not accept commands, for this reason.

@@ -46,7 +46,7 @@ fn a_switch_is_refused_with_a_reason_or_there_within_a_cycle() {
                 Mood::Leaning(8.0),
                 "select",
                 "quadratic",
-                "8.0 deg from the one in use, allowed are 5.7",
+                "8.0 deg from the one in use, and 5.7 is allowed",
             ),
             (Mood::Well, "select", "nobody", "no fresh estimate"),
         ] {

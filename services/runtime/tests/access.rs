@@ -328,7 +328,7 @@ fn those_who_may_read_hear_the_cell_and_see_who_is_there() {
         assert!(
             second
                 .to_string()
-                .contains(&format!("rtde runs already in cell {name}")),
+                .contains(&format!("rtde already runs in cell {name}")),
             "{second}"
         );
         assert!(

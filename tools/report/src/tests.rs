@@ -262,7 +262,7 @@ fn a_cut_recording_gives_what_is_whole_and_says_that_something_is_missing() {
     assert_eq!(found.truncated, files);
     assert!(found.report.recording.truncated);
     assert!(found.report.steps > 100 && found.report.steps < evaluation.steps);
-    assert!(found.page.unwrap().contains("lacks its end"));
+    assert!(found.page.unwrap().contains("has no end"));
 }
 
 fn with_causes(error: &dyn std::error::Error) -> String {

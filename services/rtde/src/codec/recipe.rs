@@ -214,7 +214,7 @@ mod tests {
         let error = recipe.encode(&[Value::Int32(1)], &mut out).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "value 1 does not fit recipe 3: nothing where DOUBLE belongs"
+            "value 1 does not fit recipe 3: nothing instead of DOUBLE"
         );
         assert!(out.is_empty());
         assert_eq!(
