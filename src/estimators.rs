@@ -46,7 +46,7 @@ pub fn run(
 fn list(config: &CellConfig, json: bool) -> Result<Outcome> {
     let all = list_estimators(&session::join(config)?)?;
     if all.estimators.is_empty() {
-        bail!(nobody(config));
+        bail!(no_estimators(config));
     }
     if json {
         print_json(&all)?;
@@ -78,7 +78,7 @@ fn print(list: &EstimatorList) {
     }
 }
 
-fn nobody(config: &CellConfig) -> String {
+fn no_estimators(config: &CellConfig) -> String {
     format!(
         "no estimator publishes normals in cell {}; start `tangent run estimator`",
         config.cell.name
@@ -99,7 +99,7 @@ fn compare_live(args: &Compare, config: &CellConfig, json: bool) -> Result<Outco
     }
     let heard = listen(&bus, Duration::from_secs_f64(args.seconds))?;
     if heard.estimates.is_empty() {
-        bail!(nobody(config));
+        bail!(no_estimators(config));
     }
     compare(&heard, args.seconds, json)
 }

@@ -296,7 +296,7 @@ fn round_trips(
 ) -> Result<Vec<Row>, BenchError> {
     let mut state = ArmState::default();
     if !echo_answers(&out, &mut back, &mut state) {
-        return Err(BenchError::NobodyAnswers {
+        return Err(BenchError::NoAnswer {
             name: name.to_owned(),
             within: CONNECT,
         });

@@ -35,7 +35,7 @@ pub enum BenchError {
     },
     /// The other end of the bus does not answer.
     #[error("{name}: no answer within {:.1} s", .within.as_secs_f64())]
-    NobodyAnswers {
+    NoAnswer {
         /// What was measured.
         name: String,
         /// Time allowed for an answer.

@@ -28,7 +28,7 @@ pub fn check(camera: &CameraConfig, cell: &RunningCell) -> Vec<Finding> {
         ));
     }
     let topic: Topic<Image> = Topic::named(key.clone(), Delivery::Bulk);
-    match cell.hear(&topic) {
+    match cell.receive(&topic) {
         Ok(Some(heard)) => findings.extend(judge(camera, &heard.last, heard.rate_hz)),
         Ok(None) => findings.push(Finding::warning(
             CHECK,

@@ -175,7 +175,7 @@ fn states(found: &Found) -> Finding {
 fn held(instance: &str, cell: &RunningCell) -> Vec<Finding> {
     const CHECK: &str = "robot";
     let found = format!("held by the cell's own bridge, {instance}");
-    let Ok(Some(heard)) = cell.hear(&topics::health(tangent_franka::SERVICE)) else {
+    let Ok(Some(heard)) = cell.receive(&topics::health(tangent_franka::SERVICE)) else {
         return vec![Finding::warning(
             CHECK,
             format!("{found}, which publishes no health message"),

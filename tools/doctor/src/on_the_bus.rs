@@ -74,7 +74,7 @@ impl RunningCell {
     ///
     /// # Errors
     /// There is no bus to subscribe on, or the bus refuses.
-    pub fn hear<M: Message + Clone>(
+    pub fn receive<M: Message + Clone>(
         &self,
         topic: &Topic<M>,
     ) -> Result<Option<Heard<M>>, HearError> {
@@ -116,7 +116,7 @@ pub fn arm(config: &CellConfig, cell: &RunningCell) -> Vec<Finding> {
         config.robot.model
     );
     let advice = "tangent run router simulator controller --cell CELL";
-    vec![match cell.hear(&topics::ARM_STATE) {
+    vec![match cell.receive(&topics::ARM_STATE) {
         Ok(Some(heard)) => Finding::ok(
             CHECK,
             format!(

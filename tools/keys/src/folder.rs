@@ -116,7 +116,7 @@ fn wanted(args: &NewKeys) -> Result<Fleet, KeysError> {
             )));
         }
     }
-    let everybody = fleet.identities();
+    let known = fleet.identities();
     for name in args.renew.iter().chain(&args.also) {
         if fleet.revoked.contains(name) {
             return Err(KeysError::usage(format!(
@@ -125,7 +125,7 @@ fn wanted(args: &NewKeys) -> Result<Fleet, KeysError> {
                 another_name(name)
             )));
         }
-        if !everybody.contains(name) {
+        if !known.contains(name) {
             return Err(KeysError::usage(format!(
                 "--renew {name}: this folder has no such identity (`tangent keys list`); --also adds one"
             )));
@@ -200,7 +200,7 @@ pub fn new(args: &NewKeys, cell: Option<&Path>) -> Result<Made, KeysError> {
 /// The folder cannot be written or read, or does not have a name.
 pub fn revoke(folder: &Path, identities: &[String]) -> Result<Revoked, KeysError> {
     let mut fleet = Fleet::load(folder)?;
-    let everybody = fleet.identities();
+    let known = fleet.identities();
     for name in identities {
         if name == roles::ROUTER {
             return Err(KeysError::usage(
@@ -210,7 +210,7 @@ pub fn revoke(folder: &Path, identities: &[String]) -> Result<Revoked, KeysError
         if fleet.revoked.contains(name) {
             continue;
         }
-        if !everybody.contains(name) {
+        if !known.contains(name) {
             return Err(KeysError::usage(format!(
                 "{name}: {} has no such identity (`tangent keys list`)",
                 folder.display()
