@@ -17,11 +17,12 @@ pub(super) fn table(task: &TaskRun<'_>) -> String {
     for (phase, from, to) in spans(task) {
         let _ = writeln!(
             html,
-            "<tr><td>{}{}</td><td>{}</td><td class=\"n\">{from:.2} s</td><td class=\"n\">{:.2} s</td></tr>",
+            "<tr><td>{}{}</td><td>{}</td><td class=\"n\">{:.2} s</td><td class=\"n\">{:.2} s</td></tr>",
             key(phase),
             phase.name(),
             phase_meaning(phase),
-            to - from
+            crate::words::shown_s(from),
+            crate::words::shown_s(to - from)
         );
     }
     html.push_str("</table>\n");
