@@ -40,7 +40,7 @@ pub fn payload(args: &CalibratePayload, config: &CellConfig, json: bool) -> Resu
 fn live(wanted: usize, config: &CellConfig) -> Result<Vec<StaticPose>> {
     let bus = session::join(config)?;
     eprintln!(
-        "{wanted} poses: turn the tool up, down and to all sides, nothing touching it; come back to the first at the end"
+        "{wanted} poses: turn the tool up, down and to all sides, with nothing touching it; end with the first pose again"
     );
     let mut poses = Vec::new();
     let mut lines = std::io::stdin().lock().lines();

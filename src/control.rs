@@ -149,7 +149,7 @@ fn list(bus: &Bus, key: &str, json: bool) -> Result<Outcome> {
     };
     let answers = bus.ask_all(key, &request, ANSWER_PATIENCE)?;
     if answers.is_empty() {
-        anyhow::bail!("no service answers {key}; `tangent status` shows who is there");
+        anyhow::bail!("no service answers {key}; `tangent status` lists the services");
     }
     if json {
         let all: serde_json::Map<String, Value> = answers

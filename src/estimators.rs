@@ -46,7 +46,7 @@ pub fn run(
 fn list(config: &CellConfig, json: bool) -> Result<Outcome> {
     let all = list_estimators(&session::join(config)?)?;
     if all.estimators.is_empty() {
-        bail!(nobody(config));
+        bail!(no_estimators(config));
     }
     if json {
         print_json(&all)?;
@@ -78,9 +78,9 @@ fn print(list: &EstimatorList) {
     }
 }
 
-fn nobody(config: &CellConfig) -> String {
+fn no_estimators(config: &CellConfig) -> String {
     format!(
-        "nobody publishes normals in cell {}; start `tangent run estimator`",
+        "no estimator publishes normals in cell {}; start `tangent run estimator`",
         config.cell.name
     )
 }
@@ -99,7 +99,7 @@ fn compare_live(args: &Compare, config: &CellConfig, json: bool) -> Result<Outco
     }
     let heard = listen(&bus, Duration::from_secs_f64(args.seconds))?;
     if heard.estimates.is_empty() {
-        bail!(nobody(config));
+        bail!(no_estimators(config));
     }
     compare(&heard, args.seconds, json)
 }
@@ -108,7 +108,7 @@ fn compare_recorded(file: &Path, cell: Option<&Path>, json: bool) -> Result<Outc
     let cell = cell.map(cell_name).transpose()?;
     let recorded = Heard::read(&[file.to_owned()], cell.as_deref())?;
     if recorded.estimates.is_empty() {
-        bail!("{}: no estimate is in it", file.display());
+        bail!("{}: no estimate in this recording", file.display());
     }
     let seconds = TaskRun::of(&recorded)
         .cycles

@@ -89,13 +89,13 @@ fn print(rows: &[Row], allow_ms: f64) {
     println!(
         "{:<34} {:>10} {:>6} {:>8} {:>6} {:>7} {:>6} {:>13} {:>12}",
         "fault",
-        "noticed ms",
+        "detected ms",
         "bound",
         "safe ms",
         "bound",
         "peak N",
         "lost",
-        "again, peak N",
+        "next, peak N",
         "shown-true N"
     );
     for row in rows {
@@ -117,8 +117,8 @@ fn print(rows: &[Row], allow_ms: f64) {
         );
     }
     println!(
-        "Bounds are allowed {allow_ms:.0} ms more (--allow-ms); no fault may press harder than {FORCE_MAX_N:.0} N. Lost: \
-         messages that the recording lacks within the fault. Again: the task after it, which may show {SHOWN_MAX_N} N more or less \
-         than is true in the mean, and has to leave the surface."
+        "Every bound may be exceeded by {allow_ms:.0} ms (--allow-ms). The force may not exceed {FORCE_MAX_N:.0} N. Lost: \
+         messages missing from the recording within the fault. Next: the task after the fault, whose mean shown force may \
+         differ from the true one by {SHOWN_MAX_N} N, and which must leave the surface."
     );
 }

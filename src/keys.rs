@@ -53,7 +53,7 @@ fn print_made(made: &Made, json: bool) -> Result<Outcome> {
         println!("cell file: {cell}");
     }
     println!(
-        "ca.key makes identities: keep it off the robots' machines. Each machine needs ca.pem and the .pem and .key of \
+        "ca.key signs new identities: keep it off the robots' machines. Each machine needs ca.pem and the .pem and .key of \
          the identities that run there"
     );
     Ok(Outcome::Done)
@@ -66,8 +66,8 @@ fn print_revoked(folder: &Path, identities: &[String], json: bool) -> Result<Out
     } else {
         println!("revoked: {}", revoked.revoked.join(", "));
         println!(
-            "it holds once the router has {}: one that runs as a process of its own takes the file within seconds, any other \
-             at its next start",
+            "it takes effect when the router has read {}: a router in a process of its own reads the file within seconds, \
+             any other at its next start",
             revoked.access.display()
         );
     }

@@ -21,7 +21,7 @@ pub fn run(args: &Report, cell: Option<&Path>, json: bool) -> Result<Outcome> {
     let recorded = read(&files, cell.as_deref(), !args.no_html)?;
     for path in &recorded.truncated {
         eprintln!(
-            "{}: lacks its end, read up to the last whole chunk; a recorder that starts in this folder mends it",
+            "{}: the end is missing; read up to the last whole chunk. A recorder that starts in this folder repairs the file",
             path.display()
         );
     }

@@ -117,12 +117,16 @@ impl Wait {
 }
 
 fn not_reached(state: Option<&ArmState>, patience: Duration) -> String {
-    format!("not ready within {patience:.0?}: {}", reason(state))
+    format!(
+        "not ready within {:.0} s: {}",
+        patience.as_secs_f64(),
+        reason(state)
+    )
 }
 
 fn reason(state: Option<&ArmState>) -> String {
     match state {
-        None => "no arm/state comes in: is the bridge connected to the robot?".to_owned(),
+        None => "no arm/state received: is the bridge connected to the robot?".to_owned(),
         Some(state) if state.ready => "the arm is ready".to_owned(),
         Some(state) => state.not_ready_reason.to_string(),
     }

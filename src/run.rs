@@ -68,7 +68,7 @@ fn services(
     // the process, it would end their session too.
     let mut rules = Rules::of(config, role);
     while serve(names, config, role, extra, &stop, &mut rules, &mut notify)? == Ended::NewRules {
-        tracing::warn!("the access rules have changed: the router begins anew with them");
+        tracing::warn!("the access rules have changed: the router restarts with them");
     }
     Ok(Outcome::Done)
 }
@@ -119,15 +119,16 @@ fn serve(
                 break;
             }
             Some(Ok(())) => {
-                let words =
-                    "the access rules have changed: they hold from this process's next start on";
+                let words = "the access rules have changed: they take effect at the next start of this process";
                 tracing::warn!("{words}");
                 if let Some(router) = &router {
                     router.degraded(format_args!("{words}"));
                 }
             }
             Some(Err(error)) => {
-                tracing::error!("the access rules have changed and are not taken: {error}")
+                tracing::error!(
+                    "the access rules have changed, and the new ones are rejected: {error}"
+                )
             }
             None => {}
         }

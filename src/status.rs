@@ -43,6 +43,8 @@ fn print(status: &Status) {
             s.name, s.state, s.host, s.instance
         );
         if let (Some(offset), Some(way)) = (s.clock_offset_ms, s.round_trip_ms) {
+            // Rounded as shown; adding 0 turns -0 into 0.
+            let offset = (offset * 1e3).round() * 1e-3 + 0.0;
             println!(
                 "    clock {offset:+.3} ms from this host's, known to {:.3} ms",
                 0.5 * way

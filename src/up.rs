@@ -125,12 +125,15 @@ fn as_run(
 /// One sentence on what of the cell file is not used.
 fn not_used(file: &Path, played: &Scenario, unused: &[String]) -> String {
     let all = format!(
-        "{} runs as it stands, against the surface, contact, sensor noise and start pose of scenario {}",
+        "{} runs unchanged, against the surface, contact, sensor noise and start pose of scenario {}",
         file.display(),
         played.name()
     );
     if unused.is_empty() {
         return all;
     }
-    format!("{all}; not used of it: {}", unused.join(", "))
+    format!(
+        "{all}; these keys of it are not used: {}",
+        unused.join(", ")
+    )
 }

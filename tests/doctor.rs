@@ -151,7 +151,7 @@ fn a_franka_is_asked_in_its_own_language() {
         ("robot's software", "FCI version 5"),
         ("robot's mode", "idle"),
         ("robot's states", "longest pause"),
-        ("sensor", "the robot says what it feels"),
+        ("sensor", "the robot estimates the wrench itself"),
     ] {
         let one = finding(&found, check);
         assert!(one["found"].as_str().unwrap().contains(words), "{one:#}");

@@ -169,7 +169,7 @@ fn the_pose_and_force_figures_hold() {
     let else_where = [
         "time that a simulated second takes",
         "NEES per degree of freedom, pose and camera",
-        "one over the same: not too cautious either",
+        "inverse of NEES per degree of freedom: not underconfident",
     ];
     let missed: Vec<&Value> = rows
         .iter()

@@ -57,7 +57,7 @@ pub enum CdrFault {
         found: [u8; 2],
     },
     /// A sequence or string claims more elements than the payload has bytes.
-    #[error("length {length} is more than the {left} bytes left can hold")]
+    #[error("length {length} exceeds the {left} bytes left")]
     Length {
         /// Number of elements claimed.
         length: u32,

@@ -7,13 +7,13 @@ use super::seconds::measuring_time;
 /// What to measure.
 #[derive(Debug, Subcommand)]
 pub enum Bench {
-    /// How long each step of sensing, estimation and control takes.
+    /// Measure the duration of each step of sensing, estimation and control.
     Steps,
-    /// How long a message takes there and back, within one process and between processes, idle and
-    /// loaded.
+    /// Measure the round-trip time of a message, within one process and between processes, idle and
+    /// under load.
     Bus(BenchBus),
-    /// How soon a stop is answered, and the tool slower, in a cell of its own that is flooded with
-    /// every other request.
+    /// Measure the time from a stop to its answer and to a slower tool, in a private cell that is
+    /// flooded with all other requests.
     Requests(BenchRequests),
     /// The other end of a measurement; started by `bus`.
     #[command(hide = true)]
@@ -26,7 +26,7 @@ pub struct BenchBus {
     /// Length of each measurement, s.
     #[arg(long, default_value_t = 3.0, value_parser = measuring_time)]
     pub seconds: f64,
-    /// Python that has eclipse-zenoh.
+    /// Python interpreter with eclipse-zenoh installed.
     #[arg(long, default_value = "python3")]
     pub python: String,
 }
@@ -34,10 +34,10 @@ pub struct BenchBus {
 /// Options of `tangent bench requests`.
 #[derive(Debug, Args)]
 pub struct BenchRequests {
-    /// Stops that are measured, with and without the flood each.
+    /// Number of stops to measure, with the flood and again without it.
     #[arg(long, default_value_t = 30)]
     pub stops: u32,
-    /// Added to all ports of the cell.
+    /// Number added to all ports of the cell.
     #[arg(long, default_value_t = 9000)]
     pub port_offset: u16,
 }
@@ -45,19 +45,19 @@ pub struct BenchRequests {
 /// Options of `tangent bench peer`.
 #[derive(Debug, Args)]
 pub struct BenchPeer {
-    /// What to be.
+    /// Role of this process.
     pub role: BenchRole,
-    /// Where the router is, or is to be.
+    /// Endpoint of the router.
     pub endpoint: String,
-    /// Ask for SCHED_FIFO.
+    /// Request SCHED_FIFO.
     #[arg(long)]
     pub realtime: bool,
 }
 
-/// What the other end is.
+/// Role of the other end of a measurement.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 pub enum BenchRole {
-    /// Everybody's router.
+    /// The router.
     Router,
     /// Answers each message.
     Echo,

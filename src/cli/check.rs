@@ -11,12 +11,12 @@ pub struct Check {
     /// --cell names.
     #[arg(required = true)]
     pub files: Vec<PathBuf>,
-    /// What the files are; by default that is seen from their keys.
+    /// Kind of the files; by default it is recognised by their keys.
     #[arg(long, value_enum)]
     pub kind: Option<FileKind>,
-    /// Joint positions from which tasks start, rad, base to flange, commas between them; by default
-    /// those of the scenario that the cell simulates. Reach and workspace are only checked from a
-    /// start.
+    /// Joint positions from which tasks start, rad, from base to flange, separated by commas; by
+    /// default those of the scenario that the cell simulates. Reach and workspace are checked only
+    /// if a start is known.
     #[arg(
         long,
         value_name = "Q1,Q2,...",

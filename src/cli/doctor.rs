@@ -5,7 +5,7 @@ use clap::Args;
 /// Options of `tangent doctor`.
 #[derive(Debug, Args)]
 pub struct Doctor {
-    /// Look at this machine only, not at the cell's robot and sensor and the way to them.
+    /// Check this machine only, not the cell's robot and sensor or the network to them.
     #[arg(long)]
     pub machine: bool,
 }

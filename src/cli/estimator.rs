@@ -9,16 +9,16 @@ use super::seconds::measuring_time;
 /// What to do with estimators.
 #[derive(Debug, Subcommand)]
 pub enum EstimatorCommand {
-    /// Who publishes normals, where, how old, how far from the one in use.
+    /// List the estimators that publish normals, with host, age, and angle to the normal in use.
     List,
-    /// All estimators side by side: live, or from a recording.
+    /// Compare all estimators, live or from a recording.
     Compare(Compare),
-    /// Use another estimator from now on.
+    /// Switch to another estimator.
     Use {
-        /// Its name, as in `estimate/NAME/normal`.
+        /// Name of the estimator, as in `estimate/NAME/normal`.
         name: String,
-        /// Switch although the newcomer is invalid or disagrees; recorded. One that is silent is
-        /// refused all the same.
+        /// Switch even if the estimate is invalid or disagrees with the one in use; this is
+        /// recorded. A silent estimator is refused all the same.
         #[arg(long)]
         force: bool,
     },
@@ -27,9 +27,9 @@ pub enum EstimatorCommand {
 /// Options of `tangent estimator compare`.
 #[derive(Debug, Args)]
 pub struct Compare {
-    /// Recording (`.mcap`) to read; the live cell if none is named.
+    /// Recording (`.mcap`) to read; without it, the live cell.
     pub file: Option<PathBuf>,
-    /// Listen to the live cell for so long.
+    /// Seconds for which to observe the live cell.
     #[arg(long, default_value_t = 5.0, value_parser = measuring_time)]
     pub seconds: f64,
 }

@@ -7,7 +7,7 @@ use clap::Args;
 /// Options of `tangent evaluate`.
 #[derive(Debug, Args)]
 pub struct Evaluate {
-    /// A name from `scenarios/`, or a file; `list` names them.
+    /// Name of a scenario in `scenarios/`, or a file; `list` prints all names.
     pub scenario: String,
     /// Estimator in place of the scenario's.
     #[arg(long)]
@@ -26,7 +26,7 @@ pub struct Evaluate {
 /// Options of `tangent reproduce`.
 #[derive(Debug, Args)]
 pub struct Reproduce {
-    /// Which paper.
+    /// The paper to reproduce.
     #[arg(value_parser = ["tugal", "karacan", "lippiello", "all"])]
     pub paper: String,
     /// Seeds per row: 5 for `tugal` and 10 for `karacan`, whose figures are means over them, 20 for

@@ -7,18 +7,18 @@ use clap::Args;
 /// Options of `tangent faults`.
 #[derive(Debug, Args)]
 pub struct Faults {
-    /// Which ones; all if none is named.
+    /// Faults to provoke; all if none is named.
     pub faults: Vec<String>,
-    /// Only name them.
+    /// List the faults, and provoke none.
     #[arg(long)]
     pub list: bool,
-    /// Allowed beyond every bound, ms: what a machine that is busy with other things may take.
+    /// Delay that a busy machine may add to every bound, ms.
     #[arg(long, default_value_t = 30.0)]
     pub allow_ms: f64,
-    /// Keep the logs and recordings here.
+    /// Folder in which the logs and recordings are kept.
     #[arg(long)]
     pub folder: Option<PathBuf>,
-    /// Added to every port of the private cell.
+    /// Number added to every port of the private cell.
     #[arg(long, default_value_t = 4000)]
     pub port_offset: u16,
     /// Seed of the simulator's noise.

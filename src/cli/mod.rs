@@ -41,25 +41,25 @@ pub use status::{Health, Status};
 pub use task::TaskCommand;
 pub use up::Up;
 
-/// Keep a robot's tool pressed on a surface nobody has modelled.
+/// Keep a robot's tool pressed on a surface of unknown shape.
 #[derive(Debug, Parser)]
 #[command(name = "tangent", version, arg_required_else_help = true)]
 pub struct Cli {
-    /// What to do.
+    /// The command.
     #[command(subcommand)]
     pub command: Command,
 
-    /// Print one JSON object on standard output instead of words.
+    /// Print one JSON object on standard output instead of text.
     #[arg(long, global = true)]
     pub json: bool,
 
-    /// The cell's configuration file; the built-in simulated cell if none is named. For `report`
-    /// also a cell's name.
+    /// The cell's configuration file; without it, the built-in simulated cell. For `report`, also a
+    /// cell's name.
     #[arg(long, global = true, value_name = "FILE", env = "TANGENT_CELL")]
     pub cell: Option<PathBuf>,
 
-    /// Who this process is on a network with certificates, as in `tangent keys list`; by default
-    /// what it runs says it.
+    /// Identity of this process on a network with certificates, as in `tangent keys list`; by
+    /// default the one for the services that it runs.
     #[arg(long, global = true, value_name = "NAME")]
     pub identity: Option<String>,
 }
@@ -67,61 +67,62 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Run the whole system against the simulator on this machine: approach, wipe, retract,
-    /// recording and report.
+    /// Run the whole system against the simulator on this machine: approach, wipe, retract, record
+    /// and report.
     Up(Up),
     /// Run one or more services in this process.
     Run(Run),
     /// Start, pause, resume or stop the cell's task.
     #[command(subcommand)]
     Task(TaskCommand),
-    /// See who publishes normals, and choose whose are used.
+    /// List estimators, compare them, and switch to another one.
     #[command(subcommand)]
     Estimator(EstimatorCommand),
-    /// Set the force sensor's zero: the tool must hang free.
+    /// Set the force sensor's zero; the tool must hang free.
     Tare {
-        /// You have looked: the tool hangs free. Overrides what speaks against it, but not a
-        /// controller that moves or presses.
+        /// State that you have checked that the tool hangs free. Overrides evidence of contact, but
+        /// not a controller that moves or presses.
         #[arg(long)]
         clear: bool,
     },
-    /// Measure what the cell file has to say about the sensor.
+    /// Measure the values that the cell file states about the sensor.
     #[command(subcommand)]
     Calibrate(CalibrateCommand),
     /// Read or set live parameters.
     #[command(subcommand)]
     Param(ParamCommand),
-    /// Services, rates, ages and faults of the cell.
+    /// Show the cell's services, rates, ages and faults.
     Status(Status),
-    /// Ask whether services are well: exit code 0 when all are, else 1.
+    /// Check the health of services. Exit code 0 if all are healthy, else 1.
     Health(Health),
     /// Record every topic of the cell until Ctrl-C.
     Record(Record),
-    /// Read a recording: figures, and a page with plots.
+    /// Evaluate a recording: print its figures, and write a page with plots.
     Report(Report),
-    /// Certificates and access rules for the network of one or more cells.
+    /// Manage certificates and access rules for the network of one or more cells.
     #[command(subcommand)]
     Keys(KeysCommand),
     /// Run a scenario in a closed loop without hardware or network, faster than real time.
     Evaluate(Evaluate),
-    /// Reproduce a paper's tables beside ours.
+    /// Reproduce a paper's tables, beside the published ones.
     Reproduce(Reproduce),
-    /// Provoke every failure on a private simulated cell, and measure who notices when, and when
-    /// the arm is safe.
+    /// Provoke faults on a private simulated cell, and measure when each is detected and when the
+    /// arm is safe.
     Faults(Faults),
-    /// Can this machine do it? Scheduling, memory, kernel, network, ports, disk, clock, robot and
-    /// sensor, and what to do.
+    /// Check whether this machine can run the cell: scheduling, memory, kernel, network, ports,
+    /// disk, clock, robot and sensor. Prints what to do about each problem.
     Doctor(Doctor),
-    /// Check files offline, with everything that would be refused later: cells, tasks, scenarios
-    /// and robot models. Exit code 0 or 2.
+    /// Check files offline for everything that would be refused later: cells, tasks, scenarios and
+    /// robot models. Exit code 0 or 2.
     Check(Check),
-    /// The robot's own modes: leave a protective stop, power, the bridge's program.
+    /// Change the robot's modes: leave a protective stop, switch power, restart the bridge's
+    /// program.
     #[command(subcommand)]
     Robot(RobotCommand),
-    /// Robot models: list them, show one, or check them against reference values.
+    /// List robot models, show one, or check them against reference values.
     #[command(subcommand)]
     Model(ModelCommand),
-    /// Measure on this machine: each step by itself, or messages over the bus.
+    /// Measure times on this machine: single steps, messages over the bus, or requests.
     #[command(subcommand)]
     Bench(Bench),
 }

@@ -7,9 +7,9 @@ use clap::Subcommand;
 /// What to do with robot models.
 #[derive(Debug, Subcommand)]
 pub enum ModelCommand {
-    /// Names of the built-in models.
+    /// List the built-in models.
     List,
-    /// One model's data: a built-in name or a file.
+    /// Show the data of a model, given by its name or a file.
     Show {
         /// Name or file.
         name: String,
@@ -18,7 +18,7 @@ pub enum ModelCommand {
     Check {
         /// Reference values (JSON).
         file: PathBuf,
-        /// A model file of your own to check instead of the built-in ones; may be repeated.
+        /// Model file to check instead of the built-in models; may be repeated.
         #[arg(long)]
         model: Vec<PathBuf>,
     },

@@ -7,9 +7,9 @@ use clap::Args;
 /// Options of `tangent report`.
 #[derive(Debug, Args)]
 pub struct Report {
-    /// Recording (`.mcap`), or a folder: its newest recording.
+    /// Recording (`.mcap`), or a folder, for its newest recording.
     pub file: PathBuf,
-    /// Where to write the page; beside the recording if not named.
+    /// File for the page; by default beside the recording.
     #[arg(long)]
     pub html: Option<PathBuf>,
     /// Write no page.

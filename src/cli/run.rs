@@ -7,11 +7,12 @@ use clap::Args;
 /// Options of `tangent run`.
 #[derive(Debug, Args)]
 pub struct Run {
-    /// Any of router, netft, rtde, franka, camera, estimator, controller, recorder, simulator.
+    /// Services to run: any of router, netft, rtde, franka, camera, estimator, controller,
+    /// recorder, simulator.
     #[arg(required = true, value_parser = ["router", "netft", "rtde", "franka", "camera", "estimator", "controller", "recorder", "simulator"])]
     pub services: Vec<String>,
     /// Estimators that the estimator service of this process runs, in place of the cell file's
-    /// list; commas between them.
+    /// list; separated by commas.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub estimators: Vec<String>,
 }

@@ -7,7 +7,7 @@
 pub fn waiting_time(text: &str) -> Result<f64, &'static str> {
     match text.parse::<f64>() {
         Ok(s) if (0.0..=86_400.0).contains(&s) => Ok(s),
-        _ => Err("allowed are 0 to 86400 seconds"),
+        _ => Err("0 to 86400 seconds are allowed"),
     }
 }
 
@@ -18,6 +18,6 @@ pub fn waiting_time(text: &str) -> Result<f64, &'static str> {
 pub fn measuring_time(text: &str) -> Result<f64, &'static str> {
     match text.parse() {
         Ok(seconds) if (0.1..=3600.0).contains(&seconds) => Ok(seconds),
-        _ => Err("from 0.1 to 3600"),
+        _ => Err("0.1 to 3600 seconds are allowed"),
     }
 }

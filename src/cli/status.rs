@@ -7,7 +7,7 @@ use super::seconds::waiting_time;
 /// Options of `tangent status`.
 #[derive(Debug, Args)]
 pub struct Status {
-    /// Every cell on the router's network, not only this one.
+    /// Show every cell on the router's network, not only this one.
     #[arg(long)]
     pub all: bool,
 }
@@ -16,13 +16,13 @@ pub struct Status {
 #[derive(Debug, Args)]
 pub struct Health {
     /// Services: router, netft, rtde, franka, camera, estimator, controller, recorder, simulator,
-    /// or one of your own.
+    /// or one that you added.
     #[arg(required = true)]
     pub services: Vec<String>,
-    /// Only those on this host (in a container: in this container).
+    /// Only services on this host, or in this container.
     #[arg(long)]
     pub here: bool,
-    /// Seconds to listen for a service, which tells its health once a second.
+    /// Seconds to wait for a service's health message, which is published once a second.
     #[arg(long, value_name = "SECONDS", default_value_t = 3.0, value_parser = waiting_time)]
     pub patience_s: f64,
 }

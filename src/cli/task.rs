@@ -13,23 +13,23 @@ pub enum TaskCommand {
     Start {
         /// Task file (TOML).
         file: PathBuf,
-        /// Wait so many seconds for the cell to be there and ready, instead of failing at once.
+        /// Seconds to wait until the cell runs and is ready, instead of failing at once.
         #[arg(long, value_name = "SECONDS", value_parser = waiting_time)]
         wait_s: Option<f64>,
-        /// Stay until the task ends, and show it; Ctrl-C or SIGTERM retracts. Exit code 0 when the
-        /// task is done.
+        /// Wait for the end of the task and show its progress; Ctrl-C or SIGTERM retracts. Exit
+        /// code 0 if the task is completed.
         #[arg(long)]
         follow: bool,
-        /// You have looked: the tool hangs free, whatever the last task left.
+        /// State that you have checked that the tool hangs free. Overrides what the last task left.
         #[arg(long)]
         clear: bool,
     },
-    /// Stop sliding, keep the force.
+    /// Stop sliding, and keep the force.
     Pause,
-    /// Go on after a pause.
+    /// Continue after a pause.
     Resume,
     /// Retract and end the task.
     Stop,
-    /// What the controller does now.
+    /// Show what the controller does now.
     Status,
 }

@@ -7,11 +7,11 @@ use clap::Args;
 /// Options of `tangent up`.
 #[derive(Debug, Args)]
 pub struct Up {
-    /// Task file, or a system's name: tugal, lippiello, karacan. The scenario's own task if none is
-    /// named.
+    /// Task file, or a system's name: tugal, lippiello, karacan. Without it, the scenario's own
+    /// task.
     pub task: Option<PathBuf>,
-    /// Scenario that the simulator plays: a name from `scenarios/` or a file; the system's own, or
-    /// pipe_realistic.
+    /// Scenario that the simulator runs: a name from `scenarios/`, or a file. By default the
+    /// system's own, or pipe_realistic.
     #[arg(long)]
     pub scenario: Option<String>,
     /// Seed of the simulator's noise.
@@ -23,7 +23,7 @@ pub struct Up {
     /// Folder for the recording and the report.
     #[arg(long, default_value = "recordings")]
     pub folder: PathBuf,
-    /// Added to every port of the simulated robot and sensor, and to the router's.
+    /// Number added to every port of the simulated robot and sensor, and to the router's port.
     #[arg(long, default_value_t = 0)]
     pub port_offset: u16,
     /// Keep the system running after the task, until Ctrl-C.

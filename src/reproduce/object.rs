@@ -41,8 +41,8 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
         folder,
         "lippiello",
         "Lippiello et al., section V",
-        "The paper's figures: error of the estimated pose, force and moment at the wrist, over time. Touching begins where the \
-         force rises. First the published system with the camera alone and with everything, then ours.",
+        "The paper's figures: error of the estimated pose, force and moment at the wrist, over time. Contact begins where \
+         the force rises. First the published system with the camera alone and with all sensors, then the one of this project.",
     )?;
     for variant in Variant::ALL {
         let scenario = scenarios::load(SCENARIO, &variant.overrides())?

@@ -81,8 +81,8 @@ pub(super) fn draw(folder: &Path) -> Result<()> {
         folder,
         "karacan",
         "Karacan et al., figures 2 and 3",
-        "The surface touched, the shaping functions, desired and actual motion, force and tank energies: first with the \
-         published parameters, then with ours.",
+        "The touched surface, the shaping functions, desired and actual motion, force and tank energies: first with the \
+         published parameters, then with the default ones.",
     )?;
     for (variant, stem) in [
         (Variant::Paper, "karacan_paper"),

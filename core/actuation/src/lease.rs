@@ -131,7 +131,7 @@ impl Lease {
             Some(holder) => {
                 cut_format(format_args!("{rival} is refused: {holder} drives this arm"))
             }
-            None => cut_format(format_args!("{rival} is refused until the arm rests")),
+            None => cut_format(format_args!("{rival} is refused until the arm is at rest")),
         }
     }
 

@@ -94,9 +94,9 @@ impl fmt::Display for Refusal {
         match self {
             Self::Old { age } => write!(f, "answers a cycle {age} cycles old"),
             Self::Duplicate { cycle } => write!(f, "cycle {cycle} was already answered"),
-            Self::Future { cycle } => write!(f, "answers cycle {cycle}, which has not been yet"),
+            Self::Future { cycle } => write!(f, "answers cycle {cycle}, which is in the future"),
             Self::Kind { kind, moves } => {
-                write!(f, "kind {kind} is none of")?;
+                write!(f, "kind {kind} is not one of")?;
                 for (i, kind) in [CommandKind::Hold, *moves, CommandKind::SoftStop]
                     .into_iter()
                     .enumerate()
@@ -133,6 +133,34 @@ impl fmt::Display for Refusal {
                 f,
                 "activation {activation} is latched out (up to {latched}); start a task again"
             ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::torque::Trip;
+
+    #[test]
+    fn messages_count_joints_from_1_at_the_base() {
+        let speed = Refusal::Speed {
+            joint: 0,
+            value: 2.0,
+            limit: 1.0,
+        };
+        let torque = Refusal::Torque {
+            joint: 6,
+            value: 20.0,
+            limit: 12.0,
+        };
+        for (words, joint) in [
+            (speed.to_string(), "joint 1 "),
+            (torque.to_string(), "joint 7 "),
+            (Trip::JointSpeed(0, 2.0, 1.0).to_string(), "joint 1 "),
+            (Trip::JointPosition(5, 3.1).to_string(), "joint 6 "),
+        ] {
+            assert!(words.starts_with(joint), "{words}");
         }
     }
 }

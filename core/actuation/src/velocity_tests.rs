@@ -293,7 +293,7 @@ fn every_refusal_is_named_counted_and_slows_down() {
     for (bad, text, ramps) in [
         (
             Command { kind: 2, ..base },
-            "kind 2 is none of 0 (hold), 1 (joint velocity), 3 (soft stop)",
+            "kind 2 is not one of 0 (hold), 1 (joint velocity), 3 (soft stop)",
             true,
         ),
         (

@@ -20,7 +20,7 @@ pub enum ControlError {
         allowed: String,
     },
     /// No preset of this name.
-    #[error("no controller preset `{name}`{}: there are `default` and `paper`", did_you_mean(name, ["default", "paper"]))]
+    #[error("no controller preset `{name}`{}: the presets are `default` and `paper`", did_you_mean(name, ["default", "paper"]))]
     UnknownPreset {
         /// Name requested.
         name: String,
@@ -37,7 +37,9 @@ pub enum ControlError {
     },
     /// The tool may touch something, and the direction away from it is not known.
     #[error(
-        "cannot start a task: the tool may touch something since a task that did not end in free space, and which way is away is not known{}; move it clear by hand or with the pendant, look that it hangs free, then `tangent task start FILE --clear`",
+        "cannot start a task: the tool may touch something since a task that did not end in free space, and the direction \
+         away from it is not known{}; move the tool clear by hand or with the pendant, check that it hangs free, then run \
+         `tangent task start FILE --clear`",
         moved(.moved_m)
     )]
     MayTouch {

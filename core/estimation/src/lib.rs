@@ -1,5 +1,5 @@
 //! Surface-normal estimators, one file each: contact samples in, a normal with its covariance out.
-//! Also estimators of the pose of an object of known shape, from camera, force and joints.
+//! Estimators of the pose of an object of known shape, from camera, force and joints.
 //!
 //! Called by the `estimator` service and by the closed loop of `evaluate`.
 

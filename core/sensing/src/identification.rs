@@ -56,21 +56,22 @@ pub struct IdentifiedPayload {
 pub enum IdentificationError {
     /// There are too few poses.
     #[error(
-        "{found} poses are too few: take at least {POSES_MIN}, well spread, and the first once more at the end"
+        "{found} poses are too few: take at least {POSES_MIN}, well spread, and the first one again at the end"
     )]
     TooFew {
         /// Number of poses given.
         found: usize,
     },
     /// A reading or an orientation is NaN or infinite.
-    #[error("pose {index} (from 0) has a number that is not finite")]
+    #[error("pose {} has a number that is not finite", .index + 1)]
     NotFinite {
         /// Index of the pose, from 0.
         index: usize,
     },
     /// The directions of gravity vary too little along some axis.
     #[error(
-        "the poses are too much alike: gravity varies by {spread:.3} of itself along its least axis, {SPREAD_MIN} is needed; turn the tool up, down and to all sides"
+        "the poses are too much alike: along one axis gravity varies by only {spread:.3} of its magnitude, {SPREAD_MIN} \
+         is needed; turn the tool up, down and to all sides"
     )]
     TooMuchAlike {
         /// Standard deviation along the axis of least variation, as a share of gravity.
@@ -78,14 +79,15 @@ pub enum IdentificationError {
     },
     /// The fit is a reflection.
     #[error(
-        "the readings fit a mirrored sensor (determinant {determinant:.3}): an axis of the sensor has the wrong sign, or the poses are of another arm"
+        "the readings fit a mirrored sensor (determinant {determinant:.3}): an axis of the sensor has the wrong sign, or \
+         the poses are of another arm"
     )]
     Mirrored {
         /// Determinant of the orthogonal part of the free 3×3 fit.
         determinant: f64,
     },
     /// The mass is too small to be measured.
-    #[error("the payload weighs {mass_kg:.4} kg, too little to be seen")]
+    #[error("the payload weighs {mass_kg:.4} kg, too little to be measured")]
     NoMass {
         /// Mass of the fit, kg.
         mass_kg: f64,
@@ -449,6 +451,10 @@ mod tests {
         let mut broken = readings.clone();
         broken[3].wrench.torque.y = f64::NAN;
         assert_eq!(error(&broken), IdentificationError::NotFinite { index: 3 });
+        assert_eq!(
+            error(&broken).to_string(),
+            "pose 4 has a number that is not finite"
+        );
         for pose in &mut broken {
             pose.wrench = truth.bias;
         }

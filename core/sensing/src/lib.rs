@@ -11,7 +11,7 @@
 //! For arms without a sensor at the wrist: [`MomentumObserver`], the environment's torques from the
 //! arm's own motion.
 //!
-//! And images: [`TargetDetector`] finds the corners of a target.
+//! [`TargetDetector`] finds the corners of a target in an image.
 
 mod base_motion;
 mod conditioner;

@@ -300,17 +300,18 @@ pub struct ZeroPoint {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TareRefusal {
     /// A reading was not usable.
-    #[error("a reading was unusable ({}): clear that first", .0.reason())]
+    #[error("a reading was unusable ({}): correct that first", .0.reason())]
     BadReading(Validity),
     /// There is a payload, and the orientation of the arm is not known.
     #[error(
-        "the arm's orientation is {}: without it the payload's weight cannot be told from the zero; is the robot's bridge running?",
+        "the arm's orientation is {}: without it the payload's weight cannot be separated from the zero; is the robot's \
+         bridge running?",
         .0.reason()
     )]
     NoOrientation(Validity),
     /// The tool moved.
     #[error(
-        "the tool moved by {travel_m:.4} m and {turn_rad:.4} rad while averaging: hold it still"
+        "the tool moved by {travel_m:.4} m and {turn_rad:.4} rad during the average: hold it still"
     )]
     Moving {
         /// Distance moved, m.
@@ -320,7 +321,8 @@ pub enum TareRefusal {
     },
     /// The standard deviation of the readings is too large.
     #[error(
-        "the readings scatter by {force_n:.3} N and {torque_nm:.4} Nm (standard deviation, worst axis): something shakes or touches the tool"
+        "the readings scatter by {force_n:.3} N and {torque_nm:.4} Nm (standard deviation, worst axis): the tool vibrates \
+         or touches something"
     )]
     Scattered {
         /// Standard deviation in the worst axis, N.
@@ -330,7 +332,8 @@ pub enum TareRefusal {
     },
     /// The mean changed from the first half to the second.
     #[error(
-        "the readings moved by {force_n:.3} N and {torque_nm:.4} Nm while averaging: something pulls at the tool, or it has not settled"
+        "the readings drifted by {force_n:.3} N and {torque_nm:.4} Nm during the average: something pulls at the tool, or \
+         it has not settled"
     )]
     Wandering {
         /// Change of the mean in the worst axis, N.
@@ -340,7 +343,9 @@ pub enum TareRefusal {
     },
     /// The new zero differs too much from the last good one.
     #[error(
-        "the zero would jump by {force_n:.2} N and {torque_nm:.3} Nm against the last good one, {age_s:.0} s ago; drift explains {force_max_n:.2} N and {torque_max_nm:.3} Nm: the tool touches something, or the tool was changed. Look: if it hangs free, `tangent tare --clear`"
+        "the zero would differ by {force_n:.2} N and {torque_nm:.3} Nm from the last good one, {age_s:.0} s old; drift \
+         explains {force_max_n:.2} N and {torque_max_nm:.3} Nm: the tool touches something, or the tool was changed. If \
+         you see that it hangs free, run `tangent tare --clear`"
     )]
     Jump {
         /// Difference in the worst axis, N.
@@ -356,7 +361,8 @@ pub enum TareRefusal {
     },
     /// The mean force is too large for a zero.
     #[error(
-        "the mean force at rest is {force_n:.1} N, at most {force_max_n} N can be its zero: the tool touches something, or its mass is set wrong"
+        "the mean force at rest is {force_n:.1} N, and a zero is at most {force_max_n} N: the tool touches something, or \
+         its mass is set wrong"
     )]
     TooLarge {
         /// Mean force, N.
@@ -366,7 +372,8 @@ pub enum TareRefusal {
     },
     /// The zero would take too large a share of the sensor's rating.
     #[error(
-        "the sensor reads {:.0} % of its rating beyond the payload, at most {:.0} % can be its zero: the tool touches something, or the payload is wrong. Look: if it hangs free, `tangent tare --clear`",
+        "the sensor reads {:.0} % of its rating beyond the payload, and a zero is at most {:.0} %: the tool touches \
+         something, or the payload is wrong. If you see that it hangs free, run `tangent tare --clear`",
         100.0 * .share, 100.0 * .share_max
     )]
     Loaded {

@@ -173,7 +173,7 @@ fn a_platform_that_falls_silent_ends_the_task_within_bounds() {
         let result = run(&[&from]);
         assert_eq!(result.phase, "fault", "{at}");
         let fault = result.fault.unwrap();
-        assert!(fault.contains("base/pose fell silent"), "{fault}");
+        assert!(fault.contains("base/pose is no longer received"), "{fault}");
         let peak = result.figures.force.peak_n.unwrap();
         assert!(peak < 10.0, "{at}: {peak} N");
         // Timeout, one second of holding and the retraction; not the rest of the task.

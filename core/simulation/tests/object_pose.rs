@@ -334,7 +334,11 @@ fn a_camera_that_stops_stops_the_sliding_keeps_the_force_and_retracts_after_a_se
         (time < stop).then_some(frame)
     }));
     assert_eq!(run.phase, "fault");
-    assert!(run.fault.unwrap().contains("silent"), "{:?}", run.fault);
+    assert!(
+        run.fault.unwrap().contains("no longer received"),
+        "{:?}",
+        run.fault
+    );
     // 100 ms of timeout, 200 ms to slow down.
     let standing = at(&samples, stop + 0.45).tip;
     assert!((at(&samples, stop + 0.9).tip - standing).norm() < 5e-4);

@@ -25,7 +25,7 @@ impl Known {
     }
 
     /// Takes the driver's calibration.
-    pub fn hear(&mut self, info: &CameraInfo) {
+    pub fn receive(&mut self, info: &CameraInfo) {
         self.driver = Some(info.clone());
     }
 
@@ -46,13 +46,11 @@ impl Known {
         if let Some(stated) = &self.stated
             && let Some(what) = stated.differs(&said, DIFFERS_SHARE)
         {
-            return Some(format!(
-                "the cell file does not agree with {topic}: camera.{what}"
-            ));
+            return Some(format!("the cell file contradicts {topic}: camera.{what}"));
         }
         info.d.iter().any(|d| *d != 0.0).then(|| {
             format!(
-                "{topic} says that the images are distorted, and nothing here undoes that: set topic to the rectified ones"
+                "{topic} states that the images are distorted, and they are not rectified here: set topic to the rectified images"
             )
         })
     }
@@ -124,12 +122,12 @@ mod tests {
     fn the_drivers_word_is_taken_where_the_file_says_nothing() {
         let mut known = Known::new(None);
         assert_eq!(known.info(5), None);
-        known.hear(&driver(423.5, vec![0.0; 5]));
+        known.receive(&driver(423.5, vec![0.0; 5]));
         let info = known.info(5).unwrap();
         assert_eq!((info.k[0], info.d.len()), (423.5, 5));
         assert_eq!(info.header.frame_id.as_str(), "camera");
         assert_eq!(known.trouble("x"), None);
-        known.hear(&driver(0.0, vec![]));
+        known.receive(&driver(0.0, vec![]));
         assert_eq!(known.info(5), None);
         assert!(known.trouble("x").unwrap().contains("no calibration"));
     }
@@ -137,16 +135,16 @@ mod tests {
     #[test]
     fn a_contradiction_is_said_and_the_file_holds() {
         let mut known = Known::new(Some(STATED));
-        known.hear(&driver(385.0, vec![]));
+        known.receive(&driver(385.0, vec![]));
         let words = known.trouble("camera/info_of_driver").unwrap();
-        assert!(words.contains("camera.focal_px [423.0, 424.0] against [385.0, 424.5]"));
+        assert!(words.contains("camera.focal_px = [423.0, 424.0] against [385.0, 424.5]"));
         assert_eq!(known.info(5).unwrap().k[0], 423.0);
         let mut smaller = driver(423.0, vec![]);
         smaller.width = 640;
-        known.hear(&smaller);
+        known.receive(&smaller);
         assert!(known.trouble("x").unwrap().contains("size_px"));
         assert_eq!(known.info(5).unwrap().width, 848);
-        known.hear(&driver(423.0, vec![0.1, 0.0]));
+        known.receive(&driver(423.0, vec![0.1, 0.0]));
         assert!(known.trouble("x").unwrap().contains("distorted"));
         assert_eq!(known.info(5).unwrap().d, [0.1, 0.0]);
     }

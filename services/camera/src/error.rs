@@ -8,9 +8,7 @@ use tangent_sensing::TargetDetectorError;
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
     /// The cell has no camera.
-    #[error(
-        "camera: the cell file has no [camera] section; docs/services/camera.md says what goes into it"
-    )]
+    #[error("camera: the cell file has no [camera] section; see docs/services/camera.md")]
     NoCamera,
     /// The recording cannot be read.
     #[error("camera: camera.recording: {0}")]

@@ -164,7 +164,7 @@ impl Service {
         if let Some(driver) = &mut self.driver_info
             && let Some(info) = driver.take_new()
         {
-            self.known.hear(&info.message);
+            self.known.receive(&info.message);
         }
         if self.announced.is_some_and(|at| at.elapsed() < INFO_EVERY) {
             return;

@@ -12,7 +12,7 @@ pub const RESTART_NS: i64 = 10_000_000_000;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PictureError {
     /// An encoding that this service does not read.
-    #[error("encoding \"{0}\" is not read; allowed: mono8, 8UC1, rgb8, bgr8")]
+    #[error("encoding \"{0}\" is not supported; allowed: mono8, 8UC1, rgb8, bgr8")]
     Encoding(String),
     /// The image is not depth, or has less data than its header states.
     #[error(transparent)]
@@ -38,13 +38,15 @@ pub enum PictureError {
         row: u64,
     },
     /// The image is older than one that was used, or a duplicate.
-    #[error("taken {behind_s:.3} s before one that was used: out of order or repeated")]
+    #[error(
+        "its stamp is {behind_s:.3} s before that of an image already used: out of order or repeated"
+    )]
     OutOfOrder {
         /// Difference from the newest stamp, s.
         behind_s: f64,
     },
     /// Neither the cell file nor the driver gives a calibration.
-    #[error("no calibration: the cell file gives none, and none has come on camera.info_topic")]
+    #[error("no calibration: the cell file has none, and none was received on camera.info_topic")]
     Uncalibrated,
     /// The detector refused it.
     #[error("{0}")]

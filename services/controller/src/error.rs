@@ -69,7 +69,8 @@ pub enum TaskRefusal {
     NoNormal(Vec<String>),
     /// No estimator of the object's pose publishes.
     #[error(
-        "none of the task's estimators publishes an object's pose: {}; are estimator and camera running, with these in [estimators] run?",
+        "none of the task's estimators publishes an object's pose: {}; are estimator and camera running, with these in \
+         [estimators] run?",
         .0.join(", ")
     )]
     NoObject(Vec<String>),
@@ -77,18 +78,18 @@ pub enum TaskRefusal {
     #[error("{0}: end the one that does not belong to this cell, and start the task again")]
     SecondPublisher(String),
     /// The state of the arm does not arrive.
-    #[error("no arm/state: is the bridge (rtde or franka) running, and the robot reached?")]
+    #[error("no arm/state: is the bridge (rtde or franka) running, and is the robot reachable?")]
     NoArm,
     /// Another controller holds the lease of the arm.
     #[error(
-        "the arm is driven by {0}: start the task there, or end that controller and start the task again"
+        "{0} drives the arm: start the task there, or end that controller and start the task again"
     )]
     DrivenByAnother(String),
     /// The arm does not accept commands, for this reason.
     #[error("the arm is not ready: {0}")]
     ArmNotReady(String),
     /// The wrench does not arrive.
-    #[error("no wrench: is netft running, and the sensor reached?")]
+    #[error("no wrench: is netft running, and is the sensor reachable?")]
     NoWrench,
     /// The wrench is invalid.
     #[error("the wrench cannot be used: {reason} ({status})")]

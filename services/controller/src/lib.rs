@@ -260,7 +260,7 @@ fn live_parameters<L: Law<N>, const N: usize>(
             }
             Parameter::Damping => (
                 "Ns/m",
-                "Damping d_p along the normal; the least one where it follows the stiffness.",
+                "Damping d_p along the normal; the least one if it follows the stiffness.",
             ),
         };
         let (lower, upper) = parameter.range_within(limits);
@@ -322,7 +322,9 @@ fn withdraw_zero(bus: &Bus) {
     };
     match bus.ask(queries::NETFT_TARE, &request, TARE_PATIENCE) {
         Ok(answer) => tracing::warn!("{}", answer.message),
-        Err(error) => tracing::warn!("the zero that was taken in contact stands: {error}"),
+        Err(error) => {
+            tracing::warn!("the zero that was measured in contact could not be withdrawn: {error}")
+        }
     }
 }
 
@@ -343,7 +345,7 @@ fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
         return;
     }
     if mailbox.ask(Action::Stop, Time::now()).is_err() {
-        tracing::warn!("the robot is silent: ending without a retraction");
+        tracing::warn!("no state from the robot: ending without a retraction");
         return;
     }
     let deadline = Instant::now() + RETRACT_PATIENCE;
@@ -354,7 +356,7 @@ fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
         if cycles != last.0 {
             last = (cycles, Instant::now());
         } else if last.1.elapsed() > SILENCE {
-            tracing::warn!("the robot is silent: ending without a retraction");
+            tracing::warn!("no state from the robot: ending without a retraction");
             return;
         }
         pause.wait(SIDE);
@@ -362,6 +364,9 @@ fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
         viewer.draw();
     }
     if mailbox.phase() == Phase::Retract {
-        tracing::warn!("the arm did not retract within {RETRACT_PATIENCE:?}");
+        tracing::warn!(
+            "the arm did not retract within {} s",
+            RETRACT_PATIENCE.as_secs()
+        );
     }
 }

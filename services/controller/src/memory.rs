@@ -93,13 +93,13 @@ impl Memory {
             Ok(None) => (Clearance::Assumed, now_ns()),
             Ok(Some(kept)) => (kept.clearance(), kept.since_ns),
             Err(error) => {
-                tracing::warn!("{error}: the tool may touch something, as far as is known");
+                tracing::warn!("{error}: the tool is assumed to touch something");
                 (Clearance::Unknown, now_ns())
             }
         };
         if !clearance.is_free() {
             tracing::warn!(
-                "the last task did not end in free space: the next one moves off first, if the tool stands where it was"
+                "the last task did not end in free space: the next one moves off first, if the tool is still where it was"
             );
         }
         Self {
@@ -170,7 +170,9 @@ impl Memory {
         let written = self.write(&mut known, clearance);
         known.failed = written.is_err();
         if let (Err(error), false) = (written, failed) {
-            tracing::warn!("a restart would not know that the tool may touch something: {error}");
+            tracing::warn!(
+                "that the tool may touch something is not stored for a restart: {error}"
+            );
         }
     }
 

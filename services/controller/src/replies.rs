@@ -41,9 +41,9 @@ pub fn stopped(phase: Phase) -> &'static str {
 /// Effect of a pause in each phase.
 pub fn paused(phase: Phase) -> &'static str {
     match phase {
-        Phase::Tare => "paused before the approach: the arm stands still",
-        Phase::Approach => "paused in the approach: the arm stands still, not pressing",
-        Phase::Seek => "paused without contact: the arm stands still, not seeking the surface",
+        Phase::Tare => "paused before the approach: the arm is at rest",
+        Phase::Approach => "paused in the approach: the arm is at rest, not pressing",
+        Phase::Seek => "paused without contact: the arm is at rest, not seeking the surface",
         Phase::Contact => "paused after the touch: pressing, not sliding",
         _ => "paused: pressing, not sliding",
     }
@@ -53,21 +53,23 @@ pub fn paused(phase: Phase) -> &'static str {
 pub fn silence_text(silence: Silence) -> &'static str {
     match silence {
         Silence::Withdrawn => NO_LOOP,
-        Silence::Full => "too many requests at once: nothing was done, ask again",
+        Silence::Full => "too many requests at once: nothing was done, send it again",
         Silence::Lost => {
-            "the loop ended with the request in its hands: the controller has to be started again"
+            "the loop ended before it completed the request: the controller has to be started again"
         }
     }
 }
 
-pub const TOO_LATE: &str = "the loop came to the request too late: nothing was done, ask again";
+pub const TOO_LATE: &str = "the loop reached the request too late: nothing was done, send it again";
 pub const MAY_TOUCH: &str = "no task runs, and the tool may touch something: nothing was done";
 /// A stop after a restart, with the tool possibly still pressing.
-pub const LEAVING: &str = "no task runs, but the tool may still touch what it touched before the controller started: moving off along the last known normal";
-pub const STOPPED: &str =
-    "a stop came after this start, or the controller is ending: nothing was started, start again";
+pub const LEAVING: &str = "no task runs, but the tool may still touch what it touched before the controller started: \
+    moving off along the last known normal";
+pub const STOPPED: &str = "a stop was requested after this start, or the controller is ending: nothing was started, start again";
 
 /// No cycle of the loop: the present state is unknown.
-pub const NO_STATE: &str = "the loop does not run: no arm/state comes in; is the bridge (rtde or franka) running, and the robot reached?";
+pub const NO_STATE: &str = "the loop does not run: no arm/state is received; is the bridge (rtde or franka) running, and \
+    is the robot reachable?";
 /// The loop does not run, because no state of the arm arrives.
-pub const NO_LOOP: &str = "the loop does not run: no arm/state comes in; nothing was done; is the bridge (rtde or franka) running, and the robot reached?";
+pub const NO_LOOP: &str = "the loop does not run: no arm/state is received; nothing was done; is the bridge (rtde or \
+    franka) running, and is the robot reachable?";

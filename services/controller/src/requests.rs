@@ -187,7 +187,7 @@ impl<K: Kind> RequestHandler<K> {
         let arm = self.seen().arm.fresh(FRESH).map(|arm| arm.message.clone());
         match arm {
             Some(arm) if !answer.done && !arm.ready => refused(format!(
-                "{}; the arm says: {}",
+                "{}; the arm reports: {}",
                 answer.message, arm.not_ready_reason
             )),
             _ => answer,
@@ -215,7 +215,7 @@ impl<K: Kind> RequestHandler<K> {
     /// Starts a task; `said_clear`: a person has checked that the tool is free.
     fn start(&self, text: &str, time: Time, said_clear: bool) -> Answer {
         if said_clear {
-            tracing::warn!("a person says that the tool hangs free, and starts a task");
+            tracing::warn!("a task is started by a person who confirms that the tool hangs free");
         }
         let (name, program) = match self.kind.prepare(text) {
             Ok(prepared) => prepared,
@@ -244,7 +244,7 @@ impl<K: Kind> RequestHandler<K> {
             }
         } else if let Err(reason) = kept {
             answer.message +=
-                &format!("; after a crash nobody would know that it touched: {reason}");
+                &format!("; after a crash it would not be known that the tool touched: {reason}");
         }
         answer
     }
@@ -327,7 +327,8 @@ impl<K: Kind> RequestHandler<K> {
         if let Err(reason) = self.kind.hear(&name, &self.mailbox, time) {
             return refused(reason.to_string());
         }
-        let words = |_| format!("{name} in use; what is steered by turns to it at a bounded rate");
+        let words =
+            |_| format!("{name} in use; the normal in use turns to its normal at a bounded rate");
         let first = self.ask(Action::Select { name, force }, time, words);
         if first.done {
             return first;
@@ -368,7 +369,7 @@ impl<K: Kind> RequestHandler<K> {
             // The last state received is reported with its age.
             return done_with(
                 format!(
-                    "no control/state for {:.1} s: {NO_STATE}; before that: {} {}",
+                    "no control/state for {:.1} s: {NO_STATE}; last known: {} {}",
                     age.as_secs_f64(),
                     s.task,
                     s.phase_text
@@ -406,7 +407,7 @@ impl<K: Kind> RequestHandler<K> {
         let refused = Some(self.mailbox.tare_reason()).filter(|r| waits_for_tare && !r.is_empty());
         if let Some(reason) = &refused {
             words.push_str(&format!(
-                "; the tare is refused and asked for again: {reason}"
+                "; the tare is refused and will be requested again: {reason}"
             ));
         }
         if !s.fault.is_empty() {

@@ -197,7 +197,7 @@ impl<P> Watch<P> {
         match standing {
             Standing::Well => self.health.running(),
             Standing::Second(other) => self.health.degraded(format_args!(
-                "the arm is driven by {other}; tasks are refused here"
+                "{other} drives the arm; tasks are refused here"
             )),
             Standing::Unusable => self.health.degraded(format_args!(
                 "arm/state has no usable pose or joints: is it this cell's arm?"

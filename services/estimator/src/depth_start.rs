@@ -46,7 +46,7 @@ pub(crate) fn start(
         let infos = bus.subscribe(&topics::CAMERA_INFO, 1)?;
         thread.spawn(move || {
             let mut known = None;
-            let missing = "no camera/info that says how the camera sees: does its driver run?";
+            let missing = "no camera/info with the camera's calibration: does its driver run?";
             tell(&news, Some(missing));
             while !own.is_stopped() && known.is_none() {
                 known = infos
@@ -54,7 +54,7 @@ pub(crate) fn start(
                     .and_then(|info| Calibration::of(&info.message));
             }
             let Some(calibration) = known else { return };
-            tracing::info!("depth_normal: the camera's driver says {calibration:?}");
+            tracing::info!("depth_normal: calibration from the camera's driver: {calibration}");
             tell(&news, None);
             let choice = plan.with(&calibration);
             match Depth::new(&choice, &flange_from_tool, &bus, meters, news) {

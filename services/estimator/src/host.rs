@@ -134,7 +134,7 @@ impl Host {
             match made {
                 Ok(estimator) => lane.estimator = estimator,
                 Err(why) => {
-                    tracing::warn!("{why}; the settings stay as they were");
+                    tracing::warn!("{why}; the settings are unchanged");
                     lane.estimator.reset();
                 }
             }

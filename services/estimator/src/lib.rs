@@ -225,9 +225,7 @@ impl Service {
             return Some(Trouble::BadArm);
         };
         if built.restarted {
-            tracing::info!(
-                "the robot's clock started anew: all estimators forget what they learnt"
-            );
+            tracing::info!("the robot's clock restarted: all estimators are reset");
             self.reset();
         }
         built.sample.base = self.base.at(newest.received);
@@ -278,7 +276,7 @@ impl Service {
         let words = self.trouble.words();
         match (eye, self.trouble) {
             (Some(DepthTrouble::Failed), _) => self.health.fault(format_args!(
-                "depth_normal has failed, which is a defect: its thread has ended; the other estimators go on"
+                "the thread of depth_normal has ended, which is a defect; the other estimators continue"
             )),
             (None, Trouble::None) => self.health.running(),
             // Without the arm's state, other problems are not reported.

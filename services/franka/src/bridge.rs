@@ -45,10 +45,10 @@ pub enum BridgeError {
     #[error(transparent)]
     Session(#[from] SessionError),
     /// A state has a value that is not finite or not plausible.
-    #[error("the robot sends a value that is no finite number, or that no arm has")]
+    #[error("the robot sends a value that is not finite or not possible")]
     NotFinite,
     /// The robot's message counter went back.
-    #[error("the robot counts anew (from {before} to {now}): it was restarted")]
+    #[error("the robot's counter went from {before} to {now}: it was restarted")]
     Restarted {
         /// Counter of the last message.
         before: u64,

@@ -80,7 +80,7 @@ pub enum InquiryError {
     #[error("the robot closes the connection")]
     Closed,
     /// The robot accepts the connection but sends nothing for this time, s.
-    #[error("the robot takes the connection, but no state of it has come for {0:.1} s")]
+    #[error("the robot accepts the connection, but has sent no state for {0:.1} s")]
     Silent(f64),
     /// The robot uses another version, or sends an unexpected reply.
     #[error(transparent)]

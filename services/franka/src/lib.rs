@@ -162,7 +162,7 @@ fn answers(bus: &Bus, shared: &Arc<Shared>) -> Result<Vec<Handle>, BusError> {
         bus.answer(queries::RECOVER, move |_, _| {
             recovering.recover_asked.store(true, Ordering::Release);
             done(
-                "the robot leaves its reflex, if it is in one; arm/state says when the arm is ready",
+                "the robot leaves its reflex, if it is in one; arm/state reports when the arm is ready",
             )
         })?,
         bus.answer_in(

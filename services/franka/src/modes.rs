@@ -18,7 +18,8 @@ const FRESH: Duration = Duration::from_millis(500);
 const ANSWER: Duration = Duration::from_secs(1);
 /// `ArmState.safety_mode` of a reflex.
 const REFLEX: i32 = 3;
-const POWER: &str = "a Franka has no command for power and brakes on its control interface: open and close them in its web page (Desk), and switch FCI on there";
+const POWER: &str = "a Franka's control interface has no command for power and brakes: use its web page (Desk), and \
+    switch FCI on there";
 
 /// Starts to answer requests.
 pub(crate) fn answers(bus: &Bus) -> Result<Vec<Handle>, BusError> {
@@ -61,7 +62,7 @@ impl Modes {
             self.arm(|arm| (arm.safety_mode, arm.ready, arm.not_ready_reason))
         else {
             return refused(
-                "no state comes from the robot: is it on, and FCI switched on in its web page?",
+                "no state from the robot: is it on, and FCI switched on in its web page?",
             );
         };
         if safety != REFLEX {
@@ -103,9 +104,9 @@ impl Modes {
         });
         match said {
             Some((words, numbers)) => done_with(words, &numbers),
-            None => refused(
-                "no state comes from the robot: is it on, and FCI switched on in its web page?",
-            ),
+            None => {
+                refused("no state from the robot: is it on, and FCI switched on in its web page?")
+            }
         }
     }
 }

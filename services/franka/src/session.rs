@@ -26,22 +26,37 @@ const RETRY_S: f64 = 1.0;
 pub enum SessionError {
     /// The robot uses another protocol version.
     #[error(
-        "the robot speaks FCI version {theirs}, this bridge version 5 (Franka Emika Robot with system 4.2 or newer); an FR3 has \
-         another one and is not driven"
+        "the robot speaks FCI version {theirs}, this bridge version 5 (Franka Emika Robot with system 4.2 or newer); an \
+         FR3 has another version and is not supported"
     )]
     Version {
         /// Version of the robot.
         theirs: u16,
     },
     /// The robot does not answer.
-    #[error("the robot has not answered {0:?} for {REPLY_S} s")]
+    #[error("the robot has not answered the request to {} for {REPLY_S} s", words(.0))]
     Silent(Command),
     /// The robot refuses a setting.
-    #[error("the robot refuses {0:?}: its values are out of range; see [robot.franka] and [tool]")]
+    #[error(
+        "the robot refuses to {}: its values are out of range; see [robot.franka] and [tool]",
+        words(.0)
+    )]
     Setting(Command),
     /// The robot replied to a request that was not made.
-    #[error("the robot answers {0:?}, which was not asked")]
+    #[error("the robot answers a request to {}, which was not made", words(.0))]
     Unexpected(Command),
+}
+
+/// The name of a command or a status of the protocol in lower-case words, for messages.
+fn words(name: &impl fmt::Debug) -> String {
+    let mut words = String::new();
+    for c in format!("{name:?}").chars() {
+        if c.is_ascii_uppercase() && !words.is_empty() {
+            words.push(' ');
+        }
+        words.push(c.to_ascii_lowercase());
+    }
+    words
 }
 
 /// Why a torque command would not move the arm now.
@@ -99,12 +114,14 @@ impl fmt::Display for Reason {
             }
             Self::ManualRecovery(errors) => write!(
                 f,
-                "the robot stopped by itself ({errors}) and cannot recover alone: guide it back by hand"
+                "the robot stopped by itself ({errors}) and cannot recover automatically: guide it back by hand"
             ),
             Self::Recovering => write!(f, "the robot is recovering"),
             Self::Starting => write!(f, "the torque motion is starting"),
             Self::Ending => write!(f, "the torque motion is ending"),
-            Self::Refused(status) => write!(f, "the robot refuses a torque motion ({status:?})"),
+            Self::Refused(status) => {
+                write!(f, "the robot refuses a torque motion ({})", words(status))
+            }
             Self::ShuttingDown => write!(f, "the bridge is shutting down"),
         }
     }

@@ -108,7 +108,7 @@ impl BoxConfig {
     /// A description: not XML, a missing or unusable value, or an unknown unit.
     pub fn parse(text: &str) -> Result<Self, String> {
         let document = roxmltree::Document::parse(text)
-            .map_err(|error| format!("/netftapi2.xml is no XML: {error}"))?;
+            .map_err(|error| format!("/netftapi2.xml is not XML: {error}"))?;
         let find = |tag: &str| {
             document
                 .descendants()
@@ -143,7 +143,7 @@ impl BoxConfig {
                 return Ok(value);
             }
             Err(format!(
-                "<{tag}> is {counts}: one count would be {value:e} N or Nm; from {least:e} to {most} is what sensors have"
+                "<{tag}> is {counts}: one count would be {value:e} N or Nm; sensors have from {least:e} to {most}"
             ))
         };
         let rate_hz = number("comrdtrate")?;
@@ -151,7 +151,7 @@ impl BoxConfig {
             && !(RATE_HZ.0..=RATE_HZ.1).contains(&rate_hz)
         {
             return Err(format!(
-                "<comrdtrate> is {rate_hz:?}: a box sends from {} to {} records per second",
+                "<comrdtrate> is {rate_hz}: a box sends from {} to {} records per second",
                 RATE_HZ.0, RATE_HZ.1
             ));
         }
@@ -160,7 +160,7 @@ impl BoxConfig {
             convert(text, units).ok_or_else(|| {
                 let known: Vec<_> = units.iter().map(|(name, _)| *name).collect();
                 format!(
-                    "<{tag}> is `{text}`, a unit this program does not know; it knows {}",
+                    "<{tag}> is `{text}`, which is not a known unit; known are {}",
                     known.join(", ")
                 )
             })

@@ -22,7 +22,7 @@ const HEADER: u16 = 0x1234;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CodecError {
     /// A request of another length.
-    #[error("a request of {0} bytes: RDT requests have {REQUEST_LENGTH}")]
+    #[error("a request of {0} bytes: RDT requests have {REQUEST_LENGTH} bytes")]
     RequestLength(usize),
     /// A request with another header.
     #[error("a request that begins with {0:#06x}: RDT begins with {HEADER:#06x}")]

@@ -14,7 +14,7 @@ pub enum NetftError {
     Conditioning(#[from] SensingError),
     /// The box does not answer.
     #[error(
-        "no Net F/T box answers at {address} ({reason}): check its address, its cable and that it has power"
+        "no Net F/T box answers at {address} ({reason}): check its address, its cable and its power"
     )]
     Unreachable {
         /// Host and port.

@@ -56,7 +56,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
         service: SERVICE,
         state: config.state.clone(),
         duration_s: config.conditioning.tare.duration_s,
-        silence: "no records came to average; see the sensor's health",
+        silence: "no records arrived to average; see the sensor's health",
     };
     let (taring, keeper) = tangent_tare::open(&bus, &setup)?
         .start()
@@ -90,11 +90,13 @@ fn serve(receiver: &mut Receiver, stop: &Stop) {
         match ended {
             Ok(Ended::Stopped) => break,
             Ok(Ended::Silent) => {
-                tracing::warn!("the box is silent; looking for it");
+                tracing::warn!("the box sends no records; searching for it");
                 receiver.report_silence();
             }
             Ok(Ended::Restarted) => {
-                tracing::warn!("the box counts anew; reading its units and scales again");
+                tracing::warn!(
+                    "the box has restarted its counter; reading its units and scales again"
+                );
             }
             // Includes a box whose rate does not fit the cell's filter: it may be corrected on the
             // box's web page.
@@ -129,17 +131,19 @@ fn find(config: &Config) -> Result<BoxConfig, NetftError> {
             HTTP_TIMEOUT,
         )?;
         found = fetch()?;
-        tracing::info!("the box now sends {:?} records per second", found.rate_hz);
+        match found.rate_hz {
+            Some(rate_hz) => tracing::info!("the box now sends {rate_hz} records per second"),
+            None => tracing::warn!("the rate of the box was set, but it does not report one"),
+        }
     }
     if found.transformed {
         tracing::warn!(
-            "the box turns its readings with a tool transform of its own; clear it on its web page, or the payload and \
-             the tool's frame are wrong"
+            "the box applies a tool transform to its readings; clear it on its web page, or the payload and the tool's frame are wrong"
         );
     }
     if found.filter.is_some_and(|number| number != 0) {
         tracing::warn!(
-            "the box filters its readings itself, and late: switch its low-pass filter off on its web page, this host filters"
+            "the box applies a low-pass filter, which delays its readings: switch it off on its web page, since this host filters them"
         );
     }
     Ok(found)

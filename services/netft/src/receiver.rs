@@ -123,7 +123,7 @@ impl Receiver {
     /// Reports that the web server answers, but no records arrive.
     pub(crate) fn report_silence(&self) {
         self.health.fault(format_args!(
-            "{} answers over HTTP and sends no records: another client may have its stream, or a firewall stops UDP",
+            "{} answers over HTTP but sends no records: another client may have its stream, or a firewall blocks UDP",
             self.config.address
         ));
     }
@@ -450,7 +450,7 @@ impl Receiver {
         connection.told = None;
         if silent && connection.newest.is_some() {
             self.health.fault(format_args!(
-                "{} is silent: another client may have taken its stream, or it lost power or network; asking again",
+                "{} sends no records: another client may have taken its stream, or it lost power or network; requesting again",
                 self.config.address
             ));
         }

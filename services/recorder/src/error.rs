@@ -23,7 +23,9 @@ pub enum RecorderError {
         source: mcap::McapError,
     },
     /// A message in the file does not decode as its type says.
-    #[error("recording {path}: message {index} on {topic} is not a whole {type_name}: {reason}")]
+    #[error(
+        "recording {path}: message {index} on {topic} cannot be decoded as {type_name}: {reason}"
+    )]
     Message {
         /// File.
         path: PathBuf,
@@ -38,9 +40,9 @@ pub enum RecorderError {
     },
     /// A repair would leave less free space than must stay free.
     #[error(
-        "recording {path}: not mended: {free_mb} MB are free, mending takes up to {needed_mb} MB, and {kept_mb} MB are kept \
-         free; free some space, set [recorder] keep_bytes or keep_days, or set [recorder] folder to another disk. It is \
-         mended as soon as there is room; what is whole in it can be read as it is"
+        "recording {path}: not repaired: {free_mb} MB are free, the repair needs up to {needed_mb} MB, and {kept_mb} MB \
+         are kept free; free some space, set [recorder] keep_bytes or keep_days, or set [recorder] folder to another \
+         disk. It is repaired as soon as there is room; its complete part can be read before that"
     )]
     NoRoom {
         /// File.
@@ -53,7 +55,7 @@ pub enum RecorderError {
         kept_mb: u64,
     },
     /// A repair was stopped because the recorder ends.
-    #[error("recording {path}: mending was stopped; the next start goes on with it")]
+    #[error("recording {path}: the repair was stopped; the next start continues it")]
     Stopped {
         /// File.
         path: PathBuf,
@@ -88,7 +90,7 @@ impl RecorderError {
 fn advice(error: &io::Error) -> &'static str {
     match error.kind() {
         io::ErrorKind::StorageFull => {
-            "; free some space or set [recorder] folder to another disk: what is recorded so far is safe"
+            "; free some space or set [recorder] folder to another disk: what has been recorded so far is kept"
         }
         io::ErrorKind::PermissionDenied => {
             "; let this user write there, or set [recorder] folder to another place"
@@ -102,7 +104,7 @@ fn mcap_advice(error: &mcap::McapError) -> &'static str {
     match error {
         mcap::McapError::Io(e) => advice(e),
         mcap::McapError::BadMagic => {
-            "; this is no MCAP file, or it was cut before its first record"
+            "; this is not an MCAP file, or it was cut before its first record"
         }
         _ => "",
     }

@@ -63,7 +63,7 @@ impl Former {
                     }
                 }
                 Err(error) => tracing::warn!(
-                    "{}: what it ends with cannot be read ({error}); some messages may be recorded twice",
+                    "{}: its end cannot be read ({error}); some messages may be recorded twice",
                     path.display()
                 ),
             }

@@ -91,7 +91,7 @@ impl Inquirer {
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
-            tracing::error!("the recorder's asking thread panicked");
+            tracing::error!("the recorder's query thread panicked");
         }
         self.findings.try_iter().collect()
     }

@@ -116,7 +116,7 @@ impl Round {
                     match self.mend(&path) {
                         Ok(one) => {
                             tracing::warn!(
-                                "{} had no end (its recorder was killed): mended, {} messages saved, {} bytes cut off; \
+                                "{} had no end (its recorder was killed): repaired, {} messages kept, {} bytes cut off; \
                                  the original is beside it with the ending .torn",
                                 one.path.display(),
                                 one.messages,
@@ -127,7 +127,7 @@ impl Round {
                         }
                         Err(RecorderError::Stopped { path }) => {
                             return tracing::info!(
-                                "{} is still torn: mending was stopped",
+                                "{} is not repaired yet: the repair was stopped",
                                 path.display()
                             );
                         }

@@ -9,7 +9,7 @@ use tangent_schemas::tangent::WrenchBatch;
 use tangent_schemas::{Message, cdr, topics};
 
 use crate::message::{Record, RecordedMessage};
-use crate::publisher::NOBODY;
+use crate::publisher::UNKNOWN_PUBLISHER;
 
 /// Suffix of the topic with the packed messages of another topic.
 const SUFFIX: &str = "/packed";
@@ -102,7 +102,9 @@ impl Packer {
 fn is_packable(record: &Record<'_>) -> bool {
     let raw = topics::WRENCH_RAW.key();
     let of_cell = || record.topic.strip_suffix(raw)?.strip_suffix('/');
-    record.type_name == WrenchStamped::NAME && record.publisher != NOBODY && of_cell().is_some()
+    record.type_name == WrenchStamped::NAME
+        && record.publisher != UNKNOWN_PUBLISHER
+        && of_cell().is_some()
 }
 
 /// A wrench and its times.

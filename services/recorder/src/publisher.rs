@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 /// Id for an unknown publisher, and for publishers beyond the limit.
-pub(crate) const NOBODY: [u8; 16] = [0; 16];
+pub(crate) const UNKNOWN_PUBLISHER: [u8; 16] = [0; 16];
 
 /// Hexadecimal digits of a publisher's id.
 pub(crate) fn text(publisher: &[u8; 16]) -> String {

@@ -59,7 +59,7 @@ impl Recaller {
                             let _ = said.send(Answer::Message(Box::new(message)));
                         };
                         if let Err(error) = asking.recall(prefix, &question, PATIENCE, take) {
-                            tracing::warn!("what is missing cannot be asked for: {error}");
+                            tracing::warn!("missing messages cannot be requested: {error}");
                         }
                     }
                     if said.send(Answer::Complete).is_err() {

@@ -59,7 +59,7 @@ pub(crate) fn apply(
         match fs::remove_file(&file.path) {
             Ok(()) => {
                 tracing::info!(
-                    "{} deleted: [recorder] keep_bytes or keep_days does not cover it",
+                    "{} deleted: it exceeds [recorder] keep_bytes or keep_days",
                     file.path.display()
                 );
                 deleted.push(file.path.clone());

@@ -17,7 +17,7 @@ use tangent_schemas::tangent::WrenchBatch;
 use crate::files::{Files, OpenFile, SystemFiles};
 use crate::message::Record;
 use crate::packing::{self, Packed, Packer, Whole};
-use crate::publisher::{self, NOBODY};
+use crate::publisher::{self, UNKNOWN_PUBLISHER};
 
 /// Zstd level: higher ones take several times the CPU time, for a hundredth of the size.
 const ZSTD_LEVEL: u32 = 3;
@@ -185,9 +185,9 @@ impl RecordingWriter {
             None if self.publishers < PUBLISHERS_MAX => {
                 self.add_channel(record, record.publisher)?
             }
-            None => match self.channel(record, NOBODY) {
+            None => match self.channel(record, UNKNOWN_PUBLISHER) {
                 Some(id) => id,
-                None => self.add_channel(record, NOBODY)?,
+                None => self.add_channel(record, UNKNOWN_PUBLISHER)?,
             },
         };
         let header = MessageHeader {
@@ -215,13 +215,13 @@ impl RecordingWriter {
             None => self.writer.add_schema(record.type_name, "", &[])?,
         };
         let mut metadata = BTreeMap::new();
-        if publisher != NOBODY {
+        if publisher != UNKNOWN_PUBLISHER {
             metadata.insert("publisher".to_owned(), publisher::text(&publisher));
         }
         let id = self
             .writer
             .add_channel(schema_id, record.topic, "cdr", &metadata)?;
-        if publisher != NOBODY {
+        if publisher != UNKNOWN_PUBLISHER {
             self.publishers += 1;
             let said = format!("{} {}", publisher::text(&publisher), record.topic);
             self.unsaid.insert(id.to_string(), said);

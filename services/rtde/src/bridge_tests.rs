@@ -81,7 +81,7 @@ fn what_cannot_work_is_refused_by_name() {
     let text = refused(robot, None).to_string();
     assert!(
         text.starts_with(
-            "input_double_register_27 is in use by another client: likely a second bridge"
+            "input_double_register_27 is in use by another client, probably a second bridge"
         ),
         "{text}"
     );

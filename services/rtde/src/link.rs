@@ -35,16 +35,16 @@ pub enum LinkError {
     WrongSeries {
         /// Version of its software.
         version: ControllerVersion,
-        /// Description of the robot found.
-        found: &'static str,
+        /// Controller family found.
+        found: Series,
         /// The cell file's model.
         model: String,
-        /// Description of the robot expected.
-        expected: &'static str,
+        /// Controller family of that model.
+        expected: Series,
     },
     /// Only one client may own an input.
     #[error(
-        "{name} is in use by another client: likely {owner}. Stop that, or set another [robot] register_base"
+        "{name} is in use by another client, probably {owner}. Stop that client, or set another [robot] register_base"
     )]
     InUse {
         /// The field.
@@ -101,7 +101,7 @@ pub enum LinkError {
         now_s: f64,
     },
     /// A state has values that are not finite or not plausible.
-    #[error("the controller sent a state with a number that is not finite, or that no arm has")]
+    #[error("the controller sent a state with a number that is not finite or not possible")]
     NotFinite,
     /// The bytes are not RTDE packages.
     #[error(transparent)]
@@ -371,9 +371,9 @@ impl Link {
         if let Some(expected) = self.expected.filter(|expected| *expected != series) {
             return Err(LinkError::WrongSeries {
                 version,
-                found: series_text(series),
+                found: series,
                 model: self.model.clone(),
-                expected: series_text(expected),
+                expected,
             });
         }
         if !version.has_upper_registers() {
@@ -444,13 +444,6 @@ impl Link {
     }
 }
 
-fn series_text(series: Series) -> &'static str {
-    match series {
-        Series::Cb3 => "a CB3 robot (software 3, 125 Hz)",
-        Series::ESeries => "an e-Series robot (software 5 or later, 500 Hz)",
-    }
-}
-
 /// Known client that may use this register.
 fn likely_owner(name: &str) -> &'static str {
     let index = name
@@ -463,8 +456,8 @@ fn likely_owner(name: &str) -> &'static str {
         }
         Some(42..48) => "ur_rtde's IO interface with upper-range registers",
         Some(_) => {
-            "a second bridge, ur_rtde's control interface with upper-range registers, or an earlier connection of ours \
-             that the controller has not given up yet"
+            "a second bridge, ur_rtde's control interface with upper-range registers, or an earlier connection of this \
+             bridge that the controller has not closed yet"
         }
         None => "another RTDE client",
     }

@@ -24,8 +24,7 @@ use crate::status::{robot_mode_text, runtime_state_text, safety_mode_text};
 /// Age beyond which `arm/state` does not show the present state of the robot.
 const FRESH: Duration = Duration::from_millis(500);
 /// Reason for refusing a request while a task runs.
-const TASK_RUNS: &str =
-    "a task runs, and this would take the arm from it: stop it first with `tangent task stop`";
+const TASK_RUNS: &str = "a task uses the arm: stop it first with `tangent task stop`";
 
 /// Starts to answer requests.
 pub(crate) fn answers(
@@ -81,7 +80,7 @@ impl Modes {
             return refused(TASK_RUNS);
         }
         self.shared.reset_asked.store(true, Ordering::Release);
-        done("the robot program is sent again where needed; start a task to move")
+        done("the robot program is sent again if needed; start a task to move")
     }
 
     fn stop(&self) -> Answer {
@@ -104,7 +103,7 @@ impl Modes {
 
     fn power_on(&self) -> Reply {
         if self.arm(|arm| arm.robot_mode) == Some(ROBOT_RUNNING) {
-            return done("the arm is powered and its brakes are open already").into();
+            return done("the arm is already powered and its brakes are open").into();
         }
         let reply = self.on_dashboard(|robot| match robot.robot_mode()?.as_str() {
             "POWER_OFF" => robot.power_on(),
@@ -120,7 +119,7 @@ impl Modes {
         self.shared.power_on_asked.store(true, Ordering::Release);
         self.shared.wake_setup();
         done(format!(
-            "{}; then the brakes are released; arm/state says when the arm is ready",
+            "{}; then the brakes are released; arm/state reports when the arm is ready",
             answer.message
         ))
         .into()
@@ -145,7 +144,7 @@ impl Modes {
         match command(&mut dashboard) {
             Ok(reply) => done(reply).into(),
             Err(error @ DashboardError::Refused { .. }) => refused(error.to_string()).into(),
-            Err(error) => Reply::Unknown(format!("{error}; look at the pendant")),
+            Err(error) => Reply::Unknown(format!("{error}; check the pendant")),
         }
     }
 
@@ -179,7 +178,7 @@ impl Modes {
             None => Answer {
                 data: json!({ "dashboard": dashboard }).to_string(),
                 ..refused(format!(
-                    "no packet comes from the robot; its dashboard says {dashboard}"
+                    "no packet from the robot; its dashboard reports {dashboard}"
                 ))
             },
         }

@@ -53,7 +53,7 @@ pub const CODE_READ_ONLY: i32 = 210;
 /// This is no primary or secondary interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "the script port sent a package of {length} bytes; from 5 to 65536 are possible, so this is another service"
+    "the script port sent a package of {length} bytes; from 5 to 65536 are possible, so this is not the script port"
 )]
 pub struct PrimaryError {
     /// What the length field says.

@@ -78,11 +78,11 @@ impl ProgramState {
 pub fn cause_text(cause: i32) -> &'static str {
     match cause {
         0 => "no stop",
-        1 => "the bridge fell silent (stale sequence)",
+        1 => "no new command from the bridge (stale sequence)",
         2 => "a command beyond the compiled speed limit was scaled down",
-        3 => "stop asked for",
+        3 => "stop requested",
         4 => "another session wrote the registers",
-        5 => "a command that is not a number, or out of all range",
+        5 => "a command that is not a number, or far out of range",
         _ => "unknown cause",
     }
 }

@@ -106,7 +106,7 @@ impl<'a> RobotSetup<'a> {
                 let version = version.as_deref().unwrap_or("of unknown version");
                 let said = model
                     .as_deref()
-                    .unwrap_or("a robot that does not say its model");
+                    .unwrap_or("a robot that does not report its model");
                 tracing::info!("robot: {said}, PolyScope {version}");
                 let expected = ur_size(&self.config.bridge.model);
                 let found = model.as_deref().and_then(ur_size);
@@ -114,7 +114,7 @@ impl<'a> RobotSetup<'a> {
                 self.shared.wrong_model.store(wrong, Ordering::Release);
                 if wrong {
                     tracing::error!(
-                        "the robot is a {said}, [robot] model is \"{}\": nothing will move",
+                        "the robot is a {said}, but [robot] model is \"{}\": the arm will not move",
                         self.config.bridge.model
                     );
                 }
@@ -126,7 +126,7 @@ impl<'a> RobotSetup<'a> {
             }
             Err(error) => {
                 self.shared.wrong_model.store(false, Ordering::Release);
-                tracing::warn!("{error}; going on without it");
+                tracing::warn!("{error}; continuing without it");
             }
         }
     }
@@ -166,7 +166,7 @@ impl<'a> RobotSetup<'a> {
                 }
             }
         }
-        tracing::warn!("the arm is not running yet: look at the pendant");
+        tracing::warn!("the arm is not running yet: check the pendant");
         Ok(())
     }
 
@@ -264,7 +264,7 @@ fn log(message: &PrimaryMessage) -> Option<String> {
             text,
         } if *code == CODE_READ_ONLY => {
             tracing::warn!(
-                "robot: C{code}A{argument} {text}: it takes no programs here, switch it to Remote Control"
+                "robot: C{code}A{argument} {text}: it accepts no programs from the network, switch it to Remote Control"
             );
             return Some("read-only".to_owned());
         }

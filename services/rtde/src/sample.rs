@@ -1,5 +1,7 @@
 //! One output package of the robot, decoded.
 
+use std::ops::RangeInclusive;
+
 use crate::codec::{DataType, Value};
 use crate::program::RegisterMap;
 
@@ -56,11 +58,11 @@ pub struct Sample {
     pub qd: [f64; 6],
     /// Target joint speeds of the robot's own controller, rad/s.
     pub qd_target: [f64; 6],
-    /// See [`crate::status::robot_mode_text`].
+    /// Robot mode; [`crate::status::robot_mode_text`] names each value.
     pub robot_mode: i32,
-    /// See [`crate::status::safety_mode_text`].
+    /// Safety mode; [`crate::status::safety_mode_text`] names each value.
     pub safety_mode: i32,
-    /// See [`crate::status::runtime_state_text`].
+    /// State of the program; [`crate::status::runtime_state_text`] names each value.
     pub runtime_state: u32,
     /// Bit 0 power on, 1 program running.
     pub robot_status_bits: u32,
@@ -130,7 +132,9 @@ impl Sample {
             && within(&self.qd, JOINT_MAX)
             && within(&self.qd_target, JOINT_MAX)
             && (0.0..=TIMESTAMP_MAX_S).contains(&self.timestamp_s)
-            && within(&[self.speed_scaling, self.target_speed_fraction], JOINT_MAX)
+            && [self.speed_scaling, self.target_speed_fraction]
+                .iter()
+                .all(|fraction| FRACTION.contains(fraction))
     }
 
     /// Limiter times slider, 0 to 1.
@@ -139,8 +143,11 @@ impl Sample {
     }
 }
 
-/// Largest joint angle, rad, and speed, rad/s; beyond any UR joint. Also bounds the slider.
+/// Largest joint angle, rad, and speed, rad/s; beyond any UR joint.
 const JOINT_MAX: f64 = 100.0;
+/// Range of the limiter's scaling and of the slider: fractions from 0 to 1, and a hundredth for
+/// rounding in the controller.
+const FRACTION: RangeInclusive<f64> = -0.01..=1.01;
 /// Longest running time of a controller, s: thirty years.
 const TIMESTAMP_MAX_S: f64 = 1e9;
 
@@ -199,6 +206,23 @@ mod tests {
             }
         }
         assert!(Sample::default().is_usable());
+    }
+
+    /// The bug: both fractions were checked against the bound of a joint angle, 100.
+    #[test]
+    fn a_speed_fraction_beyond_0_to_1_is_refused() {
+        let usable = |scaling, slider| {
+            Sample {
+                speed_scaling: scaling,
+                target_speed_fraction: slider,
+                ..Sample::default()
+            }
+            .is_usable()
+        };
+        assert!(usable(0.0, 1.0) && usable(1.0, 0.0) && usable(1.0 + 1e-6, -1e-6));
+        for bad in [-0.5, 1.1, 2.0, 100.0] {
+            assert!(!usable(bad, 1.0) && !usable(1.0, bad), "{bad}");
+        }
     }
     use crate::codec::{ControllerVersion, input_field, output_field};
 

@@ -24,7 +24,8 @@ const STOP_DECELERATION: f64 = 4.0;
 pub enum SettingsError {
     /// The arm is not a Universal Robots arm.
     #[error(
-        "[robot] model = \"{model}\" is no Universal Robots arm: rtde drives ur3 to ur30 of `tangent model list` (or a model_file of six joints)"
+        "[robot] model = \"{model}\" is not a Universal Robots arm: rtde drives ur3 to ur30 of `tangent model list` (or a \
+         model_file of six joints)"
     )]
     NotUr {
         /// The cell file's model.
@@ -41,7 +42,8 @@ pub enum SettingsError {
     JointCount(#[from] JointCountError),
     /// The rate is too low for the program on the robot.
     #[error(
-        "[robot] rate_hz = {rate_hz} is not allowed: 0 (the controller's own) or at least 125, or the robot's program takes each pause for silence"
+        "[robot] rate_hz = {rate_hz} is not allowed: 0 (the controller's own) or at least 125, since the robot's program \
+         treats a longer pause as a lost connection"
     )]
     Rate {
         /// What was configured, Hz.

@@ -109,7 +109,7 @@ impl fmt::Display for Reason {
             ),
             Self::Replaced => write!(
                 f,
-                "our program was replaced by another: stop that, or replace it with `tangent robot reset`"
+                "the bridge's program was replaced by another one: stop that program, or replace it with `tangent robot reset`"
             ),
             Self::Starting => write!(f, "robot program is starting"),
             Self::NotStarting { attempts } => write!(
@@ -122,7 +122,7 @@ impl fmt::Display for Reason {
             Self::ResetNeeded { cause } => {
                 write!(
                     f,
-                    "{}; look into it, then `tangent robot reset`",
+                    "{}; find the cause, then run `tangent robot reset`",
                     cause_text(*cause)
                 )
             }
@@ -134,9 +134,9 @@ impl fmt::Display for Reason {
             Self::Gap { lost } => write!(f, "{lost} robot packets in a row were lost"),
             Self::WrongModel => write!(
                 f,
-                "the robot is another model than the cell file says: correct [robot] model or address"
+                "the robot is not the model that the cell file names: correct [robot] model or address"
             ),
-            Self::StopAsked => write!(f, "stop asked for"),
+            Self::StopAsked => write!(f, "stop requested"),
             Self::ShuttingDown => write!(f, "rtde ends"),
         }
     }

@@ -23,7 +23,7 @@ const LAST_WORDS: Duration = Duration::from_secs(1);
 /// Exit code of a failure.
 const FAILED: i32 = 1;
 
-static EVERYBODY: OnceLock<Stop> = OnceLock::new();
+static PROCESS_STOP: OnceLock<Stop> = OnceLock::new();
 static CAUSE: OnceLock<String> = OnceLock::new();
 
 /// Makes a panic in any thread end the process. Call it once, at the start of `main`.
@@ -42,7 +42,7 @@ pub fn on_panic() {
 
 /// Makes [`end`] trigger `stop` and wait before it ends the process.
 pub fn in_order(stop: &Stop) {
-    let _ = EVERYBODY.set(stop.clone());
+    let _ = PROCESS_STOP.set(stop.clone());
 }
 
 /// Reason why the process ends; `None` if it has not failed.
@@ -55,7 +55,7 @@ pub fn cause() -> Option<&'static str> {
 pub fn end(words: String) {
     log::line(&format!("ERROR {words}"));
     let first = CAUSE.set(words).is_ok();
-    let Some(stop) = EVERYBODY.get() else {
+    let Some(stop) = PROCESS_STOP.get() else {
         log::flush(LAST_WORDS);
         low_level::exit(FAILED);
     };
@@ -66,7 +66,8 @@ pub fn end(words: String) {
     let cut_off = std::thread::Builder::new().name("end".into()).spawn(|| {
         Stop::new().wait(GRACE);
         log::line(&format!(
-            "ERROR not everything ended within {GRACE:?}: the process is cut off"
+            "ERROR not all threads ended within {} s: the process is killed",
+            GRACE.as_secs()
         ));
         log::flush(LAST_WORDS);
         low_level::exit(FAILED);

@@ -170,7 +170,7 @@ fn write_lines(shared: &Shared, mut sink: impl Write) {
             told = dropped;
             let _ = writeln!(
                 sink,
-                "{lost} lines of the log were dropped: whoever reads this process's standard error is too slow"
+                "{lost} lines of the log were dropped: the reader of this process's standard error is too slow"
             );
             continue;
         }

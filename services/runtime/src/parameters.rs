@@ -146,7 +146,7 @@ fn respond(entries: &Entries, key: &str, request: &Request) -> Answer {
     let Some(entry) = entries.iter().find(|entry| entry.info.name == name) else {
         let names: Vec<&str> = entries.iter().map(|e| e.info.name.as_str()).collect();
         return answer::refused(format!(
-            "no parameter `{name}` here{}; there are: {}",
+            "this service has no parameter `{name}`{}; there are: {}",
             did_you_mean(name, names.iter().copied()),
             names.join(", ")
         ));

@@ -125,7 +125,8 @@ impl Watch {
             if count.silent > count.watched.allowed.load(Ordering::Relaxed) {
                 let stood = TICK * count.silent;
                 return Some(format!(
-                    "the loop of {} has stood still for {:.1} s: this is a defect, or the machine gives it no time; the process ends",
+                    "the loop of {} has not run for {:.1} s: this is a defect, or the machine gives it no processor time; \
+                     the process exits",
                     count.watched.name,
                     stood.as_secs_f64()
                 ));

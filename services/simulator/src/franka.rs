@@ -21,7 +21,7 @@ pub enum FrankaError {
     #[error("simulator: {0}")]
     Bus(#[from] BusError),
     /// The thread of the robot has ended.
-    #[error("simulator: the simulated robot stopped by itself; the log says why")]
+    #[error("simulator: the simulated robot stopped by itself; see the log for the reason")]
     Ended,
 }
 

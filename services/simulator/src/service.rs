@@ -26,7 +26,7 @@ pub enum Error {
     #[error("simulator: {0}")]
     Bus(#[from] BusError),
     /// The cell's thread died.
-    #[error("simulator: the simulated cell stopped by itself; the log says why")]
+    #[error("simulator: the simulated cell stopped by itself; see the log for the reason")]
     Ended,
 }
 

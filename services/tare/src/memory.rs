@@ -204,7 +204,7 @@ impl Memory {
             Ok(kept) => kept.unwrap_or_default(),
             Err(error) => {
                 tracing::warn!(
-                    "{error}: until the controller says otherwise, the tool may touch something"
+                    "{error}: until the controller reports free space, the tool is assumed to touch something"
                 );
                 Kept {
                     zero: None,
@@ -290,7 +290,7 @@ impl Memory {
         let written = folder.write(self.file, kept);
         let before = std::mem::replace(&mut self.lock().failed, written.is_err());
         if let (Err(error), false) = (written, before) {
-            tracing::warn!("a restart would not know the last good zero: {error}");
+            tracing::warn!("the last good zero is not stored for a restart: {error}");
         }
     }
 

@@ -65,7 +65,8 @@ impl Wanted {
             ("" | "tare", "shown") => Ok(Self::Tare(TareGround::Shown)),
             ("withdraw", "") => Ok(Self::Withdraw),
             (action, argument) => Err(refused(format!(
-                "unknown action `{action}` with `{argument}`: tare, tare with `clear` (a person has looked: the tool hangs free) or `shown` (by the controller: a motion has shown it), or withdraw"
+                "unknown action `{action}` with `{argument}`: tare, tare with `clear` (a person has checked that the tool \
+                 hangs free) or `shown` (from the controller: a motion has shown it), or withdraw"
             ))),
         }
     }
@@ -159,7 +160,8 @@ impl TareRequests {
         }
         let second = self.memory.second_controller()?;
         not(format!(
-            "{second}: end the one that does not belong to this cell, or look: if the tool hangs free, `tangent tare --clear`"
+            "{second}: end the one that does not belong to this cell; or, if you see that the tool hangs free, run \
+             `tangent tare --clear`"
         ))
     }
 
@@ -178,10 +180,10 @@ impl TareRequests {
         }
         if wanted == Wanted::Tare(TareGround::SaidClear) {
             let against = match self.memory.contact_sign() {
-                Some(sign) => format!(", against this: {sign}"),
+                Some(sign) => format!(", despite this evidence: {sign}"),
                 None => String::new(),
             };
-            tracing::warn!("tared on a person's word that the tool hangs free{against}");
+            tracing::warn!("tared: a person has confirmed that the tool hangs free{against}");
         }
         while counter.outcomes.pop().is_some() {}
         counter.wanted.store(wanted.code(), Ordering::Release);
@@ -204,9 +206,9 @@ impl TareRequests {
                 )
             }
             Some(Outcome::Withdrawn(true)) => done(
-                "the zero was taken in contact and is taken back: the wrench has none until the next tare",
+                "the zero was measured in contact and is withdrawn: the wrench has no zero until the next tare",
             ),
-            Some(Outcome::Withdrawn(false)) => refused("there is no zero to take back"),
+            Some(Outcome::Withdrawn(false)) => refused("there is no zero to withdraw"),
             Some(Outcome::Refused(refusal)) => refused(format!("not tared: {refusal}{STAYS}")),
             None => refused(format!("not tared: {}{STAYS}", self.silence)),
         }
@@ -214,7 +216,7 @@ impl TareRequests {
 }
 
 /// End of every refusal.
-const STAYS: &str = "; the zero before stays in force";
+const STAYS: &str = "; the previous zero stays in force";
 
 fn words(tare: &Tare) -> String {
     let show = |wrench: &tangent_mechanics::Wrench<Sensor>| {

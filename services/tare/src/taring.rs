@@ -42,7 +42,7 @@ impl Taring {
             return;
         }
         if !self.owner.is_empty() {
-            tracing::warn!("another sensor: the zero of {} does not hold", self.owner);
+            tracing::warn!("another sensor: the zero of {} does not apply", self.owner);
             state.set_tare(None);
             state.forget_reference();
             self.notes.forget();

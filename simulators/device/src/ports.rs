@@ -14,7 +14,7 @@ pub enum Ports {
 
 /// The offset leads beyond the last port of one of the cell's servers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("port offset {offset} leads past port 65535; the most is 16383")]
+#[error("port offset {offset} leads past port 65535; at most 16383 is allowed")]
 pub struct PastLastPort {
     /// Offset as configured.
     pub offset: u16,

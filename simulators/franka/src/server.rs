@@ -213,13 +213,13 @@ impl Server {
                         self.robot.request(message.id, &request);
                     }
                     Err(error) => {
-                        tracing::warn!(target: "simulator", "a client sends what is no FCI: {error}");
+                        tracing::warn!(target: "simulator", "a client sends data that is not FCI: {error}");
                         gone = true;
                         break;
                     }
                 },
                 Err(error) => {
-                    tracing::warn!(target: "simulator", "a client sends what is no FCI: {error}");
+                    tracing::warn!(target: "simulator", "a client sends data that is not FCI: {error}");
                     gone = true;
                     break;
                 }

@@ -33,7 +33,7 @@ pub enum FciStartError {
         reason: io::Error,
     },
     /// The offset leads beyond the last port.
-    #[error("port offset {offset} leads past port 65535 for FCI; the most is 64198")]
+    #[error("port offset {offset} leads past port 65535 for FCI; at most 64198 is allowed")]
     Offset {
         /// Configured offset.
         offset: u16,

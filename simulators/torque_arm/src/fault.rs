@@ -48,7 +48,8 @@ impl Faults {
             (name, ..) => Answer {
                 done: false,
                 message: format!(
-                    "\"{name}\" with {:?} is no fault of this cell; there are: camera on|off, emergency_stop on|off, freeze SECONDS (0 to 3600)",
+                    "\"{name}\" with {:?} is not a fault of this cell; the faults are: camera on|off, emergency_stop \
+                     on|off, freeze SECONDS (0 to 3600)",
                     request.argument
                 ),
                 ..Answer::default()

@@ -38,7 +38,7 @@ pub fn accept(listener: &TcpListener, present: usize) -> Vec<Connection> {
     let mut new = Vec::new();
     while let Ok((stream, peer)) = listener.accept() {
         if present + new.len() >= CLIENTS_MAX {
-            tracing::warn!(target: "simulator", "{peer} turned away: {CLIENTS_MAX} clients are there already");
+            tracing::warn!(target: "simulator", "{peer} rejected: {CLIENTS_MAX} clients are already connected");
             continue;
         }
         match Connection::new(stream, peer) {
@@ -134,7 +134,7 @@ impl Connection {
         }
         self.flush(now);
         if self.full_since.is_some_and(|since| now - since > limit) {
-            tracing::info!(target: "simulator", "{} cut off: it does not read", self.peer);
+            tracing::info!(target: "simulator", "{} disconnected: it does not read", self.peer);
             self.closed = true;
         }
     }

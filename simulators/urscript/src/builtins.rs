@@ -414,7 +414,7 @@ fn or(value: &Value, default: f64) -> Result<f64, String> {
     if x.is_finite() {
         Ok(x)
     } else {
-        Err(format!("{x} is no finite number"))
+        Err(format!("{x} is not a finite number"))
     }
 }
 
@@ -431,7 +431,7 @@ fn finite(x: [f64; 6]) -> Result<[f64; 6], String> {
     if x.iter().all(|x| x.is_finite()) {
         Ok(x)
     } else {
-        Err("a motion was asked for with a number that is not finite".to_owned())
+        Err("a motion was requested with a number that is not finite".to_owned())
     }
 }
 

@@ -43,7 +43,7 @@ pub fn tokens(text: &str) -> Result<Vec<(Token, Position)>, CompileError> {
     let mut position = Position { line: 1, column: 1 };
     if text.len() > PROGRAM_BYTES_MAX {
         return Err(position.error(format!(
-            "a program of {} bytes; at most {PROGRAM_BYTES_MAX} are taken",
+            "a program of {} bytes; at most {PROGRAM_BYTES_MAX} are accepted",
             text.len()
         )));
     }
@@ -117,6 +117,6 @@ fn number(text: &str, position: Position) -> Result<Token, CompileError> {
     }
     match text.parse::<f64>() {
         Ok(float) if float.is_finite() => Ok(Token::Float(float)),
-        _ => Err(position.error(format!("{text:?} is no number"))),
+        _ => Err(position.error(format!("{text:?} is not a number"))),
     }
 }

@@ -209,7 +209,7 @@ fn cyclictest(seconds: f64) -> Result<Vec<f64>, BenchError> {
         .args(["-l", &format!("{loops}"), "-p", &PRIORITY.to_string()])
         .output()
         .map_err(|error| {
-            let words = format!("it cannot be run ({error}): it is in the package rt-tests");
+            let words = format!("it cannot be run ({error}); it is in the package rt-tests");
             BenchError::Failed(words)
         })?;
     if !output.status.success() {
@@ -296,7 +296,7 @@ fn round_trips(
 ) -> Result<Vec<Row>, BenchError> {
     let mut state = ArmState::default();
     if !echo_answers(&out, &mut back, &mut state) {
-        return Err(BenchError::NobodyAnswers {
+        return Err(BenchError::NoAnswer {
             name: name.to_owned(),
             within: CONNECT,
         });

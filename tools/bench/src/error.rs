@@ -34,8 +34,8 @@ pub enum BenchError {
         source: io::Error,
     },
     /// The other end of the bus does not answer.
-    #[error("{name}: nobody answers: no answer within {within:?}")]
-    NobodyAnswers {
+    #[error("{name}: no answer within {:.1} s", .within.as_secs_f64())]
+    NoAnswer {
         /// What was measured.
         name: String,
         /// Time allowed for an answer.

@@ -214,7 +214,7 @@ impl DepthInput {
     /// The image is not complete.
     pub fn image(&self) -> Made<DepthImage<'_>> {
         let image = DepthImage::new(self.frame.width, self.frame.height, &self.depth_m);
-        image.ok_or_else(|| "a depth image that is not whole".into())
+        image.ok_or_else(|| "an incomplete depth image".into())
     }
 
     /// The image with the tool in its middle.

@@ -34,7 +34,8 @@ pub fn missing(python: &str) -> Option<String> {
     match tried {
         Ok(status) if status.success() => None,
         Ok(_) => Some(format!(
-            "{python} has no zenoh: `{python} -m pip install -r tests/interop/requirements.txt`, or name another with --python"
+            "{python} has no zenoh: `{python} -m pip install -r tests/interop/requirements.txt`, or choose another \
+             interpreter with --python"
         )),
         Err(error) => Some(format!("{python}: {error}")),
     }

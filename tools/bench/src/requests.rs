@@ -105,7 +105,7 @@ fn stop(bus: &Bus, truths: &Subscription<ContactTruth>) -> Result<(f64, f64), Be
     }
     if !slowest.is_finite() {
         return Err(BenchError::Failed(
-            "the simulator tells no truth".to_owned(),
+            "the simulator publishes no truth".to_owned(),
         ));
     }
     let request = Request {

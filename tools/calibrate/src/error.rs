@@ -16,12 +16,13 @@ use tangent_sensing::TareRefusal;
 pub enum CalibrateError {
     /// No reading arrived.
     #[error(
-        "no readings of a standing arm: are netft and rtde running? `tangent status` shows them"
+        "no readings of an arm at rest: are netft and rtde running? `tangent status` shows them"
     )]
     NoReadings,
     /// Fewer readings arrived than the cell file states.
     #[error(
-        "only {taken} readings in {within:?}: [sensor] rate_hz and raw_rate_hz say {wanted_hz} per second"
+        "only {taken} readings in {:.1} s: [sensor] rate_hz and raw_rate_hz give {wanted_hz} per second",
+        .within.as_secs_f64()
     )]
     TooFewReadings {
         /// Number of readings that arrived.
@@ -47,7 +48,7 @@ pub enum CalibrateError {
     Moved(#[from] TareRefusal),
     /// The recording has no readings.
     #[error(
-        "{} holds no /{} ({}): record with netft and rtde running",
+        "{} contains no /{} ({}): record with netft and rtde running",
         .0.display(), topics::WRENCH_RAW.key(), WrenchStamped::NAME
     )]
     NothingRecorded(PathBuf),

@@ -16,8 +16,8 @@ pub fn warnings(found: &IdentifiedPayload, config: &CellConfig) -> Vec<String> {
     if off > MOUNTING_OFF_RAD {
         let vector = found.flange_from_sensor.scaled_axis();
         all.push(format!(
-            "the sensor is turned by {:.1} deg against [sensor.flange_from_sensor] rotation_vector_rad; the readings say \
-             [{:.4}, {:.4}, {:.4}]",
+            "the sensor is turned by {:.1} deg relative to [sensor.flange_from_sensor] rotation_vector_rad; the readings \
+             give [{:.4}, {:.4}, {:.4}]",
             off.to_degrees(),
             vector.x,
             vector.y,
@@ -26,13 +26,16 @@ pub fn warnings(found: &IdentifiedPayload, config: &CellConfig) -> Vec<String> {
     }
     if found.anisotropy > ANISOTROPY_MAX {
         all.push(format!(
-            "the sensor weighs the payload {:.0} % differently along its axes: wrong calibration loaded, or something \
-             touched the tool",
+            "the weight of the payload differs by {:.0} % between the sensor's axes: a wrong calibration is loaded, or \
+             something touched the tool",
             100.0 * found.anisotropy
         ));
     }
     if found.drift.is_none() {
-        all.push("the last pose is not the first again: the drift meanwhile is unknown".to_owned());
+        all.push(
+            "the last pose is not the first one again: the drift between them is unknown"
+                .to_owned(),
+        );
     }
     all
 }

@@ -30,7 +30,8 @@ pub fn check(path: &Path, findings: &mut Findings) {
     let (force, range) = (config.limits.force_max_n, config.sensor.force_range_n[2]);
     if config.robot.driver == RobotDriver::Rtde && force > range {
         findings.note(format!(
-            "limits.force_max_n = {force} N is above the sensor's range along z, sensor.force_range_n = {range} N: a saturated sensor retracts before"
+            "limits.force_max_n = {force} N is above the sensor's range along z, sensor.force_range_n = {range} N: the \
+             sensor saturates first, which causes a retraction"
         ));
     }
 }

@@ -25,7 +25,8 @@ pub enum KindError {
     NotToml(String),
     /// None of its keys is known.
     #[error(
-        "neither a cell ([robot], [sensor], ...), a task ([force], [path], ...), a scenario ([plant], [task], ...) nor a robot model (dof, [dh], ...): its keys are {0}; say which with --kind"
+        "neither a cell ([robot], [sensor], ...), a task ([force], [path], ...), a scenario ([plant], [task], ...) nor a \
+         robot model (dof, [dh], ...): its keys are {0}; state the kind with --kind"
     )]
     UnknownKeys(String),
 }

@@ -28,7 +28,8 @@ impl OnCell {
         let model = tangent_compose::model(&config)?;
         let mut cell = Self {
             start: (!start.is_empty()).then(|| start.to_vec()),
-            no_start: "where the arm starts is not known offline: reach and workspace are checked when the task is started, or here with --start".to_owned(),
+            no_start: "the start of the arm is not known offline: reach and workspace are checked when the task is \
+                started, or here with --start".to_owned(),
             config,
             model,
         };

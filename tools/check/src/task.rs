@@ -17,7 +17,7 @@ pub fn check(text: &str, cell: Option<&OnCell>, findings: &mut Findings) {
     };
     let Some(cell) = cell else {
         estimators(&task, &[], findings);
-        findings.note("limits, reach and workspace are those of a cell: name one with --cell");
+        findings.note("limits, reach and workspace depend on the cell: name it with --cell");
         return;
     };
     let start = cell.start.as_deref();
@@ -44,7 +44,8 @@ pub fn estimators(task: &Task, own: &[String], findings: &mut Findings) {
     if slips.is_empty() {
         for name in others {
             findings.note(format!(
-                "estimators: \"{name}\" is not built in: the task is refused unless it publishes estimate/{name}/normal when the task is started"
+                "estimators: \"{name}\" is not built in: the task is refused unless it publishes estimate/{name}/normal \
+                 when the task is started"
             ));
         }
         return;

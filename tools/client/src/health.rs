@@ -108,7 +108,7 @@ fn judge(
             instance: None,
             host: None,
             state: if router { "running" } else { "silent" },
-            fault: (!router).then(|| format!("not heard within {patience_s} s")),
+            fault: (!router).then(|| format!("no health message within {patience_s} s")),
         });
     }
     Verdict {

@@ -19,29 +19,29 @@ pub struct Running {
 
 impl Running {
     /// Starts `body` in a thread. The thread ends when its own [`Stop`] is triggered. If it ends
-    /// for another reason, it triggers `everybody`, so that no service continues without it. A
+    /// for another reason, it triggers `process_stop`, so that no service continues without it. A
     /// panic in it ends the process, see [`tangent_runtime::ending`].
     ///
     /// # Errors
     /// The system cannot start another thread.
     pub fn start(
         name: &'static str,
-        everybody: &Stop,
+        process_stop: &Stop,
         body: impl FnOnce(Stop) -> Ended + Send + 'static,
     ) -> Result<Self, ComposeError> {
         let stop = Stop::new();
-        let (own, everybody) = (stop.clone(), everybody.clone());
+        let (own, process_stop) = (stop.clone(), process_stop.clone());
         let thread = std::thread::Builder::new()
             .name(name.to_owned())
             .spawn(move || {
                 let mut ended = body(own.clone());
-                if ended.is_ok() && !own.is_stopped() && !everybody.is_stopped() {
+                if ended.is_ok() && !own.is_stopped() && !process_stop.is_stopped() {
                     ended = Err("ended by itself; this is a defect".into());
                 }
                 if let Err(error) = &ended {
                     let error = with_causes(error.as_ref());
                     tracing::error!("{name}: {error}; all services of this process end");
-                    everybody.trigger();
+                    process_stop.trigger();
                 }
                 ended
             })

@@ -41,62 +41,62 @@ pub fn service(
     name: &str,
     config: &CellConfig,
     bus: &Bus,
-    everybody: &Stop,
+    process_stop: &Stop,
     extra: &RecorderExtra,
 ) -> Result<Running, ComposeError> {
     let bus = bus.clone();
     match name {
         "netft" => {
             let config = tangent_netft::Config::from_cell(config);
-            Running::start("netft", everybody, move |stop| {
+            Running::start("netft", process_stop, move |stop| {
                 Ok(tangent_netft::run(config, bus, stop)?)
             })
         }
         "rtde" => {
             let config = tangent_rtde::Config::from_cell(config).map_err(ComposeError::refused)?;
-            Running::start("rtde", everybody, move |stop| {
+            Running::start("rtde", process_stop, move |stop| {
                 Ok(tangent_rtde::run(config, bus, stop)?)
             })
         }
         "franka" => {
             let config =
                 tangent_franka::Config::from_cell(config).map_err(ComposeError::refused)?;
-            Running::start("franka", everybody, move |stop| {
+            Running::start("franka", process_stop, move |stop| {
                 Ok(tangent_franka::run(config, bus, stop)?)
             })
         }
         "estimator" => {
             let config = tangent_estimator::Config::from_cell(config, model(config)?)
                 .map_err(ComposeError::refused)?;
-            Running::start("estimator", everybody, move |stop| {
+            Running::start("estimator", process_stop, move |stop| {
                 Ok(tangent_estimator::run(config, bus, stop)?)
             })
         }
         "camera" => {
             let config =
                 tangent_camera::Config::from_cell(config).map_err(ComposeError::refused)?;
-            Running::start("camera", everybody, move |stop| {
+            Running::start("camera", process_stop, move |stop| {
                 Ok(tangent_camera::run(config, bus, stop)?)
             })
         }
         "controller" if config.controller.law != Law::HybridAdmittance => {
             let config = tangent_controller::TorqueConfig::from_cell(config, &model(config)?)
                 .map_err(ComposeError::refused)?;
-            Running::start("controller", everybody, move |stop| {
+            Running::start("controller", process_stop, move |stop| {
                 Ok(tangent_controller::run_torque(config, bus, stop)?)
             })
         }
         "controller" => {
             let config = tangent_controller::Config::from_cell(config, model(config)?)
                 .map_err(ComposeError::refused)?;
-            Running::start("controller", everybody, move |stop| {
+            Running::start("controller", process_stop, move |stop| {
                 Ok(tangent_controller::run(config, bus, stop)?)
             })
         }
         "recorder" => {
             let recorder = recorder(config, extra);
             let zenoh = config.zenoh.clone();
-            Running::start("recorder", everybody, move |stop| {
+            Running::start("recorder", process_stop, move |stop| {
                 if recorder.cells.is_empty() {
                     tangent_recorder::run(recorder, bus, stop)?;
                 } else {

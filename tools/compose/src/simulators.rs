@@ -20,7 +20,7 @@ pub fn torque_arm(
     config: &CellConfig,
     scenario: &ObjectScenario,
     bus: &Bus,
-    everybody: &Stop,
+    process_stop: &Stop,
 ) -> Result<Running, ComposeError> {
     let mut plant = scenario.plant.clone();
     plant.sensor.rate_hz = config.sensor.rate_hz;
@@ -36,7 +36,7 @@ pub fn torque_arm(
             .then_some(config.realtime.simulator_priority),
     };
     let bus = bus.clone();
-    Running::start("simulator", everybody, move |stop| {
+    Running::start("simulator", process_stop, move |stop| {
         Ok(tangent_simulator::run_torque_cell(&simulated, &bus, &stop)?)
     })
 }
@@ -50,7 +50,7 @@ pub fn velocity_arm(
     config: &CellConfig,
     scenario: &AdmittanceScenario,
     bus: &Bus,
-    everybody: &Stop,
+    process_stop: &Stop,
 ) -> Result<Running, ComposeError> {
     let mut plant = scenario.plant.clone();
     // The sensor box sends at the rate that the cell configures; the physics do not depend on it.
@@ -75,7 +75,7 @@ pub fn velocity_arm(
             .then_some(config.realtime.simulator_priority),
     };
     let bus = bus.clone();
-    Running::start("simulator", everybody, move |stop| {
+    Running::start("simulator", process_stop, move |stop| {
         Ok(tangent_simulator::run(simulated, bus, stop)?)
     })
 }
@@ -89,7 +89,7 @@ pub fn franka(
     config: &CellConfig,
     scenario: Option<&VisuoTactileScenario>,
     bus: &Bus,
-    everybody: &Stop,
+    process_stop: &Stop,
 ) -> Result<Running, ComposeError> {
     let tool = config.tool.flange_from_tool();
     let com = config
@@ -118,7 +118,7 @@ pub fn franka(
     };
     let bus = bus.clone();
     let Some(scenario) = scenario else {
-        return Running::start("simulator", everybody, move |stop| {
+        return Running::start("simulator", process_stop, move |stop| {
             Ok(tangent_simulator::run_franka(simulated, bus, stop)?)
         });
     };
@@ -144,7 +144,7 @@ pub fn franka(
             })?;
         plant.watched_by(looks, camera.rate_hz);
     }
-    Running::start("simulator", everybody, move |stop| {
+    Running::start("simulator", process_stop, move |stop| {
         Ok(tangent_simulator::run_franka_with(
             &simulated,
             Box::new(plant),

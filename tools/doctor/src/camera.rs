@@ -22,25 +22,26 @@ pub fn check(camera: &CameraConfig, cell: &RunningCell) -> Vec<Finding> {
     if let Some(file) = camera.recording.as_ref().filter(|file| !file.is_file()) {
         findings.push(Finding::problem(
             CHECK,
-            format!("[camera] recording = {} is not there", file.display()),
-            "no image comes",
+            format!("[camera] recording = {} does not exist", file.display()),
+            "no image is published",
             "correct the key, or leave it out and start the camera's driver",
         ));
     }
     let topic: Topic<Image> = Topic::named(key.clone(), Delivery::Bulk);
-    match cell.hear(&topic) {
+    match cell.receive(&topic) {
         Ok(Some(heard)) => findings.extend(judge(camera, &heard.last, heard.rate_hz)),
         Ok(None) => findings.push(Finding::warning(
             CHECK,
             format!("no image on {key} within 2 s"),
-            "nobody sees anything until its driver runs",
-            "is the driver on, its key [camera] topic, the bridge's namespace the cell's name? For a simulated cell: `tangent run simulator`",
+            "there are no estimates from images until its driver runs",
+            "does the driver run, is its key that of [camera] topic, and is the bridge's namespace the cell's name? For a \
+             simulated cell: `tangent run simulator`",
         )),
         Err(why) => findings.push(Finding::warning(
             CHECK,
-            format!("not looked at: {why}"),
-            "whether images come is not known",
-            "start router and driver, and look again",
+            format!("not checked: {why}"),
+            "whether images arrive is not known",
+            "start router and driver, and run this again",
         )),
     }
     findings
@@ -83,7 +84,7 @@ fn judge(camera: &CameraConfig, image: &Image, rate_hz: Option<f64>) -> Vec<Find
             "camera's clock",
             format!("the last image is {age_s:.1} s old by its stamp"),
             "no arm/state is from the time of its exposure, so it cannot be placed",
-            "let the camera's host and this one keep the same time (chrony), and the driver stamp by that clock",
+            "synchronise the clocks of the camera's host and this one (chrony), and let the driver stamp images with that clock",
         ));
     }
     findings

@@ -7,13 +7,13 @@ use crate::system::System;
 
 /// Programs that synchronize a clock, and the source of each one's accuracy.
 const KEEPERS: [(&str, &str); 5] = [
-    ("chronyd", "`chronyc tracking` tells its offset"),
-    ("ntpd", "`ntpq -p` tells its offset"),
-    ("phc2sys", "its log tells its offset"),
-    ("ptp4l", "its log tells its offset"),
+    ("chronyd", "`chronyc tracking` shows its offset"),
+    ("ntpd", "`ntpq -p` shows its offset"),
+    ("phc2sys", "its log shows its offset"),
+    ("ptp4l", "its log shows its offset"),
     (
         "systemd-timesyn",
-        "`timedatectl timesync-status` tells its offset",
+        "`timedatectl timesync-status` shows its offset",
     ),
 ];
 
@@ -40,13 +40,13 @@ fn kept(system: &System) -> Finding {
                 "a time server in the cell's network (NTP= in /etc/systemd/timesyncd.conf); {advice}"
             ),
         ),
-        Some((name, words)) => Finding::ok(CHECK, format!("kept by {name}; {words}")),
+        Some((name, words)) => Finding::ok(CHECK, format!("synchronised by {name}; {words}")),
         None if in_step => Finding::ok(CHECK, "was set by systemd-timesyncd"),
         None => Finding::warning(
             CHECK,
-            "no program that keeps the clock is to be seen (chronyd, ntpd, ptp4l, phc2sys, systemd-timesyncd)",
-            "with services on several hosts, ages of messages are wrong by as much as the clocks differ; on one host it is no matter",
-            "chrony on every host, all with the same server; in a container, look at the host",
+            "no program that synchronises the clock was found (chronyd, ntpd, ptp4l, phc2sys, systemd-timesyncd)",
+            "with services on several hosts, ages of messages are wrong by as much as the clocks differ; on one host they are right",
+            "run chrony on every host, all with the same server; in a container, check the host",
         ),
     }
 }
@@ -59,8 +59,9 @@ fn source(system: &System) -> Option<Finding> {
         "hpet" | "acpi_pm" | "jiffies" | "refined-jiffies" => Finding::warning(
             CHECK,
             source,
-            "each look at the clock takes about a microsecond, and the loop looks often",
-            "the kernel found the processor's own counter unsteady: update the BIOS, or try `tsc=reliable` on the kernel's command line",
+            "each reading of the clock takes about a microsecond, and the loop reads it often",
+            "the kernel found the processor's own counter unstable: update the BIOS, or try `tsc=reliable` on the \
+             kernel's command line",
         ),
         _ => Finding::ok(CHECK, source),
     })

@@ -37,8 +37,8 @@ pub fn robot(config: &CellConfig) -> Vec<Finding> {
             findings.push(Finding::problem(
                 CHECK,
                 format!("{}:{}: {error}", settings.host, settings.rtde_port),
-                "RTDE does not answer: the bridge has nothing to talk to",
-                "is the controller on, the cable in, [robot] address right, RTDE enabled (Settings, Security, Services)? For a simulated \
+                "RTDE does not answer: the bridge cannot connect",
+                "is the controller on, the cable connected, [robot] address right, RTDE enabled (Settings, Security, Services)? For a simulated \
                  cell: `tangent run router simulator`",
             ));
             return findings;
@@ -49,7 +49,7 @@ pub fn robot(config: &CellConfig) -> Vec<Finding> {
             "robot's script port",
             format!("{}:{}: {error}", settings.host, settings.script_port),
             "the bridge cannot send its program",
-            "enable the primary client interface (Settings, Security, Services), and look at firewalls",
+            "enable the primary client interface (Settings, Security, Services), and check firewalls",
         ));
     }
     match dashboard(&settings.host, settings.dashboard_port, timeout)
@@ -69,16 +69,18 @@ pub fn robot(config: &CellConfig) -> Vec<Finding> {
 fn software(settings: &tangent_rtde::Config, version: ControllerVersion) -> Finding {
     const CHECK: &str = "robot's software";
     let expected = settings.bridge.series;
-    if expected.is_some_and(|expected| expected != version.series()) {
+    if let Some(expected) = expected
+        && expected != version.series()
+    {
         return Finding::problem(
             CHECK,
             format!(
-                "{version} is {:?}, but [robot] model = \"{}\" is {:?}",
+                "{version} is {}, but [robot] model = \"{}\" is {}",
                 version.series(),
                 settings.bridge.model,
                 expected
             ),
-            "another robot than the cell file says: the bridge refuses it",
+            "not the robot that the cell file names: the bridge refuses it",
             "correct [robot] model or address",
         );
     }
@@ -132,7 +134,7 @@ fn conversation(
             Finding::problem(
                 "robot's model",
                 format!("{model}, but [robot] model = \"{}\"", config.robot.model),
-                "kinematics of another arm: the bridge does not move it",
+                "its kinematics are those of another arm: the bridge does not move it",
                 "correct [robot] model or address",
             )
         } else {
@@ -143,7 +145,7 @@ fn conversation(
         Some(false) => Finding::problem(
             "remote control",
             "off",
-            "the controller takes no program from the network",
+            "the controller accepts no program from the network",
             "switch the pendant to Remote Control",
         ),
         Some(true) => Finding::ok("remote control", "on"),
@@ -178,7 +180,8 @@ pub fn sensor(config: &CellConfig) -> Vec<Finding> {
             "sensor",
             error.to_string(),
             "without its units and scales no record can be used",
-            "is the box on, the cable in, [sensor] address right (192.168.1.1 as delivered, DIP switch 9), http_port 80 for a real box?",
+            "is the box on, the cable connected, [sensor] address right (192.168.1.1 as delivered, DIP switch 9), \
+             http_port 80 for a real box?",
         )],
     }
 }
@@ -205,23 +208,23 @@ fn judge(config: &CellConfig, found: &BoxConfig) -> Vec<Finding> {
             "nothing, if this cell is its only client",
         ),
         Some(rate) => Finding::ok("sensor's rate", format!("{rate} Hz")),
-        None => Finding::ok("sensor's rate", "the box does not say"),
+        None => Finding::ok("sensor's rate", "the box does not report it"),
     });
     findings.push(match found.filter {
         Some(0) => Finding::ok("sensor's filter", "off"),
         Some(number) => Finding::warning(
             "sensor's filter",
             format!("low-pass filter number {number} is on"),
-            "it delays every record, and nobody accounts for that delay",
-            "switch it off on the box's web page (Settings); netft filters, with a delay that it tells",
+            "it delays every record, and this delay is not accounted for",
+            "switch it off on the box's web page (Settings); netft filters, with a delay that it reports",
         ),
-        None => Finding::ok("sensor's filter", "the box does not say"),
+        None => Finding::ok("sensor's filter", "the box does not report it"),
     });
     if found.transformed {
         findings.push(Finding::problem(
             "sensor's transform",
-            "the box turns its readings into another frame",
-            "payload and tool frame of the cell file are wrong then: gravity shows up as contact",
+            "the box transforms its readings into another frame",
+            "payload and tool frame of the cell file are then wrong: gravity appears as contact",
             "clear the tool transform on the box's web page (Configurations)",
         ));
     }

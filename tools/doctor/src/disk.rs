@@ -52,7 +52,7 @@ fn speed(folder: &str, measured: io::Result<f64>) -> Finding {
             let found = format!("{folder}: {:.0} MB/s to the disk", rate / 1e6);
             let ratio = rate / RECORDING_BYTES_PER_S;
             let meaning = format!(
-                "a recording takes about {:.1} MB/s: messages are dropped, and counted, whenever the disk is busy elsewhere",
+                "a recording takes about {:.1} MB/s: messages are dropped, and counted, whenever other programs use the disk",
                 RECORDING_BYTES_PER_S / 1e6
             );
             let advice = "another disk in [recorder] folder, or `mode = \"buffered\"` and a lower rate_hz in [sensor]";
@@ -75,7 +75,7 @@ fn space(folder: &str, free_bytes: io::Result<u64>) -> Finding {
             return Finding::warning(
                 CHECK,
                 format!("{folder}: {error}"),
-                "how long it lasts is not known",
+                "how long the space lasts is not known",
                 "correct [recorder] folder",
             );
         }
@@ -85,7 +85,8 @@ fn space(folder: &str, free_bytes: io::Result<u64>) -> Finding {
         "{folder}: {:.1} GB free, about {hours:.1} h of recording",
         free_bytes as f64 / 1e9
     );
-    let advice = "set [recorder] keep_bytes or keep_days, delete old recordings (and their .torn originals), or name a larger disk in [recorder] folder";
+    let advice = "set [recorder] keep_bytes or keep_days, delete old recordings (and their .torn originals), or choose a \
+        larger disk in [recorder] folder";
     if hours >= 8.0 {
         Finding::ok(CHECK, found)
     } else if hours >= 0.5 {

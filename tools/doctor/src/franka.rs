@@ -52,7 +52,7 @@ pub fn check(config: &CellConfig, cell: &RunningCell) -> Vec<Finding> {
         Some(Err(error)) => vec![refused(&format!("{host}:{port}: {error}"), &error)],
         None => vec![Finding::problem(
             CHECK,
-            "the thread that asked it panicked",
+            "the thread that queried it panicked",
             "this is a defect",
             "report it",
         )],
@@ -62,20 +62,20 @@ pub fn check(config: &CellConfig, cell: &RunningCell) -> Vec<Finding> {
 fn refused(found: &str, error: &InquiryError) -> Finding {
     let (meaning, advice) = match error {
         InquiryError::Closed => (
-            "another client holds it, or FCI is not activated: the bridge is turned away as well",
+            "another client is connected, or FCI is not activated: the bridge is rejected as well",
             "activate FCI in Desk; end the other client (a bridge of another cell, a program with libfranka)",
         ),
         InquiryError::Silent(_) => (
-            "its states come over UDP, and none arrives",
-            "look at firewalls on this machine: any UDP port, from the robot's address",
+            "its states are sent over UDP, and none arrives",
+            "check the firewalls on this machine: any UDP port, from the robot's address",
         ),
         InquiryError::Session(_) => (
-            "the bridge cannot speak with it",
-            "a Franka Emika Robot (\"Panda\") with system 4.2 or newer is driven; for another robot correct [robot]",
+            "the bridge cannot communicate with it",
+            "a Franka Emika Robot (\"Panda\") with system 4.2 or newer is supported; for another robot correct [robot]",
         ),
         InquiryError::Io(_) | InquiryError::Frame(_) | InquiryError::Codec(_) => (
-            "FCI does not answer: the bridge has nothing to talk to",
-            "is the robot on, the cable in its control box, [robot] address right, FCI activated in Desk? For a simulated cell: \
+            "FCI does not answer: the bridge cannot connect",
+            "is the robot on, the cable connected to its control box, [robot] address right, FCI activated in Desk? For a simulated cell: \
              `tangent run router simulator`",
         ),
     };
@@ -95,8 +95,8 @@ fn judge(found: &Found, tool_kg: f64) -> Vec<Finding> {
                 "{:.2} kg as set in Desk, and [tool] mass_kg = {tool_kg}",
                 found.end_effector_kg
             ),
-            "the robot adds the two: where both are the same tool, its weight counts twice",
-            "set the end effector's mass to 0 in Desk, or [tool] mass_kg to what hangs there besides",
+            "the robot adds the two: if both describe the same tool, its weight counts twice",
+            "set the end effector's mass to 0 in Desk, or [tool] mass_kg to the mass that Desk does not include",
         ));
     }
     findings
@@ -111,14 +111,14 @@ fn mode(found: &Found) -> Finding {
     };
     let (meaning, advice) = match found.mode {
         RobotMode::Idle if found.errors.is_empty() => return Finding::ok(CHECK, words),
-        RobotMode::Idle => ("the robot refuses a motion", "look at Desk"),
+        RobotMode::Idle => ("the robot refuses a motion", "see the reason in Desk"),
         RobotMode::Move => (
-            "something moves it that is not this cell",
-            "wait for its end, or end it in Desk",
+            "a program other than this cell moves it",
+            "wait until it ends, or end it in Desk",
         ),
         RobotMode::Guiding => (
             "the arm does not take commands",
-            "let go of the enabling buttons; Desk: execution, not programming",
+            "release the enabling buttons; select execution in Desk, not programming",
         ),
         RobotMode::Reflex => (
             "the arm does not move until it has recovered",
@@ -131,7 +131,7 @@ fn mode(found: &Found) -> Finding {
         RobotMode::AutomaticErrorRecovery => ("the arm does not move yet", "look again"),
         RobotMode::Other => (
             "the arm does not move",
-            "unlock the joints in Desk, and look there for what is wrong",
+            "unlock the joints in Desk, and see the reason there",
         ),
     };
     Finding::warning(CHECK, words, meaning, advice)
@@ -152,8 +152,8 @@ fn states(found: &Found) -> Finding {
     if share <= MISSED_SOME && !stops {
         return Finding::ok(CHECK, words);
     }
-    let advice = "a cable from this machine's own card to the control box, no switch; and what is said here of scheduling, kernel and \
-                  processor";
+    let advice = "connect the control box directly to this machine's network card, without a switch; and follow the \
+        findings above on scheduling, kernel and processor";
     if stops || share > MISSED_TOO_MANY {
         Finding::problem(
             CHECK,
@@ -165,7 +165,7 @@ fn states(found: &Found) -> Finding {
         Finding::warning(
             CHECK,
             words,
-            "each is a cycle in which the arm goes by the torque of the one before",
+            "in each such cycle the arm keeps the torque of the cycle before",
             advice,
         )
     }
@@ -175,11 +175,11 @@ fn states(found: &Found) -> Finding {
 fn held(instance: &str, cell: &RunningCell) -> Vec<Finding> {
     const CHECK: &str = "robot";
     let found = format!("held by the cell's own bridge, {instance}");
-    let Ok(Some(heard)) = cell.hear(&topics::health(tangent_franka::SERVICE)) else {
+    let Ok(Some(heard)) = cell.receive(&topics::health(tangent_franka::SERVICE)) else {
         return vec![Finding::warning(
             CHECK,
-            format!("{found}, which says nothing of its health"),
-            "how the robot is cannot be told",
+            format!("{found}, which publishes no health message"),
+            "the state of the robot is not known",
             "tangent status",
         )];
     };
@@ -187,14 +187,14 @@ fn held(instance: &str, cell: &RunningCell) -> Vec<Finding> {
     if health.state == State::Running as u8 {
         return vec![Finding::ok(
             CHECK,
-            format!("{found}: it is well, {} states lost so far", health.lost),
+            format!("{found}: healthy, {} states lost so far", health.lost),
         )];
     }
     vec![Finding::warning(
         CHECK,
         format!("{found}: {}", health.fault),
         "the arm does not move",
-        "docs/services/franka.md has a list of what it says and what to do",
+        "docs/services/franka.md lists the messages and what to do",
     )]
 }
 

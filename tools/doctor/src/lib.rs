@@ -76,7 +76,10 @@ fn devices(config: &CellConfig) -> Vec<Finding> {
     if arm.has_sensor_box() {
         findings.extend(devices::sensor(config));
     } else {
-        findings.push(Finding::ok("sensor", "none: the robot says what it feels"));
+        findings.push(Finding::ok(
+            "sensor",
+            "none: the robot estimates the wrench itself",
+        ));
     }
     if let (Some(camera), Some(cell)) = (&config.camera, &cell) {
         findings.extend(camera::check(camera, cell));

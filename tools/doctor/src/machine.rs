@@ -55,13 +55,13 @@ fn scheduling(system: &System, wish: &RealtimeConfig, pace: Pace) -> Finding {
     if !wish.enabled && pace == Pace::Torque {
         return Finding::problem(
             CHECK,
-            "not asked for: [realtime] enabled = false",
+            "not requested: [realtime] enabled = false",
             "at 1 kHz any other process makes answers late, and the robot stops after 20 in a row",
             "[realtime] enabled = true",
         );
     }
     if !wish.enabled {
-        return Finding::ok(CHECK, "not asked for: [realtime] enabled = false");
+        return Finding::ok(CHECK, "not requested: [realtime] enabled = false");
     }
     let priority = wish.loop_priority.max(wish.sensor_priority);
     match try_schedule(priority) {
@@ -69,10 +69,10 @@ fn scheduling(system: &System, wish: &RealtimeConfig, pace: Pace) -> Finding {
         Err(error) => Finding::problem(
             CHECK,
             error.to_string(),
-            "the loop waits for whatever else this machine does: cycles are missed under load",
+            "the loop waits for all other processes of this machine: cycles are missed under load",
             match starved_group(system) {
                 Some(file) => format!(
-                    "the control group has no real-time share ({file} is 0): run outside of it, or start the container engine \
+                    "the control group has no real-time share ({file} is 0): run outside it, or start the container engine \
                      with --cpu-rt-runtime=950000 and the container with --cpu-rt-runtime=400000"
                 ),
                 None => format!(
@@ -99,7 +99,7 @@ fn throttling(system: &System) -> Finding {
     let runtime = system.number("/proc/sys/kernel/sched_rt_runtime_us");
     let period = system.number("/proc/sys/kernel/sched_rt_period_us");
     let (Some(runtime), Some(period)) = (runtime, period) else {
-        return Finding::ok(CHECK, "this kernel has none");
+        return Finding::ok(CHECK, "this kernel has no limit");
     };
     if runtime < 0 {
         return Finding::ok(CHECK, "off");
@@ -114,7 +114,7 @@ fn throttling(system: &System) -> Finding {
         Finding::problem(
             CHECK,
             found,
-            "the loop is stopped when that is used up",
+            "the loop is suspended when this share is used up",
             "sysctl -w kernel.sched_rt_runtime_us=950000",
         )
     }
@@ -123,7 +123,7 @@ fn throttling(system: &System) -> Finding {
 fn locked_memory(system: &System, wish: &RealtimeConfig) -> Finding {
     const CHECK: &str = "locked memory";
     if !wish.enabled {
-        return Finding::ok(CHECK, "not asked for: [realtime] enabled = false");
+        return Finding::ok(CHECK, "not requested: [realtime] enabled = false");
     }
     let limit = getrlimit(Resource::RLIMIT_MEMLOCK).map_or(0, |(soft, _)| soft);
     judge_locked_memory(limit, may_lock(system))
@@ -142,7 +142,7 @@ fn judge_locked_memory(limit_bytes: u64, privileged: bool) -> Finding {
         Finding::problem(
             CHECK,
             format!("at most {} kB may be locked", limit_bytes / 1024),
-            "the loop stands still while the system fetches its memory from disk; and where locking is granted up to a limit, \
+            "the loop is suspended while the system reads its memory from disk; and where locking is granted up to a limit, \
              an allocation beyond it fails",
             "put `@realtime - memlock unlimited` into /etc/security/limits.d/tangent.conf and join that group, or LimitMEMLOCK=infinity \
              in the systemd unit, or `ulimits: { memlock: -1 }` for the container",
@@ -207,13 +207,13 @@ fn kernel(system: &System, pace: Pace) -> Finding {
         (false, Pace::Torque) => Finding::problem(
             CHECK,
             found,
-            "a long system call of any process holds the loop up, by milliseconds: at 1 kHz the robot stops by itself",
+            "a long system call of any process delays the loop by milliseconds: at 1 kHz the robot stops by itself",
             advice,
         ),
         (false, _) => Finding::warning(
             CHECK,
             found,
-            "a long system call of any process holds the loop up, by milliseconds",
+            "a long system call of any process delays the loop by milliseconds",
             advice,
         ),
     }
@@ -241,7 +241,7 @@ fn governor(system: &System) -> Finding {
     Finding::warning(
         CHECK,
         slow.join(", "),
-        "a processor that sleeps slows down and takes its time to speed up: tens of microseconds more, now and then more",
+        "an idle processor slows down and takes time to speed up: answers are tens of microseconds later, at times more",
         "cpupower frequency-set -g performance (and at each boot: cpupower.service, or tuned-adm profile latency-performance)",
     )
 }
@@ -257,8 +257,8 @@ fn hypervisor(system: &System) -> Finding {
         Finding::warning(
             CHECK,
             "this is a virtual machine",
-            "its host can stop it for milliseconds, and nothing in here can help that",
-            "good for simulation and estimators; run the robot's side on a machine of its own",
+            "its host can suspend it for milliseconds, which nothing on this machine can prevent",
+            "use it for simulation and estimators; run the robot's side on a physical machine",
         )
     } else {
         Finding::ok(CHECK, "no")
@@ -271,7 +271,7 @@ fn quota(system: &System) -> Option<Finding> {
     Some(Finding::warning(
         "processor quota",
         format!("{used} of every {period} us"),
-        "when that is used up, everything in this control group stands still until the period is over",
+        "when that is used up, all processes of this control group are suspended until the period is over",
         "no `cpus` limit for the robot's side",
     ))
 }
@@ -301,8 +301,8 @@ fn loop_cpu(system: &System, cpu: usize) -> Finding {
         Finding::problem(
             CHECK,
             format!("[realtime] loop_cpu = {cpu}, but there are {online}"),
-            "the loop is not kept on a processor of its own",
-            "name one of these, or leave the key out",
+            "the loop does not get a processor of its own",
+            "choose one of these, or leave the key out",
         )
     } else if in_list(cpu, &isolated) {
         Finding::ok(CHECK, format!("{cpu}, isolated"))
@@ -387,7 +387,7 @@ mod tests {
             ("/sys/kernel/debug/sched/preempt", "none (voluntary) full"),
         ]);
         assert!(dynamic.found.starts_with("voluntary"), "{}", dynamic.found);
-        assert!(dynamic.meaning.contains("holds the loop up"));
+        assert!(dynamic.meaning.contains("delays the loop"));
         let full = with(&[
             ("/proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC"),
             ("/sys/kernel/debug/sched/preempt", "none voluntary (full)"),

@@ -102,7 +102,7 @@ fn judge(system: &System, card: &str, receive_delay_us: Option<u32>) -> Vec<Find
             Finding::warning(
                 "interrupt delay",
                 found,
-                "every packet of robot and sensor is so much older",
+                "every packet of robot and sensor arrives later by this time",
                 format!("ethtool -C {card} adaptive-rx off rx-usecs 0"),
             )
         });
@@ -121,7 +121,7 @@ fn judge(system: &System, card: &str, receive_delay_us: Option<u32>) -> Vec<Find
                 "received packets",
                 found,
                 "records of the sensor and states of the robot go missing",
-                "another cable or switch port; `ethtool -S` tells which kind of fault",
+                "try another cable or switch port; `ethtool -S` shows which kind of fault",
             )
         });
     }
@@ -146,8 +146,8 @@ fn link(system: &System, card: &str) -> Finding {
         return Finding::problem(
             CHECK,
             format!("{card} has no link ({driver})"),
-            "nothing is connected, or what is connected is off",
-            "cable and switch",
+            "nothing is connected, or the connected device is off",
+            "check cable and switch",
         );
     }
     let speed = system.number(&file("speed")).filter(|mbps| *mbps > 0);
@@ -160,7 +160,7 @@ fn link(system: &System, card: &str) -> Finding {
         Finding::warning(
             CHECK,
             found,
-            "packets wait for one another",
+            "packets delay one another",
             "let both ends negotiate (no fixed speed), and change the cable",
         )
     } else {

@@ -74,7 +74,7 @@ impl RunningCell {
     ///
     /// # Errors
     /// There is no bus to subscribe on, or the bus refuses.
-    pub fn hear<M: Message + Clone>(
+    pub fn receive<M: Message + Clone>(
         &self,
         topic: &Topic<M>,
     ) -> Result<Option<Heard<M>>, HearError> {
@@ -116,24 +116,24 @@ pub fn arm(config: &CellConfig, cell: &RunningCell) -> Vec<Finding> {
         config.robot.model
     );
     let advice = "tangent run router simulator controller --cell CELL";
-    vec![match cell.hear(&topics::ARM_STATE) {
+    vec![match cell.receive(&topics::ARM_STATE) {
         Ok(Some(heard)) => Finding::ok(
             CHECK,
             format!(
-                "{what}: arm/state comes, one cycle is {:.1} ms",
+                "{what}: arm/state arrives, one cycle is {:.1} ms",
                 heard.last.period_s * 1e3
             ),
         ),
         Ok(None) => Finding::problem(
             CHECK,
             format!("{what}: no arm/state within {} s", LISTEN.as_secs()),
-            "there is nothing to control",
+            "the controller has no arm to control",
             advice,
         ),
         Err(why) => Finding::problem(
             CHECK,
             format!("{what}: {why}"),
-            "there is nothing to control",
+            "the controller has no arm to control",
             advice,
         ),
     }]

@@ -27,19 +27,19 @@ fn who_may_join(config: &CellConfig) -> Finding {
     let zenoh = &config.zenoh;
     match zenoh.open_to_anybody() {
         None if zenoh.tls.is_some() => {
-            Finding::ok(CHECK, "who has a certificate of the cell's authority")
+            Finding::ok(CHECK, "clients with a certificate of the cell's authority")
         }
         None => Finding::ok(CHECK, "processes of the router's host"),
         Some(endpoint) if zenoh.insecure => Finding::warning(
             CHECK,
-            format!("anybody who reaches {endpoint}: insecure = true, no certificates"),
-            "whoever is on that network may start tasks and speak as the sensor",
+            format!("any client that reaches {endpoint}: insecure = true, no certificates"),
+            "any client on that network can start tasks and impersonate the sensor",
             REMEDY,
         ),
         Some(endpoint) => Finding::problem(
             CHECK,
-            format!("{endpoint} is beyond this host, and there are no certificates"),
-            "the router refuses to start like this",
+            format!("{endpoint} is reachable from other hosts, and there are no certificates"),
+            "the router refuses to start with this configuration",
             REMEDY,
         ),
     }
@@ -54,7 +54,7 @@ fn one(system: &System, endpoint: &str) -> Option<Finding> {
             CHECK,
             format!("{endpoint}: the name has no address here"),
             "the router cannot listen there on this machine",
-            "right if the router runs elsewhere; else correct [zenoh] listen",
+            "correct if the router runs on another machine; otherwise change [zenoh] listen",
         ));
     };
     let targets: Vec<_> = targets.collect();
@@ -66,9 +66,9 @@ fn one(system: &System, endpoint: &str) -> Option<Finding> {
         ErrorKind::AddrInUse => held(endpoint, holder(system, port)),
         ErrorKind::AddrNotAvailable => Finding::warning(
             CHECK,
-            format!("{endpoint} is no address of this machine"),
+            format!("{endpoint} is not an address of this machine"),
             "the router cannot listen there",
-            "right if the router runs elsewhere; else correct [zenoh] listen",
+            "correct if the router runs on another machine; otherwise change [zenoh] listen",
         ),
         _ => Finding::problem(
             CHECK,
@@ -99,8 +99,8 @@ fn held(endpoint: &str, holder: Option<(u32, String)>) -> Finding {
             },
             "the router cannot listen there",
             format!(
-                "stop that process, or give this cell another port in [zenoh] listen and connect; `ss -ltnp sport = :{}` as root \
-                 tells more",
+                "stop that process, or give this cell another port in [zenoh] listen and connect; `ss -ltnp sport = :{}` \
+                 as root shows more",
                 endpoint.rsplit(':').next().unwrap_or_default()
             ),
         ),

@@ -43,7 +43,7 @@ fn installed(system: &System, config: &CellConfig) -> Vec<Finding> {
     if findings.is_empty() {
         findings.push(Finding::ok(
             CHECK,
-            "none of tangent is installed; needed only without containers (docs/deploy.md)",
+            "no unit of tangent is installed; units are needed only without containers (docs/deploy.md)",
         ));
     }
     findings
@@ -97,12 +97,12 @@ fn judge(name: &str, text: &str, config: &CellConfig) -> Finding {
         missing.push("Restart=on-failure".to_owned());
     }
     if missing.is_empty() {
-        return Finding::ok(CHECK, format!("{name} has what it needs"));
+        return Finding::ok(CHECK, format!("{name} has all required settings"));
     }
     Finding::problem(
         CHECK,
         format!("{name} lacks {}", missing.join(", ")),
-        "without the limits the loop runs like any other process; without the restart a failed service stays away",
+        "without the limits the loop gets normal scheduling; without the restart a failed service stays down",
         format!(
             "systemctl edit {name}: [Service], then these lines; or install deploy/systemd/ again"
         ),
@@ -128,8 +128,8 @@ fn running(system: &System, config: &CellConfig) -> Vec<Finding> {
                 Finding::warning(
                     CHECK,
                     format!("{who} runs under normal scheduling"),
-                    "it was started where it was refused, or from a cell file with [realtime] enabled = false",
-                    "`tangent status` shows the reason it was given",
+                    "SCHED_FIFO was refused when it started, or its cell file has [realtime] enabled = false",
+                    "`tangent status` shows the reason",
                 )
             });
         }

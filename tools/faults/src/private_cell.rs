@@ -243,7 +243,7 @@ impl PrivateCell {
     /// The tool does not slide in time; the error gives the last reason received.
     pub fn slide(&mut self) -> Result<()> {
         let until = Instant::now() + PATIENCE;
-        let mut last = "nothing was heard".to_owned();
+        let mut last = "nothing was received".to_owned();
         let mut asked_ns = 0;
         while Instant::now() < until {
             self.restart_dead()?;
@@ -267,13 +267,16 @@ impl PrivateCell {
             }
             std::thread::sleep(LOOK);
         }
-        bail!("the tool does not slide after {PATIENCE:?}: {last}")
+        bail!(
+            "the tool does not slide after {} s: {last}",
+            PATIENCE.as_secs()
+        )
     }
 
     /// Requests a task; returns the reason if it is refused.
     fn start_task(&mut self) -> Result<Option<String>> {
         let Some(arm) = self.evidence.arm(clock::now_ns() - FRESH_NS) else {
-            return Ok(Some("nothing is heard of the arm".to_owned()));
+            return Ok(Some("no arm/state is received".to_owned()));
         };
         // A path begins at the tool's position: each leads back over the first starting point, so
         // that none leaves the arm's reach.
@@ -329,7 +332,10 @@ impl PrivateCell {
                 return Ok((off, control));
             }
             if Instant::now() > until {
-                bail!("the task has not ended {PATIENCE:?} after its stop");
+                bail!(
+                    "the task has not ended {} s after its stop",
+                    PATIENCE.as_secs()
+                );
             }
             std::thread::sleep(LOOK);
         }
@@ -359,7 +365,11 @@ impl PrivateCell {
                 return Ok(());
             }
             if Instant::now() > until {
-                bail!("not back after {PATIENCE:?}: {}", missing.join(", "));
+                bail!(
+                    "still missing after {} s: {}",
+                    PATIENCE.as_secs(),
+                    missing.join(", ")
+                );
             }
             std::thread::sleep(LOOK);
         }

@@ -66,7 +66,7 @@ impl Drop for Takers {
 
 fn take(core: CpuSet, start: &Barrier) {
     if let Err(error) = sched_setaffinity(Pid::from_raw(0), &core) {
-        tracing::warn!("a thread cannot be kept to its core: {error}");
+        tracing::warn!("a thread cannot be pinned to its core: {error}");
     }
     start.wait();
     let until = Instant::now() + TIME;

@@ -113,31 +113,31 @@ impl Row {
             (Some(ms), Some(bound)) => ms > bound + allow_ms,
         };
         if late(self.noticed_ms, self.noticed_bound_ms) {
-            self.fail("not noticed in time");
+            self.fail("not detected in time");
         }
         match case.outcome {
-            Outcome::GoesOn if !went_on => self.fail("the task did not go on"),
+            Outcome::GoesOn if !went_on => self.fail("the task did not continue"),
             Outcome::Ends | Outcome::Waits if late(self.safe_ms, self.bound_ms) => {
                 self.fail("not safe in time");
             }
-            Outcome::Waits if !went_on => self.fail("the path did not go on"),
+            Outcome::Waits if !went_on => self.fail("the path did not continue"),
             _ => {}
         }
         if self.peak_force_n > FORCE_MAX_N {
-            self.fail("pressed too hard");
+            self.fail("the force was too large");
         }
     }
 
     pub(crate) fn judge_again(&mut self, again: &Again, last: &Control) {
         if again.peak_force_n > FORCE_MAX_N {
-            self.fail("the task after it pressed too hard");
+            self.fail("the force of the next task was too large");
         }
         if again.shown_minus_true_n.is_nan() || again.shown_minus_true_n.abs() > SHOWN_MAX_N {
-            self.fail("the task after it shows another force than is true");
+            self.fail("the force shown in the next task differs from the true one");
         }
         if !again.retracted {
             self.fail(&format!(
-                "the task after it did not leave the surface, phase {}: {}",
+                "the next task did not leave the surface, phase {}: {}",
                 last.phase.name(),
                 last.fault
             ));

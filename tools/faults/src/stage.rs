@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use tangent_compose::with_causes;
+use tangent_runtime::BusError;
 use tangent_runtime::clock;
+use tangent_schemas::tangent::Answer;
 
 use crate::disk::SmallDisk;
 use crate::error::{Context, FaultsError, Result, bail};
@@ -54,7 +56,7 @@ impl Stage {
         match &mut self.disk {
             Ok(disk) => Ok(disk),
             Err(error) => Err(FaultsError::Failed(format!(
-                "a file system of its own takes root: {}",
+                "mounting a file system needs root: {}",
                 with_causes(error)
             ))),
         }
@@ -77,7 +79,7 @@ impl Stage {
         self.cell
             .clocks
             .get(&host)
-            .with_context(|| format!("{host:?} has no clock of its own"))?
+            .with_context(|| format!("no host of {} has a clock of its own", host.process()))?
             .step(by_s);
         Ok(())
     }
@@ -111,7 +113,7 @@ impl Stage {
         let until = Instant::now() + Duration::from_secs(5);
         while !(impostor.is_heard(lie) && impostor.knows_the_controller()) {
             if Instant::now() > until {
-                bail!("nobody listens to the impostor");
+                bail!("no subscriber receives the impostor's messages");
             }
             std::thread::sleep(Duration::from_millis(2));
         }
@@ -162,7 +164,7 @@ impl Stage {
                 return Ok(());
             }
             if Instant::now() > until {
-                bail!("the protective stop is not unlocked: {answer:?}");
+                bail!("the protective stop is not unlocked: {}", reason(&answer));
             }
         }
     }
@@ -184,7 +186,7 @@ impl Stage {
                 return Ok(());
             }
             if Instant::now() > until {
-                bail!("the robot is not powered on: {answer:?}");
+                bail!("the robot is not powered on: {}", reason(&answer));
             }
             std::thread::sleep(Duration::from_millis(100));
         }
@@ -199,7 +201,7 @@ impl Stage {
         let until = Instant::now() + Duration::from_secs(20);
         while self.cell.evidence.lost_contact_ns(from).is_none() {
             if Instant::now() > until {
-                bail!("the tool did not come to the edge");
+                bail!("the tool did not reach the edge");
             }
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -239,5 +241,13 @@ impl Stage {
         let gaps = losses::gaps(&folder)?;
         drop(disk);
         Ok(gaps)
+    }
+}
+
+/// Reason of a request without success.
+fn reason(answer: &std::result::Result<Answer, BusError>) -> String {
+    match answer {
+        Ok(answer) => answer.message.clone(),
+        Err(error) => error.to_string(),
     }
 }

@@ -11,7 +11,7 @@ pub enum FollowError {
     #[error("task: {0}")]
     Refused(String),
     /// Robot or sensor were not ready in time.
-    #[error("not ready after {waited:.0?}: {reason}")]
+    #[error("not ready after {:.0} s: {reason}", .waited.as_secs_f64())]
     NotReady {
         /// How long they were waited for.
         waited: Duration,
@@ -19,16 +19,16 @@ pub enum FollowError {
         reason: String,
     },
     /// The controller did not start the task in time: its last answer, or why there was none.
-    #[error("the controller does not start the task: {0}")]
+    #[error("the controller did not start the task: {0}")]
     NotStarted(String),
     /// A stop was requested while the cell was not ready yet.
     #[error("stopped before the task began")]
     Stopped,
     /// The controller publishes nothing any more.
-    #[error("the controller has said nothing for {0:?}: see `tangent status`")]
+    #[error("no message from the controller for {:.1} s: see `tangent status`", .0.as_secs_f64())]
     Silent(Duration),
     /// The tool was not retracted in time after a stop.
-    #[error("the arm did not retract within {0:?}")]
+    #[error("the arm did not retract within {:.1} s", .0.as_secs_f64())]
     NotRetracted(Duration),
     /// The bus refuses.
     #[error(transparent)]

@@ -63,7 +63,7 @@ fn request(
             Ok(answer) if answer.done => return Ok(answer.message),
             // An answer before this one may have been lost on its way.
             Ok(_) if unknown && runs(bus, start.task) => {
-                return Ok("the task runs; the answer to its start was lost".to_owned());
+                return Ok("the task runs; the answer to its start request was lost".to_owned());
             }
             Ok(answer) if answer.message.starts_with(REFUSED) => {
                 return Err(FollowError::Refused(answer.message));

@@ -116,16 +116,16 @@ fn wanted(args: &NewKeys) -> Result<Fleet, KeysError> {
             )));
         }
     }
-    let everybody = fleet.identities();
+    let known = fleet.identities();
     for name in args.renew.iter().chain(&args.also) {
         if fleet.revoked.contains(name) {
             return Err(KeysError::usage(format!(
-                "{name} is revoked: whoever has its old key would be let in again. Give its holder another name, \
+                "{name} is revoked: a holder of its old key would be admitted again. Give its holder another name, \
                  for instance --also {}",
                 another_name(name)
             )));
         }
-        if !everybody.contains(name) {
+        if !known.contains(name) {
             return Err(KeysError::usage(format!(
                 "--renew {name}: this folder has no such identity (`tangent keys list`); --also adds one"
             )));
@@ -200,17 +200,17 @@ pub fn new(args: &NewKeys, cell: Option<&Path>) -> Result<Made, KeysError> {
 /// The folder cannot be written or read, or does not have a name.
 pub fn revoke(folder: &Path, identities: &[String]) -> Result<Revoked, KeysError> {
     let mut fleet = Fleet::load(folder)?;
-    let everybody = fleet.identities();
+    let known = fleet.identities();
     for name in identities {
         if name == roles::ROUTER {
             return Err(KeysError::usage(
-                "router: it holds the rules, and is not subject to them. Make a new folder of keys",
+                "router: it applies the rules and is not subject to them. Make a new folder of keys",
             ));
         }
         if fleet.revoked.contains(name) {
             continue;
         }
-        if !everybody.contains(name) {
+        if !known.contains(name) {
             return Err(KeysError::usage(format!(
                 "{name}: {} has no such identity (`tangent keys list`)",
                 folder.display()

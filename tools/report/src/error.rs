@@ -13,7 +13,7 @@ pub enum ReportError {
     NotARecording(#[source] RecorderError),
     /// The recording holds no messages of a tangent cell.
     #[error(
-        "{files}: neither /arm/state nor /control/state is in it, but {found}; a report needs a recording that \
+        "{files}: contains neither /arm/state nor /control/state, but {found}; a report needs a recording that \
          `tangent record`, `tangent run recorder` or `tangent up` made"
     )]
     NoCell {
@@ -23,7 +23,7 @@ pub enum ReportError {
         found: String,
     },
     /// The recording holds several cells, and none was selected.
-    #[error("{file} holds the cells {cells}: name one of them with --cell")]
+    #[error("{file} holds the cells {cells}: choose one with --cell")]
     WhichCell {
         /// The recording.
         file: PathBuf,
@@ -54,7 +54,7 @@ pub enum ReportError {
     },
     /// The page cannot be written.
     #[error(
-        "the page {page} could not be written; name another place with --html, or leave it out with --no-html"
+        "the page {page} could not be written; choose another file with --html, or write no page with --no-html"
     )]
     Page {
         /// File of the page.

@@ -34,11 +34,11 @@ pub struct Plot {
 pub const PLOTS: [Plot; 5] = [
     Plot {
         kind: "2_surface",
-        title: "The surface touched",
+        title: "The touched surface",
         x: "y, m",
         y: "z, m",
         equal: true,
-        caption: "Where the tool was while it pressed, over the surface as it is.",
+        caption: "Positions of the tool in contact, over the true surface.",
         curves: &[
             ("tool", |s| (s.tool_m[1], while_pressing(s, s.tool_m[2]))),
             ("surface", |s| {
@@ -53,7 +53,7 @@ pub const PLOTS: [Plot; 5] = [
         y: "",
         equal: false,
         caption: "Share of the stiffness (rho_align) and of the force (rho_frc) in force, and the contact-alignment monitor over \
-                  its margin: above 1 the arm gives way.",
+                  its margin: above 1 the arm becomes compliant.",
         curves: &[
             ("rho_align", |s| (s.time_s, s.rho_align)),
             ("rho_frc", |s| (s.time_s, s.rho_force)),
@@ -90,7 +90,7 @@ pub const PLOTS: [Plot; 5] = [
         x: "time, s",
         y: "N",
         equal: false,
-        caption: "What the tool does to the surface.",
+        caption: "Force of the tool on the surface.",
         curves: &[
             ("z", |s| (s.time_s, -s.force_n[2])),
             ("z desired, shaped", |s| (s.time_s, s.force_reference_n)),
@@ -104,7 +104,7 @@ pub const PLOTS: [Plot; 5] = [
         x: "time, s",
         y: "J",
         equal: false,
-        caption: "What the law may still put into motion and force; empty, it lets go.",
+        caption: "Energy that the law may still put into motion and force; with an empty tank it releases the tool.",
         curves: &[
             ("motion", |s| (s.time_s, s.tanks_j.0)),
             ("force", |s| (s.time_s, s.tanks_j.1)),

@@ -237,7 +237,7 @@ fn the_figures_are_those_of_evaluate_also_over_rotated_files() {
             "Pressing force",
             "Path on the surface",
             "wipe &lt;a&gt; pipe",
-            "Nothing was lost",
+            "This recording is complete",
         ] {
             assert!(page.contains(words), "{words}");
         }
@@ -262,7 +262,7 @@ fn a_cut_recording_gives_what_is_whole_and_says_that_something_is_missing() {
     assert_eq!(found.truncated, files);
     assert!(found.report.recording.truncated);
     assert!(found.report.steps > 100 && found.report.steps < evaluation.steps);
-    assert!(found.page.unwrap().contains("lacks its end"));
+    assert!(found.page.unwrap().contains("has no end"));
 }
 
 fn with_causes(error: &dyn std::error::Error) -> String {
@@ -290,7 +290,7 @@ fn what_is_no_recording_of_a_cell_is_refused_with_a_way_out() {
     std::fs::write(&path, "no recording").unwrap();
     let error = with_causes(&read(&[path], None, false).err().unwrap());
     assert!(
-        error.contains("other.mcap") && error.contains("no MCAP file"),
+        error.contains("other.mcap") && error.contains("not an MCAP file"),
         "{error}"
     );
 }

@@ -64,14 +64,17 @@ pub fn words(report: &Report) -> String {
     ));
     if let Some(age_s) = l.zero_age_max_s {
         let bound = l.zero_bound_max_n.map_or_else(String::new, |n| {
-            format!(": the force may be off by {n:.2} N")
+            format!(": the force may be wrong by {n:.2} N")
         });
         lines.push(format!("sensor's zero    at most {age_s:.0} s old{bound}"));
     }
     for switch in &report.estimator_switches {
         lines.push(format!(
             "normal           at {:.2} s by {} after {}: {}",
-            switch.time_s, switch.to, switch.from, switch.cause
+            shown_s(switch.time_s),
+            switch.to,
+            switch.from,
+            switch.cause
         ));
     }
     if let Some(fault) = &report.fault {
@@ -83,4 +86,9 @@ pub fn words(report: &Report) -> String {
         text += &comparison::words(&report.estimators, report.estimator.as_deref());
     }
     text
+}
+
+/// `time_s` (s) rounded to hundredths, as it is shown; a small negative time becomes 0, not -0.
+pub(crate) fn shown_s(time_s: f64) -> f64 {
+    (time_s * 100.0).round() / 100.0 + 0.0
 }

@@ -35,7 +35,9 @@ pub enum SimulatedCellError {
     Arm(#[source] ModelError),
     /// The cell's law or arm is not that of the scenario.
     #[error(
-        "cell {cell}: [controller] law = {law:?} and [robot] driver = {driver:?} do not fit the scenario {scenario}, which is for law {scenario_law:?} and driver {scenario_driver:?}: name another with --scenario, or leave it out and the cell's own is played"
+        "cell {cell}: [controller] law = \"{law}\" and [robot] driver = \"{driver}\" do not fit the scenario {scenario}, \
+         which is for law \"{scenario_law}\" and driver \"{scenario_driver}\": choose another with --scenario, or leave \
+         it out to run the cell's own"
     )]
     Mismatch {
         /// The cell's name.
@@ -53,7 +55,8 @@ pub enum SimulatedCellError {
     },
     /// The cell's arm is a model file of the user's own, which no simulator knows.
     #[error(
-        "cell {cell}: robot.model_file = {file}: only built-in arms can be simulated; name one of them as robot.model, or run the cell's services with `tangent run` against the real arm"
+        "cell {cell}: robot.model_file = {file}: only built-in arms can be simulated; name one of them as robot.model, or \
+         run the cell's services with `tangent run` against the real arm"
     )]
     OwnArm {
         /// The cell's name.

@@ -20,7 +20,7 @@ pub struct RunningCell {
 
 impl RunningCell {
     /// Starts the simulated devices, the recorder and the services that the scenario's system
-    /// needs. A thread that ends by itself triggers `everybody`.
+    /// needs. A thread that ends by itself triggers `process_stop`.
     ///
     /// # Errors
     /// A service or a simulated device that does not start.
@@ -28,12 +28,12 @@ impl RunningCell {
         config: &CellConfig,
         played: &Scenario,
         bus: &Bus,
-        everybody: &Stop,
+        process_stop: &Stop,
         extra: &RecorderExtra,
     ) -> Result<Self, SimulatedCellError> {
         let began = Instant::now();
-        let simulator = simulator::start(config, Some(played), bus, everybody)?;
-        let recorder = service("recorder", config, bus, everybody, extra)?;
+        let simulator = simulator::start(config, Some(played), bus, process_stop)?;
+        let recorder = service("recorder", config, bus, process_stop, extra)?;
         let mut services = Vec::new();
         // A controller that is registered before the arm's own service answers each packet within
         // the publish of that service.
@@ -48,7 +48,7 @@ impl RunningCell {
             Scenario::VisuoTactile(_) => &["controller", "estimator", "franka"],
         };
         for name in names {
-            services.push(service(name, config, bus, everybody, extra)?);
+            services.push(service(name, config, bus, process_stop, extra)?);
         }
         // The bridge ends before the simulated robot, so that it can still send its last bytes. The
         // recorder ends last and records the last messages of all.

@@ -18,13 +18,13 @@ pub fn start(
     config: &CellConfig,
     played: Option<&Scenario>,
     bus: &Bus,
-    everybody: &Stop,
+    process_stop: &Stop,
 ) -> Result<Running, SimulatedCellError> {
     if config.robot.driver == RobotDriver::Franka
         && played.is_none()
         && config.simulator.scenario.is_none()
     {
-        return Ok(simulators::franka(config, None, bus, everybody)?);
+        return Ok(simulators::franka(config, None, bus, process_stop)?);
     }
     let own;
     let played = match played {
@@ -35,12 +35,14 @@ pub fn start(
         }
     };
     Ok(match played {
-        Scenario::ObjectPose(scenario) => simulators::torque_arm(config, scenario, bus, everybody)?,
+        Scenario::ObjectPose(scenario) => {
+            simulators::torque_arm(config, scenario, bus, process_stop)?
+        }
         Scenario::VisuoTactile(scenario) => {
-            simulators::franka(config, Some(scenario), bus, everybody)?
+            simulators::franka(config, Some(scenario), bus, process_stop)?
         }
         Scenario::Admittance(scenario) => {
-            simulators::velocity_arm(config, scenario, bus, everybody)?
+            simulators::velocity_arm(config, scenario, bus, process_stop)?
         }
     })
 }

@@ -33,8 +33,8 @@ impl SwitchCause {
             Self::Task => ("first of the task's list", ""),
             Self::Asked => ("asked for", ""),
             Self::Forced => ("forced", ""),
-            Self::FellBack(reason) => ("fell back: the one before is ", reason.reason()),
-            Self::Returned => ("came back after being good again", ""),
+            Self::FellBack(reason) => ("fell back: the previous one is ", reason.reason()),
+            Self::Returned => ("returned after it was valid again", ""),
         }
     }
 }
@@ -128,7 +128,7 @@ impl SwitchRefusal {
             Self::NoTask => {
                 "no task runs; name it first in the task's `estimators` instead".to_owned()
             }
-            Self::Unknown => "nobody publishes it, or the task's list is full".to_owned(),
+            Self::Unknown => "no estimator publishes it, or the task's list is full".to_owned(),
             Self::Silent => "no fresh estimate from it: is it running?".to_owned(),
             Self::Invalid(validity) => format!(
                 "it has no normal now ({}); try while sliding, or with --force",
@@ -138,7 +138,7 @@ impl SwitchRefusal {
                 angle_rad,
                 allowed_rad,
             } => format!(
-                "its normal is {:.1} deg from the one in use, allowed are {:.1}; --force switches all the same",
+                "its normal is {:.1} deg from the one in use, and {:.1} is allowed; --force switches all the same",
                 angle_rad.to_degrees(),
                 allowed_rad.to_degrees()
             ),

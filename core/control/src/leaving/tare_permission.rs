@@ -60,7 +60,7 @@ impl ContactSign {
 
 impl fmt::Display for ContactSign {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let look = "look: if the tool hangs free, `tangent tare --clear`";
+        let look = "if you see that the tool hangs free, run `tangent tare --clear`";
         match self {
             Self::Active(phase) => write!(
                 f,
@@ -69,12 +69,14 @@ impl fmt::Display for ContactSign {
             ),
             Self::Possible(phase) => write!(
                 f,
-                "the tool may touch something: the last task (now {}) did not end in free space. Start a task, which moves off first, or {look}",
+                "the tool may touch something: the last task (now {}) did not end in free space. Start a task, which \
+                 moves off first, or {look}",
                 phase.name()
             ),
             Self::Remembered(phase) => write!(
                 f,
-                "the tool may touch something: the controller is silent, and was in phase {} when it was heard last. Start the controller and a task, which moves off first, or {look}",
+                "the tool may touch something: the controller publishes nothing; its last phase was {}. Start the \
+                 controller and a task, which moves off first, or {look}",
                 phase.name()
             ),
         }

@@ -58,7 +58,7 @@ impl Fault {
         match self {
             Self::Wrench(Validity::Missing) => "no wrench: is netft running?",
             Self::Wrench(Validity::Stale) => {
-                "wrench fell silent: check the sensor's cable and netft"
+                "wrench no longer received: check the sensor's cable and netft"
             }
             Self::Wrench(Validity::Saturated) => "sensor saturated: too much force or torque",
             Self::Wrench(Validity::NotFinite) => "wrench is not a finite number",
@@ -69,7 +69,8 @@ impl Fault {
                 "one axis of the sensor is stuck: restart the sensor, check its cable and transducer"
             }
             Self::Wrench(Validity::Unresponsive) => {
-                "the wrench does not answer to the tool's motion: check the sensor, its mounting, its delay, and that the surface stays in its place"
+                "the wrench does not answer to the tool's motion: check the sensor, its mounting, its delay, and that the \
+                 surface stays in its place"
             }
             Self::Wrench(Validity::Implausible) => {
                 "the wrench jumps as no load can: check the network and the sensor for damaged records"
@@ -77,12 +78,12 @@ impl Fault {
             Self::Wrench(_) => "sensor reports an error: see wrench/status",
             Self::Estimate(Validity::Missing) => "no normal estimate: is the estimator running?",
             Self::Estimate(Validity::Stale) => {
-                "normal estimate fell silent, no other to fall back to"
+                "normal estimate no longer received, no other to fall back to"
             }
             Self::Estimate(_) => "normal estimate unusable, no other to fall back to",
             Self::Base(trouble) => trouble.reason(),
             Self::OutOfReach => {
-                "the base carries the arm out of its reach: stop the platform, or start nearer"
+                "the base moves the surface out of the arm's reach: stop the platform, or start nearer"
             }
             Self::NoSurface => "no surface within approach.distance_max_m",
             Self::SurfaceLost => {
@@ -109,7 +110,7 @@ impl Fault {
                 "retraction met something and stopped: move the tool clear, then start with --clear"
             }
             Self::ZeroInContact => {
-                "touched right where it was tared: the zero was taken in contact and is withdrawn; start again"
+                "touched at the position of the tare: the zero was measured in contact and is withdrawn; start again"
             }
             Self::ZeroTooLarge => {
                 "wrench beyond touch.zero_max_n at rest: the tool touches something, or the robot's load is set wrong"

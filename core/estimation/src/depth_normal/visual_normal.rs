@@ -45,9 +45,9 @@ impl VisualValidity {
             Self::BadInput => "intrinsics, mask or tool point cannot be used",
             Self::OutOfImage => "the tool touches outside the image",
             Self::NoDepth => "no depth around the tool",
-            Self::TooFew => "too little of the surface is seen",
-            Self::Edge => "the surface is seen on one side of the tool only",
-            Self::TooSteep => "the surface is seen too flatly",
+            Self::TooFew => "too little of the surface is visible",
+            Self::Edge => "the surface is visible on one side of the tool only",
+            Self::TooSteep => "the surface is seen at too flat an angle",
         }
     }
 }

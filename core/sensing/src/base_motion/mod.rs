@@ -67,21 +67,21 @@ impl BaseTrouble {
             Self::Missing => {
                 "no base/pose, and the cell has a moving base: is the platform running?"
             }
-            Self::Silent => "base/pose fell silent: check the platform's odometry",
+            Self::Silent => "base/pose is no longer received: check the platform's odometry",
             Self::Unsettled => {
                 "base/pose is not steady: it has only begun, or it jumps (relocalisation, slip, two publishers)"
             }
             Self::NotFinite => "base/pose is not a finite number",
             Self::NotUnit => "base/pose has a quaternion whose length is not one",
             Self::OutOfOrder => {
-                "base/pose comes out of order: two publishers, or a clock that was set back"
+                "base/pose arrives out of order: two publishers, or a clock that was set back"
             }
-            Self::Late => "base/pose comes too late: check the network to the platform",
+            Self::Late => "base/pose arrives too late: check the network to the platform",
             Self::Uncertain => {
                 "base/pose is too uncertain: its covariance is beyond base.position_sd_max_m or _rad"
             }
             Self::TooFast => {
-                "the base moves too fast to work from (base.speed_max_m_per_s, base.turn_rate_max_rad_per_s)"
+                "the base moves too fast to work on (base.speed_max_m_per_s, base.turn_rate_max_rad_per_s)"
             }
         }
     }

@@ -88,7 +88,7 @@ fn a_platform_that_stands_is_worked_from_and_its_silence_ends_the_task() {
         holds(&mut cell, || ());
         cell.run_until("fault");
         let fault = cell.said().fault;
-        assert!(fault.contains("base/pose fell silent"), "{fault}");
+        assert!(fault.contains("base/pose is no longer received"), "{fault}");
         cell.end();
     });
 }

@@ -42,7 +42,7 @@ fn a_switch_is_refused_with_a_reason_or_there_within_a_cycle() {
                 Mood::Leaning(8.0),
                 "select",
                 "quadratic",
-                "8.0 deg from the one in use, allowed are 5.7",
+                "8.0 deg from the one in use, and 5.7 is allowed",
             ),
             (Mood::Well, "select", "nobody", "no fresh estimate"),
         ] {
@@ -147,7 +147,7 @@ fn the_first_returns_by_the_tasks_rule() {
             assert!(cycles < 200);
         }
         assert!(f64::from(cycles) * PERIOD_S > 0.75, "{cycles}");
-        assert!(cell.said().estimator_cause.starts_with("came back"));
+        assert!(cell.said().estimator_cause.starts_with("returned"));
         cell.end();
     });
 }

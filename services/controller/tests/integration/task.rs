@@ -45,7 +45,7 @@ fn an_arm_that_another_drives_is_left_alone() {
         assert!(
             answer
                 .message
-                .contains("driven by controller/lab-2-4711 on host lab-2"),
+                .contains("controller/lab-2-4711 on host lab-2 drives the arm"),
             "{}",
             answer.message
         );

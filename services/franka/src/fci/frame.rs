@@ -24,7 +24,7 @@ pub struct Message<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// The size is below that of the header, or above that of any message.
-    #[error("a message says it has {size} bytes; 12 to 65536 are allowed")]
+    #[error("a message states a length of {size} bytes; 12 to 65536 are allowed")]
     Size {
         /// Size in the header, bytes.
         size: u32,

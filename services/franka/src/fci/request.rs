@@ -163,7 +163,7 @@ pub enum Request {
     StopMove,
     /// Number of the wall.
     GetCartesianLimit(i32),
-    /// See [`CollisionBehavior`].
+    /// Sets the thresholds of contacts and collisions.
     SetCollisionBehavior(CollisionBehavior),
     /// Nm/rad.
     SetJointImpedance([f64; 7]),
@@ -175,9 +175,9 @@ pub enum Request {
     SetEeToK([f64; 16]),
     /// Column by column, m.
     SetNeToEe([f64; 16]),
-    /// See [`Load`].
+    /// Sets the load on the flange.
     SetLoad(Load),
-    /// See [`Filters`].
+    /// Sets the cut-off frequencies.
     SetFilters(Filters),
     /// Leaves a reflex.
     AutomaticErrorRecovery,
@@ -299,9 +299,9 @@ impl Request {
 wire_struct! {
     /// Payload of a move request.
     pub struct MovePayload {
-        /// See [`MoveController`].
+        /// Number of the [`MoveController`].
         pub controller: u32,
-        /// See [`MoveGenerator`].
+        /// Number of the [`MoveGenerator`].
         pub generator: u32,
         /// Largest deviation from the path.
         pub path_deviation: Deviation,

@@ -92,15 +92,15 @@ wire_struct! {
         pub theta: [f64; 7],
         /// Motors' side, rad/s.
         pub dtheta: [f64; 7],
-        /// See [`RobotState::motion_mode`].
+        /// Number of the motion generator mode, [`RobotState::motion_mode`].
         pub motion_generator_mode: u8,
-        /// See [`RobotState::controller`].
+        /// Number of the controller mode, [`RobotState::controller`].
         pub controller_mode: u8,
         /// Present now.
         pub errors: ErrorFlags,
         /// What caused the last reflex.
         pub reflex_reason: ErrorFlags,
-        /// See [`RobotState::mode`].
+        /// Number of the robot mode, [`RobotState::mode`].
         pub robot_mode: u8,
         /// Share of the last 100 answers that came in time, 0 to 1; 0 without a motion.
         pub control_command_success_rate: f64,

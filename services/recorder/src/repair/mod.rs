@@ -86,7 +86,7 @@ pub(crate) fn repair_within(path: &Path, bounds: &Bounds<'_>) -> Result<Repair, 
                 &mended_path,
                 io::Error::new(
                     io::ErrorKind::AlreadyExists,
-                    "another recorder mends it now",
+                    "another recorder is repairing it",
                 ),
             ));
         }

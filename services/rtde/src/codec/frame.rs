@@ -11,14 +11,14 @@ pub const PACKAGE_BYTES_MAX: usize = u16::MAX as usize;
 pub enum FrameError {
     /// The size field counts the header, so it is at least 3.
     #[error(
-        "a package says it is {size} bytes long, less than its own header of 3; this is no RTDE stream"
+        "a package states a length of {size} bytes, less than its header of 3 bytes; this is not an RTDE stream"
     )]
     TooShort {
         /// Value of the size field.
         size: usize,
     },
     /// The package is longer than this end accepts.
-    #[error("a package says it is {size} bytes long; at most {limit} are taken here")]
+    #[error("a package states a length of {size} bytes; at most {limit} are accepted")]
     TooLong {
         /// Value of the size field.
         size: usize,

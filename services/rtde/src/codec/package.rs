@@ -63,13 +63,13 @@ impl PackageKind {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
     /// The kind byte is unknown.
-    #[error("package of unknown kind {code} ({:?})", char::from(*code))]
+    #[error("package of unknown kind {code}")]
     UnknownKind {
         /// The kind byte.
         code: u8,
     },
     /// The package is too short or too long for its contents.
-    #[error("{kind} with a payload of {bytes} bytes, which it cannot have")]
+    #[error("{kind} with a payload of {bytes} bytes, which is not a possible length")]
     Length {
         /// Name of the kind.
         kind: &'static str,
@@ -77,13 +77,13 @@ pub enum DecodeError {
         bytes: usize,
     },
     /// The type name is unknown.
-    #[error("the controller names a type {name:?} that RTDE does not have")]
+    #[error("the controller names a type \"{name}\", which RTDE does not have")]
     UnknownType {
         /// Name as received, cut to 64 characters.
         name: String,
     },
     /// A list of names longer than [`NAMES_BYTES_MAX`].
-    #[error("a list of names of {bytes} bytes; at most {NAMES_BYTES_MAX} are taken")]
+    #[error("a list of names of {bytes} bytes; at most {NAMES_BYTES_MAX} are accepted")]
     NamesTooLong {
         /// Length of the list, bytes.
         bytes: usize,

@@ -13,7 +13,7 @@ pub enum RecipeError {
         bytes: usize,
     },
     /// The data package has another length than its recipe.
-    #[error("data package of {got} bytes where recipe {id} has {expected}")]
+    #[error("data package of {got} bytes, but recipe {id} has {expected}")]
     Length {
         /// Id of the recipe.
         id: u8,
@@ -23,7 +23,7 @@ pub enum RecipeError {
         got: usize,
     },
     /// The data package is for another recipe.
-    #[error("data package for recipe {got} where {expected} was set up")]
+    #[error("data package for recipe {got}, but {expected} was set up")]
     WrongId {
         /// Id of the recipe.
         expected: u8,
@@ -31,7 +31,7 @@ pub enum RecipeError {
         got: u8,
     },
     /// The number of values or their types differ from the recipe's fields.
-    #[error("value {index} does not fit recipe {id}: {got} where {expected} belongs")]
+    #[error("value {index} does not fit recipe {id}: {got} instead of {expected}")]
     Mismatch {
         /// Id of the recipe.
         id: u8,
@@ -214,7 +214,7 @@ mod tests {
         let error = recipe.encode(&[Value::Int32(1)], &mut out).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "value 1 does not fit recipe 3: nothing where DOUBLE belongs"
+            "value 1 does not fit recipe 3: nothing instead of DOUBLE"
         );
         assert!(out.is_empty());
         assert_eq!(

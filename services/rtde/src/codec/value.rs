@@ -136,25 +136,25 @@ fn double_word(bytes: &[u8], index: usize) -> u64 {
 /// A field's value with its type.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value {
-    /// See [`DataType::Bool`].
+    /// A truth value, [`DataType::Bool`].
     Bool(bool),
-    /// See [`DataType::Uint8`].
+    /// A 8-bit unsigned number, [`DataType::Uint8`].
     Uint8(u8),
-    /// See [`DataType::Uint32`].
+    /// A 32-bit unsigned number, [`DataType::Uint32`].
     Uint32(u32),
-    /// See [`DataType::Uint64`].
+    /// A 64-bit unsigned number, [`DataType::Uint64`].
     Uint64(u64),
-    /// See [`DataType::Int32`].
+    /// A 32-bit signed number, [`DataType::Int32`].
     Int32(i32),
-    /// See [`DataType::Double`].
+    /// A 64-bit floating-point number, [`DataType::Double`].
     Double(f64),
-    /// See [`DataType::Vector3d`].
+    /// A vector of 3 doubles, [`DataType::Vector3d`].
     Vector3d([f64; 3]),
-    /// See [`DataType::Vector6d`].
+    /// A vector of 6 doubles, [`DataType::Vector6d`].
     Vector6d([f64; 6]),
-    /// See [`DataType::Vector6Int32`].
+    /// A vector of 6 32-bit signed numbers, [`DataType::Vector6Int32`].
     Vector6Int32([i32; 6]),
-    /// See [`DataType::Vector6Uint32`].
+    /// A vector of 6 32-bit unsigned numbers, [`DataType::Vector6Uint32`].
     Vector6Uint32([u32; 6]),
 }
 

@@ -40,6 +40,15 @@ pub enum Series {
     ESeries,
 }
 
+impl fmt::Display for Series {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Cb3 => "a CB3 robot (software 3, 125 Hz)",
+            Self::ESeries => "an e-Series robot (software 5 or later, 500 Hz)",
+        })
+    }
+}
+
 impl Series {
     /// Control rate, Hz.
     pub fn rate_hz(self) -> f64 {

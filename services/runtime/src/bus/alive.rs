@@ -32,7 +32,7 @@ pub struct Alive {
 }
 
 /// Declares a service as running until it is dropped.
-#[must_use = "dropping the token says that the service has gone"]
+#[must_use = "dropping the token reports that the service has ended"]
 pub struct AliveToken {
     alive: Alive,
     bus: Weak<Inner>,

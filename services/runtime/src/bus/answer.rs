@@ -69,7 +69,7 @@ impl Asked {
     pub fn late(&self) -> Option<Answer> {
         let over = Instant::now().checked_duration_since(self.deadline)?;
         Some(refused(format!(
-            "the request came or waited too long, by {:.2} s: nothing was done, ask again",
+            "the request's budget was exceeded by {:.2} s: nothing was done, send it again",
             over.as_secs_f64()
         )))
     }

@@ -16,6 +16,17 @@ pub const BUDGET_UNNAMED: Duration = Duration::from_secs(4);
 /// Share of the sender's timeout that is reserved for the way back of the answer.
 const RESERVE_SHARE: f64 = 0.2;
 const RESERVE_MAX: Duration = Duration::from_secs(1);
+/// Largest budget that a request may state: one day, as `--wait-s` allows.
+const BUDGET_MAX: Duration = Duration::from_secs(86_400);
+
+/// Why the budget in a request's attachment is refused.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("the request's budget is {seconds} s; 0 to {} s are allowed", BUDGET_MAX.as_secs())]
+pub struct BudgetError {
+    /// Budget that the sender stated, s.
+    seconds: f64,
+}
+
 /// Length of an attachment with a budget, bytes. rmw_zenoh's attachment is followed by an i64
 /// budget in ns, a u64 clock id and an i64 time on that clock in ns; little-endian.
 const BUDGET_LENGTH: usize = LENGTH + 24;
@@ -36,7 +47,7 @@ impl Budget {
     pub fn within(patience: Duration) -> Self {
         let reserve = patience.mul_f64(RESERVE_SHARE).min(RESERVE_MAX);
         Self {
-            budget: patience - reserve,
+            budget: (patience - reserve).min(BUDGET_MAX),
             clock: clock_name(),
             sent_ns: monotonic_ns(),
         }
@@ -54,16 +65,25 @@ impl Budget {
     }
 
     /// Decodes it from a query's attachment; `None` if that states no budget.
-    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        let bytes = <&[u8; BUDGET_LENGTH]>::try_from(bytes).ok()?;
-        let (_, rest) = bytes.split_first_chunk::<LENGTH>()?;
-        let (budget, rest) = rest.split_first_chunk::<8>()?;
-        let (clock, sent) = rest.split_first_chunk::<8>()?;
-        Some(Self {
-            budget: Duration::from_nanos(u64::try_from(i64::from_le_bytes(*budget)).ok()?),
-            clock: u64::from_le_bytes(*clock),
-            sent_ns: i64::from_le_bytes(*sent.first_chunk::<8>()?),
-        })
+    ///
+    /// # Errors
+    /// The budget is negative or longer than a day.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Option<Self>, BudgetError> {
+        let Some((budget_ns, clock, sent_ns)) = fields(bytes) else {
+            return Ok(None);
+        };
+        let budget = u64::try_from(budget_ns)
+            .map(Duration::from_nanos)
+            .ok()
+            .filter(|budget| *budget <= BUDGET_MAX)
+            .ok_or(BudgetError {
+                seconds: budget_ns as f64 * 1e-9,
+            })?;
+        Ok(Some(Self {
+            budget,
+            clock,
+            sent_ns,
+        }))
     }
 
     /// Deadline for carrying out the request, on the receiver's clock. The transit time counts if
@@ -81,11 +101,22 @@ impl Budget {
         };
         let under_way = Duration::from_nanos(u64::try_from(under_way_ns).unwrap_or(0));
         let left = self.budget.saturating_sub(under_way);
-        // A deadline beyond the range of the clock counts as if no budget was stated.
-        received
-            .checked_add(left)
-            .unwrap_or(received + BUDGET_UNNAMED)
+        received + left
     }
+}
+
+/// Budget, ns, id of the clock, and time of sending, ns, from a query's attachment; `None` if it
+/// does not have the length of an attachment with a budget.
+fn fields(bytes: &[u8]) -> Option<(i64, u64, i64)> {
+    let bytes = <&[u8; BUDGET_LENGTH]>::try_from(bytes).ok()?;
+    let (_, rest) = bytes.split_first_chunk::<LENGTH>()?;
+    let (budget, rest) = rest.split_first_chunk::<8>()?;
+    let (clock, sent) = rest.split_first_chunk::<8>()?;
+    Some((
+        i64::from_le_bytes(*budget),
+        u64::from_le_bytes(*clock),
+        i64::from_le_bytes(*sent.first_chunk::<8>()?),
+    ))
 }
 
 fn monotonic_ns() -> i64 {
@@ -121,21 +152,39 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_budget_comes_through_and_anything_else_is_none() {
+    fn a_budget_is_read_back_and_another_length_is_none() {
         let budget = Budget::within(Duration::from_secs(5));
         assert_eq!(budget.budget, Duration::from_secs(4));
         let bytes = budget.to_bytes(Attachment::default());
-        assert_eq!(Budget::from_bytes(&bytes), Some(budget));
+        assert_eq!(Budget::from_bytes(&bytes), Ok(Some(budget)));
         assert_eq!(
             Attachment::from_bytes(&bytes[..LENGTH]),
             Some(Attachment::default())
         );
         for length in 0..bytes.len() {
-            assert_eq!(Budget::from_bytes(&bytes[..length]), None);
+            assert_eq!(Budget::from_bytes(&bytes[..length]), Ok(None));
         }
-        let mut negative = bytes;
-        negative[LENGTH + 7] = 0x80;
-        assert_eq!(Budget::from_bytes(&negative), None);
+    }
+
+    /// The bug: a budget out of range counted as one of 4 s.
+    #[test]
+    fn a_budget_out_of_range_is_refused() {
+        let read = |budget_ns: i64| {
+            let mut bytes = Budget::within(Duration::from_secs(5)).to_bytes(Attachment::default());
+            bytes[LENGTH..LENGTH + 8].copy_from_slice(&budget_ns.to_le_bytes());
+            Budget::from_bytes(&bytes)
+        };
+        let day_ns = 86_400_000_000_000;
+        assert!(read(0).is_ok() && read(day_ns).is_ok());
+        for bad in [i64::MIN, -1, day_ns + 1, i64::MAX] {
+            assert!(read(bad).is_err(), "{bad}");
+        }
+        assert_eq!(
+            read(2 * day_ns).unwrap_err().to_string(),
+            "the request's budget is 172800 s; 0 to 86400 s are allowed"
+        );
+        let longest = Budget::within(Duration::MAX);
+        assert!(Budget::from_bytes(&longest.to_bytes(Attachment::default())).is_ok());
     }
 
     #[test]

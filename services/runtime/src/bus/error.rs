@@ -5,8 +5,8 @@ use std::time::Duration;
 /// A router that refuses a certificate says so in its own log only.
 fn hint(endpoints: &str) -> &'static str {
     if endpoints.contains("quic/") {
-        ". If it runs, it may have refused this process's certificate, or its own does not name the host dialled: its \
-         log says which"
+        ". If it runs, it may have rejected this process's certificate, or its own certificate does not name the host in \
+         the endpoint: its log shows which"
     } else {
         ""
     }
@@ -37,7 +37,7 @@ pub enum BusError {
     },
     /// Another process listens on the router's port.
     #[error(
-        "{endpoint} is taken: another process listens there, perhaps another `tangent up` or `tangent run router`. \
+        "{endpoint} is in use: another process listens there, perhaps another `tangent up` or `tangent run router`. \
          Stop it, or give this cell a free port in cell.toml (zenoh.listen and zenoh.connect)"
     )]
     PortBusy {
@@ -46,9 +46,9 @@ pub enum BusError {
     },
     /// A router would listen beyond this host without certificates, which the file does not allow.
     #[error(
-        "zenoh.listen = {endpoint}: beyond this host, and without certificates. Whoever reaches it may start tasks and speak \
-         as the sensor. Listen on 127.0.0.1; or make certificates with `tangent keys new` (docs/security.md); or, where the \
-         network is the cell's alone, say `insecure = true` under [zenoh]"
+        "zenoh.listen = {endpoint}: reachable from other hosts, without certificates. Any client that reaches it can \
+         start tasks and impersonate the sensor. Listen on 127.0.0.1; or make certificates with `tangent keys new` \
+         (docs/security.md); or, if only this cell uses the network, set `insecure = true` under [zenoh]"
     )]
     Open {
         /// The first such endpoint.
@@ -66,7 +66,7 @@ pub enum BusError {
         patience: Duration,
     },
     /// Zenoh refused its configuration.
-    #[error("Zenoh does not take {key} = {value}: {reason}")]
+    #[error("Zenoh rejects {key} = {value}: {reason}")]
     Configuration {
         /// Zenoh's configuration key.
         key: String,
@@ -80,7 +80,7 @@ pub enum BusError {
     Security(#[from] crate::security::SecurityError),
     /// The service is already running.
     #[error(
-        "{service} runs already in cell {cell}: {instance} on host {host}. Stop that one first, or give this cell \
+        "{service} already runs in cell {cell}: {instance} on host {host}. Stop that one first, or give this cell \
          another name (cell.name in cell.toml)"
     )]
     Taken {
@@ -103,8 +103,8 @@ pub enum BusError {
     },
     /// No service answered a request.
     #[error(
-        "nobody answered on `{key}` within {:.1} s: whether it was done is unknown. Look with `tangent task status` before you \
-         ask again; `tangent status` shows whether the service runs", .waited.as_secs_f64()
+        "no answer on `{key}` within {:.1} s: the outcome is unknown. Check with `tangent task status` before you send \
+         the request again; `tangent status` shows whether the service runs", .waited.as_secs_f64()
     )]
     NoAnswer {
         /// Key of the request.
@@ -114,7 +114,7 @@ pub enum BusError {
         waited: Duration,
     },
     /// The service does not know the outcome of the request.
-    #[error("`{key}`: whether it was done is unknown: {reason}")]
+    #[error("`{key}`: the outcome is unknown: {reason}")]
     Unknown {
         /// Key of the request.
         key: String,

@@ -57,7 +57,7 @@ impl Keys {
         if *count >= KEYS_MAX {
             if self.refused == 0 {
                 tracing::warn!(
-                    "`{key}` and further new keys are refused: {KEYS_MAX} keys under `{group}/` are followed already (said once)"
+                    "`{key}` and further new keys are refused: {KEYS_MAX} keys under `{group}/` are already followed (logged once)"
                 );
             }
             self.refused += 1;
@@ -92,7 +92,7 @@ impl Keys {
     pub(crate) fn remark(&self) -> Option<String> {
         let last = self.last.as_ref()?;
         Some(format!(
-            "{} messages on more keys than are followed were refused, the last on `{last}`: who publishes there?",
+            "{} messages on keys that are not followed were refused, the last on `{last}`: which program publishes there?",
             self.refused
         ))
     }

@@ -94,7 +94,11 @@ impl Entrance {
         drop(payload);
         let budget = query
             .attachment()
-            .and_then(|bytes| Budget::from_bytes(&bytes.to_bytes()));
+            .map_or(Ok(None), |bytes| Budget::from_bytes(&bytes.to_bytes()));
+        let budget = match budget {
+            Ok(budget) => budget,
+            Err(error) => return self.refuse(&query, format!("{error}: nothing was done")),
+        };
         let deadline = budget.map_or(received + BUDGET_UNNAMED, |b| b.deadline(received));
         let lane = self.jobs((self.lane)(&request));
         let judged = self.judge.clone().map(|judge| (judge, lane.clone()));
@@ -137,7 +141,7 @@ fn hand_on(jobs: &Jobs, job: Job) {
         Ok(()) => {}
         Err(TrySendError::Full(job)) => {
             let reason = format!(
-                "{WAITING_MAX} requests wait on {} already: nothing was done, ask again",
+                "{WAITING_MAX} requests already wait on {}: nothing was done, send it again",
                 job.pattern
             );
             refuse(&job.query, &job.pattern, reason);

@@ -261,7 +261,9 @@ impl Lane {
                 join: Mutex::new(Some(join)),
             },
             Err(error) => {
-                tracing::error!("no thread {name} ({error}): nothing of its leaves this process");
+                tracing::error!(
+                    "thread {name} could not be started ({error}): its messages do not leave this process"
+                );
                 Self {
                     shared,
                     thread: None,

@@ -242,7 +242,9 @@ impl<M: Message> ReaderCore<M> {
     fn undecodable(&self, key: &str, why: &dyn std::fmt::Display) {
         // One log line is enough; the counter shows the rest.
         if self.counts.undecodable.fetch_add(1, Ordering::Relaxed) == 0 {
-            tracing::warn!("{key}: a sample was refused: {why} (further ones are only counted)");
+            tracing::warn!(
+                "{key}: a sample was refused: {why} (further refusals are only counted)"
+            );
         }
     }
 }
@@ -318,7 +320,7 @@ fn thread_number() -> u64 {
 
 /// Keeps a callback, an answer handler or a subscription alive; dropping it ends that. Do not drop
 /// one inside its own callback.
-#[must_use = "dropping the handle ends what it stands for"]
+#[must_use = "dropping the handle ends its subscription or query"]
 pub struct Handle {
     release: Option<Box<dyn FnOnce() + Send + Sync>>,
     kept: Vec<Box<dyn Any + Send + Sync>>,

@@ -78,7 +78,9 @@ impl Recall {
             .name("bus-recall".into())
             .spawn(move || answer_all(&waiting));
         if let Err(error) = spawned {
-            tracing::error!("no thread to say again what a recorder missed: {error}");
+            tracing::error!(
+                "the thread that repeats missed messages could not be started: {error}"
+            );
         }
         Arc::new(Self {
             under_way: Arc::default(),
@@ -125,7 +127,7 @@ impl Entrance {
             return;
         };
         let Some(place) = self.recall.place() else {
-            tracing::debug!("{}: a question too many", self.key);
+            tracing::debug!("{}: too many queries for missed messages", self.key);
             return;
         };
         let ask = Ask {
@@ -207,7 +209,7 @@ impl Bus {
                 .and_then(|k| k.strip_prefix(PREFIX));
             let (Some(key), Some(said)) = (key, Batch::read(&bytes)) else {
                 tracing::warn!(
-                    "an answer that cannot be read came to a question on `{prefix}{PREFIX}**`"
+                    "an answer that cannot be decoded arrived for the query on `{prefix}{PREFIX}**`"
                 );
                 continue;
             };

@@ -40,7 +40,7 @@ impl fmt::Display for Refused {
         if self.forged {
             write!(
                 f,
-                "{}: somebody speaks in the name of {who}; what cannot be told apart is refused ({} samples)",
+                "{}: two publishers use the id of {who}; samples of both are refused ({} samples)",
                 self.topic, self.samples
             )
         } else {

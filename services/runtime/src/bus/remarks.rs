@@ -34,8 +34,8 @@ impl Remarks {
                 });
             }
             Some(endpoint) => Some(format!(
-                "insecure: the router listens on {endpoint} without certificates; whoever reaches it may start tasks and \
-                 speak as the sensor (zenoh.insecure = true)"
+                "insecure: the router listens on {endpoint} without certificates; any client that reaches it can start \
+                 tasks and impersonate the sensor (zenoh.insecure = true)"
             )),
             None => None,
         };

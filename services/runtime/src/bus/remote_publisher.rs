@@ -49,7 +49,7 @@ impl RemotePublisher {
         if payload.len() >= self.message_max {
             if !self.too_large.swap(true, Ordering::Relaxed) {
                 tracing::warn!(
-                    "{}: a message of {:.1} MB is not sent, nobody would take it: zenoh.message_max_mb is {:.1} (said once)",
+                    "{}: a message of {:.1} MB is not sent, since it would be rejected: zenoh.message_max_mb is {:.1} (logged once)",
                     self.publisher.key_expr(),
                     payload.len() as f64 * 1e-6,
                     self.message_max as f64 * 1e-6

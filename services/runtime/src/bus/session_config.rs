@@ -190,7 +190,7 @@ fn access_rules(config: &ZenohConfig) -> Result<String, BusError> {
     if rules["enabled"] != json!(true) || rules["default_permission"] != json!("deny") {
         return Err(refused(
             shown,
-            "its access_control must say enabled: true and default_permission: \"deny\"",
+            "its access_control must have enabled: true and default_permission: \"deny\"",
         ));
     }
     Ok(text)

@@ -26,12 +26,12 @@ impl Sleeper {
         }
     }
 
-    fn lie_down(&self) {
+    fn register(&self) {
         *self.thread.lock().unwrap_or_else(PoisonError::into_inner) = Some(std::thread::current());
         self.asleep.store(true, Ordering::SeqCst);
     }
 
-    fn get_up(&self) {
+    fn deregister(&self) {
         self.asleep.store(false, Ordering::SeqCst);
     }
 }
@@ -47,16 +47,16 @@ pub(crate) fn sleep_for<T>(
         if let Some(item) = queue.pop() {
             return Some(item);
         }
-        sleeper.lie_down();
+        sleeper.register();
         // An item may have arrived after the first check and before registration; its sender did
         // not wake this thread.
         if let Some(item) = queue.pop() {
-            sleeper.get_up();
+            sleeper.deregister();
             return Some(item);
         }
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {
-            sleeper.get_up();
+            sleeper.deregister();
             return None;
         }
         std::thread::park_timeout(left);

@@ -29,8 +29,8 @@ pub fn text(fleet: &Fleet) -> String {
         format!("    {what}: [\n{}    ],\n", items.concat())
     };
     format!(
-        "// Who may do what on the network of: {}. Written by `tangent keys new`; see docs/security.md.\n\
-         // Zenoh reads it when the router starts. What no rule allows is denied.\n\
+        "// Access rules for the network of: {}. Written by `tangent keys new`; see docs/security.md.\n\
+         // Zenoh reads this file when the router starts. All that no rule allows is denied.\n\
          {{\n  access_control: {{\n    enabled: true,\n    default_permission: \"deny\",\n{}{}{}  }},\n}}\n",
         fleet.cells.join(", "),
         lines("rules"),
@@ -131,14 +131,14 @@ impl Table {
         rule("asks", "ingress", &["query"], &asks);
         if !publishes.is_empty() {
             // A session must know the readers of its topics, or it would publish nothing.
-            rule("hears of readers", "egress", &READING, &everything);
+            rule("learns of readers", "egress", &READING, &everything);
         }
         if !answers.is_empty() {
             rule("is asked", "egress", &["query"], &everything);
         }
         if !asks.is_empty() {
             rule(
-                "hears of answerers",
+                "learns of queryables",
                 "egress",
                 &["declare_queryable"],
                 &everything,

@@ -93,7 +93,7 @@ impl Certificate {
             )
         } else if now_s < self.from_s {
             (
-                format!("holds only from {} on", in_words(self.from_s - now_s)),
+                format!("is valid only from {} on", in_words(self.from_s - now_s)),
                 "is this machine's clock right?".to_owned(),
             )
         } else {

@@ -93,7 +93,7 @@ impl Expiry {
         let left_s = self.until_s - now_s;
         (left_s < DAYS_WARNED * DAY_S).then(|| {
             format!(
-                "{}: the certificate of `{}` {}; `tangent keys new FOLDER --renew {}` makes another, and the next start takes it",
+                "{}: the certificate of `{}` {}; `tangent keys new FOLDER --renew {}` makes a new one, which the next start uses",
                 self.file.display(),
                 self.identity,
                 when(left_s),
@@ -105,10 +105,10 @@ impl Expiry {
 
 fn when(left_s: i64) -> String {
     match left_s.div_euclid(DAY_S) {
-        ..0 => "has expired, and the next link that is opened is refused".to_owned(),
-        0 => "holds for less than a day".to_owned(),
-        1 => "holds for 1 more day".to_owned(),
-        days => format!("holds for {days} more days"),
+        ..0 => "has expired, and the next connection is refused".to_owned(),
+        0 => "is valid for less than a day".to_owned(),
+        1 => "is valid for 1 more day".to_owned(),
+        days => format!("is valid for {days} more days"),
     }
 }
 

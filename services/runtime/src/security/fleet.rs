@@ -102,7 +102,7 @@ impl Fleet {
             format!("[{}]", names.join(", "))
         };
         format!(
-            "# Who this folder's keys are for. Written by `tangent keys`; the access rules are made from it.\n\
+            "# Identities of this folder. Written by `tangent keys`; the access rules are made from it.\n\
              cells = {}\nhosts = {}\nalso = {}\nrevoked = {}\n",
             list(&self.cells),
             list(&self.hosts),

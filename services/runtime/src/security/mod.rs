@@ -55,7 +55,7 @@ pub enum SecurityError {
     },
     /// A path contains `{identity}`, and this process has no identity.
     #[error(
-        "`zenoh.tls.{key}` = {value} stands for several identities: say which one with --identity (`tangent keys list` \
+        "`zenoh.tls.{key}` = {value} matches several identities: choose one with --identity (`tangent keys list` \
          shows them)"
     )]
     NoIdentity {
@@ -65,7 +65,7 @@ pub enum SecurityError {
         value: String,
     },
     /// No certificate can be created for this identity.
-    #[error("`{name}` is no identity: {allowed}")]
+    #[error("`{name}` is not an identity: {allowed}")]
     Identity {
         /// Identity as given.
         name: String,

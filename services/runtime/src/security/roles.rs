@@ -156,7 +156,7 @@ pub const ROLES: &[Role] = &[
     fleet(
         "recorder",
         &[RECORDER],
-        "reads, and asks for the task, the parameters and what it missed to store them",
+        "reads; queries the task, the parameters and missed messages, to store them",
     ),
     fleet(
         "operator",

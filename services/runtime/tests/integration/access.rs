@@ -199,7 +199,7 @@ fn a_stranger_is_not_let_in() {
         assert!(
             refused
                 .to_string()
-                .contains("refused this process's certificate"),
+                .contains("rejected this process's certificate"),
             "{refused}"
         );
 
@@ -324,7 +324,7 @@ fn those_who_may_read_hear_the_cell_and_see_who_is_there() {
         assert!(
             second
                 .to_string()
-                .contains(&format!("rtde runs already in cell {name}")),
+                .contains(&format!("rtde already runs in cell {name}")),
             "{second}"
         );
         assert!(

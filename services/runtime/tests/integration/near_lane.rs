@@ -232,9 +232,7 @@ fn nobody_to_answer_is_said_at_once() {
             )
             .unwrap_err();
         assert!(
-            error
-                .to_string()
-                .contains("nobody answered on `control/task`"),
+            error.to_string().contains("no answer on `control/task`"),
             "{error}"
         );
     });

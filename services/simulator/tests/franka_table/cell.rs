@@ -50,7 +50,7 @@ const LEARNS: u64 = 1_100;
 static LEARNT: OnceLock<RecordWatchState> = OnceLock::new();
 /// Silence after which the bridge considers the robot disconnected, and the pause before it
 /// connects again, s.
-const GONE_S: f64 = 1.0;
+const STATE_TIMEOUT_S: f64 = 1.0;
 const PAUSE_S: f64 = 0.2;
 /// Resolution in which changes of the estimate are detected, counts per newton.
 const COUNTS_PER_UNIT: f64 = 1e6;

@@ -43,8 +43,8 @@ impl PairCell for Cell {
         (8_000, 100)
     }
 
-    /// The effects of silent estimates take more than a second of the law's clock, which counts the
-    /// states that arrive.
+    /// The effects of silent estimates take more than a second of the robot's clock, by which the
+    /// law measures its timeouts. With half of the states lost, the play lasts twice as long.
     fn lasts(&self, play: &PlayOf<Self>) -> u64 {
         let camera = [Fault::CameraDark, Fault::CameraNan, Fault::CameraAskew];
         let no_camera = camera.into_iter().any(|fault| play.has(fault));

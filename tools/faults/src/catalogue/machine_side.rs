@@ -29,7 +29,7 @@ pub(super) fn of_the_machine() -> Vec<Case> {
             ..case(
                 "recorder_killed",
                 "kill -9 of the recorder, started again a second later",
-                "nobody has to",
+                "none needed",
             )
         },
         Case {
@@ -53,7 +53,7 @@ pub(super) fn of_the_machine() -> Vec<Case> {
             ..case(
                 "disk_hangs",
                 "every write to the recordings' disk waits for 2 s",
-                "nobody has to",
+                "none needed",
             )
         },
         Case {
@@ -64,7 +64,7 @@ pub(super) fn of_the_machine() -> Vec<Case> {
             },
             outcome: Outcome::GoesOn,
             watch_s: 3.0,
-            ..case("cpu_hog", "two busy processes per core", "nobody has to")
+            ..case("cpu_hog", "two busy processes per core", "none needed")
         },
         Case {
             provoke: |s| s.take_processors(RealtimeConfig::default().estimator_priority - 1),
@@ -73,7 +73,7 @@ pub(super) fn of_the_machine() -> Vec<Case> {
             ..taken(
                 "cpu_taken_below_ours",
                 "every core taken for 0.5 s with SCHED_FIFO, a priority below the estimator's",
-                "nobody has to",
+                "none needed",
             )
         },
         Case {

@@ -53,25 +53,28 @@ pub(super) fn of_the_sensor() -> Vec<Case> {
             // Status bit 17, and the summary bit.
             provoke: |s| s.wire(Damage::Status { word: 0x8002_0000 }),
             repair: |s| s.wire(Damage::None),
-            ..ends("sensor_saturated", "every record says a gauge is saturated")
+            ..ends("sensor_saturated", "every record reports a saturated gauge")
         },
         Case {
             provoke: |s| s.wire(Damage::Status { word: 0x8000_8000 }),
             repair: |s| s.wire(Damage::None),
-            ..ends("sensor_error", "every record says the sensor has an error")
+            ..ends(
+                "sensor_error",
+                "every record reports an error of the sensor",
+            )
         },
         Case {
             provoke: |s| s.wire(Damage::Frozen),
             repair: |s| s.wire(Damage::None),
             ..frozen(
                 "sensor_frozen",
-                "every record says the same, with a sequence that goes on",
+                "every record repeats, while the sequence advances",
             )
         },
         Case {
             provoke: |s| s.wire(Damage::AxisStuck { axis: 2 }),
             repair: |s| s.wire(Damage::None),
-            ..frozen("sensor_axis_stuck", "Fz says the same in every record")
+            ..frozen("sensor_axis_stuck", "Fz repeats in every record")
         },
         Case {
             provoke: |s| s.wire(Damage::Implausible { one_of: 20 }),
@@ -79,7 +82,7 @@ pub(super) fn of_the_sensor() -> Vec<Case> {
             noticed: |e, t| e.sensor_ns(t, |before, now| now.implausible > before.implausible),
             ..goes_on(
                 "sensor_datagrams_plausible_corrupt",
-                "one of 20 records is well-formed and says loads that are not there",
+                "one of 20 records is well-formed and contains false loads",
             )
         },
         Case {
@@ -226,7 +229,7 @@ pub(super) fn of_clocks() -> Vec<Case> {
         provoke,
         outcome: Outcome::GoesOn,
         watch_s: 1.5,
-        ..case(name, what, "nobody has to")
+        ..case(name, what, "none needed")
     };
     vec![
         nobody(

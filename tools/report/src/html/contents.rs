@@ -11,12 +11,12 @@ pub(super) fn faults(run: &Run, task: &TaskRun<'_>) -> String {
         return "<h2>Faults</h2>\n<p>No service reported one.</p>\n".to_owned();
     }
     let mut html =
-        "<h2>Faults and notices</h2>\n<table><tr><th>When</th><th>Who and what</th></tr>\n"
+        "<h2>Faults and notices</h2>\n<table><tr><th>When</th><th>Service and message</th></tr>\n"
             .to_owned();
     /// Largest number of rows in a table of the page; the recording has all of them.
     const ROWS: usize = 100;
     for (at_ns, text) in run.faults.iter().take(ROWS) {
-        let at_s = (at_ns - task.start_ns) as f64 * 1e-9;
+        let at_s = crate::words::shown_s((at_ns - task.start_ns) as f64 * 1e-9);
         let _ = writeln!(
             html,
             "<tr><td class=\"n\">{at_s:+.2} s</td><td>{}</td></tr>",
@@ -80,8 +80,8 @@ fn table_title(name: &str) -> &str {
     match name {
         "tangent" => "Version and names",
         "parameters" => "Parameters of all services",
-        "losses" => "Messages taken and lost by the recorder",
-        "repaired" => "Repair: the file had no end and was mended",
+        "losses" => "Messages recorded and lost by the recorder",
+        "repaired" => "Repair: the file had no end and was repaired",
         other => other,
     }
 }

@@ -23,14 +23,13 @@ pub(super) fn introduction(task: &TaskRun<'_>, report: &Report) -> String {
         String::new()
     };
     let truth = if task.cycles.iter().any(|c| c.truth.is_some()) {
-        "The cell was simulated, so what really happened at the contact is known: errors of the normal and the \
-         force are against that truth."
+        "The cell was simulated, so the true contact is known: errors of the normal and the force are relative to it."
     } else {
         "There is no ground truth in this recording: forces are as measured, and the normal can only be compared with \
          the tool's axis."
     };
     format!(
-        "<p>A robot pressed a tool on a surface, estimated where the surface faces, kept the tool square to it and \
+        "<p>A robot pressed a tool on a surface, estimated the surface normal, kept the tool square to the surface and \
          followed a path. The task took {:.1} s in {} robot cycles and ended in phase <b>{}</b>. Estimator: <b>{}</b>; \
          control law: preset <b>{}</b>.{more} {truth}</p>\n",
         report.duration_s,
@@ -45,7 +44,7 @@ pub(super) fn losses(run: &Run, report: &Report) -> String {
     let mut lines = Vec::new();
     for path in &run.truncated {
         lines.push(format!(
-            "{} lacks its end (its recorder was killed or the file was cut): read up to its last whole chunk.",
+            "{} has no end (its recorder was killed or the file was cut): read up to its last whole chunk.",
             path.display()
         ));
     }
@@ -54,7 +53,7 @@ pub(super) fn losses(run: &Run, report: &Report) -> String {
     }
     if report.recording.undecodable > 0 {
         lines.push(format!(
-            "{} messages do not decode: they were recorded by another version or damaged.",
+            "{} messages cannot be decoded: they were recorded by another version, or are damaged.",
             report.recording.undecodable
         ));
     }
@@ -65,8 +64,7 @@ pub(super) fn losses(run: &Run, report: &Report) -> String {
         lines.push(format!("{n} records of the force sensor were lost."));
     }
     if lines.is_empty() {
-        return "<p class=\"good\">Nothing was lost that should be in this recording.</p>\n"
-            .to_owned();
+        return "<p class=\"good\">This recording is complete: nothing was lost.</p>\n".to_owned();
     }
     let items: String = lines
         .iter()
@@ -90,27 +88,27 @@ pub(super) fn table(report: &Report) -> String {
             spread(&f.normal_error_deg),
         ),
         (
-            "The same once settled",
+            "Error of the estimated normal once settled, mean / RMS",
             "from 1 s after first contact",
             spread(&f.normal_error_settled_deg),
         ),
         (
             "Tool against the surface, mean / RMS",
-            "how far the tool really was from square",
+            "true angle between the tool and the surface normal",
             spread(&f.tool_error_deg),
         ),
         (
             "Tool against the estimate, mean / RMS",
-            "how well the tool follows what is estimated",
+            "angle between the tool and the estimated normal",
             spread(&f.alignment_error_deg),
         ),
         (
-            "Honesty of the estimator",
-            "squared error over claimed variance (NEES per degree of freedom): 1 is right, more is overconfident",
+            "Consistency of the estimator",
+            "squared error over stated variance (NEES per degree of freedom): 1 is consistent, more is overconfident",
             number(f.normal_nees_per_dof, 2, ""),
         ),
         (
-            "Force: asked for",
+            "Force: reference",
             "",
             Some(format!("{:.2} N", f.force.reference_n)),
         ),
@@ -134,7 +132,7 @@ pub(super) fn table(report: &Report) -> String {
         ),
         (
             "Touchdown: overshoot",
-            "peak above what was asked for",
+            "peak above the reference",
             number(f.force.overshoot_percent, 1, "%"),
         ),
         (
@@ -168,12 +166,12 @@ pub(super) fn table(report: &Report) -> String {
         ),
         (
             "Robot packet to command, median / 99 % / largest",
-            "time in which the program answers a robot's packet",
+            "time from a robot's packet to the answer of this program",
             latency.map(|q| format!("{:.0} / {:.0} / {:.0} µs", q.p50, q.p99, q.max)),
         ),
         (
             "Cycles missed",
-            "a command was due and none was fresh",
+            "cycles in which a command was due and none was fresh",
             report.r#loop.missed_cycles.map(|n| n.to_string()),
         ),
         (
@@ -183,7 +181,7 @@ pub(super) fn table(report: &Report) -> String {
         ),
         (
             "Age of the sensor's zero, at most",
-            "a zero drifts with time: the force shown may be off by as much as stated",
+            "the zero drifts with time: the force shown may be wrong by as much as stated",
             report.r#loop.zero_age_max_s.map(|age_s| {
                 let bound = report.r#loop.zero_bound_max_n;
                 let bound = bound.map_or_else(String::new, |n| format!(" / {n:.2} N"));

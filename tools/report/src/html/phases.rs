@@ -13,15 +13,16 @@ pub(super) fn table(task: &TaskRun<'_>) -> String {
     if task.cycles.is_empty() {
         return String::new();
     }
-    let mut html = "<h2>Phases</h2>\n<table><tr><th>Phase</th><th>What it is</th><th>From</th><th>For</th></tr>\n".to_owned();
+    let mut html = "<h2>Phases</h2>\n<table><tr><th>Phase</th><th>Meaning</th><th>From</th><th>For</th></tr>\n".to_owned();
     for (phase, from, to) in spans(task) {
         let _ = writeln!(
             html,
-            "<tr><td>{}{}</td><td>{}</td><td class=\"n\">{from:.2} s</td><td class=\"n\">{:.2} s</td></tr>",
+            "<tr><td>{}{}</td><td>{}</td><td class=\"n\">{:.2} s</td><td class=\"n\">{:.2} s</td></tr>",
             key(phase),
             phase.name(),
             phase_meaning(phase),
-            to - from
+            crate::words::shown_s(from),
+            crate::words::shown_s(to - from)
         );
     }
     html.push_str("</table>\n");
@@ -91,15 +92,15 @@ fn phase_meaning(phase: Phase) -> &'static str {
     match phase {
         Phase::Idle => "nothing to do",
         Phase::Approach => "moving towards the surface",
-        Phase::Contact => "touched it; the force settles",
+        Phase::Contact => "in contact; the force settles",
         Phase::Slide => "following the path",
         Phase::Retract => "moving off the surface",
-        Phase::Done => "ended as it should",
+        Phase::Done => "ended without a fault",
         Phase::Fault => "ended by a fault",
-        Phase::Hold => "pressing, standing still",
-        Phase::Seek => "lost the surface, moving towards it again",
-        Phase::Tare => "standing still while the sensor's zero is taken",
-        Phase::Clear => "moving off what the tool may touch, before a tare",
+        Phase::Hold => "pressing, at rest",
+        Phase::Seek => "contact lost; moving towards the surface again",
+        Phase::Tare => "at rest while the sensor's zero is measured",
+        Phase::Clear => "retracting before a tare, since the tool may be in contact",
     }
 }
 

@@ -65,7 +65,7 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String, ReportError> 
                 }),
             ),
         ],
-        "While in contact: how wrong the estimated normal is, and how far the tool is from square to it.",
+        "In contact: error of the estimated normal, and angle of the tool to it.",
     )?;
     html += &path(task)?;
     if let Some((samples, _)) = object::samples(run, task) {
@@ -73,7 +73,7 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String, ReportError> 
             html += &figure(
                 &axes(title, unit),
                 curves,
-                "As the paper draws it: the estimate against the true object, or what the contact does to the wrist.",
+                "As in the paper: the estimate against the true object, or the load of the contact on the wrist.",
             )?;
             Ok(())
         })?;
@@ -107,7 +107,7 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String, ReportError> 
             ("motion", tank(|c| c.control.motion_tank_j)),
             ("force", tank(|c| c.control.force_tank_j)),
         ],
-        "What the law may still put into motion and force; empty, it lets go.",
+        "Energy that the law may still put into motion and force; with an empty tank it releases the tool.",
     )?;
     html += &figure(
         &axes("Age of the controller's inputs", "ms"),
@@ -129,7 +129,7 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String, ReportError> 
                 curve(task, |c| positive(1e3 * c.control.base_age_s)),
             ),
         ],
-        "How old what the controller acted on was when its command left.",
+        "Age of the controller's inputs when its command was sent.",
     )?;
     html += &figure(
         &axes("Robot packet to command", "µs"),
@@ -151,7 +151,7 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String, ReportError> 
         .collect();
     html += &figure(&axes("Joint speeds", "rad/s"), &joints, "As measured.")?;
     if run.truth.is_empty() {
-        html += "<p class=\"note\">Without a simulator there is no truth to plot against.</p>\n";
+        html += "<p class=\"note\">Without a simulator the truth is not known.</p>\n";
     }
     Ok(html)
 }
@@ -234,7 +234,7 @@ fn path(task: &TaskRun<'_>) -> Result<String, ReportError> {
             ("wanted", points(|c| c.sample.path_reference)),
             ("tool", points(|c| c.sample.tool_position)),
         ],
-        "Seen from above the plane that fits the path best; both axes have the same scale.",
+        "Projected onto the plane that fits the path best; both axes have the same scale.",
     )
 }
 
@@ -247,7 +247,7 @@ pub(super) fn estimators(
     if report.estimators.is_empty() {
         return Ok(String::new());
     }
-    let mut html = "<h2>Estimators side by side</h2>\n<table><tr><th>Estimator</th><th>Rate, Hz</th>\
+    let mut html = "<h2>Comparison of the estimators</h2>\n<table><tr><th>Estimator</th><th>Rate, Hz</th>\
                     <th>Age at use, mean / 95 %</th><th>From the one in use, mean / 95 %</th><th>Error, mean / RMS</th>\
                     <th>Settled, mean / RMS</th><th>Tool against it, mean / RMS</th><th>NEES</th></tr>\n"
         .to_owned();
@@ -292,7 +292,7 @@ pub(super) fn estimators(
         let _ = writeln!(
             html,
             "<p>At {:.2} s the normal came from {} after {}: {}.</p>",
-            switch.time_s,
+            crate::words::shown_s(switch.time_s),
             escaped(&switch.to),
             escaped(&switch.from),
             escaped(&switch.cause)
@@ -327,7 +327,7 @@ pub(super) fn estimators(
                 (name.as_str(), points)
             })
             .collect();
-        html += &figure(&axes, &curves, "Against the truth, while in contact.")?;
+        html += &figure(&axes, &curves, "Relative to the truth, while in contact.")?;
     }
     Ok(html)
 }

@@ -131,7 +131,7 @@ impl<const N: usize> Controller<N> {
     /// A task runs.
     pub fn set_clearance(&mut self, clearance: Clearance) -> Result<(), ControlError> {
         if self.run.phase.is_active() {
-            return Err(self.wrong_phase("say that the tool hangs free", "stop the task first"));
+            return Err(self.wrong_phase("state that the tool hangs free", "stop the task first"));
         }
         self.run.clearance = clearance;
         Ok(())

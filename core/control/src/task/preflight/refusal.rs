@@ -95,7 +95,8 @@ impl std::fmt::Display for Edge {
 pub enum Refusal {
     /// The requested force reaches or exceeds the force at which the arm retracts.
     #[error(
-        "`force.reference_n` is {reference_n} N, and the arm retracts at `limits.force_max_n` = {limit_n} N: press less, or raise the cell's limit"
+        "`force.reference_n` is {reference_n} N, and the arm retracts at `limits.force_max_n` = {limit_n} N: press less, \
+         or raise the cell's limit"
     )]
     Force {
         /// Requested force, N.
@@ -105,7 +106,8 @@ pub enum Refusal {
     },
     /// A speed of the task exceeds the law's limit.
     #[error(
-        "`{key}` is {speed_m_per_s} m/s, and the law may move the tool at {limit_m_per_s:.4} m/s, its share of the cell's limit on tool speed: ask for less, or raise the limit"
+        "`{key}` is {speed_m_per_s} m/s, and the law may move the tool at {limit_m_per_s:.4} m/s, its share of the cell's \
+         limit on tool speed: ask for less, or raise the limit"
     )]
     Speed {
         /// Key in the task.
@@ -128,7 +130,8 @@ pub enum Refusal {
     },
     /// The approach does not go in the direction in which the tool points.
     #[error(
-        "`approach.direction` is {:.0} degrees off the tool's z axis, and the tool touches with that axis ahead: turn the tool, or correct the direction",
+        "`approach.direction` is {:.0} degrees off the tool's z axis, and the tool touches with that axis first: turn the \
+         tool, or correct the direction",
         angle_rad.to_degrees()
     )]
     ApproachBackwards {
@@ -147,7 +150,8 @@ pub enum Refusal {
     },
     /// The arm cannot reach a place of the path.
     #[error(
-        "the path is out of the arm's reach {at}: the tool stays {left_m:.3} m away in this posture; shorten the path, or start nearer to the base"
+        "the path is out of the arm's reach {at}: the tool stays {left_m:.3} m away in this posture; shorten the path, or \
+         start nearer to the base"
     )]
     OutOfReach {
         /// First such place.
@@ -157,7 +161,7 @@ pub enum Refusal {
     },
     /// A joint reaches its end stop on the path.
     #[error(
-        "joint {joint} comes to its end stop {at}: {angle_rad:.3} rad, and {limit_rad:.3} rad is allowed; start from another posture"
+        "joint {joint} reaches its end stop {at}: {angle_rad:.3} rad, and {limit_rad:.3} rad is allowed; start from another posture"
     )]
     EndStop {
         /// First such place.
@@ -171,7 +175,8 @@ pub enum Refusal {
     },
     /// The arm comes to a singularity on the path.
     #[error(
-        "the arm is nearly singular {at}: smallest singular value {smallest:.4}, at least {floor:.4} is needed; start from another posture, or nearer to the base"
+        "the arm is nearly singular {at}: smallest singular value {smallest:.4}, at least {floor:.4} is needed; start \
+         from another posture, or nearer to the base"
     )]
     Singular {
         /// First such place.

@@ -232,7 +232,7 @@ fn calibration(runs: &[Evaluation], table: &mut Vec<Row>) {
     let inverse = nees.map(|v| v.iter().map(|x| 1.0 / x).collect());
     table.push(figure(
         row,
-        "one over the same: not too cautious either",
+        "inverse of NEES per degree of freedom: not underconfident",
         "",
         inverse,
         Some(2.0),

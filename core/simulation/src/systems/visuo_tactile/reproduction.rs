@@ -240,7 +240,7 @@ pub fn figures(runs: &[Runs]) -> Vec<Row> {
             .iter()
             .map(|e| f64::from(u8::from(e.phase != "done")))
             .collect();
-        let name = "runs that did not end as they should, share";
+        let name = "share of runs that ended with a fault";
         add(mean_of(name, "", None, Goal::AtMost(0.0)), Some(&ended));
     }
     table

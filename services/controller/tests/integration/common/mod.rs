@@ -37,7 +37,7 @@ pub const TASK: &str = r#"
     speed_m_per_s = 0.02
 "#;
 /// Reason with which the sensor's service refuses a tare.
-pub const REFUSAL: &str = "not tared: somebody leans on the tool; the zero before stays in force";
+pub const REFUSAL: &str = "not tared: somebody leans on the tool; the previous zero stays in force";
 /// Time between packets.
 pub const PERIOD_S: f64 = 0.008;
 /// Timeout of an answer.

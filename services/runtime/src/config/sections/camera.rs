@@ -26,7 +26,7 @@ pub enum CameraKind {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(untagged)]
 pub enum Focal {
-    /// The same in both directions.
+    /// One focal length for both directions, pixels.
     Square(f64),
     /// fx along the rows and fy along the columns.
     Each([f64; 2]),
@@ -53,6 +53,16 @@ pub struct Calibration {
     pub principal_px: [f64; 2],
 }
 
+impl std::fmt::Display for Calibration {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "size_px = {:?}, focal_px = {:.1?}, principal_px = {:.1?}",
+            self.size_px, self.focal_px, self.principal_px
+        )
+    }
+}
+
 impl Calibration {
     /// Calibration from a driver's message; `None` if the message states that there is none, or is
     /// not valid.
@@ -71,7 +81,7 @@ impl Calibration {
     pub fn differs(&self, other: &Self, share: f64) -> Option<String> {
         if self.size_px != other.size_px {
             let (own, its) = (self.size_px, other.size_px);
-            return Some(format!("size_px {own:?} against {its:?}"));
+            return Some(format!("size_px = {own:?} against {its:?}"));
         }
         [
             ("focal_px", self.focal_px, other.focal_px),
@@ -79,7 +89,7 @@ impl Calibration {
         ]
         .into_iter()
         .find(|(_, own, its)| (0..2).any(|i| (own[i] - its[i]).abs() > share * self.focal_px[i]))
-        .map(|(name, own, its)| format!("{name} {own:.1?} against {its:.1?}"))
+        .map(|(name, own, its)| format!("{name} = {own:.1?} against {its:.1?}"))
     }
 }
 

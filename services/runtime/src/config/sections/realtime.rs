@@ -77,7 +77,8 @@ impl RealtimeConfig {
                 priority < more,
                 key,
                 priority,
-                &format!("below {above}, which is {more}: what carries data goes before what computes with it"),
+                &format!("below {above}, which is {more}: threads that transport data need a higher priority than threads \
+                    that process it"),
             )?;
         }
         Ok(())

@@ -22,6 +22,15 @@ pub enum RobotDriver {
     Franka,
 }
 
+impl std::fmt::Display for RobotDriver {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Rtde => "rtde",
+            Self::Franka => "franka",
+        })
+    }
+}
+
 /// Why the model of the cell's arm cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotModelError {

@@ -76,6 +76,16 @@ pub enum Law {
     UnifiedForceImpedance,
 }
 
+impl std::fmt::Display for Law {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::HybridAdmittance => "hybrid_admittance",
+            Self::HybridDynamics => "hybrid_dynamics",
+            Self::UnifiedForceImpedance => "unified_force_impedance",
+        })
+    }
+}
+
 /// `[controller]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]

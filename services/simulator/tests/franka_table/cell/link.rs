@@ -8,7 +8,7 @@ use tangent_franka::wrench::tool_wrench;
 use tangent_mechanics::{Joints, Wrench};
 use tangent_sensing::{RecordVerdict, Validity};
 
-use super::{COUNTS_PER_UNIT, Cell, FREE_READINGS, GONE_S, Heard, PAUSE_S, Sent};
+use super::{COUNTS_PER_UNIT, Cell, FREE_READINGS, Heard, PAUSE_S, STATE_TIMEOUT_S, Sent};
 use crate::fault::Fault;
 use crate::table::arrivals::{Way, newest};
 use crate::table::{TableCell, source};
@@ -100,7 +100,7 @@ impl Cell {
             }
         }
         self.converse(now_s);
-        if now_s - self.heard_s > GONE_S {
+        if now_s - self.heard_s > STATE_TIMEOUT_S {
             self.lost();
         }
         let lost = self.has(Fault::AnswersLost) || (self.has(Fault::AnswersThinned) && odd);

@@ -28,7 +28,8 @@ impl Belief {
         0.5 * self.covariance.trace().max(0.0)
     }
 
-    /// The same normal with `variance` (rad²) added in every direction.
+    /// This belief with `variance` (rad²) added to its covariance in every direction; the normal is
+    /// unchanged.
     pub fn doubted(&self, variance: f64) -> Self {
         Self {
             normal: self.normal,
