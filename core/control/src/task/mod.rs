@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{ControlError, check_range};
 use crate::law::MAX_ESTIMATORS;
+use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
 use crate::task::path::{PathSpec, Stay};
 

@@ -13,7 +13,8 @@ use super::run::Run;
 use crate::contact::alignment::alignment_error;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
-use crate::law::{EstimateInput, MAX_ESTIMATORS};
+
+use crate::law::{EstimateInput, LawConfig, MAX_ESTIMATORS};
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::{is_arm_state, is_place, is_time, is_velocity};
