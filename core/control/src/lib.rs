@@ -31,6 +31,7 @@ pub use laws::hybrid_admittance::{
 };
 pub use laws::hybrid_dynamics;
 pub use laws::hybrid_dynamics::{HybridDynamics, HybridDynamicsConfig, HybridInput, HybridOutput};
+pub use laws::torque_task::TorqueLaw;
 pub use laws::unified_force_impedance;
 pub use laws::unified_force_impedance::{
     TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput,
@@ -41,6 +42,7 @@ pub use leaving::tare_permission::{ContactSign, ControllerWord};
 pub use limits::faults::Fault;
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameters::live::Parameter;
+pub use parameters::presets::Presets;
 pub use parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
 pub use phase_machine::Phase;
 pub use state_interval::StateInterval;

@@ -9,7 +9,8 @@ use std::sync::OnceLock;
 use nalgebra::{Matrix3, Matrix6, Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use tangent_control::{
-    Fault, HybridDynamics, HybridInput, Phase, UnifiedForceImpedance, UnifiedInput, UntaredLoad,
+    Fault, HybridDynamics, HybridInput, Law, Phase, UnifiedForceImpedance, UnifiedInput,
+    UntaredLoad,
 };
 use tangent_mechanics::{Arm, Pose};
 use tangent_sensing::Validity;

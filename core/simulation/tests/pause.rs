@@ -8,7 +8,7 @@ mod tactile_cells;
 
 use nalgebra::Vector3;
 use tangent_control::UnifiedInput;
-use tangent_control::{ControlError, Phase};
+use tangent_control::{ControlError, Law, Phase};
 use tangent_simulation::{Disturbance, ObjectLoop, ObjectScenario, Undisturbed, VisuoTactileLoop};
 
 const OBJECT: &str = include_str!("../../../scenarios/lippiello/lippiello_realistic.toml");
@@ -180,7 +180,7 @@ fn unified_force_impedance_takes_a_tool_off_that_a_fault_left_on_the_surface() {
     }
     let before = law.plant().truth();
     assert!(before.in_contact && law.controller().is_left_on_surface());
-    law.controller().leave_surface();
+    law.controller().leave_surface(0);
     run_until(&mut law, Phase::Fault);
     let after = law.plant().truth();
     assert!(!after.in_contact && after.distance_m > 5e-3, "{after:?}");

@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use shown_force::{
     Action, Cell, Seen as Shown, Sequence, play, stands_or_slides, whatever_is_done,
 };
-use tangent_control::{Clearance, Fault, Phase};
+use tangent_control::{Clearance, Fault, Law, Phase, TorqueLaw};
 use tangent_simulation::{ObjectLoop, ObjectScenario, Undisturbed, VisuoTactileLoop};
 
 /// Largest difference between the means of displayed and true force while the tool slides, N.

@@ -8,12 +8,16 @@ use nalgebra::Vector3;
 use crate::error::ControlError;
 use crate::estimator_choice::list::EstimatorList;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
-use crate::law::{Law, LawInput, LawOutput, Start};
+use tangent_mechanics::Joints;
+use tangent_schemas::CommandKind;
+
+use crate::law::{JointCommand, Law, LawInput, LawOutput, Start};
 use crate::leaving::clearance::{Clearance, LeaveConfig};
-use crate::leaving::departure::Departure;
+use crate::leaving::departure::{Departure, Rules};
+use crate::limits::Limits;
 use crate::limits::faults::Fault;
-use crate::parameters::PatienceConfig;
 use crate::parameters::live::Parameter;
+use crate::parameters::{PathProfileConfig, PatienceConfig};
 use crate::phase_machine::Phase;
 use crate::task::Task;
 use crate::task::program::{EstimatorName, LawConfig, Program};
@@ -26,11 +30,19 @@ pub trait TorqueConfig: LawConfig {
     /// Whether the estimators that a task names measure by sliding.
     const FELT_BY_SLIDING: bool;
 
-    /// Timeouts of missing and of invalid input.
-    fn patience(&self) -> &PatienceConfig;
+    /// The parameters that every torque law has.
+    fn shared(&self) -> SharedParameters<'_>;
+}
 
-    /// How the tool leaves a surface.
-    fn leave(&self) -> &LeaveConfig;
+/// Parameters that every torque law has.
+#[derive(Clone, Copy, Debug)]
+pub struct SharedParameters<'a> {
+    /// Acceleration, jerk and clock of the path.
+    pub path: &'a PathProfileConfig,
+    /// Timeouts of missing and of invalid input.
+    pub patience: &'a PatienceConfig,
+    /// How the tool leaves a surface, and how it is shown to be free.
+    pub leave: &'a LeaveConfig,
 }
 
 /// The running or last task of a law, and the state that outlasts it.
@@ -172,6 +184,38 @@ impl<C: TorqueConfig> TorqueTask<C> {
         }
     }
 
+    /// How the tool leaves the surface of this task, within the limits of the cell.
+    pub(crate) fn rules(&self, limits: &Limits) -> Rules {
+        let shared = self.program.config.shared();
+        Rules::new(*shared.leave, *shared.path, &self.program.task, limits)
+    }
+
+    /// Output of one cycle with `torque` (Nm) as the command, and what follows from the task alone.
+    /// The rest is that of [`LawOutput::idle`]: the law sets it.
+    pub(crate) fn output<const N: usize>(
+        &self,
+        input: &LawInput<N>,
+        torque: Joints<N>,
+    ) -> LawOutput<N> {
+        let kind = if self.phase.is_active() {
+            CommandKind::JointTorque
+        } else {
+            CommandKind::Hold
+        };
+        LawOutput {
+            command: JointCommand {
+                kind,
+                values: torque,
+                acceleration: 0.0,
+            },
+            phase: self.phase,
+            fault: self.fault,
+            estimator: Some(self.estimators.in_use()),
+            wrench_age_s: input.wrench_age_s,
+            ..LawOutput::idle(input, self.departure.clearance)
+        }
+    }
+
     /// Stores the normal of this cycle for the choice of the next estimate. Until the tare is done
     /// the law may use no estimate at all.
     pub fn keep_normal(&mut self, phase: Phase, normal: Vector3<f64>) {
@@ -181,12 +225,13 @@ impl<C: TorqueConfig> TorqueTask<C> {
 }
 
 fn estimators<C: TorqueConfig>(program: &Program<C>) -> EstimatorList {
-    let (patience, switching) = (program.config.patience(), &program.task.switching);
+    let (patience, switching) = (program.config.shared().patience, &program.task.switching);
     let rules = ChoiceRules::of_torques(patience, switching, C::FELT_BY_SLIDING);
     EstimatorList::new(program.estimators.iter().copied(), rules)
 }
 
-/// A torque law. All of them answer the loop's requests in the same way.
+/// A torque law. All of them answer the loop's requests in the same way: through [`Law`], which is
+/// implemented for every one of them.
 pub trait TorqueLaw<const N: usize>: Send {
     /// Its parameters.
     type Config: TorqueConfig;
@@ -194,22 +239,76 @@ pub trait TorqueLaw<const N: usize>: Send {
     /// Whether the law shapes its output, as [`Law::SHAPES`] states.
     const SHAPES: bool;
 
-    fn task(&self) -> &TorqueTask<Self::Config>;
+    /// The running or last task.
+    fn torque_task(&self) -> &TorqueTask<Self::Config>;
 
-    fn task_mut(&mut self) -> &mut TorqueTask<Self::Config>;
+    /// The running or last task.
+    fn torque_task_mut(&mut self) -> &mut TorqueTask<Self::Config>;
 
-    /// Begins the program that the task has taken.
-    fn begin(&mut self, clearance: Clearance);
+    /// Sets the law's own state to that of a task that begins.
+    fn reset(&mut self);
 
-    /// Ends the task with a retraction.
-    fn stop(&mut self);
+    /// Forgets where the tool stands still: the next phase that holds it takes the measured pose.
+    fn release(&mut self);
 
-    fn is_left_on_surface(&self) -> bool;
+    /// Whether the tool has touched the surface in this task.
+    fn has_touched(&self) -> bool;
 
-    fn leave_surface(&mut self);
+    /// Forgets integrals, motions and pushes: the arm may have been moved since the task ended.
+    fn forget_motion(&mut self);
 
     /// Chooses among the estimates and runs one cycle.
     fn cycle(&mut self, input: &LawInput<N>) -> LawOutput<N>;
+
+    /// Begins the program that the task has taken, with `clearance`. Unless the tool is known to be
+    /// free, it first moves off the surface (phase `Clear`).
+    fn begin(&mut self, clearance: Clearance) {
+        self.torque_task_mut().begin(clearance);
+        self.reset();
+    }
+
+    /// Begins the last task again, with the current clearance.
+    fn restart(&mut self) {
+        self.begin(self.torque_task().departure.clearance);
+    }
+
+    /// Whether a task may start with the tool at `position` (base axes, m), given its clearance.
+    ///
+    /// # Errors
+    /// [`ControlError::MayTouch`] if the tool may touch something and the direction away from it is
+    /// not known.
+    fn check_start(
+        &self,
+        clearance: &Clearance,
+        position: &Vector3<f64>,
+    ) -> Result<(), ControlError> {
+        let leave = self.torque_task().program.config.shared().leave;
+        clearance.way_out(leave, position).map(drop)
+    }
+
+    /// Ends the task with a retraction along `away` (base axes) instead of the last good normal:
+    /// for tests with a wrong direction.
+    #[doc(hidden)]
+    fn stop_along(&mut self, away: Vector3<f64>) {
+        let task = self.torque_task_mut();
+        task.departure.way_off = Some(away);
+        if task.phase.is_active() {
+            self.leave(Phase::Done);
+        }
+    }
+
+    /// Retracts from the surface, then enters phase `then`. Enters it at once from `Tare`, before
+    /// the tool has approached, and from `Clear`, which moves it off already.
+    fn leave(&mut self, then: Phase) {
+        self.release();
+        self.torque_task_mut().leave(then);
+    }
+
+    /// Ends the task with a fault, after a retraction.
+    fn fail(&mut self, fault: Fault) {
+        self.torque_task_mut().fault = Some(fault);
+        self.leave(Phase::Fault);
+    }
 }
 
 impl<T: TorqueLaw<N>, const N: usize> Law<N> for T {
@@ -220,10 +319,10 @@ impl<T: TorqueLaw<N>, const N: usize> Law<N> for T {
     const SHAPES: bool = <T as TorqueLaw<N>>::SHAPES;
 
     fn step(&mut self, input: &LawInput<N>) -> LawOutput<N> {
-        if TorqueLaw::task(self).started {
+        if self.torque_task().started {
             self.cycle(input)
         } else {
-            LawOutput::idle(input, TorqueLaw::task(self).departure.clearance)
+            LawOutput::idle(input, self.torque_task().departure.clearance)
         }
     }
 
@@ -232,7 +331,7 @@ impl<T: TorqueLaw<N>, const N: usize> Law<N> for T {
         program: &mut Option<Program<Self::Config>>,
         start: &Start,
     ) -> Result<(), ControlError> {
-        let task = self.task_mut();
+        let task = self.torque_task_mut();
         let clearance = if start.said_clear {
             Clearance::Assumed
         } else {
@@ -241,7 +340,7 @@ impl<T: TorqueLaw<N>, const N: usize> Law<N> for T {
         let Some(new) = program else {
             return Ok(());
         };
-        clearance.way_out(new.config.leave(), &start.position)?;
+        clearance.way_out(new.config.shared().leave, &start.position)?;
         std::mem::swap(&mut task.program, new);
         task.started = true;
         task.activation = task.activation.max(start.latched).saturating_add(1);
@@ -250,31 +349,40 @@ impl<T: TorqueLaw<N>, const N: usize> Law<N> for T {
     }
 
     fn pause(&mut self, paused: bool) -> Result<(), ControlError> {
-        self.task_mut().pause(paused)
+        self.torque_task_mut().pause(paused)
     }
 
     fn is_paused(&self) -> bool {
-        TorqueLaw::task(self).is_paused()
+        self.torque_task().is_paused()
     }
 
     fn stop(&mut self) {
-        TorqueLaw::stop(self);
-    }
-
-    fn is_left_on_surface(&self) -> bool {
-        TorqueLaw::is_left_on_surface(self)
-    }
-
-    fn leave_surface(&mut self, latched: u64) {
-        let task = self.task_mut();
-        if task.started {
-            task.activation = task.activation.max(latched).saturating_add(1);
-            TorqueLaw::leave_surface(self);
+        if self.torque_task().phase.is_active() {
+            self.leave(Phase::Done);
         }
     }
 
+    fn is_left_on_surface(&self) -> bool {
+        let task = self.torque_task();
+        !task.phase.is_active() && self.has_touched() && task.departure.may_be_on_surface()
+    }
+
+    fn leave_surface(&mut self, latched: u64) {
+        let task = self.torque_task_mut();
+        if !task.started {
+            return;
+        }
+        task.activation = task.activation.max(latched).saturating_add(1);
+        if !self.is_left_on_surface() {
+            return;
+        }
+        self.torque_task_mut().paused = false;
+        self.forget_motion();
+        self.leave(self.torque_task().phase_at_end());
+    }
+
     fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {
-        let task = self.task_mut();
+        let task = self.torque_task_mut();
         if !task.started {
             return Err(SwitchRefusal::NoTask);
         }
@@ -282,37 +390,37 @@ impl<T: TorqueLaw<N>, const N: usize> Law<N> for T {
     }
 
     fn estimators(&self) -> &[EstimatorName] {
-        if TorqueLaw::task(self).started {
-            TorqueLaw::task(self).estimators.names()
+        if self.torque_task().started {
+            self.torque_task().estimators.names()
         } else {
             &[]
         }
     }
 
     fn set(&mut self, parameter: Parameter, value: f64) {
-        if TorqueLaw::task(self).started && parameter == Parameter::ForceReference {
-            self.task_mut().set_force_reference(value);
+        if self.torque_task().started && parameter == Parameter::ForceReference {
+            self.torque_task_mut().set_force_reference(value);
         }
     }
 
     fn get(&self, _: Parameter) -> f64 {
-        TorqueLaw::task(self).program.task.force.reference_n
+        self.torque_task().program.task.force.reference_n
     }
 
     fn phase(&self) -> Phase {
-        TorqueLaw::task(self).phase
+        self.torque_task().phase
     }
 
     fn activation(&self) -> u64 {
-        TorqueLaw::task(self).activation
+        self.torque_task().activation
     }
 
     fn clearance(&self) -> Clearance {
-        TorqueLaw::task(self).departure.clearance
+        self.torque_task().departure.clearance
     }
 
     fn task(&self) -> Option<&Task> {
-        let task = TorqueLaw::task(self);
+        let task = self.torque_task();
         task.started.then_some(&task.program.task)
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod live;
 pub(crate) mod overlay;
+pub mod presets;
 pub(crate) mod ranges;
 
 use serde::{Deserialize, Serialize};

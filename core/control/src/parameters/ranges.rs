@@ -115,7 +115,9 @@ fn numbers(value: &Value) -> Vec<f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::parameters::PatienceConfig;
     use crate::parameters::overlay::with_changes;
+    use crate::task::program::LawConfig;
     use serde::de::DeserializeOwned;
 
     /// Paths of all numbers of a table.
@@ -191,6 +193,20 @@ pub(crate) mod tests {
                     }
                 }
             }
+        }
+    }
+
+    /// Checks that `config` refuses a timeout of the wrench that is too long, or no number.
+    pub(crate) fn patience_ends<T: Clone + LawConfig>(
+        config: &T,
+        patience: impl Fn(&mut T) -> &mut PatienceConfig,
+    ) {
+        for (cycles, retract_s) in [(1e5, 0.1), (2.0, f64::INFINITY), (2.0, f64::NAN)] {
+            let mut config = config.clone();
+            patience(&mut config).wrench_cycles = cycles;
+            patience(&mut config).wrench_retract_s = retract_s;
+            let error = config.check().unwrap_err().to_string();
+            assert!(error.contains("patience.wrench_"), "{error}");
         }
     }
 

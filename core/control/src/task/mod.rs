@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{ControlError, check_range};
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
+use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
 use crate::task::path::{PathSpec, Stay};
 

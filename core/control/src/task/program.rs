@@ -6,6 +6,7 @@ use arrayvec::{ArrayString, ArrayVec};
 use crate::error::ControlError;
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
+use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
 use crate::task::Task;
 use crate::task::path::Path;

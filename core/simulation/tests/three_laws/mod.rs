@@ -1,7 +1,7 @@
 //! One cell for each law with a common interface, and its true state in each period.
 
 use nalgebra::Vector3;
-use tangent_control::{Clearance, Fault, Parameter, Phase, Task};
+use tangent_control::{Clearance, Fault, Law as _, Parameter, Phase, Task, TorqueLaw};
 use tangent_simulation::{
     AdmittanceLoop, AdmittanceScenario, ObjectLoop, ObjectScenario, Obstacle, Undisturbed,
     VisuoTactileLoop, VisuoTactileScenario, no_files,
@@ -172,8 +172,8 @@ impl Cell {
     pub fn press(&mut self, force_n: f64) {
         match &mut self.inner {
             Loop::Velocity(cell) => cell.controller().set(Parameter::ForceReference, force_n),
-            Loop::Hybrid(cell) => cell.controller().set_force_reference(force_n),
-            Loop::Unified(cell) => cell.controller().set_force_reference(force_n),
+            Loop::Hybrid(cell) => cell.controller().set(Parameter::ForceReference, force_n),
+            Loop::Unified(cell) => cell.controller().set(Parameter::ForceReference, force_n),
         }
     }
 

@@ -2,7 +2,7 @@
 
 pub mod torque;
 
-use tangent_control::{ControllerConfig, Limits};
+use tangent_control::{ControllerConfig, Limits, Presets};
 use tangent_mechanics::{Arm, Flange, ModelData, Pose, Tool};
 use tangent_runtime::{CellConfig, StateFolder};
 use tangent_sensing::BaseConfig;

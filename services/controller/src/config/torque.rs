@@ -3,7 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 use tangent_control::{
-    ControlError, HybridDynamicsConfig, Limits, TorqueInterface, UnifiedForceImpedanceConfig,
+    ControlError, HybridDynamicsConfig, Limits, Presets, TorqueInterface,
+    UnifiedForceImpedanceConfig,
 };
 use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};

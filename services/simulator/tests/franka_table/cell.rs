@@ -9,8 +9,8 @@ use std::sync::OnceLock;
 use nalgebra::Vector3;
 use tangent_actuation::lease::Source;
 use tangent_control::{
-    Clearance, Fault as TaskFault, Phase, StateInterval, TorqueInterface, UnifiedForceImpedance,
-    UnifiedInput, UnifiedOutput, VisionInput,
+    Clearance, Fault as TaskFault, Law, Phase, StateInterval, TorqueInterface, TorqueLaw,
+    UnifiedForceImpedance, UnifiedInput, UnifiedOutput, VisionInput,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
 use tangent_franka::bridge::Bridge;

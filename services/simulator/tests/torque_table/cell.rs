@@ -6,7 +6,9 @@ use std::sync::OnceLock;
 
 use tangent_actuation::lease::Source;
 use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
-use tangent_control::{Clearance, Fault as TaskFault, Phase, StateInterval, UntaredLoad};
+use tangent_control::{
+    Clearance, Fault as TaskFault, Law, Phase, StateInterval, TorqueLaw, UntaredLoad,
+};
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{ObjectEstimate, ObjectPoseEstimator, ObjectSample};
 use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};

@@ -21,7 +21,7 @@ use crate::limits::{Limits, TwistLimiter};
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
 use crate::task::Task;
-use crate::task::program::{EstimatorName, EstimatorNames, Program};
+use crate::task::program::{EstimatorName, EstimatorNames, LawConfig, Program};
 use tangent_schemas::CommandKind;
 
 /// One arm's controller. Call `start` with a program, then `step` once per robot packet.

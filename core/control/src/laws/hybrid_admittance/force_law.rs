@@ -256,6 +256,7 @@ fn contact_axes(normal: &Vector3<f64>, base_from_tool: &Pose<Base, Tool>) -> Uni
 mod tests {
     use super::super::touchdown::touchdown_speed;
     use super::*;
+    use crate::parameters::presets::Presets;
     use proptest::prelude::*;
     use std::collections::VecDeque;
 

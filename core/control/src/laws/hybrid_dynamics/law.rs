@@ -253,6 +253,7 @@ pub(super) fn stacked(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::parameters::presets::Presets;
     use proptest::prelude::*;
     use tangent_mechanics::ModelData;
 

@@ -100,6 +100,7 @@ pub(super) fn rho_force(config: &ShapingConfig, depth_m: f64) -> f64 {
 mod tests {
     use super::super::config::UnifiedForceImpedanceConfig;
     use super::*;
+    use crate::parameters::presets::Presets;
 
     fn paper() -> MonitorConfig {
         UnifiedForceImpedanceConfig::preset("paper")

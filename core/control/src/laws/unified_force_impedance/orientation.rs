@@ -159,6 +159,7 @@ mod tests {
     use super::super::fused_normal::SurfaceVariation;
     use super::super::interface::BendChange;
     use super::*;
+    use crate::parameters::presets::Presets;
     use proptest::prelude::*;
     use tangent_sensing::Validity;
 

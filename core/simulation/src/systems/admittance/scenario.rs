@@ -2,7 +2,7 @@
 //! surface of unknown shape. Its files have no `kind`.
 
 use serde::{Deserialize, Serialize};
-use tangent_control::{ControllerConfig, Limits, Task};
+use tangent_control::{ControllerConfig, Limits, Presets, Task};
 use tangent_estimation::EstimatorConfig;
 use tangent_sensing::{BaseConfig, ConditioningConfig};
 use toml::Table;

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use tangent_control::hybrid_dynamics::{HybridDynamics, HybridInput, HybridOutput};
-use tangent_control::{ContactSign, ControllerWord, LawInput, MAX_ESTIMATORS, ObjectInput};
+use tangent_control::{ContactSign, ControllerWord, Law, LawInput, MAX_ESTIMATORS, ObjectInput};
 use tangent_estimation::object_pose::{
     CameraModel, ObjectEstimate, ObjectPoseEstimator, ObjectSample, ObjectShape,
     build_object_estimator,

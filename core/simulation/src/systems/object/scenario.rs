@@ -2,7 +2,7 @@
 //! camera. Files of kind `object_pose`.
 
 use serde::{Deserialize, Serialize};
-use tangent_control::{HybridDynamicsConfig, Limits, Task};
+use tangent_control::{HybridDynamicsConfig, Limits, Presets, Task};
 use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::build_object_estimator;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 use tangent_control::{
-    Limits, Task, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
+    Limits, Presets, Task, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
 };
 use tangent_estimation::{EstimatorConfig, NormalEstimator, build};
 use toml::Table;

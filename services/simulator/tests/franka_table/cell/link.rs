@@ -1,7 +1,7 @@
 //! Robot, bridge and controller, with the bytes and commands between them.
 
 use tangent_actuation::Command;
-use tangent_control::Phase;
+use tangent_control::{Law, Phase, TorqueLaw};
 use tangent_franka::bridge::posture_of;
 use tangent_franka::fci::{Framer, Reply, Request, RobotCommand, RobotState};
 use tangent_franka::wrench::tool_wrench;

@@ -6,9 +6,8 @@ mod ranges;
 use serde::{Deserialize, Serialize};
 
 use crate::contact::energy_tank::EnergyTank;
-use crate::error::ControlError;
 use crate::leaving::clearance::LeaveConfig;
-use crate::parameters::overlay::with_changes;
+use crate::parameters::presets::Presets;
 use crate::parameters::{PathProfileConfig, PatienceConfig};
 
 /// Parameters of the law. `ControllerConfig::preset` gives a complete set; a file may change single
@@ -254,28 +253,9 @@ impl Default for ContactConfig {
     }
 }
 
-impl ControllerConfig {
-    /// Names that [`ControllerConfig::preset`] knows.
-    pub const PRESETS: [&'static str; 2] = ["default", "paper"];
-
-    /// A complete set of parameters by name: `default`, or `paper` (Table 1: `m_p` 1, `m_o` 0.04,
-    /// `d_p` 150, `d_o` 1.5, `k_R` 0.08; proportional, without feed-forward and without position
-    /// feedback, as published).
-    pub fn preset(name: &str) -> Result<Self, ControlError> {
-        match name {
-            "default" => Ok(Self::default()),
-            "paper" => Ok(Self::paper()),
-            other => Err(ControlError::UnknownPreset { name: other.into() }),
-        }
-    }
-
-    /// A preset with single keys changed, as in `[controller.settings]` of a cell file.
-    pub fn preset_with(name: &str, changes: &toml::Table) -> Result<Self, ControlError> {
-        let config = with_changes(Self::preset(name)?, changes)?;
-        config.check()?;
-        Ok(config)
-    }
-
+impl Presets for ControllerConfig {
+    /// Table 1: `m_p` 1, `m_o` 0.04, `d_p` 150, `d_o` 1.5, `k_R` 0.08; proportional, without
+    /// feed-forward and without position feedback, as published.
     fn paper() -> Self {
         let default = Self::default();
         Self {
@@ -317,6 +297,7 @@ impl ControllerConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::task::program::LawConfig;
 
     #[test]
     fn presets_are_in_range_and_the_paper_is_table_1() {

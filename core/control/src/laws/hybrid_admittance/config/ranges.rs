@@ -80,12 +80,8 @@ const RANGES: Ranges = &[
     ("leave", LEAVE),
 ];
 
-impl ControllerConfig {
-    /// Checks that every number is in its range.
-    ///
-    /// # Errors
-    /// [`ControlError::Range`] with the key, its value and the allowed range.
-    pub fn check(&self) -> Result<(), ControlError> {
+impl LawConfig for ControllerConfig {
+    fn check(&self) -> Result<(), ControlError> {
         check_all(self, RANGES)?;
         let (force, contact) = (&self.force, &self.contact);
         if let Some(tank) = &force.tank {
@@ -103,12 +99,6 @@ impl ControllerConfig {
             0.0,
             contact.touch_share,
         )
-    }
-}
-
-impl LawConfig for ControllerConfig {
-    fn check(&self) -> Result<(), ControlError> {
-        ControllerConfig::check(self)
     }
 
     fn path_bounds(&self) -> (f64, f64) {

@@ -4,9 +4,8 @@ mod ranges;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::ControlError;
 use crate::leaving::clearance::LeaveConfig;
-use crate::parameters::overlay::with_changes;
+use crate::parameters::presets::Presets;
 use crate::parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
 
 /// All parameters of the law.
@@ -186,33 +185,8 @@ impl Default for TouchConfig {
     }
 }
 
-impl HybridDynamicsConfig {
-    /// Names that [`HybridDynamicsConfig::preset`] knows.
-    pub const PRESETS: [&'static str; 2] = ["default", "paper"];
-
-    /// A complete set of parameters: `default`, or `paper` (section V: K_Pr 250 and 15, K_Dr 220
-    /// and 10, k_Iλ 0.05).
-    ///
-    /// # Errors
-    /// An unknown name.
-    pub fn preset(name: &str) -> Result<Self, ControlError> {
-        match name {
-            "default" => Ok(Self::default()),
-            "paper" => Ok(Self::paper()),
-            other => Err(ControlError::UnknownPreset { name: other.into() }),
-        }
-    }
-
-    /// A preset with single parameters changed, checked.
-    ///
-    /// # Errors
-    /// An unknown name or parameter, or a value out of its range.
-    pub fn preset_with(name: &str, changes: &toml::Table) -> Result<Self, ControlError> {
-        let config = with_changes(Self::preset(name)?, changes)?;
-        config.check()?;
-        Ok(config)
-    }
-
+impl Presets for HybridDynamicsConfig {
+    /// Section V: K_Pr 250 and 15, K_Dr 220 and 10, k_Iλ 0.05.
     fn paper() -> Self {
         let default = Self::default();
         Self {
@@ -252,6 +226,7 @@ impl HybridDynamicsConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::task::program::LawConfig;
 
     #[test]
     fn presets_are_in_range_and_the_paper_is_section_v() {

@@ -2,9 +2,7 @@
 
 use super::HybridDynamicsConfig;
 use crate::error::{ControlError, check_range};
-use crate::laws::torque_task::TorqueConfig;
-use crate::leaving::clearance::LeaveConfig;
-use crate::parameters::PatienceConfig;
+use crate::laws::torque_task::{SharedParameters, TorqueConfig};
 use crate::parameters::ranges::{FRICTION, LEAVE, PATH_PROFILE, PATIENCE, Ranges, check_all};
 use crate::task::program::LawConfig;
 
@@ -56,20 +54,10 @@ const RANGES: Ranges = &[
     ("leave", LEAVE),
 ];
 
-impl HybridDynamicsConfig {
-    /// Checks that every number is in its range.
-    ///
-    /// # Errors
-    /// Names the key, the value and the allowed range.
-    pub fn check(&self) -> Result<(), ControlError> {
-        check_all(self, RANGES)?;
-        check_range("touch.off_n", self.touch.off_n, 0.001, self.touch.on_n)
-    }
-}
-
 impl LawConfig for HybridDynamicsConfig {
     fn check(&self) -> Result<(), ControlError> {
-        HybridDynamicsConfig::check(self)
+        check_all(self, RANGES)?;
+        check_range("touch.off_n", self.touch.off_n, 0.001, self.touch.on_n)
     }
 
     fn path_bounds(&self) -> (f64, f64) {
@@ -80,19 +68,19 @@ impl LawConfig for HybridDynamicsConfig {
 impl TorqueConfig for HybridDynamicsConfig {
     const FELT_BY_SLIDING: bool = false;
 
-    fn patience(&self) -> &PatienceConfig {
-        &self.patience
-    }
-
-    fn leave(&self) -> &LeaveConfig {
-        &self.leave
+    fn shared(&self) -> SharedParameters<'_> {
+        SharedParameters {
+            path: &self.path,
+            patience: &self.patience,
+            leave: &self.leave,
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parameters::ranges::tests::every_number_has_a_range_that_holds;
+    use crate::parameters::ranges::tests::{every_number_has_a_range_that_holds, patience_ends};
 
     #[test]
     fn every_number_has_a_range_and_every_range_a_number() {
@@ -109,12 +97,8 @@ mod tests {
 
     #[test]
     fn a_wrench_is_not_waited_for_for_ever() {
-        for (cycles, retract_s) in [(1e5, 0.1), (2.0, f64::INFINITY), (2.0, f64::NAN)] {
-            let mut config = HybridDynamicsConfig::default();
-            config.patience.wrench_cycles = cycles;
-            config.patience.wrench_retract_s = retract_s;
-            let error = config.check().unwrap_err().to_string();
-            assert!(error.contains("patience.wrench_"), "{error}");
-        }
+        patience_ends(&HybridDynamicsConfig::default(), |config| {
+            &mut config.patience
+        });
     }
 }

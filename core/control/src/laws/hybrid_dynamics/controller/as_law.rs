@@ -1,13 +1,11 @@
 //! Implements [`crate::law::Law`] for `hybrid_dynamics`, for arms that take joint torques.
 
-use tangent_schemas::CommandKind;
-
 use super::super::config::HybridDynamicsConfig;
 use super::super::interface::{HybridInput, HybridOutput};
-use super::HybridDynamics;
-use crate::law::{JointCommand, LawInput, LawOutput};
+use super::super::law::{ForceIntegral, MotionIntegral};
+use super::{HybridDynamics, Run};
+use crate::law::{LawInput, LawOutput};
 use crate::laws::torque_task::{TorqueLaw, TorqueTask};
-use crate::leaving::clearance::Clearance;
 
 impl HybridDynamics {
     /// Chooses among the estimates of `input`, and converts it to the law's own input.
@@ -37,31 +35,16 @@ impl HybridDynamics {
         }
     }
 
-    fn told(&self, own: &HybridInput, output: &HybridOutput) -> LawOutput<6> {
-        let active = output.phase.is_active();
+    fn told(&self, input: &LawInput<6>, own: &HybridInput, output: &HybridOutput) -> LawOutput<6> {
         let usable = own.wrench_validity.is_valid() && own.wrench.is_finite();
         LawOutput {
-            command: JointCommand {
-                kind: if active {
-                    CommandKind::JointTorque
-                } else {
-                    CommandKind::Hold
-                },
-                values: output.torque,
-                acceleration: 0.0,
-            },
-            phase: output.phase,
-            fault: output.fault,
             tare_requested: output.tare_requested,
-            clearance: output.clearance,
             zero_withdrawn: output.zero_withdrawn,
-            estimator: Some(self.task.estimators.in_use()),
             estimate_age_s: own.estimate.map(|_| own.estimate_age_s),
             normal: output.normal,
             force_reference_n: output.force_reference_n,
             force_n: output.force_n,
             wrench: usable.then_some(own.wrench),
-            wrench_age_s: own.wrench_age_s,
             zero_age_s: own.bias_age_s,
             zero_bound_n: own.bias_age_s.and(own.zero_bound_n),
             path_reference: output.path_reference,
@@ -70,9 +53,7 @@ impl HybridDynamics {
             alignment_error_rad: output.alignment_error_rad,
             manipulability: output.manipulability,
             contact_lost_count: output.contact_lost_count,
-            motion_tank_j: 0.0,
-            force_tank_j: 0.0,
-            shaping: None,
+            ..self.task.output(input, output.torque)
         }
     }
 }
@@ -82,33 +63,35 @@ impl TorqueLaw<6> for HybridDynamics {
 
     const SHAPES: bool = false;
 
-    fn task(&self) -> &TorqueTask<Self::Config> {
+    fn torque_task(&self) -> &TorqueTask<Self::Config> {
         &self.task
     }
 
-    fn task_mut(&mut self) -> &mut TorqueTask<Self::Config> {
+    fn torque_task_mut(&mut self) -> &mut TorqueTask<Self::Config> {
         &mut self.task
     }
 
-    fn begin(&mut self, clearance: Clearance) {
-        HybridDynamics::begin(self, clearance);
+    fn reset(&mut self) {
+        self.friction = self.task.program.config.friction.model();
+        self.run = Run::default();
     }
 
-    fn stop(&mut self) {
-        HybridDynamics::stop(self);
+    fn release(&mut self) {
+        self.run.held = None;
     }
 
-    fn is_left_on_surface(&self) -> bool {
-        HybridDynamics::is_left_on_surface(self)
+    fn has_touched(&self) -> bool {
+        self.run.lay.is_some()
     }
 
-    fn leave_surface(&mut self) {
-        HybridDynamics::leave_surface(self);
+    fn forget_motion(&mut self) {
+        self.run.motion = MotionIntegral::default();
+        self.run.force = ForceIntegral::default();
     }
 
     fn cycle(&mut self, input: &LawInput<6>) -> LawOutput<6> {
         let own = self.choose(input);
         let output = HybridDynamics::step(self, &own);
-        self.told(&own, &output)
+        self.told(input, &own, &output)
     }
 }

@@ -6,7 +6,8 @@
 use super::super::HybridInput;
 use super::super::law::{ArmNow, MotionReference};
 use super::{Felt, HybridDynamics, Wanted};
-use crate::leaving::departure::{Clearing, Load, LoadFelt, Retracting, Rules, Step, Way};
+use crate::laws::torque_task::TorqueLaw;
+use crate::leaving::departure::{Clearing, Load, LoadFelt, Retracting, Step, Way};
 use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
@@ -27,7 +28,7 @@ impl HybridDynamics {
             at: now.tool.translation(),
             velocity: now.linear,
         };
-        let rules = self.rules();
+        let rules = self.task.rules(&self.limits);
         let load = self.load(input, felt);
         let departure = &mut self.task.departure;
         match departure.clear(&rules, &way, (verdict, load), self.task.paused, dt) {
@@ -59,7 +60,7 @@ impl HybridDynamics {
             at: now.tool.translation(),
             velocity: now.linear,
         };
-        let rules = self.rules();
+        let rules = self.task.rules(&self.limits);
         let load = self.load(input, felt);
         let departure = &mut self.task.departure;
         let step = match departure.retract(&rules, away, &way, load, dt) {
@@ -77,15 +78,6 @@ impl HybridDynamics {
             }
         };
         moved(MotionReference::at_rest(&pose), &step)
-    }
-
-    fn rules(&self) -> Rules {
-        Rules::new(
-            self.task.program.config.leave,
-            self.task.program.config.path,
-            &self.task.program.task,
-            &self.limits,
-        )
     }
 
     fn load(&self, input: &HybridInput, felt: Option<&Felt>) -> Load {

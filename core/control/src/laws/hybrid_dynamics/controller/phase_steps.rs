@@ -9,6 +9,7 @@ use super::super::HybridInput;
 use super::super::law::{ArmNow, ForceIntegral, MotionReference};
 use super::super::reference::{Descent, ObjectReference, SurfacePath};
 use super::{Felt, HybridDynamics, Wanted};
+use crate::laws::torque_task::TorqueLaw;
 use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;

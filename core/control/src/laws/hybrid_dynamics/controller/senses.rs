@@ -9,6 +9,7 @@ use super::super::HybridInput;
 use super::super::estimate_follower::EstimateFollower;
 use super::super::law::{ArmNow, Constraint};
 use super::{Felt, HybridDynamics};
+use crate::laws::torque_task::TorqueLaw;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_place;
 use crate::limits::response_guard::{Doing, Touch};

@@ -5,9 +5,8 @@ use super::{
     PostureConfig, ShapingConfig, TactileTouchConfig, TankConfig, UnifiedForceImpedanceConfig,
 };
 use crate::contact::energy_tank::EnergyTank;
-use crate::error::ControlError;
 use crate::leaving::clearance::LeaveConfig;
-use crate::parameters::overlay::with_changes;
+use crate::parameters::presets::Presets;
 use crate::parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
 
 impl Default for UnifiedForceImpedanceConfig {
@@ -181,32 +180,8 @@ impl Default for TactileTouchConfig {
     }
 }
 
-impl UnifiedForceImpedanceConfig {
-    /// Names that [`UnifiedForceImpedanceConfig::preset`] knows.
-    pub const PRESETS: [&'static str; 2] = ["default", "paper"];
-
-    /// A complete set of parameters: `default`, or `paper` (Table I).
-    ///
-    /// # Errors
-    /// An unknown name.
-    pub fn preset(name: &str) -> Result<Self, ControlError> {
-        match name {
-            "default" => Ok(Self::default()),
-            "paper" => Ok(Self::paper()),
-            other => Err(ControlError::UnknownPreset { name: other.into() }),
-        }
-    }
-
-    /// A preset with single parameters changed, checked.
-    ///
-    /// # Errors
-    /// An unknown name or parameter, or a value out of its range.
-    pub fn preset_with(name: &str, changes: &toml::Table) -> Result<Self, ControlError> {
-        let config = with_changes(Self::preset(name)?, changes)?;
-        config.check()?;
-        Ok(config)
-    }
-
+impl Presets for UnifiedForceImpedanceConfig {
+    /// Table I.
     fn paper() -> Self {
         let default = Self::default();
         Self {
@@ -278,7 +253,8 @@ impl UnifiedForceImpedanceConfig {
 
 #[cfg(test)]
 mod tests {
-    use super::UnifiedForceImpedanceConfig;
+    use super::*;
+    use crate::task::program::LawConfig;
 
     #[test]
     fn presets_are_in_range_and_the_paper_is_table_i() {

@@ -2,9 +2,7 @@
 
 use super::UnifiedForceImpedanceConfig;
 use crate::error::{ControlError, check_range};
-use crate::laws::torque_task::TorqueConfig;
-use crate::leaving::clearance::LeaveConfig;
-use crate::parameters::PatienceConfig;
+use crate::laws::torque_task::{SharedParameters, TorqueConfig};
 use crate::parameters::ranges::{FRICTION, LEAVE, PATH_PROFILE, PATIENCE, Ranges, TANK, check_all};
 use crate::task::program::LawConfig;
 
@@ -106,24 +104,14 @@ const RANGES: Ranges = &[
     ("leave", LEAVE),
 ];
 
-impl UnifiedForceImpedanceConfig {
-    /// Checks that every number is in its range.
-    ///
-    /// # Errors
-    /// Names the key, the value and the allowed range.
-    pub fn check(&self) -> Result<(), ControlError> {
+impl LawConfig for UnifiedForceImpedanceConfig {
+    fn check(&self) -> Result<(), ControlError> {
         check_all(self, RANGES)?;
         self.tanks.motion.check("tanks.motion")?;
         self.tanks.force.check("tanks.force")?;
         check_range("touch.off_n", self.touch.off_n, 0.0, self.touch.on_n)?;
         let [least, most] = self.monitor.margin_range;
         check_range("monitor.margin_range", most, least, 1e3)
-    }
-}
-
-impl LawConfig for UnifiedForceImpedanceConfig {
-    fn check(&self) -> Result<(), ControlError> {
-        UnifiedForceImpedanceConfig::check(self)
     }
 
     fn path_bounds(&self) -> (f64, f64) {
@@ -134,19 +122,19 @@ impl LawConfig for UnifiedForceImpedanceConfig {
 impl TorqueConfig for UnifiedForceImpedanceConfig {
     const FELT_BY_SLIDING: bool = true;
 
-    fn patience(&self) -> &PatienceConfig {
-        &self.patience
-    }
-
-    fn leave(&self) -> &LeaveConfig {
-        &self.leave
+    fn shared(&self) -> SharedParameters<'_> {
+        SharedParameters {
+            path: &self.path,
+            patience: &self.patience,
+            leave: &self.leave,
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parameters::ranges::tests::every_number_has_a_range_that_holds;
+    use crate::parameters::ranges::tests::{every_number_has_a_range_that_holds, patience_ends};
 
     #[test]
     fn every_number_has_a_range_and_every_range_a_number() {
@@ -166,12 +154,8 @@ mod tests {
 
     #[test]
     fn a_wrench_is_not_waited_for_for_ever() {
-        for (cycles, retract_s) in [(1e5, 0.1), (2.0, f64::INFINITY), (2.0, f64::NAN)] {
-            let mut config = UnifiedForceImpedanceConfig::default();
-            config.patience.wrench_cycles = cycles;
-            config.patience.wrench_retract_s = retract_s;
-            let error = config.check().unwrap_err().to_string();
-            assert!(error.contains("patience.wrench_"), "{error}");
-        }
+        patience_ends(&UnifiedForceImpedanceConfig::default(), |config| {
+            &mut config.patience
+        });
     }
 }

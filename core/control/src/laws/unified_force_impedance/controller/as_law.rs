@@ -1,13 +1,13 @@
 //! Implements [`crate::law::Law`] for `unified_force_impedance`, for arms that take joint torques.
 
-use tangent_schemas::CommandKind;
+use nalgebra::{Vector3, Vector6};
 
 use super::super::config::UnifiedForceImpedanceConfig;
 use super::super::interface::{JOINTS, UnifiedInput, UnifiedOutput};
-use super::UnifiedForceImpedance;
-use crate::law::{JointCommand, LawInput, LawOutput, Shaping};
+use super::run::Run;
+use super::{UnifiedForceImpedance, friction};
+use crate::law::{LawInput, LawOutput, Shaping};
 use crate::laws::torque_task::{TorqueLaw, TorqueTask};
-use crate::leaving::clearance::Clearance;
 
 impl UnifiedForceImpedance {
     /// Chooses among the normals of `input`, and converts it to the law's own input.
@@ -39,30 +39,18 @@ impl UnifiedForceImpedance {
         }
     }
 
-    fn told(&self, own: &UnifiedInput, output: &UnifiedOutput) -> LawOutput<JOINTS> {
+    fn told(
+        &self,
+        input: &LawInput<JOINTS>,
+        own: &UnifiedInput,
+        output: &UnifiedOutput,
+    ) -> LawOutput<JOINTS> {
         LawOutput {
-            command: JointCommand {
-                kind: if output.phase.is_active() {
-                    CommandKind::JointTorque
-                } else {
-                    CommandKind::Hold
-                },
-                values: output.torque,
-                acceleration: 0.0,
-            },
-            phase: output.phase,
-            fault: output.fault,
-            // The law takes its own zero, at rest before it moves.
-            tare_requested: false,
-            clearance: output.clearance,
-            zero_withdrawn: false,
-            estimator: Some(self.task.estimators.in_use()),
             estimate_age_s: own.touch.map(|_| own.touch_age_s),
             normal: output.normal,
             force_reference_n: output.force_reference_n,
             force_n: output.force_n,
             wrench: output.wrench,
-            wrench_age_s: own.wrench_age_s,
             zero_age_s: output.zero_age_s,
             zero_bound_n: output.zero_age_s.and(output.zero_bound_n),
             path_reference: output.path_reference,
@@ -79,6 +67,8 @@ impl UnifiedForceImpedance {
                 rho_align: output.rho_align,
                 rho_force: output.rho_force,
             }),
+            // No tare is requested: the law takes its own zero, at rest before it moves.
+            ..self.task.output(input, output.torque)
         }
     }
 }
@@ -88,33 +78,39 @@ impl TorqueLaw<JOINTS> for UnifiedForceImpedance {
 
     const SHAPES: bool = true;
 
-    fn task(&self) -> &TorqueTask<Self::Config> {
+    fn torque_task(&self) -> &TorqueTask<Self::Config> {
         &self.task
     }
 
-    fn task_mut(&mut self) -> &mut TorqueTask<Self::Config> {
+    fn torque_task_mut(&mut self) -> &mut TorqueTask<Self::Config> {
         &mut self.task
     }
 
-    fn begin(&mut self, clearance: Clearance) {
-        UnifiedForceImpedance::begin(self, clearance);
+    fn reset(&mut self) {
+        self.friction = friction(&self.task.program.config);
+        self.run = Run::new(&self.task.program.config);
     }
 
-    fn stop(&mut self) {
-        UnifiedForceImpedance::stop(self);
+    fn release(&mut self) {
+        self.run.held = None;
     }
 
-    fn is_left_on_surface(&self) -> bool {
-        UnifiedForceImpedance::is_left_on_surface(self)
+    fn has_touched(&self) -> bool {
+        self.run.lay.is_some()
     }
 
-    fn leave_surface(&mut self) {
-        UnifiedForceImpedance::leave_surface(self);
+    fn forget_motion(&mut self) {
+        self.run.torque = None;
+        self.run.push_n = 0.0;
+        self.run.last_wrench = Vector6::zeros();
+        self.run.bridge = Vector6::zeros();
+        self.run.was_pressing = false;
+        self.run.drawn = Vector3::zeros();
     }
 
     fn cycle(&mut self, input: &LawInput<JOINTS>) -> LawOutput<JOINTS> {
         let own = self.choose(input);
         let output = UnifiedForceImpedance::step(self, &own);
-        self.told(&own, &output)
+        self.told(input, &own, &output)
     }
 }

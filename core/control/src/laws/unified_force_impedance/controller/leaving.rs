@@ -7,7 +7,8 @@ use nalgebra::Vector3;
 
 use super::super::law::ArmNow;
 use super::{Felt, UnifiedForceImpedance, Wanted};
-use crate::leaving::departure::{Clearing, Load, LoadFelt, Retracting, Rules, Step, Way};
+use crate::laws::torque_task::TorqueLaw;
+use crate::leaving::departure::{Clearing, Load, LoadFelt, Retracting, Step, Way};
 use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
@@ -31,7 +32,7 @@ impl UnifiedForceImpedance {
             at: now.tool.translation(),
             velocity: Vector3::zeros(),
         };
-        let rules = self.rules();
+        let rules = self.task.rules(&self.limits);
         let felt = (felt.verdict, self.load(now, felt));
         let departure = &mut self.task.departure;
         match departure.clear(&rules, &way, felt, self.task.paused, dt) {
@@ -57,7 +58,7 @@ impl UnifiedForceImpedance {
             at: now.tool.translation(),
             velocity: Vector3::zeros(),
         };
-        let rules = self.rules();
+        let rules = self.task.rules(&self.limits);
         let load = self.load(now, felt);
         match self.task.departure.retract(&rules, away, &way, load, dt) {
             Retracting::Going(step) => moved(start, &step),
@@ -75,15 +76,6 @@ impl UnifiedForceImpedance {
                 self.hold(now)
             }
         }
-    }
-
-    fn rules(&self) -> Rules {
-        Rules::new(
-            self.task.program.config.leave,
-            self.task.program.config.path,
-            &self.task.program.task,
-            &self.limits,
-        )
     }
 
     /// Load from a valid wrench. Here no earlier wrench replaces an invalid sample.

@@ -137,107 +137,6 @@ impl UnifiedForceImpedance {
         })
     }
 
-    /// Restarts the task, with the tanks at their initial energy.
-    pub fn restart(&mut self) {
-        self.begin(self.task.departure.clearance);
-    }
-
-    /// Begins the task with `clearance`. Unless the tool is known to be free, it first moves off
-    /// the surface (phase `Clear`).
-    pub fn begin(&mut self, clearance: Clearance) {
-        self.task.begin(clearance);
-        self.friction = friction(&self.task.program.config);
-        self.run = Run::new(&self.task.program.config);
-    }
-
-    /// Whether the tool may touch something. The next start depends on it.
-    pub fn clearance(&self) -> Clearance {
-        self.task.departure.clearance
-    }
-
-    /// Whether a task may start with the tool at `position` (base axes, m), given its clearance.
-    ///
-    /// # Errors
-    /// [`ControlError::MayTouch`] if the tool may touch something and the direction away from it is
-    /// not known.
-    pub fn check_start(
-        &self,
-        clearance: &Clearance,
-        position: &Vector3<f64>,
-    ) -> Result<(), ControlError> {
-        clearance
-            .way_out(&self.task.program.config.leave, position)
-            .map(drop)
-    }
-
-    /// Ends the task: the tool retracts from the surface.
-    pub fn stop(&mut self) {
-        if self.task.phase.is_active() {
-            self.leave(Phase::Done);
-        }
-    }
-
-    /// Ends the task with a retraction along `away` (base axes) instead of the last good normal:
-    /// for tests with a wrong direction.
-    #[doc(hidden)]
-    pub fn stop_along(&mut self, away: Vector3<f64>) {
-        self.task.departure.way_off = Some(away);
-        self.stop();
-    }
-
-    /// Stands still in every phase: the policy stops where it is, and a pressing tool keeps its
-    /// force; `false` resumes.
-    ///
-    /// # Errors
-    /// No task runs, or it is retracting.
-    pub fn pause(&mut self, paused: bool) -> Result<(), ControlError> {
-        self.task.pause(paused)
-    }
-
-    /// Whether the task has ended with the tool possibly still on the surface.
-    pub fn is_left_on_surface(&self) -> bool {
-        !self.task.phase.is_active()
-            && self.run.lay.is_some()
-            && self.task.departure.may_be_on_surface()
-    }
-
-    /// Retracts a tool that [is left on the surface](Self::is_left_on_surface), by the retraction
-    /// distance of the task.
-    pub fn leave_surface(&mut self) {
-        if !self.is_left_on_surface() {
-            return;
-        }
-        // Earlier motions and pushes are discarded: the arm may have been moved since.
-        self.task.paused = false;
-        self.run.torque = None;
-        self.run.push_n = 0.0;
-        self.run.last_wrench = Vector6::zeros();
-        self.run.bridge = Vector6::zeros();
-        self.run.was_pressing = false;
-        self.run.drawn = Vector3::zeros();
-        self.leave(self.task.phase_at_end());
-    }
-
-    /// Whether the task is paused.
-    pub fn is_paused(&self) -> bool {
-        self.task.is_paused()
-    }
-
-    /// Sets the desired pressing force, N. The reference moves there at its limited rate.
-    pub fn set_force_reference(&mut self, force_n: f64) {
-        self.task.set_force_reference(force_n);
-    }
-
-    /// Phase after the last step.
-    pub fn phase(&self) -> Phase {
-        self.task.phase
-    }
-
-    /// The task.
-    pub fn task(&self) -> &Task {
-        &self.task.program.task
-    }
-
     /// Runs one control period.
     pub fn step(&mut self, input: &UnifiedInput) -> UnifiedOutput {
         let output = self.period(input);
@@ -382,18 +281,6 @@ impl UnifiedForceImpedance {
     fn touches(&self) -> bool {
         (self.task.phase.is_pressing() || self.task.phase == Phase::Retract)
             && self.run.weak_cycles == 0
-    }
-
-    /// Retracts from the surface, then enters phase `then`. Enters it at once if the tool still
-    /// stands as it did at the start, or is already moving off.
-    fn leave(&mut self, then: Phase) {
-        self.run.held = None;
-        self.task.leave(then);
-    }
-
-    fn fail(&mut self, fault: Fault) {
-        self.task.fault = Some(fault);
-        self.leave(Phase::Fault);
     }
 }
 

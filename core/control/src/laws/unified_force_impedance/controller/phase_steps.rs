@@ -10,6 +10,7 @@ use super::super::law::{ArmNow, ForceLoop, MotionReference};
 use super::super::orientation::OrientationReference;
 use super::run::Lay;
 use super::{Felt, UnifiedForceImpedance, Wanted, at_rest};
+use crate::laws::torque_task::TorqueLaw;
 use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;

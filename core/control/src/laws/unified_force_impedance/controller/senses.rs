@@ -8,6 +8,7 @@ use super::super::interface::UnifiedInput;
 use super::super::law::ArmNow;
 use super::super::monitor::rho_force;
 use super::{Felt, UnifiedForceImpedance, Wanted};
+use crate::laws::torque_task::TorqueLaw;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_wrench;
 use crate::limits::response_guard::{Doing, Touch};
