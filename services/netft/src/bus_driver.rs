@@ -354,8 +354,10 @@ impl BusDriver {
         self.told = None;
         if first && !seen.wrong_frame.load(Ordering::Relaxed) {
             tracing::warn!("no wrench on {}: {}", source.key, source.remedy);
-            self.health
-                .fault(format_args!("no wrench on {}: {}", source.key, source.remedy));
+            self.health.fault(format_args!(
+                "no wrench on {}: {}",
+                source.key, source.remedy
+            ));
         }
         if let Some((wrench, _)) = self.newest {
             let stamp_ns = host_clock::now_ns();

@@ -8,9 +8,8 @@ use tangent_runtime::{Bus, Latest, Parameter, Parameters, Ramp};
 use tangent_schemas::tangent::ArmState;
 use tangent_schemas::topics;
 use tangent_sensing::{
-    ConditionedWrench, Reading, RecordWatchConfig, SensorCondition, SensorRecord, SensorWatch,
-    SensorWatchState, SensingError, Watched, WrenchConditioner, WrenchConditionerState,
-    pressing_at,
+    ConditionedWrench, Reading, RecordWatchConfig, SensingError, SensorCondition, SensorRecord,
+    SensorWatch, SensorWatchState, Watched, WrenchConditioner, WrenchConditionerState, pressing_at,
 };
 use tangent_tare::Taring;
 

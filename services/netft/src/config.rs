@@ -209,6 +209,9 @@ mod tests {
     fn without_a_driver_it_is_the_box() {
         let config = Config::from_cell(&CellConfig::default_cell());
         assert_eq!(config.driver, Driver::Netft);
-        assert_eq!(config.conditioning.tare.force_std_max_n, TareConfig::default().force_std_max_n);
+        assert_eq!(
+            config.conditioning.tare.force_std_max_n,
+            TareConfig::default().force_std_max_n
+        );
     }
 }

@@ -70,9 +70,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
         .map_err(system("starting the thread that writes state"))?;
     let conditioning = Conditioning::new(&config, &bus, &parameters, taring)?;
     let ended = match config.driver.clone() {
-        Driver::Bus(source) => {
-            bus_driver::run(config, &source, &bus, conditioning, health, &stop)
-        }
+        Driver::Bus(source) => bus_driver::run(config, &source, &bus, conditioning, health, &stop),
         Driver::Netft => {
             let mut receiver = Receiver::new(config, &bus, conditioning, health)?;
             // Runs in a separate thread: real-time scheduling must not spread to the caller.

@@ -99,7 +99,11 @@ impl Rig {
             }
             pause.wait(PERIOD);
         }
-        panic!("{what} never came: {:?} {:?}", self.status.get(), self.health.get());
+        panic!(
+            "{what} never came: {:?} {:?}",
+            self.status.get(),
+            self.health.get()
+        );
     }
 
     /// Waits without a sample until the condition holds.
@@ -113,7 +117,11 @@ impl Rig {
             }
             pause.wait(PERIOD);
         }
-        panic!("{what} never came: {:?} {:?}", self.status.get(), self.health.get());
+        panic!(
+            "{what} never came: {:?} {:?}",
+            self.status.get(),
+            self.health.get()
+        );
     }
 
     fn refresh(&mut self) {
@@ -128,7 +136,9 @@ impl Rig {
     }
 
     fn validity(&mut self) -> u8 {
-        self.status.get().map_or(1, |status| status.message.validity)
+        self.status
+            .get()
+            .map_or(1, |status| status.message.validity)
     }
 
     fn reason(&mut self) -> String {
@@ -153,7 +163,9 @@ fn publisher(bus: &Bus) -> Publisher<WrenchStamped> {
 #[test]
 fn it_is_conditioned_tared_and_reported_silent() {
     let mut rig = Rig::start(false);
-    rig.until("the filtered force", -5.0, |rig| (rig.force_z() + 5.0).abs() < 0.05);
+    rig.until("the filtered force", -5.0, |rig| {
+        (rig.force_z() + 5.0).abs() < 0.05
+    });
     assert_eq!(rig.validity(), 0);
     assert!((rig.raw.get().unwrap().message.wrench.force.z + 5.0).abs() < 0.05);
     let stamp = |message: &WrenchStamped| message.header.stamp.to_ns();
@@ -178,7 +190,9 @@ fn it_is_conditioned_tared_and_reported_silent() {
 
     // Silence is reported, and ends by itself.
     rig.silent_until("stale", |rig| rig.validity() == 2);
-    rig.silent_until("the fault", |rig| rig.reason().contains("no wrench on my_sensor/wrench"));
+    rig.silent_until("the fault", |rig| {
+        rig.reason().contains("no wrench on my_sensor/wrench")
+    });
     rig.until("the wrench again", -5.0, |rig| {
         rig.validity() == 0 && rig.force_z().abs() < 0.05
     });
@@ -189,13 +203,17 @@ fn it_is_conditioned_tared_and_reported_silent() {
 #[test]
 fn the_sign_can_be_reversed() {
     let mut rig = Rig::start(true);
-    rig.until("the filtered force", 5.0, |rig| (rig.force_z() + 5.0).abs() < 0.05);
+    rig.until("the filtered force", 5.0, |rig| {
+        (rig.force_z() + 5.0).abs() < 0.05
+    });
 }
 
 #[test]
 fn another_frame_and_a_second_publisher_are_refused() {
     let mut rig = Rig::start(false);
-    rig.until("the filtered force", -5.0, |rig| (rig.force_z() + 5.0).abs() < 0.05);
+    rig.until("the filtered force", -5.0, |rig| {
+        (rig.force_z() + 5.0).abs() < 0.05
+    });
     // A second program publishes another force in between.
     let second = publisher(&rig.bus);
     for _ in 0..100 {

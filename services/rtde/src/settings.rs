@@ -224,7 +224,9 @@ mod tests {
         cell.sensor.driver = SensorDriver::Ur;
         let text = Config::from_cell(&cell).unwrap_err().to_string();
         assert!(
-            text.starts_with("[sensor] driver = \"ur\" is not allowed with [robot] model = \"ur5\""),
+            text.starts_with(
+                "[sensor] driver = \"ur\" is not allowed with [robot] model = \"ur5\""
+            ),
             "{text}"
         );
 

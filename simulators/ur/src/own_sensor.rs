@@ -169,7 +169,10 @@ mod tests {
         assert!((reading.ft_raw_wrench[2] - (-12.0 + 3.0 + 2.0)).abs() < 1e-12);
         assert!((reading.tcp_force[2] - 10.0).abs() < 1e-12);
         let free = sensor.read(&FlangeLoad::none(), &down, 0.0, true);
-        assert!(free.tcp_force[2].abs() < 1e-12, "zeroed as the program starts");
+        assert!(
+            free.tcp_force[2].abs() < 1e-12,
+            "zeroed as the program starts"
+        );
         let pressed = sensor.read(&load(), &down, 0.0, true);
         assert!((pressed.tcp_force[2] - 12.0).abs() < 1e-12);
         assert!((pressed.ft_raw_wrench[2] - reading.ft_raw_wrench[2]).abs() < 1e-12);

@@ -2,8 +2,8 @@
 
 use tangent_mechanics::{Arm, Joints, ModelData, ModelError};
 use tangent_simulation::{
-    AdmittancePlant, ArmMeasurement, FlangeLoad, OdometrySample, SensorSample, Servo, ServoConfig, Truth,
-    VelocityCommand,
+    AdmittancePlant, ArmMeasurement, FlangeLoad, OdometrySample, SensorSample, Servo, ServoConfig,
+    Truth, VelocityCommand,
 };
 
 /// An arm behind the controller, one control period per step.

@@ -278,11 +278,7 @@ impl SensorConfig {
     }
 
     /// The keys that depend on the driver.
-    fn check_driver(
-        &self,
-        checker: &Checker<'_>,
-        robot: &RobotConfig,
-    ) -> Result<(), ConfigError> {
+    fn check_driver(&self, checker: &Checker<'_>, robot: &RobotConfig) -> Result<(), ConfigError> {
         checker.require(
             self.driver != SensorDriver::Netft || !self.address.is_empty(),
             "sensor.address",
@@ -296,7 +292,11 @@ impl SensorConfig {
             SensorDriver::Topic => "topic",
         };
         for (there, wanted, table) in [
-            (self.ur.is_some(), SensorDriver::Ur, "\"ur\" where there is a table [sensor.ur]"),
+            (
+                self.ur.is_some(),
+                SensorDriver::Ur,
+                "\"ur\" where there is a table [sensor.ur]",
+            ),
             (
                 self.topic.is_some(),
                 SensorDriver::Topic,
