@@ -91,6 +91,29 @@ fn the_cell_of_a_franka() {
     assert!(tangent_franka::Config::from_cell(&load("cell.toml")).is_err());
 }
 
+/// The cell of an arm with its own sensor configures the bridge to read it, and the sensor service to
+/// take it from there.
+#[test]
+fn the_cell_of_an_e_series_arm() {
+    use tangent_netft::Driver;
+    use tangent_schemas::topics::ARM_WRENCH;
+
+    let cell = load("cell.ur5e.toml");
+    assert!(!cell.robot.power_on, "a real arm is powered by hand");
+    let bridge = tangent_rtde::Config::from_cell(&cell).unwrap();
+    assert_eq!(bridge.bridge.wrench, cell.sensor.ur_reading());
+    assert!(bridge.bridge.wrench.is_some());
+    let sensor = tangent_netft::Config::from_cell(&cell);
+    assert!(
+        matches!(&sensor.driver, Driver::Bus(source) if source.key == ARM_WRENCH.key()),
+        "{:?}",
+        sensor.driver
+    );
+    assert_eq!(sensor.rate_hz, 500.0);
+    let shipped = tangent_rtde::Config::from_cell(&load("cell.toml")).unwrap();
+    assert_eq!(shipped.bridge.wrench, None);
+}
+
 /// `NAME` and its default in each `${NAME:-DEFAULT}` of the compose file, and what it is started
 /// from.
 #[test]

@@ -84,7 +84,7 @@ impl<M: Message> Topic<M> {
             "arm/command" => Sources::Leased,
             // The sensor service uses `control/state` to decide whether the tool may touch
             // something.
-            "arm/state" | "base/pose" | "control/state" => Sources::One,
+            "arm/state" | "arm/wrench" | "base/pose" | "control/state" => Sources::One,
             key if key.starts_with("wrench/") => Sources::One,
             _ => Sources::Any,
         }
@@ -115,6 +115,10 @@ impl<M> Clone for Topic<M> {
 pub static ARM_STATE: Topic<ArmState> = Topic::new("arm/state", Delivery::RealTime);
 /// Command of the controller to the arm, one per `arm/state`.
 pub static ARM_COMMAND: Topic<ArmCommand> = Topic::new("arm/command", Delivery::RealTime);
+/// Reading of the arm's own force/torque sensor: what the environment does to the flange, at the
+/// flange, flange axes, N and Nm, before any zero. Once per robot packet, just before `arm/state`,
+/// by a bridge whose arm has such a sensor.
+pub static ARM_WRENCH: Topic<WrenchStamped> = Topic::new("arm/wrench", Delivery::RealTime);
 /// Records of the sensor, sensor axes, SI units; up to 7 kHz, by `netft`.
 pub static WRENCH_RAW: Topic<WrenchStamped> = Topic::new("wrench/raw", Delivery::Stream);
 /// Conditioned wrench at the tool, tool axes. Use it only if its status is valid.
@@ -253,6 +257,7 @@ mod tests {
             assert_eq!(topic.sources(), Sources::One);
         }
         assert_eq!(ARM_STATE.sources(), Sources::One);
+        assert_eq!(ARM_WRENCH.sources(), Sources::One);
         assert_eq!(CONTROL_STATE.sources(), Sources::One);
         assert_eq!(ARM_COMMAND.sources(), Sources::Leased);
         assert_eq!(ESTIMATE_NORMALS.sources(), Sources::Any);

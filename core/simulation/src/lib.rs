@@ -49,6 +49,7 @@ pub use sensors::depth_camera;
 pub use sensors::depth_source::DepthSource;
 pub use sensors::fault::SensorFault;
 pub use sensors::force_torque::{Sensor, SensorConfig};
+pub use sensors::load::FlangeLoad;
 pub use sensors::normal_camera::{NormalCamera, NormalCameraConfig};
 pub use sensors::sample::SensorSample;
 pub use sensors::target_image::ImageConfig;

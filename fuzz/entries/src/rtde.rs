@@ -73,6 +73,7 @@ pub fn rtde_bridge(data: &[u8]) {
         model: "ur5".to_owned(),
         series: None,
         rate_hz: None,
+        wrench: None,
         limits: VelocityLimits {
             motion: MotionLimits {
                 speed_rad_per_s: Vector6::repeat(1.0),

@@ -1,6 +1,10 @@
-//! ATI Net F/T sensor service: RDT records in, conditioned wrench out.
+//! Sensor service: samples of a force/torque sensor in, conditioned wrench out.
 //!
-//! It reads units and scales from the box over HTTP and requests the stream. From then on, every
+//! The cell file chooses the driver ([`Driver`]): an ATI Net F/T box, the sensor in the flange of an
+//! e-Series arm, or a topic of another program. The conditioning, the topics and the tare are the
+//! same for all of them.
+//!
+//! With a Net F/T box, it reads units and scales from the box over HTTP and requests the stream. From then on, every
 //! record is published on `wrench/raw`, with its time of measurement recovered from the box's own
 //! count. The newest one is conditioned and published on `wrench/status` and `wrench/tool`. After
 //! silence the stream is requested again, without limit. `netft/tare` averages the zero on this
@@ -9,8 +13,10 @@
 #![deny(missing_docs)]
 
 pub mod box_config;
+mod bus_driver;
 pub mod clock;
 pub mod codec;
+mod conditioning;
 mod config;
 mod connection;
 mod error;
@@ -26,10 +32,11 @@ use tangent_runtime::{Beat, Bus, HealthReporter, Parameters, Stop};
 use tangent_tare::TareSetup;
 
 pub use box_config::BoxConfig;
-pub use config::{Config, SOCKET_BUFFER_BYTES, TOOL_RATE_DEFAULT_HZ};
+pub use config::{BusSource, Config, Driver, SOCKET_BUFFER_BYTES, TOOL_RATE_DEFAULT_HZ};
 pub use error::NetftError;
 pub use socket::RdtSocket;
 
+use conditioning::Conditioning;
 use receiver::{Ended, Receiver};
 
 /// Name of the service in topics, health and parameters.
@@ -43,7 +50,7 @@ const FIND_MAX: Duration = Duration::from_secs(60);
 /// Timeout of the box's web server.
 const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Runs until `stop`. A box that is unreachable, silent or unusable is reported and tried again,
+/// Runs until `stop`. A sensor that is unreachable, silent or unusable is reported and tried again,
 /// without limit.
 ///
 /// # Errors
@@ -61,20 +68,27 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
     let (taring, keeper) = tangent_tare::open(&bus, &setup)?
         .start()
         .map_err(system("starting the thread that writes state"))?;
-    let mut receiver = Receiver::new(config, &bus, &parameters, health, taring)?;
-    // Runs in a separate thread: real-time scheduling must not spread to the caller.
-    let ended = std::thread::Builder::new()
-        .name(SERVICE.into())
-        .spawn(move || {
-            receiver.setup_thread();
-            serve(&mut receiver, &stop)
-        })
-        .map_err(system("starting the receiving thread"))?
-        .join();
+    let conditioning = Conditioning::new(&config, &bus, &parameters, taring)?;
+    let ended = match config.driver.clone() {
+        Driver::Bus(source) => bus_driver::run(config, &source, &bus, conditioning, health, &stop),
+        Driver::Netft => {
+            let mut receiver = Receiver::new(config, &bus, conditioning, health)?;
+            // Runs in a separate thread: real-time scheduling must not spread to the caller.
+            let ended = std::thread::Builder::new()
+                .name(SERVICE.into())
+                .spawn(move || {
+                    receiver.setup_thread();
+                    serve(&mut receiver, &stop);
+                })
+                .map_err(system("starting the receiving thread"))?
+                .join();
+            ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            Ok(())
+        }
+    };
     // Dropped after the last zero, which it writes to the disk.
     drop(keeper);
-    ended.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-    Ok(())
+    ended
 }
 
 /// Repeatedly finds the box and receives from it.

@@ -3,23 +3,19 @@
 
 use std::time::{Duration, Instant};
 
-use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
+use tangent_mechanics::{Sensor, Tool, Wrench};
 use tangent_runtime::{
-    Beat, Bus, HealthReporter, Latest, Parameter, Parameters, Publisher, Ramp, RealtimeReport,
-    Stop, clock as host_clock, realtime,
+    Beat, Bus, HealthReporter, Publisher, RealtimeReport, Stop, clock as host_clock, realtime,
 };
 use tangent_schemas::standard::{Header, WrenchStamped};
-use tangent_schemas::tangent::{ArmState, WrenchStatus};
+use tangent_schemas::tangent::WrenchStatus;
 use tangent_schemas::topics;
-use tangent_sensing::{
-    Reading, RecordWatchConfig, SensorCondition, SensorRecord, SensorWatch, SensorWatchState,
-    Validity, Watched, WrenchConditioner, WrenchConditionerState, pressing_at,
-};
-use tangent_tare::Taring;
+use tangent_sensing::Validity;
 
 use crate::box_config::BoxConfig;
 use crate::clock::ClockRecovery;
 use crate::codec::{self, Command, DATAGRAM_MAX, FT_RATE_HZ, Record};
+use crate::conditioning::{Conditioning, WrenchSample};
 use crate::config::Config;
 use crate::connection::{Connection, Newest};
 use crate::meters::Meters;
@@ -34,8 +30,6 @@ const BATCH: usize = 512;
 const GONE: Duration = Duration::from_secs(2);
 /// Interval between two reports of silence.
 const SILENCE_PERIOD: Duration = Duration::from_millis(50);
-/// Rate at which the filter follows a new cut-off, Hz/s.
-const CUTOFF_RATE_HZ_PER_S: f64 = 100.0;
 
 /// Reason why receiving ended.
 pub(crate) enum Ended {
@@ -50,15 +44,7 @@ pub(crate) struct Receiver {
     raw: Publisher<WrenchStamped>,
     tool: Publisher<WrenchStamped>,
     status: Publisher<WrenchStatus>,
-    arm: Latest<ArmState>,
-    pose: Option<(Pose<Base, Tool>, Instant)>,
-    watch: SensorWatch,
-    watched: SensorWatchState,
-    conditioner: WrenchConditioner,
-    state: WrenchConditionerState,
-    cutoff: Parameter,
-    cutoff_ramp: Ramp,
-    taring: Taring,
+    conditioning: Conditioning,
     epoch: Instant,
     counts: StreamCounts,
     health: HealthReporter,
@@ -69,36 +55,14 @@ impl Receiver {
     pub(crate) fn new(
         config: Config,
         bus: &Bus,
-        parameters: &Parameters,
+        conditioning: Conditioning,
         health: HealthReporter,
-        taring: Taring,
     ) -> Result<Self, NetftError> {
-        let conditioner = WrenchConditioner::new(
-            &config.conditioning,
-            &config.payload,
-            config.sensor_from_tool,
-            config.rate_hz,
-        )?;
-        let cutoff_hz = config.conditioning.filter_cutoff_hz;
         Ok(Self {
             raw: bus.publisher(&topics::WRENCH_RAW)?,
             tool: bus.publisher(&topics::WRENCH_TOOL)?,
             status: bus.publisher(&topics::WRENCH_STATUS)?,
-            arm: bus.latest(&topics::ARM_STATE)?,
-            pose: None,
-            watch: watch_of(&config, config.rate_hz),
-            watched: SensorWatchState::default(),
-            conditioner,
-            state: WrenchConditionerState::default(),
-            cutoff: parameters.number(
-                "filter_cutoff_hz",
-                cutoff_hz,
-                1.0..=0.45 * config.rate_hz,
-                "Hz",
-                "Cut-off of the low-pass on the wrench; approached at 100 Hz per second.",
-            ),
-            cutoff_ramp: Ramp::new(cutoff_hz, CUTOFF_RATE_HZ_PER_S),
-            taring,
+            conditioning,
             epoch: Instant::now(),
             counts: StreamCounts::default(),
             meters: Meters::new(&health),
@@ -159,11 +123,10 @@ impl Receiver {
         self.meters
             .socket_buffer_records
             .set(socket.buffer_records() as f64);
-        self.adopt_rate(rate_hz)?;
+        self.conditioning.adopt_rate(&self.config, rate_hz)?;
         let now_s = self.epoch.elapsed().as_secs_f64();
-        let tare = &self.config.conditioning.tare;
-        self.taring
-            .adopt(&found.serial, tare, &mut self.state, now_s);
+        self.conditioning
+            .adopt_sensor(&self.config, &found.serial, now_s);
         let command = match self.config.buffer_records {
             None => Command::RealTime,
             Some(_) => Command::Buffered,
@@ -188,24 +151,6 @@ impl Receiver {
         let ended = self.stream(&socket, &mut connection, stop, beat);
         self.counts = *connection.stream.counts();
         Ok(ended)
-    }
-
-    /// Adapts the filter to a box that runs at another rate than requested.
-    fn adopt_rate(&mut self, rate_hz: f64) -> Result<(), NetftError> {
-        if (rate_hz - self.conditioner.filter().sample_rate_hz()).abs() > 1e-9 {
-            self.conditioner = WrenchConditioner::new(
-                &self.config.conditioning,
-                &self.config.payload,
-                self.config.sensor_from_tool,
-                rate_hz,
-            )?;
-            self.cutoff_ramp =
-                Ramp::new(self.conditioner.filter().cutoff_hz(), CUTOFF_RATE_HZ_PER_S);
-        }
-        self.watch = watch_of(&self.config, rate_hz);
-        self.watched.restart();
-        self.state.restart();
-        Ok(())
     }
 
     fn stream(
@@ -235,7 +180,7 @@ impl Receiver {
             }
             if let Some(datagram) = socket.wait(&mut buffer) {
                 let offset_ns = self.unix_offset_ns();
-                self.refresh_pose();
+                self.conditioning.refresh_pose();
                 self.datagram(connection, datagram, offset_ns);
                 for _ in 0..BATCH {
                     match socket.next(&mut buffer) {
@@ -276,15 +221,6 @@ impl Receiver {
         host_clock::now_ns() - nanoseconds(self.epoch.elapsed())
     }
 
-    fn refresh_pose(&mut self) {
-        if let Some(received) = self.arm.take_new() {
-            // An invalid pose counts as none.
-            self.pose = Pose::try_from(&received.message.tool_pose)
-                .ok()
-                .map(|pose| (pose, received.received));
-        }
-    }
-
     fn datagram(&mut self, connection: &mut Connection, datagram: &[u8], offset_ns: i64) {
         let arrival = self.epoch.elapsed();
         let Ok(records) = codec::records(datagram) else {
@@ -316,8 +252,7 @@ impl Receiver {
                 // The very first record is not a restart.
                 connection.restarted |= connection.newest.is_some();
                 connection.clock.restart();
-                self.watched.restart();
-                self.state.restart();
+                self.conditioning.restart();
                 0
             }
             Kind::Next { missed } => missed,
@@ -345,38 +280,17 @@ impl Receiver {
         if kind == Kind::Late {
             return;
         }
-        self.taring
-            .serve(&self.conditioner, &mut self.state, arrival.as_secs_f64());
-        // An untared sensor may show any value without contact.
-        let felt = connection
-            .newest
-            .filter(|newest| newest.wrench.bias_age_s.is_some())
-            .map(|newest| newest.wrench.wrench.force);
-        let at = self.pose.map(|(pose, _)| pose.translation());
-        let judged = SensorRecord {
+        let sample = WrenchSample {
             counts: record.counts,
-            wrench: wrench.vector().into(),
+            wrench,
             condition: record.status.condition(),
             missed,
-            pressing_at: felt.and_then(|force| pressing_at(at, &force)),
+            time_s: stamp_ns as f64 * 1e-9,
+            arrival_s: arrival.as_secs_f64(),
         };
-        let Watched::Take { condition, missed } = self.watch.take(&mut self.watched, &judged)
-        else {
+        let Some(wrench) = self.conditioning.take(&self.config, &sample) else {
             return;
         };
-        let condition = self.within_range(condition, &wrench);
-        let reading = Reading {
-            time_s: stamp_ns as f64 * 1e-9,
-            wrench,
-            condition,
-            missed,
-            base_from_tool: self
-                .pose
-                .map(|(pose, received)| (pose, received.elapsed().as_secs_f64())),
-            motion: None,
-        };
-        let wrench = self.conditioner.update(&mut self.state, &reading);
-        self.taring.finish(&mut self.state);
         let turned_bad = wrench.validity != Validity::Valid
             && connection
                 .newest
@@ -391,20 +305,9 @@ impl Receiver {
             stamp_ns: offset_ns + stamp_ns,
             wrench,
             arrival,
-            implausible: self.watched.implausible(),
-            stuck_axes: self.watched.stuck_axes(),
+            implausible: self.conditioning.implausible(),
+            stuck_axes: self.conditioning.stuck_axes(),
         });
-    }
-
-    /// Detects a load beyond the sensor's range, which the box does not report. A record with an
-    /// isolated jump was already left out.
-    fn within_range(&self, condition: SensorCondition, wrench: &Wrench<Sensor>) -> SensorCondition {
-        let load = wrench.vector();
-        let beyond = (0..6).any(|i| load[i].abs() > self.config.range[i]);
-        match condition {
-            SensorCondition::Good if beyond => SensorCondition::Saturated,
-            condition => condition,
-        }
     }
 
     /// Publishes the status, then the wrench, when they are due.
@@ -434,7 +337,8 @@ impl Receiver {
         self.meters.published.tick();
         self.tell_validity(connection, validity);
         self.tell_figures(connection, &newest);
-        self.follow_cutoff(connection);
+        let dt_s = connection.interval as f64 / FT_RATE_HZ;
+        self.conditioning.follow_cutoff(connection.rate_hz, dt_s);
     }
 
     fn publish_silence(&self, connection: &Connection) {
@@ -481,22 +385,6 @@ impl Receiver {
             ));
         }
     }
-
-    /// Approaches a cut-off that was set live at a bounded rate.
-    fn follow_cutoff(&mut self, connection: &Connection) {
-        let max = 0.45 * connection.rate_hz;
-        let dt_s = connection.interval as f64 / FT_RATE_HZ;
-        let before = self.cutoff_ramp.value;
-        let now = self.cutoff_ramp.step(self.cutoff.get().min(max), dt_s);
-        if now != before && self.conditioner.set_filter_cutoff_hz(now).is_err() {
-            self.cutoff_ramp.value = before;
-        }
-    }
-}
-
-/// Plausibility checks for the records of a box that sends at `rate_hz`.
-fn watch_of(config: &Config, rate_hz: f64) -> SensorWatch {
-    SensorWatch::new(&RecordWatchConfig::default(), rate_hz, config.range)
 }
 
 fn nanoseconds(duration: Duration) -> i64 {
@@ -505,7 +393,7 @@ fn nanoseconds(duration: Duration) -> i64 {
 
 /// Silence after which a stream at `rate_hz` is reported: `asked`, or three record periods if that
 /// is longer, so that a slow stream does not count as silent.
-fn patience(asked: Duration, rate_hz: f64) -> Duration {
+pub(crate) fn patience(asked: Duration, rate_hz: f64) -> Duration {
     let three = Duration::try_from_secs_f64(3.0 / rate_hz);
     asked.max(three.unwrap_or(asked))
 }

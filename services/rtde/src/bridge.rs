@@ -9,6 +9,7 @@ use nalgebra::Vector6;
 use tangent_actuation::Command;
 use tangent_actuation::lease::{Lease, LeaseDecision, Source};
 use tangent_actuation::velocity::{Permission, Posture, VelocityGate, VelocityLimits};
+use tangent_runtime::config::UrReading;
 use tangent_schemas::arm_modes::RUNTIME_PLAYING;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
@@ -42,6 +43,8 @@ pub struct BridgeConfig {
     pub series: Option<Series>,
     /// Requested rate of states, Hz; `None`: the controller's own rate.
     pub rate_hz: Option<f64>,
+    /// Value of the robot's own force/torque sensor to read with every state; `None`: none.
+    pub wrench: Option<UrReading>,
     /// Limits of the gate.
     pub limits: VelocityLimits<6>,
     /// Smallest speed scaling at which the arm may move, 0 to 1.
@@ -106,7 +109,8 @@ impl Bridge {
                 &config.model,
                 config.series,
                 config.rate_hz,
-            ),
+            )
+            .with_wrench(config.wrench),
             supervisor: Supervisor::new(config.speed_scaling_min, config.seed),
             gate: VelocityGate::new(config.limits.clone(), period_s),
             lease: Lease::default(),

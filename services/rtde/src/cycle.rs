@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use nalgebra::{Matrix6, Vector3};
 use tangent_actuation::Command;
 use tangent_actuation::velocity::Posture;
-use tangent_mechanics::Joints;
+use tangent_mechanics::{Flange, Joints};
 use tangent_runtime::arm_commands::newest_command;
 use tangent_runtime::bus::{Publisher, Subscription};
 use tangent_runtime::health::HealthReporter;
@@ -28,11 +28,13 @@ use tangent_runtime::stop::Stop;
 use tangent_runtime::watchdog::Beat;
 use tangent_schemas::arm_modes::NO_PROGRAM;
 use tangent_schemas::convert::cut_format;
+use tangent_schemas::standard::{Header, WrenchStamped};
 use tangent_schemas::tangent::{ArmCommand, ArmState};
 
 use crate::bridge::{Bridge, BridgeEvent};
 use crate::codec::{Framer, PACKAGE_BYTES_MAX};
 use crate::link::LinkError;
+use crate::own_sensor::flange_wrench;
 use crate::robot_setup::resolve;
 use crate::settings::Config;
 use crate::shared::{Shared, Upload};
@@ -71,10 +73,17 @@ impl Meters {
     }
 }
 
+/// What the loop publishes.
+pub(crate) struct Outlets {
+    pub state: Publisher<ArmState>,
+    /// Reading of the robot's own force/torque sensor, if the cell uses it.
+    pub wrench: Option<Publisher<WrenchStamped>>,
+}
+
 pub(crate) struct Cycle {
     config: Arc<Config>,
     bridge: Bridge,
-    publisher: Publisher<ArmState>,
+    outlets: Outlets,
     commands: Subscription<ArmCommand>,
     shared: Arc<Shared>,
     health: Arc<HealthReporter>,
@@ -93,7 +102,7 @@ impl Cycle {
     pub fn new(
         config: Arc<Config>,
         bridge: Bridge,
-        publisher: Publisher<ArmState>,
+        outlets: Outlets,
         commands: Subscription<ArmCommand>,
         shared: Arc<Shared>,
         health: Arc<HealthReporter>,
@@ -104,7 +113,7 @@ impl Cycle {
             writer: ArmStateWriter::new(config.arm, config.flange_from_tool),
             config,
             bridge,
-            publisher,
+            outlets,
             commands,
             shared,
             health,
@@ -236,7 +245,10 @@ impl Cycle {
         self.bridge
             .set_wrong_model(self.shared.wrong_model.load(Ordering::Acquire));
         self.fill_state(arrival);
-        self.publisher.publish(&self.state);
+        // The wrench is published first: a controller runs when the state is published, and needs
+        // the wrench of this cycle.
+        self.publish_wrench();
+        self.outlets.state.publish(&self.state);
         let now_s = self.now_s(Instant::now());
         let bridge = &mut self.bridge;
         let newest = newest_command(&self.commands, |source, activation| {
@@ -265,6 +277,20 @@ impl Cycle {
         self.bridge
             .command(&self.posture, None, now_s, &mut self.out)?;
         Ok(())
+    }
+
+    /// Publishes the reading of the robot's own sensor, with the stamp of the state that came in the
+    /// same packet.
+    fn publish_wrench(&self) {
+        let sample = self.bridge.sample();
+        let reading = self.config.bridge.wrench.zip(sample.wrench);
+        if let Some(((reading, values), publisher)) = reading.zip(self.outlets.wrench.as_ref()) {
+            let q = Joints::from(sample.q);
+            publisher.publish(&WrenchStamped {
+                header: Header::in_frame::<Flange>(self.state.header.stamp.to_ns()),
+                wrench: (&flange_wrench(reading, &values, &self.config.arm, &q)).into(),
+            });
+        }
     }
 
     fn fill_state(&mut self, arrival: Instant) {

@@ -30,6 +30,7 @@ pub mod dashboard;
 pub mod inquiry;
 pub mod link;
 mod modes;
+pub mod own_sensor;
 pub mod primary;
 pub mod program;
 mod robot_setup;
@@ -53,7 +54,7 @@ use tangent_runtime::{Bus, BusError, HealthReporter, Stop};
 use tangent_schemas::topics;
 
 use bridge::Bridge;
-use cycle::Cycle;
+use cycle::{Cycle, Outlets};
 use robot_setup::RobotSetup;
 use shared::Shared;
 
@@ -102,12 +103,19 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     let shared = Arc::new(Shared::new());
     let health = Arc::new(HealthReporter::start_only(&bus, "rtde")?);
     let publisher = bus.publisher(&topics::ARM_STATE)?;
+    let wrench = match config.bridge.wrench {
+        Some(_) => Some(bus.publisher(&topics::ARM_WRENCH)?),
+        None => None,
+    };
     let commands = bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?;
     let _answers = modes::answers(&config, &bus, &shared)?;
     let cycle = Cycle::new(
         Arc::clone(&config),
         Bridge::new(config.bridge.clone()),
-        publisher,
+        Outlets {
+            state: publisher,
+            wrench,
+        },
         commands,
         Arc::clone(&shared),
         Arc::clone(&health),

@@ -3,6 +3,8 @@
 //! It has no socket and no clock: inputs are packages and monotonic seconds, outputs are bytes and
 //! events. Every connection starts from scratch, since recipes do not survive a connection.
 
+use tangent_runtime::config::UrReading;
+
 use crate::codec::{
     ControllerVersion, DataType, DecodeError, EncodeError, FrameError, Package, Protocol, Recipe,
     RecipeError, Reply, Request, Series, Slot, TextMessage, Value, output_cycles,
@@ -51,6 +53,15 @@ pub enum LinkError {
         name: String,
         /// Client that probably uses it.
         owner: &'static str,
+    },
+    /// The controller does not have the value of its own sensor that the cell file asks for.
+    #[error(
+        "the controller ({version}) does not have ft_raw_wrench, which came with 5.9: update PolyScope, or set [sensor.ur] reading = \
+         \"actual_TCP_force\""
+    )]
+    NoRawWrench {
+        /// Version of the controller's software.
+        version: ControllerVersion,
     },
     /// The controller does not have a field.
     #[error("the controller ({version}) does not have {name}")]
@@ -153,6 +164,7 @@ pub struct Link {
     model: String,
     expected: Option<Series>,
     rate_hz: Option<f64>,
+    wrench: Option<UrReading>,
     step: Step,
     protocol: Protocol,
     version: ControllerVersion,
@@ -177,15 +189,38 @@ impl Link {
             model: model.to_owned(),
             expected,
             rate_hz,
+            wrench: None,
             step: Step::Closed,
             protocol: Protocol::V1,
             version: ControllerVersion::default(),
             deadline_s: f64::INFINITY,
             input: None,
             output: None,
-            values: Vec::with_capacity(output_types().len()),
+            // One more for the reading of the robot's own sensor.
+            values: Vec::with_capacity(output_types().len() + 1),
             sample: Sample::default(),
         }
+    }
+
+    /// Requests this value of the robot's own force/torque sensor with every state.
+    pub fn with_wrench(mut self, reading: Option<UrReading>) -> Self {
+        self.wrench = reading;
+        self
+    }
+
+    /// Names of the output recipe, in order.
+    fn output_names(&self) -> Vec<String> {
+        let wrench = self.wrench.map(|reading| reading.field().to_owned());
+        let mut names = output_names(&self.registers);
+        names.extend(wrench);
+        names
+    }
+
+    /// Types of the output recipe, in order.
+    fn output_types(&self) -> Vec<DataType> {
+        let mut types = output_types();
+        types.extend(self.wrench.map(|_| DataType::Vector6d));
+        types
     }
 
     /// A connection was made: appends the first request.
@@ -306,14 +341,14 @@ impl Link {
                 self.input = Some(Recipe::new(recipe_id, types)?);
                 let request = Request::SetupOutputs {
                     frequency_hz: (self.protocol == Protocol::V2).then_some(1.0 / self.period_s()),
-                    names: output_names(&self.registers),
+                    names: self.output_names(),
                 };
                 self.ask(Step::Outputs, &request, now_s, out)?;
                 Ok(LinkEvent::None)
             }
             (Step::Outputs, Reply::SetupOutputs { recipe_id, slots }) => {
-                let names = output_names(&self.registers);
-                let types = self.check_slots(&names, &slots, &output_types())?;
+                let names = self.output_names();
+                let types = self.check_slots(&names, &slots, &self.output_types())?;
                 self.output = Some(Recipe::new(recipe_id.unwrap_or(0), types)?);
                 self.ask(Step::Start, &Request::Start, now_s, out)?;
                 Ok(LinkEvent::None)
@@ -413,6 +448,11 @@ impl Link {
                         owner: likely_owner(name),
                     });
                 }
+                Slot::NotFound if name == UrReading::FtRawWrench.field() => {
+                    return Err(LinkError::NoRawWrench {
+                        version: self.version,
+                    });
+                }
                 Slot::NotFound => {
                     return Err(LinkError::NotFound {
                         name: name.clone(),
@@ -432,7 +472,11 @@ impl Link {
             Protocol::V1 => recipe.decode_without_id(payload, &mut self.values)?,
             Protocol::V2 => recipe.decode(payload, &mut self.values)?,
         }
-        let Some(sample) = Sample::from_values(&self.values) else {
+        let sample = match self.wrench {
+            None => Sample::from_values(&self.values),
+            Some(_) => Sample::from_values_with_wrench(&self.values),
+        };
+        let Some(sample) = sample else {
             return Ok(LinkEvent::None);
         };
         if !sample.is_usable() {

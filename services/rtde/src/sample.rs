@@ -88,6 +88,9 @@ pub struct Sample {
     pub stale_max: i32,
     /// Out double B+0..5: given to `speedj`, rad/s.
     pub qd_commanded: [f64; 6],
+    /// Reading of the robot's own force/torque sensor, if the bridge requested it: N, then Nm; not
+    /// checked.
+    pub wrench: Option<[f64; 6]>,
 }
 
 impl Sample {
@@ -120,8 +123,19 @@ impl Sample {
                 }
                 qd
             },
+            wrench: None,
         };
         rest.next().is_none().then_some(sample)
+    }
+
+    /// From the values of the output recipe, followed by the reading of the robot's own sensor;
+    /// `None` when they are not those.
+    pub fn from_values_with_wrench(values: &[Value]) -> Option<Self> {
+        let (wrench, values) = values.split_last()?;
+        Some(Self {
+            wrench: Some(wrench.as_vector6d()?),
+            ..Self::from_values(values)?
+        })
     }
 
     /// Whether every number is finite and physically possible; a controller never sends others. A
@@ -253,6 +267,9 @@ mod tests {
         assert_eq!(Sample::from_values(&values), Some(Sample::default()));
         values.push(Value::Double(0.0));
         assert_eq!(Sample::from_values(&values), None);
+        *values.last_mut().unwrap() = Value::Vector6d([1.0; 6]);
+        let with_wrench = Sample::from_values_with_wrench(&values);
+        assert_eq!(with_wrench.and_then(|sample| sample.wrench), Some([1.0; 6]));
         values.truncate(20);
         assert_eq!(Sample::from_values(&values), None);
     }

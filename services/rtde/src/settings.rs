@@ -49,6 +49,15 @@ pub enum SettingsError {
         /// What was configured, Hz.
         rate_hz: f64,
     },
+    /// The arm has no force/torque sensor of its own.
+    #[error(
+        "[sensor] driver = \"ur\" is not allowed with [robot] model = \"{model}\": only e-Series arms (ur3e to ur16e, ur15, ur20, ur30) \
+         have a force/torque sensor. Correct the model, or set driver to \"netft\" or \"topic\""
+    )]
+    NoSensor {
+        /// The cell file's model.
+        model: String,
+    },
     /// The robot's program cannot be made of these numbers.
     #[error(transparent)]
     Program(#[from] ProgramError),
@@ -100,6 +109,12 @@ impl Config {
                 rate_hz: robot.rate_hz,
             });
         }
+        let wrench = cell.sensor.ur_reading();
+        if wrench.is_some() && series == Some(Series::Cb3) {
+            return Err(SettingsError::NoSensor {
+                model: robot.model.clone(),
+            });
+        }
         let arm = Arm::<6>::new(&model)?;
         let limits = guard_limits(cell, &arm, series)?;
         let config = Self {
@@ -115,6 +130,7 @@ impl Config {
                 model: robot.model.clone(),
                 series,
                 rate_hz: (robot.rate_hz > 0.0).then_some(robot.rate_hz),
+                wrench,
                 limits,
                 speed_scaling_min: robot.speed_scaling_min,
                 seed: 1,
@@ -175,6 +191,7 @@ fn guard_limits(
 #[cfg(test)]
 mod tests {
     use tangent_mechanics::ModelData;
+    use tangent_runtime::config::SensorDriver;
 
     use super::*;
 
@@ -204,6 +221,16 @@ mod tests {
         cell.limits.joint_speed_max_rad_per_s = vec![1.0; 5];
         let text = Config::from_cell(&cell).unwrap_err().to_string();
         assert!(text.contains("has 5 values"), "{text}");
+
+        let mut cell = CellConfig::default_cell();
+        cell.sensor.driver = SensorDriver::Ur;
+        let text = Config::from_cell(&cell).unwrap_err().to_string();
+        assert!(
+            text.starts_with(
+                "[sensor] driver = \"ur\" is not allowed with [robot] model = \"ur5\""
+            ),
+            "{text}"
+        );
 
         let mut cell = CellConfig::default_cell();
         cell.robot.rate_hz = 50.0;

@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use tangent_rtde::codec::{ControllerVersion, Series};
 
+use crate::own_sensor::OwnSensorConfig;
+
 /// Series of the controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -94,6 +96,8 @@ pub struct ControllerConfig {
     pub dashboard_lag_s: f64,
     /// Name on the dashboard and in serial number queries.
     pub serial_number: String,
+    /// e-Series: the force/torque sensor in the flange.
+    pub own_sensor: OwnSensorConfig,
 }
 
 impl Default for ControllerConfig {
@@ -116,6 +120,7 @@ impl Default for ControllerConfig {
             ownership_linger_s: 0.0,
             dashboard_lag_s: 0.6,
             serial_number: "20195599999".to_owned(),
+            own_sensor: OwnSensorConfig::default(),
         }
     }
 }

@@ -33,6 +33,7 @@ pub mod fault;
 pub mod kinematics;
 pub mod modes;
 pub mod motion;
+pub mod own_sensor;
 pub mod plant;
 pub mod primary;
 pub mod registers;
@@ -44,6 +45,7 @@ mod simulated_ur;
 
 pub use config::{ControllerConfig, Flavour};
 pub use fault::Fault;
+pub use own_sensor::{OwnReading, OwnSensor, OwnSensorConfig};
 pub use simulated_ur::{
     Endpoints, Listeners, OdometryListener, Place, SimulatedUr, Snapshot, StartError, TruthListener,
 };

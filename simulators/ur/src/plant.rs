@@ -2,8 +2,8 @@
 
 use tangent_mechanics::{Arm, Joints, ModelData, ModelError};
 use tangent_simulation::{
-    AdmittancePlant, ArmMeasurement, OdometrySample, SensorSample, Servo, ServoConfig, Truth,
-    VelocityCommand,
+    AdmittancePlant, ArmMeasurement, FlangeLoad, OdometrySample, SensorSample, Servo, ServoConfig,
+    Truth, VelocityCommand,
 };
 
 /// An arm behind the controller, one control period per step.
@@ -16,6 +16,10 @@ pub trait ArmPlant: Send {
     fn sensor_samples(&self) -> &[SensorSample];
     /// The truth about the contact, if there is a surface.
     fn truth(&self) -> Option<Truth>;
+    /// Load on the flange, which the sensor of an e-Series arm measures.
+    fn flange_load(&self) -> FlangeLoad {
+        FlangeLoad::none()
+    }
     /// Odometry of the platform under the arm in the last period.
     fn odometry(&self) -> &[OdometrySample] {
         &[]
@@ -37,6 +41,10 @@ impl ArmPlant for AdmittancePlant {
 
     fn truth(&self) -> Option<Truth> {
         Some(AdmittancePlant::truth(self))
+    }
+
+    fn flange_load(&self) -> FlangeLoad {
+        AdmittancePlant::flange_load(self)
     }
 
     fn odometry(&self) -> &[OdometrySample] {

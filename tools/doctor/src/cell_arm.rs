@@ -1,7 +1,7 @@
 //! The kind of arm that the cell file names.
 
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::{Law, RobotDriver};
+use tangent_runtime::config::{Law, RobotDriver, SensorDriver};
 
 /// Interface of the cell's arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +24,8 @@ impl CellArm {
         }
     }
 
-    pub(crate) fn has_sensor_box(self) -> bool {
-        self != Self::Franka
+    /// Whether the wrench comes from a Net F/T box.
+    pub(crate) fn has_sensor_box(self, config: &CellConfig) -> bool {
+        self != Self::Franka && config.sensor.driver == SensorDriver::Netft
     }
 }

@@ -73,7 +73,7 @@ fn devices(config: &CellConfig) -> Vec<Finding> {
         (CellArm::OnTheBus, Some(cell)) => on_the_bus::arm(config, cell),
         _ => devices::robot(config),
     };
-    if arm.has_sensor_box() {
+    if arm.has_sensor_box(config) {
         findings.extend(devices::sensor(config));
     } else {
         findings.push(Finding::ok(

@@ -21,7 +21,7 @@ const ERRORS: f64 = 1e-4;
 pub fn check(system: &System, config: &CellConfig) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut seen = Vec::new();
-    let box_there = CellArm::of(config).has_sensor_box();
+    let box_there = CellArm::of(config).has_sensor_box(config);
     for (device, host) in [
         ("robot", Some(&config.robot.address)),
         ("sensor", box_there.then_some(&config.sensor.address)),

@@ -2,7 +2,7 @@
 //! devices take the place of the real ones, and what a simulator cannot honour is named.
 
 use tangent_runtime::CellConfig;
-use tangent_runtime::config::{Law, RobotDriver};
+use tangent_runtime::config::{Law, RobotDriver, SensorDriver};
 use tangent_simulation::Scenario;
 use toml::{Table, Value};
 
@@ -74,10 +74,15 @@ pub fn write(
         ("sensor.address", "the sensor is simulated here"),
     ] {
         let own = get(cell, key).and_then(Value::as_str).unwrap_or_default();
-        // A Franka has no box: its file says so.
-        if own != HERE && own != "none" {
+        // A Franka has no box, and its file says so; neither has an arm with its own sensor.
+        if own != HERE && own != "none" && !own.is_empty() {
             unused.push(format!("{key} = \"{own}\" ({what})"));
         }
+    }
+    if base.sensor.driver == SensorDriver::Topic {
+        unused.push("sensor.driver = \"topic\" (a Net F/T box is simulated here)".to_owned());
+        set(cell, "sensor.driver", "netft")?;
+        remove(cell, "sensor.topic");
     }
     for (key, own, simulated) in ports(base) {
         if own != simulated {

@@ -1,7 +1,7 @@
 //! Load on the sensor: the contact's wrench, and weight and inertia of everything on its tool side.
 
 use nalgebra::{Isometry3, Vector3, Vector6};
-use tangent_mechanics::{Flange, Pose, Sensor as SensorFrame};
+use tangent_mechanics::{Flange, Pose, Sensor as SensorFrame, Wrench};
 
 use crate::contact::PadContact;
 use crate::tool::ToolConfig;
@@ -30,6 +30,25 @@ impl Body {
     }
 }
 
+/// Load on the flange, at its origin and in its axes, N and Nm; without inertial forces.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FlangeLoad {
+    /// What the surface does to the tool.
+    pub contact: Wrench<Flange>,
+    /// Weight of tool and sensor.
+    pub weight: Wrench<Flange>,
+}
+
+impl FlangeLoad {
+    /// No load.
+    pub fn none() -> Self {
+        Self {
+            contact: Wrench::zero(),
+            weight: Wrench::zero(),
+        }
+    }
+}
+
 /// True payload of the sensor.
 #[derive(Clone, Debug)]
 pub(crate) struct SensorLoad {
@@ -52,6 +71,27 @@ impl SensorLoad {
 
     pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
         self.flange_from_sensor
+    }
+
+    /// Load on the flange while the arm is at rest in `pose`, floor axes.
+    pub fn on_flange(
+        &self,
+        pose: Isometry3<f64>,
+        contact: &PadContact,
+        contact_at: &Vector3<f64>,
+    ) -> FlangeLoad {
+        let body = Body::at_rest(pose);
+        let still = Vector3::zeros();
+        let at_sensor = |contact: &PadContact| {
+            let wrench = self.wrench(&body, &still, &still, contact, contact_at);
+            Wrench::<SensorFrame>::from_vector(&wrench)
+        };
+        let (all, weight) = (at_sensor(contact), at_sensor(&PadContact::none()));
+        let contact = Wrench::from_vector(&(all.vector() - weight.vector()));
+        FlangeLoad {
+            contact: self.flange_from_sensor.transform_wrench(&contact),
+            weight: self.flange_from_sensor.transform_wrench(&weight),
+        }
     }
 
     /// Wrench of contact (at `contact_at`, base axes, m), gravity and inertia of the payload on the

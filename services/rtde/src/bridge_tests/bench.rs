@@ -43,6 +43,7 @@ impl Cell {
             model: "ur5".into(),
             series,
             rate_hz: None,
+            wrench: None,
             limits: VelocityLimits {
                 motion: MotionLimits {
                     speed_rad_per_s: Vector6::repeat(1.0),

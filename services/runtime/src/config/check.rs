@@ -17,6 +17,11 @@ impl<'a> Checker<'a> {
         Self { file, text }
     }
 
+    /// Whether the file states this key.
+    pub fn states(&self, key: &str) -> bool {
+        locate(self.text, key).is_some()
+    }
+
     /// The error for one value. `allowed` completes "is not allowed: ".
     pub fn refuse(
         &self,

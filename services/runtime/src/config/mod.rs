@@ -16,7 +16,8 @@ pub use sections::{
     Calibration, CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
     FRANKA_TORQUE_RATE_SHARE, Focal, FrankaConfig, JointCountError, Law, LimitsConfig, PoseConfig,
     RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, RobotModelError, SensorConfig,
-    SensorMode, SimulatorConfig, TlsConfig, ToolConfig, WrenchSource, ZenohConfig,
+    SensorDriver, SensorMode, SimulatorConfig, TlsConfig, ToolConfig, TopicSensorConfig, UrReading,
+    UrSensorConfig, WrenchSource, ZenohConfig,
 };
 
 /// The cell file supplied with the program: a simulated UR5 with a Gamma sensor on loopback.
@@ -166,7 +167,7 @@ impl CellConfig {
     fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
         self.cell.check(checker)?;
         self.robot.check(checker)?;
-        self.sensor.check(checker)?;
+        self.sensor.check(checker, &self.robot)?;
         self.tool.check(checker)?;
         if let Some(camera) = &self.camera {
             camera.check(checker)?;

@@ -32,7 +32,7 @@ pub struct Service {
 
 const RTDE: Service = Service {
     name: "rtde",
-    publishes: &["arm/state"],
+    publishes: &["arm/state", "arm/wrench"],
     answers: &["rtde/*"],
     asks: &[],
     tokens: &[],

@@ -159,3 +159,58 @@ fn relative_paths_start_at_the_files_folder_and_the_text_stays_as_it_is() {
         Some(folder.path().join("my_arm.toml"))
     );
 }
+
+/// `[sensor]` of an arm's own sensor or of a topic: what stands there, and what is said about it.
+const SENSOR_MISTAKES: &[(&str, &str)] = &[
+    (
+        "",
+        "`sensor.address` = \"\" is not allowed: a host name or an IP address of the Net F/T box; without a box, set sensor.driver",
+    ),
+    (
+        "driver = \"ati\"",
+        "`sensor.driver` = \"ati\": unknown variant `ati`, expected one of `netft`, `ur`, `topic`",
+    ),
+    (
+        "driver = \"ur\"\nrate_hz = 500.0",
+        "`sensor.force_range_n` = [130.0, 130.0, 400.0] is not allowed: the range of this sensor, from its data sheet",
+    ),
+    (
+        "driver = \"ur\"\nforce_range_n = [50.0, 50.0, 50.0]\ntorque_range_nm = [10.0, 10.0, 10.0]",
+        "`sensor.rate_hz` = 7000 is not allowed: 500.0, the rate of the robot's packets",
+    ),
+    (
+        "driver = \"ur\"\nrate_hz = 500.0\nforce_range_n = [50.0, 50.0, 50.0]\ntorque_range_nm = [10.0, 10.0, 10.0]\n\
+         ur = { reading = \"force\" }",
+        "`sensor.ur.reading` = \"force\": unknown variant `force`, expected `ft_raw_wrench` or `actual_TCP_force`",
+    ),
+    (
+        "driver = \"ur\"\nrate_hz = 500.0\nforce_range_n = [50.0, 50.0, 50.0]\ntorque_range_nm = [10.0, 10.0, 10.0]\n\
+         flange_from_sensor = { translation_m = [0.0, 0.0, 0.01] }",
+        "none with sensor.driver = \"ur\": this sensor measures at the flange. Remove the table",
+    ),
+    (
+        "address = \"127.0.0.1\"\nur = { reading = \"ft_raw_wrench\" }",
+        "is not allowed: \"ur\" where there is a table [sensor.ur]",
+    ),
+    (
+        "driver = \"topic\"\nforce_range_n = [50.0, 50.0, 50.0]\ntorque_range_nm = [10.0, 10.0, 10.0]",
+        "`sensor.topic.key` = \"\" is not allowed: a topic's name without a leading /",
+    ),
+    (
+        "driver = \"topic\"\nforce_range_n = [50.0, 50.0, 50.0]\ntorque_range_nm = [10.0, 10.0, 10.0]\n\
+         topic = { key = \"wrench/tool\" }",
+        "`sensor.topic.key` = \"wrench/tool\" is not allowed",
+    ),
+];
+
+#[test]
+fn a_sensor_that_cannot_be_is_named() {
+    for (sensor, said) in SENSOR_MISTAKES {
+        let text = format!(
+            "[cell]\nname = \"a\"\n[robot]\nmodel = \"ur5e\"\naddress = \"127.0.0.1\"\n[tool]\nmass_kg = 0.3\n\
+             com_in_sensor_m = [0.0, 0.0, 0.05]\nflange_from_tool = {{ translation_m = [0.0, 0.0, 0.15] }}\n[sensor]\n{sensor}\n"
+        );
+        let error = CellConfig::parse("cell.toml", &text).unwrap_err();
+        assert!(error.to_string().contains(said), "{sensor}: {error}");
+    }
+}

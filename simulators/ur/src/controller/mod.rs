@@ -14,6 +14,7 @@ mod tests;
 
 use std::collections::VecDeque;
 
+use nalgebra::UnitQuaternion;
 use tangent_mechanics::{Joints, ModelError};
 use tangent_rtde::codec::Value;
 use tangent_rtde::dashboard::ur_size;
@@ -24,6 +25,7 @@ use crate::config::{ControllerConfig, Flavour};
 use crate::kinematics::Kinematics;
 use crate::modes::{RobotMode, RuntimeState, SafetyMode};
 use crate::motion::Planner;
+use crate::own_sensor::OwnReading;
 use crate::registers::Registers;
 
 /// Messages kept for clients that have not been served yet.
@@ -56,6 +58,7 @@ pub struct Controller {
     qd_target_before: Joints<6>,
     qdd_target: Joints<6>,
     tcp_force: [f64; 6],
+    ft_raw_wrench: [f64; 6],
     time_s: f64,
     robot_mode: RobotMode,
     goal: RobotMode,
@@ -143,6 +146,7 @@ impl Controller {
             qd_target_before: Joints::<6>::zeros(),
             qdd_target: Joints::<6>::zeros(),
             tcp_force: [0.0; 6],
+            ft_raw_wrench: [0.0; 6],
             time_s: config.timestamp_s,
             robot_mode: mode,
             goal: mode,
@@ -192,6 +196,21 @@ impl Controller {
         self.qd_target_before = arm.qd_target;
         self.arm = arm;
         self.tcp_force = tcp_force;
+    }
+
+    /// Takes the reading of the sensor in the flange, which replaces the force of the present cycle:
+    /// after [`Controller::observe`], of an e-Series arm.
+    pub fn feel(&mut self, reading: &OwnReading) {
+        self.tcp_force = reading.tcp_force;
+        self.ft_raw_wrench = reading.ft_raw_wrench;
+    }
+
+    /// Orientation of the flange in the base, by the measured joint angles.
+    pub fn base_from_flange(&self) -> UnitQuaternion<f64> {
+        self.kinematics
+            .arm()
+            .base_from_flange(&self.arm.q)
+            .rotation()
     }
 
     /// Second half of a cycle: returns the arm's command, given all inputs that have arrived.

@@ -36,8 +36,10 @@ pub struct Summary {
     pub tcp_speed: [f64; 6],
     /// Target speed of the tool centre point, base axes, m/s and rad/s.
     pub tcp_speed_target: [f64; 6],
-    /// Force on the tool centre point, base axes, N and Nm.
+    /// Force on the tool centre point (of an e-Series: on the flange), base axes, N and Nm.
     pub tcp_force: [f64; 6],
+    /// Reading of the sensor in the flange of an e-Series, flange axes, N and Nm.
+    pub ft_raw_wrench: [f64; 6],
     /// `flange_from_tcp`.
     pub tcp_offset: [f64; 6],
     /// Speed scaling by the limiter, 0 to 1.
@@ -104,6 +106,7 @@ impl Controller {
             tcp_speed: kinematics.speed(&arm.q, &arm.qd),
             tcp_speed_target: kinematics.speed(&arm.q_target, &arm.qd_target),
             tcp_force: self.tcp_force,
+            ft_raw_wrench: self.ft_raw_wrench,
             tcp_offset: kinematics.tcp(),
             speed_scaling: self.planner.limiter(),
             speed_slider: self.slider,
@@ -144,7 +147,8 @@ impl Controller {
             "target_TCP_pose" => Value::Vector6d(s.tcp_pose_target),
             "actual_TCP_speed" => Value::Vector6d(s.tcp_speed),
             "target_TCP_speed" => Value::Vector6d(s.tcp_speed_target),
-            "actual_TCP_force" | "ft_raw_wrench" => Value::Vector6d(s.tcp_force),
+            "actual_TCP_force" => Value::Vector6d(s.tcp_force),
+            "ft_raw_wrench" => Value::Vector6d(s.ft_raw_wrench),
             "tcp_force_scalar" => {
                 let f = s.tcp_force;
                 Value::Double((f[0] * f[0] + f[1] * f[1] + f[2] * f[2]).sqrt())

@@ -21,9 +21,10 @@ use tangent_runtime::clock::DeadlineClock;
 use tangent_simulated_device::{DeviceLink, DeviceThread, PastLastPort, Ports};
 use tangent_simulation::Truth;
 
-use crate::config::ControllerConfig;
+use crate::config::{ControllerConfig, Flavour};
 use crate::controller::{Controller, Summary};
 use crate::fault::Fault;
+use crate::own_sensor::OwnSensor;
 use crate::plant::ArmPlant;
 use crate::primary::Geometry;
 
@@ -147,6 +148,8 @@ impl SimulatedUr {
                 cycles: 0,
                 missed: 0,
                 disturbance: Disturbance::default(),
+                own_sensor: (config.flavour == Flavour::ESeries)
+                    .then(|| OwnSensor::new(&config.own_sensor)),
             };
             cell.run();
         })
@@ -195,6 +198,8 @@ struct Cell {
     cycles: u64,
     missed: u64,
     disturbance: Disturbance,
+    /// The sensor in the flange, which an e-Series arm has.
+    own_sensor: Option<OwnSensor>,
 }
 
 impl Cell {
@@ -227,6 +232,15 @@ impl Cell {
             .as_ref()
             .map_or([0.0; 6], |t| t.wrench.vector().into());
         self.controller.observe(self.plant.arm(), force);
+        if let Some(sensor) = &mut self.own_sensor {
+            let reading = sensor.read(
+                &self.plant.flange_load(),
+                &self.controller.base_from_flange(),
+                self.controller.time_s(),
+                self.controller.is_playing(),
+            );
+            self.controller.feel(&reading);
+        }
         self.cycles += 1;
         let faults = self.disturbance.of_cycle(now);
         let messages = self.controller.take_messages();

@@ -13,7 +13,7 @@ use crate::arms::platform::{OdometrySample, Platform};
 use crate::arms::servo::Servo;
 use crate::contact::{Obstacle, PadMotion};
 use crate::plant_error::PlantError;
-use crate::sensors::load::{Body, SensorLoad};
+use crate::sensors::load::{Body, FlangeLoad, SensorLoad};
 use crate::sensors::records::SensorRecords;
 use crate::sensors::sample::SensorSample;
 use crate::start;
@@ -140,6 +140,13 @@ impl AdmittancePlant {
             &self.touch.contact,
             &self.touch.motion.origin,
         )
+    }
+
+    /// Load on the flange by contact and payload, without inertial forces.
+    pub fn flange_load(&self) -> FlangeLoad {
+        let touch = &self.touch;
+        self.load
+            .on_flange(self.body.pose, &touch.contact, &touch.motion.origin)
     }
 
     /// Puts an obstacle in the way of a tool that leaves the surface under it.

@@ -20,7 +20,9 @@ pub use limits::{JointCountError, LimitsConfig};
 pub use pose::PoseConfig;
 pub use realtime::RealtimeConfig;
 pub use robot::{RobotConfig, RobotDriver, RobotModelError};
-pub use sensor::{SensorConfig, SensorMode};
+pub use sensor::{
+    SensorConfig, SensorDriver, SensorMode, TopicSensorConfig, UrReading, UrSensorConfig,
+};
 pub use services::{
     ControllerConfig, EstimatorsConfig, Law, RecorderConfig, SimulatorConfig, WrenchSource,
 };

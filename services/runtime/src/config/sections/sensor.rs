@@ -3,9 +3,69 @@
 use serde::Deserialize;
 use tangent_mechanics::{Flange, Pose, Sensor};
 
-use super::{PoseConfig, check_port};
+use super::{PoseConfig, RobotConfig, RobotDriver, check_port};
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
+
+/// Origin of the wrench.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorDriver {
+    /// A sensor behind an ATI Net F/T box.
+    #[default]
+    Netft,
+    /// The force/torque sensor in the flange of a Universal Robots e-Series arm, over RTDE.
+    Ur,
+    /// Any program that publishes `geometry_msgs/WrenchStamped` on the bus.
+    Topic,
+}
+
+/// Value of an e-Series' own sensor that the bridge reads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+pub enum UrReading {
+    /// Reading of the sensor at the flange, flange axes, with the weight of the payload. Software
+    /// 5.9 or later.
+    #[default]
+    #[serde(rename = "ft_raw_wrench")]
+    FtRawWrench,
+    /// Force at the flange, base axes. The robot has subtracted the weight of the payload that is
+    /// set on the pendant, and zeroes it when a program starts.
+    #[serde(rename = "actual_TCP_force")]
+    ActualTcpForce,
+}
+
+impl UrReading {
+    /// Name of the RTDE output, and value of the key in the cell file.
+    pub fn field(self) -> &'static str {
+        match self {
+            Self::FtRawWrench => "ft_raw_wrench",
+            Self::ActualTcpForce => "actual_TCP_force",
+        }
+    }
+}
+
+/// `[sensor.ur]`: the sensor of an e-Series arm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UrSensorConfig {
+    /// Value that is read.
+    pub reading: UrReading,
+}
+
+/// `[sensor.topic]`: a wrench that another program publishes on the bus. It is what the environment
+/// does to the sensor, N and Nm, at the origin and in the axes of the sensor.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TopicSensorConfig {
+    /// Key of the topic, relative to the cell.
+    pub key: String,
+    /// `frame_id` that every message must have; messages in another frame are refused. Empty: any.
+    #[serde(default)]
+    pub frame: String,
+    /// Whether the program publishes what the sensor does to the environment: the sign is reversed.
+    #[serde(default)]
+    pub inverted: bool,
+}
 
 /// Transmission mode of the sensor box.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -22,7 +82,17 @@ pub enum SensorMode {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorConfig {
-    /// Host name or IP address of the Net F/T box.
+    /// Origin of the wrench.
+    #[serde(default)]
+    pub driver: SensorDriver,
+    /// Settings of `driver = "ur"`.
+    #[serde(default)]
+    pub ur: Option<UrSensorConfig>,
+    /// Settings of `driver = "topic"`.
+    #[serde(default)]
+    pub topic: Option<TopicSensorConfig>,
+    /// Host name or IP address of the Net F/T box. Other drivers do not use it.
+    #[serde(default)]
     pub address: String,
     /// Offset that is added to both ports below.
     #[serde(default)]
@@ -141,13 +211,17 @@ impl SensorConfig {
         self.flange_from_sensor.pose()
     }
 
-    pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
-        checker.require(
-            !self.address.is_empty(),
-            "sensor.address",
-            "\"\"",
-            "a host name or an IP address",
-        )?;
+    /// Value of an e-Series' own sensor that is read; `None` with another driver.
+    pub fn ur_reading(&self) -> Option<UrReading> {
+        (self.driver == SensorDriver::Ur).then(|| self.ur.unwrap_or_default().reading)
+    }
+
+    pub(in crate::config) fn check(
+        &self,
+        checker: &Checker<'_>,
+        robot: &RobotConfig,
+    ) -> Result<(), ConfigError> {
+        self.check_driver(checker, robot)?;
         check_port(checker, "sensor.rdt_port", self.rdt_port, self.port_offset)?;
         check_port(
             checker,
@@ -202,4 +276,106 @@ impl SensorConfig {
         self.flange_from_sensor
             .check(checker, "sensor.flange_from_sensor")
     }
+
+    /// The keys that depend on the driver.
+    fn check_driver(&self, checker: &Checker<'_>, robot: &RobotConfig) -> Result<(), ConfigError> {
+        checker.require(
+            self.driver != SensorDriver::Netft || !self.address.is_empty(),
+            "sensor.address",
+            "\"\"",
+            "a host name or an IP address of the Net F/T box; without a box, set sensor.driver to \"ur\" (sensor of an e-Series \
+             arm) or \"topic\" (a WrenchStamped on the bus)",
+        )?;
+        let driver = match self.driver {
+            SensorDriver::Netft => "netft",
+            SensorDriver::Ur => "ur",
+            SensorDriver::Topic => "topic",
+        };
+        for (there, wanted, table) in [
+            (
+                self.ur.is_some(),
+                SensorDriver::Ur,
+                "\"ur\" where there is a table [sensor.ur]",
+            ),
+            (
+                self.topic.is_some(),
+                SensorDriver::Topic,
+                "\"topic\" where there is a table [sensor.topic]",
+            ),
+        ] {
+            let fits = !there || self.driver == wanted;
+            checker.require(fits, "sensor.driver", format!("\"{driver}\""), table)?;
+        }
+        if self.driver == SensorDriver::Netft {
+            return Ok(());
+        }
+        // The defaults are those of an ATI Gamma, with which another sensor would saturate unnoticed.
+        for (key, value) in [
+            ("sensor.force_range_n", self.force_range_n),
+            ("sensor.torque_range_nm", self.torque_range_nm),
+        ] {
+            checker.require(
+                checker.states(key),
+                key,
+                format!("{value:?}"),
+                "the range of this sensor, from its data sheet: a sensor other than a Net F/T has no default. For a UR5e: \
+                 force_range_n = [50.0, 50.0, 50.0], torque_range_nm = [10.0, 10.0, 10.0]",
+            )?;
+        }
+        match self.driver {
+            SensorDriver::Ur => self.check_ur(checker, robot),
+            _ => self.check_topic(checker),
+        }
+    }
+
+    fn check_ur(&self, checker: &Checker<'_>, robot: &RobotConfig) -> Result<(), ConfigError> {
+        checker.require(
+            robot.driver == RobotDriver::Rtde,
+            "sensor.driver",
+            "\"ur\"",
+            "\"netft\" or \"topic\" where robot.driver is not \"rtde\": a Franka publishes its own wrench",
+        )?;
+        let rate_hz = if robot.rate_hz > 0.0 {
+            robot.rate_hz
+        } else {
+            UR_RATE_HZ
+        };
+        checker.require(
+            self.rate_hz == rate_hz,
+            "sensor.rate_hz",
+            self.rate_hz,
+            &format!("{rate_hz:.1}, the rate of the robot's packets (robot.rate_hz; 500 of an e-Series without it)"),
+        )?;
+        checker.require(
+            self.flange_from_sensor == PoseConfig::default(),
+            "sensor.flange_from_sensor",
+            "a pose",
+            "none with sensor.driver = \"ur\": this sensor measures at the flange. Remove the table",
+        )
+    }
+
+    fn check_topic(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
+        let allowed = "a topic's name without a leading / and without *, $, ?, #, and none that this service publishes \
+                       (wrench/raw, wrench/tool, wrench/status): [sensor.topic] key = \"my_sensor/wrench\"";
+        let key = self.topic.as_ref().map_or("", |topic| topic.key.as_str());
+        let named = !key.is_empty()
+            && !key.starts_with('/')
+            && !key.ends_with('/')
+            && !key.contains("//")
+            && !key.contains(['*', '$', '?', '#'])
+            && !key.starts_with("wrench/");
+        checker.require(named, "sensor.topic.key", format!("\"{key}\""), allowed)?;
+        let frame = self.topic.as_ref().map_or("", |topic| topic.frame.as_str());
+        checker.require(
+            frame.len() <= FRAME_BYTES_MAX,
+            "sensor.topic.frame",
+            format!("\"{frame}\""),
+            "a frame_id of at most 32 bytes, or empty for any",
+        )
+    }
 }
+
+/// Longest `frame_id` of a message.
+const FRAME_BYTES_MAX: usize = 32;
+/// Rate of an e-Series' packets if the cell file states none, Hz.
+const UR_RATE_HZ: f64 = 500.0;
