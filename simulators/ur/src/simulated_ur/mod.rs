@@ -133,6 +133,8 @@ impl SimulatedUr {
         let servers = Servers::bind(&wanted)?;
         let endpoints = servers.endpoints;
         let (log_requests, log_receiver) = channel();
+        let own_sensor =
+            (config.flavour == Flavour::ESeries).then(|| OwnSensor::new(&config.own_sensor));
         let priority = place.realtime_priority;
         let thread = DeviceThread::start("simulated cell", priority, move |link| {
             let mut cell = Cell {
@@ -148,8 +150,7 @@ impl SimulatedUr {
                 cycles: 0,
                 missed: 0,
                 disturbance: Disturbance::default(),
-                own_sensor: (config.flavour == Flavour::ESeries)
-                    .then(|| OwnSensor::new(&config.own_sensor)),
+                own_sensor,
             };
             cell.run();
         })
