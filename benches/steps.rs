@@ -126,11 +126,11 @@ fn closed_loops(c: &mut Criterion) {
     c.bench_function("closed loop pipe_realistic", |b| {
         b.iter(|| pipe.step(&mut |_| ()));
     });
-    let mut object = ObjectLoop::new(&object().unwrap()).unwrap();
+    let mut object = ObjectLoop::<6>::new(&object().unwrap()).unwrap();
     c.bench_function("closed loop lippiello_realistic", |b| {
         b.iter(|| object.step(&mut tangent_simulation::Undisturbed, &mut |_| ()));
     });
-    let mut wave = VisuoTactileLoop::new(&wave().unwrap()).unwrap();
+    let mut wave = VisuoTactileLoop::<7>::new(&wave().unwrap()).unwrap();
     c.bench_function("closed loop karacan_wave", |b| {
         b.iter(|| wave.step(&mut tangent_simulation::Undisturbed, &mut |_| ()));
     });

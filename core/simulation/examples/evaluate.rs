@@ -15,7 +15,7 @@ use std::time::Instant;
 use tangent_simulation::metrics::object::pose_error;
 use tangent_simulation::{
     FileError, ObjectCycle, Scenario, Undisturbed, VisuoTactileCycle, evaluate_admittance_with,
-    evaluate_object_with, evaluate_visuo_tactile_with,
+    evaluate_object_of, evaluate_visuo_tactile_of, joints_of,
 };
 
 fn main() -> ExitCode {
@@ -28,7 +28,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn object_line(c: &ObjectCycle<'_>) -> String {
+fn object_line<const N: usize>(c: &ObjectCycle<'_, N>) -> String {
     let s = c.sample;
     let (p, r) = s
         .estimated
@@ -59,7 +59,7 @@ fn object_line(c: &ObjectCycle<'_>) -> String {
     )
 }
 
-fn visuo_tactile_line(c: &VisuoTactileCycle<'_>) -> String {
+fn visuo_tactile_line<const N: usize>(c: &VisuoTactileCycle<'_, N>) -> String {
     let s = c.sample;
     let away = |i: usize| (s.tool_m[i] - s.wanted_m[i]) * 1e3;
     format!(
@@ -104,13 +104,29 @@ fn run() -> Result<(), Box<dyn Error>> {
                 lines.push(c.to_string());
             }
         })?,
-        Scenario::ObjectPose(scenario) => evaluate_object_with(&scenario, &mut Undisturbed, |c| {
-            if is_shown() {
-                lines.push(object_line(c));
-            }
-        })?,
+        Scenario::ObjectPose(scenario) if joints_of(&scenario.plant.robot)? == 7 => {
+            evaluate_object_of::<7>(&scenario, &mut Undisturbed, |c| {
+                if is_shown() {
+                    lines.push(object_line(c));
+                }
+            })?
+        }
+        Scenario::ObjectPose(scenario) => {
+            evaluate_object_of::<6>(&scenario, &mut Undisturbed, |c| {
+                if is_shown() {
+                    lines.push(object_line(c));
+                }
+            })?
+        }
+        Scenario::VisuoTactile(scenario) if joints_of(&scenario.plant.robot)? == 6 => {
+            evaluate_visuo_tactile_of::<6>(&scenario, &mut Undisturbed, |c| {
+                if is_shown() {
+                    lines.push(visuo_tactile_line(c));
+                }
+            })?
+        }
         Scenario::VisuoTactile(scenario) => {
-            evaluate_visuo_tactile_with(&scenario, &mut Undisturbed, |c| {
+            evaluate_visuo_tactile_of::<7>(&scenario, &mut Undisturbed, |c| {
                 if is_shown() {
                     lines.push(visuo_tactile_line(c));
                 }

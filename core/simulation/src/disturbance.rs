@@ -8,7 +8,7 @@ use tangent_sensing::ConditionedWrench;
 
 /// Changes the inputs of a closed loop before they arrive, to test failures. Each method's doc
 /// states the system in which it is called.
-pub trait Disturbance {
+pub trait Disturbance<const N: usize = 7> {
     /// `object`: a frame before the estimator receives it; `None` for a lost one.
     fn frame(&mut self, _time_s: f64, frame: Option<CameraFrame>) -> Option<CameraFrame> {
         frame
@@ -24,7 +24,7 @@ pub trait Disturbance {
     }
 
     /// `visuo_tactile`: alters all other inputs of the law.
-    fn input(&mut self, _input: &mut UnifiedInput) {}
+    fn input(&mut self, _input: &mut UnifiedInput<N>) {}
 
     /// `visuo_tactile`: external wrench on the tool, base axes, N and Nm.
     fn push(&mut self, _time_s: f64) -> Vector6<f64> {
@@ -36,4 +36,4 @@ pub trait Disturbance {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Undisturbed;
 
-impl Disturbance for Undisturbed {}
+impl<const N: usize> Disturbance<N> for Undisturbed {}

@@ -28,6 +28,7 @@ mod tool;
 mod touch;
 mod truth;
 
+pub use arms::loaded_arm::joints_of;
 pub use arms::loaded_arm::loaded_arm;
 pub use arms::measurement::{ArmMeasurement, VelocityCommand};
 pub use arms::platform::{OdometryConfig, OdometrySample, Platform, PlatformConfig};
@@ -62,12 +63,12 @@ pub use systems::admittance::{
 };
 pub use systems::object::{
     ObjectCycle, ObjectLoop, ObjectMotionConfig, ObjectPlant, ObjectPlantConfig, ObjectScenario,
-    evaluate_object, evaluate_object_with,
+    evaluate_object, evaluate_object_of, evaluate_object_with,
 };
 pub use systems::visuo_tactile::{
     EnergyBooks, NormalSource, StartSpreadConfig, VisuoTactileCycle, VisuoTactileLoop,
     VisuoTactileMeasurement, VisuoTactilePlant, VisuoTactilePlantConfig, VisuoTactileScenario,
-    evaluate_visuo_tactile, evaluate_visuo_tactile_with,
+    evaluate_visuo_tactile, evaluate_visuo_tactile_of, evaluate_visuo_tactile_with,
 };
 pub use tool::{PayloadConfig, PayloadErrorConfig, ToolConfig};
 pub use truth::Truth;

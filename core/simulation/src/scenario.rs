@@ -3,6 +3,7 @@
 use serde::Serialize;
 use tangent_control::Task;
 
+use crate::arms::loaded_arm::joints_of;
 use crate::evaluation::Evaluation;
 use crate::plant_error::PlantError;
 use crate::scenario_file::{
@@ -102,13 +103,27 @@ impl Scenario {
             }
             Self::ObjectPose(s) => {
                 let corners = s.estimation.target.corners();
-                let plant = ObjectPlant::new(&s.plant, corners, s.seed)?;
-                plant.arm().q.as_slice().to_vec()
+                match joints_of(&s.plant.robot)? {
+                    7 => {
+                        let plant = ObjectPlant::<7>::new(&s.plant, corners, s.seed)?;
+                        plant.arm().q.as_slice().to_vec()
+                    }
+                    _ => {
+                        let plant = ObjectPlant::<6>::new(&s.plant, corners, s.seed)?;
+                        plant.arm().q.as_slice().to_vec()
+                    }
+                }
             }
-            Self::VisuoTactile(s) => {
-                let plant = VisuoTactilePlant::new(&s.plant, s.seed)?;
-                plant.measured().q.as_slice().to_vec()
-            }
+            Self::VisuoTactile(s) => match joints_of(&s.plant.robot)? {
+                6 => {
+                    let plant = VisuoTactilePlant::<6>::new(&s.plant, s.seed)?;
+                    plant.measured().q.as_slice().to_vec()
+                }
+                _ => {
+                    let plant = VisuoTactilePlant::<7>::new(&s.plant, s.seed)?;
+                    plant.measured().q.as_slice().to_vec()
+                }
+            },
         })
     }
 

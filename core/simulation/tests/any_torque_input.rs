@@ -129,7 +129,7 @@ impl Hybrid {
         let plant = &scenario.plant;
         let model = loaded_arm::<6>(&plant.robot, &plant.tool, false).unwrap();
         let corners = scenario.estimation.target.corners();
-        let tool = ObjectPlant::new(plant, corners, scenario.seed)
+        let tool = ObjectPlant::<6>::new(plant, corners, scenario.seed)
             .unwrap()
             .flange_from_tool();
         let shape = Box::new(scenario.object_surface().unwrap());
@@ -259,7 +259,7 @@ fn unified_inputs() -> &'static (VisuoTactileScenario, Vec<UnifiedInput>) {
         let set = ["task.path.duration_s=2.0".to_owned()];
         let scenario = VisuoTactileScenario::parse("karacan_wave", WAVE, &set).unwrap();
         let mut inputs = step_inputs(&scenario).unwrap();
-        let plant = VisuoTactilePlant::new(&scenario.plant, scenario.seed).unwrap();
+        let plant = VisuoTactilePlant::<7>::new(&scenario.plant, scenario.seed).unwrap();
         let mut law = scenario.controller(&plant).unwrap();
         let mut slid = 0;
         let until = inputs
@@ -277,7 +277,7 @@ fn unified_inputs() -> &'static (VisuoTactileScenario, Vec<UnifiedInput>) {
 impl Unified {
     fn sliding() -> Self {
         let (scenario, inputs) = unified_inputs();
-        let plant = VisuoTactilePlant::new(&scenario.plant, scenario.seed).unwrap();
+        let plant = VisuoTactilePlant::<7>::new(&scenario.plant, scenario.seed).unwrap();
         let mut law = scenario.controller(&plant).unwrap();
         for input in inputs {
             law.step(input);

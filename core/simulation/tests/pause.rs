@@ -142,7 +142,7 @@ fn unified_force_impedance_stands_in_every_phase() {
         (Phase::Slide, 0.5),
     ] {
         let scenario = tactile_cells::scenario(&["seed=3"]);
-        let mut law = VisuoTactileLoop::new(&scenario).unwrap();
+        let mut law = VisuoTactileLoop::<7>::new(&scenario).unwrap();
         stands(&mut law, phase, after_s);
     }
 }
@@ -156,7 +156,7 @@ fn hybrid_dynamics_stands_in_every_phase() {
         (Phase::Slide, 0.5),
     ] {
         let scenario = ObjectScenario::parse("lippiello_realistic", OBJECT, &[]).unwrap();
-        let mut law = ObjectLoop::new(&scenario).unwrap();
+        let mut law = ObjectLoop::<6>::new(&scenario).unwrap();
         stands(&mut law, phase, after_s);
     }
 }
@@ -172,7 +172,7 @@ impl Disturbance for Blind {
 
 #[test]
 fn unified_force_impedance_takes_a_tool_off_that_a_fault_left_on_the_surface() {
-    let mut law = VisuoTactileLoop::new(&tactile_cells::scenario(&["seed=3"])).unwrap();
+    let mut law = VisuoTactileLoop::<7>::new(&tactile_cells::scenario(&["seed=3"])).unwrap();
     run_until(&mut law, Phase::Slide);
     law.step(&mut Blind, &mut |_| ());
     for _ in 0..500 {

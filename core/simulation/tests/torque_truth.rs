@@ -71,7 +71,7 @@ fn run_until(
 fn unified_force_impedance_moves_off_before_it_takes_its_zero() {
     let scenario = tactile_cells::scenario(&[]);
     let reference_n = scenario.task.force.reference_n;
-    let mut cell = VisuoTactileLoop::new(&scenario).unwrap();
+    let mut cell = VisuoTactileLoop::<7>::new(&scenario).unwrap();
     let period_s = cell.plant().period_s();
     let mut worst = 0.0_f64;
     for start in 0..3 {
@@ -106,7 +106,7 @@ fn hybrid_dynamics_moves_off_before_the_tare() {
     let text = include_str!("../../../scenarios/lippiello/lippiello_realistic.toml");
     let scenario = ObjectScenario::parse("truth", text, &[]).unwrap();
     let reference_n = scenario.task.force.reference_n;
-    let mut cell = ObjectLoop::new(&scenario).unwrap();
+    let mut cell = ObjectLoop::<6>::new(&scenario).unwrap();
     let period_s = cell.plant().period_s();
     let mut worst = 0.0_f64;
     for start in 0..3 {
@@ -322,7 +322,7 @@ fn unified_cell(sequence: &Sequence, zero_nm: f64) -> UnifiedCell {
         "task.end.retract_distance_m=0.02",
     ]);
     UnifiedCell {
-        cell: VisuoTactileLoop::new(&scenario).unwrap(),
+        cell: VisuoTactileLoop::<7>::new(&scenario).unwrap(),
         service: Service::default(),
         reference_n: scenario.task.force.reference_n,
         delay_s: scenario.law().unwrap().touch.wrench_lag_s,
@@ -342,7 +342,7 @@ fn hybrid_cell(sequence: &Sequence) -> HybridCell {
     ];
     let scenario = ObjectScenario::parse("truth", text, &set).unwrap();
     HybridCell {
-        cell: ObjectLoop::new(&scenario).unwrap(),
+        cell: ObjectLoop::<6>::new(&scenario).unwrap(),
         service: Service::default(),
         reference_n: scenario.task.force.reference_n,
         delay_s: 0.0,

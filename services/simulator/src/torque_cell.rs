@@ -55,7 +55,7 @@ pub fn run_torque_cell(
     stop: &Stop,
 ) -> Result<(), TorqueCellError> {
     let health = HealthReporter::start_only(bus, "simulator")?;
-    let plant = ObjectPlant::new(&config.plant, config.corners_m, config.seed)?;
+    let plant = ObjectPlant::<6>::new(&config.plant, config.corners_m, config.seed)?;
     let sensor_box = NetbBox::for_sensor(
         config.address,
         config.ports,

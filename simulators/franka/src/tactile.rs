@@ -43,7 +43,7 @@ impl TactileArm {
         config.camera.rate_hz = 0.0;
         config.normals_from = NormalSource::Features;
         Ok(Self {
-            plant: VisuoTactilePlant::new(&config, seed)?,
+            plant: VisuoTactilePlant::<7>::new(&config, seed)?,
             eye: None,
         })
     }

@@ -11,16 +11,16 @@ const BRAKING_S: f64 = 0.02;
 
 /// Accelerations (rad/s²) nearest to `wanted` that keep every joint within its speed limit and able
 /// to stop before its end stop. The flag is true if anything was limited.
-pub(crate) fn bounded_acceleration(
-    arm: &ArmLimits<6>,
+pub(crate) fn bounded_acceleration<const N: usize>(
+    arm: &ArmLimits<N>,
     cell: &Limits,
-    q: &Joints<6>,
-    qd: &Joints<6>,
-    wanted: &Joints<6>,
-) -> (Joints<6>, bool) {
+    q: &Joints<N>,
+    qd: &Joints<N>,
+    wanted: &Joints<N>,
+) -> (Joints<N>, bool) {
     let mut cut = false;
     let brake = cell.joint_acceleration_max_rad_per_s2;
-    let bounded = Joints::<6>::from_fn(|i, _| {
+    let bounded = Joints::<N>::from_fn(|i, _| {
         let top = arm.velocity[i] * cell.joint_speed_share;
         let speed_up = |room: f64| {
             if room > 0.0 {

@@ -7,6 +7,14 @@ use tangent_mechanics::{Arm, ModelData, Payload};
 use crate::plant_error::PlantError;
 use crate::tool::ToolConfig;
 
+/// Number of joints of the built-in model `robot`.
+///
+/// # Errors
+/// An unknown robot.
+pub fn joints_of(robot: &str) -> Result<usize, PlantError> {
+    Ok(ModelData::builtin(robot)?.dof)
+}
+
 /// The built-in model `robot` with the tool's payload. If `as_it_is` is set, it includes the
 /// payload's error.
 ///

@@ -23,15 +23,15 @@ impl VelocityCommand {
 
 /// What the arm's controller reports at the end of a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ArmMeasurement {
+pub struct ArmMeasurement<const N: usize = 6> {
     /// Time since the plant was made, s.
     pub time_s: f64,
     /// Measured joint positions, rad.
-    pub q: Joints<6>,
+    pub q: Joints<N>,
     /// Measured joint velocities, rad/s.
-    pub qd: Joints<6>,
+    pub qd: Joints<N>,
     /// Target positions of the servo, rad.
-    pub q_target: Joints<6>,
+    pub q_target: Joints<N>,
     /// Target velocities of the servo, rad/s.
-    pub qd_target: Joints<6>,
+    pub qd_target: Joints<N>,
 }

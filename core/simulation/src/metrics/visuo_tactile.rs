@@ -45,9 +45,9 @@ pub struct VisuoTactileInside {
 }
 
 impl VisuoTactileSample {
-    pub(crate) fn of(
+    pub(crate) fn of<const N: usize>(
         time_s: f64,
-        output: &UnifiedOutput,
+        output: &UnifiedOutput<N>,
         wanted: &nalgebra::Vector3<f64>,
         force: &nalgebra::Vector3<f64>,
     ) -> Self {

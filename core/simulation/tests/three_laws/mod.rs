@@ -96,7 +96,7 @@ impl Cell {
             }
             Law::Hybrid => {
                 let s = ObjectScenario::parse(path, &text, set).unwrap();
-                let cell = ObjectLoop::new(&s).unwrap();
+                let cell = ObjectLoop::<6>::new(&s).unwrap();
                 let period_s = cell.plant().period_s();
                 Self::of(
                     Loop::Hybrid(Box::new(cell)),
@@ -107,7 +107,7 @@ impl Cell {
             }
             Law::Unified => {
                 let s = VisuoTactileScenario::parse(path, &text, set).unwrap();
-                let cell = VisuoTactileLoop::new(&s).unwrap();
+                let cell = VisuoTactileLoop::<7>::new(&s).unwrap();
                 let period_s = cell.plant().period_s();
                 Self::of(
                     Loop::Unified(Box::new(cell)),

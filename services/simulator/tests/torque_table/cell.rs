@@ -276,7 +276,7 @@ impl TableCell for Cell {
         let changes: Vec<String> = CHANGES.iter().map(|s| (*s).to_owned()).collect();
         let scenario = ObjectScenario::parse("lippiello_realistic", PLANE, &changes).unwrap();
         let corners = scenario.estimation.target.corners();
-        let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed).unwrap();
+        let plant = ObjectPlant::<6>::new(&scenario.plant, corners, scenario.seed).unwrap();
         let model = loaded_arm::<6>(&scenario.plant.robot, &scenario.plant.tool, false).unwrap();
         let mut sensor = SensorChain::new(
             &scenario.sensing,

@@ -12,15 +12,15 @@ use crate::phase_machine::Phase;
 
 /// Inputs of one control period. The wrench is that of the environment on the tool.
 #[derive(Clone, Copy, Debug)]
-pub struct HybridInput {
+pub struct HybridInput<const N: usize = 6> {
     /// Time of this period, s, on any clock that does not jump.
     pub time_s: f64,
     /// Nominal period, s.
     pub dt_s: f64,
     /// Measured joint positions, rad.
-    pub q: Joints<6>,
+    pub q: Joints<N>,
     /// Measured joint velocities, rad/s.
-    pub qd: Joints<6>,
+    pub qd: Joints<N>,
     /// Whether a command would move the arm now.
     pub arm_ready: bool,
     /// Conditioned wrench at the tool.
@@ -43,9 +43,9 @@ pub struct HybridInput {
 
 /// Command of one control period, and the quantities behind it.
 #[derive(Clone, Copy, Debug)]
-pub struct HybridOutput {
+pub struct HybridOutput<const N: usize = 6> {
     /// Motor torques, Nm, within the arm's limits.
-    pub torque: Joints<6>,
+    pub torque: Joints<N>,
     /// Phase after this period.
     pub phase: Phase,
     /// The last fault since the task started.

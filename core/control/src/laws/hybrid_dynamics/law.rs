@@ -1,6 +1,6 @@
 //! The law itself: resolved accelerations, eqs. (30)-(32), and the torques that produce them.
 
-use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, Base, Flange, JointFriction, Joints, Pose, Tool};
 
@@ -14,11 +14,11 @@ const INTEGRAL_MAX_RAD_PER_S2: f64 = 20.0;
 
 /// State of the arm in one period: everything that follows from q and q̇ alone.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ArmNow {
-    pub q: Joints<6>,
-    pub qd: Joints<6>,
+pub(super) struct ArmNow<const N: usize> {
+    pub q: Joints<N>,
+    pub qd: Joints<N>,
     pub tool: Pose<Base, Tool>,
-    pub jacobian: Matrix6<f64>,
+    pub jacobian: SMatrix<f64, 6, N>,
     /// J̇ q̇
     pub drift: Vector6<f64>,
     /// Linear velocity of the tip, m/s.
@@ -27,12 +27,12 @@ pub(super) struct ArmNow {
     pub angular: Vector3<f64>,
 }
 
-impl ArmNow {
+impl<const N: usize> ArmNow<N> {
     pub fn new(
-        model: &Arm<6>,
+        model: &Arm<N>,
         flange_from_tool: &Pose<Flange, Tool>,
-        q: &Joints<6>,
-        qd: &Joints<6>,
+        q: &Joints<N>,
+        qd: &Joints<N>,
     ) -> Self {
         let (tool, jacobian) = model.tool_and_jacobian(q, flange_from_tool);
         let twist = jacobian * qd;
@@ -111,10 +111,10 @@ impl ForceIntegral {
 }
 
 /// Accelerations (m/s², then rad/s²) of eq. (31), the motion controller, in all six directions.
-pub(super) fn motion_acceleration(
+pub(super) fn motion_acceleration<const N: usize>(
     gains: &MotionGains,
     integral: &mut MotionIntegral,
-    now: &ArmNow,
+    now: &ArmNow<N>,
     reference: &MotionReference,
     dt_s: f64,
 ) -> Vector6<f64> {
@@ -134,26 +134,26 @@ pub(super) fn motion_acceleration(
 }
 
 /// Command of the hybrid law: an acceleration of the tool, and torques that push.
-pub(super) struct HybridCommand {
+pub(super) struct HybridCommand<const N: usize> {
     pub acceleration: Vector6<f64>,
-    pub push: Joints<6>,
+    pub push: Joints<N>,
 }
 
 /// Eqs. (30)-(32). `motion` is eq. (31) for all directions, of which those along the surface are
 /// kept; `pressing_n` and `wanted_n` are -λ and -λ_d; `force` and `moment` are the wrench of the
 /// environment on the tip, base axes, N and Nm.
 #[allow(clippy::too_many_arguments)]
-pub(super) fn hybrid(
+pub(super) fn hybrid<const N: usize>(
     gains: &ForceGains,
     integral: &mut ForceIntegral,
-    now: &ArmNow,
+    now: &ArmNow<N>,
     constraint: &Constraint,
     motion: &Vector6<f64>,
     wanted_n: f64,
     pressing_n: f64,
     wrench: &Vector6<f64>,
     dt_s: f64,
-) -> HybridCommand {
+) -> HybridCommand<N> {
     let n = &constraint.normal;
     let error_n = wanted_n - pressing_n;
     integral.step(gains, error_n, dt_s);
@@ -182,25 +182,29 @@ pub(super) fn hybrid(
 }
 
 /// -λ of the paper, N: J_φ† Jᵀ h with the unit normal for φ's gradient.
-pub(super) fn pressing_force(now: &ArmNow, normal: &Vector3<f64>, force: &Vector3<f64>) -> f64 {
+pub(super) fn pressing_force<const N: usize>(
+    now: &ArmNow<N>,
+    normal: &Vector3<f64>,
+    force: &Vector3<f64>,
+) -> f64 {
     let at_tip = now.jacobian.fixed_rows::<3>(0);
-    let jphi: Joints<6> = at_tip.tr_mul(normal);
+    let jphi: Joints<N> = at_tip.tr_mul(normal);
     jphi.dot(&at_tip.tr_mul(force)) / jphi.norm_squared().max(1e-9)
 }
 
 /// Torques for an acceleration of the tool, and whether a limit cut them: τ = B J⁻¹ (a - J̇ q̇) + C
 /// q̇ + g + friction + push.
 #[allow(clippy::too_many_arguments)]
-pub(super) fn torque(
-    model: &Arm<6>,
+pub(super) fn torque<const N: usize>(
+    model: &Arm<N>,
     cell: &Limits,
     config: &HybridDynamicsConfig,
-    friction: &JointFriction<6>,
-    now: &ArmNow,
+    friction: &JointFriction<N>,
+    now: &ArmNow<N>,
     acceleration: &Vector6<f64>,
     reference_twist: &Vector6<f64>,
-    push: &Joints<6>,
-) -> (Joints<6>, bool) {
+    push: &Joints<N>,
+) -> (Joints<N>, bool) {
     let (mass, bias) = model.mass_matrix_and_bias(&now.q, &now.qd);
     let singularity = &cell.singularity;
     let inverse = damped_inverse(
@@ -209,7 +213,13 @@ pub(super) fn torque(
         singularity.threshold,
     );
     let solve = |twist: &Vector6<f64>| inverse.map_or_else(Joints::zeros, |i| i * twist);
-    let wanted = solve(&(acceleration - now.drift));
+    let mut wanted = solve(&(acceleration - now.drift));
+    if N > 6 {
+        // q̈ of the least norm leaves the null-space motion as it is: without damping, a redundant
+        // joint would drift.
+        let spare = now.qd - solve(&(now.jacobian * now.qd));
+        wanted -= spare * config.motion.orientation_damping_per_s;
+    }
     let (qdd, cut) = bounded_acceleration(model.limits(), cell, &now.q, &now.qd, &wanted);
     let rubbed = if config.friction_at_reference {
         friction.torque(&solve(reference_twist))
@@ -220,28 +230,47 @@ pub(super) fn torque(
     (torque, cut || left < 1.0)
 }
 
-/// (Jᵀ J + λ² I)⁻¹ Jᵀ, λ² = λ_max² (1 - w/w₀)² below a manipulability of w₀ (Nakamura, Hanafusa
-/// 1986). Without damping it is the plain inverse, at a tenth of the cost of singular values.
-fn damped_inverse(
-    jacobian: &Matrix6<f64>,
+/// Jᵀ (J Jᵀ + λ² I)⁻¹, λ² = λ_max² (1 - w/w₀)² below a manipulability of w₀ (Nakamura, Hanafusa
+/// 1986). Without damping it is the pseudo-inverse, and for six joints the plain inverse.
+fn damped_inverse<const N: usize>(
+    jacobian: &SMatrix<f64, 6, N>,
     damping_max: f64,
     threshold: f64,
-) -> Option<Matrix6<f64>> {
-    let manipulability = jacobian.determinant().abs();
+) -> Option<SMatrix<f64, N, 6>> {
+    let manipulability = manipulability(jacobian);
+    let mut square = jacobian * jacobian.transpose();
     // In metres and radians the smallest singular value is the manipulability over the product of
     // the others, which is near 1.
-    if manipulability >= threshold * 0.5 {
-        return jacobian.try_inverse();
+    if manipulability < threshold * 0.5 {
+        let share = 1.0 - manipulability / (threshold * 0.5);
+        square += Matrix6::identity() * ((damping_max * share).powi(2) + 1e-9);
+    } else if N == 6 {
+        let inverse = jacobian.fixed_view::<6, 6>(0, 0).try_inverse()?;
+        return Some(SMatrix::from_fn(|i, j| inverse[(i, j)]));
     }
-    let share = 1.0 - manipulability / (threshold * 0.5);
-    let damping = (damping_max * share).powi(2) + 1e-9;
-    let normal = jacobian.tr_mul(jacobian) + Matrix6::identity() * damping;
-    let mut inverse = Matrix6::zeros();
+    let mut inverse = SMatrix::<f64, N, 6>::zeros();
     for i in 0..6 {
-        let right = jacobian.row(i).transpose();
-        inverse.set_column(i, &solve_positive_definite(&normal, &right)?);
+        let unit = Vector6::from_fn(|j, _| f64::from(i == j));
+        let column = solve_positive_definite(&square, &unit)?;
+        inverse.set_column(i, &jacobian.tr_mul(&column));
     }
     Some(inverse)
+}
+
+/// `sqrt(det(J Jᵀ))`; for six joints |det J|, which is the same at less cost.
+pub(super) fn manipulability<const N: usize>(jacobian: &SMatrix<f64, 6, N>) -> f64 {
+    if N == 6 {
+        jacobian
+            .fixed_view::<6, 6>(0, 0)
+            .into_owned()
+            .determinant()
+            .abs()
+    } else {
+        (jacobian * jacobian.transpose())
+            .determinant()
+            .max(0.0)
+            .sqrt()
+    }
 }
 
 pub(super) fn stacked(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
@@ -261,7 +290,7 @@ mod tests {
         Arm::new(&ModelData::builtin("smart3s_substitute").unwrap()).unwrap()
     }
 
-    fn now(arm: &Arm<6>, q: [f64; 6], qd: [f64; 6]) -> ArmNow {
+    fn now(arm: &Arm<6>, q: [f64; 6], qd: [f64; 6]) -> ArmNow<6> {
         let tool = Pose::new(Vector3::new(0.0, 0.0, 0.25), UnitQuaternion::identity());
         let q = arm.home() + Joints::<6>::from(q);
         ArmNow::new(arm, &tool, &q, &qd.into())

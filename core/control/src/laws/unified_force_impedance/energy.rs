@@ -10,7 +10,7 @@
 use tangent_mechanics::Joints;
 
 use super::config::TankConfig;
-use super::interface::{JOINTS, TankBooks};
+use super::interface::TankBooks;
 use crate::contact::energy_tank::{EnergyTankState, smooth};
 
 /// Maximum delay of a torque, periods.
@@ -18,16 +18,16 @@ pub(super) const DELAY_MAX: usize = 8;
 
 /// Torques of one period by the source of their energy, Nm. Gravity is in none of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TorqueParts {
+pub(super) struct TorqueParts<const N: usize> {
     /// Springs, moving references and feed-forward: supplied by the motion tank.
-    pub motion: Joints<JOINTS>,
+    pub motion: Joints<N>,
     /// Force controller: supplied by the force tank.
-    pub force: Joints<JOINTS>,
+    pub force: Joints<N>,
     /// Dampers: dissipative.
-    pub damping: Joints<JOINTS>,
+    pub damping: Joints<N>,
 }
 
-impl TorqueParts {
+impl<const N: usize> TorqueParts<N> {
     pub fn zero() -> Self {
         Self {
             motion: Joints::zeros(),
@@ -36,14 +36,13 @@ impl TorqueParts {
         }
     }
 
-    pub fn sum(&self) -> Joints<JOINTS> {
+    pub fn sum(&self) -> Joints<N> {
         self.motion + self.force + self.damping
     }
 
     /// Interpolates from `self` towards `wanted`, by a share for each joint.
-    pub fn towards(&self, wanted: &Self, share: &Joints<JOINTS>) -> Self {
-        let between =
-            |from: &Joints<JOINTS>, to: &Joints<JOINTS>| from + (to - from).component_mul(share);
+    pub fn towards(&self, wanted: &Self, share: &Joints<N>) -> Self {
+        let between = |from: &Joints<N>, to: &Joints<N>| from + (to - from).component_mul(share);
         Self {
             motion: between(&self.motion, &wanted.motion),
             force: between(&self.force, &wanted.force),
@@ -52,7 +51,7 @@ impl TorqueParts {
     }
 }
 
-impl std::ops::Mul<f64> for TorqueParts {
+impl<const N: usize> std::ops::Mul<f64> for TorqueParts<N> {
     type Output = Self;
 
     fn mul(self, share: f64) -> Self {
@@ -66,18 +65,18 @@ impl std::ops::Mul<f64> for TorqueParts {
 
 /// Both tanks and the torques that are not yet in effect.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Tanks {
+pub(super) struct Tanks<const N: usize> {
     motion: EnergyTankState,
     force: EnergyTankState,
     /// Committed torques, newest first.
-    under_way: [TorqueParts; DELAY_MAX + 1],
-    last_q: Option<Joints<JOINTS>>,
+    under_way: [TorqueParts<N>; DELAY_MAX + 1],
+    last_q: Option<Joints<N>>,
     work_j: f64,
     dissipated_j: f64,
     short_j: f64,
 }
 
-impl Tanks {
+impl<const N: usize> Tanks<N> {
     pub fn new(config: &TankConfig) -> Self {
         Self {
             motion: config.motion.start(),
@@ -92,7 +91,7 @@ impl Tanks {
 
     /// Accounts for the period that ended at `q` (rad): the work of the torques in effect on the
     /// joints. `delay_periods` lie between a measurement and the torque computed from it.
-    pub fn settle(&mut self, config: &TankConfig, q: &Joints<JOINTS>, delay_periods: usize) {
+    pub fn settle(&mut self, config: &TankConfig, q: &Joints<N>, delay_periods: usize) {
         let Some(last) = self.last_q.replace(*q) else {
             return;
         };
@@ -128,13 +127,13 @@ impl Tanks {
     }
 
     /// Records the torques computed from the newest measurement.
-    pub fn commit(&mut self, parts: TorqueParts) {
+    pub fn commit(&mut self, parts: TorqueParts<N>) {
         self.under_way.rotate_right(1);
         self.under_way[0] = parts;
     }
 
     /// The torques recorded last.
-    pub fn committed(&self) -> TorqueParts {
+    pub fn committed(&self) -> TorqueParts<N> {
         self.under_way[0]
     }
 

@@ -11,9 +11,6 @@ use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::phase_machine::Phase;
 
-/// Number of joints of the arm.
-pub const JOINTS: usize = 7;
-
 /// Interface between the law's torques and the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueInterface {
@@ -42,15 +39,15 @@ impl Default for TorqueInterface {
 
 /// Inputs of one period. The wrench is that of the environment on the tool.
 #[derive(Clone, Copy, Debug)]
-pub struct UnifiedInput {
+pub struct UnifiedInput<const N: usize = 7> {
     /// Time of this period, s, on any clock that does not jump.
     pub time_s: f64,
     /// Nominal period, s.
     pub dt_s: f64,
     /// Measured joint positions, rad.
-    pub q: Joints<JOINTS>,
+    pub q: Joints<N>,
     /// Measured joint velocities, rad/s.
-    pub qd: Joints<JOINTS>,
+    pub qd: Joints<N>,
     /// Whether a command would move the arm now.
     pub arm_ready: bool,
     /// The robot's own estimate of the external wrench: joint friction is in it.
@@ -86,13 +83,13 @@ pub struct TankBooks {
 
 /// Command of one period, and the quantities behind it.
 #[derive(Clone, Copy, Debug)]
-pub struct UnifiedOutput {
+pub struct UnifiedOutput<const N: usize = 7> {
     /// Torques to command, Nm, within the limits of the interface; they include gravity unless the
     /// arm compensates it.
-    pub torque: Joints<JOINTS>,
+    pub torque: Joints<N>,
     /// Part of the torques that depends on the joints' positions alone, Nm: gravity compensation,
     /// and the springs at the joints' end stops.
-    pub held_torque: Joints<JOINTS>,
+    pub held_torque: Joints<N>,
     /// Phase after this period.
     pub phase: Phase,
     /// The last fault since the task started.

@@ -10,9 +10,6 @@ use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, Base, Flange, Joints, Pose, Tool};
 
 use super::config::{ForceLoopConfig, ImpedanceConfig, PostureConfig};
-use super::interface::JOINTS;
-
-pub(super) type Jacobian = SMatrix<f64, 6, JOINTS>;
 
 /// Regularizes the tool's inertia at a singularity, 1/kg.
 const SINGULAR: f64 = 1e-6;
@@ -24,35 +21,35 @@ const VELOCITY_DAMPING: f64 = 1e-5;
 
 /// State of the arm in one period: everything that follows from q and q̇ alone.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ArmNow {
-    pub q: Joints<JOINTS>,
-    pub qd: Joints<JOINTS>,
+pub(super) struct ArmNow<const N: usize> {
+    pub q: Joints<N>,
+    pub qd: Joints<N>,
     pub tool: Pose<Base, Tool>,
-    pub jacobian: Jacobian,
+    pub jacobian: SMatrix<f64, 6, N>,
     /// Linear velocity of the tool's origin, m/s.
     pub linear: Vector3<f64>,
     /// Angular velocity of the tool, rad/s.
     pub angular: Vector3<f64>,
-    pub gravity: Joints<JOINTS>,
+    pub gravity: Joints<N>,
     /// M⁻¹ Jᵀ
-    mobility_columns: SMatrix<f64, JOINTS, 6>,
+    mobility_columns: SMatrix<f64, N, 6>,
     /// J M⁻¹ Jᵀ: the inverse of eq. (4), without a pseudo-inverse.
     mobility: SMatrix<f64, 6, 6>,
 }
 
-impl ArmNow {
+impl<const N: usize> ArmNow<N> {
     pub fn new(
-        model: &Arm<JOINTS>,
+        model: &Arm<N>,
         flange_from_tool: &Pose<Flange, Tool>,
-        q: &Joints<JOINTS>,
-        qd: &Joints<JOINTS>,
+        q: &Joints<N>,
+        qd: &Joints<N>,
     ) -> Self {
         let (tool, jacobian) = model.tool_and_jacobian(q, flange_from_tool);
         // At zero velocity the bias is gravity: Coriolis forces are not compensated, as in eq. (2).
         let (mass, gravity) = model.mass_matrix_and_bias(q, &Joints::zeros());
-        let mut columns = SMatrix::<f64, JOINTS, 6>::zeros();
+        let mut columns = SMatrix::<f64, N, 6>::zeros();
         for i in 0..6 {
-            let row: SVector<f64, JOINTS> = jacobian.row(i).transpose();
+            let row: SVector<f64, N> = jacobian.row(i).transpose();
             let column = solve_positive_definite(&mass, &row).unwrap_or_else(SVector::zeros);
             columns.set_column(i, &column);
         }
@@ -99,18 +96,18 @@ impl ArmNow {
     }
 
     /// Part of `torque` that does not accelerate the tool: (I - Jᵀ Λ J M⁻¹) τ.
-    pub fn unseen(&self, torque: &Joints<JOINTS>) -> Joints<JOINTS> {
+    pub fn unseen(&self, torque: &Joints<N>) -> Joints<N> {
         let seen = self.mobility_columns.tr_mul(torque);
         torque - self.jacobian.tr_mul(&self.wrench_for(&seen))
     }
 
     /// Part of q̇ that does not move the tool: (I - J⁺ J) q̇, rad/s.
-    pub fn spare_velocity(&self) -> Joints<JOINTS> {
+    pub fn spare_velocity(&self) -> Joints<N> {
         self.qd - self.joint_velocity(&stacked(&self.linear, &self.angular))
     }
 
     /// Minimum-norm joint velocities for a twist of the tool, rad/s.
-    pub fn joint_velocity(&self, twist: &Vector6<f64>) -> Joints<JOINTS> {
+    pub fn joint_velocity(&self, twist: &Vector6<f64>) -> Joints<N> {
         let square = self.jacobian * self.jacobian.transpose()
             + SMatrix::<f64, 6, 6>::identity() * VELOCITY_DAMPING;
         self.jacobian
@@ -147,7 +144,10 @@ pub(super) struct MotionReference {
 }
 
 /// x̃ of eq. (7) in tool axes, m and rad: deviation of the tool from its reference.
-pub(super) fn pose_error(now: &ArmNow, wanted: &MotionReference) -> Vector6<f64> {
+pub(super) fn pose_error<const N: usize>(
+    now: &ArmNow<N>,
+    wanted: &MotionReference,
+) -> Vector6<f64> {
     let turn = (now.tool.rotation() * wanted.rotation.inverse()).scaled_axis();
     now.in_tool(&stacked(&(now.tool.translation() - wanted.position), &turn))
 }
@@ -164,7 +164,12 @@ impl Impedance {
     /// follows the full stiffness, not the shaped one: an arm made compliant must stay damped. A
     /// damper that acts with the delay `delay_s` (s) excites oscillations if it is too strong for
     /// that delay, so the damping is limited.
-    pub fn new(config: &ImpedanceConfig, now: &ArmNow, pressing: bool, delay_s: f64) -> Self {
+    pub fn new<const N: usize>(
+        config: &ImpedanceConfig,
+        now: &ArmNow<N>,
+        pressing: bool,
+        delay_s: f64,
+    ) -> Self {
         let inertia = now.inertia();
         let stiffness = Vector6::from_fn(|i, _| match (i, pressing) {
             (0..=2, true) => config.stiffness_n_per_m[i],
@@ -216,11 +221,11 @@ const END_STIFFNESS_NM_PER_RAD: f64 = 400.0;
 
 /// Torques of springs that begin at twice the cell's margin before the joints' end stops, Nm. The
 /// springs are fixed, so they need no tank: they return the energy that they take.
-pub(super) fn before_the_ends(
-    model: &Arm<JOINTS>,
+pub(super) fn before_the_ends<const N: usize>(
+    model: &Arm<N>,
     margin_rad: f64,
-    q: &Joints<JOINTS>,
-) -> Joints<JOINTS> {
+    q: &Joints<N>,
+) -> Joints<N> {
     let limits = model.limits();
     Joints::from_fn(|i, _| {
         let above = (q[i] - limits.position_upper[i] + 2.0 * margin_rad).max(0.0);
@@ -230,11 +235,11 @@ pub(super) fn before_the_ends(
 }
 
 /// Torques that keep the redundant joint away from its limits and damp the null-space motion.
-pub(super) fn posture(
+pub(super) fn posture<const N: usize>(
     config: &PostureConfig,
-    model: &Arm<JOINTS>,
-    now: &ArmNow,
-) -> (Joints<JOINTS>, Joints<JOINTS>) {
+    model: &Arm<N>,
+    now: &ArmNow<N>,
+) -> (Joints<N>, Joints<N>) {
     let limits = model.limits();
     let spring = Joints::from_fn(|i, _| {
         let half = 0.5 * (limits.position_upper[i] - limits.position_lower[i]);
@@ -262,13 +267,13 @@ mod tests {
     use proptest::prelude::*;
     use tangent_mechanics::ModelData;
 
-    fn panda() -> Arm<JOINTS> {
+    fn panda() -> Arm<7> {
         Arm::new(&ModelData::builtin("panda").unwrap()).unwrap()
     }
 
-    fn now(arm: &Arm<JOINTS>, dq: [f64; 7], qd: [f64; 7]) -> ArmNow {
+    fn now(arm: &Arm<7>, dq: [f64; 7], qd: [f64; 7]) -> ArmNow<7> {
         let tool = Pose::new(Vector3::new(0.0, 0.0, 0.12), UnitQuaternion::identity());
-        let q = arm.home() + Joints::<JOINTS>::from(dq);
+        let q = arm.home() + Joints::<7>::from(dq);
         ArmNow::new(arm, &tool, &q, &qd.into())
     }
 

@@ -1,6 +1,6 @@
 //! `unified_force_impedance`: impedance and force control, both shaped by vision and touch and fed
 //! from two energy tanks so that the arm stays passive. Karacan, Zhang, Sadeghian, Wu, Haddadin,
-//! for torque-controlled arms of seven joints.
+//! for torque-controlled arms of six joints or more.
 //!
 //! Called once per control period by the closed loop of `evaluate`, and by the service that holds
 //! an arm's torque interface.
@@ -20,5 +20,5 @@ pub use config::{
 };
 pub use controller::UnifiedForceImpedance;
 pub use interface::{
-    BendChange, JOINTS, TankBooks, TorqueInterface, UnifiedInput, UnifiedOutput, VisionInput,
+    BendChange, TankBooks, TorqueInterface, UnifiedInput, UnifiedOutput, VisionInput,
 };

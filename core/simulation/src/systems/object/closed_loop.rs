@@ -13,7 +13,7 @@ use tangent_sensing::{ConditionedWrench, Validity};
 
 use super::plant::ObjectPlant;
 use super::scenario::ObjectScenario;
-use crate::arms::loaded_arm::loaded_arm;
+use crate::arms::loaded_arm::{joints_of, loaded_arm};
 use crate::arms::measurement::ArmMeasurement;
 use crate::arms::own_hold::OwnHold;
 use crate::contact::Obstacle;
@@ -33,13 +33,13 @@ const NEES_EVERY: usize = 50;
 
 /// One cycle of the loop, as shown to an observer.
 #[derive(Clone, Copy, Debug)]
-pub struct ObjectCycle<'a> {
+pub struct ObjectCycle<'a, const N: usize = 6> {
     /// What the arm reported.
-    pub arm: &'a ArmMeasurement,
+    pub arm: &'a ArmMeasurement<N>,
     /// Inputs of the controller.
-    pub input: &'a HybridInput,
+    pub input: &'a HybridInput<N>,
     /// Outputs of the controller.
-    pub output: &'a HybridOutput,
+    pub output: &'a HybridOutput<N>,
     /// True state of the contact.
     pub truth: &'a Truth,
     /// True state and estimate of the cycle, in the form that the figures are computed from.
@@ -51,17 +51,34 @@ pub struct ObjectCycle<'a> {
 /// # Errors
 /// As [`ObjectLoop::new`].
 pub fn evaluate_object(scenario: &ObjectScenario) -> Result<Evaluation, ScenarioError> {
-    evaluate_object_with(scenario, &mut Undisturbed, |_| ())
+    match joints_of(&scenario.plant.robot)? {
+        7 => evaluate_object_of::<7>(scenario, &mut Undisturbed, |_| ()),
+        _ => evaluate_object_of::<6>(scenario, &mut Undisturbed, |_| ()),
+    }
 }
 
-/// Runs a scenario to its end with a disturbance and passes every cycle to `watch`.
+/// Runs a scenario of an arm with six joints to its end with a disturbance and passes every cycle to
+/// `watch`.
 ///
 /// # Errors
 /// As [`ObjectLoop::new`].
 pub fn evaluate_object_with(
     scenario: &ObjectScenario,
     disturbance: &mut dyn Disturbance,
-    mut watch: impl FnMut(&ObjectCycle<'_>),
+    watch: impl FnMut(&ObjectCycle<'_>),
+) -> Result<Evaluation, ScenarioError> {
+    evaluate_object_of::<6>(scenario, disturbance, watch)
+}
+
+/// Runs a scenario of an arm with `N` joints to its end with a disturbance and passes every cycle to
+/// `watch`.
+///
+/// # Errors
+/// As [`ObjectLoop::new`].
+pub fn evaluate_object_of<const N: usize>(
+    scenario: &ObjectScenario,
+    disturbance: &mut dyn Disturbance,
+    mut watch: impl FnMut(&ObjectCycle<'_, N>),
 ) -> Result<Evaluation, ScenarioError> {
     let mut closed = ObjectLoop::new(scenario)?;
     let mut objects = Vec::new();
@@ -103,33 +120,33 @@ pub fn evaluate_object_with(
 }
 
 /// The closed loop, stepped period by period.
-pub struct ObjectLoop {
-    plant: ObjectPlant,
-    model: Arm<6>,
+pub struct ObjectLoop<const N: usize = 6> {
+    plant: ObjectPlant<N>,
+    model: Arm<N>,
     stated: CameraModel,
     wrench: WrenchChannel,
     estimator: Box<dyn ObjectPoseEstimator>,
     shape: ObjectShape,
-    controller: HybridDynamics,
+    controller: HybridDynamics<N>,
     flange_from_tool: Pose<Flange, Tool>,
-    torque: Joints<6>,
-    output: Option<HybridOutput>,
+    torque: Joints<N>,
+    output: Option<HybridOutput<N>>,
     digest: TrajectoryDigest,
     limited_cycles: u64,
     torque_share_max: f64,
     /// Own hold of the robot while it accepts no torques; `None` while it does.
-    stopped: Option<OwnHold<6>>,
+    stopped: Option<OwnHold<N>>,
 }
 
-impl ObjectLoop {
+impl<const N: usize> ObjectLoop<N> {
     /// Builds the cell and starts the task.
     ///
     /// # Errors
-    /// The cell of the scenario cannot be built, or its task, law or estimator is not usable.
+    /// The scenario's arm has another number of joints than `N`, the cell of the scenario cannot be built, or its task, law or estimator is not usable.
     pub fn new(scenario: &ObjectScenario) -> Result<Self, ScenarioError> {
         let corners = scenario.estimation.target.corners();
         let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed)?;
-        let model = loaded_arm::<6>(&scenario.plant.robot, &scenario.plant.tool, false)?;
+        let model = loaded_arm::<N>(&scenario.plant.robot, &scenario.plant.tool, false)?;
         let flange_from_tool = plant.flange_from_tool();
         let wrench = WrenchChannel::new(
             &scenario.sensing,
@@ -164,7 +181,7 @@ impl ObjectLoop {
     }
 
     /// The cell.
-    pub fn plant(&self) -> &ObjectPlant {
+    pub fn plant(&self) -> &ObjectPlant<N> {
         &self.plant
     }
 
@@ -193,7 +210,7 @@ impl ObjectLoop {
     }
 
     /// The law, for requests between two periods.
-    pub fn controller(&mut self) -> &mut HybridDynamics {
+    pub fn controller(&mut self) -> &mut HybridDynamics<N> {
         &mut self.controller
     }
 
@@ -227,7 +244,7 @@ impl ObjectLoop {
     pub fn step(
         &mut self,
         disturbance: &mut dyn Disturbance,
-        watch: &mut impl FnMut(&ObjectCycle<'_>),
+        watch: &mut impl FnMut(&ObjectCycle<'_, N>),
     ) -> (CycleSample, ObjectSampleTruth) {
         self.plant.step(&self.torque);
         let arm = self.plant.arm();
@@ -315,7 +332,7 @@ impl ObjectLoop {
 
     fn object_sample(
         &self,
-        output: &HybridOutput,
+        output: &HybridOutput<N>,
         estimate: &ObjectEstimate,
         truth: &Truth,
     ) -> ObjectSampleTruth {
@@ -336,8 +353,8 @@ impl ObjectLoop {
 
     fn cycle_sample(
         &self,
-        arm: &ArmMeasurement,
-        output: &HybridOutput,
+        arm: &ArmMeasurement<N>,
+        output: &HybridOutput<N>,
         estimate: &ObjectEstimate,
         truth: &Truth,
     ) -> CycleSample {
@@ -374,8 +391,8 @@ impl ObjectLoop {
 
     fn digest_cycle(
         &mut self,
-        arm: &ArmMeasurement,
-        input: &HybridInput,
+        arm: &ArmMeasurement<N>,
+        input: &HybridInput<N>,
         estimate: &ObjectEstimate,
         truth: &Truth,
     ) {

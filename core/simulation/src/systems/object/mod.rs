@@ -8,7 +8,9 @@ mod plant_config;
 pub mod reproduction;
 mod scenario;
 
-pub use closed_loop::{ObjectCycle, ObjectLoop, evaluate_object, evaluate_object_with};
+pub use closed_loop::{
+    ObjectCycle, ObjectLoop, evaluate_object, evaluate_object_of, evaluate_object_with,
+};
 pub use plant::ObjectPlant;
 pub use plant_config::{ObjectMotionConfig, ObjectPlantConfig};
 pub use scenario::ObjectScenario;

@@ -22,9 +22,9 @@ use crate::touch::Touch;
 use crate::truth::Truth;
 
 /// The simulated cell.
-pub struct ObjectPlant {
+pub struct ObjectPlant<const N: usize = 6> {
     config: ObjectPlantConfig,
-    arm: TorqueArm<6>,
+    arm: TorqueArm<N>,
     touch: Touch,
     start_pose: Isometry3<f64>,
     corners: [Vector3<f64>; CORNERS],
@@ -35,12 +35,12 @@ pub struct ObjectPlant {
     dt: f64,
     periods: u64,
     body: Body,
-    joint_wrench: Joints<6>,
+    joint_wrench: Joints<N>,
     flange: Pose<Base, Flange>,
-    torque_applied: Joints<6>,
+    torque_applied: Joints<N>,
 }
 
-impl ObjectPlant {
+impl<const N: usize> ObjectPlant<N> {
     /// Builds the cell at rest in its start pose, with the motors holding the arm. `corners` are
     /// those of the target, object axes, m.
     ///
@@ -52,7 +52,7 @@ impl ObjectPlant {
         seed: u64,
     ) -> Result<Self, PlantError> {
         check(config)?;
-        let model = loaded_arm::<6>(&config.robot, &config.tool, true)?;
+        let model = loaded_arm::<N>(&config.robot, &config.tool, true)?;
         let mut touch = Touch::new(&config.surface, &config.tool, &config.contact)?;
         let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
         let target = start::tool_pose(&config.start, &touch.surface);
@@ -72,7 +72,7 @@ impl ObjectPlant {
             dt: config.arm.period_s / config.arm.sub_steps as f64,
             periods: 0,
             body: Body::at_rest(*flange.isometry()),
-            joint_wrench: Joints::<6>::zeros(),
+            joint_wrench: Joints::<N>::zeros(),
             flange,
             torque_applied: gravity,
             config: config.clone(),
@@ -92,7 +92,7 @@ impl ObjectPlant {
 
     /// Runs one period under motor torques (Nm): from their delay line to the sensor's samples and
     /// the camera.
-    pub fn step(&mut self, torque: &Joints<6>) {
+    pub fn step(&mut self, torque: &Joints<N>) {
         self.sensor.clear();
         let active = self.arm.exchange(torque);
         self.torque_applied = self.arm.limited(&active);
@@ -104,7 +104,7 @@ impl ObjectPlant {
         self.expose();
     }
 
-    fn sub_step(&mut self, torque: &Joints<6>, time_before: f64) {
+    fn sub_step(&mut self, torque: &Joints<N>, time_before: f64) {
         let dt = self.dt;
         self.arm.step(torque, &self.joint_wrench, dt);
         let time = time_before + dt;
@@ -201,7 +201,7 @@ impl ObjectPlant {
     }
 
     /// Current measurements of the arm; without a servo, the targets equal the measured values.
-    pub fn arm(&self) -> ArmMeasurement {
+    pub fn arm(&self) -> ArmMeasurement<N> {
         let (q, qd) = (self.arm.q_measured(), self.arm.qd_measured());
         ArmMeasurement {
             time_s: self.time_s(),
@@ -233,12 +233,12 @@ impl ObjectPlant {
     }
 
     /// Model of the arm with its payload.
-    pub fn model(&self) -> &Arm<6> {
+    pub fn model(&self) -> &Arm<N> {
         self.arm.model()
     }
 
     /// True friction of the joints.
-    pub fn friction(&self) -> JointFriction<6> {
+    pub fn friction(&self) -> JointFriction<N> {
         self.config.arm.friction()
     }
 
@@ -258,7 +258,7 @@ impl ObjectPlant {
     }
 
     /// Motor torques of the last period, Nm.
-    pub fn torque_applied(&self) -> Joints<6> {
+    pub fn torque_applied(&self) -> Joints<N> {
         self.torque_applied
     }
 }

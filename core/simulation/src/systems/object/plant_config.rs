@@ -15,7 +15,7 @@ use crate::tool::ToolConfig;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectPlantConfig {
-    /// Built-in arm model with six joints.
+    /// Built-in arm model with six or seven joints.
     #[serde(default = "default_robot")]
     pub robot: String,
     /// Torque control, friction, encoders.

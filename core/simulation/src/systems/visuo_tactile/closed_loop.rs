@@ -10,8 +10,9 @@ use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
 use tangent_mechanics::{Arm, Joints, Pose, Twist, Wrench};
 use tangent_sensing::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState, Validity};
 
-use super::plant::{JOINTS, VisuoTactileMeasurement, VisuoTactilePlant};
+use super::plant::{VisuoTactileMeasurement, VisuoTactilePlant};
 use super::scenario::VisuoTactileScenario;
+use crate::arms::loaded_arm::joints_of;
 use crate::arms::own_hold::OwnHold;
 use crate::contact::Obstacle;
 use crate::digest::TrajectoryDigest;
@@ -23,11 +24,11 @@ use crate::scenario_file::ScenarioError;
 use crate::truth::Truth;
 
 /// One cycle of the loop, as shown to an observer.
-pub struct VisuoTactileCycle<'a> {
+pub struct VisuoTactileCycle<'a, const N: usize = 7> {
     /// Inputs of the controller.
-    pub input: &'a UnifiedInput,
+    pub input: &'a UnifiedInput<N>,
     /// Outputs of the controller.
-    pub output: &'a UnifiedOutput,
+    pub output: &'a UnifiedOutput<N>,
     /// True state of the contact.
     pub truth: &'a Truth,
     /// Sample for the figures common to all laws.
@@ -35,7 +36,7 @@ pub struct VisuoTactileCycle<'a> {
     /// Sample for the figures of this law.
     pub sample: &'a VisuoTactileSample,
     /// The cell.
-    pub plant: &'a VisuoTactilePlant,
+    pub plant: &'a VisuoTactilePlant<N>,
 }
 
 /// Runs a scenario to its end.
@@ -45,17 +46,34 @@ pub struct VisuoTactileCycle<'a> {
 pub fn evaluate_visuo_tactile(
     scenario: &VisuoTactileScenario,
 ) -> Result<Evaluation, ScenarioError> {
-    evaluate_visuo_tactile_with(scenario, &mut Undisturbed, |_| ())
+    match joints_of(&scenario.plant.robot)? {
+        6 => evaluate_visuo_tactile_of::<6>(scenario, &mut Undisturbed, |_| ()),
+        _ => evaluate_visuo_tactile_of::<7>(scenario, &mut Undisturbed, |_| ()),
+    }
 }
 
-/// Runs a scenario to its end with a disturbance and passes every cycle to `watch`.
+/// Runs a scenario of an arm with seven joints to its end with a disturbance and passes every cycle
+/// to `watch`.
 ///
 /// # Errors
 /// As [`VisuoTactileLoop::new`].
 pub fn evaluate_visuo_tactile_with(
     scenario: &VisuoTactileScenario,
     disturbance: &mut dyn Disturbance,
-    mut watch: impl FnMut(&VisuoTactileCycle<'_>),
+    watch: impl FnMut(&VisuoTactileCycle<'_>),
+) -> Result<Evaluation, ScenarioError> {
+    evaluate_visuo_tactile_of::<7>(scenario, disturbance, watch)
+}
+
+/// Runs a scenario of an arm with `N` joints to its end with a disturbance and passes every cycle to
+/// `watch`.
+///
+/// # Errors
+/// As [`VisuoTactileLoop::new`].
+pub fn evaluate_visuo_tactile_of<const N: usize>(
+    scenario: &VisuoTactileScenario,
+    disturbance: &mut dyn Disturbance<N>,
+    mut watch: impl FnMut(&VisuoTactileCycle<'_, N>),
 ) -> Result<Evaluation, ScenarioError> {
     let mut closed = VisuoTactileLoop::new(scenario)?;
     let period = closed.plant.period_s();
@@ -82,25 +100,25 @@ pub fn evaluate_visuo_tactile_with(
 }
 
 /// The closed loop, stepped period by period.
-pub struct VisuoTactileLoop {
-    plant: VisuoTactilePlant,
+pub struct VisuoTactileLoop<const N: usize = 7> {
+    plant: VisuoTactilePlant<N>,
     touch: Box<dyn NormalEstimator>,
-    controller: UnifiedForceImpedance,
+    controller: UnifiedForceImpedance<N>,
     wrench_lag_s: f64,
     watch: (RecordWatch, RecordWatchState),
     up: Vector3<f64>,
     vision: Option<VisionInput>,
     felt: Option<NormalEstimate>,
-    torque: Joints<JOINTS>,
-    output: Option<UnifiedOutput>,
+    torque: Joints<N>,
+    output: Option<UnifiedOutput<N>>,
     digest: TrajectoryDigest,
     /// Model of the arm as its controller knows it.
-    stated: Arm<JOINTS>,
+    stated: Arm<N>,
     /// Own hold of the robot while it accepts no torques; `None` while it does.
-    stopped: Option<OwnHold<JOINTS>>,
+    stopped: Option<OwnHold<N>>,
 }
 
-impl VisuoTactileLoop {
+impl<const N: usize> VisuoTactileLoop<N> {
     /// Builds the cell and starts the task.
     ///
     /// # Errors
@@ -129,7 +147,7 @@ impl VisuoTactileLoop {
     }
 
     /// The cell.
-    pub fn plant(&self) -> &VisuoTactilePlant {
+    pub fn plant(&self) -> &VisuoTactilePlant<N> {
         &self.plant
     }
 
@@ -139,7 +157,7 @@ impl VisuoTactileLoop {
     }
 
     /// The law, for requests between two periods.
-    pub fn controller(&mut self) -> &mut UnifiedForceImpedance {
+    pub fn controller(&mut self) -> &mut UnifiedForceImpedance<N> {
         &mut self.controller
     }
 
@@ -152,8 +170,8 @@ impl VisuoTactileLoop {
     /// Runs one period: the plant moves, then estimator and law process what it reports.
     pub fn step(
         &mut self,
-        disturbance: &mut dyn Disturbance,
-        watch: &mut impl FnMut(&VisuoTactileCycle<'_>),
+        disturbance: &mut dyn Disturbance<N>,
+        watch: &mut impl FnMut(&VisuoTactileCycle<'_, N>),
     ) -> (CycleSample, VisuoTactileSample) {
         let time = self.plant.time_s();
         self.plant.push(&disturbance.push(time));
@@ -215,7 +233,7 @@ impl VisuoTactileLoop {
 
     /// Marks a wrench estimate as invalid once it, or one of its axes, no longer changes, as the
     /// robot's bridge does.
-    fn judge(&mut self, input: &mut UnifiedInput) {
+    fn judge(&mut self, input: &mut UnifiedInput<N>) {
         let wrench = input.wrench.vector();
         let counts = std::array::from_fn(|i| (wrench[i] * 1e6).round() as i32);
         let (watch, state) = &mut self.watch;
@@ -231,7 +249,7 @@ impl VisuoTactileLoop {
 
     /// Estimates the normal from contact for the next period, with the wrench as cleaned by the
     /// law.
-    fn feel(&mut self, input: &UnifiedInput, output: &UnifiedOutput) {
+    fn feel(&mut self, input: &UnifiedInput<N>, output: &UnifiedOutput<N>) {
         let jacobian = self
             .plant
             .arm()
@@ -263,8 +281,8 @@ impl VisuoTactileLoop {
 
     fn samples(
         &self,
-        input: &UnifiedInput,
-        output: &UnifiedOutput,
+        input: &UnifiedInput<N>,
+        output: &UnifiedOutput<N>,
         truth: &Truth,
     ) -> (CycleSample, VisuoTactileSample) {
         // The reference is a position across the approach direction. Its height is that of the
@@ -309,8 +327,8 @@ impl VisuoTactileLoop {
 
     fn digest_cycle(
         &mut self,
-        arm: &VisuoTactileMeasurement,
-        output: &UnifiedOutput,
+        arm: &VisuoTactileMeasurement<N>,
+        output: &UnifiedOutput<N>,
         truth: &Truth,
     ) {
         self.digest.add(arm.q.as_slice());

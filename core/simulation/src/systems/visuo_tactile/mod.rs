@@ -9,7 +9,8 @@ pub mod reproduction;
 mod scenario;
 
 pub use closed_loop::{
-    VisuoTactileCycle, VisuoTactileLoop, evaluate_visuo_tactile, evaluate_visuo_tactile_with,
+    VisuoTactileCycle, VisuoTactileLoop, evaluate_visuo_tactile, evaluate_visuo_tactile_of,
+    evaluate_visuo_tactile_with,
 };
 pub use plant::{EnergyBooks, VisuoTactileMeasurement, VisuoTactilePlant};
 pub use plant_config::{NormalSource, StartSpreadConfig, VisuoTactilePlantConfig};

@@ -21,22 +21,19 @@ use crate::surfaces::Surface;
 use crate::touch::Touch;
 use crate::truth::Truth;
 
-/// Number of joints of the arm.
-pub const JOINTS: usize = 7;
-
 /// Measurements that the arm reports after a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VisuoTactileMeasurement {
+pub struct VisuoTactileMeasurement<const N: usize = 7> {
     /// Time of measurement, s.
     pub time_s: f64,
     /// Measured joint positions, rad.
-    pub q: Joints<JOINTS>,
+    pub q: Joints<N>,
     /// Measured joint velocities, rad/s.
-    pub qd: Joints<JOINTS>,
+    pub qd: Joints<N>,
     /// Wrench of the environment on the tool, as estimated by the robot.
     pub wrench: Wrench<Tool>,
     /// Joint torques that correspond to the estimated wrench of the environment, Nm.
-    pub external_torque: Joints<JOINTS>,
+    pub external_torque: Joints<N>,
 }
 
 /// Energy that has passed through the arm's ports since the plant was created, J. Tests compare a
@@ -58,32 +55,32 @@ enum Eye {
 }
 
 /// The simulated cell.
-pub struct VisuoTactilePlant {
+pub struct VisuoTactilePlant<const N: usize = 7> {
     config: VisuoTactilePlantConfig,
-    arm: TorqueArm<JOINTS>,
-    friction: JointFriction<JOINTS>,
+    arm: TorqueArm<N>,
+    friction: JointFriction<N>,
     touch: Touch,
-    wrench: WrenchEstimate<JOINTS>,
+    wrench: WrenchEstimate<N>,
     camera: Eye,
     flange_from_tool: Pose<Flange, Tool>,
     dt: f64,
     periods: u64,
-    torque_applied: Joints<JOINTS>,
-    joint_wrench: Joints<JOINTS>,
+    torque_applied: Joints<N>,
+    joint_wrench: Joints<N>,
     push: Vector6<f64>,
-    measured: VisuoTactileMeasurement,
+    measured: VisuoTactileMeasurement<N>,
     books: EnergyBooks,
 }
 
-impl VisuoTactilePlant {
+impl<const N: usize> VisuoTactilePlant<N> {
     /// Builds the cell at rest in its start pose, with the motors holding the arm.
     ///
     /// # Errors
     /// A key is wrong, with what is allowed, or the start pose cannot be reached, with the reason.
     pub fn new(config: &VisuoTactilePlantConfig, seed: u64) -> Result<Self, PlantError> {
         check(config)?;
-        let model = loaded_arm::<JOINTS>(&config.robot, &config.tool, true)?;
-        let stated = loaded_arm::<JOINTS>(&config.robot, &config.tool, false)?;
+        let model = loaded_arm::<N>(&config.robot, &config.tool, true)?;
+        let stated = loaded_arm::<N>(&config.robot, &config.tool, false)?;
         let mut touch = Touch::new(&config.surface, &config.tool, &config.contact)?;
         let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
         let place = spread_start(config, seed);
@@ -130,7 +127,7 @@ impl VisuoTactilePlant {
 
     /// Runs one period under motor torques (Nm): from their delay line to the wrench estimate and
     /// the camera.
-    pub fn step(&mut self, torque: &Joints<JOINTS>) {
+    pub fn step(&mut self, torque: &Joints<N>) {
         let active = self.arm.exchange(torque);
         let wanted = self.arm.limited(&active);
         let period = self.config.arm.period_s;
@@ -214,7 +211,7 @@ impl VisuoTactilePlant {
     }
 
     /// Current measurements of the arm.
-    pub fn measured(&self) -> VisuoTactileMeasurement {
+    pub fn measured(&self) -> VisuoTactileMeasurement<N> {
         self.measured
     }
 
@@ -273,7 +270,7 @@ impl VisuoTactilePlant {
     }
 
     /// The arm with its true payload.
-    pub fn arm(&self) -> &TorqueArm<JOINTS> {
+    pub fn arm(&self) -> &TorqueArm<N> {
         &self.arm
     }
 
@@ -281,7 +278,7 @@ impl VisuoTactilePlant {
     ///
     /// # Errors
     /// None for a plant that has been built.
-    pub fn stated_model(&self) -> Result<Arm<JOINTS>, PlantError> {
+    pub fn stated_model(&self) -> Result<Arm<N>, PlantError> {
         loaded_arm(&self.config.robot, &self.config.tool, false)
     }
 
@@ -296,7 +293,7 @@ impl VisuoTactilePlant {
     }
 
     /// Motor torques of the last period, Nm.
-    pub fn torque_applied(&self) -> Joints<JOINTS> {
+    pub fn torque_applied(&self) -> Joints<N> {
         self.torque_applied
     }
 

@@ -18,7 +18,7 @@ use crate::tool::ToolConfig;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VisuoTactilePlantConfig {
-    /// Built-in arm model with seven joints.
+    /// Built-in arm model with six or seven joints.
     #[serde(default = "default_robot")]
     pub robot: String,
     /// Torque control, friction, encoders.

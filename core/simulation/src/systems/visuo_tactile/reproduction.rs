@@ -275,7 +275,7 @@ pub fn replay(
     inputs: &[UnifiedInput],
     mut timed: impl FnMut(&mut dyn FnMut()),
 ) -> Result<Phase, ScenarioError> {
-    let plant = VisuoTactilePlant::new(&scenario.plant, scenario.seed)?;
+    let plant = VisuoTactilePlant::<7>::new(&scenario.plant, scenario.seed)?;
     let mut controller = scenario.controller(&plant)?;
     let mut phase = Phase::Idle;
     for input in inputs {

@@ -71,10 +71,10 @@ impl VisuoTactileScenario {
     ///
     /// # Errors
     /// A parameter, limit or task is out of its range.
-    pub fn controller(
+    pub fn controller<const N: usize>(
         &self,
-        plant: &VisuoTactilePlant,
-    ) -> Result<UnifiedForceImpedance, ScenarioError> {
+        plant: &VisuoTactilePlant<N>,
+    ) -> Result<UnifiedForceImpedance<N>, ScenarioError> {
         Ok(UnifiedForceImpedance::new(
             plant.stated_model()?,
             plant.flange_from_tool(),

@@ -7,9 +7,9 @@ use super::{HybridDynamics, Run};
 use crate::law::{LawInput, LawOutput};
 use crate::laws::torque_task::{TorqueLaw, TorqueTask};
 
-impl HybridDynamics {
+impl<const N: usize> HybridDynamics<N> {
     /// Chooses among the estimates of `input`, and converts it to the law's own input.
-    pub fn choose(&mut self, input: &LawInput<6>) -> HybridInput {
+    pub fn choose(&mut self, input: &LawInput<N>) -> HybridInput<N> {
         let used = self.task.estimators.step_objects(
             &input.objects,
             &*self.surface,
@@ -35,7 +35,12 @@ impl HybridDynamics {
         }
     }
 
-    fn told(&self, input: &LawInput<6>, own: &HybridInput, output: &HybridOutput) -> LawOutput<6> {
+    fn told(
+        &self,
+        input: &LawInput<N>,
+        own: &HybridInput<N>,
+        output: &HybridOutput<N>,
+    ) -> LawOutput<N> {
         let usable = own.wrench_validity.is_valid() && own.wrench.is_finite();
         LawOutput {
             tare_requested: output.tare_requested,
@@ -58,7 +63,7 @@ impl HybridDynamics {
     }
 }
 
-impl TorqueLaw<6> for HybridDynamics {
+impl<const N: usize> TorqueLaw<N> for HybridDynamics<N> {
     type Config = HybridDynamicsConfig;
 
     const SHAPES: bool = false;
@@ -73,7 +78,7 @@ impl TorqueLaw<6> for HybridDynamics {
 
     fn reset(&mut self) {
         self.friction = self.task.program.config.friction.model();
-        self.run = Run::default();
+        self.run = Run::new();
     }
 
     fn release(&mut self) {
@@ -89,7 +94,7 @@ impl TorqueLaw<6> for HybridDynamics {
         self.run.force = ForceIntegral::default();
     }
 
-    fn cycle(&mut self, input: &LawInput<6>) -> LawOutput<6> {
+    fn cycle(&mut self, input: &LawInput<N>) -> LawOutput<N> {
         let own = self.choose(input);
         let output = HybridDynamics::step(self, &own);
         self.told(input, &own, &output)

@@ -12,12 +12,12 @@ use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
 
-impl HybridDynamics {
+impl<const N: usize> HybridDynamics<N> {
     /// Phase `clear`: [`crate::leaving::departure::Departure::clear`] from where the tool stood.
     pub(super) fn clear(
         &mut self,
-        input: &HybridInput,
-        now: &ArmNow,
+        input: &HybridInput<N>,
+        now: &ArmNow<N>,
         felt: Option<&Felt>,
         verdict: WrenchVerdict,
     ) -> Wanted {
@@ -48,8 +48,8 @@ impl HybridDynamics {
     /// The retraction: [`crate::leaving::departure::Departure::retract`] from where the tool stood.
     pub(super) fn retract(
         &mut self,
-        input: &HybridInput,
-        now: &ArmNow,
+        input: &HybridInput<N>,
+        now: &ArmNow<N>,
         felt: Option<&Felt>,
     ) -> Wanted {
         let dt = input.dt_s;
@@ -80,7 +80,7 @@ impl HybridDynamics {
         moved(MotionReference::at_rest(&pose), &step)
     }
 
-    fn load(&self, input: &HybridInput, felt: Option<&Felt>) -> Load {
+    fn load(&self, input: &HybridInput<N>, felt: Option<&Felt>) -> Load {
         let hidden = |load| self.limits.is_untared_beyond(load);
         felt.map(|felt| LoadFelt {
             force: felt.force,

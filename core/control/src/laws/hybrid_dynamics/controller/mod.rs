@@ -12,8 +12,8 @@ use tangent_mechanics::{Arm, Base, Flange, JointFriction, Joints, Pose, Tool};
 
 use super::estimate_follower::EstimateFollower;
 use super::law::{
-    ArmNow, ForceIntegral, MotionIntegral, MotionReference, hybrid, motion_acceleration,
-    pressing_force, stacked, torque,
+    ArmNow, ForceIntegral, MotionIntegral, MotionReference, hybrid, manipulability,
+    motion_acceleration, pressing_force, stacked, torque,
 };
 use super::reference::{Descent, SurfacePath};
 use super::{ForceChannel, HybridDynamicsConfig, HybridInput, HybridOutput};
@@ -34,21 +34,22 @@ use crate::task::program::Program;
 /// invalid, s.
 const FADE_S: f64 = 0.025;
 
-/// The controller. One [`HybridDynamics::step`] per control period; nothing in it allocates.
-pub struct HybridDynamics {
-    model: Arm<6>,
+/// The controller of an arm with `N` joints, at least six. One [`HybridDynamics::step`] per control
+/// period; nothing in it allocates.
+pub struct HybridDynamics<const N: usize = 6> {
+    model: Arm<N>,
     flange_from_tool: Pose<Flange, Tool>,
     limits: Limits,
     /// Joint friction that the law compensates.
-    friction: JointFriction<6>,
+    friction: JointFriction<N>,
     task: TorqueTask<HybridDynamicsConfig>,
     surface: Box<dyn ImplicitSurface>,
-    run: Run,
+    run: Run<N>,
 }
 
 /// State of one task; reset when a task begins.
-#[derive(Clone, Copy, Debug, Default)]
-struct Run {
+#[derive(Clone, Copy, Debug)]
+struct Run<const N: usize> {
     guard: WrenchGuard,
     response: ResponseGuard,
     /// Position of the tool at which the zero in force was taken, base axes, m; `None` after
@@ -73,9 +74,36 @@ struct Run {
     lost_count: u32,
     sought_m: f64,
     blind_s: f64,
-    torque: Joints<6>,
+    torque: Joints<N>,
     /// Joint positions, rad, and period, s, of the last cycle with a valid arm state.
-    last_good: Option<(Joints<6>, f64)>,
+    last_good: Option<(Joints<N>, f64)>,
+}
+
+impl<const N: usize> Run<N> {
+    fn new() -> Self {
+        Self {
+            guard: WrenchGuard::default(),
+            response: ResponseGuard::default(),
+            tared_at: None,
+            zero_withdrawn: false,
+            felt: None,
+            object: None,
+            held: None,
+            descent: None,
+            lay: None,
+            path_s: 0.0,
+            rate: 0.0,
+            motion: MotionIntegral::default(),
+            force: ForceIntegral::default(),
+            reference_n: 0.0,
+            weak_cycles: 0,
+            lost_count: 0,
+            sought_m: 0.0,
+            blind_s: 0.0,
+            torque: Joints::zeros(),
+            last_good: None,
+        }
+    }
 }
 
 /// Wrench at the tool's origin, base axes, N and Nm, and its pressing component, N.
@@ -96,13 +124,13 @@ struct Wanted {
     seek_m_per_s: Option<f64>,
 }
 
-impl HybridDynamics {
+impl<const N: usize> HybridDynamics<N> {
     /// Controller for an arm with its payload, a task, and the surface of the object.
     ///
     /// # Errors
     /// A parameter, limit or task is out of its range.
     pub fn new(
-        model: Arm<6>,
+        model: Arm<N>,
         flange_from_tool: Pose<Flange, Tool>,
         limits: Limits,
         config: &HybridDynamicsConfig,
@@ -120,7 +148,7 @@ impl HybridDynamics {
     /// # Errors
     /// A parameter or limit is out of its range.
     pub fn idle(
-        model: Arm<6>,
+        model: Arm<N>,
         flange_from_tool: Pose<Flange, Tool>,
         limits: Limits,
         config: &HybridDynamicsConfig,
@@ -133,7 +161,7 @@ impl HybridDynamics {
     }
 
     fn with_task(
-        model: Arm<6>,
+        model: Arm<N>,
         flange_from_tool: Pose<Flange, Tool>,
         limits: Limits,
         task: TorqueTask<HybridDynamicsConfig>,
@@ -147,18 +175,18 @@ impl HybridDynamics {
             friction: task.program.config.friction.model(),
             task,
             surface,
-            run: Run::default(),
+            run: Run::new(),
         })
     }
 
     /// Runs one control period.
-    pub fn step(&mut self, input: &HybridInput) -> HybridOutput {
+    pub fn step(&mut self, input: &HybridInput<N>) -> HybridOutput<N> {
         let output = self.period(input);
         self.task.keep_normal(output.phase, output.normal);
         output
     }
 
-    fn period(&mut self, input: &HybridInput) -> HybridOutput {
+    fn period(&mut self, input: &HybridInput<N>) -> HybridOutput<N> {
         let dt = input.dt_s;
         if !is_time(input.time_s, dt) || !is_arm_state(&input.q, &input.qd) {
             return self.blind_output(input);
@@ -238,7 +266,7 @@ impl HybridDynamics {
             );
             (command.acceleration, command.push)
         } else {
-            (motion, Joints::<6>::zeros())
+            (motion, Joints::<N>::zeros())
         };
         let twist = stacked(&wanted.reference.velocity, &wanted.reference.angular);
         let (torque, limited) = torque(
@@ -280,7 +308,7 @@ impl HybridDynamics {
             path_progress: (self.run.path_s / self.task.program.path.duration_s().max(1e-9))
                 .min(1.0),
             alignment_error_rad: n.angle(&-now.tool.z_axis()),
-            manipulability: now.jacobian.determinant().abs(),
+            manipulability: manipulability(&now.jacobian),
             limited,
         }
     }
@@ -288,7 +316,7 @@ impl HybridDynamics {
     /// Output for a period in which the arm's state or the period is invalid, or in which the
     /// torques would not be finite. The torques fade to gravity compensation at the last valid
     /// joint positions.
-    fn blind_output(&mut self, input: &HybridInput) -> HybridOutput {
+    fn blind_output(&mut self, input: &HybridInput<N>) -> HybridOutput<N> {
         self.task.fault = Some(Fault::ArmState);
         self.task.phase = Phase::Fault;
         self.run.held = None;

@@ -14,12 +14,12 @@ use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
 
-impl HybridDynamics {
+impl<const N: usize> HybridDynamics<N> {
     /// Advances the phases and returns the reference of the tool.
     pub(super) fn advance(
         &mut self,
-        input: &HybridInput,
-        now: &ArmNow,
+        input: &HybridInput<N>,
+        now: &ArmNow<N>,
         estimate: Option<&ObjectEstimate>,
         felt: Option<&Felt>,
         verdict: WrenchVerdict,
@@ -78,7 +78,7 @@ impl HybridDynamics {
         self.run.rate = (self.run.rate + change).clamp(0.0, 1.0);
     }
 
-    pub(super) fn hold(&mut self, now: &ArmNow) -> Wanted {
+    pub(super) fn hold(&mut self, now: &ArmNow<N>) -> Wanted {
         let pose = *self.run.held.get_or_insert(now.tool);
         Wanted {
             reference: MotionReference::at_rest(&pose),
@@ -88,7 +88,7 @@ impl HybridDynamics {
         }
     }
 
-    fn begin_descent(&mut self, now: &ArmNow, estimate: &ObjectEstimate) {
+    fn begin_descent(&mut self, now: &ArmNow<N>, estimate: &ObjectEstimate) {
         let Some(in_object) = self.object_from_tool(now) else {
             return;
         };
@@ -113,7 +113,7 @@ impl HybridDynamics {
         self.task.enter(Phase::Approach);
     }
 
-    fn approach(&mut self, now: &ArmNow, felt: Option<&Felt>, dt: f64) -> Wanted {
+    fn approach(&mut self, now: &ArmNow<N>, felt: Option<&Felt>, dt: f64) -> Wanted {
         let (Some(mut descent), Some(object)) = (self.run.descent, self.run.object) else {
             return self.hold(now);
         };
@@ -153,7 +153,7 @@ impl HybridDynamics {
         &mut self,
         reference: &ObjectReference,
         object: &Pose<Base, Object>,
-        now: &ArmNow,
+        now: &ArmNow<N>,
         pressing_n: f64,
     ) {
         let x = object.unrotate(&self.task.program.task.plane.x_axis.in_base(&now.tool));
@@ -170,7 +170,7 @@ impl HybridDynamics {
         self.task.enter(Phase::Contact);
     }
 
-    fn press(&mut self, now: &ArmNow, seen: bool, felt: Option<&Felt>, dt: f64) -> Wanted {
+    fn press(&mut self, now: &ArmNow<N>, seen: bool, felt: Option<&Felt>, dt: f64) -> Wanted {
         let (Some(lay), Some(object)) = (self.run.lay, self.run.object) else {
             return self.hold(now);
         };

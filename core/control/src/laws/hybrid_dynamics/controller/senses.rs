@@ -16,13 +16,13 @@ use crate::limits::response_guard::{Doing, Touch};
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
 
-impl HybridDynamics {
+impl<const N: usize> HybridDynamics<N> {
     /// Validity of the wrench: as the input states it, or by how the wrench responds to the tool's
     /// motion.
     pub(super) fn answering(
         &mut self,
-        input: &HybridInput,
-        now: &ArmNow,
+        input: &HybridInput<N>,
+        now: &ArmNow<N>,
         normal: &Vector3<f64>,
     ) -> Validity {
         if !input.wrench_validity.is_valid() {
@@ -44,7 +44,7 @@ impl HybridDynamics {
     }
 
     /// The estimate, if it can be used in this period.
-    pub(super) fn usable(&self, input: &HybridInput) -> Option<ObjectEstimate> {
+    pub(super) fn usable(&self, input: &HybridInput<N>) -> Option<ObjectEstimate> {
         let patience = self.task.program.config.patience.estimate_s;
         input.estimate.filter(|e| {
             e.validity.is_valid()
@@ -55,7 +55,7 @@ impl HybridDynamics {
     }
 
     /// Moves the pose in use towards the estimate, with the tool's origin as the pivot.
-    pub(super) fn follow(&mut self, estimate: Option<&ObjectEstimate>, now: &ArmNow, dt: f64) {
+    pub(super) fn follow(&mut self, estimate: Option<&ObjectEstimate>, now: &ArmNow<N>, dt: f64) {
         match (&mut self.run.object, estimate) {
             (None, Some(e)) => {
                 self.run.object = Some(EstimateFollower::new(e.base_from_object));
@@ -77,12 +77,12 @@ impl HybridDynamics {
         }
     }
 
-    pub(super) fn object_from_tool(&self, now: &ArmNow) -> Option<Pose<Object, Tool>> {
+    pub(super) fn object_from_tool(&self, now: &ArmNow<N>) -> Option<Pose<Object, Tool>> {
         let object = self.run.object.as_ref()?;
         Some(object.pose().inverse() * now.tool)
     }
 
-    pub(super) fn constraint(&self, now: &ArmNow) -> Constraint {
+    pub(super) fn constraint(&self, now: &ArmNow<N>) -> Constraint {
         let Some(object) = &self.run.object else {
             return Constraint {
                 normal: -now.tool.z_axis(),
@@ -106,9 +106,9 @@ impl HybridDynamics {
     /// Checks all conditions under which a task ends with a fault.
     pub(super) fn judge(
         &mut self,
-        input: &HybridInput,
+        input: &HybridInput<N>,
         verdict: WrenchVerdict,
-        now: &ArmNow,
+        now: &ArmNow<N>,
         estimate: Option<&ObjectEstimate>,
         felt: Option<&Felt>,
     ) {

@@ -3,15 +3,15 @@
 use nalgebra::{Vector3, Vector6};
 
 use super::super::config::UnifiedForceImpedanceConfig;
-use super::super::interface::{JOINTS, UnifiedInput, UnifiedOutput};
+use super::super::interface::{UnifiedInput, UnifiedOutput};
 use super::run::Run;
 use super::{UnifiedForceImpedance, friction};
 use crate::law::{LawInput, LawOutput, Shaping};
 use crate::laws::torque_task::{TorqueLaw, TorqueTask};
 
-impl UnifiedForceImpedance {
+impl<const N: usize> UnifiedForceImpedance<N> {
     /// Chooses among the normals of `input`, and converts it to the law's own input.
-    pub fn choose(&mut self, input: &LawInput<JOINTS>) -> UnifiedInput {
+    pub fn choose(&mut self, input: &LawInput<N>) -> UnifiedInput<N> {
         let patience_s = self.task.program.config.patience.estimate_s;
         let touch = self
             .task
@@ -41,10 +41,10 @@ impl UnifiedForceImpedance {
 
     fn told(
         &self,
-        input: &LawInput<JOINTS>,
-        own: &UnifiedInput,
-        output: &UnifiedOutput,
-    ) -> LawOutput<JOINTS> {
+        input: &LawInput<N>,
+        own: &UnifiedInput<N>,
+        output: &UnifiedOutput<N>,
+    ) -> LawOutput<N> {
         LawOutput {
             estimate_age_s: own.touch.map(|_| own.touch_age_s),
             normal: output.normal,
@@ -73,7 +73,7 @@ impl UnifiedForceImpedance {
     }
 }
 
-impl TorqueLaw<JOINTS> for UnifiedForceImpedance {
+impl<const N: usize> TorqueLaw<N> for UnifiedForceImpedance<N> {
     type Config = UnifiedForceImpedanceConfig;
 
     const SHAPES: bool = true;
@@ -108,7 +108,7 @@ impl TorqueLaw<JOINTS> for UnifiedForceImpedance {
         self.run.drawn = Vector3::zeros();
     }
 
-    fn cycle(&mut self, input: &LawInput<JOINTS>) -> LawOutput<JOINTS> {
+    fn cycle(&mut self, input: &LawInput<N>) -> LawOutput<N> {
         let own = self.choose(input);
         let output = UnifiedForceImpedance::step(self, &own);
         self.told(input, &own, &output)

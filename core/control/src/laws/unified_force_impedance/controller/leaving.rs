@@ -13,7 +13,7 @@ use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
 
-impl UnifiedForceImpedance {
+impl<const N: usize> UnifiedForceImpedance<N> {
     /// Age of the zero taken in this run, s.
     pub(super) fn zero_age_s(&self) -> Option<f64> {
         self.run.zeroed_s.map(|at_s| self.task.elapsed_s - at_s)
@@ -26,7 +26,7 @@ impl UnifiedForceImpedance {
     }
 
     /// Phase `clear`: [`crate::leaving::departure::Departure::clear`] from where the tool stood.
-    pub(super) fn clear(&mut self, now: &ArmNow, felt: &Felt, dt: f64) -> Wanted {
+    pub(super) fn clear(&mut self, now: &ArmNow<N>, felt: &Felt, dt: f64) -> Wanted {
         let way = Way {
             from: *self.run.held.get_or_insert(now.tool.translation()),
             at: now.tool.translation(),
@@ -50,7 +50,7 @@ impl UnifiedForceImpedance {
     }
 
     /// The retraction: [`crate::leaving::departure::Departure::retract`] from where the tool stood.
-    pub(super) fn retract(&mut self, now: &ArmNow, felt: &Felt, dt: f64) -> Wanted {
+    pub(super) fn retract(&mut self, now: &ArmNow<N>, felt: &Felt, dt: f64) -> Wanted {
         let start = self.hold(now);
         let away = self.smooth_normal(now);
         let way = Way {
@@ -79,7 +79,7 @@ impl UnifiedForceImpedance {
     }
 
     /// Load from a valid wrench. Here no earlier wrench replaces an invalid sample.
-    fn load(&self, now: &ArmNow, felt: &Felt) -> Load {
+    fn load(&self, now: &ArmNow<N>, felt: &Felt) -> Load {
         let good = felt.verdict == WrenchVerdict::Good;
         let wrench = felt.wrench.filter(|_| good)?;
         Some(LoadFelt {

@@ -17,7 +17,7 @@ use run::Run;
 
 use super::config::UnifiedForceImpedanceConfig;
 use super::energy::DELAY_MAX;
-use super::interface::{JOINTS, TorqueInterface, UnifiedInput, UnifiedOutput};
+use super::interface::{TorqueInterface, UnifiedInput, UnifiedOutput};
 use super::law::{ArmNow, MotionReference, pose_error, stacked};
 use super::orientation::OrientationReference;
 use crate::error::{ControlError, check_range};
@@ -35,16 +35,17 @@ use crate::task::program::Program;
 /// invalid, s.
 const FADE_S: f64 = 0.025;
 
-/// The controller. One [`UnifiedForceImpedance::step`] per control period; nothing in it allocates.
-pub struct UnifiedForceImpedance {
-    model: Arm<JOINTS>,
+/// The controller of an arm with `N` joints, at least six. One [`UnifiedForceImpedance::step`] per
+/// control period; nothing in it allocates.
+pub struct UnifiedForceImpedance<const N: usize = 7> {
+    model: Arm<N>,
     flange_from_tool: Pose<Flange, Tool>,
     limits: Limits,
     /// Joint friction that the law compensates.
-    friction: JointFriction<JOINTS>,
+    friction: JointFriction<N>,
     task: TorqueTask<UnifiedForceImpedanceConfig>,
     interface: TorqueInterface,
-    run: Run,
+    run: Run<N>,
 }
 
 /// Measured contact quantities of one period.
@@ -77,13 +78,13 @@ struct Wanted {
     pressing: bool,
 }
 
-impl UnifiedForceImpedance {
+impl<const N: usize> UnifiedForceImpedance<N> {
     /// Controller for an arm with its payload, a torque interface, and a task.
     ///
     /// # Errors
     /// A parameter, limit or task is out of its range.
     pub fn new(
-        model: Arm<JOINTS>,
+        model: Arm<N>,
         flange_from_tool: Pose<Flange, Tool>,
         limits: Limits,
         config: &UnifiedForceImpedanceConfig,
@@ -101,7 +102,7 @@ impl UnifiedForceImpedance {
     /// # Errors
     /// A parameter or limit is out of its range.
     pub fn idle(
-        model: Arm<JOINTS>,
+        model: Arm<N>,
         flange_from_tool: Pose<Flange, Tool>,
         limits: Limits,
         config: &UnifiedForceImpedanceConfig,
@@ -114,7 +115,7 @@ impl UnifiedForceImpedance {
     }
 
     fn with_task(
-        model: Arm<JOINTS>,
+        model: Arm<N>,
         flange_from_tool: Pose<Flange, Tool>,
         limits: Limits,
         task: TorqueTask<UnifiedForceImpedanceConfig>,
@@ -138,13 +139,13 @@ impl UnifiedForceImpedance {
     }
 
     /// Runs one control period.
-    pub fn step(&mut self, input: &UnifiedInput) -> UnifiedOutput {
+    pub fn step(&mut self, input: &UnifiedInput<N>) -> UnifiedOutput<N> {
         let output = self.period(input);
         self.task.keep_normal(output.phase, output.normal);
         output
     }
 
-    fn period(&mut self, input: &UnifiedInput) -> UnifiedOutput {
+    fn period(&mut self, input: &UnifiedInput<N>) -> UnifiedOutput<N> {
         let dt = input.dt_s;
         if !is_time(input.time_s, dt) || !is_arm_state(&input.q, &input.qd) {
             return self.blind_output();
@@ -218,7 +219,7 @@ impl UnifiedForceImpedance {
     /// Output for a period in which the arm's state or the period is invalid, or in which the
     /// torques would not be finite. The last torques against gravity are kept, and the other
     /// torques fade out.
-    fn blind_output(&mut self) -> UnifiedOutput {
+    fn blind_output(&mut self) -> UnifiedOutput<N> {
         self.task.fault = Some(Fault::ArmState);
         self.task.enter(Phase::Fault);
         self.run.held = None;
@@ -263,7 +264,7 @@ impl UnifiedForceImpedance {
     }
 
     /// Direction of the push, base axes: the tool's z axis as published, or against the normal.
-    fn push_direction(&self, now: &ArmNow) -> Vector3<f64> {
+    fn push_direction(&self, now: &ArmNow<N>) -> Vector3<f64> {
         if self.task.program.config.force.along_normal {
             -self.smooth_normal(now)
         } else {
@@ -272,7 +273,7 @@ impl UnifiedForceImpedance {
     }
 
     /// The normal to which the tool is being turned: without the jumps caused by frames.
-    fn smooth_normal(&self, now: &ArmNow) -> Vector3<f64> {
+    fn smooth_normal(&self, now: &ArmNow<N>) -> Vector3<f64> {
         self.run
             .orientation
             .map_or_else(|| -now.tool.z_axis(), |o| o.normal())
@@ -301,7 +302,7 @@ fn twist_of(reference: &MotionReference) -> Vector6<f64> {
 }
 
 /// Joint friction that the law compensates; zero if its parameters disable compensation.
-fn friction(config: &UnifiedForceImpedanceConfig) -> JointFriction<JOINTS> {
+fn friction<const N: usize>(config: &UnifiedForceImpedanceConfig) -> JointFriction<N> {
     if config.compensate_friction {
         config.friction.model()
     } else {

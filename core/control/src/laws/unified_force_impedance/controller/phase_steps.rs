@@ -39,12 +39,12 @@ fn is_deaf(felt: &Felt) -> bool {
     )
 }
 
-impl UnifiedForceImpedance {
+impl<const N: usize> UnifiedForceImpedance<N> {
     /// Advances the phases and returns the reference of the tool.
     pub(super) fn advance(
         &mut self,
-        input: &UnifiedInput,
-        now: &ArmNow,
+        input: &UnifiedInput<N>,
+        now: &ArmNow<N>,
         normal: &NormalInUse,
         felt: &Felt,
     ) -> Wanted {
@@ -70,7 +70,7 @@ impl UnifiedForceImpedance {
         }
     }
 
-    fn tare(&mut self, input: &UnifiedInput, now: &ArmNow, good: bool) {
+    fn tare(&mut self, input: &UnifiedInput<N>, now: &ArmNow<N>, good: bool) {
         let tared = !self.task.program.task.tare
             || self.task.phase_s >= self.task.program.config.touch.tare_s;
         if self.task.paused {
@@ -96,7 +96,7 @@ impl UnifiedForceImpedance {
         }
     }
 
-    pub(super) fn orientation(&mut self, now: &ArmNow) -> OrientationReference {
+    pub(super) fn orientation(&mut self, now: &ArmNow<N>) -> OrientationReference {
         *self
             .run
             .orientation
@@ -104,7 +104,7 @@ impl UnifiedForceImpedance {
     }
 
     /// Rotates the reference with the surface.
-    fn turn(&mut self, now: &ArmNow, normal: &NormalInUse, velocity: &Vector3<f64>, dt: f64) {
+    fn turn(&mut self, now: &ArmNow<N>, normal: &NormalInUse, velocity: &Vector3<f64>, dt: f64) {
         let mut orientation = self.orientation(now);
         if normal.validity == Validity::Missing {
             orientation.hold();
@@ -122,7 +122,7 @@ impl UnifiedForceImpedance {
 
     /// Stands still. If the tool was pressing, the spring that takes over keeps its push: the
     /// reference lies below the surface.
-    pub(super) fn hold(&mut self, now: &ArmNow) -> Wanted {
+    pub(super) fn hold(&mut self, now: &ArmNow<N>) -> Wanted {
         let mut orientation = self.orientation(now);
         orientation.hold();
         self.run.orientation = Some(orientation);
@@ -137,7 +137,7 @@ impl UnifiedForceImpedance {
     }
 
     /// First aligns with the measured normal, then descends until contact.
-    fn approach(&mut self, now: &ArmNow, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
+    fn approach(&mut self, now: &ArmNow<N>, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
         self.turn(now, normal, &Vector3::zeros(), dt);
         let start = *self.run.held.get_or_insert(now.tool.translation());
         let touch = self.task.program.config.touch;
@@ -193,7 +193,7 @@ impl UnifiedForceImpedance {
     /// there.
     fn stay(
         &mut self,
-        now: &ArmNow,
+        now: &ArmNow<N>,
         felt: &Felt,
         start: Vector3<f64>,
         way: &Vector3<f64>,
@@ -210,7 +210,7 @@ impl UnifiedForceImpedance {
 
     /// Places the policy where the tool touched; the force controller takes over the push of the
     /// approach's spring.
-    fn touch_down(&mut self, now: &ArmNow, direction: &Vector3<f64>, reference: &Vector3<f64>) {
+    fn touch_down(&mut self, now: &ArmNow<N>, direction: &Vector3<f64>, reference: &Vector3<f64>) {
         let up = -direction;
         let at = now.tool.translation();
         let x = self.task.program.task.plane.x_axis.in_base(&now.tool);
@@ -241,7 +241,7 @@ impl UnifiedForceImpedance {
         self.run.held = None;
     }
 
-    fn press(&mut self, now: &ArmNow, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
+    fn press(&mut self, now: &ArmNow<N>, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
         let Some(lay) = self.run.lay else {
             return self.hold(now);
         };
@@ -279,7 +279,7 @@ impl UnifiedForceImpedance {
 
     /// Counts contact losses; a tool that has lost the surface seeks it, if the law is configured
     /// to.
-    fn keep_contact(&mut self, now: &ArmNow, felt: &Felt) {
+    fn keep_contact(&mut self, now: &ArmNow<N>, felt: &Felt) {
         let touch = self.task.program.config.touch;
         let weak = felt.pressing_now_n().is_some_and(|n| n < touch.off_n);
         if !weak {
@@ -347,7 +347,7 @@ impl UnifiedForceImpedance {
     /// The policy's point and velocity, mapped to the surface for the tool.
     fn on_surface(
         &mut self,
-        now: &ArmNow,
+        now: &ArmNow<N>,
         lay: &Lay,
         drawn: Vector3<f64>,
         velocity: Vector3<f64>,
@@ -375,7 +375,7 @@ impl UnifiedForceImpedance {
     }
 
     /// Moves slowly against the normal until contact is detected again.
-    fn seek(&mut self, now: &ArmNow, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
+    fn seek(&mut self, now: &ArmNow<N>, normal: &NormalInUse, felt: &Felt, dt: f64) -> Wanted {
         self.turn(now, normal, &Vector3::zeros(), dt);
         let touch = self.task.program.config.touch;
         let direction = -self.smooth_normal(now);

@@ -8,7 +8,6 @@ use super::Felt;
 use super::super::config::UnifiedForceImpedanceConfig;
 use super::super::energy::Tanks;
 use super::super::fused_normal::FusedNormal;
-use super::super::interface::JOINTS;
 use super::super::law::ForceLoop;
 use super::super::monitor::Monitor;
 use super::super::orientation::OrientationReference;
@@ -30,7 +29,7 @@ pub(super) struct Lay {
 
 /// State of one task.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Run {
+pub(super) struct Run<const N: usize> {
     pub guard: WrenchGuard,
     pub response: ResponseGuard,
     /// Sum of the wrenches at rest, and the number of periods in it.
@@ -46,7 +45,7 @@ pub(super) struct Run {
     pub fused: FusedNormal,
     pub orientation: Option<OrientationReference>,
     pub monitor: Monitor,
-    pub tanks: Tanks,
+    pub tanks: Tanks<N>,
     pub force: ForceLoop,
     /// Position that the tool holds while no motion is commanded, m.
     pub held: Option<Vector3<f64>>,
@@ -81,16 +80,16 @@ pub(super) struct Run {
     pub blind_s: f64,
     /// Time with the motion tank's valve shut, s.
     pub empty_s: f64,
-    pub torque: Option<Joints<JOINTS>>,
+    pub torque: Option<Joints<N>>,
     /// Whether the torques of this period were not finite.
     pub lost: bool,
     /// Last valid period, s.
     pub period_s: f64,
-    pub held_torque: Joints<JOINTS>,
+    pub held_torque: Joints<N>,
     pub limited: bool,
 }
 
-impl Run {
+impl<const N: usize> Run<N> {
     pub fn new(config: &UnifiedForceImpedanceConfig) -> Self {
         Self {
             guard: WrenchGuard::default(),

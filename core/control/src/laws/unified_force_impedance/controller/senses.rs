@@ -20,10 +20,10 @@ const SHUT: f64 = 0.25;
 /// Maximum time for which the policy waits for energy, s.
 const EMPTY_S: f64 = 5.0;
 
-impl UnifiedForceImpedance {
+impl<const N: usize> UnifiedForceImpedance<N> {
     /// The wrench in use: the robot's estimate without its zero and without the joints' friction,
     /// which appears in it as a force.
-    pub(super) fn feel(&mut self, input: &UnifiedInput, now: &ArmNow) -> Felt {
+    pub(super) fn feel(&mut self, input: &UnifiedInput<N>, now: &ArmNow<N>) -> Felt {
         let dt = input.dt_s;
         let validity = self.answering(input, now);
         let verdict = self.run.guard.step(
@@ -77,7 +77,7 @@ impl UnifiedForceImpedance {
 
     /// Validity of the wrench: as the input states it, or by how the wrench responds to the tool's
     /// motion.
-    fn answering(&mut self, input: &UnifiedInput, now: &ArmNow) -> Validity {
+    fn answering(&mut self, input: &UnifiedInput<N>, now: &ArmNow<N>) -> Validity {
         if !input.wrench_validity.is_valid() {
             return input.wrench_validity;
         }
@@ -111,7 +111,7 @@ impl UnifiedForceImpedance {
     pub(super) fn watch(
         &mut self,
         wanted: &Wanted,
-        now: &ArmNow,
+        now: &ArmNow<N>,
         normal: &NormalInUse,
         felt: &Felt,
         error: &Vector6<f64>,
@@ -152,9 +152,9 @@ impl UnifiedForceImpedance {
     /// Checks all conditions that end or stop a task.
     pub(super) fn judge(
         &mut self,
-        input: &UnifiedInput,
+        input: &UnifiedInput<N>,
         felt: &Felt,
-        now: &ArmNow,
+        now: &ArmNow<N>,
         normal: &NormalInUse,
     ) {
         if !self.task.phase.is_active() || self.task.phase == Phase::Retract {

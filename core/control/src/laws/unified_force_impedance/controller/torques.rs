@@ -4,7 +4,6 @@ use nalgebra::{Vector3, Vector6};
 use tangent_mechanics::Joints;
 
 use super::super::energy::TorqueParts;
-use super::super::interface::JOINTS;
 use super::super::law::{ArmNow, Impedance, before_the_ends, posture, stacked};
 use super::{Felt, UnifiedForceImpedance, Wanted, twist_of};
 use crate::limits::clamp_norm;
@@ -23,18 +22,18 @@ const BRIDGE_S: f64 = 0.025;
 /// Share of the motors' rate limit that the law uses.
 const RATE_SHARE: f64 = 0.98;
 
-impl UnifiedForceImpedance {
+impl<const N: usize> UnifiedForceImpedance<N> {
     /// Torques to command (Nm), and the pressing force they aim at (N).
     #[allow(clippy::too_many_arguments)]
     pub(super) fn torques(
         &mut self,
         wanted: &Wanted,
-        now: &ArmNow,
+        now: &ArmNow<N>,
         felt: &Felt,
         error: &Vector6<f64>,
         rho_force: f64,
         dt: f64,
-    ) -> (Joints<JOINTS>, f64) {
+    ) -> (Joints<N>, f64) {
         let config = &self.task.program.config;
         // A measurement is as old as the loop's delay, plus half a period on average.
         let delay_s = (self.interface.delay_periods as f64 + 1.5) * dt;
@@ -126,7 +125,7 @@ impl UnifiedForceImpedance {
     fn on_the_surface(
         &mut self,
         wanted: &Wanted,
-        now: &ArmNow,
+        now: &ArmNow<N>,
         felt: &Felt,
         dt: f64,
     ) -> Vector3<f64> {
@@ -169,7 +168,7 @@ impl UnifiedForceImpedance {
     /// a rate limit holds a joint back, each of its parts has moved by the same share: the accounts
     /// contain the torques in effect, part by part. If one part were booked in full and the
     /// difference against it, the two tanks would exchange energy for work that is not done.
-    fn within_limits(&mut self, wanted: TorqueParts, now: &ArmNow, dt: f64) -> Joints<JOINTS> {
+    fn within_limits(&mut self, wanted: TorqueParts<N>, now: &ArmNow<N>, dt: f64) -> Joints<N> {
         let interface = &self.interface;
         let mut limits = *self.model.limits();
         limits.effort = limits.effort.map(|effort| effort * interface.effort_share);
@@ -194,9 +193,9 @@ impl UnifiedForceImpedance {
             self.run.held_torque = held;
             return before;
         }
-        let (mut torque, mut gone) = (possible, Joints::<JOINTS>::repeat(1.0));
+        let (mut torque, mut gone) = (possible, Joints::<N>::repeat(1.0));
         if let Some(rate) = limits.effort_rate {
-            for i in 0..JOINTS {
+            for i in 0..N {
                 let (step, away) = (
                     rate[i] * dt * interface.rate_share * RATE_SHARE,
                     possible[i] - before[i],
