@@ -4,7 +4,7 @@
 //! `cargo run --release -p tangent-simulation --example depth_against_pcl [WIDTH HEIGHT FOCAL_PX]`
 #![allow(clippy::disallowed_methods, clippy::disallowed_macros)]
 
-#[path = "../tests/depth_scenes/mod.rs"]
+#[path = "../tests/integration/depth_scenes/mod.rs"]
 mod depth_scenes;
 
 use depth_scenes::table::{self, Options};

@@ -7,7 +7,7 @@
     clippy::unwrap_used
 )]
 
-#[path = "../tests/depth_scenes/mod.rs"]
+#[path = "../tests/integration/depth_scenes/mod.rs"]
 mod depth_scenes;
 
 use std::time::Instant;

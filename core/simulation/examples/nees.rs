@@ -11,7 +11,7 @@ use std::error::Error;
 use std::path::Path;
 use std::process::ExitCode;
 
-#[path = "../tests/nees/mod.rs"]
+#[path = "../tests/integration/nees/mod.rs"]
 mod nees;
 
 use nees::{ESTIMATORS, Phases, Tally, measure};

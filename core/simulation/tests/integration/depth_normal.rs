@@ -8,10 +8,8 @@
     clippy::disallowed_methods
 )]
 
-mod depth_scenes;
-
-use depth_scenes::table::{Options, ours, side_by_side, take};
-use depth_scenes::{DepthScene, image, metres, scenes};
+use crate::depth_scenes::table::{Options, ours, side_by_side, take};
+use crate::depth_scenes::{DepthScene, image, metres, scenes};
 use nalgebra::{Matrix2, UnitQuaternion, Vector2, Vector3};
 use tangent_estimation::depth_normal::{
     AheadEnd, DepthNormal, DepthNormalConfig, DepthNormalState, DepthSample, ToolTarget,

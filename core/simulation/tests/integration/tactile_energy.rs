@@ -2,13 +2,8 @@
 //! plant's, its tanks, and the port to the environment.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
-mod energy_balance;
-mod tactile_cells;
-
-use energy_balance::{Balance, EXACT};
-use tactile_cells::scenario;
+use crate::energy_balance::{Balance, EXACT};
+use crate::tactile_cells::scenario;
 use tangent_control::Phase;
 use tangent_mechanics::Joints;
 use tangent_simulation::{

@@ -2,8 +2,6 @@
 
 // The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
-#![allow(clippy::unwrap_used)]
-
 use tangent_control::{Fault, Phase, UnifiedInput};
 use tangent_mechanics::{Tool, Wrench};
 use tangent_sensing::Validity;

@@ -1,12 +1,10 @@
 //! Changes of the estimator while the tool slides over a pipe must not affect the force.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
 use tangent_control::{Phase, SwitchCause};
 use tangent_simulation::{AdmittanceLoop, AdmittanceScenario, no_files};
 
-const PIPE: &str = include_str!("../../../scenarios/pipe_ideal.toml");
+const PIPE: &str = include_str!("../../../../scenarios/pipe_ideal.toml");
 /// Sliding time after which the touchdown is over, s.
 const SETTLED_S: f64 = 2.0;
 const SWITCH_EVERY_S: f64 = 0.7;

@@ -5,13 +5,9 @@
 // The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
-mod three_laws;
-
+use crate::three_laws::{Cell, Law};
 use tangent_control::{Fault, Phase};
 use tangent_sensing::Validity;
-use three_laws::{Cell, Law};
 
 const DEAF: Option<Fault> = Some(Fault::Wrench(Validity::Unresponsive));
 /// Force beyond which a run is stopped, N.

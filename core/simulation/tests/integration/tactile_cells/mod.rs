@@ -2,7 +2,7 @@
 
 use tangent_simulation::VisuoTactileScenario;
 
-const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
+const WAVE: &str = include_str!("../../../../../scenarios/karacan/karacan_wave.toml");
 
 pub fn scenario(set: &[&str]) -> VisuoTactileScenario {
     let set: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();

@@ -4,9 +4,7 @@
 // A whole file of tests: what fails here is the test.
 #![allow(clippy::unwrap_used, clippy::disallowed_methods)]
 
-mod nees;
-
-use nees::{ESTIMATORS, Phases, measure};
+use crate::nees::{ESTIMATORS, Phases, measure};
 use tangent_simulation::{AdmittanceScenario, FileError};
 
 const SLIDE: usize = 1;

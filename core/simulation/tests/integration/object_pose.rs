@@ -2,8 +2,6 @@
 //! bad inputs end as they should.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
 use std::sync::OnceLock;
 
 use nalgebra::Vector2;
@@ -20,23 +18,23 @@ use tangent_simulation::{
 const FILES: &[(&str, &str)] = &[
     (
         "lippiello_cylinder",
-        include_str!("../../../scenarios/lippiello/lippiello_cylinder.toml"),
+        include_str!("../../../../scenarios/lippiello/lippiello_cylinder.toml"),
     ),
     (
         "lippiello_plane",
-        include_str!("../../../scenarios/lippiello/lippiello_plane.toml"),
+        include_str!("../../../../scenarios/lippiello/lippiello_plane.toml"),
     ),
     (
         "lippiello_plane_friction",
-        include_str!("../../../scenarios/lippiello/lippiello_plane_friction.toml"),
+        include_str!("../../../../scenarios/lippiello/lippiello_plane_friction.toml"),
     ),
     (
         "lippiello_realistic",
-        include_str!("../../../scenarios/lippiello/lippiello_realistic.toml"),
+        include_str!("../../../../scenarios/lippiello/lippiello_realistic.toml"),
     ),
     (
         "lippiello_sphere",
-        include_str!("../../../scenarios/lippiello/lippiello_sphere.toml"),
+        include_str!("../../../../scenarios/lippiello/lippiello_sphere.toml"),
     ),
 ];
 

@@ -2,8 +2,6 @@
 //! and faults of the odometry end in a stated fault.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
 use tangent_control::Phase;
 use tangent_simulation::{
     AdmittanceScenario, Evaluation, FileError, evaluate_admittance, evaluate_admittance_with,
@@ -23,7 +21,7 @@ const IDEAL_ODOMETRY: [&str; 5] = [
 ];
 
 fn scenario(overrides: &[&str]) -> AdmittanceScenario {
-    let text = include_str!("../../../scenarios/pipe_moving_base.toml");
+    let text = include_str!("../../../../scenarios/pipe_moving_base.toml");
     let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
     AdmittanceScenario::parse("pipe_moving_base", text, &overrides, &|name| {
         Err(FileError::new(format!("{name} is not there")))
@@ -214,7 +212,7 @@ fn a_base_that_drives_away_is_left_before_it_tears_at_the_surface() {
 
 #[test]
 fn numbers_out_of_range_are_refused_by_key() {
-    let text = include_str!("../../../scenarios/pipe_moving_base.toml");
+    let text = include_str!("../../../../scenarios/pipe_moving_base.toml");
     for (set, key) in [
         ("base.patience_s=0", "base.patience_s"),
         ("plant.base.period_s=-1", "base.period_s"),

@@ -2,14 +2,10 @@
 //! failure.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
-mod tactile_cells;
-
 use std::cell::Cell;
 
+use crate::tactile_cells::scenario;
 use nalgebra::{Vector3, Vector6};
-use tactile_cells::scenario;
 use tangent_control::{Phase, UnifiedInput, VisionInput};
 use tangent_mechanics::Joints;
 use tangent_sensing::Validity;

@@ -2,8 +2,6 @@
 //! task.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
 use std::sync::OnceLock;
 
 use nalgebra::{Matrix3, Matrix6, Quaternion, UnitQuaternion, Vector3};
@@ -20,8 +18,8 @@ use tangent_simulation::{
     evaluate_object_with, loaded_arm,
 };
 
-const WAVE: &str = include_str!("../../../scenarios/karacan/karacan_wave.toml");
-const PLANE: &str = include_str!("../../../scenarios/lippiello/lippiello_plane.toml");
+const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
+const PLANE: &str = include_str!("../../../../scenarios/lippiello/lippiello_plane.toml");
 
 /// Control period of both scenarios, s.
 const PERIOD_S: f64 = 1e-3;

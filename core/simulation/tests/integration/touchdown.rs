@@ -6,8 +6,6 @@
 //! touchdown`.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
 use std::fmt::Write;
 
 use tangent_simulation::{
@@ -16,7 +14,7 @@ use tangent_simulation::{
 
 #[test]
 fn on_a_stiff_surface() {
-    let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");
+    let text = include_str!("../../../../scenarios/touchdown_10kN_per_m.toml");
     let scenario = AdmittanceScenario::parse("touchdown", text, &[], &no_files).unwrap();
     let mut lines: Vec<(bool, String)> = Vec::new();
     evaluate_admittance_with(&scenario, |cycle| {
@@ -54,7 +52,7 @@ fn on_a_stiff_surface() {
 /// touches down with a tilt.
 #[test]
 fn gentle_from_2_to_50_kn_per_m() {
-    let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");
+    let text = include_str!("../../../../scenarios/touchdown_10kN_per_m.toml");
     let real: Vec<String> = [
         "plant.sensor.noise_n_per_sqrt_hz=0.002",
         "plant.sensor.noise_nm_per_sqrt_hz=6e-5",
@@ -98,7 +96,7 @@ fn gentle_from_2_to_50_kn_per_m() {
 
 #[test]
 fn a_touchdown_that_never_settles_is_not_called_gentle() {
-    let text = include_str!("../../../scenarios/touchdown_10kN_per_m.toml");
+    let text = include_str!("../../../../scenarios/touchdown_10kN_per_m.toml");
     let paper = ["controller=paper".to_owned()];
     let scenario = AdmittanceScenario::parse("touchdown", text, &paper, &no_files).unwrap();
     let figures = evaluate_admittance(&scenario).unwrap().figures;

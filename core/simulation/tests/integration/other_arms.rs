@@ -2,16 +2,14 @@
 //! object task on a Panda with seven joints, the visuo-tactile task on an arm with six.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
 use tangent_control::Phase;
 use tangent_simulation::{
     Evaluation, ObjectScenario, Undisturbed, VisuoTactileScenario, evaluate_object,
     evaluate_object_of, evaluate_visuo_tactile_of,
 };
 
-const OBJECT: &str = include_str!("../../../scenarios/lippiello/lippiello_plane.toml");
-const WAVE: &str = include_str!("../../../scenarios/karacan/karacan_wave.toml");
+const OBJECT: &str = include_str!("../../../../scenarios/lippiello/lippiello_plane.toml");
+const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
 
 /// The object task within reach of a Panda, with the friction of its joints.
 const PANDA: [&str; 8] = [

@@ -4,14 +4,10 @@
 // The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
-mod three_laws;
-
+use crate::three_laws::{Cell, Law};
 use nalgebra::Vector3;
 use tangent_control::{Clearance, Fault, Phase};
 use tangent_simulation::Obstacle;
-use three_laws::{Cell, Law};
 
 const STIFFNESSES: [f64; 4] = [5e3, 1e4, 2.5e4, 5e4];
 const CELLS: [(Law, &str); 3] = [

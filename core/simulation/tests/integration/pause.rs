@@ -2,16 +2,13 @@
 //! state, and the task continues from there.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
-mod tactile_cells;
-
+use crate::tactile_cells;
 use nalgebra::Vector3;
 use tangent_control::UnifiedInput;
 use tangent_control::{ControlError, Law, Phase};
 use tangent_simulation::{Disturbance, ObjectLoop, ObjectScenario, Undisturbed, VisuoTactileLoop};
 
-const OBJECT: &str = include_str!("../../../scenarios/lippiello/lippiello_realistic.toml");
+const OBJECT: &str = include_str!("../../../../scenarios/lippiello/lippiello_realistic.toml");
 /// Observation time, s: longer than settling, holding and the tare of any of these tasks.
 const WATCH_S: f64 = 4.0;
 /// Time in which the path's clock stops and a compliant arm sinks into its springs, s.

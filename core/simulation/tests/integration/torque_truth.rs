@@ -4,15 +4,11 @@
 // The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
-mod shown_force;
-mod tactile_cells;
-
-use nalgebra::Vector3;
-use shown_force::{
+use crate::shown_force::{
     Action, Cell, Seen as Shown, Sequence, play, stands_or_slides, whatever_is_done,
 };
+use crate::tactile_cells;
+use nalgebra::Vector3;
 use tangent_control::{Clearance, Fault, Law, Phase, TorqueLaw};
 use tangent_simulation::{ObjectLoop, ObjectScenario, Undisturbed, VisuoTactileLoop};
 
@@ -103,7 +99,7 @@ fn unified_force_impedance_moves_off_before_it_takes_its_zero() {
 
 #[test]
 fn hybrid_dynamics_moves_off_before_the_tare() {
-    let text = include_str!("../../../scenarios/lippiello/lippiello_realistic.toml");
+    let text = include_str!("../../../../scenarios/lippiello/lippiello_realistic.toml");
     let scenario = ObjectScenario::parse("truth", text, &[]).unwrap();
     let reference_n = scenario.task.force.reference_n;
     let mut cell = ObjectLoop::<6>::new(&scenario).unwrap();
@@ -330,7 +326,7 @@ fn unified_cell(sequence: &Sequence, zero_nm: f64) -> UnifiedCell {
 }
 
 fn hybrid_cell(sequence: &Sequence) -> HybridCell {
-    let text = include_str!("../../../scenarios/lippiello/lippiello_realistic.toml");
+    let text = include_str!("../../../../scenarios/lippiello/lippiello_realistic.toml");
     let set = [
         format!("seed={}", sequence.seed),
         format!(

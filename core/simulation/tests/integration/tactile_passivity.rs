@@ -4,15 +4,9 @@
 // The test prints its results, and reads the scenarios of the repository.
 #![allow(clippy::disallowed_macros, clippy::disallowed_methods)]
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
-mod any_world;
-mod energy_balance;
-mod tactile_cells;
-
 use std::cell::{Cell, RefCell};
 
-use any_world::{Rough, World, anything};
+use crate::any_world::{Rough, World, anything};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
 use proptest::test_runner::{TestRunner, contextualize_config};

@@ -1,8 +1,6 @@
 //! The scenarios of the repository: they can be read and run, and the physics is right.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
 use tangent_simulation::{
     AdmittanceScenario, Evaluation, FileError, ScenarioError, evaluate_admittance,
 };
@@ -10,7 +8,7 @@ use tangent_simulation::{
 macro_rules! scenarios {
     ($($name:literal),* $(,)?) => {
         const SCENARIOS: &[(&str, &str)] =
-            &[$(($name, include_str!(concat!("../../../scenarios/", $name, ".toml")))),*];
+            &[$(($name, include_str!(concat!("../../../../scenarios/", $name, ".toml")))),*];
     };
 }
 
@@ -33,7 +31,7 @@ scenarios!(
 
 fn read(name: &str) -> Result<String, FileError> {
     match name {
-        "height_field.csv" => Ok(include_str!("../../../scenarios/height_field.csv").to_owned()),
+        "height_field.csv" => Ok(include_str!("../../../../scenarios/height_field.csv").to_owned()),
         other => Err(FileError::new(format!("{other} is not there"))),
     }
 }

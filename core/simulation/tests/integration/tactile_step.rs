@@ -1,12 +1,10 @@
 //! The step of `unified_force_impedance` does not allocate, for any input.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
 use tangent_simulation::VisuoTactileScenario;
 use tangent_simulation::systems::visuo_tactile::reproduction::{replay, step_inputs};
 
-const WAVE: &str = include_str!("../../../scenarios/karacan/karacan_wave.toml");
+const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
 
 #[test]
 fn a_whole_task_without_an_allocation() {

@@ -2,11 +2,7 @@
 //! velocity-controlled arms.
 
 // A whole file of tests: what fails here is the test.
-#![allow(clippy::unwrap_used)]
-
-mod shown_force;
-
-use shown_force::{Action, Cell, Seen, Watched, whatever_is_done};
+use crate::shown_force::{Action, Cell, Seen, Watched, whatever_is_done};
 use tangent_control::{Clearance, Fault, Phase, Task};
 use tangent_simulation::{AdmittanceLoop, AdmittanceScenario, no_files};
 
@@ -17,7 +13,7 @@ struct VelocityCell {
 }
 
 fn velocity_cell(stiffness_n_per_m: f64, seed: u64) -> VelocityCell {
-    let text = include_str!("../../../scenarios/plane.toml");
+    let text = include_str!("../../../../scenarios/plane.toml");
     let overrides = [
         format!("seed={seed}"),
         format!("plant.contact.stiffness_n_per_m={stiffness_n_per_m:.1}"),

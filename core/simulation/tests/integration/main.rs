@@ -1,0 +1,30 @@
+//! Integration tests of this crate, in one binary: each links the whole crate once more.
+
+#![allow(clippy::unwrap_used)]
+
+mod any_torque_input;
+mod any_world;
+mod covariance;
+mod dead_sensor;
+mod deaf_sensor;
+mod depth_normal;
+mod depth_scenes;
+mod energy_balance;
+mod moving_base;
+mod nees;
+mod object_pose;
+mod opposed_retraction;
+mod other_arms;
+mod pause;
+mod scenarios;
+mod shown_force;
+mod swap;
+mod tactile;
+mod tactile_cells;
+mod tactile_energy;
+mod tactile_passivity;
+mod tactile_step;
+mod three_laws;
+mod torque_truth;
+mod touchdown;
+mod truth;
