@@ -91,8 +91,8 @@ fn the_cell_of_a_franka() {
     assert!(tangent_franka::Config::from_cell(&load("cell.toml")).is_err());
 }
 
-/// The cell of an arm with its own sensor configures the bridge to read it, and the sensor service to
-/// take it from there.
+/// The cell of an arm with its own sensor configures the bridge to read it, and the sensor service
+/// to take it from there.
 #[test]
 fn the_cell_of_an_e_series_arm() {
     use tangent_netft::Driver;

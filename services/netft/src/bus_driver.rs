@@ -249,8 +249,8 @@ impl BusDriver {
         if let Some(last) = self.last {
             let pause = received.received.saturating_duration_since(last.received);
             if last.publisher != received.publisher {
-                // Two programs that publish one wrench would alternate. Another one is accepted once
-                // the first is silent.
+                // Two programs that publish one wrench would alternate. Another one is accepted
+                // once the first is silent.
                 if pause < self.patience {
                     return None;
                 }

@@ -1,14 +1,14 @@
 //! Sensor service: samples of a force/torque sensor in, conditioned wrench out.
 //!
-//! The cell file chooses the driver ([`Driver`]): an ATI Net F/T box, the sensor in the flange of an
-//! e-Series arm, or a topic of another program. The conditioning, the topics and the tare are the
-//! same for all of them.
+//! The cell file chooses the driver ([`Driver`]): an ATI Net F/T box, the sensor in the flange of
+//! an e-Series arm, or a topic of another program. The conditioning, the topics and the tare are
+//! the same for all of them.
 //!
-//! With a Net F/T box, it reads units and scales from the box over HTTP and requests the stream. From then on, every
-//! record is published on `wrench/raw`, with its time of measurement recovered from the box's own
-//! count. The newest one is conditioned and published on `wrench/status` and `wrench/tool`. After
-//! silence the stream is requested again, without limit. `netft/tare` averages the zero on this
-//! host, never in the box.
+//! With a Net F/T box, it reads units and scales from the box over HTTP and requests the stream.
+//! From then on, every record is published on `wrench/raw`, with its time of measurement recovered
+//! from the box's own count. The newest one is conditioned and published on `wrench/status` and
+//! `wrench/tool`. After silence the stream is requested again, without limit. `netft/tare` averages
+//! the zero on this host, never in the box.
 
 #![deny(missing_docs)]
 

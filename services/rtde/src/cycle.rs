@@ -279,8 +279,8 @@ impl Cycle {
         Ok(())
     }
 
-    /// Publishes the reading of the robot's own sensor, with the stamp of the state that came in the
-    /// same packet.
+    /// Publishes the reading of the robot's own sensor, with the stamp of the state that came in
+    /// the same packet.
     fn publish_wrench(&self) {
         let sample = self.bridge.sample();
         let reading = self.config.bridge.wrench.zip(sample.wrench);

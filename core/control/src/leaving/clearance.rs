@@ -3,7 +3,8 @@
 //!
 //! A zero taken while the tool presses hides that force from every later reading. Each law
 //! therefore keeps a [`Clearance`] across its tasks, and the service keeps it across restarts. If
-//! contact is possible, a start first moves away from the surface ([`Phase::Clear`](crate::phase_machine::Phase::Clear)).
+//! contact is possible, a start first moves away from the surface
+//! ([`Phase::Clear`](crate::phase_machine::Phase::Clear)).
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};

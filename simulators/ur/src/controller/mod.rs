@@ -198,8 +198,8 @@ impl Controller {
         self.tcp_force = tcp_force;
     }
 
-    /// Takes the reading of the sensor in the flange, which replaces the force of the present cycle:
-    /// after [`Controller::observe`], of an e-Series arm.
+    /// Takes the reading of the sensor in the flange, which replaces the force of the present
+    /// cycle: after [`Controller::observe`], of an e-Series arm.
     pub fn feel(&mut self, reading: &OwnReading) {
         self.tcp_force = reading.tcp_force;
         self.ft_raw_wrench = reading.ft_raw_wrench;

@@ -57,8 +57,8 @@ pub fn evaluate_object(scenario: &ObjectScenario) -> Result<Evaluation, Scenario
     }
 }
 
-/// Runs a scenario of an arm with six joints to its end with a disturbance and passes every cycle to
-/// `watch`.
+/// Runs a scenario of an arm with six joints to its end with a disturbance and passes every cycle
+/// to `watch`.
 ///
 /// # Errors
 /// As [`ObjectLoop::new`].
@@ -70,8 +70,8 @@ pub fn evaluate_object_with(
     evaluate_object_of::<6>(scenario, disturbance, watch)
 }
 
-/// Runs a scenario of an arm with `N` joints to its end with a disturbance and passes every cycle to
-/// `watch`.
+/// Runs a scenario of an arm with `N` joints to its end with a disturbance and passes every cycle
+/// to `watch`.
 ///
 /// # Errors
 /// As [`ObjectLoop::new`].
@@ -142,7 +142,8 @@ impl<const N: usize> ObjectLoop<N> {
     /// Builds the cell and starts the task.
     ///
     /// # Errors
-    /// The scenario's arm has another number of joints than `N`, the cell of the scenario cannot be built, or its task, law or estimator is not usable.
+    /// The scenario's arm has another number of joints than `N`, the cell of the scenario cannot be
+    /// built, or its task, law or estimator is not usable.
     pub fn new(scenario: &ObjectScenario) -> Result<Self, ScenarioError> {
         let corners = scenario.estimation.target.corners();
         let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed)?;

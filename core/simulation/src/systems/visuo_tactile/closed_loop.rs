@@ -65,8 +65,8 @@ pub fn evaluate_visuo_tactile_with(
     evaluate_visuo_tactile_of::<7>(scenario, disturbance, watch)
 }
 
-/// Runs a scenario of an arm with `N` joints to its end with a disturbance and passes every cycle to
-/// `watch`.
+/// Runs a scenario of an arm with `N` joints to its end with a disturbance and passes every cycle
+/// to `watch`.
 ///
 /// # Errors
 /// As [`VisuoTactileLoop::new`].

@@ -309,7 +309,8 @@ impl SensorConfig {
         if self.driver == SensorDriver::Netft {
             return Ok(());
         }
-        // The defaults are those of an ATI Gamma, with which another sensor would saturate unnoticed.
+        // The defaults are those of an ATI Gamma, with which another sensor would saturate
+        // unnoticed.
         for (key, value) in [
             ("sensor.force_range_n", self.force_range_n),
             ("sensor.torque_range_nm", self.torque_range_nm),
