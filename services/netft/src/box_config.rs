@@ -339,7 +339,7 @@ mod tests {
             (">7000<", ">1e9<", "from 1 to 7000"),
             (">7000<", ">-7000<", "<comrdtrate> is -7000"),
             ("<scfgtu>N-m</scfgtu>", "", "<scfgtu> is missing"),
-            ("</netft>", "", "no XML"),
+            ("</netft>", "", "not XML"),
         ] {
             let error = BoxConfig::parse(&good.replace(from, to)).unwrap_err();
             assert!(error.contains(says), "{error}");

@@ -213,7 +213,7 @@ mod tests {
         cell.robot.model = "panda".into();
         let text = Config::from_cell(&cell).unwrap_err().to_string();
         assert!(
-            text.starts_with("[robot] model = \"panda\" is no Universal Robots arm"),
+            text.starts_with("[robot] model = \"panda\" is not a Universal Robots arm"),
             "{text}"
         );
 

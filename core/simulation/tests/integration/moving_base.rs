@@ -202,7 +202,7 @@ fn a_base_that_drives_away_is_left_before_it_tears_at_the_surface() {
             "plant.base.period_s=0",
         ]);
         assert!(
-            result.fault.unwrap().contains("out of its reach"),
+            result.fault.unwrap().contains("out of the arm's reach"),
             "{velocity}: {result:?}"
         );
         let peak = result.figures.force.peak_n.unwrap();

@@ -320,7 +320,7 @@ mod tests {
         let error = Reply::decode(b'v', &[0; 15], Protocol::V2).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "GET_URCONTROL_VERSION with a payload of 15 bytes, which it cannot have"
+            "GET_URCONTROL_VERSION with a payload of 15 bytes, which is not a possible length"
         );
         assert_eq!(
             Reply::decode(b'I', b"\x01DOUBLE,FLOAT", Protocol::V2),
