@@ -38,8 +38,8 @@ pub enum ControllerError {
         name: String,
         /// Its number of joints.
         dof: usize,
-        /// Number of joints of the law's arms.
-        wanted: usize,
+        /// Numbers of joints of the law's arms.
+        wanted: &'static str,
     },
 }
 

@@ -26,9 +26,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use tangent_control::{
-    Controller, EstimatorName, HybridDynamics, Law, Limits, Parameter, Phase, UnifiedForceImpedance,
-};
+use tangent_control::{Controller, EstimatorName, Law, Limits, Parameter, Phase};
 use tangent_runtime::{BaseReader, Beat, Bus, HealthReporter, Parameters, Stop};
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::tangent::Request;
@@ -41,6 +39,7 @@ pub use error::ControllerError;
 pub use offline::refusals;
 pub use tasks::start_check::{known_estimators, unknown_estimators};
 
+use config::torque::{TorqueCell, TorqueCells};
 use cycle::{Cycle, Outlets};
 use inputs::{EstimateReader, Inputs, WrenchReader};
 use mailbox::{Action, Mailbox, Note, Time};
@@ -48,8 +47,7 @@ use memory::Memory;
 use requests::{Kind, RequestHandler};
 use runner::{Live, Prepared, Runner};
 use tasks::hybrid_admittance::Normals;
-use tasks::hybrid_dynamics::Objects;
-use tasks::unified_force_impedance::Unified;
+use tasks::torque::{ServedLaw, TorqueTasks};
 use viewer::Viewer;
 
 /// Name in topics and health messages.
@@ -111,58 +109,38 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
 pub fn run_torque(config: TorqueConfig, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
     let health = HealthReporter::start_only(&bus, SERVICE)?;
     match config {
-        TorqueConfig::HybridDynamics(config) => {
-            let memory = Memory::open(config.state.clone());
-            let law = HybridDynamics::idle(
-                config.arm,
-                config.flange_from_tool,
-                config.limits,
-                &config.law(None)?,
-                Box::new(config.shape),
-                memory.known(),
-            )?;
-            let limits = config.limits;
-            let kind = Objects::new(&bus, *config)?;
-            serve_torques(&bus, health, law, &limits, kind, memory, &stop)
+        TorqueConfig::HybridDynamics(TorqueCells::Six(cell)) => torques(bus, health, *cell, &stop),
+        TorqueConfig::HybridDynamics(TorqueCells::Seven(cell)) => {
+            torques(bus, health, *cell, &stop)
         }
-        TorqueConfig::UnifiedForceImpedance(config) => {
-            let memory = Memory::open(config.state.clone());
-            let law = UnifiedForceImpedance::idle(
-                config.arm,
-                config.flange_from_tool,
-                config.limits,
-                &config.law(None)?,
-                config.interface,
-                memory.known(),
-            )?;
-            let limits = config.limits;
-            let kind = Unified::new(&bus, *config)?;
-            serve_torques(&bus, health, law, &limits, kind, memory, &stop)
+        TorqueConfig::UnifiedForceImpedance(TorqueCells::Six(cell)) => {
+            torques(bus, health, *cell, &stop)
+        }
+        TorqueConfig::UnifiedForceImpedance(TorqueCells::Seven(cell)) => {
+            torques(bus, health, *cell, &stop)
         }
     }
 }
 
-fn serve_torques<L, K, const N: usize>(
-    bus: &Bus,
+/// Runs the torque law of a cell until `stop`.
+fn torques<C: ServedLaw, const N: usize>(
+    bus: Bus,
     health: HealthReporter,
-    law: L,
-    limits: &Limits,
-    kind: K,
-    memory: Memory,
+    cell: TorqueCell<C, N>,
     stop: &Stop,
-) -> Result<(), ControllerError>
-where
-    L: Law<N> + 'static,
-    K: Kind<Program = Prepared<L::Config>>,
-{
-    let parameters = Parameters::new(bus, SERVICE)?;
-    let least = |parameter: Parameter| parameter.range_within(limits).0;
+) -> Result<(), ControllerError> {
+    let memory = Memory::open(cell.state.clone());
+    let law = C::law(&cell, memory.known())?;
+    let parameters = Parameters::new(&bus, SERVICE)?;
+    let limits = cell.limits;
+    let least = |parameter: Parameter| parameter.range_within(&limits).0;
     let runner = Runner {
-        live: live_parameters(&law, &parameters, limits, least),
-        inputs: Inputs::new(wrench(bus)?, None),
+        live: live_parameters(&law, &parameters, &limits, least),
+        inputs: Inputs::new(wrench(&bus)?, None),
         law,
     };
-    serve(bus, health, runner, kind, memory, stop)
+    let kind = TorqueTasks::new(&bus, cell)?;
+    serve(&bus, health, runner, kind, memory, stop)
 }
 
 fn wrench(bus: &Bus) -> Result<WrenchReader, ControllerError> {

@@ -8,8 +8,9 @@ use tangent_runtime::config::Law;
 use tangent_schemas::convert::joints;
 
 use crate::config::Config;
-use crate::config::torque::TorqueConfig;
+use crate::config::torque::{TorqueCell, TorqueCells, TorqueConfig};
 use crate::error::ControllerError;
+use crate::tasks::torque::ServedLaw;
 
 /// Why the cell's controller would refuse this task; empty if it would not. `start` are joint
 /// positions, rad; without them, only checks that do not depend on the start pose are made.
@@ -33,30 +34,30 @@ pub fn refusals(
             start,
         );
     }
-    let preset = task.controller.as_deref();
-    let path = |acceleration, jerk| Path::new(&task.path, acceleration, jerk);
     match TorqueConfig::from_cell(cell, model)? {
-        TorqueConfig::HybridDynamics(config) => {
-            let bounds = config.law(preset).map_err(ControllerError::Task)?.path;
-            let path = path(bounds.acceleration_m_per_s2, bounds.jerk_m_per_s3);
-            of_arm(
-                task,
-                &path.map_err(ControllerError::Task)?,
-                (&config.arm, &config.flange_from_tool, &config.limits),
-                start,
-            )
-        }
-        TorqueConfig::UnifiedForceImpedance(config) => {
-            let bounds = config.law(preset).map_err(ControllerError::Task)?.path;
-            let path = path(bounds.acceleration_m_per_s2, bounds.jerk_m_per_s3);
-            of_arm(
-                task,
-                &path.map_err(ControllerError::Task)?,
-                (&config.arm, &config.flange_from_tool, &config.limits),
-                start,
-            )
+        TorqueConfig::HybridDynamics(TorqueCells::Six(cell)) => of_cell(task, &cell, start),
+        TorqueConfig::HybridDynamics(TorqueCells::Seven(cell)) => of_cell(task, &cell, start),
+        TorqueConfig::UnifiedForceImpedance(TorqueCells::Six(cell)) => of_cell(task, &cell, start),
+        TorqueConfig::UnifiedForceImpedance(TorqueCells::Seven(cell)) => {
+            of_cell(task, &cell, start)
         }
     }
+}
+
+fn of_cell<C: ServedLaw, const N: usize>(
+    task: &Task,
+    cell: &TorqueCell<C, N>,
+    start: Option<&[f64]>,
+) -> Result<Vec<Refusal>, ControllerError> {
+    let parameters = cell.parameters(task.controller.as_deref());
+    let (acceleration, jerk) = parameters.map_err(ControllerError::Task)?.path_bounds();
+    let path = Path::new(&task.path, acceleration, jerk).map_err(ControllerError::Task)?;
+    of_arm(
+        task,
+        &path,
+        (&cell.arm, &cell.flange_from_tool, &cell.limits),
+        start,
+    )
 }
 
 fn of_arm<const N: usize>(

@@ -1,7 +1,11 @@
 //! Integration tests of this crate, in one binary: each links the whole crate once more.
 
 // The tests of `core` read scenarios, print tables and measure time; `core` itself does not.
-#![allow(clippy::unwrap_used, clippy::disallowed_macros, clippy::disallowed_methods)]
+#![allow(
+    clippy::unwrap_used,
+    clippy::disallowed_macros,
+    clippy::disallowed_methods
+)]
 
 mod any_torque_input;
 mod any_world;

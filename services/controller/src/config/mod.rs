@@ -44,7 +44,7 @@ impl Config {
             return Err(ControllerError::Joints {
                 name: model.name.clone(),
                 dof: model.dof,
-                wanted: 6,
+                wanted: "6",
             });
         }
         let arm = Arm::new(&model)?;

@@ -3,8 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 use tangent_control::{
-    ControlError, HybridDynamicsConfig, Limits, Presets, TorqueInterface,
-    UnifiedForceImpedanceConfig,
+    ControlError, HybridDynamicsConfig, Limits, TorqueInterface, UnifiedForceImpedanceConfig,
 };
 use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
@@ -14,14 +13,15 @@ use tangent_runtime::{CellConfig, StateFolder};
 
 use super::limits;
 use crate::ControllerError;
+use crate::tasks::torque::ServedLaw;
 
 /// Configuration for [`crate::run_torque`], by law.
 #[derive(Clone, Debug)]
 pub enum TorqueConfig {
     /// Control by the pose of an object of known shape.
-    HybridDynamics(Box<ObjectsConfig>),
+    HybridDynamics(TorqueCells<HybridDynamicsConfig>),
     /// Control by normals, passive through energy tanks.
-    UnifiedForceImpedance(Box<UnifiedConfig>),
+    UnifiedForceImpedance(TorqueCells<UnifiedForceImpedanceConfig>),
 }
 
 impl TorqueConfig {
@@ -32,18 +32,37 @@ impl TorqueConfig {
     pub fn from_cell(cell: &CellConfig, model: &ModelData) -> Result<Self, ControllerError> {
         Ok(match cell.controller.law {
             Law::UnifiedForceImpedance => {
-                Self::UnifiedForceImpedance(Box::new(UnifiedConfig::from_cell(cell, model)?))
+                Self::UnifiedForceImpedance(TorqueCells::from_cell(cell, model)?)
             }
-            _ => Self::HybridDynamics(Box::new(ObjectsConfig::from_cell(cell, model)?)),
+            _ => Self::HybridDynamics(TorqueCells::from_cell(cell, model)?),
         })
     }
 }
 
-/// Configuration of `hybrid_dynamics`.
+/// Configuration of a law, by the number of the arm's joints.
 #[derive(Clone, Debug)]
-pub struct ObjectsConfig {
+pub enum TorqueCells<C: ServedLaw> {
+    /// An arm with six joints.
+    Six(Box<TorqueCell<C, 6>>),
+    /// An arm with seven joints.
+    Seven(Box<TorqueCell<C, 7>>),
+}
+
+impl<C: ServedLaw> TorqueCells<C> {
+    fn from_cell(cell: &CellConfig, model: &ModelData) -> Result<Self, ControllerError> {
+        Ok(if model.dof == 7 {
+            Self::Seven(Box::new(TorqueCell::from_cell(cell, model)?))
+        } else {
+            Self::Six(Box::new(TorqueCell::from_cell(cell, model)?))
+        })
+    }
+}
+
+/// Configuration of a torque law with the parameters `C`, for an arm of `N` joints.
+#[derive(Clone, Debug)]
+pub struct TorqueCell<C: ServedLaw, const N: usize> {
     /// The arm with its payload.
-    pub arm: Arm<6>,
+    pub arm: Arm<N>,
     /// Pose of the tool on the flange.
     pub flange_from_tool: Pose<Flange, Tool>,
     /// Limits of the cell.
@@ -52,8 +71,8 @@ pub struct ObjectsConfig {
     pub preset: String,
     /// Parameters that differ from the preset.
     pub settings: toml::Table,
-    /// The object's surface, as its estimators know it.
-    pub shape: ObjectShape,
+    /// What the law needs of the cell beside its parameters.
+    pub setup: C::Setup,
     /// Estimators that run in this cell.
     pub estimators: Vec<String>,
     /// Folder for state that persists across restarts: whether the tool may touch something.
@@ -61,60 +80,11 @@ pub struct ObjectsConfig {
     pub state: Option<StateFolder>,
 }
 
-impl ObjectsConfig {
+impl<C: ServedLaw, const N: usize> TorqueCell<C, N> {
     fn from_cell(cell: &CellConfig, model: &ModelData) -> Result<Self, ControllerError> {
-        let arm = loaded::<6>(model, cell)?;
-        HybridDynamicsConfig::preset_with(&cell.controller.preset, &cell.controller.settings)?;
-        let limits = limits(cell, &arm);
-        limits.check()?;
-        Ok(Self {
-            arm,
-            flange_from_tool: cell.tool.flange_from_tool(),
-            limits,
-            preset: cell.controller.preset.clone(),
-            settings: cell.controller.settings.clone(),
-            shape: shape(cell)?,
-            estimators: cell.estimators.run.clone(),
-            state: StateFolder::of_cell(cell),
-        })
-    }
-
-    /// The law's parameters for a task that may name a preset of its own.
-    ///
-    /// # Errors
-    /// An unknown preset or parameter.
-    pub fn law(&self, preset: Option<&str>) -> Result<HybridDynamicsConfig, ControlError> {
-        HybridDynamicsConfig::preset_with(preset.unwrap_or(&self.preset), &self.settings)
-    }
-}
-
-/// Configuration of `unified_force_impedance`.
-#[derive(Clone, Debug)]
-pub struct UnifiedConfig {
-    /// The arm with its payload.
-    pub arm: Arm<7>,
-    /// Pose of the tool on the flange.
-    pub flange_from_tool: Pose<Flange, Tool>,
-    /// Limits of the cell.
-    pub limits: Limits,
-    /// Preset of the law for tasks that name none.
-    pub preset: String,
-    /// Parameters that differ from the preset.
-    pub settings: toml::Table,
-    /// Torque interface of the arm.
-    pub interface: TorqueInterface,
-    /// Estimators that run in this cell.
-    pub estimators: Vec<String>,
-    /// Folder for state that persists across restarts: whether the tool may touch something.
-    /// `None`: not stored.
-    pub state: Option<StateFolder>,
-}
-
-impl UnifiedConfig {
-    fn from_cell(cell: &CellConfig, model: &ModelData) -> Result<Self, ControllerError> {
-        let arm = loaded::<7>(model, cell)?;
+        let arm = loaded::<N>(model, cell)?;
         let own = &cell.controller;
-        UnifiedForceImpedanceConfig::preset_with(&own.preset, &own.settings)?;
+        C::preset_with(&own.preset, &own.settings)?;
         let limits = limits(cell, &arm);
         limits.check()?;
         Ok(Self {
@@ -123,7 +93,7 @@ impl UnifiedConfig {
             limits,
             preset: own.preset.clone(),
             settings: own.settings.clone(),
-            interface: interface(cell),
+            setup: C::setup(cell)?,
             estimators: cell.estimators.run.clone(),
             state: StateFolder::of_cell(cell),
         })
@@ -133,13 +103,13 @@ impl UnifiedConfig {
     ///
     /// # Errors
     /// An unknown preset or parameter.
-    pub fn law(&self, preset: Option<&str>) -> Result<UnifiedForceImpedanceConfig, ControlError> {
-        UnifiedForceImpedanceConfig::preset_with(preset.unwrap_or(&self.preset), &self.settings)
+    pub fn parameters(&self, preset: Option<&str>) -> Result<C, ControlError> {
+        C::preset_with(preset.unwrap_or(&self.preset), &self.settings)
     }
 }
 
 /// Delay and torque limits of the arm's bridge.
-fn interface(cell: &CellConfig) -> TorqueInterface {
+pub(crate) fn interface(cell: &CellConfig) -> TorqueInterface {
     if cell.robot.driver != RobotDriver::Franka {
         return TorqueInterface::default();
     }
@@ -158,7 +128,7 @@ fn loaded<const N: usize>(model: &ModelData, cell: &CellConfig) -> Result<Arm<N>
         return Err(ControllerError::Joints {
             name: model.name.clone(),
             dof: model.dof,
-            wanted: N,
+            wanted: "6 or 7",
         });
     }
     let arm = Arm::<N>::new(model)?;
@@ -177,7 +147,7 @@ fn loaded<const N: usize>(model: &ModelData, cell: &CellConfig) -> Result<Arm<N>
 }
 
 /// Shape of the object from the first estimator that has settings.
-fn shape(cell: &CellConfig) -> Result<ObjectShape, ControllerError> {
+pub(crate) fn shape(cell: &CellConfig) -> Result<ObjectShape, ControllerError> {
     let settings = OBJECT_ESTIMATORS
         .iter()
         .find_map(|name| cell.estimators.settings.get(*name));

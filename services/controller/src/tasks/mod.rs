@@ -3,4 +3,5 @@
 pub mod hybrid_admittance;
 pub mod hybrid_dynamics;
 pub mod start_check;
+pub mod torque;
 pub mod unified_force_impedance;

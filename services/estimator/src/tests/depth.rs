@@ -189,7 +189,11 @@ fn a_thread_that_dies_is_noticed_while_the_service_runs() {
         if let Some(told) = health.try_recv()
             && told.message.state == State::Fault as u8
         {
-            assert!(told.message.fault.contains("the thread of depth_normal has ended"));
+            assert!(
+                told.message
+                    .fault
+                    .contains("the thread of depth_normal has ended")
+            );
             break;
         }
         assert!(Instant::now() < deadline);
