@@ -113,7 +113,7 @@ mod tests {
             acceleration: 0.0,
             activation: 1,
         };
-        admission.hear(1, true, Some(&command), |_| Err(Refusal::NotFinite));
+        admission.begin(1, true, Some(&command), |_| Err(Refusal::NotFinite));
     }
 
     #[test]

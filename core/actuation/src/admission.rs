@@ -52,11 +52,11 @@ pub struct Heard {
 ///     acceleration: 0.0,
 ///     activation: 1,
 /// };
-/// let heard = admission.hear(1, true, Some(&command), |command| Ok(command.values[0]));
+/// let heard = admission.begin(1, true, Some(&command), |command| Ok(command.values[0]));
 /// assert_eq!(admission.followed(heard), Some(3.0));
 /// // Without a command it is followed for two more cycles.
 /// for (cycle, followed) in [(2, Some(3.0)), (3, Some(3.0)), (4, None)] {
-///     let heard = admission.hear(cycle, true, None, |_| Ok(0.0));
+///     let heard = admission.begin(cycle, true, None, |_| Ok(0.0));
 ///     assert_eq!(admission.followed(heard), followed);
 /// }
 /// ```
@@ -94,7 +94,7 @@ impl<T: Copy> Admission<T> {
     /// Begins cycle `cycle` with the command that arrived in it, if any. `may_move`: the arm
     /// follows commands now. `target` returns the target of a command that moves the arm, or the
     /// reason why its values are refused.
-    pub fn hear(
+    pub fn begin(
         &mut self,
         cycle: u64,
         may_move: bool,

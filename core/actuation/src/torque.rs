@@ -221,7 +221,7 @@ impl<const N: usize> TorqueGate<N> {
     ) -> Allowed<N> {
         let most = &self.limits.torque_nm;
         let may_move = permission == Permission::Move;
-        let heard = self.admission.hear(cycle, may_move, arrived, |command| {
+        let heard = self.admission.begin(cycle, may_move, arrived, |command| {
             read_torques(most, command)
         });
         if permission == Permission::Off || heard.soft_stop {

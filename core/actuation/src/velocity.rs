@@ -147,7 +147,7 @@ impl<const N: usize> VelocityGate<N> {
         let may_move = permission == Permission::Move;
         let heard = self
             .admission
-            .hear(cycle, may_move, arrived, |command| read(limits, command));
+            .begin(cycle, may_move, arrived, |command| read(limits, command));
         if permission == Permission::Off || heard.soft_stop {
             // The robot makes its own stop; the next motion starts from rest.
             self.qd = Joints::zeros();

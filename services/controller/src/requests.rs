@@ -50,7 +50,7 @@ pub trait Kind: Send + Sync + 'static {
 
     /// Makes sure that this estimator is subscribed to. No effect for a program that subscribes
     /// exactly to the estimators of its task.
-    fn hear(
+    fn subscribe(
         &self,
         _: &EstimatorName,
         _: &Mailbox<Self::Program>,
@@ -324,7 +324,7 @@ impl<K: Kind> RequestHandler<K> {
         if name.is_empty() {
             return refused("name an estimator, as in `tangent estimator list`");
         }
-        if let Err(reason) = self.kind.hear(&name, &self.mailbox, time) {
+        if let Err(reason) = self.kind.subscribe(&name, &self.mailbox, time) {
             return refused(reason.to_string());
         }
         let words =

@@ -161,12 +161,12 @@ impl EstimatorChoice {
         index: usize,
         force: bool,
     ) -> Result<(), SwitchRefusal> {
-        let newcomer = estimates.get(index).and_then(Option::as_ref);
-        match judge(newcomer, rules.patience_s, f64::INFINITY, normal) {
+        let candidate = estimates.get(index).and_then(Option::as_ref);
+        match judge(candidate, rules.patience_s, f64::INFINITY, normal) {
             Err(Validity::Missing | Validity::Stale) => return Err(SwitchRefusal::Silent),
             Err(reason) if !force => return Err(SwitchRefusal::Invalid(reason)),
-            Ok(newcomer) if !force => {
-                let angle_rad = angle_between(&newcomer.estimate.normal, normal);
+            Ok(candidate) if !force => {
+                let angle_rad = angle_between(&candidate.estimate.normal, normal);
                 if angle_rad > rules.switch_gate_rad {
                     return Err(SwitchRefusal::Disagrees {
                         angle_rad,
@@ -282,7 +282,7 @@ mod tests {
         assert_eq!(choice.switches, 1);
     }
 
-    fn nonsense() -> [Option<EstimateInput>; 4] {
+    fn invalid_estimates() -> [Option<EstimateInput>; 4] {
         let mut bad = [input(Validity::Valid, 0.0, 0.0).unwrap(); 4];
         bad[0].estimate.normal.y = f64::NAN;
         bad[1].estimate.covariance[(1, 1)] = f64::INFINITY;
@@ -294,7 +294,7 @@ mod tests {
     #[test]
     fn nonsense_is_borne_for_the_patience_and_then_the_next_takes_over() {
         let patience_s = PatienceConfig::default().estimate_s;
-        for bad in nonsense() {
+        for bad in invalid_estimates() {
             let mut choice = EstimatorChoice::default();
             let entries = [bad, input(Validity::Valid, 0.0, 1.0)];
             let mut borne_s = 0.0;
@@ -311,7 +311,7 @@ mod tests {
         let mut choice = EstimatorChoice::default();
         for turn in 0..1000 {
             let first = if turn % 4 == 0 {
-                nonsense()[turn / 4 % 4]
+                invalid_estimates()[turn / 4 % 4]
             } else {
                 input(Validity::Valid, 0.0, 0.0)
             };

@@ -255,8 +255,8 @@ mod tests {
         assert!(bench.next().is_some());
         bench.arm.cycle += 20_000;
         assert_eq!(bench.next(), None);
-        let mut nonsense = Message::default();
-        nonsense.pose.position.x = f64::NAN;
-        assert_eq!(estimate(&nonsense).validity, Validity::NotFinite);
+        let mut invalid = Message::default();
+        invalid.pose.position.x = f64::NAN;
+        assert_eq!(estimate(&invalid).validity, Validity::NotFinite);
     }
 }

@@ -126,7 +126,7 @@ impl Kind for Normals {
 
     /// Subscribes this service and the loop to the estimator's topic, and waits for its first
     /// estimate.
-    fn hear(
+    fn subscribe(
         &self,
         name: &EstimatorName,
         mailbox: &Mailbox<Prepared<ControllerConfig>>,

@@ -118,9 +118,11 @@ impl TorqueGate {
         let may_move = !std::mem::take(&mut self.forbidden);
         let effort = &self.effort;
         let arrived = command.map(Command::from);
-        let heard = self.admission.hear(cycle, may_move, arrived.as_ref(), |c| {
-            read_torques(effort, c)
-        });
+        let heard = self
+            .admission
+            .begin(cycle, may_move, arrived.as_ref(), |c| {
+                read_torques(effort, c)
+            });
         self.admission.count_missed(cycle);
         self.admission.latch_after_silence(self.period_s);
         if let Some(torque) = self.admission.followed(heard) {

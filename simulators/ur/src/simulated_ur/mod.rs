@@ -214,7 +214,7 @@ impl Cell {
             let now = Instant::now();
             self.tell(now);
             std::thread::sleep(window);
-            self.hear();
+            self.read_clients();
             self.step(now);
         }
     }
@@ -258,7 +258,7 @@ impl Cell {
     }
 
     /// Reads what clients have sent.
-    fn hear(&mut self) {
+    fn read_clients(&mut self) {
         let now = Instant::now();
         if let Some(servers) = &mut self.servers {
             servers.rtde.poll(&mut self.controller, now);
