@@ -103,12 +103,12 @@ fn role_does_not_end() {
 }
 
 #[test]
-fn a_process_that_does_not_end_in_order_is_cut_off() {
+fn a_process_that_does_not_end_in_order_is_killed() {
     timed(|| {
         let (status, said) = end(start("role_does_not_end", &[]));
         assert_eq!(status.code(), Some(1), "{said}");
         assert!(said.contains("the first"), "{said}");
-        assert!(said.contains("cut off"), "{said}");
+        assert!(said.contains("is killed"), "{said}");
     });
 }
 
