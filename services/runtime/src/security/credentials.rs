@@ -209,8 +209,8 @@ mod tests {
         assert_eq!(after(0), None);
         assert_eq!(after(69), None);
         for (days, words) in [
-            (71, "`operator` holds for 2"),
-            (99, "`operator` holds for "),
+            (71, "`operator` is valid for 2"),
+            (99, "`operator` is valid for "),
             (101, "has expired"),
         ] {
             let said = after(days).unwrap();
