@@ -171,7 +171,9 @@ fn a_copied_id_stops_the_task_and_steers_nothing() {
         );
         wait_for("the controller says why", PATIENCE, || {
             let (fault, _) = told(&cell, "controller")?;
-            fault.contains("two publishers use the id of netft/").then_some(())
+            fault
+                .contains("two publishers use the id of netft/")
+                .then_some(())
         });
         observer.pressed_at_most(FORCE_MAX_N, from);
         stop.trigger();

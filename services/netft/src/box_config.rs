@@ -151,7 +151,7 @@ impl BoxConfig {
             && !(RATE_HZ.0..=RATE_HZ.1).contains(&rate_hz)
         {
             return Err(format!(
-                "<comrdtrate> is {rate_hz}: a box sends from {} to {} records per second",
+                "<comrdtrate> is {rate_hz:?}: a box sends from {} to {} records per second",
                 RATE_HZ.0, RATE_HZ.1
             ));
         }

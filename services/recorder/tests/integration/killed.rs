@@ -77,7 +77,7 @@ fn a_killed_recorder_leaves_a_file_that_opens() {
         let mut child = Command::new(std::env::current_exe().unwrap())
             .args([
                 "--exact",
-                "a_recorder_to_be_killed",
+                "killed::a_recorder_to_be_killed",
                 "--ignored",
                 "--nocapture",
             ])

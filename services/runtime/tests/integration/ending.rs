@@ -15,8 +15,9 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Starts one of the tests below that are processes of their own.
 fn start(role: &str, environment: &[(&str, &str)]) -> Child {
+    let role = format!("ending::{role}");
     Command::new(std::env::current_exe().unwrap())
-        .args([role, "--exact", "--ignored", "--nocapture"])
+        .args([&role, "--exact", "--ignored", "--nocapture"])
         .envs(environment.iter().copied())
         .env_remove("RUST_BACKTRACE")
         .stdout(Stdio::null())

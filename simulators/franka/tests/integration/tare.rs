@@ -108,7 +108,11 @@ fn a_zero_that_jumps_is_refused_over_a_restart_too() {
             cell.push(3.0);
             let refused = cell.tare("tare", "");
             assert!(!refused.done, "{}", refused.message);
-            assert!(refused.message.contains("would differ by"), "{}", refused.message);
+            assert!(
+                refused.message.contains("would differ by"),
+                "{}",
+                refused.message
+            );
             let (force_n, status) = cell.felt();
             assert!((force_n + 3.0).abs() < 0.5, "{force_n} N of 3 N are left");
             // The reading before the tare shows a force that a zero could hide.
