@@ -63,7 +63,7 @@ impl PackageKind {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
     /// The kind byte is unknown.
-    #[error("package of unknown kind {code}")]
+    #[error("package of unknown kind {code} ({:?})", char::from(*code))]
     UnknownKind {
         /// The kind byte.
         code: u8,
