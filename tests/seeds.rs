@@ -36,6 +36,13 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
 fn every_property_test_is_searched_with_fresh_seeds() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let search = std::fs::read_to_string(root.join(".ci/search")).unwrap();
+    // Test filters of the commands that run integration tests with fresh seeds.
+    let commands = search.replace("\\\n", " ");
+    let filters: Vec<&str> = commands
+        .lines()
+        .filter_map(|line| line.split_once("--test integration -- "))
+        .flat_map(|(_, words)| words.split_whitespace().take_while(|word| *word != "||"))
+        .collect();
     let mut files = Vec::new();
     for folder in ["core", "schemas", "services", "simulators", "src", "tests"] {
         sources(&root.join(folder), &mut files);
@@ -57,25 +64,27 @@ fn every_property_test_is_searched_with_fresh_seeds() {
             continue;
         }
         seen += 1;
-        // A file of `tests`, or what a folder there is a module of.
+        // A file of tests, or those that use the module in a folder beside them.
         let name = file.file_stem().unwrap().to_string_lossy();
         let targets = if name == "mod" {
             let module = file.parent().unwrap();
-            let says = format!("mod {};", module.file_name().unwrap().to_string_lossy());
+            let uses = format!("crate::{}", module.file_name().unwrap().to_string_lossy());
             std::fs::read_dir(module.parent().unwrap())
                 .unwrap()
                 .map(|entry| entry.unwrap().path())
                 .filter(|path| path.extension().is_some_and(|e| e == "rs"))
-                .filter(|path| std::fs::read_to_string(path).unwrap().contains(&says))
+                .filter(|path| std::fs::read_to_string(path).unwrap().contains(&uses))
                 .map(|path| path.file_stem().unwrap().to_string_lossy().into_owned())
                 .collect()
         } else {
             vec![name.into_owned()]
         };
+        assert!(!targets.is_empty(), "{}: used by no test", file.display());
         for target in targets {
-            let listed = search.contains(&format!("--test {target} "))
-                || search.contains(&format!("--test {target}\n"));
-            assert!(listed, ".ci/search does not run --test {target}");
+            assert!(
+                filters.contains(&target.as_str()),
+                ".ci/search does not run --test integration -- {target}"
+            );
         }
     }
     assert!(seen >= 6, "only {seen} files of tests that draw were found");

@@ -200,7 +200,10 @@ fn a_setting_out_of_range_is_an_error_and_one_at_the_wrong_time_is_tried_again()
     let error = bench
         .answer(ReplyBody::Setter(SetterStatus::InvalidArgument))
         .unwrap_err();
-    assert!(error.to_string().contains("SetJointImpedance"), "{error}");
+    assert!(
+        error.to_string().contains("refuses to set joint impedance"),
+        "{error}"
+    );
 }
 
 #[test]
