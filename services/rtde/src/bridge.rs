@@ -13,7 +13,8 @@ use tangent_runtime::config::UrReading;
 use tangent_schemas::arm_modes::RUNTIME_PLAYING;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
-use crate::link::{Link, LinkError, LinkEvent};
+use crate::link::{Link, LinkEvent};
+use crate::link_error::LinkError;
 use crate::program::{CommandCode, ProgramState, RegisterMap};
 use crate::sample::Sample;
 use crate::supervisor::{Reason, Supervisor};

@@ -6,7 +6,7 @@ mod hostile;
 use bench::{Cell, posture};
 
 use crate::codec::*;
-use crate::link::LinkError;
+use crate::link_error::LinkError;
 use crate::scripted_robot::{Program, Robot};
 use crate::supervisor::Reason;
 

@@ -33,7 +33,7 @@ use tangent_schemas::tangent::{ArmCommand, ArmState};
 
 use crate::bridge::{Bridge, BridgeEvent};
 use crate::codec::{Framer, PACKAGE_BYTES_MAX};
-use crate::link::LinkError;
+use crate::link_error::LinkError;
 use crate::own_sensor::flange_wrench;
 use crate::robot_setup::resolve;
 use crate::settings::Config;

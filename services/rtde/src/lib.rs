@@ -29,6 +29,7 @@ mod cycle;
 pub mod dashboard;
 pub mod inquiry;
 pub mod link;
+pub mod link_error;
 mod modes;
 pub mod own_sensor;
 pub mod primary;

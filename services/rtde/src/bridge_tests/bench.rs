@@ -7,7 +7,7 @@ use tangent_actuation::{Command, MotionLimits};
 
 use crate::bridge::*;
 use crate::codec::*;
-use crate::link::LinkError;
+use crate::link_error::LinkError;
 use crate::program::RegisterMap;
 use crate::scripted_robot::Robot;
 
