@@ -31,7 +31,7 @@ impl Default for TargetConfig {
     /// The paper's square of 10 cm on a plane.
     fn default() -> Self {
         Self {
-            surface: ObjectShape::Plane,
+            surface: ObjectShape::Plane {},
             corners_m: [
                 [-0.05, -0.05, 0.0],
                 [0.05, -0.05, 0.0],
@@ -250,7 +250,7 @@ impl ObjectPoseConfig {
             within(key, value, lower, upper)?;
         }
         let radius = match self.target.surface {
-            ObjectShape::Plane => 1.0,
+            ObjectShape::Plane {} => 1.0,
             ObjectShape::Cylinder { radius_m } | ObjectShape::Sphere { radius_m } => radius_m,
         };
         within("target.surface.radius_m", radius, 1e-3, 100.0)?;

@@ -253,7 +253,7 @@ mod tests {
             let (_, columns) = expected_corner(&state, &moment, 0.02, &corner).unwrap();
             let by_difference = differences(&state, |s| expected_corner(s, &moment, 0.02, &corner).unwrap().0);
             prop_assert!((columns - by_difference).amax() < 2e-6, "{}", columns - by_difference);
-            for shape in [ObjectShape::Plane, ObjectShape::Cylinder { radius_m: 0.2 }, ObjectShape::Sphere { radius_m: 0.2 }] {
+            for shape in [ObjectShape::Plane {}, ObjectShape::Cylinder { radius_m: 0.2 }, ObjectShape::Sphere { radius_m: 0.2 }] {
                 let on = state.rest.transform_point(&shape.closest(&state.rest.inverse().transform_point(&tip)));
                 let (_, columns) = expected_gap(&state, &shape, 20.0, &on);
                 let by_difference = differences(&state, |s| SVector::<f64, 1>::new(expected_gap(s, &shape, 20.0, &on).0));

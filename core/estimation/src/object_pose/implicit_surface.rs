@@ -49,8 +49,8 @@ pub trait ImplicitSurface: Send {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "snake_case", deny_unknown_fields)]
 pub enum ObjectShape {
-    /// z = 0, material below: the paper's `nᵀp = 0`.
-    Plane,
+    /// z = 0, material below: the paper's `nᵀp = 0`. With braces, so that unknown keys are refused.
+    Plane {},
     /// Cylinder around the object's z axis.
     Cylinder {
         /// Radius, m.
@@ -66,7 +66,7 @@ pub enum ObjectShape {
 impl ImplicitSurface for ObjectShape {
     fn value(&self, p: &Vector3<f64>) -> f64 {
         match self {
-            Self::Plane => p.z,
+            Self::Plane {} => p.z,
             Self::Cylinder { radius_m } => p.xy().norm() - radius_m,
             Self::Sphere { radius_m } => p.norm() - radius_m,
         }
@@ -75,7 +75,7 @@ impl ImplicitSurface for ObjectShape {
     fn gradient(&self, p: &Vector3<f64>) -> Vector3<f64> {
         let unit = |v: Vector3<f64>| v.try_normalize(1e-9).unwrap_or_else(Vector3::x);
         match self {
-            Self::Plane => Vector3::z(),
+            Self::Plane {} => Vector3::z(),
             Self::Cylinder { .. } => unit(Vector3::new(p.x, p.y, 0.0)),
             Self::Sphere { .. } => unit(*p),
         }
@@ -84,7 +84,7 @@ impl ImplicitSurface for ObjectShape {
     fn hessian(&self, p: &Vector3<f64>) -> Matrix3<f64> {
         let out = self.gradient(p);
         match self {
-            Self::Plane => Matrix3::zeros(),
+            Self::Plane {} => Matrix3::zeros(),
             Self::Cylinder { .. } => {
                 let around = Vector3::z().cross(&out);
                 around * around.transpose() / p.xy().norm().max(1e-9)
@@ -134,12 +134,21 @@ mod tests {
         #[test]
         fn gradient_hessian_and_normal_are_the_derivatives(p in prop::array::uniform3(0.1f64..0.5)) {
             let p = Vector3::from(p);
-            for shape in [ObjectShape::Plane, ObjectShape::Cylinder { radius_m: 0.2 }, ObjectShape::Sphere { radius_m: 0.3 }] {
+            for shape in [ObjectShape::Plane {}, ObjectShape::Cylinder { radius_m: 0.2 }, ObjectShape::Sphere { radius_m: 0.3 }] {
                 derivatives_agree(&shape, &p);
                 prop_assert!(shape.value(&shape.closest(&p)).abs() < 1e-12);
             }
             derivatives_agree(&Bowl, &p);
             prop_assert!(Bowl.value(&Bowl.closest(&p)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn unknown_keys_of_every_shape_are_refused() {
+        for shape in ["shape = \"plane\"", "shape = \"sphere\"\nradius_m = 0.1"] {
+            toml::from_str::<ObjectShape>(shape).unwrap();
+            let error = toml::from_str::<ObjectShape>(&format!("{shape}\nwidth_m = 1.0"));
+            assert!(error.unwrap_err().to_string().contains("width_m"));
         }
     }
 }

@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn the_implied_normal_and_its_covariance_are_those_of_the_pose() {
         let sd = [1e-3, 2e-3, 3e-3, 0.01, 0.02, 0.03];
-        for shape in [ObjectShape::Plane, ObjectShape::Sphere { radius_m: 0.3 }] {
+        for shape in [ObjectShape::Plane {}, ObjectShape::Sphere { radius_m: 0.3 }] {
             let pose: Pose<Base, Object> = Pose::new(
                 Vector3::new(0.5, -0.1, 0.2),
                 UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -0.2, 0.5)),

@@ -178,7 +178,7 @@ mod tests {
             let f = feature_jacobian(&x, &camera, &corner, 0.008);
             let by_difference = differences(&x, |x| feature(x, &camera, &corner, 0.008).unwrap());
             prop_assert!((f - by_difference).amax() < 1e-9, "{f} {by_difference}");
-            for shape in [ObjectShape::Plane, ObjectShape::Cylinder { radius_m: 0.2 }, ObjectShape::Sphere { radius_m: 0.2 }] {
+            for shape in [ObjectShape::Plane {}, ObjectShape::Cylinder { radius_m: 0.2 }, ObjectShape::Sphere { radius_m: 0.2 }] {
                 // Curved shapes need the tip near their surface: eq. (26) holds on the surface.
                 let object = pose(&x);
                 let on = object.transform_point(&shape.closest(&object.inverse().transform_point(&tip)));

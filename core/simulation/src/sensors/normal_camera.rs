@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn frames_come_at_their_rate_and_late_by_their_delay() {
-        let plane = Surface::new(&ShapeConfig::Plane, &PoseConfig::default()).unwrap();
+        let plane = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default()).unwrap();
         let mut camera = NormalCamera::new(&NormalCameraConfig::default(), 3);
         let mut arrived = Vec::new();
         for i in 0..=1000 {

@@ -88,8 +88,8 @@ pub trait Shape {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "snake_case", deny_unknown_fields)]
 pub enum ShapeConfig {
-    /// Half space below `z = 0`.
-    Plane,
+    /// Half space below `z = 0`. With braces, so that unknown keys are refused.
+    Plane {},
     /// Infinite cylinder around the local z axis.
     Cylinder {
         /// Radius, m.
@@ -255,7 +255,7 @@ impl Surface {
     /// A dimension is not positive and finite, or the table of heights is malformed.
     pub fn new(shape: &ShapeConfig, pose: &PoseConfig) -> Result<Self, SurfaceError> {
         let shape = match shape {
-            ShapeConfig::Plane => AnyShape::Plane(Plane),
+            ShapeConfig::Plane {} => AnyShape::Plane(Plane),
             ShapeConfig::Cylinder { radius_m } => {
                 AnyShape::Cylinder(Cylinder::new(positive("cylinder", "radius_m", *radius_m)?))
             }

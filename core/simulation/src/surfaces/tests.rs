@@ -19,7 +19,7 @@ y\\x,   -0.15, -0.10, -0.05,  0.00,  0.05,  0.10, 0.15
 /// Every shape, with a point on it that is far from its edges compared with a small step.
 fn shapes() -> Vec<(&'static str, ShapeConfig, Vector3<f64>)> {
     vec![
-        ("plane", ShapeConfig::Plane, Vector3::new(0.1, 0.2, 0.0)),
+        ("plane", ShapeConfig::Plane {}, Vector3::new(0.1, 0.2, 0.0)),
         (
             "cylinder",
             ShapeConfig::Cylinder { radius_m: 0.25 },
@@ -278,5 +278,20 @@ proptest! {
             .map(|y| (p.y - y).hypot(p.z - wave.height(p.x, y).0))
             .fold(f64::INFINITY, f64::min);
         prop_assert!(distance.abs() >= nearest - 1e-4, "{distance} m, {nearest} m to the nearest point");
+    }
+}
+
+/// The bug: a plane accepted any key, so that a misspelt one had no effect.
+#[test]
+fn unknown_keys_of_every_shape_are_refused() {
+    for shape in [
+        "shape = \"plane\"",
+        "shape = \"cylinder\"\nradius_m = 0.1",
+        "shape = \"sphere\"\nradius_m = 0.1",
+    ] {
+        toml::from_str::<SurfaceConfig>(shape).unwrap();
+        let text = format!("{shape}\nstiffness_n_per_m = 1.0");
+        let error = toml::from_str::<SurfaceConfig>(&text).unwrap_err();
+        assert!(error.to_string().contains("stiffness_n_per_m"), "{error}");
     }
 }

@@ -103,7 +103,7 @@ fn surfaces() -> Vec<(&'static str, Surface)> {
     };
     let flat = |shape: ShapeConfig| Surface::new(&shape, &PoseConfig::default()).unwrap();
     vec![
-        ("plane", flat(ShapeConfig::Plane)),
+        ("plane", flat(ShapeConfig::Plane {})),
         (
             "cylinder",
             place(ShapeConfig::Cylinder { radius_m: 0.15 }, -0.15),
@@ -250,7 +250,7 @@ fn the_map_ahead_is_the_surface() {
 
 #[test]
 fn a_surface_that_ends_ends_the_map() {
-    let surface = Surface::new(&ShapeConfig::Plane, &PoseConfig::default()).unwrap();
+    let surface = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default()).unwrap();
     let camera_config = DepthCameraConfig {
         extent_m: Some([[-0.2, -0.2, -0.1], [0.2, 0.03, 0.1]]),
         table_height_m: Some(-0.1),

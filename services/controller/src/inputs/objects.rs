@@ -164,7 +164,7 @@ mod tests {
                 *object = reader.now();
             }
             let tip = (&self.arm.tool_pose.position).into();
-            let (surface, normal) = (ObjectShape::Plane, Some(Vector3::z()));
+            let (surface, normal) = (ObjectShape::Plane {}, Some(Vector3::z()));
             let read = self
                 .list
                 .step_objects(&objects, &surface, &tip, normal, 0.0, PERIOD_S);

@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn the_path_lies_on_every_surface_and_the_tool_stays_square() {
         for shape in [
-            ObjectShape::Plane,
+            ObjectShape::Plane {},
             ObjectShape::Cylinder { radius_m: 0.4 },
             ObjectShape::Sphere { radius_m: 0.5 },
         ] {
@@ -250,7 +250,7 @@ mod tests {
             Vector3::new(-0.17, 0.0, 0.12),
             UnitQuaternion::from_scaled_axis(Vector3::new(3.0, 0.1, -0.05)),
         );
-        let mut descent = Descent::new(&ObjectShape::Plane, &from, 0.05, (0.1, 1.0), 0.02);
+        let mut descent = Descent::new(&ObjectShape::Plane {}, &from, 0.05, (0.1, 1.0), 0.02);
         assert!((descent.at(1.0).position - from.translation()).norm() < 1e-12);
         while descent.beyond_m() < 0.0 {
             descent.step(1.0, 0.01, 0.1, 1e-3);

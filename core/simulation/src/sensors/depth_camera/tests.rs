@@ -19,7 +19,7 @@ fn surface(shape: ShapeConfig) -> Surface {
 fn shapes() -> Vec<ShapeConfig> {
     let table = "y\\x,-0.1,-0.05,0.0,0.05,0.1\n-0.1,0,0,0.01,0,0\n-0.05,0,0.01,0.02,0.01,0\n0.0,0.01,0.02,0.03,0.02,0\n0.05,0,0.01,0.01,0.01,0\n0.1,0,0,0,0,0";
     vec![
-        ShapeConfig::Plane,
+        ShapeConfig::Plane {},
         ShapeConfig::Cylinder { radius_m: 0.12 },
         ShapeConfig::Cone {
             height_m: 0.3,
@@ -141,7 +141,7 @@ fn every_pixel_lies_on_the_surface_or_on_the_table() {
 
 #[test]
 fn a_surface_ends_where_it_was_cut_off() {
-    let surface = Surface::new(&ShapeConfig::Plane, &PoseConfig::default()).unwrap();
+    let surface = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default()).unwrap();
     let extent = [[-0.05, -0.1, -0.02], [0.05, 0.1, 0.5]];
     let config = DepthCameraConfig {
         extent_m: Some(extent),
@@ -160,7 +160,7 @@ fn a_surface_ends_where_it_was_cut_off() {
 
 #[test]
 fn noise_is_as_large_as_it_says_and_grows_with_the_square_of_the_depth() {
-    let surface = Surface::new(&ShapeConfig::Plane, &PoseConfig::default()).unwrap();
+    let surface = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default()).unwrap();
     let down = UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.0, 0.0);
     for far in [0.3, 0.5, 1.0] {
         let noise = DepthNoiseConfig {
@@ -187,7 +187,7 @@ fn noise_is_as_large_as_it_says_and_grows_with_the_square_of_the_depth() {
 
 #[test]
 fn disparity_comes_in_steps() {
-    let surface = Surface::new(&ShapeConfig::Plane, &PoseConfig::default()).unwrap();
+    let surface = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default()).unwrap();
     let noise = DepthNoiseConfig {
         disparity_steps: 4,
         baseline_m: 0.05,
@@ -271,7 +271,7 @@ fn holes_edges_and_grazing_cost_pixels() {
 
 #[test]
 fn the_tool_hides_what_is_behind_it() {
-    let surface = Surface::new(&ShapeConfig::Plane, &PoseConfig::default()).unwrap();
+    let surface = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default()).unwrap();
     let config = DepthCameraConfig {
         tool: Some(ToolInViewConfig {
             radius_m: 0.02,
@@ -302,7 +302,7 @@ fn the_tool_hides_what_is_behind_it() {
 
 #[test]
 fn frames_come_at_their_rate_late_by_the_delay_and_the_same_every_time() {
-    let surface = Surface::new(&ShapeConfig::Plane, &PoseConfig::default()).unwrap();
+    let surface = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default()).unwrap();
     let config = DepthCameraConfig {
         rate_hz: 30.0,
         noise: DepthNoiseConfig::default(),

@@ -92,7 +92,7 @@ impl ObjectScenario {
             message: message.to_owned(),
         };
         let plant = match self.plant.surface.shape {
-            ShapeConfig::Plane => ObjectShape::Plane,
+            ShapeConfig::Plane {} => ObjectShape::Plane {},
             ShapeConfig::Cylinder { radius_m } => ObjectShape::Cylinder { radius_m },
             ShapeConfig::Sphere { radius_m } => ObjectShape::Sphere { radius_m },
             _ => {

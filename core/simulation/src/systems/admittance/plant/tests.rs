@@ -21,7 +21,7 @@ fn on_a_plane() -> AdmittancePlantConfig {
         surface: SurfaceConfig {
             position_m: [0.0, 0.0, 0.1],
             roll_pitch_yaw_rad: [0.0; 3],
-            shape: ShapeConfig::Plane,
+            shape: ShapeConfig::Plane {},
         },
         tool: ToolConfig::default(),
         contact: ContactConfig::default(),
