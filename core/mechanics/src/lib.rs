@@ -11,6 +11,7 @@
 //! | the data of a robot: built in, or read from a file | [`ModelData`] |
 //! | kinematics and dynamics of an arm | [`Arm`], computed from a [`ModelData`] once |
 //! | joint velocities for a twist, near singularities too | [`DampedLeastSquares`] |
+//! | the shape of a tool's tip | [`Tip`] |
 //! | joint angles for a pose, outside of the control loop | [`InverseKinematics`] |
 //!
 //! ```
@@ -40,6 +41,7 @@ pub mod manipulability;
 pub mod model;
 pub mod names;
 pub mod spatial;
+mod tip;
 
 pub use arm::{Arm, Limits, Payload};
 pub use damped_least_squares::{DampedLeastSquares, DampedSolution};
@@ -51,6 +53,7 @@ pub use spatial::{
     Aligned, Base, Camera, Contact, Direction, Flange, Frame, Object, Point, Pose, Sensor, Tool,
     Twist, World, Wrench,
 };
+pub use tip::Tip;
 
 /// Joint vector of an arm with `N` joints: rad, rad/s, rad/s² or Nm, base to flange.
 pub type Joints<const N: usize> = nalgebra::SVector<f64, N>;
