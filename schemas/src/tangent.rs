@@ -84,8 +84,8 @@ message! {
         pub acceleration: f64,
         /// Source of the command, `SERVICE/INSTANCE`.
         pub source: Name,
-        /// Number of task starts. After a fault, the bridge moves the arm only for a newer
-        /// activation.
+        /// Number of the task start that the command belongs to. After a fault, the bridge moves the
+        /// arm only for a newer activation.
         pub activation: u64,
     }
 }
@@ -102,7 +102,7 @@ message! {
         pub status_text: Text,
         pub rdt_sequence: u32,
         pub ft_sequence: u32,
-        /// Numbers since the service started.
+        /// Counts since the service started.
         pub records: u64,
         pub records_lost: u64,
         pub records_out_of_order: u64,
@@ -118,9 +118,10 @@ message! {
         pub filter_delay_s: f64,
         /// Residual of the clock recovery, s rms.
         pub clock_residual_s: f64,
-        /// Records left out since the service started, because no load can cause their jump.
+        /// Records left out since the service started, because they jump as no load can.
         pub records_implausible: u64,
-        /// Axes that stand still: bit 0 is Fx, bit 5 is Tz; all axes when the sensor is frozen.
+        /// Axes whose reading does not change: bit 0 is Fx, bit 5 is Tz; all axes if the sensor is
+        /// frozen.
         pub stuck_axes: u8,
         /// Filtered reading before the zero is subtracted, without the payload: frame of `bias`.
         pub untared: Wrench,
@@ -261,8 +262,8 @@ message! {
 }
 
 message! {
-    /// Principal components of the segment of the surface, with one orientation, that the tool is
-    /// on, as seen by a camera.
+    /// Principal components of the surface segment under the tool, as seen by a camera. The
+    /// orientation of a segment is nearly constant.
     pub struct SurfaceSegment: "tangent_msgs/msg/SurfaceSegment" {
         /// Time of the arm state at exposure; frame `base`.
         pub header: Header,
@@ -273,7 +274,8 @@ message! {
         pub middle: Point,
         /// Direction of least spread, unit vector, out of the material.
         pub normal: Vector3,
-        /// Share of the spread that lies along the normal: 0 for a flat surface.
+        /// Least eigenvalue of the points' covariance, divided by the sum of all three: 0 for a flat
+        /// segment.
         pub surface_variation: f64,
     }
 }
@@ -356,7 +358,7 @@ message! {
         /// Validity of the wrench, with the codes of `WrenchStatus.validity`.
         pub wrench_validity: u8,
         /// Whether the tool may touch something: from the approach until a retraction has ended in
-        /// free space. Kept over restarts.
+        /// free space. Kept across restarts.
         pub contact_possible: bool,
         /// Age of the sensor's zero, s; negative if there is none.
         pub zero_age_s: f64,
