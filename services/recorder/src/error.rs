@@ -22,7 +22,7 @@ pub enum RecorderError {
         /// Error of the format's library.
         source: mcap::McapError,
     },
-    /// A message in the file does not decode as its type says.
+    /// A message in the file cannot be decoded as its type.
     #[error(
         "recording {path}: message {index} on {topic} cannot be decoded as {type_name}: {reason}"
     )]
@@ -35,7 +35,7 @@ pub enum RecorderError {
         topic: String,
         /// Type.
         type_name: &'static str,
-        /// What the decoder said.
+        /// Reason given by the decoder.
         reason: String,
     },
     /// A repair would leave less free space than must stay free.
@@ -49,7 +49,7 @@ pub enum RecorderError {
         path: PathBuf,
         /// Free now.
         free_mb: u64,
-        /// Needed for the mended copy.
+        /// Needed for the repaired copy.
         needed_mb: u64,
         /// Kept free.
         kept_mb: u64,

@@ -51,7 +51,7 @@ impl Files for SystemFiles {
             .write(true)
             .create_new(true)
             .open(&opening)?;
-        // The lock is held while the file is written, so that no recorder treats it as torn or old.
+        // The lock is held while the file is written, so that no recorder repairs or deletes it.
         // The file is locked before it gets its name. On a file system without locks, recordings
         // are made without them.
         let _ = file.try_lock();
@@ -129,7 +129,7 @@ mod tests {
             let file = SystemFiles.create(&path).unwrap();
             assert!(is_being_written(&path));
             assert!(SystemFiles.create(&path).is_err(), "the name is taken");
-            // Finished, as the one who looks sees it.
+            // A reader sees a complete file.
             file.append(mcap::MAGIC).unwrap();
             file.append(mcap::MAGIC).unwrap();
         }

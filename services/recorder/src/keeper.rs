@@ -1,5 +1,6 @@
-//! Keeps the folder in order while recordings are written: mends what crashes left torn, deletes
-//! what the budget does not cover. A thread of its own; recording never waits for it.
+//! Maintains the folder while recordings are written: repairs files that a crash left truncated,
+//! and deletes the oldest recordings beyond the configured limits. It has its own thread, so
+//! recording never waits for it.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -14,10 +15,10 @@ use crate::files::free_bytes;
 use crate::repair::{self, Bounds, Repair};
 use crate::retention::{self, Budget};
 
-/// Time between two looks at the folder without a reason.
+/// Interval of regular checks of the folder.
 const LOOK: Duration = Duration::from_secs(60);
 
-/// The thread; it ends with this value.
+/// Handle of the thread. Dropping it ends the thread.
 pub(crate) struct Keeper {
     stop: Stop,
     wake: Option<Sender<()>>,
@@ -26,7 +27,7 @@ pub(crate) struct Keeper {
 }
 
 impl Keeper {
-    /// Starts on the folder of `config`, which must exist.
+    /// Starts the thread for the folder of `config`, which must exist.
     pub(crate) fn start(config: &RecorderConfig) -> Result<Self, RecorderError> {
         let stop = Stop::new();
         let (wake, woken) = channel();
@@ -72,7 +73,8 @@ impl Keeper {
         self.mended.try_iter()
     }
 
-    /// Ends the thread at once: a file under repair stays torn, and the incomplete copy is removed.
+    /// Ends the thread at once: a file under repair stays truncated, and the incomplete copy is
+    /// removed.
     pub(crate) fn finish(&mut self) {
         self.stop.trigger();
         self.wake = None;

@@ -1,5 +1,5 @@
-//! Power cuts at any moment on a simulated disk that forgets what was not synced: at most one
-//! second is lost, as long as a sync takes no longer than 0.3 s.
+//! Tests of power cuts at any moment, on a simulated disk that loses all data that were not synced:
+//! at most one second is lost, as long as a sync takes no longer than 0.3 s.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use crate::disk::Disk;
 use crate::files::{Files, OpenFile};
 use crate::{Record, RecorderConfig, Recording, repair};
 
-/// A disk whose power goes at a moment of simulated time.
+/// A disk that loses power at a given simulated time.
 struct Simulated {
     now_ms: AtomicU64,
     cut_ms: u64,
@@ -73,7 +73,8 @@ impl Files for Power {
     }
 }
 
-/// Records one message per millisecond until the power goes; what is found afterwards, by sequence.
+/// Records one message per millisecond until the power fails. Returns the sequence numbers that are
+/// found afterwards.
 fn recorded(cut_ms: u64, sync_ms: u64, rotate_ms: u64, survives: f64, zeros: usize) -> Vec<u64> {
     let folder = tempfile::tempdir().unwrap();
     let simulated = Arc::new(Simulated {
@@ -94,7 +95,7 @@ fn recorded(cut_ms: u64, sync_ms: u64, rotate_ms: u64, survives: f64, zeros: usi
     while !simulated.is_off() {
         let now_ms = simulated.now_ms.load(Ordering::Relaxed);
         let now = start + Duration::from_millis(now_ms);
-        // What came while the disk was busy waited in the queue.
+        // Messages that arrived while the disk was busy waited in the queue.
         while taken <= now_ms {
             disk.take(
                 &Record {

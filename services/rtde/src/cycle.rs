@@ -73,7 +73,7 @@ impl Meters {
     }
 }
 
-/// What the loop publishes.
+/// Publishers of the loop.
 pub(crate) struct Outlets {
     pub state: Publisher<ArmState>,
     /// Reading of the robot's own force/torque sensor, if the cell uses it.

@@ -1,20 +1,20 @@
 //! Client of the dashboard server: power, brakes, unlocking, remote mode, model. Each command and
 //! each answer is one line.
 //!
-//! A convenience for people, never used for safety: its answers lag behind RTDE by more than half a
-//! second, and it does not know programs that were sent over a port.
+//! It is for operators and never used for safety: its answers lag behind RTDE by more than half a
+//! second, and it does not report programs that were sent over a port.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-/// Longest line that is taken, bytes.
+/// Longest accepted line, bytes.
 const LINE_MAX: usize = 4096;
 
 /// Errors of the dashboard connection.
 #[derive(Debug, thiserror::Error)]
 pub enum DashboardError {
-    /// It cannot be reached, or the connection broke.
+    /// The server cannot be reached, or the connection broke.
     #[error("dashboard server at {address}: {reason}; is the robot on, and the port open?")]
     Connection {
         /// Host and port.
@@ -52,10 +52,10 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Takes bytes in.
+    /// Appends received bytes.
     ///
     /// # Errors
-    /// [`DashboardError::LineTooLong`] when a line does not end in time.
+    /// [`DashboardError::LineTooLong`] if a line is longer than [`LINE_MAX`].
     pub fn push(&mut self, bytes: &[u8]) -> Result<(), DashboardError> {
         if self.bytes.len() + bytes.len() > 2 * LINE_MAX {
             return Err(DashboardError::LineTooLong);
@@ -72,8 +72,8 @@ impl Lines {
     }
 }
 
-/// The version in an answer to `PolyscopeVersion`: `URSoftware 5.11.0.108249 (Feb 03 2021)` holds
-/// `5.11.0.108249`.
+/// Version in an answer to `PolyscopeVersion`: `5.11.0.108249` in `URSoftware 5.11.0.108249 (Feb 03
+/// 2021)`.
 pub fn polyscope_version(reply: &str) -> Option<&str> {
     let (_, rest) = reply.split_once(' ')?;
     let version = rest.split(" (").next()?.trim();
@@ -82,8 +82,8 @@ pub fn polyscope_version(reply: &str) -> Option<&str> {
         .then_some(version)
 }
 
-/// The arm's size as a number that a model and a robot share: `UR5`, `ur5e` and `UR5e` are all 5;
-/// `None` for others.
+/// Size of the arm as a number, from the name of a model or of a robot: 5 for `UR5`, `ur5e` and
+/// `UR5e`; `None` for other names.
 pub fn ur_size(model: &str) -> Option<u32> {
     let rest = model.trim().to_ascii_lowercase();
     let rest = rest.strip_prefix("ur")?;
@@ -91,7 +91,7 @@ pub fn ur_size(model: &str) -> Option<u32> {
     digits.parse().ok()
 }
 
-/// One connection.
+/// One connection to the dashboard server.
 #[derive(Debug)]
 pub struct Dashboard {
     stream: TcpStream,
@@ -104,7 +104,7 @@ impl Dashboard {
     /// Connects and reads the greeting.
     ///
     /// # Errors
-    /// It cannot be reached, or says nothing within `timeout`.
+    /// The server cannot be reached, or sends no greeting within `timeout`.
     pub fn connect(address: SocketAddr, timeout: Duration) -> Result<Self, DashboardError> {
         let failed = |error: std::io::Error| DashboardError::Connection {
             address,
@@ -123,10 +123,10 @@ impl Dashboard {
         Ok(dashboard)
     }
 
-    /// Sends one command and returns the line that answers it.
+    /// Sends one command and returns the answer, one line.
     ///
     /// # Errors
-    /// The connection broke, or no line came in time.
+    /// The connection broke, or no answer arrived in time.
     pub fn ask(&mut self, command: &str) -> Result<String, DashboardError> {
         let line = format!("{command}\n");
         self.stream
@@ -138,7 +138,7 @@ impl Dashboard {
     /// Switches the arm's power on. The brakes stay closed.
     ///
     /// # Errors
-    /// As [`Dashboard::ask`], and when it refuses.
+    /// The connection broke, no answer arrived in time, or the server refused.
     pub fn power_on(&mut self) -> Result<String, DashboardError> {
         self.expect("power on", "Powering on")
     }
@@ -146,7 +146,7 @@ impl Dashboard {
     /// Switches the arm's power off; the brakes close.
     ///
     /// # Errors
-    /// As [`Dashboard::ask`], and when it refuses.
+    /// The connection broke, no answer arrived in time, or the server refused.
     pub fn power_off(&mut self) -> Result<String, DashboardError> {
         self.expect("power off", "Powering off")
     }
@@ -154,7 +154,7 @@ impl Dashboard {
     /// Opens the brakes of a powered arm.
     ///
     /// # Errors
-    /// As [`Dashboard::ask`], and when it refuses.
+    /// The connection broke, no answer arrived in time, or the server refused.
     pub fn brake_release(&mut self) -> Result<String, DashboardError> {
         self.expect("brake release", "Brake releasing")
     }
@@ -163,25 +163,26 @@ impl Dashboard {
     /// s after the stop.
     ///
     /// # Errors
-    /// As [`Dashboard::ask`], and when it refuses.
+    /// The connection broke, no answer arrived in time, or the server refused.
     pub fn unlock_protective_stop(&mut self) -> Result<String, DashboardError> {
         self.ask("close safety popup")?;
         self.expect("unlock protective stop", "Protective stop releasing")
     }
 
-    /// `RUNNING`, `POWER_OFF`, `IDLE` …
+    /// Mode of the robot: `RUNNING`, `POWER_OFF`, `IDLE` …
     ///
     /// # Errors
-    /// As [`Dashboard::ask`], and when the answer is none.
+    /// The connection broke, or no valid answer arrived in time.
     pub fn robot_mode(&mut self) -> Result<String, DashboardError> {
         let reply = self.expect("robotmode", "Robotmode: ")?;
         Ok(reply["Robotmode: ".len()..].to_owned())
     }
 
-    /// Whether scripts are taken; `None` on robots without that mode (CB3).
+    /// Whether the robot is in remote control and accepts scripts; `None` on robots without that
+    /// mode (CB3).
     ///
     /// # Errors
-    /// As [`Dashboard::ask`].
+    /// The connection broke, or no answer arrived in time.
     pub fn is_in_remote_control(&mut self) -> Result<Option<bool>, DashboardError> {
         Ok(match self.ask("is in remote control")?.as_str() {
             "true" => Some(true),
@@ -190,19 +191,19 @@ impl Dashboard {
         })
     }
 
-    /// `UR5` and the like; `None` where the software is too old to say.
+    /// Model of the robot, for example `UR5`; `None` if the software is too old to report it.
     ///
     /// # Errors
-    /// As [`Dashboard::ask`].
+    /// The connection broke, or no answer arrived in time.
     pub fn robot_model(&mut self) -> Result<Option<String>, DashboardError> {
         let reply = self.ask("get robot model")?;
         Ok(ur_size(&reply).map(|_| reply))
     }
 
-    /// The software's version; `None` when the answer holds none.
+    /// Version of the software; `None` if the answer contains none.
     ///
     /// # Errors
-    /// As [`Dashboard::ask`].
+    /// The connection broke, or no answer arrived in time.
     pub fn polyscope_version(&mut self) -> Result<Option<String>, DashboardError> {
         let reply = self.ask("PolyscopeVersion")?;
         Ok(polyscope_version(&reply).map(str::to_owned))
@@ -277,7 +278,8 @@ mod tests {
     use std::io::{BufRead, BufReader};
     use std::net::TcpListener;
 
-    /// A dashboard server that knows these answers, in pieces as a network may deliver them.
+    /// A dashboard server with these answers. It sends them in pieces, as a network may deliver
+    /// them.
     fn server(answers: &'static [(&str, &str)]) -> SocketAddr {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();

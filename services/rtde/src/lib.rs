@@ -1,10 +1,10 @@
 //! Universal Robots bridge over RTDE: state out, guarded joint velocity in.
 //!
-//! [`run`] keeps a connection to the controller for ever: it sets RTDE up, sends its own program to
-//! the robot, and then answers each robot packet in the same cycle with what `arm/command` holds,
-//! once that has passed the gate ([`tangent_actuation`]). The parts below it are pure: [`codec`] is
-//! the protocol (both sides), [`bridge`] the state machine, [`program`] the robot's program and its
-//! registers.
+//! [`run`] keeps a connection to the controller without limit: it sets RTDE up, sends its own
+//! program to the robot, and then answers each robot packet in the same cycle with the command on
+//! `arm/command`, once that has passed the gate ([`tangent_actuation`]). These modules are pure:
+//! [`codec`] is the protocol (both sides), [`bridge`] the state machine, [`program`] the robot's
+//! program and its registers.
 //!
 //! ```no_run
 //! use tangent_rtde::{Config, run};

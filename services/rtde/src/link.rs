@@ -21,7 +21,7 @@ const SILENCE_S: f64 = 1.0;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
     Closed,
-    /// This version was asked for.
+    /// This protocol version was requested.
     ProtocolVersion(Protocol),
     ControllerVersion,
     Inputs,
@@ -66,8 +66,8 @@ pub struct Link {
 }
 
 impl Link {
-    /// `expected`: what the cell's `model` is, if that is known. `rate_hz`: states per second asked
-    /// for; the controller's own without it.
+    /// `expected`: series of the cell's `model`, if it is known. `rate_hz`: requested states per
+    /// second; the controller's own rate by default.
     pub fn new(
         registers: RegisterMap,
         model: &str,
@@ -113,7 +113,7 @@ impl Link {
         types
     }
 
-    /// A connection was made: appends the first request.
+    /// Starts a new connection: appends the first request.
     pub fn open(&mut self, now_s: f64, out: &mut Vec<u8>) -> Result<(), LinkError> {
         self.close();
         self.ask_protocol(Protocol::V2, now_s, out)
@@ -141,7 +141,7 @@ impl Link {
         }
     }
 
-    /// Which software runs there; all zero until it is known.
+    /// Version of the controller's software; all zero until it is known.
     pub fn version(&self) -> ControllerVersion {
         self.version
     }
@@ -157,12 +157,12 @@ impl Link {
         }
     }
 
-    /// Which protocol is spoken.
+    /// Protocol version in use.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }
 
-    /// The last state that came.
+    /// The last state that was received.
     pub fn sample(&self) -> &Sample {
         &self.sample
     }

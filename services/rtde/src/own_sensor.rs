@@ -1,9 +1,9 @@
-//! The reading of an e-Series arm's own force/torque sensor in the project's terms.
+//! The reading of an e-Series arm's own force/torque sensor, in the project's frames and signs.
 
 use tangent_mechanics::{Arm, Flange, Joints, Wrench};
 use tangent_runtime::config::UrReading;
 
-/// What the environment does to the flange, at the flange, flange axes, N and Nm. `values` is the
+/// Wrench of the environment on the flange, at the flange, flange axes, N and Nm. `values` is the
 /// RTDE output `reading`, at joint angles `q` (rad).
 ///
 /// An e-Series controller gives both readings at the flange: `ft_raw_wrench` in the axes of the

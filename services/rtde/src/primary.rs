@@ -1,41 +1,41 @@
-//! What the bridge reads on the controller's script port: messages about its program. States are
-//! skipped.
+//! Messages of the controller on its script port, which report on the bridge's program. State
+//! packages are skipped.
 //!
-//! A package is `i32` length of the whole, `u8` type, body; type 20 is a message: `u64` time, `u8`
-//! source, `u8` type.
+//! A package is an `i32` length of the whole package, a `u8` type and a body. Type 20 is a message,
+//! whose body begins with `u64` time, `u8` source and `u8` type.
 
-/// Longest package that is taken; robots send about 1.5 kB.
+/// Longest accepted package, bytes; robots send about 1.5 kB.
 const PACKAGE_MAX: usize = 1 << 16;
 const ROBOT_MESSAGE: u8 = 20;
 
-/// A message that is worth a line in the log.
+/// A message that is written to the log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PrimaryMessage {
-    /// `textmsg` of a program, and the like.
+    /// A text, for example by `textmsg` of a program.
     Text(String),
     /// An error code of the controller: `C207A0` and its text.
     Error {
-        /// After the C.
+        /// Number after the C.
         code: i32,
-        /// After the A.
+        /// Number after the A.
         argument: i32,
-        /// As sent.
+        /// Text, as sent.
         text: String,
     },
-    /// A program's life: `PROGRAM_XXX_STARTED` with its name.
+    /// An event of a program, for example `PROGRAM_XXX_STARTED`, with the program's name.
     Key {
-        /// What happened.
+        /// Name of the event.
         title: String,
-        /// To which program.
+        /// Name of the program.
         text: String,
     },
     /// A program failed.
     RuntimeException {
-        /// In the text that was sent.
+        /// Line in the text that was sent.
         line: u32,
-        /// In that line.
+        /// Column in that line.
         column: u32,
-        /// Why.
+        /// Reason.
         text: String,
     },
     /// A change of safety mode, with its code.
@@ -47,30 +47,31 @@ pub enum PrimaryMessage {
     },
 }
 
-/// Code of "this connection is read-only": an e-Series robot in local control.
+/// Code of the message that the connection is read-only, which an e-Series robot in local control
+/// sends.
 pub const CODE_READ_ONLY: i32 = 210;
 
-/// This is no primary or secondary interface.
+/// The peer is not a primary or secondary interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the script port sent a package of {length} bytes; from 5 to 65536 are possible, so this is not the script port"
 )]
 pub struct PrimaryError {
-    /// What the length field says.
+    /// Value of the length field.
     pub length: i32,
 }
 
-/// Cuts the stream into packages; memory bounded by the longest one.
+/// Cuts the stream into packages. Its memory is bounded by the longest package.
 #[derive(Debug, Default)]
 pub struct PrimaryReader {
     bytes: Vec<u8>,
 }
 
 impl PrimaryReader {
-    /// Takes bytes in and gives the messages among them.
+    /// Appends received bytes and returns the messages that are complete.
     ///
     /// # Errors
-    /// A length that is none.
+    /// A length field is out of range.
     pub fn push(&mut self, bytes: &[u8]) -> Result<Vec<PrimaryMessage>, PrimaryError> {
         let mut messages = Vec::new();
         for chunk in bytes.chunks(PACKAGE_MAX) {
@@ -96,7 +97,7 @@ impl PrimaryReader {
     }
 }
 
-/// Body of a robot message; `None` when it is of no interest or too short for what it claims.
+/// Decodes the body of a robot message; `None` if it is of another kind, or too short.
 fn decode(body: &[u8]) -> Option<PrimaryMessage> {
     let (head, rest) = body.split_at_checked(10)?;
     let word = |at: usize| {

@@ -7,14 +7,14 @@ use crate::codec::Series;
 
 const TEMPLATE: &str = include_str!("program.script");
 
-/// Version of the program's text and register meaning; part of [`IDENT`].
+/// Version of the program's text and of the meaning of its registers; part of [`IDENT`].
 pub const PROGRAM_VERSION: i32 = 1;
-/// What the program writes into its identity register: `0x55520000` plus the version.
+/// Value that the program writes into its identity register: `0x55520000` plus the version.
 pub const IDENT: i32 = 0x5552_0000 + PROGRAM_VERSION;
 /// The program's name on the controller, as in its `PROGRAM_XXX_STARTED` messages.
 pub const PROGRAM_NAME: &str = "tangent_bridge";
 
-/// What the bridge asks for, input register int B+0.
+/// Mode that the bridge requests, input register int B+0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(i32)]
 pub enum CommandCode {
@@ -29,13 +29,13 @@ pub enum CommandCode {
     Exit = 3,
 }
 
-/// What the program does, output register int B+0.
+/// State of the program, output register int B+0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ProgramState {
     /// Waits for its bridge.
     #[default]
     Booting,
-    /// Holds still and takes commands.
+    /// Holds still and accepts commands.
     Ready,
     /// Moves as commanded.
     Streaming,
@@ -48,7 +48,7 @@ pub enum ProgramState {
 }
 
 impl ProgramState {
-    /// The number in the register; `None` for one that the program never writes.
+    /// State with this number; `None` for a number that the program never writes.
     pub fn from_number(number: i32) -> Option<Self> {
         Some(match number {
             0 => Self::Booting,
@@ -61,7 +61,7 @@ impl ProgramState {
         })
     }
 
-    /// The number in the register.
+    /// Number of the state in the register.
     pub fn number(self) -> u8 {
         match self {
             Self::Booting => 0,
@@ -74,7 +74,7 @@ impl ProgramState {
     }
 }
 
-/// In words, why the program stopped: output register int B+4.
+/// Text for the cause in output register int B+4: why the program stopped.
 pub fn cause_text(cause: i32) -> &'static str {
     match cause {
         0 => "no stop",
@@ -87,17 +87,17 @@ pub fn cause_text(cause: i32) -> &'static str {
     }
 }
 
-/// Register numbers, all from one base.
+/// Register numbers, which all follow from one base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RegisterMap {
     base: u8,
 }
 
 impl RegisterMap {
-    /// Bases that fit: registers 0 to 23 belong to a PLC, and there are 48.
+    /// Allowed bases: registers 0 to 23 belong to a PLC, and there are 48 registers.
     pub const BASES: std::ops::RangeInclusive<u8> = 24..=40;
 
-    /// Refuses a base outside [`Self::BASES`].
+    /// Creates the register map; refuses a base outside [`Self::BASES`].
     pub fn new(base: u8) -> Result<Self, ProgramError> {
         if Self::BASES.contains(&base) {
             Ok(Self { base })
@@ -106,7 +106,7 @@ impl RegisterMap {
         }
     }
 
-    /// The base.
+    /// First register number.
     pub fn base(&self) -> u8 {
         self.base
     }
@@ -140,15 +140,15 @@ pub enum ProgramError {
         "register base {base} does not fit: allowed are 24 to 40 (0-23 belong to a PLC, and the bridge needs 7)"
     )]
     Base {
-        /// What was configured.
+        /// Configured base.
         base: u8,
     },
     /// A number that the program cannot be compiled with.
     #[error("{name} = {value} cannot be compiled into the robot program: {allowed}")]
     Value {
-        /// Which one.
+        /// Name of the number.
         name: &'static str,
-        /// What was given.
+        /// Its value.
         value: f64,
         /// What is allowed.
         allowed: &'static str,
@@ -158,34 +158,35 @@ pub enum ProgramError {
 /// Everything compiled into the program.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProgramConfig {
-    /// Where the registers are.
+    /// Register numbers.
     pub registers: RegisterMap,
-    /// Random, positive, fresh for each upload: a stale register never matches it.
+    /// Session token: random, positive, new for each upload, so that an old register value never
+    /// matches it.
     pub session: i32,
-    /// Decides the control period.
+    /// Series of the controller, which determines the control period.
     pub series: Series,
-    /// Largest joint speed the program lets through, rad/s.
+    /// Largest joint speed that the program passes on, rad/s.
     pub speed_max_rad_per_s: f64,
-    /// Largest joint acceleration the program lets through, rad/s².
+    /// Largest joint acceleration that the program passes on, rad/s².
     pub acceleration_max_rad_per_s2: f64,
-    /// Deceleration of its own stops, rad/s².
+    /// Deceleration of the program's own stops, rad/s².
     pub stop_deceleration_rad_per_s2: f64,
-    /// The controller's watchdog behind the program: on CB3 a trip is a protective stop.
+    /// Whether the controller's own watchdog is armed; on CB3 it ends in a protective stop.
     pub watchdog: bool,
 }
 
-/// Silence over which the last command is still executed, s.
+/// Longest silence during which the last command is still executed, s.
 pub const HOLD_S: f64 = 0.016;
 /// Silence after which the ramp has reached zero and the program stops, s.
 pub const STALE_S: f64 = 0.040;
-/// Silence after which the program ends itself, s. Below 60 % of the watchdog's period, from where
-/// on trips were seen.
+/// Silence after which the program ends itself, s. It is below 60 % of the watchdog's period, since
+/// the watchdog was seen to trip from there on.
 pub const EXIT_S: f64 = 0.7;
-/// Least rate at which the controller's watchdog wants packages, Hz.
+/// Least rate of packages that the controller's watchdog requires, Hz.
 pub const WATCHDOG_HZ: f64 = 0.8;
-/// How long the program waits for its bridge, s.
+/// Longest time for which the program waits for its bridge, s.
 pub const WAIT_S: f64 = 2.0;
-/// Least acceleration the program gives to `speedj`, rad/s².
+/// Least acceleration that the program passes to `speedj`, rad/s².
 const ACCELERATION_MIN: f64 = 0.05;
 
 impl ProgramConfig {

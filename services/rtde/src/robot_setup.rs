@@ -19,7 +19,7 @@ use crate::shared::{Shared, Upload};
 const LOOK: Duration = Duration::from_millis(20);
 /// Pause between attempts to reach the script port.
 const RETRY: Duration = Duration::from_secs(1);
-/// Time allowed for power and brakes; after it, a person is needed.
+/// Time allowed for power and brakes; afterwards, an operator has to act.
 const POWER_UP: Duration = Duration::from_secs(30);
 /// Timeout of the dashboard.
 const DASHBOARD: Duration = Duration::from_secs(3);
@@ -222,7 +222,7 @@ impl<'a> RobotSetup<'a> {
         }
     }
 
-    /// Reads what the controller says about programs and errors.
+    /// Reads the controller's messages about programs and errors.
     fn listen(&mut self) {
         self.connect();
         let Some((stream, reader)) = &mut self.connection else {

@@ -46,7 +46,7 @@ pub enum SettingsError {
          treats a longer pause as a lost connection"
     )]
     Rate {
-        /// What was configured, Hz.
+        /// Configured rate, Hz.
         rate_hz: f64,
     },
     /// The arm has no force/torque sensor of its own.
@@ -58,7 +58,7 @@ pub enum SettingsError {
         /// The cell file's model.
         model: String,
     },
-    /// The robot's program cannot be made of these numbers.
+    /// The robot's program cannot be rendered with these numbers.
     #[error(transparent)]
     Program(#[from] ProgramError),
 }
@@ -74,13 +74,13 @@ pub struct Config {
     pub script_port: u16,
     /// Dashboard port.
     pub dashboard_port: u16,
-    /// For each attempt to connect.
+    /// Timeout of each attempt to connect.
     pub connect_timeout: Duration,
     /// Power on and release the brakes when the bridge starts.
     pub power_on: bool,
     /// Arm the controller's own watchdog behind the program.
     pub watchdog: bool,
-    /// The state machine's part; its seed is drawn at start.
+    /// Settings of the state machine; its seed is drawn at the start.
     pub bridge: BridgeConfig,
     /// The arm's kinematics.
     pub arm: Arm<6>,
@@ -160,7 +160,7 @@ impl Config {
     }
 }
 
-/// CB3 or e-Series by the model's name; `None` for names that do not say.
+/// CB3 or e-Series, from the model's name; `None` if the name does not determine it.
 pub fn series_of(model: &str) -> Option<Series> {
     let size = ur_size(model)?;
     let e_series = model.trim().to_ascii_lowercase().ends_with('e') || size >= 15;

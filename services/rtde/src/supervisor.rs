@@ -16,7 +16,7 @@ use crate::program::{IDENT, ProgramState, cause_text};
 use crate::sample::Sample;
 use crate::status::{robot_mode_text, runtime_state_text, safety_allows_motion, safety_mode_text};
 
-/// Number of states for which the program's loop counter may stand still.
+/// Number of states for which the program's loop counter may stay unchanged.
 const STUCK_CYCLES: u32 = 5;
 /// Time that a program may take to become ready after it was sent, s.
 const START_S: f64 = 4.0;
@@ -51,7 +51,7 @@ pub enum Reason {
         /// Number of attempts.
         attempts: u32,
     },
-    /// The bridge's program is present, but its loop stands still.
+    /// The bridge's program is present, but its loop does not advance.
     Hung,
     /// The bridge's program decelerates or is latched.
     Stopped {
@@ -326,9 +326,9 @@ impl Supervisor {
         }
     }
 
-    /// Whether a safety stop has left the program paused for good. After a protective or safeguard
-    /// stop the program may continue by itself. If the stop is over and it still does not run after
-    /// some time, it is to be replaced by a new one.
+    /// Whether a safety stop has left the program paused permanently. After a protective or
+    /// safeguard stop the program may continue by itself. If the stop is over and it still does not
+    /// run after some time, it is to be replaced by a new one.
     fn died_in_a_safety_stop(&mut self, sample: &Sample, now_s: f64) -> bool {
         let safe = safety_allows_motion(sample.safety_mode) && sample.robot_mode == ROBOT_RUNNING;
         if !safe {

@@ -13,7 +13,7 @@ pub enum FollowError {
     /// Robot or sensor were not ready in time.
     #[error("not ready after {:.0} s: {reason}", .waited.as_secs_f64())]
     NotReady {
-        /// How long they were waited for.
+        /// Time waited.
         waited: Duration,
         /// What is missing, in words.
         reason: String,

@@ -1,5 +1,5 @@
-//! One task from its start to its end: starts it when the cell is ready, shows it, retracts when
-//! asked to stop.
+//! One task from its start to its end: starts it when the cell is ready, shows its progress, and
+//! retracts on a stop.
 
 use std::time::{Duration, Instant};
 
@@ -14,27 +14,27 @@ use crate::view::FollowView;
 
 /// Longest wait for the retract after a stop.
 const RETRACT_PATIENCE: Duration = Duration::from_secs(20);
-/// A controller that publishes nothing for this long is gone: long enough for a router or a
-/// container that restarts.
+/// Silence after which the controller counts as ended. It is longer than the restart of a router or
+/// a container.
 const SILENCE: Duration = Duration::from_secs(30);
-/// How often the view is renewed.
+/// Interval at which the view is updated.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// How a task ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ended {
-    /// The phase that it ended in.
+    /// Phase in which it ended.
     pub phase: Phase,
-    /// The fault that ended it; empty when there is none.
+    /// Fault that ended it; empty if there was none.
     pub fault: String,
 }
 
-/// Starts the task when everything is ready, shows it, and waits for its end. With `stay`, that is
-/// when `stop` is triggered. A `stop` before the end retracts.
+/// Starts the task when the cell is ready, shows its progress, and waits for its end. With `stay`,
+/// it returns only when `stop` is triggered. A `stop` before the end of the task retracts the tool.
 ///
 /// # Errors
 /// The cell is not ready, or refuses the task, for longer than the patience; the arm does not
-/// retract; the controller is gone.
+/// retract; the controller publishes nothing any more.
 pub fn follow(
     bus: &Bus,
     start: &Start,

@@ -2,8 +2,8 @@
 //!
 //! [`start_when_ready`] waits until robot, sensor and controller are ready, and starts the task.
 //! [`follow()`] does so too, then reports the controller's state to a [`FollowView`] until the task
-//! ends. If it is asked to stop before, it has the tool retracted. `tangent up` and
-//! `tangent task start` call these functions and print what the view is told.
+//! ends. On a stop before the end, it retracts the tool. `tangent up` and `tangent task start` call
+//! these functions and print the reports.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -1,4 +1,4 @@
-//! The start of a task, as soon as the cell is ready for it.
+//! Starts a task as soon as the cell is ready.
 
 use std::error::Error;
 use std::iter::successors;
@@ -14,25 +14,25 @@ use tangent_schemas::topics::{self, queries};
 
 use crate::error::FollowError;
 
-/// Between two looks at robot and sensor.
+/// Interval between two checks of robot and sensor.
 const LOOK: Duration = Duration::from_millis(50);
-/// Between two attempts to start a task that is refused because something is not there yet.
+/// Interval between two attempts to start a task that is refused because the cell is not ready.
 const RETRY: Duration = Duration::from_millis(500);
 
 /// A task that is to be started.
 #[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
-    /// Request to the controller: `start`, or `start_clear` when a person has looked that the tool
-    /// is free.
+    /// Request to the controller: `start`, or `start_clear` if an operator has checked that the
+    /// tool is free.
     pub action: &'a str,
     /// The task, TOML.
     pub task: &'a str,
-    /// How long a cell that is not ready is waited for.
+    /// Longest wait for a cell that is not ready.
     pub patience: Duration,
 }
 
-/// Starts the task as soon as everything is ready, and returns the controller's message. `waiting`
-/// is told why it is not started yet.
+/// Starts the task as soon as the cell is ready, and returns the controller's message. `waiting` is
+/// called with the reason while the task cannot be started yet.
 ///
 /// # Errors
 /// The cell is not ready, or refuses the task, for longer than the patience; a stop is requested

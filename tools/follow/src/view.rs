@@ -1,4 +1,4 @@
-//! What somebody who follows a task is told.
+//! Reports on a task to an operator who follows it.
 
 use std::time::Duration;
 
@@ -10,10 +10,10 @@ pub trait FollowView {
     /// The task cannot be started yet, for this reason. Called when the reason changes.
     fn waiting(&mut self, reason: &str);
 
-    /// A message of the cell, or what is being done.
+    /// A message of the cell, or a step of this command.
     fn say(&mut self, text: &str);
 
-    /// The controller's newest state, and the time since it arrived. `truth` is what a simulated
-    /// cell knows about the contact. Called every 50 ms, also when nothing has changed.
+    /// The controller's newest state, and the time since it arrived. `truth` is the true contact of
+    /// a simulated cell. Called every 50 ms, also if nothing has changed.
     fn show(&mut self, control: &ControlState, age: Duration, truth: Option<&ContactTruth>);
 }

@@ -1,8 +1,8 @@
 //! The RTDE protocol, bytes to types and back, for both ends of the wire.
 //!
 //! Pure: no socket, no clock. The bridge uses the client's side, the simulator the controller's
-//! side. A [`Framer`] cuts a byte stream into packages, [`Request`] and [`Reply`] are what a
-//! package says, and a [`Recipe`] reads and writes the fields of a data package. Everything on the
+//! side. A [`Framer`] cuts a byte stream into packages, [`Request`] and [`Reply`] are decoded
+//! packages, and a [`Recipe`] reads and writes the fields of a data package. Everything on the
 //! wire is big-endian.
 
 mod field;

@@ -78,7 +78,8 @@ impl Recipe {
         self.bytes
     }
 
-    /// Appends a whole data package with its id: what a client sends, and a controller in protocol
+    /// Appends a whole data package with its id, as sent by a client, and by a controller in
+    /// protocol
     /// 2. Allocates only when `out` has no room left; on an error `out` is as before.
     pub fn encode(&self, values: &[Value], out: &mut Vec<u8>) -> Result<(), RecipeError> {
         self.check(values)?;
@@ -88,7 +89,7 @@ impl Recipe {
         Ok(())
     }
 
-    /// Appends a whole data package without an id: what a controller sends in protocol 1.
+    /// Appends a whole data package without an id, as sent by a controller in protocol 1.
     pub fn encode_without_id(
         &self,
         values: &[Value],

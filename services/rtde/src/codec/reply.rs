@@ -8,7 +8,7 @@ use super::{ControllerVersion, Protocol, TextMessage};
 pub enum Reply<'a> {
     /// Whether the requested protocol version is used from now on.
     ProtocolVersion {
-        /// False for a version the controller does not know.
+        /// False if the controller does not support the version.
         accepted: bool,
     },
     /// Version of the controller's software.
