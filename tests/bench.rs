@@ -61,7 +61,7 @@ fn the_bus_is_timed_on_every_way_idle_and_loaded() {
 }
 
 #[test]
-fn a_length_that_makes_no_sense_is_refused() {
+fn an_invalid_length_is_refused() {
     let output = run(&["bench", "bus", "--seconds", "0"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(common::stderr(&output).contains("0.1 to 3600 seconds"));

@@ -203,7 +203,7 @@ fn keeps_state_in(config: &str, service: &str, volume: &str) -> bool {
 /// The installed version of Compose accepts the file, and gives each profile the services that it
 /// should have.
 #[test]
-fn the_compose_file_is_taken() {
+fn the_compose_file_is_accepted() {
     let mut taken = 0;
     for compose in [&["docker-compose"][..], &["docker", "compose"]] {
         let here = |arguments: &[&str]| {
@@ -320,7 +320,7 @@ fn the_compose_file_is_taken() {
 
 /// systemd's own check of the units, with the built program in place of the installed one.
 #[test]
-fn systemd_takes_the_units() {
+fn systemd_accepts_the_units() {
     if !Command::new("systemd-analyze")
         .arg("--version")
         .output()

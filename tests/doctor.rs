@@ -53,7 +53,7 @@ fn finding<'a>(findings: &'a Value, check: &str) -> &'a Value {
 }
 
 #[test]
-fn the_simulated_cell_is_well_and_a_wrong_cell_file_is_told() {
+fn the_simulated_cell_passes_and_a_wrong_cell_file_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let offset = port_offset();
     let good = cell(folder.path(), offset, &[]);
@@ -124,7 +124,7 @@ const NETWORK: &str =
     "[zenoh]\nconnect = [\"tcp/127.0.0.1:7447\"]\nlisten = [\"tcp/127.0.0.1:7447\"]\n\n[tool]";
 
 #[test]
-fn a_franka_is_asked_in_its_own_language() {
+fn a_franka_is_queried_over_its_own_protocol() {
     let folder = tempfile::tempdir().unwrap();
     let offset = port_offset();
     let network = NETWORK.replace("7447", &(7447 + offset).to_string());
@@ -164,7 +164,7 @@ fn a_franka_is_asked_in_its_own_language() {
 }
 
 #[test]
-fn a_cell_with_an_arm_on_the_bus_and_a_camera_is_told_what_does_not_run() {
+fn missing_services_of_a_cell_with_a_torque_arm_and_a_camera_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     for shipped in ["cell.lippiello.toml", "cell.karacan.toml"] {
         let scenario = format!("scenario = \"{}/scenarios/", root().display());

@@ -181,7 +181,7 @@ fn the_pose_and_force_figures_hold() {
 
 /// Two seeds of every row: the documented figures hold.
 #[test]
-fn the_papers_tables_are_beaten() {
+fn the_errors_are_below_those_of_the_papers_tables() {
     let output = run(&["reproduce", "tugal", "--seeds", "2", "--json"]);
     let value = json(&output);
     let rows = value["rows"].as_array().unwrap();

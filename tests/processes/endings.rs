@@ -61,7 +61,7 @@ fn a_box_with_an_impossible_rate_is_refused_by_name_and_tried_again() {
 /// The bug: with its log on a full pipe that no process reads, the loop was blocked for as long as
 /// the pipe was full.
 #[test]
-fn a_log_that_nobody_reads_holds_nothing_up() {
+fn a_log_without_a_reader_blocks_no_thread() {
     live_beside_others(|| {
         let (reader, writer) = std::io::pipe().unwrap();
         let mut filler = writer.try_clone().unwrap();

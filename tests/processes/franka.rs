@@ -86,7 +86,7 @@ fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
 /// The bug: the bridge that started after the crash did not know the task: the force with which the
 /// arm leaned on the wave became its zero.
 #[test]
-fn a_bridge_of_the_franka_that_starts_anew_is_not_tared_while_the_tool_leans() {
+fn a_restarted_franka_bridge_refuses_a_tare_while_the_tool_presses() {
     live(|| {
         let (mut cell, observer) = sliding(&APART);
         let killed = now_ns();

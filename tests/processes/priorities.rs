@@ -51,7 +51,7 @@ fn take_the_processor(priority: u8, cpus: CpuSet) -> (i64, i64) {
 }
 
 #[test]
-fn what_stands_above_a_program_that_takes_the_processor_does_not_notice() {
+fn threads_above_a_program_that_takes_the_processor_are_not_affected() {
     live(|| {
         let order = RealtimeConfig::default()
             .order()

@@ -15,7 +15,7 @@ const PROCESSES: [&str; 2] = [
 /// Killed in the middle of a task: no other service is affected, the file opens as it is, and the
 /// next start repairs it.
 #[test]
-fn a_killed_recorder_leaves_a_file_that_opens_and_is_mended() {
+fn a_killed_recorder_leaves_a_file_that_opens_and_is_repaired() {
     live_beside_others(|| {
         let mut cell = Cell::new(|_| {});
         cell.start_all(&PROCESSES);

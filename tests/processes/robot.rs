@@ -115,7 +115,7 @@ fn power_goes_off_and_on_and_a_task_starts() {
 
 /// A Franka has a reflex where a UR has a protective stop, and no command for its brakes.
 #[test]
-fn a_franka_says_what_its_interface_cannot() {
+fn a_franka_reports_what_its_interface_does_not_support() {
     live(|| {
         let mut cell = Cell::with_franka();
         cell.start_all(&["router", "simulator franka controller"]);

@@ -91,7 +91,7 @@ impl Namespace {
         up.then_some(made)
     }
 
-    fn spoil(&self, wire: &Wire) {
+    fn impair(&self, wire: &Wire) {
         let peer = self.device.replace("tga", "tgb");
         let rule = format!(
             "root netem limit 10000 delay {}ms {}ms loss {}% reorder {}%",
@@ -133,7 +133,7 @@ impl Host {
     /// Description for the output.
     pub fn describe(&self) -> &'static str {
         match &self.namespace {
-            Some(namespace) if namespace.netem => "a network namespace, its wire spoilt by netem",
+            Some(namespace) if namespace.netem => "a network namespace, its link impaired by netem",
             Some(_) => {
                 "a network namespace behind a relay (skipped netem, because this kernel has none)"
             }
@@ -144,9 +144,9 @@ impl Host {
     }
 
     /// Disturbs the link to the router on `port` from now on.
-    pub fn spoil(&mut self, wire: &Wire, port: u16) {
+    pub fn impair(&mut self, wire: &Wire, port: u16) {
         match &self.namespace {
-            Some(namespace) if namespace.netem => namespace.spoil(wire),
+            Some(namespace) if namespace.netem => namespace.impair(wire),
             _ => self.relay = Some(Relay::to(port, *wire)),
         }
     }

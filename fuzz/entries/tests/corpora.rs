@@ -17,7 +17,7 @@ fn corpus() -> std::path::PathBuf {
 }
 
 #[test]
-fn every_kept_input_is_borne() {
+fn every_kept_input_is_handled() {
     for target in targets() {
         let folder = corpus().join(target.name);
         let mut files: Vec<_> = fs::read_dir(&folder)
@@ -56,7 +56,7 @@ fn every_target_has_a_fuzz_target_and_every_corpus_a_target() {
 
 /// Every input truncated at every length is handled too.
 #[test]
-fn every_kept_input_cut_short_is_borne() {
+fn every_kept_input_truncated_is_handled() {
     for target in TARGETS.iter().filter(|t| t.name != "recording") {
         for entry in fs::read_dir(corpus().join(target.name)).unwrap() {
             let bytes = fs::read(entry.unwrap().path()).unwrap();

@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn the_file_alone_says_nothing_of_distortion() {
+    fn the_file_alone_does_not_state_distortion() {
         let known = Known::new(Some(STATED));
         let info = known.info(5).unwrap();
         assert_eq!((info.width, info.height), (848, 480));
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn the_drivers_word_is_taken_where_the_file_says_nothing() {
+    fn the_drivers_calibration_is_used_if_the_file_has_none() {
         let mut known = Known::new(None);
         assert_eq!(known.info(5), None);
         known.receive(&driver(423.5, vec![0.0; 5]));
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_contradiction_is_said_and_the_file_holds() {
+    fn a_contradiction_is_reported_and_the_file_takes_precedence() {
         let mut known = Known::new(Some(STATED));
         known.receive(&driver(385.0, vec![]));
         let words = known.trouble("camera/info_of_driver").unwrap();

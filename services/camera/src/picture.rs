@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_refused_with_the_reason() {
+    fn images_that_do_not_fit_are_refused_with_the_reason() {
         for (bad, word) in [
             (image("mono16", 6, vec![0; 12]), "mono16"),
             (image("mono8", 3, vec![0; 5]), "5 bytes"),

@@ -104,7 +104,7 @@ fn an_image_becomes_features_with_its_own_stamp() {
 }
 
 #[test]
-fn an_empty_image_is_said_to_be_empty_not_kept_silent() {
+fn an_image_without_a_target_is_published_as_empty() {
     let mut bench = Bench::new();
     let mut blank = plate(1_000_000_000);
     blank.data.fill(128);
@@ -129,7 +129,7 @@ fn images_out_of_order_or_of_another_size_are_refused_and_counted() {
 }
 
 #[test]
-fn a_driver_that_began_anew_is_listened_to() {
+fn images_of_a_restarted_driver_are_accepted() {
     let mut bench = Bench::new();
     assert!(bench.show(&plate(100_000_000_000)).is_some());
     assert!(bench.show(&plate(1_000_000_000)).is_some());
@@ -147,7 +147,7 @@ fn the_calibration_is_announced() {
 }
 
 #[test]
-fn silence_of_the_driver_is_said() {
+fn silence_of_the_driver_is_reported() {
     let mut bench = Bench::new();
     bench.service.turn(Duration::from_millis(1));
     assert!(bench.service.said.unwrap().contains("driver/image"));

@@ -193,7 +193,7 @@ fn refused_means_no_effect_between_threads() {
 }
 
 #[test]
-fn a_loop_that_ends_with_a_request_in_its_hands_is_told() {
+fn a_loop_that_ends_during_a_request_is_reported() {
     let mailbox = Mailbox::<Number>::default();
     let time = Time::now();
     std::thread::scope(|scope| {
@@ -211,7 +211,7 @@ fn a_loop_that_ends_with_a_request_in_its_hands_is_told() {
 }
 
 #[test]
-fn a_stop_finds_a_slot_when_all_others_are_taken_and_is_dealt_with_last() {
+fn a_stop_gets_a_slot_when_all_others_are_taken_and_is_handled_last() {
     let mailbox = Mailbox::<Number>::default();
     let time = Time::now();
     let ordinary: Vec<_> = (0..ORDINARY)

@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_known_outlasts_the_controller_and_a_torn_file_is_doubt() {
+    fn stored_contact_is_kept_across_restarts_and_a_damaged_file_means_contact() {
         let folder = tempfile::tempdir().unwrap();
         let state = || Some(StateFolder::new(folder.path()));
         let memory = Memory::open(state());

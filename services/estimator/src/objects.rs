@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_that_make_no_sense_are_refused() {
+    fn invalid_labels_are_refused() {
         assert!(frame_of(&found(&[0, 4]), 3.0, 0).is_none());
         assert!(frame_of(&found(&[1, 1]), 3.0, 0).is_none());
         let mut bad = found(&[0, 1]);

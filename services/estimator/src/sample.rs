@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn no_sample_comes_of_a_pose_that_is_none() {
+    fn an_invalid_pose_gives_no_sample() {
         let mut state = arm(1.0);
         state.tool_pose.orientation.w = 0.0;
         assert!(

@@ -217,7 +217,7 @@ fn a_new_task_forgets_the_last_surface() {
 }
 
 #[test]
-fn without_a_wrench_it_says_so() {
+fn a_missing_wrench_is_reported() {
     let bus = Bus::in_process("test");
     let estimates = bus.subscribe(&topics::estimate_normal("blend"), 8).unwrap();
     let _service = Running::start(&bus, config(&["blend"]));

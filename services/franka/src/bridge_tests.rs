@@ -139,7 +139,7 @@ impl Bench {
 }
 
 #[test]
-fn it_connects_sets_up_and_starts_a_motion_once_somebody_commands() {
+fn it_connects_sets_up_and_starts_a_motion_with_the_first_command() {
     let mut bench = Bench::new();
     assert_eq!(bench.bridge.reason(0.0), Some(Reason::NoLink));
     bench.set_up();
@@ -163,7 +163,7 @@ fn it_connects_sets_up_and_starts_a_motion_once_somebody_commands() {
 }
 
 #[test]
-fn another_version_is_said_by_name() {
+fn another_version_is_reported_by_name() {
     let mut bench = Bench::new();
     let error = bench
         .answer(ReplyBody::Connect(ConnectStatus::IncompatibleVersion, 10))
@@ -207,7 +207,7 @@ fn a_setting_out_of_range_is_an_error_and_one_at_the_wrong_time_is_tried_again()
 }
 
 #[test]
-fn lost_late_and_restarted_states_are_counted_or_said() {
+fn lost_late_and_restarted_states_are_counted_or_reported() {
     let mut bench = Bench::new();
     bench.set_up();
     bench.state.message_id += 3;
@@ -252,7 +252,7 @@ fn lost_late_and_restarted_states_are_counted_or_said() {
 }
 
 #[test]
-fn a_reflex_is_left_when_a_fresh_task_comes_or_somebody_asks() {
+fn a_reflex_is_left_by_a_new_task_or_on_request() {
     for by_person in [true, false] {
         let mut bench = Bench::new();
         bench.running();

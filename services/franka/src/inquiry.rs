@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_and_what_is_late_are_told_apart() {
+    fn lost_and_late_states_are_distinguished() {
         let mut found = Found::first(&state(100, RobotMode::Idle));
         found.take(&state(101, RobotMode::Idle), 100, 0, 0.001);
         // Three in between: one of them waited behind, two never came.
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reflex_says_what_caused_it() {
+    fn a_reflex_reports_its_cause() {
         let mut reflex = state(1, RobotMode::Reflex);
         reflex.reflex_reason = ErrorFlags::only(ErrorFlags::JOINT_REFLEX);
         assert_eq!(Found::first(&reflex).errors.to_string(), "joint_reflex");

@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_work_is_named() {
+    fn settings_that_cannot_work_are_reported_by_name() {
         let said = |change: fn(&mut CellConfig)| {
             let mut cell = cell();
             change(&mut cell);

@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn the_filter_is_read_where_the_box_tells_it() {
+    fn the_filter_is_read_if_the_box_reports_it() {
         let plain = xml("N", "N-m");
         assert_eq!(BoxConfig::parse(&plain).unwrap().filter, None);
         let told = plain.replace("<netft>", "<netft><setuserfilter>3</setuserfilter>");

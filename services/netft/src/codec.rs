@@ -313,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_request_says_why() {
+    fn invalid_requests_are_refused_with_the_reason() {
         assert_eq!(
             Request::from_bytes(&[0x12, 0x34, 0, 9, 0, 0, 0, 0])
                 .unwrap_err()

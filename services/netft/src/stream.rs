@@ -279,7 +279,7 @@ mod tests {
     const NEXT: Kind = Kind::Next { missed: 0 };
 
     #[test]
-    fn gaps_doubles_and_late_records_are_told_apart() {
+    fn gaps_duplicates_and_late_records_are_distinguished() {
         let mut stream = stream();
         let kinds = kinds(
             &mut stream,

@@ -34,7 +34,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_are_told_apart_by_cell() {
+    fn keys_are_distinguished_by_cell() {
         let own = Cells::default();
         assert_eq!(own.prefixes(), [""]);
         assert_eq!(own.split("arm/state"), ("", "arm/state"));

@@ -429,7 +429,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torn_file_is_mended_up_to_its_last_whole_chunk() {
+    fn a_truncated_file_is_repaired_up_to_its_last_whole_chunk() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("torn.mcap");
         let mut writer = RecordingWriter::create(&path).unwrap();
@@ -465,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_recording_is_refused_by_name() {
+    fn files_other_than_recordings_are_refused_by_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notes.mcap");
         for bytes in [&b""[..], b"hello", b"\x89MCAP0\r"] {

@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_recorder_never_mends_the_file_that_it_begins() {
+    fn a_recorder_never_repairs_the_file_that_it_begins() {
         let folder = tempfile::tempdir().unwrap();
         let place = folder.path().to_owned();
         let looking = std::thread::spawn(move || {

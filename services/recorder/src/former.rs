@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn wrenches_in_a_batch_are_heard_one_by_one() {
+    fn wrenches_in_a_batch_count_one_by_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("c-20261122T101613Z-000.mcap");
         let options = FileOptions {

@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn what_came_again_stands_where_it_would_have_come() {
+    fn recovered_messages_are_put_back_in_their_place() {
         let messages = [
             message(1, 1, 100, 50),
             message(2, 1, 101, 101),

@@ -64,7 +64,7 @@ fn refused(robot: Robot, series: Option<Series>) -> LinkError {
 }
 
 #[test]
-fn what_cannot_work_is_refused_by_name() {
+fn settings_that_cannot_work_are_refused_by_name() {
     let robot = Robot::new(ControllerVersion::new(3, 8, 1));
     let text = refused(robot, None).to_string();
     assert!(
@@ -96,7 +96,7 @@ fn what_cannot_work_is_refused_by_name() {
 }
 
 #[test]
-fn a_mute_controller_is_noticed() {
+fn a_silent_controller_is_detected() {
     let mut cell = Cell::new(Robot::new(ControllerVersion::new(3, 15, 8)), None);
     cell.connect();
     assert!(cell.bridge.check(1.9).is_ok());
@@ -158,7 +158,7 @@ fn a_protective_stop_is_reported_and_survived_without_moving() {
 }
 
 #[test]
-fn another_program_in_our_place_is_left_alone_until_somebody_says_otherwise() {
+fn a_program_that_replaced_ours_is_left_alone_until_a_reset() {
     let mut cell = Cell::ready(Series::Cb3);
     cell.robot.program = Program::None;
     cell.robot.sample.ident = 77;
@@ -226,7 +226,7 @@ fn a_program_that_never_starts_is_tried_again_at_growing_intervals() {
 }
 
 #[test]
-fn a_slow_slider_ramps_down_and_says_so() {
+fn a_slow_slider_ramps_down_and_is_reported() {
     let mut cell = Cell::ready(Series::Cb3);
     cell.task();
     cell.until("motion", Cell::moves);
@@ -293,7 +293,7 @@ fn a_stop_latches_the_robot_and_it_is_armed_again_at_rest() {
 }
 
 #[test]
-fn a_foreign_session_needs_somebody_to_look() {
+fn a_foreign_session_needs_an_operator() {
     let mut cell = Cell::ready(Series::Cb3);
     (cell.robot.sample.program_state, cell.robot.sample.cause) = (4, 4);
     cell.steps(100);

@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn the_usual_conversation() {
+    fn the_usual_exchange() {
         let address = server(&[
             ("power on", "Powering on"),
             ("brake release", "Brake releasing"),
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn an_old_robot_says_less() {
+    fn an_old_robot_reports_less() {
         let address = server(&[("PolyscopeVersion", "3.15.8")]);
         let mut dashboard = Dashboard::connect(address, Duration::from_secs(10)).unwrap();
         assert_eq!(dashboard.is_in_remote_control().unwrap(), None);

@@ -354,7 +354,7 @@ fn queries_reach_the_robot() {
 }
 
 #[test]
-fn without_a_robot_it_waits_and_ends_at_once_when_told() {
+fn without_a_robot_it_waits_and_ends_at_once_on_a_stop() {
     let mut config = controller().config;
     config.rtde_port = 1;
     let service = service(&config);

@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_work_is_named() {
+    fn settings_that_cannot_work_are_reported_by_name() {
         let mut cell = CellConfig::default_cell();
         cell.robot.model = "panda".into();
         let text = Config::from_cell(&cell).unwrap_err().to_string();

@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_caller_is_told_how_many_periods_it_missed() {
+    fn a_late_caller_gets_the_number_of_missed_periods() {
         let mut clock = DeadlineClock::new(Duration::from_millis(1));
         clock.next_ns -= 10_000_000;
         assert!(clock.wait() >= 9);

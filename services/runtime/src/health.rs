@@ -405,7 +405,7 @@ mod tests {
     const PATIENCE: Duration = Duration::from_secs(10);
 
     #[test]
-    fn a_change_is_told_at_once_and_the_figures_with_it() {
+    fn a_change_is_published_at_once_with_the_figures() {
         let bus = Bus::in_process("test");
         let heard = bus.subscribe(&topics::health("netft"), 16).unwrap();
         let health = HealthReporter::start(&bus, "netft").unwrap();

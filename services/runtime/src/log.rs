@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_waits_for_a_reader_that_sleeps_and_what_is_lost_is_counted() {
+    fn no_thread_waits_for_a_slow_reader_and_lost_lines_are_counted() {
         let stuck = Stuck::default();
         let log = Log::start(stuck.clone()).unwrap();
         let many = 4 * LINES as u64;

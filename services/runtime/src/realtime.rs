@@ -187,7 +187,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_report_says_what_was_got_or_what_to_do() {
+    fn the_report_states_what_was_granted_or_what_to_do() {
         // Runs in its own thread, so that its scheduling does not affect other tests.
         let report = std::thread::spawn(|| setup_thread("loop", 10))
             .join()
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_had_is_said() {
+    fn refused_settings_are_reported() {
         assert_eq!(
             schedule(0).unwrap_err().to_string(),
             "priority 0 is not between 1 and 99, normal scheduling"

@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_and_what_is_torn_is_said() {
+    fn written_state_is_read_back_and_damage_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let state = StateFolder::new(folder.path().join("a/b"));
         assert_eq!(state.read::<Vec<f64>>("zero").unwrap(), None);

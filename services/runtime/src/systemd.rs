@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_watchdog_in_the_unit_nothing_is_said_of_it() {
+    fn without_a_watchdog_in_the_unit_it_is_not_notified() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
         let socket = UnixDatagram::bind(&path).unwrap();

@@ -95,7 +95,7 @@ mod tests {
 
     /// Work of a few steps, with deadlines before, during and after it.
     #[test]
-    fn work_is_done_or_called_off_and_never_both() {
+    fn work_is_done_or_cancelled_and_never_both() {
         let ticket = Ticket::default();
         let (ended, effects) = (AtomicBool::new(false), AtomicU32::new(0));
         let done = std::thread::scope(|scope| {

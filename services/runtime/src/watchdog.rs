@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_for_somebody_slow_says_for_how_long() {
+    fn a_loop_may_announce_a_long_wait() {
         let (beat, mut list) = watched("netft");
         let mut watch = Watch::default();
         beat.within(TURN * 4);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_nothing_to_do_may_be_silent_and_who_is_gone_is_forgotten() {
+    fn an_idle_loop_may_be_silent_and_an_ended_loop_is_removed() {
         let (beat, mut list) = watched("controller");
         let mut watch = Watch::default();
         beat.rest();

@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn the_controllers_last_word_outlasts_the_service() {
+    fn the_controllers_last_report_is_kept_across_restarts() {
         let folder = tempfile::tempdir().unwrap();
         let state = StateFolder::new(folder.path());
         let bus = Bus::in_process("test");

@@ -229,7 +229,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_estimate_settles_on_what_pushes() {
+    fn the_estimate_settles_on_the_external_force() {
         let mut plant = BenchPlant::new(&PlantConfig::default()).unwrap();
         let model = *plant.arm.model();
         plant.push([3.0, -2.0, 5.0]);

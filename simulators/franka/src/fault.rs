@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_become_faults_or_say_what_is_known() {
+    fn texts_become_faults_or_list_the_known_ones() {
         assert_eq!(
             FciFault::parse("push", "0, 0,-80"),
             Ok(FciFault::Push([0.0, 0.0, -80.0]))

@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn one_ill_instance_is_enough_and_silence_is_ill() {
+    fn one_unhealthy_instance_is_enough_and_silence_is_unhealthy() {
         let mixed = [("estimator", State::Running), ("estimator", State::Fault)];
         assert!(!verdict(&["estimator"], &mixed).healthy);
         let silent = verdict(&["router", "netft"], &[]);

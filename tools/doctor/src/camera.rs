@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn images_that_would_be_refused_are_told_before_they_are() {
+    fn images_that_would_be_refused_are_reported_before() {
         let level = |size, encoding, age_s| {
             judge(&karacan(), &image(size, encoding, age_s), Some(30.0))
                 .into_iter()
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_driver_that_runs_is_heard_and_one_that_does_not_is_no_fault() {
+    fn a_running_driver_is_found_and_a_missing_one_is_no_fault() {
         let bus = Bus::in_process("test");
         let cell = RunningCell::on(bus.clone());
         let silent = &check(&karacan(), &cell)[0];

@@ -74,7 +74,7 @@ mod tests {
     use crate::system::tests::machine;
 
     #[test]
-    fn a_clock_that_nobody_keeps_is_told() {
+    fn an_unsynchronised_clock_is_reported() {
         assert_eq!(kept(&machine(&[]).1).level, Level::Warning);
         let chrony = kept(&machine(&[("/proc/77/comm", "chronyd\n")]).1);
         assert_eq!(chrony.level, Level::Ok);
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_source_is_told() {
+    fn a_slow_clock_source_is_reported() {
         let path = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
         let with = |source| super::source(&machine(&[(path, source)]).1).unwrap().level;
         assert_eq!(with("tsc\n"), Level::Ok);

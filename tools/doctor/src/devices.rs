@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_that_filters_or_turns_is_told() {
+    fn a_box_with_a_filter_or_a_tool_transform_is_reported() {
         assert_eq!(level("", "sensor's rate"), Some(Level::Ok));
         let filter = "<setuserfilter>2</setuserfilter>";
         assert_eq!(level(filter, "sensor's filter"), Some(Level::Warning));

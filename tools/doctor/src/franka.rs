@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pressed_user_stop_and_lost_states_are_told() {
+    fn a_pressed_user_stop_and_lost_states_are_reported() {
         let robot = simulated();
         robot.fault(FciFault::UserStop(true));
         let config = cell_of(robot.address().port());
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_another_holds_and_one_that_is_not_there_are_told_apart() {
+    fn a_robot_in_use_and_an_absent_robot_are_distinguished() {
         let robot = simulated();
         let config = cell_of(robot.address().port());
         let _other = std::net::TcpStream::connect(robot.address()).unwrap();

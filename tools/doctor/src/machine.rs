@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn kernels_are_told_apart() {
+    fn kernels_are_distinguished() {
         let with = |files: &[(&str, &str)]| kernel(&machine(files).1, Pace::Velocity);
         let rt = with(&[("/proc/sys/kernel/version", "#1 SMP PREEMPT_RT Debian")]);
         assert_eq!(rt.level, Level::Ok);
@@ -462,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn the_loop_s_processor_is_there_and_its_own() {
+    fn the_loop_s_processor_exists_and_is_isolated() {
         let (_folder, system) = machine(&[
             ("/sys/devices/system/cpu/online", "0-2,5\n"),
             ("/sys/devices/system/cpu/isolated", "2\n"),

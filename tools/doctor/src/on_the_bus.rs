@@ -146,7 +146,7 @@ mod tests {
     use tangent_schemas::tangent::ArmState;
 
     #[test]
-    fn an_arm_on_the_bus_is_heard_or_missed() {
+    fn an_arm_on_the_bus_is_found_or_reported_missing() {
         let text = include_str!("../../../deploy/cell.lippiello.toml");
         let config = CellConfig::parse("cell.lippiello.toml", text).unwrap();
         let bus = Bus::in_process("test");

@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn who_may_join_is_told() {
+    fn who_may_connect_is_reported() {
         let mut config = CellConfig::default_cell();
         assert_eq!(who_may_join(&config).level, Level::Ok);
         config.zenoh.listen = vec!["tcp/0.0.0.0:7447".into()];
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_of_another_machine_is_told() {
+    fn an_address_of_another_machine_is_reported() {
         let finding = one(&System::here(), "tcp/192.0.2.1:7447").unwrap();
         assert_eq!(finding.level, Level::Warning);
     }

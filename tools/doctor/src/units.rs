@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_that_runs_without_real_time_is_told() {
+    fn a_loop_without_real_time_scheduling_is_reported() {
         let stat = |policy| {
             format!(
                 "7 (rtde-loop) S 1 1 1 0 -1 0 1 0 0 0 1 2 0 0 -81 0 1 0 100 1 1 1 1 1 1 1 1 0 0 0 0 0 0 0 17 0 80 {policy} 0 0 0"

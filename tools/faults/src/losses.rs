@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hole_is_found_and_a_new_start_is_none() {
+    fn a_gap_is_found_and_a_restart_is_no_gap() {
         let (mut heard, mut found) = (BTreeMap::new(), Vec::new());
         for (sequence, at_ns) in [(7, 10), (8, 20), (12, 60), (1, 70), (2, 80)] {
             note(&mut heard, &mut found, "/a", sequence, at_ns);

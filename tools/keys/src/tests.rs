@@ -35,7 +35,7 @@ fn refused(args: &NewKeys) -> String {
 }
 
 #[test]
-fn what_is_added_or_renewed_later_forgets_nobody() {
+fn additions_and_renewals_keep_all_identities() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let first = NewKeys {
@@ -106,7 +106,7 @@ fn a_folder_without_a_list_is_read_back() {
 }
 
 #[test]
-fn one_estimator_host_is_locked_out_and_stays_so() {
+fn one_estimator_host_is_locked_out_permanently() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let first = NewKeys {

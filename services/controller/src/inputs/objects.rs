@@ -202,8 +202,11 @@ mod tests {
         bench.say(0, 0.01, Validity::Disagrees);
         assert_eq!(bench.next(), None);
         assert_eq!(bench.list.in_use().switches, 0);
-        let borne = bench.until("b", [Validity::Disagrees, Validity::Valid]);
-        assert!((borne - PATIENCE_S / PERIOD_S).abs() < 3.0, "{borne}");
+        let tolerated = bench.until("b", [Validity::Disagrees, Validity::Valid]);
+        assert!(
+            (tolerated - PATIENCE_S / PERIOD_S).abs() < 3.0,
+            "{tolerated}"
+        );
         let used = bench.list.in_use();
         assert_eq!((used.name.as_str(), used.switches), ("b", 1));
         assert_eq!(used.cause, SwitchCause::FellBack(Validity::Disagrees));
@@ -219,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_far_from_the_one_in_use_is_not_gone_by() {
+    fn a_pose_far_from_the_one_in_use_is_rejected() {
         let mut bench = Bench::new("object-gate");
         bench.say(0, 1.5, Validity::Valid);
         assert_eq!(bench.next(), None);
@@ -249,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn an_estimate_that_stands_still_grows_old_and_nonsense_is_none() {
+    fn an_unchanged_estimate_ages_and_an_invalid_one_is_none() {
         let mut bench = Bench::new("object-old");
         bench.say(0, 0.0, Validity::Valid);
         assert!(bench.next().is_some());

@@ -22,15 +22,15 @@ impl Platform {
         }
     }
 
-    /// Publishes a pose at rest; `spoil` modifies it.
-    fn say(&self, spoil: impl FnOnce(&mut PoseWithCovarianceStamped)) {
+    /// Publishes a pose at rest; `modify` modifies it.
+    fn say(&self, modify: impl FnOnce(&mut PoseWithCovarianceStamped)) {
         let stamp_ns = 1_000_000_000 + self.began.elapsed().as_nanos() as i64;
         let mut message = PoseWithCovarianceStamped {
             header: Header::new(stamp_ns, "world"),
             ..PoseWithCovarianceStamped::default()
         };
         message.pose.pose.orientation.w = 1.0;
-        spoil(&mut message);
+        modify(&mut message);
         self.pose.publish(&message);
     }
 
@@ -64,7 +64,7 @@ fn holds(cell: &mut Cell, meanwhile: impl Fn()) {
 }
 
 #[test]
-fn a_platform_that_stands_is_worked_from_and_its_silence_ends_the_task() {
+fn a_standing_platform_permits_a_task_and_its_silence_ends_it() {
     timed(|| {
         let mut cell = Cell::sliding_for_long();
         assert!(cell.said().base_age_s < 0.0);
@@ -94,7 +94,7 @@ fn a_platform_that_stands_is_worked_from_and_its_silence_ends_the_task() {
 }
 
 #[test]
-fn nonsense_is_refused_by_name() {
+fn an_invalid_pose_is_refused_by_name() {
     timed(|| {
         let mut cell = Cell::sliding_for_long();
         let platform = Platform::new(&cell);

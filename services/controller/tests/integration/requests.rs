@@ -226,7 +226,7 @@ fn a_stop_after_a_restart_takes_the_tool_off_or_says_why_it_cannot() {
 }
 
 #[test]
-fn a_refused_start_that_says_clear_leaves_the_doubt() {
+fn a_refused_start_with_clear_keeps_the_contact_possible() {
     timed(|| {
         let folder = tempfile::tempdir().unwrap();
         let mut cell = Cell::with_state(|at| killed_while_pressing(&folder, at));

@@ -70,7 +70,7 @@ fn a_switch_is_refused_with_a_reason_or_there_within_a_cycle() {
 }
 
 #[test]
-fn whatever_becomes_of_the_one_in_use_the_next_takes_over_with_the_force_held() {
+fn whenever_the_estimator_in_use_fails_the_next_takes_over_with_the_force_held() {
     timed(|| {
         for mood in [
             Mood::Dead,

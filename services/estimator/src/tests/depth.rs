@@ -96,7 +96,7 @@ fn is_degraded(health: &Health, words: &str) -> bool {
 }
 
 #[test]
-fn an_image_of_a_wrong_size_is_told_and_forgotten_with_the_next_good_one() {
+fn an_image_of_a_wrong_size_is_reported_until_the_next_good_one() {
     let mut rig = Rig::new();
     let good = rig.look(SIZE, 0);
     assert_eq!(good.validity, 0, "{}", good.reason);
@@ -128,7 +128,7 @@ fn an_image_of_a_wrong_size_is_told_and_forgotten_with_the_next_good_one() {
 }
 
 #[test]
-fn an_image_without_an_arm_state_of_its_time_is_told() {
+fn an_image_without_an_arm_state_of_its_time_is_reported() {
     let mut rig = Rig::new();
     // Before any frame was used there is no cycle and no stamp to speak of: as old as can be.
     let unplaced = rig.look(SIZE, 3_000_000_000);
@@ -146,7 +146,7 @@ fn an_image_without_an_arm_state_of_its_time_is_told() {
 }
 
 #[test]
-fn an_encoding_that_is_no_depth_is_told_by_name() {
+fn an_encoding_without_depth_is_reported_by_name() {
     let mut rig = Rig::new();
     rig.cell.cycle(3.0, Validity::Valid);
     let mut colours = image(SIZE, PERIOD_NS);
@@ -157,7 +157,7 @@ fn an_encoding_that_is_no_depth_is_told_by_name() {
 }
 
 #[test]
-fn a_camera_that_falls_silent_is_told() {
+fn a_silent_camera_is_reported() {
     let mut rig = Rig::new();
     rig.until(SIZE, 0, |h| h.state == State::Running as u8);
     let deadline = Instant::now() + PATIENCE;

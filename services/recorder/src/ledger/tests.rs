@@ -50,7 +50,7 @@ impl Bench {
 }
 
 #[test]
-fn what_is_missing_is_asked_for_and_taken_once() {
+fn missing_messages_are_requested_and_recorded_once() {
     let mut bench = Bench::new();
     assert_eq!(bench.live([1, 2, 6, 7]), [true; 4]);
     assert_eq!(bench.asked(), []);
@@ -66,7 +66,7 @@ fn what_is_missing_is_asked_for_and_taken_once() {
 }
 
 #[test]
-fn what_nobody_has_stays_missing() {
+fn messages_that_no_publisher_has_stay_missing() {
     let mut bench = Bench::new();
     bench.live([1, 5]);
     for ms in [150, 300, 1000] {
@@ -81,7 +81,7 @@ fn what_nobody_has_stays_missing() {
 }
 
 #[test]
-fn what_comes_late_by_itself_is_neither_missing_nor_recovered() {
+fn late_messages_are_neither_missing_nor_recovered() {
     let mut bench = Bench::new();
     assert_eq!(bench.live([1, 3, 2, 4]), [true; 4]);
     bench.wait(150);
@@ -101,7 +101,7 @@ fn a_message_that_was_recalled_before_it_came_is_taken_once() {
 }
 
 #[test]
-fn what_a_publisher_said_before_it_was_heard_is_asked_for_without_claim() {
+fn messages_before_the_first_received_one_are_requested_but_not_missing() {
     let mut bench = Bench::new();
     bench.live([11]);
     bench.wait(150);
@@ -147,7 +147,7 @@ fn everything_after_what_is_recorded_is_asked_for_at_once() {
 }
 
 #[test]
-fn what_the_queue_pushed_out_is_missing_until_it_is_recovered() {
+fn messages_dropped_from_the_queue_are_missing_until_they_are_recovered() {
     let mut bench = Bench::new();
     let key = Arc::clone(&bench.key);
     bench.ledger.pushed_out(&key, A, 1, 90, bench.now);

@@ -73,7 +73,7 @@ fn mend(
 }
 
 #[test]
-fn a_mend_never_starts_nor_goes_on_below_what_is_kept_free() {
+fn a_repair_neither_starts_nor_continues_below_the_free_space_limit() {
     let folder = tempfile::tempdir().unwrap();
     let (path, messages) = torn(folder.path(), 16);
     let original = fs::read(&path).unwrap();
@@ -106,7 +106,7 @@ fn a_mend_never_starts_nor_goes_on_below_what_is_kept_free() {
 }
 
 #[test]
-fn a_stop_ends_a_mend_at_once_and_leaves_the_original_alone() {
+fn a_stop_ends_a_repair_at_once_and_leaves_the_original_unchanged() {
     let folder = tempfile::tempdir().unwrap();
     let (path, _) = torn(folder.path(), 16);
     let (outcome, looks) = mend(&path, 0, |look, stop| {
@@ -122,7 +122,7 @@ fn a_stop_ends_a_mend_at_once_and_leaves_the_original_alone() {
 }
 
 #[test]
-fn what_a_killed_mend_leaves_is_cleared_away() {
+fn remains_of_a_killed_repair_are_removed() {
     let folder = tempfile::tempdir().unwrap();
     let (path, messages) = torn(folder.path(), 1);
     fs::write(mending_path(&path), b"partial").unwrap();
@@ -138,7 +138,7 @@ fn what_a_killed_mend_leaves_is_cleared_away() {
 }
 
 #[test]
-fn what_is_no_recording_is_left_alone() {
+fn files_other_than_recordings_are_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("notes.mcap");
     let others: [&[u8]; 4] = [

@@ -127,7 +127,7 @@ fn record(path: &Path) {
 }
 
 #[test]
-fn other_peoples_programs_read_every_message() {
+fn third_party_programs_read_every_message() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cell1.mcap");
     record(&path);

@@ -53,7 +53,7 @@ fn peak_kib() -> u64 {
 }
 
 #[test]
-fn recording_starts_while_a_large_torn_file_is_mended_in_little_memory() {
+fn recording_starts_while_a_large_truncated_file_is_repaired_in_little_memory() {
     let folder = tempfile::tempdir().unwrap();
     let path = torn(folder.path());
     let bus = Bus::in_process("cell1");

@@ -275,7 +275,7 @@ fn what_cannot_be_packed_is_kept_as_it_came() {
 }
 
 #[test]
-fn a_torn_file_with_batches_is_mended_and_loses_at_most_its_last_chunk() {
+fn a_truncated_file_with_batches_is_repaired_and_loses_at_most_its_last_chunk() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cell.mcap");
     let expected = sensor(20_000, 0.03, SI);

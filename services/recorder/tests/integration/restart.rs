@@ -127,7 +127,7 @@ fn what_was_published_while_no_recorder_ran_is_recorded_once() {
 }
 
 #[test]
-fn what_a_full_queue_pushed_out_is_asked_for_again() {
+fn messages_dropped_from_a_full_queue_are_requested_again() {
     timed(|| {
         let cell = cell();
         let folder = tempfile::tempdir().unwrap();

@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_named() {
+    fn values_that_do_not_fit_are_reported_by_name() {
         let recipe = Recipe::new(3, vec![DataType::Int32, DataType::Double]).unwrap();
         let mut out = Vec::new();
         let error = recipe.encode(&[Value::Int32(1)], &mut out).unwrap_err();

@@ -205,7 +205,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn zenoh_takes_the_configuration_and_has_what_was_asked_for() {
+    fn zenoh_accepts_the_configuration_and_applies_it() {
         let config = ZenohConfig::default();
         for role in [Role::Client, Role::Router] {
             let taken = session_config(&config, Some("cell1"), role, None).unwrap();

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_is_listened_to_while_it_speaks() {
+    fn the_first_publisher_is_accepted_while_it_publishes() {
         let (reader, t) = one();
         for ms in 0..1000 {
             assert!(reader.admit(A, t + ms * MS));
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn while_it_is_held_nobody_takes_the_place_of_a_silent_one() {
+    fn while_a_reader_is_held_no_other_publisher_replaces_a_silent_one() {
         let (reader, t) = one();
         assert!(reader.admit(A, t));
         reader.hold(true);

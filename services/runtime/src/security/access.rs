@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn what_ships_is_what_is_written() {
+    fn the_shipped_rules_are_those_that_are_generated() {
         let path = concat!(
             env!("CARGO_MANIFEST_DIR"),
             "/../../deploy/security/access.json5"

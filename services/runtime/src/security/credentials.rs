@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_made_is_good_and_stays_good_when_the_authority_is_read_again() {
+    fn created_certificates_are_valid_also_with_the_authority_read_again() {
         let folder = tempfile::tempdir().unwrap();
         Authority::open_or_create(folder.path())
             .unwrap()
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_is_told_from_thirty_days_before_on() {
+    fn expiry_is_reported_thirty_days_in_advance() {
         let folder = tempfile::tempdir().unwrap();
         let authority = Authority::open_or_create(folder.path()).unwrap();
         authority.issue("operator", &[], 100).unwrap();
@@ -264,11 +264,11 @@ mod tests {
         assert!(said.contains("holds no certificate"), "{said}");
 
         Authority::open_or_create(other.path()).unwrap();
-        let stranger = TlsConfig {
+        let unidentified = TlsConfig {
             ca: other.path().join("ca.pem"),
             ..tls(folder.path(), Some("operator"))
         };
-        let said = refused(&stranger, now_s());
+        let said = refused(&unidentified, now_s());
         assert!(said.contains("was made by CN=tangent authority"), "{said}");
         assert!(said.contains("not by the authority in"), "{said}");
     }

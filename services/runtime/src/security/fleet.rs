@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_list_the_certificates_tell() {
+    fn without_a_list_the_certificates_are_used() {
         let folder = tempfile::tempdir().unwrap();
         let authority = Authority::open_or_create(folder.path()).unwrap();
         let hosts = ["localhost".to_owned(), "10.0.0.7".into(), "::1".into()];

@@ -176,11 +176,11 @@ fn only_the_platforms_poses_reach_the_controller() {
 }
 
 #[test]
-fn a_stranger_is_not_let_in() {
+fn a_session_without_a_certificate_is_refused() {
     timed(|| {
         let cell = secured();
         // With the authority's public certificate, and none of its own.
-        let file = cell.folder.path().join("stranger.json5");
+        let file = cell.folder.path().join("unidentified.json5");
         let ca = cell.folder.path().join("ca.pem");
         std::fs::write(
             &file,
@@ -188,11 +188,11 @@ fn a_stranger_is_not_let_in() {
                 .to_string(),
         )
         .unwrap();
-        let mut stranger = cell.config.clone();
-        stranger.zenoh.tls = None;
-        stranger.zenoh.file = Some(file);
+        let mut unidentified = cell.config.clone();
+        unidentified.zenoh.tls = None;
+        unidentified.zenoh.file = Some(file);
         let patience = Duration::from_secs(3);
-        let refused = Bus::open_within(&stranger, Role::Client, patience)
+        let refused = Bus::open_within(&unidentified, Role::Client, patience)
             .map(|_| ())
             .unwrap_err();
         assert!(matches!(refused, BusError::NoRouter { .. }), "{refused}");
@@ -276,7 +276,7 @@ fn tasks_come_from_operators_only_and_answers_from_the_controller_only() {
 }
 
 #[test]
-fn those_who_may_read_hear_the_cell_and_see_who_is_there() {
+fn readers_receive_the_cells_messages_and_liveliness() {
     timed(|| {
         let cell = secured();
         let name = cell.config.cell.name.clone();
@@ -420,7 +420,7 @@ fn a_revoked_identity_is_locked_out_alone() {
 }
 
 #[test]
-fn only_a_recorder_asks_for_what_was_said_and_only_its_publisher_answers() {
+fn only_a_recorder_requests_old_messages_and_only_their_publisher_answers() {
     timed(|| {
         let cell = secured();
         let (robot, estimator) = (cell.join("rtde"), cell.join("estimator"));

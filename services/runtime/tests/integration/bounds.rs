@@ -49,24 +49,24 @@ fn invented_keys_do_not_fill_a_reader_of_patterns() {
     timed(|| {
         let config = cell();
         let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
-        let (recorder, stranger) = (client(&config), client(&config));
+        let (recorder, other) = (client(&config), client(&config));
         let all = recorder.subscribe_raw("**", 100_000).unwrap();
-        let probe = stranger
+        let probe = other
             .raw_publisher("estimate/probe/normal", "x/msg/X")
             .unwrap();
-        until("the stranger is heard", || {
+        until("the other session is seen", || {
             probe.publish(&[0; 8]);
             all.try_recv().is_some()
         });
         let mut keys = std::collections::BTreeSet::new();
         for i in 0..3000 {
             let key = format!("estimate/e{i}/normal");
-            stranger
+            other
                 .raw_publisher(&key, "x/msg/X")
                 .unwrap()
                 .publish(&[0; 8]);
         }
-        let arm = stranger.raw_publisher("arm/state", "x/msg/X").unwrap();
+        let arm = other.raw_publisher("arm/state", "x/msg/X").unwrap();
         until("the arm is heard after all of them", || {
             arm.publish(&[0; 8]);
             while let Some(message) = all.try_recv() {

@@ -204,7 +204,7 @@ const SENSOR_MISTAKES: &[(&str, &str)] = &[
 ];
 
 #[test]
-fn a_sensor_that_cannot_be_is_named() {
+fn an_impossible_sensor_is_reported_by_name() {
     for (sensor, said) in SENSOR_MISTAKES {
         let text = format!(
             "[cell]\nname = \"a\"\n[robot]\nmodel = \"ur5e\"\naddress = \"127.0.0.1\"\n[tool]\nmass_kg = 0.3\n\

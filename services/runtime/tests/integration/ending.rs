@@ -155,7 +155,7 @@ fn role_stands_still() {
 }
 
 #[test]
-fn a_loop_that_stands_still_ends_the_process_and_systemd_hears_all_of_it() {
+fn a_loop_that_stands_still_ends_the_process_and_systemd_is_notified() {
     timed(|| {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");

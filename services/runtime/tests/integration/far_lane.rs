@@ -65,7 +65,7 @@ fn a_message_arrives_once_in_order_with_its_attachment() {
 }
 
 #[test]
-fn cells_do_not_hear_each_other_but_a_network_bus_hears_all() {
+fn cells_do_not_receive_each_other_but_a_network_bus_receives_all() {
     timed(|| {
         let one = cell();
         let mut two = one.clone();
@@ -96,7 +96,7 @@ fn cells_do_not_hear_each_other_but_a_network_bus_hears_all() {
 }
 
 #[test]
-fn a_question_comes_back_answered_and_a_token_goes_with_its_process() {
+fn a_request_is_answered_and_a_token_ends_with_its_process() {
     timed(|| {
         let config = cell();
         let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
@@ -405,7 +405,7 @@ fn what_is_not_allowed_is_refused_while_a_slow_request_of_the_same_key_is_under_
 
 /// The job was carried out long after its asker had gone.
 #[test]
-fn a_request_whose_asker_has_given_up_has_no_effect() {
+fn a_request_whose_sender_has_given_up_has_no_effect() {
     timed(|| {
         let cell = slow_start();
         let (one, two) = (client(&cell.config), client(&cell.config));
@@ -434,7 +434,7 @@ fn a_request_whose_asker_has_given_up_has_no_effect() {
 
 /// What a service cannot know is neither done nor refused.
 #[test]
-fn an_outcome_that_the_service_does_not_know_is_said_to_be_unknown() {
+fn an_outcome_unknown_to_the_service_is_reported_as_unknown() {
     timed(|| {
         let config = cell();
         let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();

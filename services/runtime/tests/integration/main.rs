@@ -13,4 +13,4 @@ mod listeners;
 mod near_lane;
 mod python;
 mod recall;
-mod strangers;
+mod second_publishers;

@@ -221,7 +221,7 @@ fn replayed_bytes_reach_typed_readers_and_bad_ones_are_counted() {
 }
 
 #[test]
-fn nobody_to_answer_is_said_at_once() {
+fn a_missing_service_is_reported_at_once() {
     timed(|| {
         let bus = Bus::in_process("test");
         let error = bus

@@ -42,7 +42,7 @@ fn span(publisher: [u8; 16], from: u64, to: u64) -> Question {
 }
 
 #[test]
-fn what_nobody_heard_can_be_asked_for() {
+fn messages_without_a_subscriber_can_be_requested() {
     timed(|| {
         let config = cell();
         let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
@@ -108,7 +108,7 @@ fn a_flood_of_questions_holds_no_publisher_up() {
             states.publish(&state(cycle));
             assert!(heard.recv_timeout(PATIENCE).is_some());
         }
-        let strangers: Vec<_> = (0..8)
+        let clients: Vec<_> = (0..8)
             .map(|_| {
                 let config = config.clone();
                 std::thread::spawn(move || {
@@ -121,14 +121,14 @@ fn a_flood_of_questions_holds_no_publisher_up() {
             })
             .collect();
         let mut cycle = 2000;
-        while strangers.iter().any(|stranger| !stranger.is_finished()) {
+        while clients.iter().any(|client| !client.is_finished()) {
             states.publish(&state(cycle));
             let received = heard.recv_timeout(PATIENCE).unwrap();
             assert_eq!(received.message.cycle, cycle);
             cycle += 1;
         }
-        for stranger in strangers {
-            stranger.join().unwrap();
+        for client in clients {
+            client.join().unwrap();
         }
         assert_eq!(heard.lost(), 0);
         // It answers as before.

@@ -184,7 +184,7 @@ impl Cell {
             return;
         }
         for sample in self.plant.sensor_samples().to_vec() {
-            let counts = self.spoilt(sample.counts);
+            let counts = self.corrupted(sample.counts);
             let faults = RecordFaults {
                 nan: self.has(Fault::SensorNan),
                 error: self.has(Fault::SensorError),
@@ -197,7 +197,7 @@ impl Cell {
     }
 
     /// Changes a record according to the sensor's faults.
-    fn spoilt(&mut self, mut counts: [i32; 6]) -> [i32; 6] {
+    fn corrupted(&mut self, mut counts: [i32; 6]) -> [i32; 6] {
         let (last, since) = &mut self.frozen;
         let has = |fault| self.trial.faults.contains(&fault);
         if has(Fault::SensorFrozen) {

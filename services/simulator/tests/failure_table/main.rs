@@ -209,7 +209,7 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
 /// Records that repeat, repeat on one axis, or come from a disconnected transducer: at 1 kHz there
 /// are 8 of them in a cycle at 125 Hz, and 2 at 500 Hz.
 #[test]
-fn a_sensor_that_does_not_live_retracts_within_two_cycles() {
+fn an_implausible_sensor_retracts_within_two_cycles() {
     let faults = [
         (Fault::SensorFrozen, Validity::Frozen),
         (Fault::SensorDead, Validity::Frozen),

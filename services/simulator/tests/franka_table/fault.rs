@@ -77,7 +77,7 @@ impl TableFault for Fault {
     const NO_COMMAND: Self = Self::NoCommand;
     const CONTACT_LOST: Self = Self::ContactLost;
 
-    fn is_borne(self) -> bool {
+    fn is_tolerated(self) -> bool {
         matches!(
             self,
             Self::CommandSwapped

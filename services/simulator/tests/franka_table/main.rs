@@ -128,7 +128,7 @@ fn a_second_source_is_refused_in_its_cycle_and_the_first_notices_nothing() {
 /// Answers that are a cycle late, states that arrive twice, and half of the states or answers lost:
 /// none of these ends a task.
 #[test]
-fn what_is_borne_is_borne() {
+fn tolerated_faults_do_not_end_the_task() {
     let faults = [
         Fault::CommandSwapped,
         Fault::StateTwice,
@@ -287,7 +287,7 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
 
 /// A standstill of less than 3 ms is normal jitter of the robot.
 #[test]
-fn an_estimate_that_does_not_live_retracts_within_four_states() {
+fn a_frozen_estimate_retracts_within_four_states() {
     for (fault, offset) in shared([Fault::WrenchFrozen, Fault::AxisStuck]) {
         let what = format!("{fault:?}, {offset}");
         let mut cell = with(fault, offset);
@@ -361,7 +361,7 @@ fn without_any_normal_and_half_of_the_states_the_tool_retracts_after_a_second() 
 
 /// Camera and touch replace each other, and touch is kept when the camera is wrong.
 #[test]
-fn one_sense_is_enough_to_go_on() {
+fn one_kind_of_estimate_is_enough_to_continue() {
     let faults = [
         Fault::CameraDark,
         Fault::CameraNan,

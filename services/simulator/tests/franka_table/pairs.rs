@@ -95,7 +95,7 @@ fn no_two_faults_in_any_phase() {
 
 #[test]
 fn after_every_fault_a_new_start_shows_the_true_force() {
-    let ending = faults::<Cell>().filter(|fault| !fault.is_borne());
+    let ending = faults::<Cell>().filter(|fault| !fault.is_tolerated());
     a_new_start_shows_the_true_force::<Cell>(
         ending.map(|fault| Play::alone((), Phase::Slide, fault, 9)),
     );

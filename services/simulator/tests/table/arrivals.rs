@@ -30,14 +30,14 @@ impl<T> Default for Arrivals<T> {
 }
 
 impl<T: Clone> Arrivals<T> {
-    /// The answers that arrive in the cycle in which `sent` is sent. `spoil` applies the faults to
+    /// The answers that arrive in the cycle in which `sent` is sent. `disturb` applies the faults to
     /// the answer.
-    pub fn pass(&mut self, way: Way, mut sent: T, spoil: impl FnOnce(&mut T)) -> Vec<T> {
+    pub fn pass(&mut self, way: Way, mut sent: T, disturb: impl FnOnce(&mut T)) -> Vec<T> {
         if way == Way::Repeated {
             return self.last_sent.clone().into_iter().collect();
         }
         self.last_sent = Some(sent.clone());
-        spoil(&mut sent);
+        disturb(&mut sent);
         if way == Way::Swapped {
             return match self.held_back.take() {
                 Some(older) => vec![sent, older],

@@ -44,7 +44,7 @@ pub trait TableFault: Copy + Debug + PartialEq + 'static {
     const CONTACT_LOST: Self;
 
     /// Whether a task continues during the fault.
-    fn is_borne(self) -> bool;
+    fn is_tolerated(self) -> bool;
 }
 
 /// The active faults, and the values measured meanwhile.

@@ -78,7 +78,7 @@ impl<S: Copy, F: TableFault> Play<S, F> {
 
     /// Whether these faults end every task.
     pub fn ends_task(&self) -> bool {
-        !(self.first.is_borne() && self.second.is_borne())
+        !(self.first.is_tolerated() && self.second.is_tolerated())
     }
 }
 

@@ -139,7 +139,7 @@ fn a_second_source_is_refused_in_its_period_and_the_first_notices_nothing() {
 
 /// Answers of which the older one arrives last, and none in every second period.
 #[test]
-fn what_is_borne_is_borne() {
+fn tolerated_faults_do_not_end_the_task() {
     for offset in (0..OFFSETS).step_by(8) {
         let mut cell = with(Fault::CommandSwapped, offset);
         cell.assert_slides_on(&format!("{offset}"), 1000);
@@ -206,7 +206,7 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
 /// At one record per cycle, whole records are detected within five, and a single axis as soon as
 /// its own noise cannot repeat so often.
 #[test]
-fn a_sensor_that_does_not_live_retracts() {
+fn an_implausible_sensor_retracts() {
     for (fault, offset) in shared([Fault::SensorFrozen, Fault::AxisStuck]) {
         let what = format!("{fault:?}, {offset}");
         let mut cell = with(fault, offset);

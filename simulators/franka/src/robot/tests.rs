@@ -257,7 +257,7 @@ fn every_step_and_every_number_that_is_none_is_kept_from_the_robot() {
 }
 
 #[test]
-fn a_few_lost_answers_are_borne_and_twenty_are_not() {
+fn a_few_lost_answers_are_tolerated_and_twenty_are_not() {
     let mut rig = Rig::new(&PlantConfig::default());
     rig.ready();
     let hold = impedance(rig.q_start + Joints::repeat(0.02));
@@ -308,7 +308,7 @@ fn a_collision_is_a_reflex_and_a_fresh_task_recovers() {
 }
 
 #[test]
-fn a_joint_at_its_stop_needs_a_person() {
+fn a_joint_at_its_stop_needs_an_operator() {
     let mut rig = Rig::new(&PlantConfig::default());
     rig.ready();
     let mut beyond = PlantConfig::default().q_rad;
@@ -389,7 +389,7 @@ fn pressing_on_a_plane_is_felt_with_the_projects_sign() {
 }
 
 #[test]
-fn what_it_cannot_do_is_refused_in_the_protocols_words() {
+fn unsupported_requests_are_refused_by_the_protocols_codes() {
     let mut rig = Rig::new(&PlantConfig::default());
     rig.exchange();
     let wide = Deviation::WIDE;

@@ -177,7 +177,7 @@ fn its_joint_motion_is_followed_by_the_robots_own_controller() {
 }
 
 #[test]
-fn it_is_told_of_a_collision_and_recovers() {
+fn it_receives_a_collision_and_recovers() {
     timed(|| {
         let simulated = simulated();
         let robot = client(&simulated);

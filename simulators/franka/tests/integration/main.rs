@@ -114,7 +114,7 @@ fn what_is_no_number_is_refused_and_a_step_leaves_as_a_ramp() {
 }
 
 #[test]
-fn lost_packets_are_counted_and_borne() {
+fn lost_packets_are_counted_and_tolerated() {
     timed(|| {
         let cell = Cell::new();
         cell.ready();
@@ -189,7 +189,7 @@ fn a_collision_is_a_reflex_and_a_fresh_task_recovers() {
 }
 
 #[test]
-fn user_stop_and_guiding_are_said_and_leave_nothing_behind() {
+fn user_stop_and_guiding_are_reported_and_leave_no_trace() {
     timed(|| {
         let cell = Cell::new();
         cell.ready();

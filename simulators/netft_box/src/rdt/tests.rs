@@ -77,7 +77,7 @@ fn the_newest_request_takes_the_stream_and_the_clock_runs_on() {
 }
 
 #[test]
-fn a_software_bias_is_for_everybody_and_for_good() {
+fn a_software_bias_applies_to_all_clients_permanently() {
     let mut simulated = RdtBox::new(None, 0);
     let sample = BoxSample {
         counts: [5, -5, 7, 0, 1, 2],

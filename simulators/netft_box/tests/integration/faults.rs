@@ -44,7 +44,7 @@ fn faults_on_the_way_are_counted_as_what_they_are() {
 }
 
 #[test]
-fn saturation_is_seen_by_a_slow_reader_and_its_numbers_by_nobody() {
+fn saturation_reaches_a_slow_reader_and_its_numbers_reach_no_reader() {
     timed(|| {
         let rig = Rig::start(NetbConfig::default(), |_| {});
         let statuses = rig.statuses();
@@ -72,7 +72,7 @@ fn saturation_is_seen_by_a_slow_reader_and_its_numbers_by_nobody() {
 }
 
 #[test]
-fn silence_is_told_and_the_stream_taken_back() {
+fn silence_is_reported_and_the_stream_requested_again() {
     timed(|| {
         let rig = Rig::start(NetbConfig::default(), |_| {});
         let statuses = rig.statuses();
@@ -96,7 +96,7 @@ fn silence_is_told_and_the_stream_taken_back() {
 }
 
 #[test]
-fn a_frozen_sensor_is_noticed_within_two_cycles_and_until_it_lives_again() {
+fn a_frozen_sensor_is_detected_within_two_cycles_until_it_recovers() {
     timed(|| {
         let (rig, statuses) = noisy_rig();
         rig.simulated.inject(NetbFault::Freeze(true));

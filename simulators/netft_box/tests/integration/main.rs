@@ -213,7 +213,7 @@ fn a_web_server_that_never_ends_is_no_box() {
 }
 
 #[test]
-fn a_tare_zeroes_the_wrench_and_tells_its_figures() {
+fn a_tare_zeroes_the_wrench_and_returns_its_figures() {
     timed(|| {
         let rig = Rig::start(NetbConfig::default(), |_| {});
         let statuses = rig.statuses();

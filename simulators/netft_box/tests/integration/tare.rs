@@ -146,7 +146,7 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
 /// The bug: any publisher could report that the task was done. The service then allowed a tare
 /// while the controller pressed, and stored it.
 #[test]
-fn a_stranger_who_says_that_the_task_is_done_does_not_open_the_tare() {
+fn an_impostors_control_state_does_not_permit_the_tare() {
     timed(|| {
         let rig = Rig::start();
         let person = rig.client();
@@ -156,7 +156,7 @@ fn a_stranger_who_says_that_the_task_is_done_does_not_open_the_tare() {
             Speaker::start(rig.client(), Phase::Slide, true, Duration::from_millis(8));
         until("the controller is heard", || rig.knows_of_contact());
         until("the query", || answers(&person));
-        let _stranger = Speaker::start(rig.client(), Phase::Done, false, Duration::from_millis(1));
+        let _impostor = Speaker::start(rig.client(), Phase::Done, false, Duration::from_millis(1));
         let reader = rig.client();
         let mut health = reader.latest(&topics::health("netft")).unwrap();
         until("the service names a second publisher", || {

@@ -95,7 +95,7 @@ impl Bench {
 }
 
 #[test]
-fn the_arm_holds_until_it_is_told_to_move() {
+fn the_arm_holds_until_a_motion_is_commanded() {
     let mut bench = Bench::new();
     let start = bench.arm.q;
     for _ in 0..1000 {
@@ -106,7 +106,7 @@ fn the_arm_holds_until_it_is_told_to_move() {
 }
 
 #[test]
-fn silence_is_ridden_out_then_the_arm_comes_to_rest_smoothly_and_stays() {
+fn silence_is_tolerated_then_the_arm_comes_to_rest_smoothly_and_stays() {
     let mut bench = Bench::new().moving();
     bench.cycle(None);
     bench.cycle(None);
@@ -135,7 +135,7 @@ fn silence_is_ridden_out_then_the_arm_comes_to_rest_smoothly_and_stays() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_with_the_reason_and_ends_the_motion() {
+fn an_invalid_command_is_refused_with_the_reason_and_ends_the_motion() {
     type Spoil = fn(&mut ArmCommand);
     let bad: [(Spoil, &str); 6] = [
         (|c| c.values[2] = f64::NAN, "finite"),
@@ -145,10 +145,10 @@ fn what_makes_no_sense_is_refused_with_the_reason_and_ends_the_motion() {
         (|c| c.cycle -= 50, "cycle"),
         (|c| c.cycle += 5, "cycle"),
     ];
-    for (spoil, word) in bad {
+    for (corrupt, word) in bad {
         let mut bench = Bench::new().moving();
         let mut command = bench.command();
-        spoil(&mut command);
+        corrupt(&mut command);
         bench.cycle(Some(&command));
         let reason = bench.refusal().to_string();
         assert!(reason.contains(word), "{reason}");
@@ -201,7 +201,7 @@ fn a_new_holder_cannot_go_on_with_what_it_brings() {
 }
 
 #[test]
-fn nobody_takes_the_arm_over_while_it_brakes() {
+fn no_source_takes_the_arm_over_while_it_brakes() {
     let mut bench = Bench::new().moving();
     for _ in 0..=PATIENCE {
         bench.cycle(None);

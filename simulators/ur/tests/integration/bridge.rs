@@ -160,7 +160,7 @@ fn it_becomes_ready_moves_and_ends_in_order_on_both_series() {
 }
 
 #[test]
-fn a_protective_stop_is_said_unlocked_and_never_resumed() {
+fn a_protective_stop_is_reported_unlocked_and_never_resumed() {
     timed(|| {
         let mut cell = Cell::new(Flavour::Cb3);
         let ready = cell.ready();
@@ -223,7 +223,7 @@ fn a_cut_connection_and_a_restart_are_survived_at_rest() {
 }
 
 #[test]
-fn lost_packets_a_pause_and_the_slider_are_told_apart() {
+fn lost_packets_a_pause_and_the_slider_are_distinguished() {
     timed(|| {
         let mut cell = Cell::new(Flavour::Cb3);
         let ready = cell.ready();

@@ -71,7 +71,7 @@ fn robot_package(stream: &mut TcpStream) -> (u8, Vec<u8>) {
 }
 
 #[test]
-fn the_primary_port_takes_scripts_and_tells_what_became_of_them() {
+fn the_primary_port_accepts_scripts_and_reports_their_outcome() {
     timed(|| {
         let cell = cb3();
         let mut stream = connect(cell.endpoints().primary);

@@ -288,7 +288,7 @@ fn version_1_has_no_recipe_number() {
 }
 
 #[test]
-fn nonsense_is_answered_or_ends_the_connection_and_nothing_else() {
+fn invalid_bytes_are_answered_or_end_the_connection_and_nothing_else() {
     timed(|| {
         let cell = cb3();
         let mut client = Client::v2(&cell);

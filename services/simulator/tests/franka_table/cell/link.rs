@@ -85,7 +85,7 @@ impl Cell {
         if self.has(Fault::StateLate) {
             arrived = self.states[0];
         }
-        self.spoil(&mut arrived);
+        self.corrupt(&mut arrived);
         let mut answer = None;
         for _ in 0..arrive {
             self.heard_s = now_s;
@@ -190,7 +190,7 @@ impl Cell {
     }
 
     /// Changes a state according to the faults of the robot's estimate.
-    fn spoil(&mut self, state: &mut RobotState) {
+    fn corrupt(&mut self, state: &mut RobotState) {
         let felt = &mut state.k_f_ext_hat_k;
         if self.has(Fault::WrenchFrozen) {
             *felt = self.kept;

@@ -123,7 +123,7 @@ fn threads_take_turns_and_can_be_killed() {
 }
 
 #[test]
-fn killing_a_handle_that_never_ran_kills_nobody() {
+fn killing_a_handle_that_never_ran_kills_no_thread() {
     assert_eq!(
         result("handle = 0\nkill handle\njoin handle\nwrite_output_integer_register(0, 3)"),
         3

@@ -73,7 +73,7 @@ fn the_second_is_refused_and_named_by_its_health() {
 
 /// A second publisher of the control state could have made a tare in contact seem allowed.
 #[test]
-fn a_strangers_control_state_is_refused_and_a_restarted_controllers_is_not() {
+fn an_impostors_control_state_is_refused_and_a_restarted_controllers_is_not() {
     timed(|| {
         let config = cell();
         let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
@@ -91,7 +91,7 @@ fn a_strangers_control_state_is_refused_and_a_restarted_controllers_is_not() {
         });
         let _visits = HealthReporter::start(&visitor, "visitor").unwrap();
         let lie = visitor.publisher(&topics::CONTROL_STATE).unwrap();
-        until("the stranger is named", || {
+        until("the impostor is named", || {
             truth.publish(&says(true));
             lie.publish(&says(false));
             assert!(reader.get().unwrap().message.contact_possible);

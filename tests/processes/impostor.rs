@@ -20,7 +20,7 @@ const PERIOD: Duration = Duration::from_micros(526);
 const MANY: u64 = 2000;
 
 /// Publishes zero wrenches, under an id of its own or under the sensor's.
-struct Stranger {
+struct Impostor {
     bus: Bus,
     /// Declares it as a service while it publishes.
     health: HealthReporter,
@@ -29,7 +29,7 @@ struct Stranger {
     heard: Option<[RawSubscription; 2]>,
 }
 
-impl Stranger {
+impl Impostor {
     fn join(cell: &Cell, copies_ids: bool) -> Self {
         let config = CellConfig::load(&cell.file()).unwrap();
         let bus = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
@@ -110,14 +110,14 @@ fn told(cell: &Cell, service: &str) -> Option<(String, f64)> {
 /// Zeros at 1.9 kHz beside the true wrench, while the tool slides: no service uses them, and every
 /// reader reports their publisher. A task is not started beside them.
 #[test]
-fn a_strangers_wrench_is_refused_by_name() {
+fn an_impostors_wrench_is_refused_by_name() {
     live_beside_others(|| {
         let (mut cell, observer) = sliding(&APART);
         let from = now_ns();
         let stop = Stop::new();
-        let stranger = Stranger::join(&cell, false).speak(stop.clone());
+        let impostor = Impostor::join(&cell, false).speak(stop.clone());
         for service in ["controller", "estimator"] {
-            wait_for(&format!("{service} names the stranger"), PATIENCE, || {
+            wait_for(&format!("{service} names the impostor"), PATIENCE, || {
                 let (fault, refused) = told(&cell, service)?;
                 eprintln!("{service}: {refused} refused; {fault}");
                 (fault.contains("wrench/tool: a second publisher, visitor/")
@@ -145,7 +145,7 @@ fn a_strangers_wrench_is_refused_by_name() {
         assert!(said.contains("a second publisher, visitor/"), "{said}");
 
         stop.trigger();
-        assert!(stranger.join().unwrap() > MANY);
+        assert!(impostor.join().unwrap() > MANY);
         wait_for("the controller is well again", PATIENCE, || {
             let (fault, _) = told(&cell, "controller")?;
             fault.is_empty().then_some(())
@@ -162,7 +162,7 @@ fn a_copied_id_stops_the_task_and_steers_nothing() {
         let (mut cell, observer) = sliding(&APART);
         let from = now_ns();
         let stop = Stop::new();
-        let stranger = Stranger::join(&cell, true).speak(stop.clone());
+        let impostor = Impostor::join(&cell, true).speak(stop.clone());
         let faulted = observer.phase("fault", from);
         assert!(
             faulted.message.fault.contains("wrench"),
@@ -177,7 +177,7 @@ fn a_copied_id_stops_the_task_and_steers_nothing() {
         });
         observer.pressed_at_most(FORCE_MAX_N, from);
         stop.trigger();
-        stranger.join().unwrap();
+        impostor.join().unwrap();
         cell.assert_running(&APART);
     });
 }
