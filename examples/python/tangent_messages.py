@@ -1,7 +1,7 @@
 """Messages of a cell for Python: classes and CDR bytes made from the `.msg` files, and a session in the cell's namespace.
 
 Needs `eclipse-zenoh` and nothing else. A class is called like its file: `Messages().type("tangent_msgs/msg/ArmState")`;
-a test (`services/runtime/tests/python.rs`) holds the bytes against those of the Rust services.
+a test (`services/runtime/tests/integration/python.rs`) holds the bytes against those of the Rust services.
 """
 
 import ast

@@ -82,7 +82,7 @@ pub fn setup_thread_on(name: &str, priority: u8, cpu: Option<usize>) -> Realtime
     } else if ADVISED.fetch_max(priority, Ordering::Relaxed) >= priority {
         let got = if scheduled { "" } else { ", no SCHED_FIFO" };
         let kept = if locked { "" } else { ", memory not locked" };
-        tracing::info!("{name}: scheduling and memory as above{got}{kept}");
+        tracing::info!("{name}: scheduling and memory as reported for the first thread{got}{kept}");
     } else {
         tracing::warn!("{report}");
     }

@@ -82,7 +82,7 @@ impl Notify {
 
     fn say(&self, text: &str) {
         if let Err(error) = self.socket.send_to_addr(text.as_bytes(), &self.to) {
-            tracing::debug!("systemd could not be told: {error}");
+            tracing::debug!("systemd could not be notified: {error}");
         }
     }
 }

@@ -24,7 +24,7 @@ pub fn check(path: &Path, findings: &mut Findings) {
     }
     for (key, file) in files(&config) {
         if !file.exists() {
-            findings.note(format!("{key}: {} is not there yet", file.display()));
+            findings.note(format!("{key}: {} does not exist yet", file.display()));
         }
     }
     let (force, range) = (config.limits.force_max_n, config.sensor.force_range_n[2]);

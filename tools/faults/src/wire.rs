@@ -27,7 +27,7 @@ pub enum Damage {
         /// Share of lost datagrams, per mille.
         per_mille: u32,
     },
-    /// Some datagrams are preceded by damaged copies: cut short, too long, and noise.
+    /// Some datagrams are preceded by damaged ones: truncated, overlong, and random.
     Corrupted {
         /// One of this many datagrams.
         one_of: u32,

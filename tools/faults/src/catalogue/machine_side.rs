@@ -41,7 +41,7 @@ pub(super) fn of_the_machine() -> Vec<Case> {
             watch_s: 3.0,
             ..case(
                 "disk_full",
-                "not a megabyte left under the recordings",
+                "less than a megabyte free for the recordings",
                 "recorder",
             )
         },

@@ -141,7 +141,7 @@ pub(super) fn of_commands() -> Vec<Case> {
         ),
         mad(
             "command_replayed",
-            "the controller answers the 50th packet before",
+            "the controller answers the packet of 50 cycles before",
             |s| s.lie(Lie::CommandOld),
         ),
         Case {

@@ -102,7 +102,7 @@ pub(super) fn of_the_sensor() -> Vec<Case> {
             watch_s: 1.5,
             ..goes_on(
                 "sensor_datagrams_corrupted",
-                "before one of 20 datagrams: cut short, too long, and noise",
+                "before one of 20 datagrams: a truncated, an overlong and a random one",
             )
         },
         Case {
@@ -191,7 +191,7 @@ pub(super) fn of_the_estimator() -> Vec<Case> {
             },
             ..base(
                 "estimator_unplugged",
-                "nothing passes between the estimator and the router",
+                "no message passes between the estimator and the router",
             )
         },
         Case {

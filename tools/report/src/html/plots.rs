@@ -73,7 +73,7 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String, ReportError> 
             html += &figure(
                 &axes(title, unit),
                 curves,
-                "As in the paper: the estimate against the true object, or the load of the contact on the wrist.",
+                "As in the paper's figures: the estimate against the true object, or the load of the contact on the wrist.",
             )?;
             Ok(())
         })?;
