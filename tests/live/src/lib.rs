@@ -1,5 +1,5 @@
 //! Runs tests that depend on real time: as many at a time as this machine has room for, and again
-//! if the machine itself stood still.
+//! if the machine itself stood still or other tests took it.
 //!
 //! The host of a virtual machine can suspend its processors, at times for a tenth of a second. A
 //! task then correctly ends, so the test has no result. Whether that happened is measured during
@@ -31,6 +31,9 @@ use thread_priority::{ThreadPriority, ThreadPriorityValue};
 const STILL_MAX: Duration = Duration::from_millis(10);
 /// Largest share of its time that the host may take without invalidating a test.
 const STOLEN_MAX: f64 = 0.25;
+/// Longest wait of an ordinary thread for a core that does not invalidate a run beside other tests.
+/// The other tests can take that much, so the run says nothing about the system under test.
+const WAIT_MAX: Duration = Duration::from_millis(50);
 /// Number of runs of a test whose runs are invalidated.
 const RUNS: usize = 5;
 /// SCHED_FIFO priority of the watch, above every thread of ours.
@@ -50,33 +53,62 @@ const SKIPPED: &str = "skipped, because in the last of";
 /// after the last run it prints that it is skipped. Any other failure counts.
 pub fn live(test: impl Fn()) {
     let _machine = alone();
-    verdict(test, |_| (), Watch::start, Watch::end, say);
+    verdict(test, |_| Place::alone(), Watch::start, Watch::end, say);
 }
 
 /// Runs the test beside other tests of this kind, at most one per core of this machine. For a cell
-/// that needs less than half a core. A run that is repeated because the machine stood still is
-/// alone on it, as in [`live`].
+/// that needs less than half a core. A repeated run is alone on the machine, as in [`live`].
 pub fn live_beside_others(test: impl Fn()) {
-    let place = |run| if run == 1 { beside_others() } else { alone() };
+    let place = |run| match run {
+        1 => Place::shared(Some(beside_others())),
+        _ => Place::alone(),
+    };
     verdict(test, place, Watch::start, Watch::end, say);
 }
 
-/// Runs the test without a place on this machine, as [`live`] otherwise. For one service, which
-/// leaves the machine to others most of the time.
+/// Runs the test without a place on this machine. For one service, which leaves the machine to
+/// others most of the time. A repeated run is alone on the machine, as in [`live`].
 pub fn timed(test: impl Fn()) {
-    verdict(test, |_| (), Watch::start, Watch::end, say);
+    let place = |run| match run {
+        1 => Place::shared(None),
+        _ => Place::alone(),
+    };
+    verdict(test, place, Watch::start, Watch::end, say);
 }
 
-/// Runs the test up to `RUNS` times. A run holds its `place`, given by its number from 1.
-fn verdict<P, W>(
+/// Where a run takes place.
+struct Place {
+    _places: Option<Places>,
+    /// Whether other tests run on this machine at the same time.
+    is_shared: bool,
+}
+
+impl Place {
+    fn alone() -> Self {
+        Self {
+            _places: Some(alone()),
+            is_shared: false,
+        }
+    }
+
+    fn shared(places: Option<Places>) -> Self {
+        Self {
+            _places: places,
+            is_shared: true,
+        }
+    }
+}
+
+/// Runs the test up to `RUNS` times. A run has its `place`, given by its number from 1.
+fn verdict<W>(
     test: impl Fn(),
-    place: impl Fn(usize) -> P,
+    place: impl Fn(usize) -> Place,
     start: impl Fn() -> W,
     end: impl Fn(W) -> Stood,
     say: impl Fn(&str),
 ) {
     for run in 1..=RUNS {
-        let _place = place(run);
+        let place = place(run);
         let began = Instant::now();
         let watch = start();
         let ended = catch_unwind(AssertUnwindSafe(&test));
@@ -84,7 +116,7 @@ fn verdict<P, W>(
         let took = began.elapsed().as_secs_f64();
         match ended {
             Ok(()) => return say(&format!("{PASSED} {run} after {took:.1} s: {machine}")),
-            Err(failure) if !machine.is_disturbed() => {
+            Err(failure) if !machine.is_disturbed(place.is_shared) => {
                 say(&format!("failed in run {run}: {machine}"));
                 resume_unwind(failure);
             }
@@ -185,18 +217,26 @@ impl Drop for Places {
 struct Watch {
     ends: Arc<AtomicBool>,
     threads: Vec<JoinHandle<Duration>>,
+    /// A thread of ordinary priority, which waits for a core as the test's own threads do.
+    ordinary: JoinHandle<Duration>,
     stolen_before: Option<Ticks>,
 }
 
 /// Standstill of the machine during a test.
 struct Stood {
     longest: Duration,
+    /// Longest time that an ordinary thread waited for a core.
+    waited: Duration,
     stolen: f64,
 }
 
 impl Stood {
-    fn is_disturbed(&self) -> bool {
-        self.longest > STILL_MAX || self.stolen > STOLEN_MAX
+    /// Whether a failure says nothing about the system under test. An ordinary thread that waits
+    /// counts only in a run beside other tests: in a run alone, the system under test is the cause.
+    fn is_disturbed(&self, is_shared: bool) -> bool {
+        self.longest > STILL_MAX
+            || self.stolen > STOLEN_MAX
+            || (is_shared && self.waited > WAIT_MAX)
     }
 }
 
@@ -204,8 +244,10 @@ impl fmt::Display for Stood {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "the machine stood still for up to {} ms, and its host took {:.1} % of it",
+            "the machine stood still for up to {} ms, an ordinary thread waited for up to {} ms, \
+             and the host took {:.1} % of the machine",
             self.longest.as_millis(),
+            self.waited.as_millis(),
             100.0 * self.stolen
         )
     }
@@ -222,9 +264,14 @@ impl Watch {
                 std::thread::spawn(move || watch(cpu, &ends))
             })
             .collect();
+        let ordinary = std::thread::spawn({
+            let ends = Arc::clone(&ends);
+            move || longest_delay(&ends)
+        });
         Self {
             ends,
             threads,
+            ordinary,
             stolen_before: Ticks::now(),
         }
     }
@@ -234,6 +281,7 @@ impl Watch {
         let longest = self.threads.into_iter().filter_map(|t| t.join().ok());
         Stood {
             longest: longest.max().unwrap_or_default(),
+            waited: self.ordinary.join().unwrap_or_default(),
             stolen: self
                 .stolen_before
                 .zip(Ticks::now())
@@ -253,6 +301,11 @@ fn watch(cpu: usize, ends: &AtomicBool) -> Duration {
         // It would measure the load of the machine.
         return Duration::ZERO;
     }
+    longest_delay(ends)
+}
+
+/// Largest delay of a wake-up of the calling thread, until `ends` is set.
+fn longest_delay(ends: &AtomicBool) -> Duration {
     let (mut last, mut longest) = (Instant::now(), Duration::ZERO);
     while !ends.load(Ordering::Relaxed) {
         std::thread::sleep(PERIOD);
@@ -303,19 +356,30 @@ impl Ticks {
 mod tests {
     use super::*;
 
-    /// Runs a test that fails the first `failures` times, on a machine that stands still for so
-    /// long each time; how often it ran.
-    fn runs(failures: usize, longest: Duration) -> Result<usize, usize> {
+    /// Runs a test that fails the first `failures` times, on a machine that stands still, or lets
+    /// an ordinary thread wait, for so long each time; how often it ran. The first run is beside
+    /// other tests if `is_shared`.
+    fn runs(
+        failures: usize,
+        longest: Duration,
+        waited: Duration,
+        is_shared: bool,
+    ) -> Result<usize, usize> {
         let ran = Cell::new(0);
         let machine = |()| Stood {
             longest,
+            waited,
             stolen: 0.0,
         };
         let test = || {
             ran.set(ran.get() + 1);
             assert!(ran.get() > failures, "fails");
         };
-        let run = || verdict(test, |_| (), || (), machine, |_| {});
+        let place = |run| Place {
+            _places: None,
+            is_shared: is_shared && run == 1,
+        };
+        let run = || verdict(test, place, || (), machine, |_| {});
         match catch_unwind(AssertUnwindSafe(run)) {
             Ok(()) => Ok(ran.get()),
             Err(_) => Err(ran.get()),
@@ -324,16 +388,26 @@ mod tests {
 
     #[test]
     fn a_failure_counts_where_the_machine_ran() {
-        assert_eq!(runs(0, STILL_MAX), Ok(1));
-        assert_eq!(runs(1, STILL_MAX), Err(1));
+        for shared in [false, true] {
+            assert_eq!(runs(0, STILL_MAX, WAIT_MAX, shared), Ok(1));
+            assert_eq!(runs(1, STILL_MAX, WAIT_MAX, shared), Err(1));
+        }
+    }
+
+    #[test]
+    fn a_failure_beside_tests_that_took_the_machine_is_tried_again_alone() {
+        let waited = 2 * WAIT_MAX;
+        assert_eq!(runs(1, STILL_MAX, waited, true), Ok(2));
+        assert_eq!(runs(2, STILL_MAX, waited, true), Err(2));
+        assert_eq!(runs(1, STILL_MAX, waited, false), Err(1));
     }
 
     #[test]
     fn a_failure_on_a_machine_that_stood_still_is_tried_again() {
         let still = 2 * STILL_MAX;
-        assert_eq!(runs(0, still), Ok(1));
-        assert_eq!(runs(2, still), Ok(3));
-        assert_eq!(runs(100, still), Ok(RUNS));
+        assert_eq!(runs(0, still, WAIT_MAX, false), Ok(1));
+        assert_eq!(runs(2, still, WAIT_MAX, false), Ok(3));
+        assert_eq!(runs(100, still, WAIT_MAX, false), Ok(RUNS));
     }
 
     #[test]
@@ -386,8 +460,8 @@ mod tests {
     fn the_machine_let_tests_come_to_a_verdict() {
         let log = std::env::var_os(LOG).expect("TANGENT_LIVE_LOG is set");
         let text = fs::read_to_string(log).expect("the tests before have written it");
-        let is_disturbed = |line: &&str| line.contains(SKIPPED) || line.contains(NO_VERDICT);
-        for line in text.lines().filter(is_disturbed) {
+        let has_no_verdict = |line: &&str| line.contains(SKIPPED) || line.contains(NO_VERDICT);
+        for line in text.lines().filter(has_no_verdict) {
             println!("{line}");
         }
         let skipped = text.lines().filter(|line| line.contains(SKIPPED)).count();
