@@ -207,12 +207,13 @@ impl Value {
         let Some((first, rest)) = indices.split_first() else {
             return Ok(value);
         };
-        let n = usize::try_from(first.integer()?).unwrap_or(usize::MAX);
+        let index = first.integer()?;
+        let n = usize::try_from(index).unwrap_or(usize::MAX);
         match self {
             Self::List(list) => {
                 let mut items = list.items.to_vec();
                 let Some(item) = items.get_mut(n) else {
-                    return Err(format!("index {n} is out of range"));
+                    return Err(format!("index {index} is out of range"));
                 };
                 *item = item.with_element(rest, value)?;
                 Self::list(items)
@@ -221,7 +222,7 @@ impl Value {
                 let mut p = *p;
                 match p.get_mut(n) {
                     Some(x) if rest.is_empty() => *x = value.float()?,
-                    _ => return Err(format!("index {n} is out of range")),
+                    _ => return Err(format!("index {index} is out of range")),
                 }
                 Ok(Self::Pose(p))
             }
