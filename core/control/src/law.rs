@@ -13,10 +13,11 @@ use crate::estimator_choice::switching::{SwitchCause, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS, ObjectInput, UntaredLoad, VisionInput};
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
+use crate::parameters::law_config::LawConfig;
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
 use crate::task::Task;
-use crate::task::program::{EstimatorName, LawConfig, Program};
+use crate::task::program::{EstimatorName, Program};
 
 /// Inputs of one cycle. The wrench is that of the environment on the tool: a pressing tool reads a
 /// negative z. A law reads what it needs of them.

@@ -41,6 +41,7 @@ pub use leaving::clearance::{Clearance, LeaveConfig};
 pub use leaving::tare_permission::{ContactSign, ControllerWord};
 pub use limits::faults::Fault;
 pub use limits::{Limits, TwistLimiter, clamp_norm};
+pub use parameters::law_config::LawConfig;
 pub use parameters::live::Parameter;
 pub use parameters::presets::Presets;
 pub use parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
@@ -50,7 +51,7 @@ pub use tangent_schemas::CommandKind;
 pub use task::path::{Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, Waypoints};
 pub use task::preflight;
 pub use task::profile::Profile;
-pub use task::program::{EstimatorName, EstimatorNames, LawConfig, Program};
+pub use task::program::{EstimatorName, EstimatorNames, Program};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis, ZeroAtLimit, ZeroSpec,

@@ -1,7 +1,7 @@
 //! URScript as clients send it to the simulated controller: compiled, then run for a bounded number
 //! of cycles.
 
-use tangent_urscript::{Frame, Machine, Motion, Program, Robot};
+use tangent_urscript::{Frame, Machine, Motion, Program, Robot, ScriptError};
 
 /// Number of cycles for which a program runs.
 const CYCLES: u32 = 4;
@@ -107,7 +107,7 @@ impl Robot for Still {
     fn payload(&self) -> (f64, [f64; 3]) {
         (0.0, [0.0; 3])
     }
-    fn start_motion(&mut self, _: Motion) -> Result<(), String> {
+    fn start_motion(&mut self, _: Motion) -> Result<(), ScriptError> {
         Ok(())
     }
     fn motion_done(&self) -> bool {
@@ -117,7 +117,7 @@ impl Robot for Still {
         false
     }
     fn text_message(&mut self, _: String) {}
-    fn watchdog(&mut self, _: &str, _: f64, _: &str) -> Result<(), String> {
+    fn watchdog(&mut self, _: &str, _: f64, _: &str) -> Result<(), ScriptError> {
         Ok(())
     }
     fn protective_stop(&mut self) {}

@@ -3,8 +3,8 @@
 use std::io::Read as _;
 use std::time::Duration;
 
-use crate::NetftError;
 use crate::codec::FT_RATE_HZ;
+use crate::{BoxConfigError, NetftError};
 
 /// Largest length of an answer that is read, bytes: a real one has about 6 kB.
 const ANSWER_MAX: u64 = 256 * 1024;
@@ -105,10 +105,12 @@ impl BoxConfig {
     /// Parses the text of `/netftapi2.xml`.
     ///
     /// # Errors
-    /// A description: not XML, a missing or unusable value, or an unknown unit.
-    pub fn parse(text: &str) -> Result<Self, String> {
-        let document = roxmltree::Document::parse(text)
-            .map_err(|error| format!("/netftapi2.xml is not XML: {error}"))?;
+    /// Not XML, a missing or unusable value, or an unknown unit.
+    pub fn parse(text: &str) -> Result<Self, BoxConfigError> {
+        let document = roxmltree::Document::parse(text)?;
+        let missing = |tag: &str| BoxConfigError::Missing {
+            tag: tag.to_owned(),
+        };
         let find = |tag: &str| {
             document
                 .descendants()
@@ -117,52 +119,59 @@ impl BoxConfig {
                 .map(str::trim)
                 .filter(|text| !text.is_empty())
         };
-        let number = |tag: &str| -> Result<Option<f64>, String> {
+        let number = |tag: &str| -> Result<Option<f64>, BoxConfigError> {
             find(tag)
                 .map(|text| {
                     text.parse::<f64>()
                         .ok()
                         .filter(|value| value.is_finite())
-                        .ok_or(format!("<{tag}> is `{text}`, not a number"))
+                        .ok_or_else(|| BoxConfigError::NotANumber {
+                            tag: tag.to_owned(),
+                            text: text.to_owned(),
+                        })
                 })
                 .transpose()
         };
         let scale = |tag: &str| match number(tag)? {
             Some(counts) if counts > 0.0 => Ok(counts),
-            Some(counts) => Err(format!(
-                "<{tag}> is {counts}: counts per unit must be positive"
-            )),
-            None => Err(format!("<{tag}> is missing")),
+            Some(counts) => Err(BoxConfigError::CountsNotPositive {
+                tag: tag.to_owned(),
+                counts,
+            }),
+            None => Err(missing(tag)),
         };
         // Being positive and finite is not enough: no sensor has counts far outside this range.
-        let per_count = |tag: &str, unit: f64| -> Result<f64, String> {
+        let per_count = |tag: &str, unit: f64| -> Result<f64, BoxConfigError> {
             let counts = scale(tag)?;
             let value = unit / counts;
             let (least, most) = PER_COUNT;
             if (least..=most).contains(&value) {
                 return Ok(value);
             }
-            Err(format!(
-                "<{tag}> is {counts}: one count would be {value:e} N or Nm; sensors have from {least:e} to {most}"
-            ))
+            Err(BoxConfigError::CountOutOfRange {
+                tag: tag.to_owned(),
+                counts,
+                value,
+                least,
+                most,
+            })
         };
         let rate_hz = number("comrdtrate")?;
         if let Some(rate_hz) = rate_hz
             && !(RATE_HZ.0..=RATE_HZ.1).contains(&rate_hz)
         {
-            return Err(format!(
-                "<comrdtrate> is {rate_hz:?}: a box sends from {} to {} records per second",
-                RATE_HZ.0, RATE_HZ.1
-            ));
+            return Err(BoxConfigError::RateOutOfRange {
+                rate_hz,
+                least: RATE_HZ.0,
+                most: RATE_HZ.1,
+            });
         }
-        let unit = |tag: &str, units: &[(&str, f64)]| {
-            let text = find(tag).ok_or(format!("<{tag}> is missing"))?;
-            convert(text, units).ok_or_else(|| {
-                let known: Vec<_> = units.iter().map(|(name, _)| *name).collect();
-                format!(
-                    "<{tag}> is `{text}`, which is not a known unit; known are {}",
-                    known.join(", ")
-                )
+        let unit = |tag: &str, units: &[(&'static str, f64)]| {
+            let text = find(tag).ok_or_else(|| missing(tag))?;
+            convert(text, units).ok_or_else(|| BoxConfigError::UnknownUnit {
+                tag: tag.to_owned(),
+                text: text.to_owned(),
+                known: units.iter().map(|(name, _)| *name).collect(),
             })
         };
         let mut transformed = false;
@@ -239,7 +248,10 @@ fn get(address: &str, port: u16, path: &str, timeout: Duration) -> Result<String
     if !(200..400).contains(&status) {
         return Err(NetftError::Configuration {
             address: format!("{address}:{port}"),
-            reason: format!("{path} is answered with HTTP status {status}: is this a Net F/T box?"),
+            reason: BoxConfigError::HttpStatus {
+                path: path.to_owned(),
+                status,
+            },
         });
     }
     let mut text = Vec::new();
@@ -317,7 +329,9 @@ mod tests {
     #[test]
     fn an_unknown_unit_is_refused_by_name() {
         let error = BoxConfig::parse(&xml("stone", "N-m")).unwrap_err();
+        let error = error.to_string();
         assert!(error.starts_with("<scfgfu> is `stone`"), "{error}");
+        assert!(error.contains("known are n, kn, lb, "), "{error}");
         assert!(BoxConfig::parse(&xml("mN", "N-m")).is_err());
         assert!(BoxConfig::parse(&xml("N", "MN-m")).is_err());
     }
@@ -342,6 +356,7 @@ mod tests {
             ("</netft>", "", "not XML"),
         ] {
             let error = BoxConfig::parse(&good.replace(from, to)).unwrap_err();
+            let error = error.to_string();
             assert!(error.contains(says), "{error}");
         }
         let turned = good.replace("0;0;0;0;0;0", "0;0;0;0;0;45");

@@ -33,7 +33,7 @@ use tangent_tare::TareSetup;
 
 pub use box_config::BoxConfig;
 pub use config::{BusSource, Config, Driver, SOCKET_BUFFER_BYTES, TOOL_RATE_DEFAULT_HZ};
-pub use error::NetftError;
+pub use error::{BoxConfigError, NetftError};
 pub use socket::RdtSocket;
 
 use conditioning::Conditioning;

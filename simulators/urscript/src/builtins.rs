@@ -1,5 +1,8 @@
 //! The controller's built-in functions, as far as bridges and clients use them.
 
+use std::ops::RangeInclusive;
+
+use crate::error::ScriptError;
 use crate::pose;
 use crate::value::Value;
 
@@ -54,7 +57,7 @@ pub trait Robot {
     /// Mass, kg, and centre of gravity, m, as set.
     fn payload(&self) -> (f64, [f64; 3]);
     /// Begins a motion, replacing the one under way.
-    fn start_motion(&mut self, motion: Motion) -> Result<(), String>;
+    fn start_motion(&mut self, motion: Motion) -> Result<(), ScriptError>;
     /// Whether the motion begun last has ended.
     fn motion_done(&self) -> bool;
     /// Whether the arm moves.
@@ -62,7 +65,7 @@ pub trait Robot {
     /// Adds a line to the log and sends it to clients.
     fn text_message(&mut self, text: String);
     /// Monitors an input variable.
-    fn watchdog(&mut self, variable: &str, rate_hz: f64, action: &str) -> Result<(), String>;
+    fn watchdog(&mut self, variable: &str, rate_hz: f64, action: &str) -> Result<(), ScriptError>;
     /// Causes a protective stop.
     fn protective_stop(&mut self);
 }
@@ -151,7 +154,7 @@ pub enum Outcome {
     Move(Motion, Wait),
 }
 
-type Done = Result<Outcome, String>;
+type Done = Result<Outcome, ScriptError>;
 
 /// One built-in function.
 #[derive(Debug)]
@@ -207,13 +210,9 @@ builtins! {
         let step = r.step_s();
         let t = or(&a[3], step)?;
         let lookahead = or(&a[4], 0.1)?;
-        if !(0.03..=0.2).contains(&lookahead) {
-            return Err(format!("servoj: lookahead_time is {lookahead}, but must be 0.03 to 0.2"));
-        }
+        within("servoj", "lookahead_time", lookahead, 0.03..=0.2)?;
         let gain = or(&a[5], 300.0)?;
-        if !(100.0..=2000.0).contains(&gain) {
-            return Err(format!("servoj: gain is {gain}, but must be 100 to 2000"));
-        }
+        within("servoj", "gain", gain, 100.0..=2000.0)?;
         // High gain follows as closely as the look-ahead lets it.
         let lookahead_s = lookahead * (300.0 / gain).sqrt().clamp(0.3, 1.0);
         Ok(Outcome::Move(Motion::ServoJ { q: finite(a[0].six()?)?, lookahead_s }, Wait::MotionFor(t.max(step))))
@@ -257,7 +256,7 @@ builtins! {
     };
     get_inverse_kin(x, qnear, maxPositionError, maxOrientationError) = |r, a| match solution(r, a)? {
         Some(q) => six(q),
-        None => Err("get_inverse_kin: no solution found".to_owned()),
+        None => Err(ScriptError::NoSolution),
     };
     get_inverse_kin_has_solution(x, qnear, maxPositionError, maxOrientationError) = |r, a| bool(solution(r, a)?.is_some());
     is_within_safety_limits(pose) = |r, a| {
@@ -284,7 +283,7 @@ builtins! {
     force_mode_set_damping(damping) = |_, _| nothing();
     #[e_series] force_mode_set_gain_scaling(scaling) = |_, _| nothing();
     // CB3 compiles it (clients' programs name it) and has no such sensor.
-    zero_ftsensor() = |r, _| if r.is_e_series() { nothing() } else { Err("zero_ftsensor: no force/torque sensor".to_owned()) };
+    zero_ftsensor() = |r, _| if r.is_e_series() { nothing() } else { Err(ScriptError::NoForceSensor) };
     teach_mode() = |_, _| absent("teach_mode");
     end_teach_mode() = |_, _| nothing();
     #[e_series] freedrive_mode(freeAxes, feature) = |_, _| absent("freedrive_mode");
@@ -301,7 +300,7 @@ builtins! {
     protective_stop() = |r, _| { r.protective_stop(); Ok(Outcome::Wait(Wait::Frame)) };
     rtde_set_watchdog(variable_name, min_frequency, action) = |r, a| {
         let Value::Text(name) = &a[0] else {
-            return Err("rtde_set_watchdog: the first argument names an input variable".to_owned());
+            return Err(ScriptError::WatchdogWithoutName { found: a[0].kind() });
         };
         let action = match &a[2] {
             Value::Text(action) => action.to_string(),
@@ -342,8 +341,8 @@ fn nothing() -> Done {
     Ok(Outcome::Value(Value::None))
 }
 
-fn absent(name: &str) -> Done {
-    Err(format!("{name}: the simulated controller has no such mode"))
+fn absent(function: &'static str) -> Done {
+    Err(ScriptError::NoMode { function })
 }
 
 /// Number of cycles since contact began: one while the tool is pushed against the direction of its
@@ -364,15 +363,13 @@ fn upright(direction: &Value) -> Done {
     let d = direction.numbers()?;
     match d[..] {
         [x, y, z] if x.hypot(y) < 0.1 && z > 0.0 => nothing(),
-        _ => Err(format!(
-            "set_gravity: {d:?}, but the simulated arm stands upright"
-        )),
+        _ => Err(ScriptError::Tilted { direction: d }),
     }
 }
 
 fn external_sensor(enable: &Value) -> Done {
     if enable.truth()? {
-        return Err("the simulated controller takes no external force sensor".to_owned());
+        return Err(ScriptError::NoExternalSensor);
     }
     nothing()
 }
@@ -401,12 +398,12 @@ fn joined(a: &[Value]) -> String {
 }
 
 fn register(a: &[Value], access: impl FnOnce(i32) -> Option<Value>) -> Done {
-    let n = a[0].integer()?;
-    let value = access(n).ok_or_else(|| format!("there is no register or port {n}"))?;
+    let number = a[0].integer()?;
+    let value = access(number).ok_or(ScriptError::NoPort { number })?;
     Ok(Outcome::Value(value))
 }
 
-fn or(value: &Value, default: f64) -> Result<f64, String> {
+fn or(value: &Value, default: f64) -> Result<f64, ScriptError> {
     let x = match value {
         Value::None => default,
         given => given.float()?,
@@ -414,24 +411,42 @@ fn or(value: &Value, default: f64) -> Result<f64, String> {
     if x.is_finite() {
         Ok(x)
     } else {
-        Err(format!("{x} is not a finite number"))
+        Err(ScriptError::NotFinite { value: x })
     }
 }
 
-fn positive(value: &Value, default: f64, name: &str) -> Result<f64, String> {
+fn within(
+    function: &'static str,
+    name: &'static str,
+    value: f64,
+    allowed: RangeInclusive<f64>,
+) -> Result<(), ScriptError> {
+    if allowed.contains(&value) {
+        return Ok(());
+    }
+    Err(ScriptError::ArgumentOutOfRange {
+        function,
+        name,
+        value,
+        least: *allowed.start(),
+        most: *allowed.end(),
+    })
+}
+
+fn positive(value: &Value, default: f64, name: &'static str) -> Result<f64, ScriptError> {
     let x = or(value, default)?;
     if x > 0.0 {
         Ok(x)
     } else {
-        Err(format!("{name} is {x}, but must be above 0"))
+        Err(ScriptError::NotPositive { name, value: x })
     }
 }
 
-fn finite(x: [f64; 6]) -> Result<[f64; 6], String> {
+fn finite(x: [f64; 6]) -> Result<[f64; 6], ScriptError> {
     if x.iter().all(|x| x.is_finite()) {
         Ok(x)
     } else {
-        Err("a motion was requested with a number that is not finite".to_owned())
+        Err(ScriptError::MotionNotFinite { numbers: x })
     }
 }
 
@@ -460,23 +475,23 @@ fn line(r: &mut dyn Robot, a: &[Value]) -> Done {
     ))
 }
 
-fn pose_or_joints(r: &dyn Robot, value: &Value) -> Result<[f64; 6], String> {
+fn pose_or_joints(r: &dyn Robot, value: &Value) -> Result<[f64; 6], ScriptError> {
     match value {
         Value::Pose(p) => finite(*p),
         other => Ok(r.forward(&finite(other.six()?)?, &r.tcp_offset())),
     }
 }
 
-fn joints_or_pose(r: &dyn Robot, value: &Value) -> Result<[f64; 6], String> {
+fn joints_or_pose(r: &dyn Robot, value: &Value) -> Result<[f64; 6], ScriptError> {
     match value {
         Value::Pose(p) => r
             .inverse(&finite(*p)?, None)
-            .ok_or_else(|| "movej: no joint positions for this pose".to_owned()),
+            .ok_or(ScriptError::NoJointPositions),
         other => finite(other.six()?),
     }
 }
 
-fn solution(r: &dyn Robot, a: &[Value]) -> Result<Option<[f64; 6]>, String> {
+fn solution(r: &dyn Robot, a: &[Value]) -> Result<Option<[f64; 6]>, ScriptError> {
     let near = if a[1] == Value::None {
         None
     } else {

@@ -357,7 +357,7 @@ impl<'a> FunctionCompiler<'a> {
             Expression::Integer(n) => Op::Constant(Value::Integer(*n)),
             Expression::Float(x) => Op::Constant(Value::Float(*x)),
             Expression::Text(text) => {
-                Op::Constant(Value::text(text.clone()).map_err(|e| position.error(e))?)
+                Op::Constant(Value::text(text.clone()).map_err(|e| position.error(e.to_string()))?)
             }
             Expression::Name(name) => Op::Load(self.known(name, position)?),
             Expression::List(items) => {

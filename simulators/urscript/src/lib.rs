@@ -24,6 +24,7 @@ mod builtins;
 mod compile;
 mod error;
 mod lexer;
+mod limits;
 mod machine;
 mod names;
 mod parser;
@@ -35,7 +36,7 @@ mod value;
 
 pub use builtins::{Motion, Robot};
 pub use compile::Program;
-pub use error::CompileError;
+pub use error::{CompileError, RuntimeError, ScriptError};
 pub use lexer::PROGRAM_BYTES_MAX;
-pub use machine::{Frame, Machine, RuntimeError};
+pub use machine::{Frame, Machine};
 pub use value::Value;

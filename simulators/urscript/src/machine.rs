@@ -3,18 +3,10 @@
 
 use crate::builtins::{Motion, Outcome, Robot, Wait};
 use crate::compile::{Op, Program, Slot};
+use crate::error::{RuntimeError, ScriptError};
 use crate::lexer::Position;
+use crate::limits::{CALLS_MAX, INSTRUCTIONS_PER_FRAME, STACK_MAX, THREADS_MAX};
 use crate::value::Value;
-
-/// Instructions that all threads together may take in one frame. A real controller has a time slice
-/// instead.
-const INSTRUCTIONS_PER_FRAME: u32 = 50_000;
-const THREADS_MAX: usize = 16;
-const CALLS_MAX: usize = 60;
-const STACK_MAX: usize = 2_000;
-
-/// What the controller says about a program that looped without moving, sleeping or syncing.
-const TOO_MUCH_TIME: &str = "The program used too much time without instructing the robot what to do. Consider using a Wait or sync() to split program sequences that do not move the robot";
 
 /// Result of a frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,19 +17,6 @@ pub enum Frame {
     Ended,
     /// The program failed and is over.
     Failed(RuntimeError),
-}
-
-/// Reason why a running program failed.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RuntimeError {
-    /// Line, counted from 1.
-    pub line: u32,
-    /// Column, counted from 1.
-    pub column: u32,
-    /// Message, in the controller's words if they are known.
-    pub text: String,
-    /// Whether the program did not leave the frame; the controller then stops protectively.
-    pub overrun: bool,
 }
 
 /// A running program.
@@ -149,13 +128,12 @@ impl Machine {
                         return Frame::Ended;
                     }
                 }
-                Err(text) => {
+                Err(cause) => {
                     let Position { line, column } = self.position_of(&thread);
                     return Frame::Failed(RuntimeError {
                         line,
                         column,
-                        overrun: text == TOO_MUCH_TIME,
-                        text,
+                        cause,
                     });
                 }
             }
@@ -217,7 +195,7 @@ impl Machine {
         thread: &mut Thread,
         robot: &mut dyn Robot,
         budget: &mut u32,
-    ) -> Result<Turn, String> {
+    ) -> Result<Turn, ScriptError> {
         if !self.resumes(thread, robot) {
             return Ok(Turn::Waits);
         }
@@ -231,12 +209,12 @@ impl Machine {
             let cost = 1 + thread.stack.last().map_or(0, Value::weight) as u32 / 16;
             *budget = budget.saturating_sub(cost);
             if *budget == 0 {
-                return Err(TOO_MUCH_TIME.to_owned());
+                return Err(ScriptError::TooMuchTime);
             }
             match op {
                 Op::Call(code) => {
                     if thread.calls.len() >= CALLS_MAX {
-                        return Err(format!("calls nest deeper than {CALLS_MAX}"));
+                        return Err(ScriptError::TooManyCalls);
                     }
                     let arguments = arguments(thread, self.program.codes[code].parameters);
                     thread.calls.push(self.call_frame(code, arguments));
@@ -250,7 +228,7 @@ impl Machine {
                 Op::Run(code) => {
                     // This thread stands beside the list while it runs.
                     if self.threads.len() + 1 >= THREADS_MAX {
-                        return Err(format!("more than {THREADS_MAX} threads"));
+                        return Err(ScriptError::TooManyThreads);
                     }
                     let arguments = arguments(thread, self.program.codes[code].parameters);
                     let id = self.next_id;
@@ -317,14 +295,14 @@ impl Machine {
                 other => self.plain(other, thread)?,
             }
             if thread.stack.len() > STACK_MAX {
-                return Err("out of stack".to_owned());
+                return Err(ScriptError::OutOfStack);
             }
         }
     }
 
-    fn start(&mut self, id: i32, motion: Motion, robot: &mut dyn Robot) -> Result<(), String> {
+    fn start(&mut self, id: i32, motion: Motion, robot: &mut dyn Robot) -> Result<(), ScriptError> {
         if self.owner.is_some_and(|owner| owner != id) && robot.moving() {
-            return Err("Another thread is already controlling the robot".to_owned());
+            return Err(ScriptError::AnotherThreadMoves);
         }
         self.owner = Some(id);
         robot.start_motion(motion)
@@ -349,14 +327,12 @@ impl Machine {
     }
 
     /// Instructions that touch only the thread and the variables.
-    fn plain(&mut self, op: Op, thread: &mut Thread) -> Result<(), String> {
+    fn plain(&mut self, op: Op, thread: &mut Thread) -> Result<(), ScriptError> {
         match op {
             Op::Constant(value) => thread.stack.push(value),
             Op::Load(slot) => {
                 let value = self.variable(thread, slot).clone();
-                let value = value.ok_or_else(|| {
-                    format!("{} is used before it has a value", self.name(thread, slot))
-                })?;
+                let value = value.ok_or_else(|| self.no_value_yet(thread, slot))?;
                 thread.stack.push(value);
             }
             Op::Store(slot) => {
@@ -367,10 +343,7 @@ impl Machine {
                 let value = pop(thread);
                 let indices = arguments(thread, n);
                 let Some(old) = self.variable(thread, slot).clone() else {
-                    return Err(format!(
-                        "{} is used before it has a value",
-                        self.name(thread, slot)
-                    ));
+                    return Err(self.no_value_yet(thread, slot));
                 };
                 let new = old.with_element(&indices, value)?;
                 *self.variable(thread, slot) = Some(new);
@@ -436,11 +409,12 @@ impl Machine {
         }
     }
 
-    fn name(&self, thread: &Thread, slot: Slot) -> String {
-        match (slot, thread.calls.last()) {
-            (Slot::Local(n), Some(call)) => self.program.codes[call.code].locals[n].clone(),
-            (Slot::Local(n) | Slot::Global(n), _) => self.program.globals[n].clone(),
-        }
+    fn no_value_yet(&self, thread: &Thread, slot: Slot) -> ScriptError {
+        let name = match (slot, thread.calls.last()) {
+            (Slot::Local(n), Some(call)) => &self.program.codes[call.code].locals[n],
+            (Slot::Local(n) | Slot::Global(n), _) => &self.program.globals[n],
+        };
+        ScriptError::NoValueYet { name: name.clone() }
     }
 }
 

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use crate::compile::Program;
-use crate::error::CompileError;
+use crate::error::{CompileError, RuntimeError, ScriptError};
 
 fn compile(text: &str) -> Result<Program, CompileError> {
     Program::compile(text, false)
@@ -28,4 +28,24 @@ proptest! {
     fn no_text_makes_it_panic(text in "[a-z0-9_ \\n\\[\\](){}:=+*/%<>!,.\"#-]{0,200}") {
         let _ = compile(&text);
     }
+}
+
+#[test]
+fn a_runtime_error_names_the_place_the_value_and_what_is_allowed() {
+    let error = RuntimeError {
+        line: 2,
+        column: 5,
+        cause: ScriptError::ArgumentOutOfRange {
+            function: "servoj",
+            name: "gain",
+            value: 3000.0,
+            least: 100.0,
+            most: 2000.0,
+        },
+    };
+    assert_eq!(
+        error.to_string(),
+        "line 2, column 5: servoj: gain is 3000, but must be 100 to 2000"
+    );
+    assert!(!error.is_overrun());
 }

@@ -4,17 +4,12 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use crate::error::ScriptError;
+use crate::limits::{LIST_DEPTH_MAX, LIST_ITEMS_MAX, LIVE_ITEMS_MAX, TEXT_BYTES_MAX};
 use crate::syntax::Binary;
 
-/// Elements of all lists alive in this process: about 100 MB.
-const LIVE_ITEMS_MAX: usize = 4_000_000;
+/// Elements of all lists alive in this process.
 static LIVE_ITEMS: AtomicUsize = AtomicUsize::new(0);
-/// Most elements in a list, those of lists inside counted.
-const LIST_ITEMS_MAX: usize = 10_000;
-/// Deepest list in a list.
-const LIST_DEPTH_MAX: u8 = 4;
-/// Longest text, bytes.
-const TEXT_BYTES_MAX: usize = 1024;
 
 /// Value of a variable.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,16 +63,17 @@ impl std::ops::Deref for Items {
 }
 
 impl Value {
-    pub(super) fn list(items: Vec<Value>) -> Result<Self, String> {
+    pub(super) fn list(items: Vec<Value>) -> Result<Self, ScriptError> {
         let weight = items.iter().map(Value::weight).sum::<usize>();
         let depth = 1 + items.iter().map(Value::depth).max().unwrap_or(0);
         if weight > LIST_ITEMS_MAX || depth > LIST_DEPTH_MAX {
-            return Err(format!(
-                "a list with {weight} elements, {depth} deep; at most {LIST_ITEMS_MAX}, {LIST_DEPTH_MAX} deep"
-            ));
+            return Err(ScriptError::ListTooLarge {
+                elements: weight,
+                depth,
+            });
         }
         if LIVE_ITEMS.load(Ordering::Relaxed) > LIVE_ITEMS_MAX {
-            return Err("out of memory for lists".to_owned());
+            return Err(ScriptError::OutOfListMemory);
         }
         Ok(Self::List(List {
             items: Items::new(items),
@@ -86,9 +82,9 @@ impl Value {
         }))
     }
 
-    pub(super) fn text(text: String) -> Result<Self, String> {
+    pub(super) fn text(text: String) -> Result<Self, ScriptError> {
         if text.len() > TEXT_BYTES_MAX {
-            return Err(format!("a text longer than {TEXT_BYTES_MAX} bytes"));
+            return Err(ScriptError::TextTooLong { bytes: text.len() });
         }
         Ok(Self::Text(text.into()))
     }
@@ -131,32 +127,39 @@ impl Value {
         }
     }
 
-    pub(super) fn truth(&self) -> Result<bool, String> {
-        match self {
-            Self::Bool(b) => Ok(*b),
-            other => Err(format!("a bool is needed, not {}", other.kind())),
+    fn is_not(&self, needed: &'static str) -> ScriptError {
+        ScriptError::Kind {
+            needed,
+            found: self.kind(),
         }
     }
 
-    pub(super) fn float(&self) -> Result<f64, String> {
+    pub(super) fn truth(&self) -> Result<bool, ScriptError> {
+        match self {
+            Self::Bool(b) => Ok(*b),
+            other => Err(other.is_not("a bool")),
+        }
+    }
+
+    pub(super) fn float(&self) -> Result<f64, ScriptError> {
         match self {
             Self::Integer(n) => Ok(f64::from(*n)),
             Self::Float(x) => Ok(*x),
-            other => Err(format!("a number is needed, not {}", other.kind())),
+            other => Err(other.is_not("a number")),
         }
     }
 
-    pub(super) fn integer(&self) -> Result<i32, String> {
+    pub(super) fn integer(&self) -> Result<i32, ScriptError> {
         match self {
             Self::Integer(n) => Ok(*n),
             Self::Float(x) if x.is_finite() && x.abs() < 2e9 => Ok(*x as i32),
             Self::Bool(b) => Ok(i32::from(*b)),
-            other => Err(format!("an int is needed, not {}", other.kind())),
+            other => Err(other.is_not("an int")),
         }
     }
 
     /// Six numbers, of a list or of a pose.
-    pub(super) fn six(&self) -> Result<[f64; 6], String> {
+    pub(super) fn six(&self) -> Result<[f64; 6], ScriptError> {
         match self {
             Self::Pose(p) => Ok(*p),
             Self::List(list) if list.items.len() == 6 => {
@@ -166,12 +169,16 @@ impl Value {
                 }
                 Ok(out)
             }
-            Self::List(list) => Err(format!("six numbers are needed, not {}", list.items.len())),
-            other => Err(format!("six numbers are needed, not {}", other.kind())),
+            Self::List(list) => Err(ScriptError::NotSix {
+                count: list.items.len(),
+            }),
+            other => Err(ScriptError::NoSixNumbers {
+                found: other.kind(),
+            }),
         }
     }
 
-    pub(super) fn numbers(&self) -> Result<Vec<f64>, String> {
+    pub(super) fn numbers(&self) -> Result<Vec<f64>, ScriptError> {
         match self {
             Self::Pose(p) => Ok(p.to_vec()),
             Self::List(list) => list.items.iter().map(Value::float).collect(),
@@ -179,16 +186,16 @@ impl Value {
         }
     }
 
-    pub(super) fn length(&self) -> Result<i32, String> {
+    pub(super) fn length(&self) -> Result<i32, ScriptError> {
         match self {
             Self::Pose(_) => Ok(6),
             Self::List(list) => Ok(list.items.len() as i32),
             Self::Text(text) => Ok(text.len() as i32),
-            other => Err(format!("{} has no length", other.kind())),
+            other => Err(ScriptError::NoLength { kind: other.kind() }),
         }
     }
 
-    pub(super) fn element(&self, index: &Value) -> Result<Value, String> {
+    pub(super) fn element(&self, index: &Value) -> Result<Value, ScriptError> {
         let n = index.integer()?;
         let found = match self {
             Self::List(list) => usize::try_from(n)
@@ -198,21 +205,26 @@ impl Value {
                 .ok()
                 .and_then(|n| p.get(n))
                 .map(|x| Self::Float(*x)),
-            other => return Err(format!("{} has no elements", other.kind())),
+            other => return Err(ScriptError::NoElements { kind: other.kind() }),
         };
-        found.ok_or_else(|| format!("index {n} is out of range"))
+        found.ok_or(ScriptError::IndexOutOfRange { index: n })
     }
 
-    pub(super) fn with_element(&self, indices: &[Value], value: Value) -> Result<Value, String> {
+    pub(super) fn with_element(
+        &self,
+        indices: &[Value],
+        value: Value,
+    ) -> Result<Value, ScriptError> {
         let Some((first, rest)) = indices.split_first() else {
             return Ok(value);
         };
-        let n = usize::try_from(first.integer()?).unwrap_or(usize::MAX);
+        let index = first.integer()?;
+        let n = usize::try_from(index).unwrap_or(usize::MAX);
         match self {
             Self::List(list) => {
                 let mut items = list.items.to_vec();
                 let Some(item) = items.get_mut(n) else {
-                    return Err(format!("index {n} is out of range"));
+                    return Err(ScriptError::IndexOutOfRange { index });
                 };
                 *item = item.with_element(rest, value)?;
                 Self::list(items)
@@ -221,15 +233,15 @@ impl Value {
                 let mut p = *p;
                 match p.get_mut(n) {
                     Some(x) if rest.is_empty() => *x = value.float()?,
-                    _ => return Err(format!("index {n} is out of range")),
+                    _ => return Err(ScriptError::IndexOutOfRange { index }),
                 }
                 Ok(Self::Pose(p))
             }
-            other => Err(format!("{} has no elements", other.kind())),
+            other => Err(ScriptError::NoElements { kind: other.kind() }),
         }
     }
 
-    pub(super) fn negated(&self) -> Result<Value, String> {
+    pub(super) fn negated(&self) -> Result<Value, ScriptError> {
         match self {
             Self::Integer(n) => Ok(Self::Integer(n.wrapping_neg())),
             Self::Float(x) => Ok(Self::Float(-x)),
@@ -239,19 +251,20 @@ impl Value {
                     .map(Value::negated)
                     .collect::<Result<_, _>>()?,
             ),
-            other => Err(format!("{} has no negative", other.kind())),
+            other => Err(ScriptError::NoNegative { kind: other.kind() }),
         }
     }
 
-    pub(super) fn binary(operator: Binary, left: &Value, right: &Value) -> Result<Value, String> {
+    pub(super) fn binary(
+        operator: Binary,
+        left: &Value,
+        right: &Value,
+    ) -> Result<Value, ScriptError> {
         use Value::{Bool, Float, Integer};
-        let unfit = || {
-            format!(
-                "{} does not work with {} and {}",
-                operator.symbol(),
-                left.kind(),
-                right.kind()
-            )
+        let unfit = || ScriptError::Operands {
+            operator: operator.symbol(),
+            left: left.kind(),
+            right: right.kind(),
         };
         Ok(match operator {
             Binary::Equal => Bool(left.equals(right)),
@@ -285,13 +298,13 @@ impl Value {
                 _ => {
                     let b = right.float()?;
                     if b == 0.0 {
-                        return Err("division by zero".to_owned());
+                        return Err(ScriptError::DivisionByZero);
                     }
                     Float(left.float()? / b)
                 }
             },
             Binary::Remainder => match (left, right) {
-                (Integer(_), Integer(0)) => return Err("division by zero".to_owned()),
+                (Integer(_), Integer(0)) => return Err(ScriptError::DivisionByZero),
                 (Integer(a), Integer(b)) => Integer(a.wrapping_rem(*b)),
                 _ => Float(left.float()? % right.float()?),
             },
@@ -299,8 +312,8 @@ impl Value {
     }
 
     /// Element by element: list with list, list with number.
-    fn each(operator: Binary, left: &Value, right: &Value) -> Option<Result<Value, String>> {
-        let items: Result<Vec<Value>, String> = match (left, right) {
+    fn each(operator: Binary, left: &Value, right: &Value) -> Option<Result<Value, ScriptError>> {
+        let items: Result<Vec<Value>, ScriptError> = match (left, right) {
             (Self::List(a), Self::List(b)) if a.items.len() == b.items.len() => a
                 .items
                 .iter()

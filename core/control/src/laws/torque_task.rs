@@ -16,11 +16,12 @@ use crate::leaving::clearance::{Clearance, LeaveConfig};
 use crate::leaving::departure::{Departure, Rules};
 use crate::limits::Limits;
 use crate::limits::faults::Fault;
+use crate::parameters::law_config::LawConfig;
 use crate::parameters::live::Parameter;
 use crate::parameters::{PathProfileConfig, PatienceConfig};
 use crate::phase_machine::Phase;
 use crate::task::Task;
-use crate::task::program::{EstimatorName, LawConfig, Program};
+use crate::task::program::{EstimatorName, Program};
 
 /// Force limit, N, of the placeholder task before the first one. It is never started.
 pub(crate) const IDLE_FORCE_N: f64 = 20.0;

@@ -1,5 +1,6 @@
 //! Parameters that several laws share, their ranges, and those that can be set while a task runs.
 
+pub mod law_config;
 pub mod live;
 pub(crate) mod overlay;
 pub mod presets;

@@ -3,8 +3,8 @@
 use serde::{Serialize, de::DeserializeOwned};
 
 use crate::error::ControlError;
+use crate::parameters::law_config::LawConfig;
 use crate::parameters::overlay::with_changes;
-use crate::task::program::LawConfig;
 
 /// Parameters of a law with the presets that every law has: `default`, the law as it is used, and
 /// `paper`, as it was published.

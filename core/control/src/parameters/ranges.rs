@@ -116,8 +116,8 @@ fn numbers(value: &Value) -> Vec<f64> {
 pub(crate) mod tests {
     use super::*;
     use crate::parameters::PatienceConfig;
+    use crate::parameters::law_config::LawConfig;
     use crate::parameters::overlay::with_changes;
-    use crate::task::program::LawConfig;
     use serde::de::DeserializeOwned;
 
     /// Paths of all numbers of a table.

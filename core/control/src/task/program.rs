@@ -6,6 +6,7 @@ use arrayvec::{ArrayString, ArrayVec};
 use crate::error::ControlError;
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
+use crate::parameters::law_config::LawConfig;
 use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
 use crate::task::Task;
@@ -15,18 +16,6 @@ use crate::task::path::Path;
 pub type EstimatorName = ArrayString<64>;
 /// Estimators by order of preference.
 pub type EstimatorNames = ArrayVec<EstimatorName, MAX_ESTIMATORS>;
-
-/// Parameters of a law that a program needs.
-pub trait LawConfig: Clone + Send + 'static {
-    /// Checks all parameters.
-    ///
-    /// # Errors
-    /// A parameter is out of its range.
-    fn check(&self) -> Result<(), ControlError>;
-
-    /// Bounds of the path's acceleration, m/s², and jerk, m/s³.
-    fn path_bounds(&self) -> (f64, f64);
-}
 
 /// A task made ready to run. Making one allocates; running it does not.
 #[derive(Clone, Debug)]

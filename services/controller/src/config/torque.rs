@@ -1,9 +1,12 @@
 //! Configuration of the torque controller, from the cell file.
 
+use std::fmt::Debug;
+
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 use tangent_control::{
-    ControlError, HybridDynamicsConfig, Limits, TorqueInterface, UnifiedForceImpedanceConfig,
+    ControlError, HybridDynamicsConfig, Limits, Presets, TorqueInterface,
+    UnifiedForceImpedanceConfig,
 };
 use tangent_estimation::ObjectPoseConfig;
 use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
@@ -13,7 +16,6 @@ use tangent_runtime::{CellConfig, StateFolder};
 
 use super::limits;
 use crate::ControllerError;
-use crate::tasks::torque::ServedLaw;
 
 /// Configuration for [`crate::run_torque`], by law.
 #[derive(Clone, Debug)]
@@ -39,16 +41,46 @@ impl TorqueConfig {
     }
 }
 
+/// Parameters of a torque law, and what the law needs of the cell beside them.
+pub trait CellLaw: Presets + Debug + Sync {
+    /// What the law needs of the cell beside its parameters.
+    type Setup: Clone + Debug + Send + Sync + 'static;
+
+    /// Reads what the law needs from the cell file.
+    ///
+    /// # Errors
+    /// Names the key.
+    fn setup(cell: &CellConfig) -> Result<Self::Setup, ControllerError>;
+}
+
+impl CellLaw for HybridDynamicsConfig {
+    /// The object's surface, as its estimators know it.
+    type Setup = ObjectShape;
+
+    fn setup(cell: &CellConfig) -> Result<Self::Setup, ControllerError> {
+        shape(cell)
+    }
+}
+
+impl CellLaw for UnifiedForceImpedanceConfig {
+    /// Torque interface of the arm.
+    type Setup = TorqueInterface;
+
+    fn setup(cell: &CellConfig) -> Result<Self::Setup, ControllerError> {
+        Ok(interface(cell))
+    }
+}
+
 /// Configuration of a law, by the number of the arm's joints.
 #[derive(Clone, Debug)]
-pub enum TorqueCells<C: ServedLaw> {
+pub enum TorqueCells<C: CellLaw> {
     /// An arm with six joints.
     Six(Box<TorqueCell<C, 6>>),
     /// An arm with seven joints.
     Seven(Box<TorqueCell<C, 7>>),
 }
 
-impl<C: ServedLaw> TorqueCells<C> {
+impl<C: CellLaw> TorqueCells<C> {
     fn from_cell(cell: &CellConfig, model: &ModelData) -> Result<Self, ControllerError> {
         Ok(if model.dof == 7 {
             Self::Seven(Box::new(TorqueCell::from_cell(cell, model)?))
@@ -60,7 +92,7 @@ impl<C: ServedLaw> TorqueCells<C> {
 
 /// Configuration of a torque law with the parameters `C`, for an arm of `N` joints.
 #[derive(Clone, Debug)]
-pub struct TorqueCell<C: ServedLaw, const N: usize> {
+pub struct TorqueCell<C: CellLaw, const N: usize> {
     /// The arm with its payload.
     pub arm: Arm<N>,
     /// Pose of the tool on the flange.
@@ -80,7 +112,7 @@ pub struct TorqueCell<C: ServedLaw, const N: usize> {
     pub state: Option<StateFolder>,
 }
 
-impl<C: ServedLaw, const N: usize> TorqueCell<C, N> {
+impl<C: CellLaw, const N: usize> TorqueCell<C, N> {
     fn from_cell(cell: &CellConfig, model: &ModelData) -> Result<Self, ControllerError> {
         let arm = loaded::<N>(model, cell)?;
         let own = &cell.controller;
@@ -109,7 +141,7 @@ impl<C: ServedLaw, const N: usize> TorqueCell<C, N> {
 }
 
 /// Delay and torque limits of the arm's bridge.
-pub(crate) fn interface(cell: &CellConfig) -> TorqueInterface {
+fn interface(cell: &CellConfig) -> TorqueInterface {
     if cell.robot.driver != RobotDriver::Franka {
         return TorqueInterface::default();
     }
@@ -147,7 +179,7 @@ fn loaded<const N: usize>(model: &ModelData, cell: &CellConfig) -> Result<Arm<N>
 }
 
 /// Shape of the object from the first estimator that has settings.
-pub(crate) fn shape(cell: &CellConfig) -> Result<ObjectShape, ControllerError> {
+fn shape(cell: &CellConfig) -> Result<ObjectShape, ControllerError> {
     let settings = OBJECT_ESTIMATORS
         .iter()
         .find_map(|name| cell.estimators.settings.get(*name));

@@ -4,28 +4,19 @@ use arrayvec::ArrayVec;
 use tangent_control::{
     Clearance, ControlError, EstimatorNames, HybridDynamics, HybridDynamicsConfig,
 };
-use tangent_estimation::object_pose::ObjectShape;
-use tangent_runtime::{Bus, BusError, CellConfig};
+use tangent_runtime::{Bus, BusError};
 use tangent_schemas::tangent::ObjectEstimate;
 use tangent_schemas::topics::{self, Topic};
 
 use super::torque::ServedLaw;
-use crate::ControllerError;
-use crate::config::torque::{TorqueCell, shape};
+use crate::config::torque::TorqueCell;
 use crate::error::TaskRefusal;
 use crate::inputs::{ObjectReader, Readers};
 
 impl ServedLaw for HybridDynamicsConfig {
     type Law<const N: usize> = HybridDynamics<N>;
 
-    /// The object's surface, as its estimators know it.
-    type Setup = ObjectShape;
-
     type Estimate = ObjectEstimate;
-
-    fn setup(cell: &CellConfig) -> Result<Self::Setup, ControllerError> {
-        shape(cell)
-    }
 
     fn law<const N: usize>(
         cell: &TorqueCell<Self, N>,

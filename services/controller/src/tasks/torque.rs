@@ -2,38 +2,26 @@
 //!
 //! What differs between the laws is a [`ServedLaw`].
 
-use std::fmt::Debug;
-
-use tangent_control::{Clearance, ControlError, EstimatorNames, Law, Presets, Program, Task};
-use tangent_runtime::{Bus, BusError, CellConfig};
+use tangent_control::{Clearance, ControlError, EstimatorNames, Law, Program, Task};
+use tangent_runtime::{Bus, BusError};
 use tangent_schemas::Message;
 use tangent_schemas::topics::Topic;
 
 use super::start_check::StartCheck;
-use crate::ControllerError;
-use crate::config::torque::TorqueCell;
+use crate::config::torque::{CellLaw, TorqueCell};
 use crate::error::TaskRefusal;
 use crate::inputs::Readers;
 use crate::mailbox::{Mailbox, Time};
 use crate::requests::{Kind, one_speaks};
 use crate::runner::Prepared;
 
-/// Parameters of a torque law, and what the service has to know of that law.
-pub trait ServedLaw: Presets + Debug + Sync {
+/// A torque law in the service: how it is made, and its estimators on the bus.
+pub trait ServedLaw: CellLaw {
     /// The law for an arm of `N` joints.
     type Law<const N: usize>: Law<N, Config = Self> + 'static;
 
-    /// What the law needs of the cell beside its parameters.
-    type Setup: Clone + Debug + Send + Sync + 'static;
-
     /// Message of the estimators that a task names.
     type Estimate: Message;
-
-    /// Reads what the law needs from the cell file.
-    ///
-    /// # Errors
-    /// Names the key.
-    fn setup(cell: &CellConfig) -> Result<Self::Setup, ControllerError>;
 
     /// The law before the first task; `clearance` is what is known of the tool.
     ///

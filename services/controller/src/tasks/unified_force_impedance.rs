@@ -3,30 +3,21 @@
 
 use arrayvec::ArrayVec;
 use tangent_control::{
-    Clearance, ControlError, EstimatorNames, TorqueInterface, UnifiedForceImpedance,
-    UnifiedForceImpedanceConfig,
+    Clearance, ControlError, EstimatorNames, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
 };
-use tangent_runtime::{Bus, BusError, CellConfig};
+use tangent_runtime::{Bus, BusError};
 use tangent_schemas::tangent::NormalEstimate;
 use tangent_schemas::topics::{self, Topic};
 
 use super::torque::ServedLaw;
-use crate::ControllerError;
-use crate::config::torque::{TorqueCell, interface};
+use crate::config::torque::TorqueCell;
 use crate::error::TaskRefusal;
 use crate::inputs::{EstimateReader, Readers, VisionReader};
 
 impl ServedLaw for UnifiedForceImpedanceConfig {
     type Law<const N: usize> = UnifiedForceImpedance<N>;
 
-    /// Torque interface of the arm.
-    type Setup = TorqueInterface;
-
     type Estimate = NormalEstimate;
-
-    fn setup(cell: &CellConfig) -> Result<Self::Setup, ControllerError> {
-        Ok(interface(cell))
-    }
 
     fn law<const N: usize>(
         cell: &TorqueCell<Self, N>,

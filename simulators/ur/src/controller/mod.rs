@@ -288,7 +288,11 @@ impl Controller {
                         "Runtime is too much behind".to_owned(),
                     ));
                 }
-                Frame::Failed(e) => self.say(Message::Exception(e.line, e.column, e.text)),
+                Frame::Failed(error) => self.say(Message::Exception(
+                    error.line,
+                    error.column,
+                    error.cause.to_string(),
+                )),
             }
         }
         if self.runtime != RuntimeState::Playing {
@@ -308,19 +312,12 @@ impl Controller {
             }
             Frame::Ended => self.end_program(),
             Frame::Failed(error) => {
-                self.note(&format!(
-                    "program failed at line {}: {}",
-                    error.line, error.text
-                ));
-                let overrun = error.overrun;
-                self.say(Message::Exception(
-                    error.line,
-                    error.column,
-                    error.text.clone(),
-                ));
+                let text = error.cause.to_string();
+                self.note(&format!("program failed at line {}: {text}", error.line));
+                self.say(Message::Exception(error.line, error.column, text.clone()));
                 self.end_program();
-                if overrun {
-                    self.protective_stop(0, 0, &error.text);
+                if error.is_overrun() {
+                    self.protective_stop(0, 0, &text);
                 }
             }
         }

@@ -1,13 +1,15 @@
 //! The controller as a running program sees it.
 
 use tangent_mechanics::Joints;
-use tangent_urscript::{Motion, Robot};
+use tangent_urscript::{Motion, Robot, ScriptError};
 
 use super::{Action, Controller, Message, Watchdog};
 use crate::config::Flavour;
 
 /// Text messages of one program are cut to this many characters.
 const TEXT_MAX: usize = 250;
+/// Most watchdogs at once.
+const WATCHDOGS_MAX: usize = 64;
 
 fn array(joints: &Joints<6>) -> [f64; 6] {
     (*joints).into()
@@ -148,7 +150,7 @@ impl Robot for Controller {
         (self.payload_kg, self.payload_centre_m)
     }
 
-    fn start_motion(&mut self, motion: Motion) -> Result<(), String> {
+    fn start_motion(&mut self, motion: Motion) -> Result<(), ScriptError> {
         self.planner.start(motion, &self.arm, &self.kinematics);
         Ok(())
     }
@@ -167,23 +169,27 @@ impl Robot for Controller {
         self.say(Message::Text(text));
     }
 
-    fn watchdog(&mut self, variable: &str, rate_hz: f64, action: &str) -> Result<(), String> {
+    fn watchdog(&mut self, variable: &str, rate_hz: f64, action: &str) -> Result<(), ScriptError> {
         if tangent_rtde::codec::input_field(variable).is_none() {
-            return Err(format!("rtde_set_watchdog: no input variable {variable:?}"));
+            return Err(ScriptError::UnknownInput {
+                variable: variable.to_owned(),
+            });
         }
         let action = match action.to_ascii_lowercase().as_str() {
             "ignore" => Action::Ignore,
             "pause" => Action::Pause,
             "stop" => Action::Stop,
             other => {
-                return Err(format!(
-                    "rtde_set_watchdog: action {other:?}; allowed are ignore, pause, stop"
-                ));
+                return Err(ScriptError::UnknownAction {
+                    action: other.to_owned(),
+                });
             }
         };
         self.watchdogs.retain(|w| w.variable != variable);
-        if self.watchdogs.len() >= 64 {
-            return Err("rtde_set_watchdog: too many watchdogs".to_owned());
+        if self.watchdogs.len() >= WATCHDOGS_MAX {
+            return Err(ScriptError::TooManyWatchdogs {
+                most: WATCHDOGS_MAX,
+            });
         }
         self.watchdogs.push(Watchdog {
             variable: variable.to_owned(),

@@ -18,10 +18,11 @@ use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::{is_arm_state, is_place, is_time, is_velocity};
 use crate::limits::{Limits, TwistLimiter};
+use crate::parameters::law_config::LawConfig;
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
 use crate::task::Task;
-use crate::task::program::{EstimatorName, EstimatorNames, LawConfig, Program};
+use crate::task::program::{EstimatorName, EstimatorNames, Program};
 use tangent_schemas::CommandKind;
 
 /// One arm's controller. Call `start` with a program, then `step` once per robot packet.

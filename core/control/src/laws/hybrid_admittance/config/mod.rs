@@ -297,7 +297,7 @@ impl Presets for ControllerConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::task::program::LawConfig;
+    use crate::parameters::law_config::LawConfig;
 
     #[test]
     fn presets_are_in_range_and_the_paper_is_table_1() {

@@ -2,8 +2,8 @@
 
 use super::ControllerConfig;
 use crate::error::{ControlError, check_range};
+use crate::parameters::law_config::LawConfig;
 use crate::parameters::ranges::{LEAVE, PATIENCE, Ranges, TANK, check_all};
-use crate::task::program::LawConfig;
 
 const RANGES: Ranges = &[
     (

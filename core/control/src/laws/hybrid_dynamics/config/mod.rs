@@ -226,7 +226,7 @@ impl Presets for HybridDynamicsConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::task::program::LawConfig;
+    use crate::parameters::law_config::LawConfig;
 
     #[test]
     fn presets_are_in_range_and_the_paper_is_section_v() {

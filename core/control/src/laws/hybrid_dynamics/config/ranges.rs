@@ -3,8 +3,8 @@
 use super::HybridDynamicsConfig;
 use crate::error::{ControlError, check_range};
 use crate::laws::torque_task::{SharedParameters, TorqueConfig};
+use crate::parameters::law_config::LawConfig;
 use crate::parameters::ranges::{FRICTION, LEAVE, PATH_PROFILE, PATIENCE, Ranges, check_all};
-use crate::task::program::LawConfig;
 
 const RANGES: Ranges = &[
     (
