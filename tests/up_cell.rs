@@ -15,7 +15,7 @@ use tangent_runtime::{Bus, CellConfig, Role};
 use tangent_schemas::tangent::{ArmState, Request};
 use tangent_schemas::topics::{self, queries};
 
-/// Longest wait for a system to come up beside whatever else the machine does.
+/// Longest wait for the start of a system on a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The shipped cell with these texts in place of others.
