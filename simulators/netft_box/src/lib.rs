@@ -10,7 +10,7 @@
 //!
 //! let simulated = NetbBox::start(NetbConfig::default())?;
 //! println!("RDT at {}, web pages at {}", simulated.rdt_address(), simulated.http_address());
-//! // 3 N against z, at a million counts per newton, until told otherwise.
+//! // 3 N against z, at a million counts per newton, until the next call.
 //! let counts = [0, 0, -3_000_000, 0, 0, 0];
 //! simulated.feed().hold(BoxSample { counts, saturated: false });
 //! # Ok::<(), tangent_simulated_netft::NetbError>(())

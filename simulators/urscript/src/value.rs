@@ -9,9 +9,9 @@ use crate::syntax::Binary;
 /// Elements of all lists alive in this process: about 100 MB.
 const LIVE_ITEMS_MAX: usize = 4_000_000;
 static LIVE_ITEMS: AtomicUsize = AtomicUsize::new(0);
-/// Most elements in a list, those of lists inside counted.
+/// Most elements in a list, including those of nested lists.
 const LIST_ITEMS_MAX: usize = 10_000;
-/// Deepest list in a list.
+/// Deepest nesting of lists.
 const LIST_DEPTH_MAX: u8 = 4;
 /// Longest text, bytes.
 const TEXT_BYTES_MAX: usize = 1024;
@@ -19,7 +19,7 @@ const TEXT_BYTES_MAX: usize = 1024;
 /// Value of a variable.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// Nothing: an argument left out, or what a function without `return` returns.
+    /// No value: an omitted argument, or the result of a function without `return`.
     None,
     /// True or False.
     Bool(bool),
@@ -35,7 +35,7 @@ pub enum Value {
     Pose([f64; 6]),
 }
 
-/// Elements of a list, with its size known.
+/// Elements of a list, with its size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct List {
     items: Arc<Items>,
