@@ -2,7 +2,7 @@
 //!
 //! The service `tangent-simulator` starts a [`NetbBox`] beside a simulated arm and feeds it with
 //! the records of the plant's sensor ([`NetbBox::listener`]). Tests of clients start one alone. The
-//! clock of the box counts at 7 kHz whatever the rate of records. Samples are sent at the times
+//! clock of the box counts at 7 kHz at any rate of records. Samples are sent at the times
 //! that they are stamped with.
 //!
 //! ```
