@@ -39,7 +39,7 @@ fn up_runs_the_cell_that_it_is_given() {
             &[
                 ("model = \"ur5\"", "model = \"ur5e\""),
                 (
-                    "address = \"127.0.0.1\"               # the controller",
+                    "address = \"127.0.0.1\"               # of the controller",
                     "address = \"192.168.7.9\"",
                 ),
                 ("filter_cutoff_hz = 50.0", "filter_cutoff_hz = 20.0"),
