@@ -110,7 +110,7 @@ fn an_impostors_control_state_is_refused_and_a_restarted_controllers_is_not() {
             restarted.publish(&says(false));
             !reader.get().unwrap().message.contact_possible
         });
-        until("nobody is refused any more", || {
+        until("no publisher is refused any more", || {
             restarted.publish(&says(false));
             sensor.refused().iter().all(|refused| refused.who.is_none())
         });
