@@ -13,7 +13,7 @@ const THREADS_MAX: usize = 16;
 const CALLS_MAX: usize = 60;
 const STACK_MAX: usize = 2_000;
 
-/// The controller's message for a program that looped without moving, sleeping or syncing.
+/// What the controller says about a program that looped without moving, sleeping or syncing.
 const TOO_MUCH_TIME: &str = "The program used too much time without instructing the robot what to do. Consider using a Wait or sync() to split program sequences that do not move the robot";
 
 /// Result of a frame.

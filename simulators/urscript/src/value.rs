@@ -9,9 +9,9 @@ use crate::syntax::Binary;
 /// Elements of all lists alive in this process: about 100 MB.
 const LIVE_ITEMS_MAX: usize = 4_000_000;
 static LIVE_ITEMS: AtomicUsize = AtomicUsize::new(0);
-/// Most elements in a list, including those of nested lists.
+/// Most elements in a list, those of lists inside counted.
 const LIST_ITEMS_MAX: usize = 10_000;
-/// Deepest nesting of lists.
+/// Deepest list in a list.
 const LIST_DEPTH_MAX: u8 = 4;
 /// Longest text, bytes.
 const TEXT_BYTES_MAX: usize = 1024;

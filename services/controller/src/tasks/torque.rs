@@ -18,7 +18,7 @@ use crate::mailbox::{Mailbox, Time};
 use crate::requests::{Kind, one_speaks};
 use crate::runner::Prepared;
 
-/// Parameters of a torque law, and the properties of that law that the service needs.
+/// Parameters of a torque law, and what the service has to know of that law.
 pub trait ServedLaw: Presets + Debug + Sync {
     /// The law for an arm of `N` joints.
     type Law<const N: usize>: Law<N, Config = Self> + 'static;
@@ -35,7 +35,7 @@ pub trait ServedLaw: Presets + Debug + Sync {
     /// Names the key.
     fn setup(cell: &CellConfig) -> Result<Self::Setup, ControllerError>;
 
-    /// The law before the first task; `clearance` is the stored state of contact of the tool.
+    /// The law before the first task; `clearance` is what is known of the tool.
     ///
     /// # Errors
     /// A parameter or limit is out of its range.
