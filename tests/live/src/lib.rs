@@ -84,7 +84,7 @@ fn verdict<P, W>(
         let took = began.elapsed().as_secs_f64();
         match ended {
             Ok(()) => return say(&format!("{PASSED} {run} after {took:.1} s: {machine}")),
-            Err(failure) if !machine.is_spoilt() => {
+            Err(failure) if !machine.is_disturbed() => {
                 say(&format!("failed in run {run}: {machine}"));
                 resume_unwind(failure);
             }
@@ -195,7 +195,7 @@ struct Stood {
 }
 
 impl Stood {
-    fn is_spoilt(&self) -> bool {
+    fn is_disturbed(&self) -> bool {
         self.longest > STILL_MAX || self.stolen > STOLEN_MAX
     }
 }
@@ -386,8 +386,8 @@ mod tests {
     fn the_machine_let_tests_come_to_a_verdict() {
         let log = std::env::var_os(LOG).expect("TANGENT_LIVE_LOG is set");
         let text = fs::read_to_string(log).expect("the tests before have written it");
-        let is_spoilt = |line: &&str| line.contains(SKIPPED) || line.contains(NO_VERDICT);
-        for line in text.lines().filter(is_spoilt) {
+        let is_disturbed = |line: &&str| line.contains(SKIPPED) || line.contains(NO_VERDICT);
+        for line in text.lines().filter(is_disturbed) {
             println!("{line}");
         }
         let skipped = text.lines().filter(|line| line.contains(SKIPPED)).count();
