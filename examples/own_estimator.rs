@@ -1,5 +1,5 @@
-//! A normal estimator of your own as a program of its own: the force without its part along the
-//! motion points out of the surface. `docs/write-your-own-estimator.md` goes through it.
+//! A normal estimator of your own in a separate program: the force without its component along the
+//! motion points out of the surface. `docs/write-your-own-estimator.md` explains it.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -12,9 +12,9 @@ use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::{ArmState, NormalEstimate};
 use tangent_schemas::topics;
 
-/// Below it there is no direction of sliding, m/s.
+/// Speed below which there is no direction of sliding, m/s.
 const SPEED_MIN: f64 = 0.005;
-/// Below it nothing is touched, N.
+/// Force below which there is no contact, N.
 const FORCE_MIN: f64 = 0.6;
 /// Share of the last normal in the new one: 10 cycles of low pass.
 const MEMORY: f64 = 0.9;
@@ -70,7 +70,7 @@ fn estimate(
     }
     let new = pressing.try_normalize(1e-9).filter(|_| touching);
     *last = match (new, *last) {
-        // Friction may point anywhere while the tool stands.
+        // Friction may have any direction while the tool is at rest.
         (Some(_), Some(old)) if !sliding => Some(old),
         (Some(new), Some(old)) => Some((old * MEMORY + new * (1.0 - MEMORY)).normalize()),
         (new, _) => new,

@@ -1,4 +1,5 @@
-//! `tangent doctor`: checks whether this machine can run a cell, and says what to do if it cannot.
+//! `tangent doctor`: checks whether this machine can run a cell, and prints what to change if it
+//! cannot.
 
 use anyhow::Result;
 use tangent_doctor::{Level, Scope, examine};

@@ -1,5 +1,5 @@
-//! A task that is followed, as a person sees it: one line that renews itself in a terminal, plain
-//! lines elsewhere.
+//! Display of a task that is followed: one line that is updated in a terminal, plain lines
+//! elsewhere.
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
@@ -37,7 +37,7 @@ struct LiveView {
     printed: Option<Instant>,
 }
 
-/// Older than this, `control/state` says nothing of now.
+/// Age beyond which `control/state` does not describe the present state.
 const OLD: Duration = Duration::from_millis(500);
 /// Plain lines come this often.
 const PLAIN_EVERY: Duration = Duration::from_secs(1);

@@ -46,7 +46,8 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         played.name()
     );
     config.zenoh.identify(roles::ROUTER);
-    // The simulated arm begins anew with each run: nothing is left of the one before.
+    // The simulated arm starts from the beginning in each run, so no state of an earlier run
+    // applies.
     config.cell.state_folder = None;
     let bus = Bus::open_until(&config, Role::Router, Some(READY_PATIENCE), &stop)?;
     let _router = tangent_compose::router(&bus)?;
@@ -103,7 +104,7 @@ fn asked_for<'a>(args: &'a Up, cell: &CellConfig, given: bool) -> (String, Optio
 }
 
 /// The cell as it runs: the file that was given, as far as it can be simulated, or one that fits
-/// the scenario. What of the file is not used is printed.
+/// the scenario. Prints which settings of the file are not used.
 fn as_run(
     args: &Up,
     base: &CellConfig,
@@ -122,7 +123,7 @@ fn as_run(
     Ok(config)
 }
 
-/// One sentence on what of the cell file is not used.
+/// One sentence that names the unused settings of the cell file.
 fn not_used(file: &Path, played: &Scenario, unused: &[String]) -> String {
     let all = format!(
         "{} runs unchanged, against the surface, contact, sensor noise and start pose of scenario {}",

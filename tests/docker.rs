@@ -75,7 +75,7 @@ fn slide(project: &Project) {
     for attempt in 1..=4 {
         let mut start = vec!["task", "start", task.to_str().unwrap(), "--wait-s", "60"];
         if attempt > 1 {
-            // The new arm hangs free, whatever the arm before it touched.
+            // The new arm hangs free, even if the previous arm was in contact.
             start.push("--clear");
         }
         let said = project.tangent(&start);
@@ -174,7 +174,7 @@ fn it_wipes_and_records(project: &Project) {
         }
         eprintln!("attempt {attempt} of the task ended with code {code:?}");
         back_to_the_start(project);
-        // The new arm hangs free, whatever the arm before it touched.
+        // The new arm hangs free, even if the previous arm was in contact.
         let start = ["task", "start", "deploy/tasks/raster.toml", "--follow"];
         let said = project.inside(&[&start[..], &["--wait-s", "120", "--clear"]].concat());
         code = said.code.map(i64::from);

@@ -1,4 +1,4 @@
-//! `tangent up` with a platform that swings at 2 cm/s under the working arm: real services,
+//! `tangent up` with a platform that oscillates at 2 cm/s under the working arm: real services,
 //! `base/pose` on the bus.
 
 #![allow(clippy::unwrap_used)]

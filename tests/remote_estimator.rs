@@ -1,9 +1,9 @@
 //! The estimator on another host: the table of `docs/remote-estimators.md`, measured.
 //!
-//! As root the "other host" is a network namespace behind a veth pair, else a process behind
-//! loopback. Where the kernel has netem (`tc qdisc add ... netem`), that spoils the wire; where it
-//! has not, a relay on the way to the router holds the bytes back as TCP would have it. Each run
-//! says which it was.
+//! As root, the "other host" is a network namespace behind a veth pair, otherwise a process behind
+//! loopback. If the kernel has netem (`tc qdisc add ... netem`), netem impairs the link. Otherwise
+//! a relay on the way to the router delays the bytes as TCP would. Each run prints which of them it
+//! used.
 //!
 //!     cargo test --release --test remote_estimator -- --nocapture
 
@@ -27,8 +27,8 @@ struct Case {
     wire: Wire,
     /// The law moves old estimates on along the surface.
     predicts: bool,
-    /// It is used most of the time; `false`: it is left for the one beside the robot; none: either
-    /// may be.
+    /// Whether the remote estimator is used most of the time; `false`: the one beside the robot
+    /// takes over; `None`: either.
     used: Option<bool>,
 }
 
@@ -47,7 +47,7 @@ const DELAY_20_MS: Wire = Wire {
     ..NO_DELAY
 };
 
-/// Round a circle on the pipe, faster than usual: age matters more.
+/// A circle on the pipe, faster than usual, so that age has more effect.
 const TASK: &str = r#"
     name = "circle"
     estimators = ["blend", "reactive"]
@@ -154,7 +154,7 @@ fn reordering_is_tolerated() {
 }
 
 fn check(case: &Case) {
-    // Made once: a run that is repeated has the same host.
+    // Created once: a repeated run uses the same host.
     let mut host = RefCell::new(Host::new());
     eprintln!(
         "{}: the other host is {}",
@@ -171,8 +171,8 @@ fn is_tolerated(host: &mut Host, case: &Case) {
     let used = share_in_use(&report);
     let fallen = report["estimator_switches"].as_array().unwrap().iter();
     let fallen = fallen.filter(|s| s["from"] == "blend").count();
-    // A row of the table: way there, and back; age of the normals from there, mean / p95; share of
-    // the time in use; fallen back; normal error, RMSE; tool off square, mean; force RMSE.
+    // A row of the table: delay in each direction; age of the remote normals, mean / p95; share of
+    // the time in use; fallbacks; normal error, RMSE; tool off square, mean; force RMSE.
     eprintln!(
         "| {} | {:.0} / {:.0} ms | {:.0} %; {} times | {:.2} deg | {:.2} deg | {:.3} N |",
         case.name,
@@ -196,7 +196,7 @@ fn is_tolerated(host: &mut Host, case: &Case) {
         case.name,
         report["force"]
     );
-    // Both processes are on one machine: their clocks are one, whatever lies between them.
+    // Both processes are on one machine and read the same clock.
     assert!(
         clock_ms.abs() < 2.0 * case.wire.delay_ms + 20.0,
         "{}: {clock_ms}",
@@ -207,7 +207,7 @@ fn is_tolerated(host: &mut Host, case: &Case) {
     }
 }
 
-/// Share of the task in which the estimator over there was the one in use.
+/// Share of the task in which the remote estimator was in use.
 fn share_in_use(report: &Value) -> f64 {
     let (mut since, mut used, mut total) = (Some(0.0), 0.0, number(report, "/duration_s"));
     for switch in report["estimator_switches"].as_array().unwrap() {
@@ -222,7 +222,7 @@ fn share_in_use(report: &Value) -> f64 {
     used / total
 }
 
-/// One run with the estimator over there; its report, and the clock offset of the other host.
+/// One run with the remote estimator. Returns its report, and the clock offset of the other host.
 fn wipe(host: &mut Host, case: &Case) -> (Value, f64) {
     let folder = tempfile::tempdir().unwrap();
     let offset = port_offset();

@@ -1,6 +1,6 @@
-//! Property tests draw the same cases in every run: a test that fails now and then is run again
-//! until it passes, and what it found is lost. Fresh cases are what `.ci/search` is for, and it
-//! knows every test that draws.
+//! Property tests draw the same cases in every run. A test that fails only at times would be run
+//! again until it passes, and its counterexample would be lost. `.ci/search` draws new cases, and
+//! runs every target with property tests.
 
 // Reads the sources.
 #![allow(clippy::unwrap_used)]
@@ -47,7 +47,7 @@ fn every_property_test_is_searched_with_fresh_seeds() {
     for folder in ["core", "schemas", "services", "simulators", "src", "tests"] {
         sources(&root.join(folder), &mut files);
     }
-    // In two parts, so that this file holds neither.
+    // In two parts, so that this file does not match.
     let draws = [concat!("proptest", "!"), concat!("Test", "Runner::new")];
     let mut seen = 0;
     for file in files {

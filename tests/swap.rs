@@ -1,8 +1,8 @@
 //! Estimators that are not part of the program, in Python and in Rust, are swapped in while the
 //! tool slides.
 //!
-//! Python needs `eclipse-zenoh` from `tests/interop/requirements.txt`. Without it that test says so
-//! and passes, unless `TANGENT_REQUIRE_INTEROP` is set.
+//! Python needs `eclipse-zenoh` from `tests/interop/requirements.txt`. Without it, that test
+//! reports this and passes, unless `TANGENT_REQUIRE_INTEROP` is set.
 
 #![allow(clippy::unwrap_used)]
 
@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// The sensor's rate in the shipped cell.
 const SENSOR_RATE: &str = "rate_hz = 7000.0";
 
-/// `tangent up` with a long enough line, and the cell file that leads to it.
+/// `tangent up` with a line that is long enough, and the cell file for clients of its router.
 struct Up {
     folder: tempfile::TempDir,
     cell: String,
@@ -46,7 +46,7 @@ impl Up {
         let rule = "[switching]\nreturn_after_good_s = 0.5\n\n[force]";
         std::fs::write(&task, text.replace("[force]", rule)).unwrap();
         let child = tangent()
-            // Without errors of the sensor, all that the force shows is the swap.
+            // Without sensor errors, only the swap changes the force.
             .args(["up", task.to_str().unwrap(), "--scenario", "pipe_ideal"])
             .args(["--cell", simulated.to_str().unwrap()])
             .args(["--json", "--port-offset"])
@@ -88,7 +88,7 @@ impl Up {
             })
         });
         assert_eq!(row["instances"].as_array().unwrap().len(), 1, "{row}");
-        // On a busy machine it may be too old just then; that is refused, and asked again.
+        // On a busy machine the estimate may be too old. The request is then refused and repeated.
         wait_for("the switch", PATIENCE, || {
             let answer = self.ask(&["estimator", "use", name])?;
             (answer["done"] == true).then_some(())
@@ -112,7 +112,7 @@ impl Up {
         let recording = recording
             .into_iter()
             .find(|p| p.extension().is_some_and(|e| e == "mcap"));
-        // The same table from the recording.
+        // `compare` prints this table from the recording too.
         let recorded = run(&[
             "estimator",
             "compare",

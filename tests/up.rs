@@ -102,8 +102,8 @@ fn up_lippiello_wipes_the_object_as_evaluate_does() {
     });
 }
 
-/// The Franka wipes the wave over its own interface, by a depth camera and by what it feels through
-/// its joints, as in `evaluate`.
+/// The Franka wipes the wave over its own interface, guided by a depth camera and by its estimate
+/// of the wrench, as in `evaluate`.
 #[test]
 fn up_karacan_wipes_the_wave_as_evaluate_does() {
     live(|| {

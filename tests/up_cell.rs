@@ -15,7 +15,7 @@ use tangent_runtime::{Bus, CellConfig, Role};
 use tangent_schemas::tangent::{ArmState, Request};
 use tangent_schemas::topics::{self, queries};
 
-/// Longest wait for a system to come up beside whatever else the machine does.
+/// Longest wait for the start of a system on a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The shipped cell with these texts in place of others.
@@ -39,7 +39,7 @@ fn up_runs_the_cell_that_it_is_given() {
             &[
                 ("model = \"ur5\"", "model = \"ur5e\""),
                 (
-                    "address = \"127.0.0.1\"               # the controller",
+                    "address = \"127.0.0.1\"               # of the controller",
                     "address = \"192.168.7.9\"",
                 ),
                 ("filter_cutoff_hz = 50.0", "filter_cutoff_hz = 20.0"),

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A client of a cell: its status, its task, and force and angle as they come.
+"""A client of a cell: prints its status, starts and stops its task, and plots force and angle.
 
     pip install eclipse-zenoh==1.10.2
     python3 examples/python/client.py status
@@ -8,7 +8,7 @@
     python3 examples/python/client.py plot --seconds 20
     python3 examples/python/client.py stop
 
-`plot` draws with matplotlib where it is installed and a screen is there, else in the terminal.
+`plot` uses matplotlib if it is installed and there is a screen, otherwise the terminal.
 """
 
 import argparse
@@ -23,7 +23,7 @@ STATES = ["starting", "running", "degraded", "fault", "stopping"]
 
 
 def status(cell, seconds=1.5):
-    """Prints what every service says of itself; health comes once a second."""
+    """Prints the health of every service, which is published once a second."""
     heard = {}
     cell.subscribe("health/*", "tangent_msgs/msg/Health", lambda h: heard.update({(h.service, h.instance): h}))
     time.sleep(seconds)
@@ -33,14 +33,14 @@ def status(cell, seconds=1.5):
 
 
 def request(cell, key, action, argument=""):
-    """Asks and prints the answer."""
+    """Sends a request and prints the answer."""
     answer = cell.ask(key, action, argument)
     print(answer.message)
     return answer.done
 
 
 def screen():
-    """matplotlib with a screen, or None."""
+    """Returns pyplot if there is a screen, otherwise None."""
     try:
         import matplotlib
         from matplotlib import pyplot
@@ -50,7 +50,7 @@ def screen():
 
 
 def plot(cell, seconds):
-    """Shows force and alignment for so long, ten times a second."""
+    """Shows force and alignment for this time, ten times a second."""
     newest, pyplot = {}, screen()
     rows = []
     cell.subscribe("control/state", "tangent_msgs/msg/ControlState", lambda s: newest.update(state=s))
@@ -72,7 +72,7 @@ def plot(cell, seconds):
 
 
 def draw(pyplot, rows):
-    """Two curves over time."""
+    """Draws two curves over time."""
     pyplot.clf()
     for place, (label, column) in enumerate([("force, N", 1), ("angle, deg", 2)]):
         axes = pyplot.subplot(2, 1, place + 1)
@@ -82,7 +82,7 @@ def draw(pyplot, rows):
 
 
 def main():
-    """Exit code 0 when it was done, 1 when it was refused or nobody was there."""
+    """Exit code 0 if the request was done, 1 if it was refused or no service ran."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cell", default="cell1")
     parser.add_argument("--router", default="tcp/127.0.0.1:7447")

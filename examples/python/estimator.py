@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A normal estimator: the force without its part along the motion (friction) points out of the surface.
+"""A normal estimator: the force without its component along the motion (friction) points out of the surface.
 
     pip install eclipse-zenoh==1.10.2
     python3 examples/python/estimator.py --cell cell1 --name my_python
@@ -12,12 +12,12 @@ import threading
 
 from tangent_messages import Cell, rotate
 
-SPEED_MIN, FORCE_MIN = 0.005, 0.6  # m/s, N: below there is no direction of sliding, no contact
+SPEED_MIN, FORCE_MIN = 0.005, 0.6  # m/s, N: below, there is no direction of sliding, and no contact
 MEMORY = 0.9  # share of the last normal in the new one: 10 cycles of low pass
 
 
 def normal(arm, force, last):
-    """Unit normal in base axes, its 1-sigma in rad, and (code, reason) where there is none. `force`: tool axes, N."""
+    """Unit normal in base axes, its standard deviation in rad, and (code, reason) if it is not valid. `force`: tool axes, N."""
     q, v = arm.tool_pose.orientation, arm.tool_twist.linear
     force, speed = rotate(q, (force.x, force.y, force.z)), math.hypot(v.x, v.y, v.z)
     if math.hypot(*force) < FORCE_MIN:

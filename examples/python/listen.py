@@ -4,8 +4,7 @@
     pip install eclipse-zenoh==1.10.2 rosbags
     python3 examples/python/listen.py --cell cell1 --key control/state --count 5
 
-Any language with Zenoh and a ROS 2 CDR decoder can do the same: nothing here is particular to this project but the
-.msg files.
+Any language with Zenoh and a ROS 2 CDR decoder can do this. Only the .msg files are specific to this project.
 """
 
 import argparse
@@ -33,7 +32,7 @@ def load_messages(folder):
 
 
 def plain(value):
-    """A decoded message as what JSON can say."""
+    """Converts a decoded message to types that JSON has."""
     if dataclasses.is_dataclass(value):
         fields = [field.name for field in dataclasses.fields(value) if field.name != "__msgtype__"]
         return {name: plain(getattr(value, name)) for name in fields}
@@ -49,7 +48,7 @@ def main():
     parser.add_argument("--router", default="tcp/127.0.0.1:7447")
     parser.add_argument("--cell", default="cell1", help="namespace: the cell's name")
     parser.add_argument("--key", default="**", help="key or pattern, relative to the cell")
-    parser.add_argument("--count", type=int, default=0, help="end after so many messages; 0: never")
+    parser.add_argument("--count", type=int, default=0, help="number of messages after which to end; 0: never")
     parser.add_argument("--messages", type=pathlib.Path, default=MESSAGES, help="folder of .msg files")
     args = parser.parse_args()
 
@@ -69,7 +68,7 @@ def main():
         if done.is_set() or not encoding.startswith("application/cdr;"):
             return
         message_name = encoding.split(";", 1)[1]
-        # i64 sequence, i64 time of publication in ns, u8 16, 16 bytes that tell publishers apart.
+        # i64 sequence, i64 time of publication in ns, u8 16, 16 bytes that identify the publisher.
         sequence, source_ns, _, publisher = struct.unpack("<qqB16s", bytes(sample.attachment))
         message = store.deserialize_cdr(bytes(sample.payload), message_name)
         line = {

@@ -1,7 +1,7 @@
-"""Messages of a cell for Python: classes and CDR bytes made from the `.msg` files, and a session in the cell's namespace.
+"""Messages of a cell for Python: classes and CDR bytes from the `.msg` files, and a session in a cell.
 
-Needs `eclipse-zenoh` and nothing else. A class is called like its file: `Messages().type("tangent_msgs/msg/ArmState")`;
-a test (`services/runtime/tests/integration/python.rs`) holds the bytes against those of the Rust services.
+Only `eclipse-zenoh` is needed. A class is named after its file: `Messages().type("tangent_msgs/msg/ArmState")`.
+A test (`services/runtime/tests/integration/python.rs`) compares the bytes with those of the Rust services.
 """
 
 import ast
@@ -22,7 +22,7 @@ HEADER = b"\0\1\0\0"  # CDR, little-endian
 
 
 def rotate(q, v):
-    """The vector `v` turned by the quaternion `q`: tool axes to base axes with a tool pose's orientation."""
+    """Rotates the vector `v` by the quaternion `q`: tool axes to base axes with a tool pose's orientation."""
     u = (q.x, q.y, q.z)
     t = _cross(u, v)
     s = _cross(u, t)
@@ -34,14 +34,14 @@ def _cross(a, b):
 
 
 class Messages:
-    """The `.msg` files of a folder PACKAGE/NAME.msg as dataclasses, read when they are first asked for."""
+    """The `.msg` files of a folder (PACKAGE/NAME.msg) as dataclasses, each read at its first use."""
 
     def __init__(self, folder=FOLDER):
         self.folder = pathlib.Path(folder)
         self.types = {}
 
     def type(self, name):
-        """The class of a message, `PACKAGE/msg/NAME`; all its fields have defaults: zero, empty, or a message of those."""
+        """Class of a message, `PACKAGE/msg/NAME`. All fields have defaults: zero, empty, or a default message."""
         if name not in self.types:
             package, short = name.split("/")[0], name.split("/")[-1]
             fields = []
@@ -56,7 +56,7 @@ class Messages:
         return self.types[name]
 
     def _field(self, package, text):
-        """A field's kind: (scalar, `string` or message name, None or "" for a sequence or the length of an array)."""
+        """Kind of a field: (scalar, `string` or message name; None, "" for a sequence, or the length of an array)."""
         base, _, length = text.partition("[")
         if base not in SCALARS and base != "string":
             base = f"{base.split('/')[0] if '/' in base else package}/msg/{base.split('/')[-1]}"
@@ -85,7 +85,7 @@ class Messages:
             if length == "":
                 self._put(out, ("uint32", None), len(value))
             elif len(value) != int(length):
-                raise ValueError(f"{length} elements are wanted, not {len(value)}")
+                raise ValueError(f"{length} elements are needed, not {len(value)}")
             for item in value:
                 self._put(out, (base, None), item)
         elif base == "string":
@@ -100,7 +100,7 @@ class Messages:
                 self._put(out, inner, getattr(value, name))
 
     def decode(self, name, payload):
-        """The message `name` out of CDR bytes."""
+        """Decodes the message `name` from CDR bytes."""
         if payload[:2] != HEADER[:2]:
             raise ValueError(f"{name}: not little-endian CDR")
         value, _ = self._get(payload, 4, (name, None))
@@ -130,7 +130,7 @@ class Messages:
 
 
 class Cell:
-    """A session in a cell. Use it as `with Cell(...) as cell:`; one that is not closed keeps the interpreter from ending."""
+    """A session in a cell. Use it as `with Cell(...) as cell:`, because an open session keeps the interpreter running."""
 
     def __init__(self, name="cell1", router="tcp/127.0.0.1:7447", folder=FOLDER):
         config = zenoh.Config()
@@ -149,11 +149,11 @@ class Cell:
         self.session.close()
 
     def alive(self, service):
-        """Says that `service` is here (for an estimator: `estimate/NAME`), until the session ends."""
+        """Declares a liveliness token for `service` (for an estimator: `estimate/NAME`), until the session ends."""
         self.kept.append(self.session.liveliness().declare_token(f"alive/{service}/{self.instance}"))
 
     def subscribe(self, key, name, call):
-        """Calls `call(message)` for every message `name` on `key`, in a thread of its own. Other types are passed over."""
+        """Calls `call(message)` for every message `name` on `key`, in a separate thread. Other types are ignored."""
         def heard(sample):
             encoding = str(sample.encoding)
             if not encoding.startswith("application/cdr;") or encoding.endswith(name):
@@ -161,7 +161,7 @@ class Cell:
         self.kept.append(self.session.declare_subscriber(key, heard))
 
     def latest(self, key, name):
-        """A function that gives the newest message `name` on `key`, or None; only those that are asked for are decoded."""
+        """A function that returns the newest message `name` on `key`, or None. It decodes only the returned messages."""
         newest, subscriber = None, self.session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
         self.kept.append(subscriber)
 
@@ -174,7 +174,7 @@ class Cell:
         return get
 
     def publisher(self, key, name):
-        """A function that publishes a message `name` on `key`, with the attachment by which readers count."""
+        """A function that publishes a message `name` on `key`, with the attachment from which readers count losses."""
         publisher = self.session.declare_publisher(
             key, encoding=f"application/cdr;{name}", priority=zenoh.Priority.REAL_TIME, express=True,
             congestion_control=zenoh.CongestionControl.DROP)
@@ -189,10 +189,10 @@ class Cell:
         return publish
 
     def ask(self, key, action, argument=""):
-        """Asks a service; its answer has `done`, `message` and `data` (JSON or empty)."""
+        """Sends a request to a service. The answer has `done`, `message` and `data` (JSON or empty)."""
         request = self.messages.type("tangent_msgs/msg/Request")(action=action, argument=argument)
         encoding = "application/cdr;tangent_msgs/msg/Request"
         for reply in self.session.get(key, payload=self.messages.encode(request), encoding=encoding, timeout=5.0):
             if reply.ok is not None:
                 return self.messages.decode("tangent_msgs/msg/Answer", bytes(reply.ok.payload))
-        raise TimeoutError(f"nobody answers {key}: is the cell running?")
+        raise TimeoutError(f"no answer on {key}: is the cell running?")

@@ -1,6 +1,6 @@
 //! Numbers in the mode fields of [`crate::tangent::ArmState`].
 //!
-//! All vendors use the numbers of RTDE, since all readers of `arm/state` know them. A bridge to
+//! All vendors use the numbers of RTDE, since all readers of `arm/state` use them. A bridge to
 //! another robot translates its own modes into them.
 
 /// `robot_mode` in which the arm is powered and its brakes are off.

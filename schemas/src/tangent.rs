@@ -84,8 +84,8 @@ message! {
         pub acceleration: f64,
         /// Source of the command, `SERVICE/INSTANCE`.
         pub source: Name,
-        /// Number of the task start that the command belongs to. After a fault, the bridge moves the
-        /// arm only for a newer activation.
+        /// Number of the task start that the command belongs to. After a fault, the bridge moves
+        /// the arm only for a newer activation.
         pub activation: u64,
     }
 }
@@ -274,8 +274,8 @@ message! {
         pub middle: Point,
         /// Direction of least spread, unit vector, out of the material.
         pub normal: Vector3,
-        /// Least eigenvalue of the points' covariance, divided by the sum of all three: 0 for a flat
-        /// segment.
+        /// Least eigenvalue of the points' covariance, divided by the sum of all three: 0 for a
+        /// flat segment.
         pub surface_variation: f64,
     }
 }

@@ -27,7 +27,7 @@ def compare(place, expected, found):
 
 
 def main():
-    """See above."""
+    """Reads the cases from standard input, and compares them with both libraries."""
     given = json.load(sys.stdin)
     store = get_typestore(Stores.EMPTY)
     for name, text in given["files"]:

@@ -1,4 +1,4 @@
-"""Other people's Net F/T clients against the simulated box.
+"""Third-party Net F/T clients against the simulated box.
 
 usage: netft_client.py ADDRESS HTTP_PORT; the box must read (1e6, -2e6, 3e6, 4, -5, 6) counts and speak RDT on UDP 49152.
 Exits with 77, and says what is missing, when `netft` is not installed; `pynetft` is optional.

@@ -1,4 +1,4 @@
-"""Everything that a script with ur_rtde does to a robot: reads it, switches its outputs, moves it, loses it.
+"""All uses of a robot by a script with ur_rtde: reads states, switches outputs, moves the arm, loses the connection.
 
 Usage: ur_rtde_client.py ADDRESS. Prints one line per step; "please: ..." asks the caller to do something to the robot
 and waits for a line on standard input. Exit code 0 when all of it worked.

@@ -84,7 +84,7 @@ pub fn shown_is_true(observer: &Observer, since_ns: i64) {
     );
 }
 
-/// The controller that comes after knows only what the one before wrote down.
+/// The new controller has only the state that the previous one has stored.
 #[test]
 fn a_stop_after_the_hard_loop_was_killed_takes_the_tool_off() {
     live_beside_others(|| {

@@ -30,7 +30,7 @@ fn sliding(names: &[&str]) -> (Cell, Observer) {
     sliding_for(20.0, names)
 }
 
-/// A cell whose tool slides on the wave for so long, s.
+/// A cell whose tool slides on the wave for this time, s.
 fn sliding_for(duration_s: f64, names: &[&str]) -> (Cell, Observer) {
     let mut cell = Cell::with_franka();
     cell.start_all(names);
@@ -64,8 +64,8 @@ fn wipes_again(cell: &Cell, observer: &Observer) {
     safe(observer, from);
 }
 
-/// Its last answers are gone: the arm stops by a reflex and leans on the wave. The next loop moves
-/// off before it takes a zero.
+/// The loop's last answers are lost: the arm stops in a reflex and presses on the wave. The next
+/// loop moves off before it tares.
 #[test]
 fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
     live(|| {
@@ -83,8 +83,8 @@ fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
     });
 }
 
-/// The bug: the bridge that started after the crash did not know the task: the force with which the
-/// arm leaned on the wave became its zero.
+/// The bug: the bridge that started after the crash had no state of the task, and the force with
+/// which the arm pressed on the wave became its zero.
 #[test]
 fn a_restarted_franka_bridge_refuses_a_tare_while_the_tool_presses() {
     live(|| {
@@ -112,8 +112,8 @@ fn a_restarted_franka_bridge_refuses_a_tare_while_the_tool_presses() {
     });
 }
 
-/// The robot ends a motion whose answers stay away with a reflex. When the loop goes on, nothing
-/// moves by itself; a person unlocks the robot, and the next task moves off before it takes a zero.
+/// The robot ends a motion without answers by a reflex. When the loop continues, nothing moves by
+/// itself. An operator unlocks the robot, and the next task moves off before it tares.
 #[test]
 fn a_hard_loop_of_the_franka_that_hangs() {
     live(|| {
@@ -173,7 +173,7 @@ fn the_router_of_the_franka_dies() {
 #[test]
 fn the_depth_camera_dies_and_touch_goes_on() {
     live(|| {
-        // Long enough for what follows; the task is waited for.
+        // Long enough for the rest of the test, which waits for the end of the task.
         let (mut cell, observer) = sliding_for(12.0, &SERVICES);
         let killed = now_ns();
         cell.process("camera").kill();
@@ -223,7 +223,7 @@ fn the_user_stop_of_the_franka_is_pressed() {
         observer.phase("fault", stopped);
         observer.at_rest(stopped);
         cell.provoke("user_stop", "off");
-        // Soft as it is held, the arm still creeps where it leans on the wave.
+        // The arm is held with a low stiffness, so it still creeps while it presses on the wave.
         observer.stays_slower_than(0.01, 1.0);
         safe(&observer, stopped);
         wipes_again(&cell, &observer);

@@ -125,10 +125,10 @@ fn an_impostors_wrench_is_refused_by_name() {
                     .then_some(())
             });
         }
-        // All the while the true force was regulated.
+        // The true force was regulated throughout.
         for control in observer.controls(from) {
             assert_eq!(control.message.fault.as_str(), "");
-            // A machine that stands still for some cycles makes it hold for as long.
+            // A machine that stalls for some cycles makes the arm hold for that time.
             let phase = control.message.phase_text;
             assert!(matches!(phase.as_str(), "slide" | "hold"), "{phase}");
         }
@@ -154,8 +154,8 @@ fn an_impostors_wrench_is_refused_by_name() {
     });
 }
 
-/// A publisher that copies the ids it receives cannot be told from the sensor: neither is trusted,
-/// and the arm leaves the surface.
+/// A publisher that copies the ids it receives cannot be distinguished from the sensor: neither is
+/// trusted, and the arm leaves the surface.
 #[test]
 fn a_copied_id_stops_the_task_and_steers_nothing() {
     live_beside_others(|| {

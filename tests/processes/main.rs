@@ -1,5 +1,5 @@
 //! Whole cells on loopback with one process per service, driven by the `tangent` command as a
-//! person would.
+//! user would.
 
 #![allow(clippy::unwrap_used)]
 

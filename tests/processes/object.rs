@@ -14,8 +14,8 @@ const FORCE_MAX_N: f64 = 40.0;
 
 const TOGETHER: [&str; 1] = ["router simulator controller netft camera estimator"];
 
-/// A cell whose tool slides on the object, many times around. What fails is in a process of its
-/// own: a thousand cycles a second between more processes than that keep a small machine busy.
+/// A cell whose tool slides on the object for many turns. Only the failing service has its own
+/// process: a thousand cycles a second between more processes would overload a small machine.
 fn sliding(names: &[&str]) -> (Cell, Observer) {
     let mut cell = Cell::with_object();
     cell.start_all(names);
@@ -120,8 +120,8 @@ fn the_emergency_stop_is_pressed() {
     });
 }
 
-/// A task can be paused, goes on where it stood, and another estimator of the list can be taken,
-/// all while it presses.
+/// While the tool presses, a task can be paused, continues where it stopped, and can switch to
+/// another estimator of its list.
 #[test]
 fn a_person_pauses_resumes_and_stops() {
     live(|| {

@@ -1,9 +1,9 @@
-//! The order of priorities, held against other programs that take the processor with SCHED_FIFO, at
+//! Tests the order of priorities while another program occupies the processor with SCHED_FIFO, at
 //! every level between two of ours.
+//!
 //! Robot, sensor, loop, estimator and router share one core with the program that takes it. Threads
 //! with a higher priority than that program must not be affected; those with a lower one may be
 //! late, and then the arm is safe and a new task can be started.
-//! safe and a new task can be started.
 
 use std::time::{Duration, Instant};
 
@@ -24,8 +24,8 @@ const NAMES: [&str; 5] = [
     "rtde controller",
     "estimator",
 ];
-/// How long the processor is taken: less than what Linux leaves to real-time threads of each
-/// second.
+/// Time for which the processor is occupied: less than what Linux grants to real-time threads in
+/// each second.
 const TAKEN: Duration = Duration::from_millis(400);
 /// Largest force during any fault, N: the larger of twice the reference and 10 N.
 const FORCE_MAX_N: f64 = 10.0;
@@ -35,7 +35,7 @@ fn keep_to(cpus: &CpuSet) {
     sched_setaffinity(Pid::from_raw(0), cpus).unwrap();
 }
 
-/// Takes the CPU that the calling thread keeps to, with `priority`; when that began and ended, ns
+/// Occupies the CPU of the calling thread with `priority`. Returns the beginning and the end, ns
 /// since the Unix epoch.
 fn take_the_processor(priority: u8, cpus: CpuSet) -> (i64, i64) {
     in_scheduled_thread(priority, |granted| {
@@ -69,7 +69,7 @@ fn threads_above_a_program_that_takes_the_processor_are_not_affected() {
         one.set(first).unwrap();
 
         keep_to(&one);
-        // One core has to have room for all of it.
+        // The whole cell has to fit on one core.
         let mut cell = Cell::new(|cell| set(cell, "sensor.rate_hz", 500.0));
         cell.start_all(&NAMES);
         keep_to(&all);
@@ -89,7 +89,7 @@ fn threads_above_a_program_that_takes_the_processor_are_not_affected() {
                 // A loss of contact for 24 ms is caused by the surface.
                 matches!(seen.message.phase_text.as_str(), "slide" | "seek")
             });
-            // A machine that is shared may stand still for some cycles by itself.
+            // A shared machine may stall for some cycles.
             let share = goes_on.count() as f64 / seen.len() as f64;
             assert!(
                 share > 0.9,

@@ -72,7 +72,7 @@ fn a_killed_recorder_leaves_a_file_that_opens_and_is_repaired() {
     });
 }
 
-/// Files of a few seconds or a few hundred kilobytes, each whole by itself, and no message lost
+/// Files of a few seconds or a few hundred kilobytes: each is complete, and no message is lost
 /// between them.
 #[test]
 fn recordings_rotate_by_time_and_by_size() {
@@ -81,8 +81,8 @@ fn recordings_rotate_by_time_and_by_size() {
             let mut cell = Cell::new(|cell| {
                 set(cell, &format!("recorder.{key}"), value);
             });
-            // Composed: a loaded machine may cost messages between processes, and those are not
-            // what is counted here.
+            // In one process, because a loaded machine may lose messages between processes, which
+            // this test does not count.
             cell.start_all(&["router simulator netft rtde controller estimator recorder"]);
             wait_for("files are written", PATIENCE, || {
                 (cell.files().len() > files).then_some(())

@@ -20,7 +20,7 @@ const PROCESSES: [&str; 6] = [
     "recorder",
 ];
 
-/// Sequences in the files by topic and publisher, sorted, and what the files say of themselves.
+/// Sequences in the files by topic and publisher, sorted, and the losses that the files state.
 struct Recorded {
     sequences: BTreeMap<(String, [u8; 16]), Vec<u32>>,
     recovered: u64,
@@ -80,7 +80,7 @@ impl Recorded {
     }
 }
 
-/// Lets the cell run for so long, by the simulator's own messages.
+/// Lets the cell run for this time, measured by the simulator's own messages.
 fn goes_on(observer: &Observer, seconds: f64) {
     let from = now_ns();
     wait_for("the cell goes on", PATIENCE, || {

@@ -12,7 +12,8 @@ use tangent_runtime::realtime::setup_thread;
 
 use super::Wire;
 
-/// As the simulated robot's: it stands for a wire, which no load on this machine would delay.
+/// Priority, equal to the simulated robot's: load on this machine must not delay the relay, because
+/// it represents a network link.
 const PRIORITY: u8 = 84;
 
 /// Time in which three later packets come, s: a fast retransmit waits for them (RFC 5681, 3.2)

@@ -1,4 +1,4 @@
-//! The service on an in-process bus: what goes in on its topics, and what comes out.
+//! The service on an in-process bus: inputs and outputs on its topics.
 
 use std::thread;
 
@@ -97,14 +97,14 @@ struct Running {
 }
 
 impl Running {
-    /// Returns once the service listens.
+    /// Returns once the service has subscribed.
     fn start(bus: &Bus, config: Config) -> Self {
         let stop = Stop::new();
         let heard = bus.subscribe(&topics::health(SERVICE), 8).unwrap();
         let (inner_bus, inner_stop) = (bus.clone(), stop.clone());
         let thread = thread::spawn(move || run(config, inner_bus, inner_stop));
         let deadline = Instant::now() + PATIENCE;
-        // The first thing it says in its loop is that no arm is there.
+        // The first report of its loop is that no arm state arrives.
         while !heard
             .recv_timeout(PATIENCE)
             .unwrap()
@@ -232,7 +232,7 @@ fn a_missing_wrench_is_reported() {
     assert_eq!(Validity::from(next(&estimates).validity), Validity::Missing);
 }
 
-/// A base that was heard once and of which nothing good is heard since: the samples cannot be used.
+/// The base's pose was received once, and then only invalid ones: the samples cannot be used.
 #[test]
 fn a_base_of_unknown_motion_makes_the_estimate_unusable_with_the_reason() {
     let bus = Bus::in_process("test");
@@ -250,7 +250,7 @@ fn a_base_of_unknown_motion_makes_the_estimate_unusable_with_the_reason() {
         header: Header::new(1_000_000_000, "world"),
         ..PoseWithCovarianceStamped::default()
     };
-    // Nothing that can be read: as if it had not been said.
+    // A message that cannot be decoded has no effect.
     base.publish(&pose);
     cell.cycle(3.0, Validity::Valid);
     assert_eq!(Validity::from(next(&estimates).validity), Validity::Valid);
@@ -276,7 +276,7 @@ fn a_configuration_that_cannot_run_is_refused_with_the_reason() {
     assert!(refuse(&["kalman"]).contains("no estimator is called \"kalman\""));
 }
 
-/// The tool hangs 0.4 m over the target; the camera looks the way the tool points.
+/// The tool hangs 0.4 m over the target; the camera looks along the tool.
 mod objects {
     use super::*;
     use nalgebra::Vector2;

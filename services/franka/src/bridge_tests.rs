@@ -1,5 +1,5 @@
-//! The state machine against a robot written by hand: what it asks when, and that a cycle takes no
-//! memory.
+//! The state machine against a scripted robot: its requests and their times, and that a cycle
+//! allocates no memory.
 
 use nalgebra::{SMatrix, Vector3};
 use tangent_actuation::lease::Source;
@@ -60,7 +60,7 @@ impl Bench {
         bench
     }
 
-    /// What the bridge asked last, with its id.
+    /// The bridge's last request, with its id.
     fn asked(&mut self) -> Option<(u32, Request)> {
         let mut framer = Framer::new();
         framer.push(&self.tcp);
@@ -143,7 +143,7 @@ fn it_connects_sets_up_and_starts_a_motion_with_the_first_command() {
     let mut bench = Bench::new();
     assert_eq!(bench.bridge.reason(0.0), Some(Reason::NoLink));
     bench.set_up();
-    // Nobody is there: nothing moves, and a task may come.
+    // Without a controller nothing moves, and a task may be started.
     assert_eq!(bench.asked(), None);
     assert_eq!(bench.bridge.reason(bench.now_s), None);
     assert!(bench.udp.is_empty());
@@ -213,7 +213,7 @@ fn lost_late_and_restarted_states_are_counted_or_reported() {
     bench.state.message_id += 3;
     bench.cycle(None);
     assert_eq!(bench.bridge.packets_lost(), 3);
-    // One that came and was passed over for a newer one is late, not lost.
+    // A state that arrived and was skipped for a newer one is late, not lost.
     bench.state.message_id += 2;
     let (state, now_s) = (bench.state, bench.now_s);
     assert!(
@@ -258,7 +258,7 @@ fn a_reflex_is_left_by_a_new_task_or_on_request() {
         bench.running();
         bench.cycle(Some((2, 1)));
         assert!(bench.bridge.gate().admission.is_commanded());
-        // The robot stops; its word on the motion comes.
+        // The robot stops, and its reply on the motion arrives.
         bench.state.robot_mode = RobotMode::Reflex.number();
         bench.state.motion_generator_mode = MotionMode::Idle.number();
         bench.state.controller_mode = ControllerMode::Other.number();

@@ -1,5 +1,5 @@
-//! The codec against the independent client's own types, both ways, and against whatever bytes
-//! there are.
+//! The codec against the independent client's own types, in both directions, and against arbitrary
+//! bytes.
 
 use franka::wire::robot::v5;
 use franka::wire::{ROBOT_COMMAND_PORT, f64s_to_f64, f64s_to_wire};
@@ -233,7 +233,7 @@ fn requests_are_the_other_clients_bytes() {
     );
 }
 
-/// Every field of a state has its own value, so one in another's place is seen.
+/// Every field of a state has its own value, so that an exchange of two fields is detected.
 #[test]
 fn a_state_is_read_as_the_other_client_writes_it() {
     let mut bytes = [0u8; STATE_BYTES];
@@ -364,7 +364,7 @@ fn replies_come_back_as_they_were_and_padding_is_let_be() {
 }
 
 proptest! {
-    /// Whatever comes is a message, an error, or not all there; never a panic, and never more than
+    /// Arbitrary bytes are a message, an error, or incomplete; never a panic, and never more than
     /// was sent.
     #[test]
     fn hostile_bytes_are_refused(chunks in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..200), 0..20)) {
@@ -388,7 +388,7 @@ proptest! {
         prop_assert!(taken <= given);
     }
 
-    /// Payloads of every command and any content, with a header that is right.
+    /// Payloads of every command and any content, with a correct header.
     #[test]
     fn hostile_payloads_are_refused(command in 0u32..16, payload in proptest::collection::vec(any::<u8>(), 0..450)) {
         let message = Message { command, id: 1, payload: &payload };

@@ -197,7 +197,7 @@ mod tests {
     fn lost_and_late_states_are_distinguished() {
         let mut found = Found::first(&state(100, RobotMode::Idle));
         found.take(&state(101, RobotMode::Idle), 100, 0, 0.001);
-        // Three in between: one of them waited behind, two never came.
+        // Three states in between: one arrived late, two never arrived.
         found.take(&state(105, RobotMode::Idle), 101, 1, 0.004);
         assert_eq!((found.states, found.lost, found.late), (6, 2, 1));
         assert_eq!(found.pause_max_s, 0.004);

@@ -74,7 +74,7 @@ pub mod queries {
     pub const POWER_ON: &str = "franka/power_on";
     /// Refused, with advice: brakes are closed in the robot's own web page.
     pub const POWER_OFF: &str = "franka/power_off";
-    /// End the motion now; to move again, a task has to be started anew.
+    /// End the motion now; a task has to be started again before the arm moves.
     pub const STOP: &str = "franka/stop";
 }
 

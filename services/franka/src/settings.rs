@@ -49,7 +49,7 @@ pub enum SettingsError {
     /// The robot has only one rate.
     #[error("[robot] rate_hz = {rate_hz} is not allowed: 0 or 1000, the rate of FCI")]
     Rate {
-        /// What was configured, Hz.
+        /// Configured rate, Hz.
         rate_hz: f64,
     },
     /// The robot assumes that gravity points towards its base.

@@ -96,7 +96,7 @@ pub(crate) fn run(
     Ok(())
 }
 
-/// What the driver has seen, for the thread that watches for silence.
+/// State of the driver, for the thread that detects silence.
 #[derive(Debug, Default)]
 struct Seen {
     /// Arrival of the last sample since the driver's epoch, ns; 0 before the first.
@@ -133,7 +133,7 @@ struct BusDriver {
     newest: Option<(ConditionedWrench, i64)>,
     silent: bool,
     rate: RateMeter,
-    /// What the health message says now: validity, and whether the rate is wrong.
+    /// Present content of the health message: validity, and whether the rate is wrong.
     told: Option<(Validity, bool)>,
 }
 

@@ -192,7 +192,7 @@ impl Status {
 pub struct Record {
     /// Number of the record since the request, from 1.
     pub rdt_sequence: u32,
-    /// Count of the box's own clock, 7 kHz, whatever the rate of records.
+    /// Count of the box's own clock, 7 kHz at any rate of records.
     pub ft_sequence: u32,
     /// Status, which shows whether the counts are valid.
     pub status: Status,

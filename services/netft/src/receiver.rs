@@ -215,7 +215,7 @@ impl Receiver {
         }
     }
 
-    /// Unix time of this thread's epoch, ns; measured anew for every batch, so that stamps follow
+    /// Unix time of this thread's epoch, ns; measured for every batch, so that stamps follow
     /// the host's clock.
     fn unix_offset_ns(&self) -> i64 {
         host_clock::now_ns() - nanoseconds(self.epoch.elapsed())

@@ -371,7 +371,7 @@ mod tests {
         let gaps: Vec<_> = times.windows(2).map(|w| w[1] - w[0]).collect();
         assert_eq!(&gaps[..5], [200, 400, 800, 1000, 1000]);
         assert_eq!(gaps.last(), Some(&1000));
-        // It comes back: patience is short again.
+        // The stream returns, and the timeout is short again.
         stream.take(&record(1, 140_000), ms(20_000));
         assert_eq!(stream.counts().reconnects, 1);
         assert!(!stream.is_silent(ms(20_049)));

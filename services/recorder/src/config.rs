@@ -18,7 +18,7 @@ pub struct RecorderConfig {
     /// Key patterns to record, relative to the cell: `*` is one part of a key, `**` any number of
     /// parts.
     pub include: Vec<String>,
-    /// Key patterns not to record, whatever `include` says.
+    /// Key patterns not to record, even if `include` matches.
     pub exclude: Vec<String>,
     /// Names of the cells to record; empty: the bus's own, whose topics then have no prefix.
     pub cells: Vec<String>,

@@ -444,7 +444,7 @@ mod tests {
         }
         let finished = writer.finish().unwrap();
         let all = fs::read(&finished).unwrap();
-        // Cut in the middle of whatever comes after the flush.
+        // Cut in the middle of the data after the flush.
         for cut in [whole.len(), whole.len() + 5, whole.len() + 40] {
             fs::write(&path, &all[..cut]).unwrap();
             let torn = crate::Recording::open(&path).unwrap();

@@ -318,7 +318,7 @@ mod tests {
                 100,
                 finish,
             );
-            // Another cell's, and one that is none.
+            // A recording of another cell, and a file that is not a recording.
             write(folder.path(), "c-2-20261122T101613Z-009.mcap", 0, 100, true);
             fs::write(folder.path().join("c-20261122T101613Z-002.mcap"), b"").unwrap();
             let former = Former::read(folder.path(), "c", 101 * S);

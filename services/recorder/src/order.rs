@@ -249,7 +249,7 @@ mod tests {
             message(2, 2, 103, 103),
             message(1, 4, 104, 54),
             message(2, 3, 105, 105),
-            // Asked for again.
+            // Requested again.
             message(1, 2, 106, 52),
             message(1, 3, 106, 53),
             message(1, 5, 107, 57),

@@ -22,7 +22,7 @@ fn from_connection_to_motion_on_both_series() {
         assert!(cell.moves());
         assert_eq!(cell.bridge.packets_lost(), 0);
         assert_eq!(cell.bridge.gate().admission.missed(), 0);
-        // Sent after one state, used in the next cycle, told in that cycle's state.
+        // Sent after one state, used in the next cycle, reported in that cycle's state.
         let latency = cell.bridge.latency_s();
         assert!((latency - series.period_s()).abs() < 1e-9, "{latency}");
     }
@@ -120,7 +120,8 @@ fn after_a_reconnection_nothing_moves_until_a_task_is_started() {
     let session = cell.bridge.supervisor().session();
     cell.bridge.close();
     assert_eq!(cell.bridge.reason(), Some(Reason::NoLink));
-    // The controller restarts: registers and program are gone. The old task goes on commanding.
+    // The controller restarts and loses registers and program. The old task continues to send
+    // commands.
     cell.robot = Robot::new(cell.robot.version);
     cell.connect();
     cell.until("ready again", |c| c.bridge.is_ready());
@@ -182,8 +183,8 @@ fn a_foreign_program_at_the_start_is_not_killed() {
     assert_eq!(cell.bridge.reason(), Some(Reason::OtherProgram));
 }
 
-/// An operator's program runs where ours has ended: our registers still stand there, and nobody
-/// counts in them.
+/// An operator's program runs after ours has ended: our registers keep their values, and no program
+/// updates them.
 #[test]
 fn a_foreign_program_under_our_registers_is_not_killed() {
     let mut cell = Cell::ready(Series::Cb3);
@@ -194,7 +195,7 @@ fn a_foreign_program_under_our_registers_is_not_killed() {
     cell.steps(500);
     assert_eq!(cell.bridge.reason(), Some(Reason::OtherProgram));
     assert_eq!(cell.uploads, 1);
-    // Found like that by a new connection too.
+    // A new connection detects this too.
     cell.connect();
     cell.steps(500);
     assert_eq!(cell.uploads, 1);
@@ -340,7 +341,7 @@ fn a_silent_robot_is_no_missed_cycle() {
     let mut cell = Cell::ready(Series::Cb3);
     cell.task();
     cell.until("motion", Cell::moves);
-    // The heartbeat goes on while the robot's packets are late.
+    // The heartbeat continues while the robot's packets are late.
     let mut bytes = Vec::new();
     for _ in 0..40 {
         cell.now_s += 0.008;

@@ -55,7 +55,7 @@ impl Lines {
     /// Appends received bytes.
     ///
     /// # Errors
-    /// [`DashboardError::LineTooLong`] if a line is longer than [`LINE_MAX`].
+    /// [`DashboardError::LineTooLong`] if a line does not end within the longest accepted length.
     pub fn push(&mut self, bytes: &[u8]) -> Result<(), DashboardError> {
         if self.bytes.len() + bytes.len() > 2 * LINE_MAX {
             return Err(DashboardError::LineTooLong);

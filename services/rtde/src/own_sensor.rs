@@ -35,7 +35,7 @@ mod tests {
 
     use super::*;
 
-    /// A table under a tool that points down pushes up: out of the tool's z, whatever the reading.
+    /// A table under a tool that points down pushes up, against the tool's z, with either reading.
     #[test]
     fn pressing_on_a_table_gives_a_force_against_the_flange() {
         let arm = Arm::<6>::new(&ModelData::builtin("ur5e").unwrap()).unwrap();

@@ -179,7 +179,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
 
-        /// Whatever is let in gives a pose, a twist and a scaling that are numbers.
+        /// Every accepted sample gives a finite pose, twist and scaling.
         #[test]
         fn what_is_usable_can_be_used(q in prop::array::uniform6(bits()), qd in prop::array::uniform6(bits()), time in bits(), scaling in bits(), slider in bits()) {
             let sample = Sample {

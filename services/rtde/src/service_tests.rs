@@ -1,4 +1,4 @@
-//! The service as it runs: real sockets and threads on loopback, a scripted controller behind them.
+//! The running service: real sockets and threads on loopback, with a scripted controller.
 
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -19,11 +19,11 @@ use crate::{queries, run};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Sockets around a scripted robot; each connection to RTDE starts it anew.
+/// Sockets around a scripted robot; each connection to RTDE restarts it.
 struct Controller {
     config: Config,
     robot: Arc<Mutex<Robot>>,
-    /// Programs as they came.
+    /// Received programs, in order.
     programs: Receiver<String>,
     /// Cuts the present RTDE connection.
     cut: Sender<()>,
@@ -92,7 +92,7 @@ fn take_programs(mut stream: std::net::TcpStream, robot: &Mutex<Robot>, told: &S
     while let Ok(n @ 1..) = stream.read(&mut bytes) {
         text.push_str(std::str::from_utf8(&bytes[..n]).unwrap());
         if text.ends_with("\nend\n") {
-            // The token stands where the program compares its session.
+            // The token is in the line in which the program compares its session.
             let (_, rest) = text.split_once("(session == ").unwrap();
             let session = rest.split(')').next().unwrap().parse().unwrap();
             robot.lock().unwrap().upload(session);
@@ -169,13 +169,13 @@ impl Service {
         answer.message
     }
 
-    /// A controller in the same process: answers each state within publishing it.
+    /// A controller in the same process: answers each state within its publish call.
     fn controller(&self, activation: u64) -> tangent_runtime::Handle {
         let commands = self.bus.publisher(&topics::ARM_COMMAND).unwrap();
         self.bus
             .on(&topics::ARM_STATE, move |received| {
                 let state = &received.message;
-                // Still, until the arm is this controller's; its task starts then.
+                // Holds still until this controller has the lease; then its task starts.
                 let mine = state.commander_id == commands.mark();
                 let command = ArmCommand {
                     cycle: state.cycle,
@@ -241,7 +241,7 @@ fn a_second_source_is_refused_by_name_and_takes_over_after_silence_without_movin
     let first = service.controller(ready.activation_latched + 1);
     service.until("motion", |s| s.qd_target.first() == Some(&0.1));
 
-    // It commands the opposite whatever it is told, under a newer activation, and before the first
+    // It always commands the opposite motion, with a newer activation, and before the first source
     // in each cycle.
     let commands = service.bus.publisher(&topics::ARM_COMMAND).unwrap();
     let intruder = service
@@ -278,7 +278,7 @@ fn a_second_source_is_refused_by_name_and_takes_over_after_silence_without_movin
     let taken = service.until("the second has the arm", |s| {
         s.commanded_by.as_str() == "controller/elsewhere-7"
     });
-    // What it brought does not move the arm: it has to start anew.
+    // Its present activation does not move the arm: it has to start a new task.
     assert_eq!(taken.activation_latched, 1000);
     for _ in 0..100 {
         let state = service.until("a state", |_| true);
@@ -331,7 +331,7 @@ fn queries_reach_the_robot() {
     });
     service.until("ready", |s| s.ready);
     controller.robot.lock().unwrap().sample.safety_mode = PROTECTIVE_STOP;
-    // When the second one comes, everybody has got the first one.
+    // When the second one arrives, all readers have received the first one.
     for _ in 0..2 {
         service.until("the stop", |s| s.safety_mode == PROTECTIVE_STOP);
     }

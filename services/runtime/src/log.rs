@@ -1,7 +1,7 @@
 //! Log of the process: lines go through a lock-free ring to one writing thread, so that no other
 //! thread waits for the output.
 //!
-//! `main` starts it and passes it to `tracing`. A pipe that nobody reads blocks the thread that
+//! `main` starts it and passes it to `tracing`. A pipe without a reader blocks the thread that
 //! writes to it; here only the writing thread blocks. Lines are dropped and counted while the ring
 //! is full, and the count is logged as soon as lines can be written again.
 

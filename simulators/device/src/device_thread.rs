@@ -29,7 +29,7 @@ pub struct DeviceLink<F, S> {
 }
 
 impl<F: Send + 'static, S: Clone + Send + 'static> DeviceThread<F, S> {
-    /// Starts the thread `name`, which calls `run` once; `run` returns when the link says so.
+    /// Starts the thread `name`, which calls `run` once; `run` returns when the link is stopped.
     /// `realtime_priority`: SCHED_FIFO priority; `None` for normal scheduling.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 //!
 //! The service `tangent-simulator` starts a [`NetbBox`] beside a simulated arm and feeds it with
 //! the records of the plant's sensor ([`NetbBox::listener`]). Tests of clients start one alone. The
-//! clock of the box counts at 7 kHz whatever the rate of records. Samples are sent at the times
+//! clock of the box counts at 7 kHz at any rate of records. Samples are sent at the times
 //! that they are stamped with.
 //!
 //! ```
@@ -10,7 +10,7 @@
 //!
 //! let simulated = NetbBox::start(NetbConfig::default())?;
 //! println!("RDT at {}, web pages at {}", simulated.rdt_address(), simulated.http_address());
-//! // 3 N against z, at a million counts per newton, until told otherwise.
+//! // 3 N against z, at a million counts per newton, until the next call.
 //! let counts = [0, 0, -3_000_000, 0, 0, 0];
 //! simulated.feed().hold(BoxSample { counts, saturated: false });
 //! # Ok::<(), tangent_simulated_netft::NetbError>(())

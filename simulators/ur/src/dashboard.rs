@@ -20,7 +20,7 @@ pub struct DashboardServer {
     state: Dashboard,
 }
 
-/// What the dashboard remembers.
+/// State of the dashboard.
 #[derive(Debug, Default)]
 pub struct Dashboard {
     loaded: Option<String>,

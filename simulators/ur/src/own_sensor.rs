@@ -61,7 +61,7 @@ pub struct OwnReading {
 pub struct OwnSensor {
     config: OwnSensorConfig,
     random: u64,
-    /// What was subtracted when the last program started, flange axes.
+    /// Wrench that was subtracted when the last program started, flange axes.
     zero: Vector6<f64>,
     playing: bool,
 }

@@ -111,7 +111,7 @@ fn package(kind: u8, body: impl FnOnce(&mut Writer)) -> Vec<u8> {
     out
 }
 
-/// Fills `out`, whose memory is used again, with a body behind the length of both.
+/// Fills `out` with a length and a body; the length counts both. The memory of `out` is reused.
 fn lengthened(out: &mut Vec<u8>, body: impl FnOnce(&mut Writer)) {
     let mut w = Writer(std::mem::take(out));
     w.0.clear();
@@ -135,7 +135,7 @@ fn microseconds(s: f64) -> u64 {
     (s.max(0.0) * 1e6) as u64
 }
 
-/// What a client gets first: name and version of the software.
+/// First package to a client: name and version of the software.
 pub fn version(flavour: Flavour, time_s: f64) -> Vec<u8> {
     let version = flavour.version();
     package(ROBOT_MESSAGE, |w| {
@@ -149,7 +149,7 @@ pub fn version(flavour: Flavour, time_s: f64) -> Vec<u8> {
     })
 }
 
-/// A message as it goes to all clients.
+/// A message in the form in which it is sent to all clients.
 pub fn message(message: &Message, time_s: f64) -> Vec<u8> {
     package(ROBOT_MESSAGE, |w| {
         w.u64(microseconds(time_s)).u8(253);
@@ -179,8 +179,8 @@ pub fn message(message: &Message, time_s: f64) -> Vec<u8> {
     })
 }
 
-/// Robot state with mode, joints, tool pose, calibration and configuration: what clients need at 10
-/// Hz. Into `out`, whose memory is used again.
+/// Writes the robot state that clients need at 10 Hz into `out`: mode, joints, tool pose,
+/// calibration and configuration. The memory of `out` is reused.
 pub fn robot_state(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, geometry: &Geometry) {
     lengthened(out, |w| {
         w.u8(ROBOT_STATE);
@@ -241,8 +241,8 @@ pub fn robot_state(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, geometry: &
     });
 }
 
-/// The real-time client's package: 139 doubles on CB3 (1116 bytes), 152 on e-Series (1220 bytes).
-/// Into `out`, whose memory is used again.
+/// Writes the real-time client's package into `out`: 139 doubles on CB3 (1116 bytes), 152 on
+/// e-Series (1220 bytes). The memory of `out` is reused.
 pub fn realtime(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, joint_mode: f64) {
     lengthened(out, |w| realtime_body(w, s, flavour, joint_mode));
 }

@@ -1,5 +1,4 @@
-//! Everything RTDE clients write and programs leave behind: registers, digital and analog inputs
-//! and outputs.
+//! Registers, and digital and analog inputs and outputs, which RTDE clients and programs write.
 
 use tangent_rtde::codec::Value;
 
@@ -117,7 +116,7 @@ impl Bank {
 }
 
 impl Registers {
-    /// A register's value by its RTDE name; `None` for what is no register.
+    /// Value of a register by its RTDE name; `None` if no register has this name.
     pub fn get(&self, name: &str) -> Option<Value> {
         if let Some(rest) = name.strip_prefix("input_") {
             self.input.get(rest)

@@ -48,7 +48,7 @@ impl Rig {
         }
     }
 
-    /// Uploads, runs so many cycles.
+    /// Uploads the program and runs this number of cycles.
     pub fn run(&mut self, program: &str, cycles: usize) {
         self.controller.upload(program);
         self.cycles(cycles);

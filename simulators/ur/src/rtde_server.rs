@@ -21,7 +21,7 @@ const PACKAGE_BYTES_MAX: usize = 4096;
 /// Input recipes of one client.
 const INPUT_RECIPES_MAX: usize = 255;
 
-/// Who owns which input: one client per variable.
+/// Owner of each input: one client per variable.
 #[derive(Debug, Default)]
 pub struct Ownership {
     owners: HashMap<String, (u64, Option<Instant>)>,

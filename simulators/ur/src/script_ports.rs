@@ -11,7 +11,7 @@ use crate::connection::{Connection, accept};
 use crate::controller::{Controller, Message};
 use crate::primary::{self, Geometry};
 
-/// What a port streams.
+/// Stream of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
     /// State at 10 Hz and all messages.

@@ -232,7 +232,7 @@ builtins! {
     sync() = |_, _| Ok(Outcome::Wait(Wait::Frame));
     sleep(t) = |_, a| { let t = a[0].float()?; Ok(Outcome::Wait(Wait::Sleep(if t.is_finite() { t } else { 0.0 }))) };
 
-    // What the arm does.
+    // State of the arm.
     get_steptime() = |r, _| float(r.step_s());
     get_actual_joint_positions() = |r, _| six(r.joint_positions(false));
     get_joint_positions() = |r, _| six(r.joint_positions(false));

@@ -1,5 +1,5 @@
-//! Syntax to instructions: names become slots, calls are checked, keyword arguments find their
-//! places.
+//! Syntax to instructions: names become slots, calls are checked, keyword arguments are put in
+//! order.
 //!
 //! Variables of the program's outermost function are visible in the functions and threads inside
 //! it, as those declared `global` are; everything else that a function assigns is its own.
@@ -75,11 +75,11 @@ pub struct Program {
 }
 
 impl Program {
-    /// Reads a whole program: one `def` or `sec` with all it holds, or plain statements. `e_series`
-    /// decides which built-in functions there are.
+    /// Compiles a whole program: one `def` or `sec` with its contents, or plain statements.
+    /// `e_series` determines which built-in functions exist.
     ///
     /// # Errors
-    /// Line, column and what is wrong there.
+    /// The text is not a valid program; the error gives line, column and reason.
     pub fn compile(text: &str, e_series: bool) -> Result<Self, CompileError> {
         let mut block = parse(text)?;
         let mut name = "script".to_owned();

@@ -13,7 +13,7 @@ pub struct CompileError {
     /// What is wrong and what is allowed.
     pub reason: String,
     /// The text is well formed, but calls or reads a name that does not exist. The controller
-    /// reports these on its ports; about a text that is not well formed it says nothing there.
+    /// reports these on its ports, but not texts that are not well formed.
     pub unknown_name: bool,
 }
 

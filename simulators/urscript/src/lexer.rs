@@ -1,11 +1,11 @@
-//! Text to tokens. Newlines end nothing: statements are told apart by their tokens.
+//! Text to tokens. Newlines do not end a statement: statements are separated by their tokens.
 
 use crate::error::CompileError;
 
 /// Longest text of a program, bytes.
 pub const PROGRAM_BYTES_MAX: usize = 1 << 20;
 
-/// Where a token stands, counted from 1.
+/// Position of a token, counted from 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Position {
     pub line: u32,

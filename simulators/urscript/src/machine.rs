@@ -226,7 +226,7 @@ impl Machine {
                     }
                 }
                 Op::Run(code) => {
-                    // This thread stands beside the list while it runs.
+                    // The running thread is not in the list.
                     if self.threads.len() + 1 >= THREADS_MAX {
                         return Err(ScriptError::TooManyThreads);
                     }

@@ -14,7 +14,7 @@ static LIVE_ITEMS: AtomicUsize = AtomicUsize::new(0);
 /// Value of a variable.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// Nothing: an argument left out, or what a function without `return` returns.
+    /// No value: an omitted argument, or the result of a function without `return`.
     None,
     /// True or False.
     Bool(bool),
@@ -30,7 +30,7 @@ pub enum Value {
     Pose([f64; 6]),
 }
 
-/// Elements of a list, with its size known.
+/// Elements of a list, with its size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct List {
     items: Arc<Items>,

@@ -82,7 +82,7 @@ pub fn force_n(number: usize) -> f64 {
 const SLACK_NS: i64 = 1_500_000_000;
 /// Time around a fault in which an effect may not have been observed, ns.
 const NEAR_NS: i64 = 2_500_000_000;
-/// Time in which a change is published, by a machine that does other things too.
+/// Time in which a change is published on a loaded machine.
 const SEEN_NS: i64 = 500_000_000;
 /// Time in which the arm comes to rest after a pause.
 const REST_NS: i64 = 500_000_000;
@@ -90,7 +90,7 @@ const REST_NS: i64 = 500_000_000;
 /// Everything that was recorded.
 pub struct History {
     pub operations: Vec<Operation>,
-    /// From and until when a process was stopped or gone.
+    /// Start and end of each time in which a process was stopped or absent.
     pub faults: Vec<(i64, i64)>,
     pub states: Vec<Seen<ControlState>>,
     pub truths: Vec<Seen<ContactTruth>>,
@@ -112,7 +112,7 @@ pub struct Checked {
 }
 
 impl History {
-    /// Every violation in words, and how much there was to check.
+    /// Every violation as text, and the number of checks.
     pub fn check(&self) -> (Vec<String>, Checked) {
         let mut wrong = Vec::new();
         let mut checked = Checked {
@@ -194,7 +194,7 @@ impl History {
         }
     }
 
-    /// Every change that only a request makes has one of its own that was not refused.
+    /// Every change that only a request can cause has its own request that was not refused.
     fn check_changes(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
         let mut used = BTreeSet::new();
         let mut expect = |kinds: &[Kind], at_ns: i64, what: String| {
@@ -276,7 +276,7 @@ impl History {
         }
     }
 
-    /// After a pause the arm stands until something else is asked, by the simulator's truth.
+    /// After a pause the arm is at rest until the next request, according to the simulator's truth.
     fn check_rest(&self, wrong: &mut Vec<String>, checked: &mut Checked) {
         for pause in self.of(Kind::Pause).filter(|o| o.is_done()) {
             let from = pause.told_ns + REST_NS;

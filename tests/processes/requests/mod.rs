@@ -1,4 +1,4 @@
-//! A request has one outcome, whatever stops or dies meanwhile, and a stop has its own lane.
+//! A request has one outcome, even if processes stop or die meanwhile, and a stop has its own lane.
 
 mod history;
 mod nemesis;
@@ -63,7 +63,7 @@ fn request(action: &str, argument: impl Into<String>) -> Request {
     }
 }
 
-/// A task that outlasts the run, named after its request.
+/// A task that is longer than the run, named after its request.
 fn long_task(number: usize) -> String {
     format!(
         "name = \"{}\"\ntare = false\nforce.reference_n = 3.0\nend.retract_distance_m = 0.005\n\

@@ -7,11 +7,11 @@ use tangent_runtime::clock::now_ns;
 use super::Draw;
 use crate::cell::Cell;
 
-/// What may hang or die. The controller is apart from the bridge, so that every way between them
-/// goes over the bus.
+/// Services that may hang or die. The controller and the bridge are separate processes, so that all
+/// messages between them go over the bus.
 const VICTIMS: [&str; 3] = ["router", "rtde", "controller"];
 
-/// Until `until`; from and until when each fault lasted, ns.
+/// Runs until `until`. Returns the start and end of each fault, ns.
 pub fn torment(cell: &mut Cell, draw: &mut Draw, until: Instant) -> Vec<(i64, i64)> {
     let mut faults = Vec::new();
     while Instant::now() < until {
@@ -22,7 +22,7 @@ pub fn torment(cell: &mut Cell, draw: &mut Draw, until: Instant) -> Vec<(i64, i6
             cell.process(victim).kill();
             pause(Duration::from_millis(draw.below(300)));
             cell.start(victim);
-            // Up and connected again.
+            // The process runs and is connected again.
             pause(Duration::from_millis(1500));
         } else {
             cell.process(victim).signal("STOP");
@@ -34,7 +34,7 @@ pub fn torment(cell: &mut Cell, draw: &mut Draw, until: Instant) -> Vec<(i64, i6
     faults
 }
 
-/// Lets time pass: the history needs faults at moments, not as fast as possible.
+/// Waits: the history needs faults at separate times, not as fast as possible.
 pub fn pause(time: Duration) {
     let until = Instant::now() + time;
     while let Some(left) = until.checked_duration_since(Instant::now()) {

@@ -78,7 +78,7 @@ fn model(text: &str, findings: &mut Findings) {
     match ModelData::from_toml(text) {
         Ok(model) if matches!(model.dof, 6 | 7) => {}
         Ok(model) => findings.note(format!(
-            "dof = {}: the laws take arms of 6 joints, or of 7 on `unified_force_impedance`",
+            "dof = {}: the laws support arms of 6 or 7 joints, `hybrid_admittance` only of 6",
             model.dof
         )),
         Err(error) => findings.error(error),

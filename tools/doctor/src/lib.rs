@@ -1,4 +1,4 @@
-//! Checks whether this machine can run a cell, and says what to do if it cannot.
+//! Checks whether this machine can run a cell, and reports what to change if it cannot.
 //!
 //! [`examine`] runs every check and returns a [`Diagnosis`]. A check reads files of the operating
 //! system or queries a device, and returns a [`Finding`]: what was found, what it means for the

@@ -16,13 +16,13 @@ pub enum FaultsError {
     /// The user has to change the command: what is wrong, and what is allowed.
     #[error("{0}")]
     Usage(String),
-    /// The cell, or this machine, did not do what was needed.
+    /// The cell, or this machine, did not behave as the measurement needs.
     #[error("{0}")]
     Failed(String),
     /// A step failed; the source says why.
     #[error("{step}")]
     Step {
-        /// What was being done.
+        /// The step that failed.
         step: String,
         /// Why it failed.
         source: Box<FaultsError>,
@@ -85,7 +85,7 @@ impl<T> Context<T> for Option<T> {
     }
 }
 
-/// Returns an error whose text says what the cell did not do.
+/// Returns an error that describes the missing behaviour of the cell.
 macro_rules! bail {
     ($($words:tt)*) => {
         return Err($crate::error::FaultsError::Failed(format!($($words)*)))

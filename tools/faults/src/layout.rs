@@ -1,6 +1,6 @@
 //! How the services of a private cell are spread over processes.
 
-/// How the services are spread over processes, and what the tool slides on.
+/// Distribution of the services over processes, and the surface on which the tool slides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Layout {
     /// The hard loop in one process, as recommended.

@@ -13,10 +13,10 @@
 //! |---|---|
 //! | `catalogue/` | every fault: what is done, which service must detect it and how soon |
 //! | `campaign`, `play`, `row` | faults in order; one fault; its times against the bounds |
-//! | `stage` | a cell and what can be done to it |
+//! | `stage` | a cell, and the ways to disturb it |
 //! | `private_cell`, `layout`, `cell_files` | the cell: processes, spread over hosts, files |
-//! | `wire`, `host_clock`, `disk` | what is broken: cables, clocks, the disk |
-//! | `processors`, `impostor` | what is taken or forged: cores, messages |
+//! | `wire`, `host_clock`, `disk` | faults of cables, clocks and the disk |
+//! | `processors`, `impostor` | occupied cores, forged messages |
 //! | `evidence`, `losses` | messages of the cell meanwhile; messages missing in its recording |
 
 mod campaign;

@@ -137,7 +137,8 @@ impl Stage {
         Ok(())
     }
 
-    /// Leaves a protective stop as a person does at the pendant, which takes at least five seconds.
+    /// Leaves a protective stop as an operator does on the pendant, which takes at least five
+    /// seconds.
     ///
     /// # Errors
     /// It is not unlocked in time.

@@ -14,9 +14,9 @@ use crate::{given_cell, scenario_cell};
 /// A given cell as it runs against the simulator.
 #[derive(Clone, Debug)]
 pub struct GivenCell {
-    /// The cell. Its text is what is recorded.
+    /// The cell. Its text is recorded.
     pub config: CellConfig,
-    /// What of the given file is not used, each key with the reason.
+    /// Keys of the given file that are not used, each with the reason.
     pub unused: Vec<String>,
 }
 
@@ -76,7 +76,7 @@ fn title(played: &Scenario) -> String {
     format!("the cell of scenario {}", played.name())
 }
 
-/// `base` with changes that can fail, and what the change returned.
+/// Returns `base` with changes that can fail, and the result of the change.
 fn changed<T: Default>(
     base: &CellConfig,
     title: &str,
@@ -84,7 +84,7 @@ fn changed<T: Default>(
 ) -> Result<(CellConfig, T), SimulatedCellError> {
     let mut written = Ok(T::default());
     let config = base.changed(title, |cell| written = change(cell));
-    // The cause comes before what a half-written file leads to.
+    // The cause is reported before the errors of a partly changed file.
     let written = written?;
     Ok((config.map_err(SimulatedCellError::Cell)?, written))
 }

@@ -26,7 +26,7 @@ pub fn set(table: &mut Table, key: &str, value: impl Serialize) -> Result<(), Si
     Ok(())
 }
 
-/// Removes `key`; what it was.
+/// Removes `key` and returns its value.
 pub fn remove(table: &mut Table, key: &str) -> Option<Value> {
     match key.split_once('.') {
         None => table.remove(key),

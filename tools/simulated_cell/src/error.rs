@@ -53,7 +53,7 @@ pub enum SimulatedCellError {
         /// The protocol of the scenario's arm.
         scenario_driver: RobotDriver,
     },
-    /// The cell's arm is a model file of the user's own, which no simulator knows.
+    /// The cell's arm is a model file of the user's own, which no simulator supports.
     #[error(
         "cell {cell}: robot.model_file = {file}: only built-in arms can be simulated; name one of them as robot.model, or \
          run the cell's services with `tangent run` against the real arm"
@@ -78,7 +78,7 @@ pub enum SimulatedCellError {
     Shipped {
         /// The file.
         file: &'static str,
-        /// What the parser says.
+        /// Error of the parser.
         source: toml::de::Error,
     },
     /// A value cannot be written as TOML, which is a defect.
@@ -86,7 +86,7 @@ pub enum SimulatedCellError {
     Write {
         /// Dotted name of the key.
         key: String,
-        /// What the writer says.
+        /// Error of the writer.
         source: toml::ser::Error,
     },
     /// The folder of the recordings cannot be listed.
@@ -94,7 +94,7 @@ pub enum SimulatedCellError {
     Recordings {
         /// The folder.
         folder: PathBuf,
-        /// What the system said.
+        /// Error of the system.
         source: io::Error,
     },
     /// The recorder ran, but left no file.

@@ -1,5 +1,5 @@
-//! A given cell file against the simulator: the scenario is fitted to the cell, the simulated
-//! devices take the place of the real ones, and what a simulator cannot honour is named.
+//! Runs a given cell file against the simulator: the scenario is fitted to the cell, simulated
+//! devices replace the real ones, and settings that cannot be simulated are named.
 
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::{Law, RobotDriver, SensorDriver};
@@ -58,8 +58,7 @@ pub fn fit(cell: &CellConfig, played: &mut Scenario) -> Result<(), SimulatedCell
     Ok(())
 }
 
-/// Writes into `cell` what is simulated in place of what the file says; returns each such key with
-/// what became of it.
+/// Replaces values of `cell` by those of the simulation. Returns each replaced key with the reason.
 ///
 /// # Errors
 /// A value that cannot be written.
@@ -105,8 +104,7 @@ pub fn write(
     Ok(unused)
 }
 
-/// The images are those of the scenario's camera, so what is known of the camera is what is known
-/// of that one.
+/// The images are those of the scenario's camera, so its calibration replaces that of the file.
 fn camera(
     cell: &mut Table,
     base: &CellConfig,

@@ -1,4 +1,4 @@
-//! The cell file that fits a scenario: what a person would have measured and written down.
+//! The cell file that fits a scenario, with the values that a user would measure and write down.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::Serialize;
@@ -12,7 +12,7 @@ use toml::Table;
 use crate::cell_keys::{get, set};
 use crate::error::SimulatedCellError;
 
-/// Result of what writes into a cell file.
+/// Result of writing into a cell file.
 type Result<T> = std::result::Result<T, SimulatedCellError>;
 
 /// Left out around the tool in depth images, m: pixels at its edge float.
@@ -28,7 +28,7 @@ const VISION_PATIENCE_S: f64 = 0.25;
 /// The controller's share of the cell's limits; see its own `SHARE`.
 const LIMIT_SHARE: f64 = 0.9;
 
-/// Writes into `cell` what the scenario's plant, law and estimators are.
+/// Writes the scenario's plant, law and estimators into `cell`.
 ///
 /// # Errors
 /// An unknown arm.

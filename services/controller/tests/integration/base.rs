@@ -22,7 +22,7 @@ impl Platform {
         }
     }
 
-    /// Publishes a pose at rest; `modify` modifies it.
+    /// Publishes a pose at rest, after `modify` has changed it.
     fn say(&self, modify: impl FnOnce(&mut PoseWithCovarianceStamped)) {
         let stamp_ns = 1_000_000_000 + self.began.elapsed().as_nanos() as i64;
         let mut message = PoseWithCovarianceStamped {
@@ -51,7 +51,7 @@ impl Platform {
     }
 }
 
-/// Sends packets at about their real rate until the path stands; `meanwhile` runs before each.
+/// Sends packets at about their real rate until the path has stopped; `meanwhile` runs before each.
 fn holds(cell: &mut Cell, meanwhile: impl Fn()) {
     let deadline = Instant::now() + Duration::from_secs(30);
     while cell.phase() != "hold" {

@@ -89,7 +89,7 @@ fn a_stop_and_a_pause_that_the_loop_did_not_take_in_time_have_no_effect() {
 fn a_refused_tare_is_asked_for_again_and_says_why_meanwhile() {
     timed(|| {
         let mut cell = Cell::new();
-        // Until it was seen.
+        // Until the service has received the message.
         cell.refusals.store(u64::MAX / 2, Ordering::SeqCst);
         start(&mut cell);
         cell.packet(true);

@@ -1,5 +1,5 @@
-//! `depth_normal` in the service. The camera is the tool's: it looks the way the tool points, 0.3 m
-//! over the surface.
+//! `depth_normal` in the service. The camera is at the tool and looks along it, 0.3 m over the
+//! surface.
 
 use super::*;
 use tangent_runtime::State;
@@ -24,7 +24,7 @@ fn with_depth() -> Config {
     }
 }
 
-/// Of a plane 0.3 m before the camera.
+/// Depth image of a plane 0.3 m in front of the camera.
 fn image(size: [u32; 2], stamp_ns: i64) -> Image {
     Image {
         header: Header::new(stamp_ns, "camera"),
@@ -37,7 +37,7 @@ fn image(size: [u32; 2], stamp_ns: i64) -> Image {
     }
 }
 
-/// A service that is told of arm and camera, and what it says.
+/// A service with publishers of its inputs and subscribers of its outputs.
 struct Rig {
     cell: Cell,
     images: tangent_runtime::Publisher<Image>,
@@ -62,7 +62,7 @@ impl Rig {
         }
     }
 
-    /// An arm state, and an image of then plus `late_ns`; what the estimator makes of it.
+    /// Publishes an arm state, and an image of its time plus `late_ns`. Returns the estimate.
     fn look(&mut self, size: [u32; 2], late_ns: i64) -> NormalEstimate {
         self.cell.cycle(3.0, Validity::Valid);
         let stamp_ns = self.cell.cycle as i64 * PERIOD_NS;
@@ -70,7 +70,7 @@ impl Rig {
         next(&self.normals)
     }
 
-    /// Images until the health says so.
+    /// Publishes images until the health satisfies the condition.
     fn until(&mut self, size: [u32; 2], late_ns: i64, told: impl Fn(&Health) -> bool) -> Health {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -106,7 +106,7 @@ fn an_image_of_a_wrong_size_is_reported_until_the_next_good_one() {
     let refused = rig.look([848, 480], 0);
     assert_eq!(Validity::from(refused.validity), Validity::SensorError);
     assert!(refused.reason.contains("848, 480"), "{}", refused.reason);
-    // As old as the last that was good: whoever goes by age takes it for silence.
+    // It has the cycle of the last good image, so a reader that judges by age treats it as silence.
     assert_eq!(refused.header.stamp, last_good.header.stamp);
     assert_eq!(refused.cycle, last_good.cycle);
     assert_eq!(refused.normal, last_good.normal);
@@ -130,7 +130,8 @@ fn an_image_of_a_wrong_size_is_reported_until_the_next_good_one() {
 #[test]
 fn an_image_without_an_arm_state_of_its_time_is_reported() {
     let mut rig = Rig::new();
-    // Before any frame was used there is no cycle and no stamp to speak of: as old as can be.
+    // Before the first frame there is no cycle and no stamp, so the estimate counts as infinitely
+    // old.
     let unplaced = rig.look(SIZE, 3_000_000_000);
     assert_eq!(Validity::from(unplaced.validity), Validity::SensorError);
     assert!(

@@ -61,7 +61,7 @@ impl Default for ErrorFlags {
 }
 
 impl ErrorFlags {
-    /// A joint is beyond its limits; somebody has to guide it back by hand.
+    /// A joint is beyond its limits; an operator has to guide it back by hand.
     pub const JOINT_POSITION_LIMITS: usize = 0;
     /// A joint is too fast.
     pub const JOINT_VELOCITY: usize = 3;

@@ -155,12 +155,12 @@ fn messages_dropped_from_the_queue_are_missing_until_they_are_recovered() {
     bench.wait(150);
     assert_eq!(bench.asked(), [(1, 90)]);
     bench.take(7, Origin::Recalled);
-    // What lies between two that are recorded was seen already.
+    // Messages between two recorded ones were already received.
     bench.live([105]);
     bench.ledger.pushed_out(&key, A, 101, 104, bench.now);
     bench.ledger.close();
     assert_eq!(bench.figures(), (1, 93));
-    // What was said before that, nobody claims.
+    // Messages before that do not count as missing.
     let mut bench = Bench::new();
     bench.live([1000]);
     bench.ledger.pushed_out(&key, A, 990, 999, bench.now);

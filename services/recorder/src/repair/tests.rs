@@ -79,7 +79,7 @@ fn a_repair_neither_starts_nor_continues_below_the_free_space_limit() {
     let original = fs::read(&path).unwrap();
     let left = [path.file_name().unwrap().to_str().unwrap().to_owned()];
     const KEPT: u64 = 64 << 20;
-    // Room for the present, none for the copy.
+    // Space for the recording in progress, but not for the copy.
     let (outcome, looks) = mend(&path, KEPT, |_, _| KEPT + (1 << 20));
     let error = outcome.unwrap_err().to_string();
     assert!(
@@ -87,7 +87,7 @@ fn a_repair_neither_starts_nor_continues_below_the_free_space_limit() {
         "{error}"
     );
     assert_eq!(looks, 1, "it has begun");
-    // Others fill the disk while it mends.
+    // Other programs fill the disk during the repair.
     let (outcome, looks) = mend(&path, KEPT, |look, _| {
         KEPT + if look < 3 { 32 << 20 } else { STRIDE }
     });

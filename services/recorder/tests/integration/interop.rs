@@ -1,5 +1,5 @@
-//! Recordings are read by other people's programs: `mcap` with `mcap-ros2-support`, and `rosbags`,
-//! both from PyPI.
+//! Third-party programs read the recordings: `mcap` with `mcap-ros2-support`, and `rosbags`, from
+//! PyPI.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -49,7 +49,7 @@ fn put<M: Message>(writer: &mut RecordingWriter, topic: &str, sequence: u32, mes
         .unwrap();
 }
 
-/// As a sensor counts: whole numbers of micronewtons.
+/// Values like those of a sensor: whole numbers of micronewtons.
 fn raw_wrench(i: u32) -> WrenchStamped {
     let mut wrench = WrenchStamped {
         header: Header::new(1_795_260_245_000_000_000 + i64::from(i) * 142_857, "sensor"),

@@ -1,4 +1,4 @@
-//! A recorder that is killed leaves a file that opens, and the next start mends it.
+//! A recorder that is killed leaves a file that opens, and the next start repairs it.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -35,7 +35,7 @@ fn recordings(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Runs in a process of its own, started by the test below; records for ever.
+/// Runs in a process of its own, started by the test below; records without end.
 #[test]
 #[ignore = "the other half of a_killed_recorder_leaves_a_file_that_opens"]
 fn a_recorder_to_be_killed() {
@@ -88,7 +88,7 @@ fn a_killed_recorder_leaves_a_file_that_opens() {
         let output = BufReader::new(child.stdout.take().unwrap());
         let safe = output.lines().any(|line| line.unwrap().trim() == "safe");
         assert!(safe, "the child ended before it had recorded anything");
-        // While it is written, nobody else mends it.
+        // While the file is written, no other recorder repairs it.
         assert_eq!(repair::repair_folder(folder.path()).unwrap(), []);
         child.kill().unwrap();
         child.wait().unwrap();

@@ -1,5 +1,5 @@
-//! A large torn file is mended while the recorder records, in little memory. Alone in its process:
-//! it measures the memory.
+//! A large truncated file is repaired while the recorder records, in little memory. The test is
+//! alone in its process, because it measures the memory.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,8 @@ use tangent_recorder::{
 use tangent_runtime::{Bus, Stop};
 
 const TORN_MIB: usize = 96;
-/// Grown while a file of `TORN_MIB` is mended; a reader that holds the file needs all of that.
+/// Growth of memory allowed while a file of `TORN_MIB` is repaired; a reader that loads the whole
+/// file would need its full size.
 const GROWTH_MAX_KIB: u64 = 32 << 10;
 
 fn torn(folder: &Path) -> PathBuf {

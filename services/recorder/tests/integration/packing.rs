@@ -1,4 +1,4 @@
-//! What is kept in arrays comes out as it went in, and is small.
+//! Wrenches in arrays are restored exactly, and take little space.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -181,8 +181,8 @@ fn an_hour_of_the_fastest_sensor_is_small() {
     }
 }
 
-/// Counts that are no decimal fractions come out of the arrays by chance alone: then many batches
-/// of a few would be larger than the messages.
+/// Counts that are not decimal fractions are restored from arrays only by chance. Many small
+/// batches would then be larger than the messages.
 #[test]
 fn a_sensor_whose_counts_do_not_fit_takes_no_more_than_before() {
     let folder = tempfile::tempdir().unwrap();
@@ -290,7 +290,7 @@ fn a_truncated_file_with_batches_is_repaired_and_loses_at_most_its_last_chunk() 
     assert_same(&torn, &mended);
 }
 
-/// Arrays that do not fit together are no batch: nothing is made of them.
+/// Arrays of different lengths are not a batch and are not unpacked.
 #[test]
 fn a_damaged_batch_is_a_message_as_any_other() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! A recorder that was away for a moment records what it missed: real sessions on loopback.
+//! A recorder that was absent for a moment records the messages that it missed: real sessions on
+//! loopback.
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -49,7 +50,7 @@ impl Recorder {
     }
 }
 
-/// Publishes once per millisecond for so long.
+/// Publishes once per millisecond for this time.
 fn publish(states: &Publisher<ArmState>, time: Duration) {
     let start = Instant::now();
     while start.elapsed() < time {

@@ -20,7 +20,7 @@ pub fn posture(bridge: &Bridge) -> Posture<6> {
     }
 }
 
-/// A bridge and the robot it speaks to.
+/// A bridge and its scripted robot.
 pub struct Cell {
     pub bridge: Bridge,
     pub robot: Robot,
@@ -82,7 +82,7 @@ impl Cell {
         self.bridge.open(self.now_s, &mut self.to_robot).unwrap();
     }
 
-    /// One robot cycle: bytes there, bytes back, the bridge's answer.
+    /// One robot cycle: the bytes in both directions, and the bridge's answer.
     pub fn step(&mut self) -> Result<bool, LinkError> {
         self.now_s += self.robot.version.series().period_s();
         let mut bytes = Vec::new();

@@ -1,4 +1,4 @@
-//! Whatever bytes and numbers come in.
+//! Arbitrary bytes and numbers as input.
 
 use proptest::prelude::*;
 
@@ -21,7 +21,7 @@ proptest! {
         }
     }
 
-    /// Also whatever numbers a well-formed state carries: what is sent stays within the limits.
+    /// For any numbers in a well-formed state, the commands stay within the limits.
     #[test]
     fn no_state_makes_it_send_nonsense(doubles in prop::collection::vec(any::<u64>(), 30), words in prop::collection::vec(any::<i32>(), 12)) {
         let mut cell = Cell::ready(Series::Cb3);

@@ -118,7 +118,7 @@ pub enum BusError {
     Unknown {
         /// Key of the request.
         key: String,
-        /// What the service does know.
+        /// Reason that the service gave.
         reason: String,
     },
     /// An answer that cannot be decoded.

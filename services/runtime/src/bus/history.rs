@@ -90,7 +90,7 @@ impl History {
         }
     }
 
-    /// The blocks kept now. Copies only one block, whatever their number.
+    /// The blocks kept now. Copies only one block, for any number of blocks.
     pub(crate) fn blocks(&self) -> Vec<Arc<Block>> {
         let open = Arc::new(self.open.clone());
         self.full.iter().cloned().chain([open]).collect()

@@ -354,7 +354,7 @@ impl Bus {
 
     /// Answers requests on `key` that take time, and may be refused at once. `judge` says why a
     /// request is refused, in the urgent lane: it does not wait for requests that are under way.
-    /// What it allows goes on to the slow lane, where it is judged once more when its turn comes,
+    /// An allowed request passes to the slow lane, where it is judged again when its turn comes,
     /// and then handled.
     ///
     /// # Errors

@@ -36,7 +36,7 @@ pub struct Refused {
 
 impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let who = self.who.as_deref().unwrap_or("nobody");
+        let who = self.who.as_deref().unwrap_or("one without a name");
         if self.forged {
             write!(
                 f,

@@ -1,4 +1,4 @@
-//! What a session is on its network.
+//! Role of a session on its network.
 
 /// Role of a session on the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

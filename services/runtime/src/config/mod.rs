@@ -1,5 +1,5 @@
 //! `cell.toml`: everything about one cell that is not the task. Every key is checked when it is
-//! loaded, and an error says file, key, value and what is allowed.
+//! loaded, and an error names file, key, value and what is allowed.
 
 mod check;
 mod load;

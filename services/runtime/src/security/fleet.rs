@@ -23,7 +23,7 @@ pub struct Fleet {
     pub hosts: Vec<String>,
     /// Identities in addition to one of each role, for instance `estimator-laptop2.cell1`.
     pub also: Vec<String>,
-    /// Identities that are locked out for good; their names are not issued again.
+    /// Identities that are locked out permanently; their names are not issued again.
     pub revoked: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! Certificates and access rules at work: real sessions over mutual TLS on loopback.
+//! Certificates and access rules, tested with real sessions over mutual TLS on loopback.
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use tangent_schemas::standard::PoseWithCovarianceStamped;
 use tangent_schemas::tangent::{ArmCommand, ArmState, Health, NormalEstimate, Request};
 use tangent_schemas::topics::{self, queries};
 
-/// As long as a refusal is waited for: nothing arrives.
+/// Time after which a message that has not arrived counts as refused.
 const NOTHING: Duration = Duration::from_millis(500);
 
 /// A cell with keys in `folder`, and its router.
@@ -91,7 +91,7 @@ fn only_the_controllers_commands_reach_the_arm() {
         let cell = secured();
         let (robot, controller) = (cell.join("rtde"), cell.join("controller"));
         let heard = robot.subscribe(&topics::ARM_COMMAND, 100).unwrap();
-        // One of another cell knows this cell's name.
+        // An identity of another cell that uses this cell's name.
         let mut foreign = cell.config.clone();
         foreign.zenoh.identify("controller.other");
         let foreign = Bus::open_within(&foreign, Role::Client, PATIENCE).unwrap();
@@ -137,7 +137,7 @@ fn only_the_controllers_commands_reach_the_arm() {
     });
 }
 
-/// Whoever could say where the base is could drive the arm by it.
+/// A publisher of the base's pose could move the arm by it.
 #[test]
 fn only_the_platforms_poses_reach_the_controller() {
     timed(|| {
@@ -258,7 +258,7 @@ fn tasks_come_from_operators_only_and_answers_from_the_controller_only() {
             .map(|(_, answer)| answer.message.as_str())
             .collect();
         assert_eq!(words, ["started"]);
-        // The recorder may look, nobody else may start.
+        // The recorder may read the task, but only an operator may start one.
         let recorder = cell.join("recorder");
         until("the recorder is shown the task", || {
             recorder
@@ -315,7 +315,7 @@ fn readers_receive_the_cells_messages_and_liveliness() {
             "rtde"
         );
 
-        // A second one is refused, with where the first is.
+        // A second one is refused, and the error names the host of the first.
         let second = HealthReporter::start_only(&cell.join("robot"), "rtde")
             .map(|_| ())
             .unwrap_err();
@@ -363,8 +363,8 @@ fn a_router_without_rules_or_with_lax_ones_does_not_start() {
     });
 }
 
-/// One laptop's key is lost: its identity is revoked, and from the router's next start on it can
-/// say nothing, while the other estimators go on.
+/// The key of one laptop is lost and its identity revoked. From the router's next start on, its
+/// messages are dropped, while the other estimators continue.
 #[test]
 fn a_revoked_identity_is_locked_out_alone() {
     timed(|| {

@@ -22,7 +22,7 @@ fn a_message_beyond_the_bound_is_not_taken() {
         let _router = Bus::open_within(&config, Role::Router, PATIENCE).unwrap();
         let reader = client(&config);
         let heard = reader.subscribe(&HUGE, 16).unwrap();
-        // Of the cell, and of somebody who sets no bound.
+        // A process of the cell, and one without a bound.
         let mut lax = config.clone();
         lax.zenoh.message_max_mb = 1000.0;
         for config in [&config, &lax] {

@@ -1,4 +1,4 @@
-//! `cell.toml`: the file that ships, and what is said about files that are wrong.
+//! `cell.toml`: the shipped file, and the errors for wrong files.
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::DEFAULT_CELL;
 
@@ -24,8 +24,8 @@ fn the_file_that_ships_shows_every_default_as_it_is() {
     assert_eq!(shipped.robot, robot);
 }
 
-/// The last line of the file that ships that begins so, what stands there instead, and what is said
-/// about it.
+/// Beginning of a line of the shipped file (its last occurrence), the line in its place, and the
+/// error.
 const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "rtde_port =",
@@ -160,7 +160,7 @@ fn relative_paths_start_at_the_files_folder_and_the_text_stays_as_it_is() {
     );
 }
 
-/// `[sensor]` of an arm's own sensor or of a topic: what stands there, and what is said about it.
+/// Contents of `[sensor]` for an arm's own sensor or a topic, and the error.
 const SENSOR_MISTAKES: &[(&str, &str)] = &[
     (
         "",

@@ -1,5 +1,5 @@
-//! Processes that must not live on: a panic in one of their threads, a loop that stands still. Each
-//! is a real process, started by its test.
+//! Processes that must end: after a panic in one of their threads, or when a loop stands still.
+//! Each is a real process, started by its test.
 
 use std::io::Read;
 use std::os::unix::net::UnixDatagram;
@@ -118,7 +118,7 @@ fn a_process_that_does_not_end_in_order_is_killed() {
 fn role_command_panics() {
     ending::on_panic();
     spawn("worker", || panic!("on the way"));
-    // A command that waits for its worker for ever.
+    // A command that waits for its worker without end.
     loop {
         std::thread::park();
     }
@@ -145,7 +145,7 @@ fn role_stands_still() {
             beat.beat();
             std::thread::sleep(watchdog::TICK / 2);
         }
-        // Stands for a wait that never ends.
+        // Represents a wait that never ends.
         loop {
             std::thread::park();
         }
@@ -183,7 +183,7 @@ fn a_loop_that_stands_still_ends_the_process_and_systemd_is_notified() {
             .iter()
             .position(|word| word.starts_with("STATUS=the loop of rtde"))
             .unwrap();
-        // Fed while it went on, and not any more once it was found out.
+        // The watchdog was notified while the loop ran, and no longer once the stall was detected.
         assert!(heard[1..stood].iter().all(|word| word == "WATCHDOG=1"));
         assert!(stood > 10);
         assert_eq!(heard[stood + 1..], ["STOPPING=1"]);

@@ -224,7 +224,7 @@ fn samples_older_than_asked_are_refused_and_counted() {
     });
 }
 
-/// A service whose `start` takes until it is let go, on a cell of its own.
+/// A service whose `start` lasts until it is released, on a cell of its own.
 struct SlowStart {
     config: tangent_runtime::CellConfig,
     _router: Bus,
@@ -232,7 +232,7 @@ struct SlowStart {
     _handles: Vec<tangent_runtime::Handle>,
     /// Arguments of the starts that were carried out.
     started: Arc<Mutex<Vec<String>>>,
-    /// One message lets one start go.
+    /// One message releases one start.
     go: Sender<()>,
 }
 
@@ -293,7 +293,7 @@ fn asks(action: &str, argument: &str) -> Request {
     }
 }
 
-/// One thread answered everything: a stop came after every start before it.
+/// The bug: one thread answered all requests, so a stop waited for every earlier start.
 #[test]
 fn a_stop_is_answered_while_slow_requests_are_still_under_way() {
     timed(|| {
@@ -335,7 +335,7 @@ fn a_stop_is_answered_while_slow_requests_are_still_under_way() {
     });
 }
 
-/// A refusal waited behind whatever was under way on the same key.
+/// The bug: a refusal waited behind the requests in progress on the same key.
 #[test]
 fn what_is_not_allowed_is_refused_while_a_slow_request_of_the_same_key_is_under_way() {
     timed(|| {
@@ -383,7 +383,8 @@ fn what_is_not_allowed_is_refused_while_a_slow_request_of_the_same_key_is_under_
             })
             .collect();
         began.recv_timeout(PATIENCE).unwrap();
-        // The one under way at its arrival and at its turn, the other at its arrival.
+        // The request in progress was judged at its arrival and at its turn, the other at its
+        // arrival.
         until("both are judged", || judged.load(Ordering::SeqCst) == 3);
         allowed.store(false, Ordering::SeqCst);
         let asked = Instant::now();
@@ -393,7 +394,7 @@ fn what_is_not_allowed_is_refused_while_a_slow_request_of_the_same_key_is_under_
         assert!(!refused.done && refused.message == "it touches");
         assert!(taring.iter().all(|tare| !tare.is_finished()));
         go.send(()).unwrap();
-        // The one that waited for its turn is judged once more then.
+        // The waiting request is judged again at its turn.
         let mut done: Vec<bool> = taring
             .into_iter()
             .map(|tare| tare.join().unwrap().unwrap().done)
@@ -403,7 +404,7 @@ fn what_is_not_allowed_is_refused_while_a_slow_request_of_the_same_key_is_under_
     });
 }
 
-/// The job was carried out long after its asker had gone.
+/// The bug: the job was carried out long after its sender had given up.
 #[test]
 fn a_request_whose_sender_has_given_up_has_no_effect() {
     timed(|| {
@@ -432,7 +433,7 @@ fn a_request_whose_sender_has_given_up_has_no_effect() {
     });
 }
 
-/// What a service cannot know is neither done nor refused.
+/// An outcome that the service does not know is neither done nor refused.
 #[test]
 fn an_outcome_unknown_to_the_service_is_reported_as_unknown() {
     timed(|| {

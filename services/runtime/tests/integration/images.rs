@@ -1,5 +1,5 @@
-//! Whole images over a real router: from our own publishers, and from a client that knows nothing
-//! of us, as a ROS 2 bridge does.
+//! Whole images over a real router: from our own publishers, and from a client without our code,
+//! such as a ROS 2 bridge.
 use std::time::{Duration, Instant};
 
 use crate::common::{PATIENCE, cell, client, until};
@@ -11,16 +11,16 @@ use tangent_schemas::topics::{Delivery, Topic};
 use zenoh::Wait;
 
 const FRAMES: u64 = 60;
-/// Of each size; the rest is left to a busy machine.
+/// Number of images of each size that must arrive; a busy machine may lose the others.
 const WHOLE_MIN: u64 = 54;
-/// A machine that does something else for a second or two is asked again.
+/// Number of attempts, since a machine may be busy for a second or two.
 const ATTEMPTS: u32 = 3;
-/// An image that is not there by then is not waited for.
+/// Longest wait for an image.
 const LATE: Duration = Duration::from_millis(500);
 const PERIOD: Duration = Duration::from_micros(33_333);
 const DRIVER: Topic<Image> = Topic::new("driver/image", Delivery::Bulk);
 
-/// What depth cameras send: 0.6, 0.8, 1.2 and 1.6 MB.
+/// Sizes of the images of depth cameras: 0.6, 0.8, 1.2 and 1.6 MB.
 const KINDS: [(u32, u32, &str, u32); 4] = [
     (640, 480, "16UC1", 2),
     (848, 480, "16UC1", 2),
@@ -41,8 +41,8 @@ fn image((width, height, encoding, bytes): (u32, u32, &str, u32)) -> Image {
     }
 }
 
-/// Shows the image `FRAMES` times, at 30 Hz or as fast as a busy machine brings them; how many came
-/// to all readers, each whole.
+/// Publishes the image `FRAMES` times, at 30 Hz or as fast as a busy machine can. Returns how many
+/// arrived complete at all readers.
 fn came(readers: &[Subscription<Image>], sent: &Image, show: &mut dyn FnMut(&Image)) -> u64 {
     let mut whole = 0;
     for _ in 0..FRAMES {

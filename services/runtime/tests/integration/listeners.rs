@@ -1,5 +1,5 @@
-//! A router that anybody could reach starts only where the cell file says that it may, and says so
-//! for as long as it runs.
+//! A router that other hosts can reach without certificates starts only if the cell file permits
+//! it, and reports this while it runs.
 use crate::common::{PATIENCE, cell, client, until};
 use tangent_live::timed;
 use tangent_runtime::{Bus, BusError, CellConfig, HealthReporter, Role, State};
@@ -61,7 +61,7 @@ fn an_insecure_router_says_so_in_its_health() {
             "{remark}"
         );
 
-        // On loopback there is nothing to say.
+        // On loopback there is no remark.
         let near = cell();
         let quiet = Bus::open_within(&near, Role::Router, PATIENCE).unwrap();
         assert!(quiet.remarks().is_empty());

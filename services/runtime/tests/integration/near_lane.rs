@@ -119,7 +119,8 @@ fn nothing_is_lost_between_threads_while_the_queue_has_room() {
     });
 }
 
-/// A callback that publishes what it listens to would otherwise wait for itself for ever.
+/// Otherwise, a callback that publishes the topic it subscribes to would wait for itself without
+/// end.
 #[test]
 fn a_callback_is_not_called_from_within_itself() {
     timed(|| {

@@ -1,8 +1,8 @@
-//! A third party on the bus: Python with `eclipse-zenoh` and `rosbags`, running the example that
-//! ships.
+//! A third-party client on the bus: Python with `eclipse-zenoh` and `rosbags` runs the shipped
+//! examples.
 //!
-//! They come from `tests/interop/requirements.txt`. Without them the test says so and passes,
-//! unless `TANGENT_REQUIRE_INTEROP` is set.
+//! The packages are those of `tests/interop/requirements.txt`. Without them the test reports this
+//! and passes, unless `TANGENT_REQUIRE_INTEROP` is set.
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -28,7 +28,7 @@ fn python() -> PathBuf {
     }
 }
 
-/// Python with these packages; says so where there is none.
+/// Python interpreter with these packages; prints the reason if there is none.
 fn python_with(packages: &str) -> Option<PathBuf> {
     let python = python();
     let import = format!("import {packages}");
@@ -99,8 +99,7 @@ fn a_python_listener_reads_what_we_publish() {
     });
 }
 
-/// The codec that ships with the examples takes our bytes apart and puts the same bytes together
-/// again.
+/// The codec of the examples decodes our bytes and encodes identical bytes.
 #[test]
 fn the_python_codec_gives_back_our_bytes() {
     timed(|| {

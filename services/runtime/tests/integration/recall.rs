@@ -53,7 +53,7 @@ fn messages_without_a_subscriber_can_be_requested() {
         for cycle in 1..=5000 {
             states.publish(&state(cycle));
             if cycle % 100 == 0 {
-                // The publishing thread's queue holds a second, not everything at once.
+                // The publishing thread's queue holds one second of messages, not all of them.
                 std::thread::sleep(Duration::from_millis(2));
             }
         }
@@ -76,7 +76,7 @@ fn messages_without_a_subscriber_can_be_requested() {
             let decoded: ArmState = cdr::decode(&message.payload).unwrap();
             assert_eq!(decoded.cycle, sequence);
         }
-        // Only what is asked for.
+        // Only the requested messages.
         let middle = recall(&recorder, &span(states.id(), 1000, 1002));
         let sequences: Vec<u64> = middle.iter().map(|m| m.sequence).collect();
         assert_eq!(sequences, [1000, 1001, 1002]);
@@ -131,7 +131,7 @@ fn a_flood_of_questions_holds_no_publisher_up() {
             client.join().unwrap();
         }
         assert_eq!(heard.lost(), 0);
-        // It answers as before.
+        // The publisher answers again.
         until("an answer", || {
             recall(&reader, &span(states.id(), cycle - 10, cycle - 1)).len() == 10
         });

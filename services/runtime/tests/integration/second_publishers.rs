@@ -1,4 +1,4 @@
-//! Second publishers of a topic that has one: refused by name and counted, whatever id they use.
+//! Second publishers of a topic that has one: refused by name and counted, with any id.
 use crate::common::{PATIENCE, cell, client, until};
 use tangent_live::timed;
 use tangent_runtime::{Bus, HealthReporter, Role};
@@ -47,7 +47,7 @@ fn the_second_is_refused_and_named_by_its_health() {
             })
         });
         assert!(reader.counts().second_source > 0);
-        // Held, it stays with the first even when that falls silent; released, it does not.
+        // While held, the reader keeps the first publisher even if that falls silent.
         reader.hold(true);
         let before = reader.counts().second_source;
         let began = std::time::Instant::now();
@@ -110,7 +110,7 @@ fn an_impostors_control_state_is_refused_and_a_restarted_controllers_is_not() {
             restarted.publish(&says(false));
             !reader.get().unwrap().message.contact_possible
         });
-        until("nobody is refused any more", || {
+        until("no publisher is refused any more", || {
             restarted.publish(&says(false));
             sensor.refused().iter().all(|refused| refused.who.is_none())
         });
@@ -161,7 +161,7 @@ fn two_under_one_id_are_refused_until_one_is_left() {
         let forged = visitor
             .raw_publisher(topics::WRENCH_TOOL.key(), WrenchStamped::NAME)
             .unwrap();
-        // Far ahead of the true count: it would have silenced the true one for good.
+        // Far ahead of the true count, so that all true messages would have been refused.
         let mut sequence = 1 << 40;
         until("both are refused", || {
             sequence += 1;

@@ -10,10 +10,10 @@ use crate::table::pairs::{
 };
 use crate::table::{TableCell, TableFault};
 
-/// One fault of each kind that bridge and law treat alike. Answers to a future state, or repeated
-/// ones, are treated as old ones. A frame without numbers is treated as none. A state that arrives
-/// twice is not answered, and the answer to a late one is lost. A connection that is cut has the
-/// result of a dead bridge.
+/// One fault of each kind that bridge and law treat identically. Answers to a future state, or
+/// repeated ones, are treated as old ones. A frame without numbers is treated as none. A state that
+/// arrives twice is not answered, and the answer to a late one is lost. A connection that is cut
+/// has the result of a dead bridge.
 const DISTINCT: [Fault; 21] = [
     Fault::BridgeDead,
     Fault::BridgeHung,

@@ -30,8 +30,8 @@ impl<T> Default for Arrivals<T> {
 }
 
 impl<T: Clone> Arrivals<T> {
-    /// The answers that arrive in the cycle in which `sent` is sent. `disturb` applies the faults to
-    /// the answer.
+    /// The answers that arrive in the cycle in which `sent` is sent. `disturb` applies the faults
+    /// to the answer.
     pub fn pass(&mut self, way: Way, mut sent: T, disturb: impl FnOnce(&mut T)) -> Vec<T> {
         if way == Way::Repeated {
             return self.last_sent.clone().into_iter().collect();

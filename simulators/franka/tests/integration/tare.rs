@@ -45,7 +45,7 @@ fn its_wrench_is_the_environments_and_can_be_tared() {
     });
 }
 
-/// The bug: a restarted bridge did not know the controller's last state, and took the force of a
+/// The bug: a restarted bridge had lost the controller's last state, and took the force of a
 /// pressing tool for its zero.
 #[test]
 fn a_tare_after_a_restart_is_refused_while_the_tool_presses() {

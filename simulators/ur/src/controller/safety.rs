@@ -1,4 +1,4 @@
-//! Power, brakes and the safety system: what stops the arm, and what it takes to go on.
+//! Power, brakes and the safety system: causes of a stop, and the steps to leave it.
 
 use super::{Controller, Message};
 use crate::modes::{RobotMode, SafetyMode};

@@ -79,7 +79,7 @@ impl Client {
         }
     }
 
-    /// The answer, whatever data packages come before it.
+    /// The answer; data packages before it are skipped.
     fn ask(&mut self, request: &Request<'_>) -> Answer {
         self.send(request);
         loop {

@@ -1,6 +1,6 @@
 //! A simulated cell without the controller: a small arm over a plane publishes packets and follows
-//! the commands, and estimators publish in every mood. The packets are published by this thread, as
-//! the bridge does in a real cell.
+//! the commands, and estimators publish with selectable faults. This thread publishes the packets,
+//! as the bridge does in a real cell.
 
 // Each test file takes what it needs.
 #![allow(dead_code, clippy::unwrap_used)]
@@ -43,7 +43,7 @@ pub const PERIOD_S: f64 = 0.008;
 /// Timeout of an answer.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
-/// A task that outlasts tests in real time: packets arrive faster here than in reality.
+/// A task that is longer than tests in real time: packets arrive faster here than in reality.
 pub fn long_task() -> String {
     TASK.replace("[0.02, 0.0]", "[0.02, 0.0]\n    strokes = 10000")
 }
@@ -168,7 +168,7 @@ impl Cell {
         self.control.get().unwrap().message.clone()
     }
 
-    /// A cell in the middle of a task that outlasts the test.
+    /// A cell in the middle of a task that is longer than the test.
     pub fn sliding_for_long() -> Self {
         let mut cell = Self::new();
         cell.slide(&long_task());

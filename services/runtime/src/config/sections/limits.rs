@@ -38,7 +38,7 @@ pub struct LimitsConfig {
     pub force_max_n: f64,
     /// Torque at the tool beyond which the controller stops and retracts, Nm.
     pub torque_max_nm: f64,
-    /// Force beyond which the controller retracts whatever the sensor's zero is, N: the untared
+    /// Force beyond which the controller retracts with any zero of the sensor, N: the untared
     /// reading compared with the last good zero. `None`: `force_max_n` plus 5 N.
     pub untared_force_max_n: Option<f64>,
     /// Largest share of the sensor's range that the untared reading may take in any axis, 0 to 1;

@@ -117,7 +117,7 @@ pub struct RecorderConfig {
     pub folder: PathBuf,
     /// Key patterns to record.
     pub include: Vec<String>,
-    /// Key patterns not to record, whatever `include` says. The camera's raw images take much
+    /// Key patterns not to record, even if `include` matches. The camera's raw images take much
     /// space; the results of their detection do not.
     pub exclude: Vec<String>,
     /// Cells to record through one router; empty: this cell.

@@ -32,7 +32,7 @@ pub struct ZenohConfig {
     /// Whether a router may listen beyond this host without certificates. Anybody who reaches it
     /// may then send anything.
     pub insecure: bool,
-    /// Certificates. Without them, messages are not encrypted, and anybody may send anything.
+    /// Certificates. Without them, messages are not encrypted, and any client may send any message.
     pub tls: Option<TlsConfig>,
 }
 

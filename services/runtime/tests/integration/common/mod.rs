@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use tangent_runtime::{Bus, CellConfig, Role};
 
-/// Far more than anything here takes, so that only a real failure meets it.
+/// Timeout far above the duration of any step here, so that only a real failure reaches it.
 pub const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A cell whose router listens on a port of its own.
