@@ -8,6 +8,20 @@ use serde::{Deserialize, Serialize};
 use crate::EstimationError;
 
 /// Settings of all estimators; every section and key may be left out.
+///
+/// ```
+/// use tangent_estimation::EstimatorConfig;
+///
+/// let mut config: EstimatorConfig = toml::from_str("sensing.force_noise_n = 0.1")?;
+/// config.check()?;
+/// // What is left out keeps its default.
+/// assert_eq!(config.contact, EstimatorConfig::default().contact);
+///
+/// config.surface.friction_sd = -1.0;
+/// let error = config.check().unwrap_err();
+/// assert!(error.to_string().contains("surface.friction_sd"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimatorConfig {
