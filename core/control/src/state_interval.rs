@@ -2,6 +2,16 @@
 
 /// Measures time by the robot's clock. States may be lost between robot and loop, so the law must
 /// not count the states that arrived.
+///
+/// ```
+/// use tangent_control::StateInterval;
+///
+/// let mut interval = StateInterval::default();
+/// assert_eq!(interval.step(10.000, 0.008), 0.008);
+/// assert_eq!(interval.step(10.008, 0.008), 0.008);
+/// // The state at 10.016 s was lost.
+/// assert_eq!(interval.step(10.024, 0.008), 0.016);
+/// ```
 #[derive(Clone, Copy, Debug, Default)]
 pub struct StateInterval {
     last_s: Option<f64>,

@@ -6,8 +6,23 @@
 use serde::{Deserialize, Serialize};
 
 use crate::EstimationError;
+use crate::ranges::check_ranges;
 
 /// Settings of all estimators; every section and key may be left out.
+///
+/// ```
+/// use tangent_estimation::EstimatorConfig;
+///
+/// let mut config: EstimatorConfig = toml::from_str("sensing.force_noise_n = 0.1")?;
+/// config.check()?;
+/// // What is left out keeps its default.
+/// assert_eq!(config.contact, EstimatorConfig::default().contact);
+///
+/// config.surface.friction_sd = -1.0;
+/// let error = config.check().unwrap_err();
+/// assert!(error.to_string().contains("surface.friction_sd"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimatorConfig {
@@ -274,7 +289,7 @@ impl EstimatorConfig {
         let positive = 1e-9;
         let [gx, gy, gz] = s.gravity_direction_in_base;
         let gravity = gx.hypot(gy).hypot(gz);
-        let rows = [
+        check_ranges(&[
             ("sensing.force_noise_n", s.force_noise_n, positive, 100.0),
             ("sensing.force_bias_sd_n", s.force_bias_sd_n, 0.0, 100.0),
             (
@@ -387,19 +402,6 @@ impl EstimatorConfig {
             ("paper.look_ahead_s", p.look_ahead_s, 0.0, 5.0),
             ("paper.look_ahead_max_m", p.look_ahead_max_m, 0.0, 1.0),
             ("paper.alpha", p.alpha, 0.0, 1.0),
-        ];
-        for (key, value, lower, upper) in rows {
-            // Tests for "inside", so that NaN fails too.
-            let inside = value >= lower && value <= upper;
-            if !inside {
-                return Err(EstimationError::OutOfRange {
-                    key,
-                    value,
-                    lower,
-                    upper,
-                });
-            }
-        }
-        Ok(())
+        ])
     }
 }

@@ -31,6 +31,18 @@ pub struct ContactSample {
 }
 
 /// Surface normal at the contact point, with its covariance.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_estimation::NormalEstimate;
+/// use tangent_mechanics::Pose;
+/// use tangent_sensing::Validity;
+///
+/// // Without an estimate, the normal is against the tool's z axis.
+/// let none = NormalEstimate::invalid(&Pose::identity(), Validity::Missing);
+/// assert_eq!(none.normal, -Vector3::z());
+/// assert_eq!(none.friction, None);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct NormalEstimate {
     /// Contact point, base axes, m.
@@ -65,6 +77,43 @@ impl NormalEstimate {
 
 /// A surface-normal estimator, called once per control cycle. It uses no clock and does not
 /// allocate after construction.
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_estimation::{ContactSample, EstimatorConfig, build, estimator_names};
+/// use tangent_mechanics::{Pose, Twist, Wrench};
+/// use tangent_sensing::Validity;
+///
+/// // A tool that points down slides along x on a horizontal plane: 3 N of pressing force, 0.9 N of
+/// // friction. Every estimator finds the vertical normal.
+/// let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+/// let twist = Twist::new(Vector3::new(0.02, 0.0, 0.0), Vector3::zeros());
+/// for name in estimator_names() {
+///     let mut estimator = build(name, &EstimatorConfig::default())?;
+///     let mut step = |cycle: u32| {
+///         let time_s = 0.008 * f64::from(cycle);
+///         estimator.update(&ContactSample {
+///             time_s,
+///             dt_s: 0.008,
+///             base_from_tool: Pose::new(Vector3::new(0.02 * time_s, 0.0, 0.0), down),
+///             twist,
+///             twist_commanded: twist,
+///             wrench: Wrench::new(Vector3::new(-0.9, 0.0, -3.0), Vector3::zeros()),
+///             wrench_delay_s: 0.0,
+///             wrench_validity: Validity::Valid,
+///             wrench_bias_age_s: Some(1.0 + time_s),
+///             base: None,
+///         })
+///     };
+///     for cycle in 0..250 {
+///         step(cycle);
+///     }
+///     let estimate = step(250);
+///     assert_eq!(estimate.validity, Validity::Valid, "{name}");
+///     assert!(estimate.normal.angle(&Vector3::z()) < 0.02, "{name}");
+/// }
+/// # Ok::<(), tangent_estimation::EstimationError>(())
+/// ```
 pub trait NormalEstimator: Send {
     /// Name as in `estimate/NAME/normal`.
     fn name(&self) -> &'static str;

@@ -16,6 +16,7 @@ pub mod object_pose;
 mod on_moving_base;
 mod quadratic;
 mod quadratic_paper;
+mod ranges;
 mod reactive;
 mod reactive_paper;
 mod registry;

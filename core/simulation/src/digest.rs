@@ -4,6 +4,18 @@
 use sha2::{Digest, Sha256};
 
 /// SHA-256 over the little-endian bits of all numbers added.
+///
+/// ```
+/// use tangent_simulation::TrajectoryDigest;
+///
+/// let digest = |values: &[f64]| {
+///     let mut digest = TrajectoryDigest::default();
+///     digest.add(values);
+///     digest.finish()
+/// };
+/// assert_eq!(digest(&[1.0, 2.0]), digest(&[1.0, 2.0]));
+/// assert_ne!(digest(&[1.0, 2.0]), digest(&[2.0, 1.0]));
+/// ```
 #[derive(Clone, Default)]
 pub struct TrajectoryDigest {
     hash: Sha256,

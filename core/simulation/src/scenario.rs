@@ -18,6 +18,46 @@ use crate::tool::ToolConfig;
 
 /// A scenario of one of the systems. The file states the system as `kind`; a file without `kind`
 /// belongs to the `admittance` system.
+///
+/// ```
+/// use tangent_simulation::{Scenario, no_files};
+///
+/// let text = r#"
+///     name = "pipe"
+///     title = "A pipe of 0.5 m"
+///     seed = 1
+///     duration_s = 60.0
+///     controller = "default"
+///     [plant]
+///     robot = "ur5"
+///     [plant.surface]
+///     shape = "cylinder"
+///     radius_m = 0.25
+///     position_m = [0.45, 0.0, 0.0]
+///     roll_pitch_yaw_rad = [1.5707963267948966, 0.0, 0.0]
+///     [plant.start]
+///     near_m = [0.40, -0.1, 0.3]
+///     seed_rad = [3.14, -1.57, 1.57, -1.57, -1.57, 0.0]
+///     [task]
+///     name = "wipe a pipe"
+///     force.reference_n = 3.0
+///     path = { kind = "line", to_m = [0.1, 0.0], speed_m_per_s = 0.02 }
+/// "#;
+/// let half_a_second = ["duration_s=0.5".to_owned()];
+/// let scenario = Scenario::parse("pipe.toml", text, &half_a_second, &no_files)?;
+/// let evaluation = scenario.evaluate()?;
+/// // Periods of 8 ms, up to the end of the time.
+/// assert_eq!(evaluation.steps, 63);
+/// assert_eq!(evaluation.fault, None);
+/// // Equal configuration and seed give equal bits.
+/// assert_eq!(evaluation.state_digest, scenario.evaluate()?.state_digest);
+///
+/// // An override that names no setting is an error.
+/// let unknown = ["plant.surface.radius_mm=250".to_owned()];
+/// let error = Scenario::parse("pipe.toml", text, &unknown, &no_files).unwrap_err();
+/// assert!(error.to_string().contains("radius_mm"));
+/// # Ok::<(), tangent_simulation::ScenarioError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Scenario {

@@ -9,6 +9,27 @@ use serde::{Deserialize, Serialize};
 use crate::error::{ControlError, check_range};
 
 /// Limits of a tank.
+///
+/// ```
+/// use tangent_control::EnergyTank;
+///
+/// let tank = EnergyTank {
+///     initial_j: 2.0,
+///     lower_j: 1.0,
+///     upper_j: 2.0,
+///     band_j: 0.2,
+///     reserve_j: 0.05,
+/// };
+/// let mut state = tank.start();
+/// // Full: a law may take all of its action, and no dissipated energy fits in.
+/// assert_eq!((tank.valve(&state), tank.inlet(&state)), (1.0, 0.0));
+///
+/// // Work down to the reserve shuts the valve, until dissipation has filled the tank again.
+/// tank.draw(&mut state, 0.96);
+/// assert_eq!(tank.valve(&state), 0.0);
+/// tank.fill(&mut state, 0.5);
+/// assert_eq!(tank.valve(&state), 1.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EnergyTank {

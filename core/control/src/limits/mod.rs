@@ -16,6 +16,19 @@ use crate::error::{ControlError, check_range};
 use crate::inputs::UntaredLoad;
 
 /// Limits of the cell. The bridge enforces its own, wider limits as well.
+///
+/// ```
+/// use tangent_control::Limits;
+///
+/// let limits = Limits { force_max_n: 30.0, ..Limits::default() };
+/// limits.check()?;
+/// // The untared reading may be 5 N higher, for the drift of a zero.
+/// assert_eq!(limits.untared_max_n(), 35.0);
+///
+/// let error = Limits { speed_max_m_per_s: 5.0, ..limits }.check().unwrap_err();
+/// assert!(error.to_string().contains("limits.speed_max_m_per_s"));
+/// # Ok::<(), tangent_control::ControlError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
@@ -143,6 +156,15 @@ impl Limits {
 }
 
 /// `vector`, shortened to `length` if longer.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_control::clamp_norm;
+///
+/// let vector = Vector3::new(3.0, 4.0, 0.0);
+/// assert_eq!(clamp_norm(vector, 2.5), Vector3::new(1.5, 2.0, 0.0));
+/// assert_eq!(clamp_norm(vector, 6.0), vector);
+/// ```
 pub fn clamp_norm(vector: Vector3<f64>, length: f64) -> Vector3<f64> {
     let norm = vector.norm();
     if norm > length {
@@ -154,6 +176,25 @@ pub fn clamp_norm(vector: Vector3<f64>, length: f64) -> Vector3<f64> {
 
 /// Keeps a commanded twist within speed and acceleration limits. Its state is the last twist it
 /// returned.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_control::{Limits, TwistLimiter};
+/// use tangent_mechanics::Twist;
+///
+/// // 0.25 m/s and 1 m/s².
+/// let limits = Limits::default();
+/// let mut limiter = TwistLimiter::default();
+/// let wanted = Twist::new(Vector3::new(1.0, 0.0, 0.0), Vector3::zeros());
+///
+/// // The first cycle of 8 ms is bounded by the acceleration, the hundredth by the speed.
+/// let first = limiter.step(&limits, wanted, 0.008);
+/// assert!((first.linear.x - 0.008).abs() < 1e-12);
+/// for _ in 1..100 {
+///     limiter.step(&limits, wanted, 0.008);
+/// }
+/// assert!((limiter.last().linear.x - 0.25).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct TwistLimiter {
     last: Twist<Aligned<Tool, Base>>,

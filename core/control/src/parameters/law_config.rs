@@ -3,6 +3,15 @@
 use crate::error::ControlError;
 
 /// Parameters of a law that a program needs.
+///
+/// ```
+/// use tangent_control::{HybridDynamicsConfig, LawConfig, UnifiedForceImpedanceConfig};
+///
+/// HybridDynamicsConfig::default().check()?;
+/// let (acceleration_m_per_s2, _) = UnifiedForceImpedanceConfig::default().path_bounds();
+/// assert_eq!(acceleration_m_per_s2, 0.2);
+/// # Ok::<(), tangent_control::ControlError>(())
+/// ```
 pub trait LawConfig: Clone + Send + 'static {
     /// Checks all parameters.
     ///

@@ -4,6 +4,17 @@ use crate::error::{ControlError, check_range};
 use crate::limits::Limits;
 
 /// A live parameter, as in `param/controller/NAME`. Each takes effect over a ramp.
+///
+/// ```
+/// use tangent_control::{Limits, Parameter};
+///
+/// let force = Parameter::parse("force_reference_n", 5.0)?;
+/// assert_eq!(force, Parameter::ForceReference);
+/// // The default limits end a task at 40 N.
+/// assert_eq!(force.range_within(&Limits::default()), (0.5, 40.0));
+/// assert!(Parameter::parse("force_reference_n", 500.0).is_err());
+/// # Ok::<(), tangent_control::ControlError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
     /// Pressing force, N.

@@ -8,6 +8,19 @@ use crate::parameters::overlay::with_changes;
 
 /// Parameters of a law with the presets that every law has: `default`, the law as it is used, and
 /// `paper`, as it was published.
+///
+/// ```
+/// use tangent_control::{ControllerConfig, Presets};
+///
+/// let changes: toml::Table = "force.damping_n_s_per_m = 400.0".parse()?;
+/// let config = ControllerConfig::preset_with("paper", &changes)?;
+/// assert_eq!(config.force.damping_n_s_per_m, 400.0);
+/// // Everything else is as published.
+/// assert_eq!(config.alignment, ControllerConfig::paper().alignment);
+///
+/// assert!(ControllerConfig::preset("fast").is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Presets: LawConfig + Default + Serialize + DeserializeOwned {
     /// Names that [`Presets::preset`] knows.
     const PRESETS: [&'static str; 2] = ["default", "paper"];

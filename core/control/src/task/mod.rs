@@ -20,6 +20,26 @@ use crate::phase_machine::Phase;
 use crate::task::path::{PathSpec, Stay};
 
 /// A task: keys as in `docs/tasks.md`. Unknown keys are errors.
+///
+/// ```
+/// use tangent_control::Task;
+///
+/// let text = r#"
+///     name = "wipe"
+///     force.reference_n = 3.0
+///     [path]
+///     kind = "line"
+///     to_m = [0.04, 0.0]
+///     speed_m_per_s = 0.02
+/// "#;
+/// let task: Task = text.parse()?;
+/// assert_eq!(task.estimators, ["blend", "reactive"]);
+/// assert_eq!(task.approach.speed_m_per_s, 0.005);
+///
+/// let error = text.replace("3.0", "-3.0").parse::<Task>().unwrap_err();
+/// assert!(error.to_string().contains("force.reference_n"));
+/// # Ok::<(), tangent_control::ControlError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Task {
@@ -113,6 +133,19 @@ pub struct ForceSpec {
 }
 
 /// A direction: an axis of the tool where the task starts, or a vector in base axes.
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_control::{Direction, ToolAxis};
+/// use tangent_mechanics::{Base, Pose, Tool};
+///
+/// // A tool that points down.
+/// let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+/// let base_from_tool = Pose::<Base, Tool>::new(Vector3::zeros(), down);
+/// let along_tool = Direction::Axis(ToolAxis::ToolZ).in_base(&base_from_tool);
+/// let in_base = Direction::Vector([0.0, 0.0, -2.0]).in_base(&base_from_tool);
+/// assert!((along_tool - in_base).norm() < 1e-12);
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Direction {

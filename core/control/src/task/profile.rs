@@ -5,6 +5,18 @@
 //! acceleration are continuous, and the distance is exact in closed form.
 
 /// A rest-to-rest motion over a length.
+///
+/// ```
+/// use tangent_control::Profile;
+///
+/// // 0.2 m at 0.02 m/s, within 0.1 m/s² and 1 m/s³.
+/// let profile = Profile::new(0.2, 0.02, 0.1, 1.0);
+/// let end_s = profile.duration_s();
+/// let (distance_m, speed_m_per_s) = profile.at(0.5 * end_s);
+/// assert!((distance_m - 0.1).abs() < 1e-12);
+/// assert_eq!(speed_m_per_s, 0.02);
+/// assert_eq!(profile.at(end_s), (0.2, 0.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     length_m: f64,

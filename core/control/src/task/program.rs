@@ -18,6 +18,17 @@ pub type EstimatorName = ArrayString<64>;
 pub type EstimatorNames = ArrayVec<EstimatorName, MAX_ESTIMATORS>;
 
 /// A task made ready to run. Making one allocates; running it does not.
+///
+/// ```
+/// use tangent_control::{ControllerConfig, Program, Task};
+///
+/// // Moves the tool off the surface; its path is to stay for one second.
+/// let task = Task::leave(10.0);
+/// let program = Program::new(&task, &ControllerConfig::default())?;
+/// assert_eq!(program.path.duration_s(), 1.0);
+/// assert_eq!(program.estimators[0].as_str(), "blend");
+/// # Ok::<(), tangent_control::ControlError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Program<C = ControllerConfig> {
     /// Task from which the program was made.

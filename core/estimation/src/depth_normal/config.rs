@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::EstimationError;
+use crate::ranges::check_ranges;
 
 /// Largest side of a cell, pixels.
 pub(super) const CELL_PX_MAX: usize = 32;
@@ -85,7 +86,7 @@ impl DepthNormalConfig {
     pub fn check(&self) -> Result<(), EstimationError> {
         let [near, far] = self.range_m;
         let [small, large] = self.patch_radius_m;
-        let rows = [
+        check_ranges(&[
             (
                 "depth_normal.cell_px",
                 self.cell_px as f64,
@@ -145,20 +146,7 @@ impl DepthNormalConfig {
             ),
             ("depth_normal.ahead_step_m", self.ahead_step_m, 1e-4, 1.0),
             ("depth_normal.ahead_m", self.ahead_m, 0.0, 10.0),
-        ];
-        for (key, value, lower, upper) in rows {
-            // Tests for "inside", so that NaN fails too.
-            let inside = value >= lower && value <= upper;
-            if !inside {
-                return Err(EstimationError::OutOfRange {
-                    key,
-                    value,
-                    lower,
-                    upper,
-                });
-            }
-        }
-        Ok(())
+        ])
     }
 
     /// Difference of inverse depth between neighbouring pixels beyond which they belong to

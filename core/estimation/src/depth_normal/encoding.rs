@@ -51,6 +51,25 @@ pub enum DepthEncodingError {
 }
 
 /// The header of a payload, as in `sensor_msgs/Image`.
+///
+/// ```
+/// use tangent_estimation::depth_normal::{DepthEncoding, DepthLayout};
+///
+/// // Two pixels in millimetres, low byte first.
+/// let layout = DepthLayout {
+///     width: 2,
+///     height: 1,
+///     step: 4,
+///     big_endian: false,
+///     encoding: DepthEncoding::from_name("16UC1")?,
+/// };
+/// let mut depth_m = Vec::new();
+/// layout.read(&[0xf4, 0x01, 0x00, 0x00], &mut depth_m)?;
+/// assert_eq!(depth_m, [0.5, 0.0]);
+/// // One byte is missing.
+/// assert!(layout.check(3).is_err());
+/// # Ok::<(), tangent_estimation::depth_normal::DepthEncodingError>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DepthLayout {
     /// Pixels along a row.

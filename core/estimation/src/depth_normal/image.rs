@@ -5,6 +5,15 @@ use serde::{Deserialize, Serialize};
 
 /// A pinhole camera without distortion. Pixel coordinates (0, 0) are the middle of the upper left
 /// pixel, as in `sensor_msgs/CameraInfo`.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_estimation::depth_normal::Intrinsics;
+///
+/// let camera = Intrinsics { fx_px: 400.0, fy_px: 400.0, cx_px: 320.0, cy_px: 240.0 };
+/// assert_eq!(camera.ray(360.0, 240.0), [0.1, 0.0]);
+/// assert_eq!(camera.project(&Vector3::new(0.05, 0.0, 0.5)), Some([360.0, 240.0]));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Intrinsics {
@@ -47,6 +56,15 @@ impl Intrinsics {
 }
 
 /// A borrowed depth image, row by row.
+///
+/// ```
+/// use tangent_estimation::depth_normal::DepthImage;
+///
+/// let depth_m = [0.30, 0.31, 0.32, 0.33, 0.34, 0.35];
+/// let image = DepthImage::new(3, 2, &depth_m).unwrap();
+/// assert_eq!(image.row(1), [0.33, 0.34, 0.35]);
+/// assert!(DepthImage::new(4, 2, &depth_m).is_none());
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct DepthImage<'a> {
     width: usize,

@@ -15,6 +15,7 @@ use tangent_sensing::Validity;
 use super::segments::{SegmentShape, shape_of};
 use super::step::{DepthSample, ToolTarget};
 use super::visual_normal::VisualValidity;
+use crate::ranges::check_ranges;
 use crate::{EstimationError, NormalEstimate};
 
 /// Settings of `depth_normal_paper`.
@@ -50,7 +51,7 @@ impl DepthNormalPaperConfig {
     /// [`EstimationError::OutOfRange`] names the key, the value and what is allowed.
     pub fn check(&self) -> Result<(), EstimationError> {
         let [near, far] = self.range_m;
-        for (key, value, lower, upper) in [
+        check_ranges(&[
             ("depth_normal_paper.voxel_m", self.voxel_m, 1e-3, 1.0),
             (
                 "depth_normal_paper.neighbours",
@@ -72,19 +73,7 @@ impl DepthNormalPaperConfig {
             ),
             ("depth_normal_paper.range_m[0]", near, 1e-3, 100.0),
             ("depth_normal_paper.range_m[1]", far, near, 100.0),
-        ] {
-            // Tests for "inside", so that NaN fails too.
-            let inside = value >= lower && value <= upper;
-            if !inside {
-                return Err(EstimationError::OutOfRange {
-                    key,
-                    value,
-                    lower,
-                    upper,
-                });
-            }
-        }
-        Ok(())
+        ])
     }
 }
 

@@ -43,6 +43,35 @@ pub struct DepthSample<'a> {
 }
 
 /// Checked settings of the step.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_estimation::depth_normal::{
+///     DepthImage, DepthNormal, DepthNormalConfig, DepthNormalState, DepthSample, Intrinsics,
+///     ToolTarget, VisualValidity,
+/// };
+///
+/// // A camera that looks straight at a wall 0.3 m away.
+/// let (width, height) = (160, 120);
+/// let depth_m = vec![0.3; width * height];
+/// let step = DepthNormal::new(&DepthNormalConfig::default())?;
+/// let mut state = DepthNormalState::default();
+/// let surface = step.update(
+///     &mut state,
+///     &DepthSample {
+///         time_s: 0.0,
+///         image: DepthImage::new(width, height, &depth_m).unwrap(),
+///         intrinsics: Intrinsics { fx_px: 200.0, fy_px: 200.0, cx_px: 79.5, cy_px: 59.5 },
+///         target: ToolTarget::Pixel([80.0, 60.0]),
+///         left_out: None,
+///         travel: None,
+///     },
+/// );
+/// assert_eq!(surface.validity, VisualValidity::Valid);
+/// assert!(surface.normal.angle(&-Vector3::z()) < 1e-3);
+/// assert!((surface.point.z - 0.3).abs() < 1e-4);
+/// # Ok::<(), tangent_estimation::EstimationError>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct DepthNormal {
     config: DepthNormalConfig,

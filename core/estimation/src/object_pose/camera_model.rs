@@ -11,6 +11,22 @@ pub const CORNERS: usize = 4;
 const DEPTH_MIN_M: f64 = 0.01;
 
 /// A pinhole camera fixed to the flange.
+///
+/// ```
+/// use nalgebra::{Vector2, Vector3};
+/// use tangent_estimation::CameraModel;
+/// use tangent_mechanics::Pose;
+///
+/// let camera = CameraModel {
+///     flange_from_camera: Pose::identity(),
+///     focal_px: 400.0,
+///     principal_px: Vector2::new(320.0, 240.0),
+///     pixel_m: 2e-5,
+/// };
+/// let pixel_px = camera.project(&Vector3::new(0.05, 0.0, 0.5));
+/// assert_eq!(pixel_px, Some(Vector2::new(360.0, 240.0)));
+/// assert_eq!(camera.project(&Vector3::new(0.05, 0.0, -0.5)), None);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraModel {
     /// Pose of the camera: origin at the optical centre, z forward, x right, y down in the image.

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{CORNERS, ObjectShape, PlanarTarget};
 use crate::EstimationError;
+use crate::ranges::check_ranges;
 
 /// Which measurements are used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -178,20 +179,12 @@ impl ObjectPoseConfig {
     /// # Errors
     /// A setting is out of its range; the error names it.
     pub fn check(&self) -> Result<(), EstimationError> {
-        let within = |key, value: f64, lower, upper| {
-            if value >= lower && value <= upper {
-                Ok(())
-            } else {
-                Err(EstimationError::OutOfRange {
-                    key,
-                    value,
-                    lower,
-                    upper,
-                })
-            }
-        };
         let (p, c) = (&self.prior, &self.contact);
-        for (key, value, lower, upper) in [
+        let radius = match self.target.surface {
+            ObjectShape::Plane {} => 1.0,
+            ObjectShape::Cylinder { radius_m } | ObjectShape::Sphere { radius_m } => radius_m,
+        };
+        check_ranges(&[
             ("corner_sd_px", self.corner_sd_px, 1e-3, 100.0),
             ("curvature_weight", self.curvature_weight, 0.0, 1000.0),
             ("gate_sd", self.gate_sd, 1.0, 1000.0),
@@ -246,14 +239,8 @@ impl ObjectPoseConfig {
             ("contact.direction_sd_rad", c.direction_sd_rad, 1e-6, 1.0),
             ("contact.friction_sd", c.friction_sd, 0.0, 2.0),
             ("contact.tip_sd_m", c.tip_sd_m, 1e-6, 0.1),
-        ] {
-            within(key, value, lower, upper)?;
-        }
-        let radius = match self.target.surface {
-            ObjectShape::Plane {} => 1.0,
-            ObjectShape::Cylinder { radius_m } | ObjectShape::Sphere { radius_m } => radius_m,
-        };
-        within("target.surface.radius_m", radius, 1e-3, 100.0)?;
+            ("target.surface.radius_m", radius, 1e-3, 100.0),
+        ])?;
         if PlanarTarget::new(&self.target.corners()).is_none() {
             return Err(EstimationError::CollinearCorners);
         }

@@ -172,6 +172,19 @@ pub struct OdometrySample {
 }
 
 /// The platform and the state of its odometry.
+///
+/// ```
+/// use tangent_simulation::{Platform, PlatformConfig};
+///
+/// // 0.1 m/s along x, reached after a ramp of one second that covers half of its distance.
+/// let config = PlatformConfig {
+///     velocity_m_per_s: [0.1, 0.0, 0.0],
+///     period_s: 0.0,
+///     ..PlatformConfig::default()
+/// };
+/// let platform = Platform::new(&config, 1);
+/// assert!((platform.pose(3.0).translation.x - 0.25).abs() < 1e-12);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Platform {
     config: PlatformConfig,

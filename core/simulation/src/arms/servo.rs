@@ -83,6 +83,27 @@ pub enum Lag {
 pub const DELAY_CYCLES_MAX: usize = 32;
 
 /// State of the arm's joints.
+///
+/// ```
+/// use tangent_mechanics::{Arm, Joints, ModelData};
+/// use tangent_simulation::{Servo, ServoConfig, VelocityCommand};
+///
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5e")?)?;
+/// let mut servo = Servo::new(&ServoConfig::e_series(), arm.limits(), Joints::<6>::zeros());
+/// let mut command = VelocityCommand::hold();
+/// command.qd[0] = 0.1;
+///
+/// // Periods of 2 ms. After the first, the arm has hardly moved; after 0.2 s it has the speed.
+/// for period in 0..100 {
+///     let active = servo.exchange(&command);
+///     servo.step(&active, 0.002);
+///     if period == 0 {
+///         assert!(servo.qd[0] < 0.01);
+///     }
+/// }
+/// assert!((servo.qd[0] - 0.1).abs() < 1e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Servo {
     config: ServoConfig,

@@ -57,6 +57,21 @@ pub enum FrictionModel {
 /// z' = v - |v| s0 / g(v) z        g(v) = mu_c + (mu_s - mu_c) exp(-(v / v_s)²)
 /// F  = -N (s0 z + s1(v) z' + s2 v)       s1(v) = s1 exp(-(v / v_s)²), which keeps it passive
 /// ```
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_simulation::contact::{Friction, FrictionConfig};
+///
+/// // 20 mm/s under a load of 10 N, with the default coefficient of 0.25.
+/// let friction = Friction::new(&FrictionConfig::default());
+/// let velocity = Vector3::new(0.02, 0.0, 0.0);
+/// let mut bristle = Vector3::zeros();
+/// let mut last = Vector3::zeros();
+/// for _ in 0..200 {
+///     last = friction.step(&mut bristle, &Vector3::z(), &velocity, 10.0, 0.001).force;
+/// }
+/// assert!((last - Vector3::new(-2.5, 0.0, 0.0)).norm() < 0.01);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Friction {
     config: FrictionConfig,

@@ -2,6 +2,16 @@
 //! and ends without a jump.
 
 /// Law of Hunt and Crossley (1975): `F = k x^e (1 + 1.5 a x')`; never negative.
+///
+/// ```
+/// use tangent_simulation::contact::HuntCrossley;
+///
+/// let law = HuntCrossley { stiffness: 1e4, exponent: 1.0, dissipation_s_per_m: 4.0 };
+/// assert_eq!(law.force(0.001, 0.0).force, 10.0);
+/// // Going in, the point is pushed harder; leaving fast, it is not pulled back.
+/// assert!(law.force(0.001, 0.05).force > 10.0);
+/// assert_eq!(law.force(0.001, -1.0).force, 0.0);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct HuntCrossley {
     /// `k`, N/m^e.

@@ -35,6 +35,23 @@ impl Default for PadConfig {
 }
 
 /// Points of the pad with their bristles. The number of points is fixed after construction.
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_mechanics::Pose;
+/// use tangent_simulation::contact::{ContactConfig, Pad, PadConfig, PadMotion};
+/// use tangent_simulation::{PoseConfig, ShapeConfig, Surface};
+///
+/// let table = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default())?;
+/// let mut pad = Pad::new(&PadConfig::default(), &ContactConfig::default(), 5000.0);
+///
+/// // 1 mm deep in the table: 5000 N/m push back with 5 N.
+/// let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+/// let motion = PadMotion::at_rest(&Pose::new(Vector3::new(0.0, 0.0, -0.001), down));
+/// let contact = pad.step(&table, &motion, 0.001, None);
+/// assert!((contact.wrench()[2] - 5.0).abs() < 1e-6);
+/// # Ok::<(), tangent_simulation::surfaces::SurfaceError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Pad {
     /// Positions of the points, tool axes, m.

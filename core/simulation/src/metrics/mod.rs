@@ -91,6 +91,14 @@ impl CycleSample {
 }
 
 /// Summary of a list of non-negative errors.
+///
+/// ```
+/// use tangent_simulation::metrics::Spread;
+///
+/// let spread = Spread::of(&mut [4.0, 1.0, 3.0, 2.0]).unwrap();
+/// assert_eq!((spread.mean, spread.median, spread.max, spread.n), (2.5, 2.5, 4.0, 4));
+/// assert_eq!(Spread::of(&mut []), None);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     /// Arithmetic mean.
@@ -236,6 +244,13 @@ pub struct Figures {
 }
 
 /// Angle between two unit vectors, degrees; accurate for small angles, unlike an arc cosine.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_simulation::metrics::angle_deg;
+///
+/// assert!((angle_deg(&Vector3::x(), &Vector3::y()) - 90.0).abs() < 1e-12);
+/// ```
 pub fn angle_deg(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     a.cross(b).norm().atan2(a.dot(b)).to_degrees()
 }
@@ -306,6 +321,16 @@ fn nees_per_dof(sample: &CycleSample) -> Option<f64> {
 
 /// Normalised squared error of a normal in its tangent plane, per degree of freedom (two); `None`
 /// if the covariance (rad²) is singular there.
+///
+/// ```
+/// use nalgebra::{Matrix3, Vector3};
+/// use tangent_simulation::metrics::nees_of_normal;
+///
+/// // 0.02 rad off, with a stated standard deviation of 0.01 rad: 2² over two degrees of freedom.
+/// let truth = Vector3::new(0.02_f64.sin(), 0.0, 0.02_f64.cos());
+/// let nees = nees_of_normal(&Vector3::z(), &(Matrix3::identity() * 1e-4), &truth).unwrap();
+/// assert!((nees - 2.0).abs() < 0.001);
+/// ```
 pub fn nees_of_normal(
     n: &Vector3<f64>,
     covariance: &Matrix3<f64>,

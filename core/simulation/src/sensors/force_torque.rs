@@ -131,6 +131,21 @@ const RATED_SHARE: f64 = 0.98;
 const WALK_RATE_HZ: f64 = 100.0;
 
 /// Sensor with its state. One [`Sensor::read`] per sample.
+///
+/// ```
+/// use nalgebra::Vector6;
+/// use tangent_simulation::{Sensor, SensorConfig};
+///
+/// let pressing = Vector6::new(0.0, 0.0, -3.0, 0.0, 0.0, 0.0);
+/// // A million counts per newton, no noise and no bias.
+/// let mut ideal = Sensor::new(&SensorConfig::ideal(), 1);
+/// assert_eq!(ideal.read(0.0, &pressing).counts, [0, 0, -3_000_000, 0, 0, 0]);
+///
+/// // A real one has an unknown zero and saturates.
+/// let mut gamma = Sensor::new(&SensorConfig::gamma(), 1);
+/// assert_ne!(gamma.read(0.0, &pressing).counts[2], -3_000_000);
+/// assert!(gamma.read(0.001, &(pressing * 1000.0)).saturated);
+/// ```
 #[derive(Clone, Debug)]
 pub struct Sensor {
     config: SensorConfig,

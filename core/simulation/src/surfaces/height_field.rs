@@ -78,6 +78,22 @@ impl HeightField {
     ///
     /// # Errors
     /// The table is malformed; the error names the line, the text and what is allowed.
+    ///
+    /// ```
+    /// use nalgebra::Vector3;
+    /// use tangent_simulation::surfaces::{HeightField, Shape};
+    ///
+    /// // A table of 0.15 m by 0.15 m, flat at a height of 10 mm.
+    /// let mut text = ",0.0,0.05,0.1,0.15\n".to_owned();
+    /// for y in ["0.0", "0.05", "0.1", "0.15"] {
+    ///     text += &format!("{y},0.01,0.01,0.01,0.01\n");
+    /// }
+    /// let flat = HeightField::from_csv(&text)?;
+    /// let (distance, normal) = flat.distance_and_normal(&Vector3::new(0.05, 0.05, 0.03));
+    /// assert!((distance - 0.02).abs() < 1e-9);
+    /// assert!((normal - Vector3::z()).norm() < 1e-9);
+    /// # Ok::<(), tangent_simulation::surfaces::HeightFieldError>(())
+    /// ```
     pub fn from_csv(text: &str) -> Result<Self, HeightFieldError> {
         let mut lines = text
             .lines()

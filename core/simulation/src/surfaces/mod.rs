@@ -31,6 +31,16 @@ pub use wave::Wave;
 use crate::pose_config::PoseConfig;
 
 /// The surface and its pose.
+///
+/// ```
+/// use tangent_simulation::{ShapeConfig, SurfaceConfig};
+///
+/// let text = "shape = 'cylinder'\nradius_m = 0.25\nposition_m = [0.45, 0.0, 0.0]";
+/// let pipe: SurfaceConfig = toml::from_str(text)?;
+/// assert_eq!(pipe.shape, ShapeConfig::Cylinder { radius_m: 0.25 });
+/// assert_eq!(pipe.roll_pitch_yaw_rad, [0.0; 3]);
+/// # Ok::<(), toml::de::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SurfaceConfig {
     /// `base_from_surface`: origin, m.
@@ -228,6 +238,23 @@ impl AnyShape {
 }
 
 /// A shape placed in the arm's base.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_simulation::{PoseConfig, ShapeConfig, Surface};
+///
+/// let pose = PoseConfig { position_m: [0.4, 0.0, 0.0], ..PoseConfig::default() };
+/// let ball = Surface::new(&ShapeConfig::Sphere { radius_m: 0.1 }, &pose)?;
+///
+/// // 20 mm above the top.
+/// let found = ball.query(&Vector3::new(0.4, 0.0, 0.12));
+/// assert!((found.distance - 0.02).abs() < 1e-12);
+/// assert!((found.normal - Vector3::z()).norm() < 1e-12);
+/// // The normal turns by 10 rad per metre along the surface, and not at all along itself.
+/// assert!((found.curvature * Vector3::x() - Vector3::new(10.0, 0.0, 0.0)).norm() < 1e-9);
+/// assert!((found.curvature * Vector3::z()).norm() < 1e-9);
+/// # Ok::<(), tangent_simulation::surfaces::SurfaceError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Surface {
     shape: AnyShape,

@@ -5,6 +5,15 @@ use nalgebra::Vector3;
 use super::graph::Graph;
 
 /// Points `origin + t direction`, in a shape's own axes (m); `direction` need not be a unit vector.
+///
+/// ```
+/// use nalgebra::Vector3;
+/// use tangent_simulation::surfaces::{Ray, Shape, Sphere};
+///
+/// let ray = Ray { origin: Vector3::new(0.0, 0.0, 1.0), direction: -Vector3::z() };
+/// let hit = Sphere::new(0.1).enter(&ray, [0.0, 2.0]);
+/// assert!((hit.unwrap() - 0.9).abs() < 1e-9);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     /// Point at `t = 0`, m.

@@ -26,6 +26,67 @@ use crate::task::program::{EstimatorName, EstimatorNames, Program};
 use tangent_schemas::CommandKind;
 
 /// One arm's controller. Call `start` with a program, then `step` once per robot packet.
+///
+/// ```
+/// use nalgebra::{UnitQuaternion, Vector3};
+/// use tangent_control::{
+///     ControlInput, Controller, ControllerConfig, Limits, MAX_ESTIMATORS, Phase, Task,
+/// };
+/// use tangent_mechanics::{Arm, Joints, ModelData, Pose, Twist, Wrench};
+/// use tangent_sensing::Validity;
+///
+/// let arm = Arm::<6>::new(&ModelData::builtin("ur5")?)?;
+/// let flange_from_tool = Pose::new(Vector3::new(0.0, 0.0, 0.15), UnitQuaternion::identity());
+/// let limits = Limits::default();
+/// let config = ControllerConfig::default();
+/// let mut controller = Controller::new(arm, flange_from_tool, limits, config)?;
+/// let task: Task = r#"
+///     name = "wipe"
+///     tare = false
+///     force.reference_n = 3.0
+///     [path]
+///     kind = "line"
+///     to_m = [0.04, 0.0]
+///     speed_m_per_s = 0.02
+/// "#
+/// .parse()?;
+///
+/// // The tool points down and touches nothing.
+/// let q = Joints::<6>::from([0.3, -1.6, 1.7, -1.67, -1.57, 0.0]);
+/// let mut input = ControlInput {
+///     time_s: 0.0,
+///     dt_s: 0.008,
+///     q,
+///     qd: Joints::<6>::zeros(),
+///     base_from_tool: arm.base_from_flange(&q) * flange_from_tool,
+///     twist: Twist::zero(),
+///     speed_scaling: 1.0,
+///     arm_ready: true,
+///     wrench: Wrench::zero(),
+///     wrench_validity: Validity::Valid,
+///     wrench_age_s: 0.004,
+///     wrench_delay_s: 0.0,
+///     bias_age_s: None,
+///     zero_bound_n: None,
+///     untared: None,
+///     estimates: [None; MAX_ESTIMATORS],
+///     objects: [None; MAX_ESTIMATORS],
+///     vision: None,
+///     base: None,
+/// };
+///
+/// // Without a task, the arm is commanded to stand still.
+/// let output = controller.step(&input);
+/// assert_eq!((output.phase, output.qd), (Phase::Idle, Joints::<6>::zeros()));
+///
+/// // A task that needs no tare begins with the approach, along the tool's z axis.
+/// controller.start_task(&task)?;
+/// input.time_s += input.dt_s;
+/// let output = controller.step(&input);
+/// assert_eq!(output.phase, Phase::Approach);
+/// assert!(output.twist_commanded.linear.z < 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Controller<const N: usize = 6> {
     arm: Arm<N>,
     flange_from_tool: Pose<Flange, Tool>,

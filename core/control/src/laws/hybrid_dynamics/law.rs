@@ -5,6 +5,7 @@ use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, Base, Flange, JointFriction, Joints, Pose, Tool};
 
 use super::{ForceChannel, ForceGains, HybridDynamicsConfig, MotionGains};
+use crate::laws::stacked::stacked;
 use crate::limits::joint_guard::{bounded_acceleration, bounded_torque};
 use crate::limits::{Limits, clamp_norm};
 
@@ -271,12 +272,6 @@ pub(super) fn manipulability<const N: usize>(jacobian: &SMatrix<f64, 6, N>) -> f
             .max(0.0)
             .sqrt()
     }
-}
-
-pub(super) fn stacked(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
-    Vector6::new(
-        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-    )
 }
 
 #[cfg(test)]

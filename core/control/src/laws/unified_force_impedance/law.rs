@@ -10,6 +10,7 @@ use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, Base, Flange, Joints, Pose, Tool};
 
 use super::config::{ForceLoopConfig, ImpedanceConfig, PostureConfig};
+use crate::laws::stacked::stacked;
 
 /// Regularizes the tool's inertia at a singularity, 1/kg.
 const SINGULAR: f64 = 1e-6;
@@ -253,12 +254,6 @@ pub(super) fn posture<const N: usize>(
     // only while the redundant joint moves.
     let damper = -now.spare_velocity() * config.damping_nm_s_per_rad;
     (now.unseen(&spring), damper)
-}
-
-pub(super) fn stacked(linear: &Vector3<f64>, angular: &Vector3<f64>) -> Vector6<f64> {
-    Vector6::new(
-        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-    )
 }
 
 #[cfg(test)]

@@ -42,6 +42,21 @@ struct Stretch {
 }
 
 /// A path with its time law; made once, then read every cycle.
+///
+/// ```
+/// use nalgebra::Vector2;
+/// use tangent_control::{Circle, Path, PathSpec};
+///
+/// let circle = PathSpec::Circle(Circle { radius_m: 0.05, turns: 1.0, speed_m_per_s: 0.03 });
+/// // Within 0.1 m/s² and 1 m/s³ along the path.
+/// let path = Path::new(&circle, 0.1, 1.0)?;
+///
+/// // Half way round, the tool is at the other end of the diameter, at full speed.
+/// let half = path.at(0.5 * path.duration_s());
+/// assert!((half.position - Vector2::new(0.1, 0.0)).norm() < 1e-9);
+/// assert!((half.velocity.norm() - 0.03).abs() < 1e-9);
+/// # Ok::<(), tangent_control::ControlError>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Path {
     stretches: Vec<Stretch>,

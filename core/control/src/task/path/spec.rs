@@ -5,6 +5,20 @@ use serde::{Deserialize, Serialize};
 use crate::error::{ControlError, check_range};
 
 /// A path specified in a task file, chosen by `kind`.
+///
+/// ```
+/// use tangent_control::PathSpec;
+///
+/// let text = "kind = 'line'\nto_m = [0.04, 0.0]\nspeed_m_per_s = 0.02";
+/// let line: PathSpec = toml::from_str(text)?;
+/// assert_eq!(line.speed_m_per_s(), 0.02);
+///
+/// // A key of another kind is an error.
+/// let text = "kind = 'circle'\nradius_m = 0.05\nspeed_m_per_s = 0.02\nto_m = [0.04, 0.0]";
+/// let error = toml::from_str::<PathSpec>(text).unwrap_err();
+/// assert!(error.to_string().contains("to_m"));
+/// # Ok::<(), toml::de::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum PathSpec {

@@ -3,6 +3,8 @@
 //!
 //! Called by `advance`; the motion itself is that of `departure`.
 
+use tangent_mechanics::{Base, Pose, Tool};
+
 use super::super::HybridInput;
 use super::super::law::{ArmNow, MotionReference};
 use super::{Felt, HybridDynamics, Wanted};
@@ -22,12 +24,7 @@ impl<const N: usize> HybridDynamics<N> {
         verdict: WrenchVerdict,
     ) -> Wanted {
         let dt = input.dt_s;
-        let pose = *self.run.held.get_or_insert(now.tool);
-        let way = Way {
-            from: pose.translation(),
-            at: now.tool.translation(),
-            velocity: now.linear,
-        };
+        let (pose, way) = self.way(now);
         let rules = self.task.rules(&self.limits);
         let load = self.load(input, felt);
         let departure = &mut self.task.departure;
@@ -54,12 +51,7 @@ impl<const N: usize> HybridDynamics<N> {
     ) -> Wanted {
         let dt = input.dt_s;
         let away = self.constraint(now).normal;
-        let pose = *self.run.held.get_or_insert(now.tool);
-        let way = Way {
-            from: pose.translation(),
-            at: now.tool.translation(),
-            velocity: now.linear,
-        };
+        let (pose, way) = self.way(now);
         let rules = self.task.rules(&self.limits);
         let load = self.load(input, felt);
         let departure = &mut self.task.departure;
@@ -78,6 +70,17 @@ impl<const N: usize> HybridDynamics<N> {
             }
         };
         moved(MotionReference::at_rest(&pose), &step)
+    }
+
+    /// Pose in which the departure began, and the tool's way from there.
+    fn way(&mut self, now: &ArmNow<N>) -> (Pose<Base, Tool>, Way) {
+        let pose = *self.run.held.get_or_insert(now.tool);
+        let way = Way {
+            from: pose.translation(),
+            at: now.tool.translation(),
+            velocity: now.linear,
+        };
+        (pose, way)
     }
 
     fn load(&self, input: &HybridInput<N>, felt: Option<&Felt>) -> Load {

@@ -13,11 +13,12 @@ use tangent_mechanics::{Arm, Base, Flange, JointFriction, Joints, Pose, Tool};
 use super::estimate_follower::EstimateFollower;
 use super::law::{
     ArmNow, ForceIntegral, MotionIntegral, MotionReference, hybrid, manipulability,
-    motion_acceleration, pressing_force, stacked, torque,
+    motion_acceleration, pressing_force, torque,
 };
 use super::reference::{Descent, SurfacePath};
 use super::{ForceChannel, HybridDynamicsConfig, HybridInput, HybridOutput};
 use crate::error::ControlError;
+use crate::laws::stacked::stacked;
 use crate::laws::torque_task::{IDLE_FORCE_N, TorqueTask};
 use crate::leaving::clearance::Clearance;
 use crate::limits::Limits;

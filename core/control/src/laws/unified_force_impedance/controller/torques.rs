@@ -4,8 +4,9 @@ use nalgebra::{Vector3, Vector6};
 use tangent_mechanics::Joints;
 
 use super::super::energy::TorqueParts;
-use super::super::law::{ArmNow, Impedance, before_the_ends, posture, stacked};
+use super::super::law::{ArmNow, Impedance, before_the_ends, posture};
 use super::{Felt, UnifiedForceImpedance, Wanted, twist_of};
+use crate::laws::stacked::stacked;
 use crate::limits::clamp_norm;
 use crate::limits::joint_guard::bounded_torque;
 use crate::limits::wrench_guard::WrenchVerdict;
