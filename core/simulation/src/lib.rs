@@ -13,6 +13,7 @@ pub mod contact;
 mod digest;
 mod disturbance;
 mod evaluation;
+pub mod hardware_errors;
 pub mod metrics;
 mod overrides;
 mod plant_error;
@@ -35,11 +36,13 @@ pub use arms::platform::{OdometryConfig, OdometrySample, Platform, PlatformConfi
 pub use arms::servo::{Lag, Servo, ServoConfig};
 pub use arms::torque_arm::{TorqueArm, TorqueArmConfig};
 pub use contact::{
-    ComplianceConfig, ContactConfig, FrictionConfig, FrictionModel, Obstacle, PadConfig,
+    ComplianceConfig, ContactConfig, FrictionConfig, FrictionModel, FrictionVariation, Obstacle,
+    PadConfig,
 };
 pub use digest::TrajectoryDigest;
 pub use disturbance::{Disturbance, Undisturbed};
 pub use evaluation::Evaluation;
+pub use hardware_errors::{ArmErrors, FrameErrors, HardwareErrors, WrenchErrors};
 pub use overrides::OverrideError;
 pub use plant_error::{PlantError, StartError};
 pub use pose_config::PoseConfig;

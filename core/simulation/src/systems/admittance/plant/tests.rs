@@ -35,6 +35,7 @@ fn on_a_plane() -> AdmittancePlantConfig {
             seed_rad: None,
         },
         base: None,
+        errors: Default::default(),
     }
 }
 
