@@ -23,6 +23,7 @@ mod scenario;
 mod scenario_file;
 mod sensors;
 mod start;
+pub mod suite;
 pub mod surfaces;
 pub mod systems;
 mod tool;
@@ -62,7 +63,7 @@ pub use start::StartConfig;
 pub use surfaces::{ShapeConfig, Surface, SurfaceConfig, SurfacePoint};
 pub use systems::admittance::{
     AdmittanceCycle, AdmittanceLoop, AdmittancePlant, AdmittancePlantConfig, AdmittanceScenario,
-    PipelineConfig, evaluate_admittance, evaluate_admittance_with,
+    PipelineConfig, evaluate_admittance, evaluate_admittance_samples, evaluate_admittance_with,
 };
 pub use systems::object::{
     ObjectCycle, ObjectLoop, ObjectMotionConfig, ObjectPlant, ObjectPlantConfig, ObjectScenario,

@@ -148,6 +148,12 @@ pub struct ForceFigures {
     /// Root mean square deviation from the reference while sliding and holding, from 1 s after
     /// first contact, N.
     pub rmse_n: Option<f64>,
+    /// Root mean square deviation from the reference of every cycle from first contact to the
+    /// retraction, N: touchdown, cycles without contact and searches for the surface included.
+    /// While the law searches, the reference is that of the task.
+    pub rmse_all_n: Option<f64>,
+    /// That deviation in the first second after first contact, N.
+    pub rmse_first_second_n: Option<f64>,
     /// Mean absolute deviation from the reference while sliding and holding, from 1 s after first
     /// contact, N.
     pub mad_n: Option<f64>,
@@ -217,6 +223,9 @@ pub struct Figures {
     /// Angle between the estimated and the true normal, in contact, from 1 s after first contact,
     /// degrees.
     pub normal_error_settled_deg: Option<Spread>,
+    /// Travel of the tool on the surface from first contact until the estimated normal is within
+    /// 3° of the true one and stays so for 5 mm or to the end, m; `None` if it never does.
+    pub normal_found_after_m: Option<f64>,
     /// Angle between the estimated normal and the measured `-z_tool`, in contact, degrees.
     pub alignment_error_deg: Option<Spread>,
     /// Angle between the true normal and the true `-z_tool`, in contact, degrees.
@@ -268,6 +277,7 @@ impl Figures {
                     None
                 }
             }),
+            normal_found_after_m: normal_found_after_m(span),
             alignment_error_deg: spread(&|s| Some(angle_deg(&s.estimate?.normal, &-s.tool_z))),
             tool_error_deg: spread(&|s| s.truth.map(|t| angle_deg(&t.normal, &-t.tool_z))),
             normal_nees_per_dof: mean(&nees),
@@ -284,6 +294,41 @@ impl Figures {
             tanks: tanks(samples),
         }
     }
+}
+
+/// Angle below which the normal counts as found, degrees.
+const FOUND_DEG: f64 = 3.0;
+/// Travel for which it has to stay so, m.
+const FOUND_FOR_M: f64 = 0.005;
+
+/// Travel below which the measured position may only be noise, m.
+const TRAVEL_STEP_M: f64 = 2e-4;
+
+/// Travel on the surface until the normal is found.
+fn normal_found_after_m(span: &[CycleSample]) -> Option<f64> {
+    let (mut travel, mut found_at) = (0.0, None);
+    let mut anchor = span.first()?.tool_position;
+    for sample in span.iter().filter(|s| s.touches()) {
+        let truth = sample.truth?;
+        let moved = sample.tool_position - anchor;
+        let along = (moved - truth.normal * truth.normal.dot(&moved)).norm();
+        if along > TRAVEL_STEP_M {
+            travel += along;
+            anchor = sample.tool_position;
+        }
+        let near = sample
+            .estimate
+            .is_some_and(|e| angle_deg(&e.normal, &truth.normal) < FOUND_DEG);
+        if !near {
+            found_at = None;
+            continue;
+        }
+        let from = *found_at.get_or_insert(travel);
+        if travel - from >= FOUND_FOR_M {
+            return Some(from);
+        }
+    }
+    found_at
 }
 
 fn mean(values: &[f64]) -> Option<f64> {
@@ -348,6 +393,21 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
     sizes.sort_by(f64::total_cmp);
 
     let start = span.first().map_or(0.0, |s| s.time_s);
+    let deviation = |s: &CycleSample| {
+        let searching = matches!(s.phase, Phase::Seek | Phase::Approach);
+        let wanted = if searching {
+            reference_n
+        } else {
+            s.force_reference_n
+        };
+        Some(s.pressing_n()? - wanted)
+    };
+    let all: Vec<f64> = span.iter().filter_map(deviation).collect();
+    let first_second: Vec<f64> = span
+        .iter()
+        .filter(|s| s.time_s < settled_from)
+        .filter_map(deviation)
+        .collect();
     let settled = settling(span, reference_n);
     let touchdown = touchdown(span, settled)
         .iter()
@@ -358,6 +418,8 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
         reference_n,
         mean_n: mean(&forces),
         rmse_n: root_mean_square(&errors),
+        rmse_all_n: root_mean_square(&all),
+        rmse_first_second_n: root_mean_square(&first_second),
         mad_n: mean(&sizes),
         p95_abs_error_n: (!sizes.is_empty()).then(|| percentile_95(&sizes)),
         peak_n: span

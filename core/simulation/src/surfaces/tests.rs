@@ -39,6 +39,21 @@ fn shapes() -> Vec<(&'static str, ShapeConfig, Vector3<f64>)> {
             Vector3::new(0.05, 0.1, 0.1),
         ),
         (
+            "ellipsoid",
+            ShapeConfig::Ellipsoid {
+                semi_axes_m: [0.3, 0.2, 0.15],
+            },
+            Vector3::new(0.1, 0.1, 0.1),
+        ),
+        (
+            "step",
+            ShapeConfig::Step {
+                height_m: 0.02,
+                edge_radius_m: 0.001,
+            },
+            Vector3::new(0.05, 0.1, 0.02),
+        ),
+        (
             "torus outside",
             ShapeConfig::Torus {
                 major_radius_m: 0.3,
@@ -293,5 +308,139 @@ fn unknown_keys_of_every_shape_are_refused() {
         let text = format!("{shape}\nstiffness_n_per_m = 1.0");
         let error = toml::from_str::<SurfaceConfig>(&text).unwrap_err();
         assert!(error.to_string().contains("stiffness_n_per_m"), "{error}");
+    }
+}
+
+/// Distance of a point from the nearest of many points of the ellipsoid.
+fn nearest_by_search(semi_axes: [f64; 3], p: &Vector3<f64>) -> f64 {
+    let [a, b, c] = semi_axes;
+    let at = |u: f64, v: f64| {
+        let (su, cu) = u.sin_cos();
+        let (sv, cv) = v.sin_cos();
+        (Vector3::new(a * cu * cv, b * cu * sv, c * su) - p).norm()
+    };
+    let (mut best, mut centre) = (f64::INFINITY, (0.0, 0.0));
+    let mut span = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);
+    for _ in 0..12 {
+        let from = centre;
+        for i in -20..=20 {
+            for j in -20..=20 {
+                let (u, v) = (
+                    from.0 + span.0 * f64::from(i) / 20.0,
+                    from.1 + span.1 * f64::from(j) / 20.0,
+                );
+                let distance = at(u, v);
+                if distance < best {
+                    (best, centre) = (distance, (u, v));
+                }
+            }
+        }
+        span = (span.0 * 0.2, span.1 * 0.2);
+    }
+    best
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn the_closest_point_of_an_ellipsoid_is_found_from_outside_and_from_inside(
+        at in prop::array::uniform3(-0.5f64..0.5),
+        semi_axes in prop::array::uniform3(0.05f64..0.4),
+    ) {
+        let ellipsoid = Ellipsoid::new(semi_axes);
+        let p = Vector3::from(at);
+        let (distance, normal) = ellipsoid.distance_and_normal(&p);
+        let inside = (0..3).map(|i| (p[i] / semi_axes[i]).powi(2)).sum::<f64>() < 1.0;
+        prop_assert_eq!(distance < 0.0, inside);
+        prop_assert!((normal.norm() - 1.0).abs() < 1e-12);
+        let searched = nearest_by_search(semi_axes, &p);
+        prop_assert!((distance.abs() - searched).abs() < 1e-6, "{distance} m, {searched} m by search");
+    }
+}
+
+#[test]
+fn an_ellipsoid_of_equal_axes_is_a_sphere_and_its_poles_have_their_radii() {
+    let (ball, sphere) = (Ellipsoid::new([0.2; 3]), Sphere::new(0.2));
+    for p in [
+        Vector3::new(0.1, 0.2, 0.3),
+        Vector3::new(0.0, 0.0, 0.21),
+        Vector3::new(0.05, -0.02, 0.01),
+    ] {
+        let (a, b) = (ball.distance_and_normal(&p), sphere.distance_and_normal(&p));
+        assert!((a.0 - b.0).abs() < 1e-12 && (a.1 - b.1).norm() < 1e-9);
+        assert!((ball.curvature(&p) - sphere.curvature(&p)).norm() < 1e-6);
+    }
+    // At the pole of c the radii of curvature are a²/c and b²/c.
+    let egg = Ellipsoid::new([0.3, 0.2, 0.1]);
+    let pole = egg.curvature(&Vector3::new(0.0, 0.0, 0.11));
+    assert!((pole[(0, 0)] - 0.1 / 0.09).abs() < 1e-6 && (pole[(1, 1)] - 0.1 / 0.04).abs() < 1e-6);
+}
+
+/// Closed forms of the profiles at chosen points: distance and normal in the xz plane.
+#[test]
+fn edges_steps_and_grooves_have_their_faces_and_their_rounded_edges() {
+    let r = 0.001;
+    let edge = Profile::edge(r);
+    let up = Profile::step(0.005, r);
+    let down = Profile::step(-0.005, r);
+    let groove = Profile::groove(0.004, 0.003, r);
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let cases: &[(&Profile, [f64; 2], f64, [f64; 2])] = &[
+        (&edge, [-0.02, 0.003], 0.003, [0.0, 1.0]),
+        (&edge, [-0.02, -0.003], -0.003, [0.0, 1.0]),
+        (&edge, [0.004, -0.02], 0.004, [1.0, 0.0]),
+        (
+            &edge,
+            [0.002, 0.002],
+            (2.0 * 9e-6f64).sqrt() - r,
+            [half, half],
+        ),
+        (&up, [-0.02, 0.001], 0.001, [0.0, 1.0]),
+        (&up, [-0.001, 0.002], 0.001, [-1.0, 0.0]),
+        (&up, [0.02, 0.006], 0.001, [0.0, 1.0]),
+        (&up, [0.02, 0.004], -0.001, [0.0, 1.0]),
+        (&up, [-0.001, 0.006], 8f64.sqrt() * r - r, [-half, half]),
+        (&down, [-0.02, 0.001], 0.001, [0.0, 1.0]),
+        (&down, [0.001, -0.002], 0.001, [1.0, 0.0]),
+        (&down, [0.02, -0.004], 0.001, [0.0, 1.0]),
+        (&groove, [-0.02, 0.001], 0.001, [0.0, 1.0]),
+        (&groove, [0.0, -0.002], 0.001, [0.0, 1.0]),
+        (&groove, [0.0015, -0.001], 0.0005, [-1.0, 0.0]),
+        (&groove, [-0.0015, -0.001], 0.0005, [1.0, 0.0]),
+        (&groove, [0.02, 0.001], 0.001, [0.0, 1.0]),
+    ];
+    for (i, (profile, at, distance, normal)) in cases.iter().enumerate() {
+        let (got, out) = profile.distance_and_normal(&Vector3::new(at[0], 0.3, at[1]));
+        assert!(
+            (got - distance).abs() < 1e-12,
+            "case {i}: {got} m, not {distance} m"
+        );
+        let want = Vector3::new(normal[0], 0.0, normal[1]);
+        assert!((out - want).norm() < 1e-9, "case {i}: {out}");
+    }
+    // The rounded edge has its radius.
+    let on = edge.curvature(&Vector3::new(0.002, 0.0, 0.002));
+    assert!((on.symmetric_eigenvalues().max() - 1.0 / r).abs() < 1e-6);
+}
+
+proptest! {
+    /// The distance of a profile is continuous and grows by no more than one moves: without this,
+    /// a tool that passes an edge would be deep in the material at once.
+    #[test]
+    fn nothing_is_deep_at_once_beside_an_edge(
+        at in prop::array::uniform2(-0.01f64..0.01),
+        step in prop::array::uniform2(-0.001f64..0.001),
+    ) {
+        for profile in [
+            Profile::edge(0.0005),
+            Profile::step(0.002, 0.0003),
+            Profile::step(-0.003, 0.001),
+            Profile::groove(0.003, 0.002, 0.0002),
+        ] {
+            let p = Vector3::new(at[0], 0.0, at[1]);
+            let q = p + Vector3::new(step[0], 0.0, step[1]);
+            let [a, b] = [p, q].map(|x| profile.distance_and_normal(&x).0);
+            prop_assert!((b - a).abs() <= (q - p).norm() + 1e-12, "{profile:?}: {a} {b}");
+        }
     }
 }

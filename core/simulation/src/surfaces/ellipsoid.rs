@@ -1,0 +1,95 @@
+//! An ellipsoid around the local origin, with its axes along the local ones.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::Shape;
+
+/// Material inside `(x/a)² + (y/b)² + (z/c)² = 1`.
+#[derive(Clone, Copy, Debug)]
+pub struct Ellipsoid {
+    semi_axes: Vector3<f64>,
+}
+
+/// Bisections of the search for the closest point: past this, the bracket is below the last digit.
+const ROUNDS: usize = 120;
+
+impl Ellipsoid {
+    /// Ellipsoid with its semi-axes in m.
+    pub fn new(semi_axes: [f64; 3]) -> Self {
+        Self {
+            semi_axes: semi_axes.into(),
+        }
+    }
+
+    /// Closest point of the surface.
+    ///
+    /// The foot point `x` of `y` obeys `y = x + t grad / 2`, so `x_i = a_i² y_i / (t + a_i²)` with
+    /// `t` the root of `sum (a_i y_i / (t + a_i²))² = 1` above `-min(a²)`. The sum decreases with
+    /// `t` there, so a bracketed Newton iteration finds it from every start (Eberly, *Distance
+    /// from a point to an ellipse, an ellipsoid, or a hyperellipsoid*, 2013).
+    fn foot(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        let a = &self.semi_axes;
+        let squares = a.component_mul(a);
+        // In the plane of symmetry of the shortest axis the root may be at the pole; a point that
+        // is off the plane by less than the last digit that matters has the same distance.
+        let y = point.map(|x| if x.abs() < 1e-12 { 1e-12 } else { x });
+        let sum = |t: f64| {
+            (0..3).fold((0.0, 0.0), |(value, slope), i| {
+                let term = a[i] * y[i] / (t + squares[i]);
+                (
+                    value + term * term,
+                    slope - 2.0 * term * term / (t + squares[i]),
+                )
+            })
+        };
+        // At the lower end the largest of the terms alone is at least 1; at the upper end the sum
+        // is at most 1.
+        let lower = (0..3)
+            .map(|i| a[i] * y[i].abs() - squares[i])
+            .fold(f64::NEG_INFINITY, f64::max);
+        let upper = a.component_mul(&y).norm() - squares.min();
+        let (mut low, mut high) = (lower, upper.max(lower));
+        let mut t = low;
+        for _ in 0..ROUNDS {
+            let (value, slope) = sum(t);
+            if value >= 1.0 {
+                low = t;
+            } else {
+                high = t;
+            }
+            let newton = t - (value - 1.0) / slope;
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
+            if (next - t).abs() <= 1e-15 * (1.0 + t.abs()) {
+                break;
+            }
+            t = next;
+        }
+        Vector3::from_fn(|i, _| squares[i] * y[i] / (t + squares[i]))
+    }
+
+    /// Half of the gradient of the implicit function at a point of the surface.
+    fn gradient(&self, on: &Vector3<f64>) -> Vector3<f64> {
+        Vector3::from_fn(|i, _| on[i] / (self.semi_axes[i] * self.semi_axes[i]))
+    }
+}
+
+impl Shape for Ellipsoid {
+    fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
+        let foot = self.foot(point);
+        let normal = self.gradient(&foot).normalize();
+        (normal.dot(&(point - foot)), normal)
+    }
+
+    fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
+        let gradient = self.gradient(&self.foot(point));
+        let length = gradient.norm();
+        let normal = gradient / length;
+        let second = Matrix3::from_diagonal(&self.semi_axes.map(|a| 1.0 / (a * a)));
+        let project = Matrix3::identity() - normal * normal.transpose();
+        project * second * project / length
+    }
+}
