@@ -1,6 +1,6 @@
 //! `tangent evaluate --suite contact` without building the network: prints the table and, for each
-//! surface, the worst draw. With `draw=K` and `surface=NAME`, prints one draw, and with `trace=N`
-//! every Nth cycle of it.
+//! surface, the worst draw. With `--draw K` and `--surface NAME`, prints one draw, and with `--trace N`
+//! every Nth cycle of it. `--set key=value` changes a value in every draw.
 //!
 //! ```sh
 //! cargo run --release -p tangent-simulation --example suite -- --draws 5 --seed 1 --surface pipe
@@ -19,6 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut draws, mut seed, mut trace, mut one) = (5_u64, 1_u64, None, None);
     let mut threads = std::thread::available_parallelism().map_or(1, usize::from);
     let (mut surfaces, mut csv) = (SurfaceKind::ALL.to_vec(), None);
+    let mut overrides = Vec::new();
     let mut arguments = std::env::args().skip(1);
     while let Some(key) = arguments.next() {
         let value = arguments.next().ok_or("every option has a value")?;
@@ -28,6 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             "--draw" => one = Some(value.parse()?),
             "--trace" => trace = Some(value.parse()?),
             "--threads" => threads = value.parse()?,
+            "--set" => overrides.push(value),
             "--csv" => csv = Some(value),
             "--surface" => {
                 surfaces = vec![SurfaceKind::from_name(&value).ok_or("no such surface")?];
@@ -36,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     if let Some(number) = one {
-        return show(surfaces[0], number, seed, trace);
+        return show(surfaces[0], number, seed, &overrides, trace);
     }
     let all: Vec<(SurfaceKind, u64)> = surfaces
         .iter()
@@ -47,7 +49,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mut done = Vec::new();
         while let Some(&(surface, number)) = all.get(next.fetch_add(1, Ordering::Relaxed)) {
             let of = |e: &dyn std::fmt::Display| format!("{} {number}: {e}", surface.name());
-            done.push(run(&draw(surface, number, seed)).map_err(|e| of(&e))?);
+            let draw = draw(surface, number, seed).with_overrides(&overrides);
+            done.push(draw.and_then(|draw| run(&draw)).map_err(|e| of(&e))?);
         }
         Ok(done)
     };
@@ -88,9 +91,11 @@ fn show(
     surface: SurfaceKind,
     number: u64,
     seed: u64,
+    overrides: &[String],
     trace: Option<usize>,
 ) -> Result<(), Box<dyn Error>> {
-    let draw = draw(surface, number, seed);
+    let draw = draw(surface, number, seed).with_overrides(overrides)?;
+    println!("{draw}");
     println!("{:#?}", draw.scenario.plant);
     println!("{:#?}", draw.scenario.task);
     let mut cycle = 0;

@@ -14,7 +14,8 @@ pub struct Truth {
     /// Closest point of the surface to the tool's origin, or to the centre of a round tip, base
     /// axes, m.
     pub point: Vector3<f64>,
-    /// Unit normal at `point`, out of the material, base axes.
+    /// Unit normal at `point`, out of the material, base axes. Where an edge, a step or a groove
+    /// interrupts a plate, it is that of the plate.
     pub normal: Vector3<f64>,
     /// Shape operator at `point`, base axes, 1/m, positive for a convex body.
     pub curvature: Matrix3<f64>,
@@ -22,6 +23,8 @@ pub struct Truth {
     pub distance_m: f64,
     /// Whether any point of the pad carries load.
     pub in_contact: bool,
+    /// Sum of the normal forces of all points that touch, N, in whatever direction each acts.
+    pub load_n: f64,
     /// Depth of the deepest pad point, m; 0 without contact.
     pub penetration_m: f64,
     /// Wrench of the surface on the tool, at the tool's origin, base axes.
@@ -72,7 +75,7 @@ impl Truth {
         (reference, radius): (Vector3<f64>, f64),
         friction_coefficient: f64,
     ) -> Self {
-        let under = surface.query(&motion.at(&reference));
+        let under = surface.query_face(&motion.at(&reference));
         let tangential = motion.linear - under.normal * under.normal.dot(&motion.linear);
         let normal_force = contact.force.dot(&under.normal);
         let tangential_force = (contact.force - under.normal * normal_force).norm();
@@ -83,6 +86,7 @@ impl Truth {
             curvature: under.curvature,
             distance_m: under.distance - radius,
             in_contact: contact.load > 0.0,
+            load_n: contact.load,
             penetration_m: contact.depth,
             wrench: Wrench::new(contact.force, contact.torque),
             base_from_tool: Pose::new(motion.origin, motion.rotation),

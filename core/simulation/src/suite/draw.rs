@@ -1,5 +1,7 @@
 //! One draw of the suite: a scenario from the suite's seed, the surface and a number.
 
+use std::fmt;
+
 use nalgebra::Vector3;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -15,6 +17,7 @@ use super::surface_kind::SurfaceKind;
 use crate::arms::servo::{Lag, ServoConfig};
 use crate::contact::{ComplianceConfig, ContactConfig, FrictionConfig, FrictionVariation};
 use crate::hardware_errors::{ArmErrors, FrameErrors, HardwareErrors, WrenchErrors};
+use crate::scenario_file::{ScenarioError, no_files};
 use crate::sensors::force_torque::SensorConfig;
 use crate::start::StartConfig;
 use crate::systems::admittance::{AdmittancePlantConfig, AdmittanceScenario, PipelineConfig};
@@ -35,6 +38,61 @@ pub struct Draw {
     pub stated_tip: Tip,
     /// Whether the path leaves the surface, so that the task has to end early.
     pub leaves_surface: bool,
+}
+
+impl Draw {
+    /// The draw with single values changed, `key=value` with dotted keys as in a scenario: another
+    /// law, another estimator, one error more or less.
+    ///
+    /// # Errors
+    /// The override is not usable; the error says why.
+    pub fn with_overrides(self, overrides: &[String]) -> Result<Self, ScenarioError> {
+        if overrides.is_empty() {
+            return Ok(self);
+        }
+        let name = &self.scenario.name;
+        let text = toml::to_string(&self.scenario).map_err(|error| ScenarioError::Text {
+            file: name.clone(),
+            message: error.to_string(),
+        })?;
+        let scenario = AdmittanceScenario::parse(name, &text, overrides, &no_files)?;
+        Ok(Self { scenario, ..self })
+    }
+}
+
+impl fmt::Display for Draw {
+    /// What was drawn, in a few lines.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let plant = &self.scenario.plant;
+        let contact = &plant.contact;
+        let tip = |tip: &Tip| match tip.radius_m() {
+            Some(radius_m) => format!("{} {:.1} mm", tip.name(), radius_m * 1e3),
+            None => tip.name().to_owned(),
+        };
+        writeln!(
+            f,
+            "draw {} on {}, seed {}: {} at {:.0} Hz",
+            self.number,
+            self.surface.name(),
+            self.seed,
+            plant.robot,
+            1.0 / plant.arm.period_s
+        )?;
+        writeln!(
+            f,
+            "  {:.1} kN/m, friction {:.2}, {:.1} N, landed {:.1} deg off",
+            contact.stiffness_n_per_m * 1e-3,
+            contact.friction.coulomb_coefficient,
+            self.scenario.task.force.reference_n,
+            plant.start.tilt_rad.to_degrees()
+        )?;
+        write!(
+            f,
+            "  tip {}, stated as {}",
+            plant.tool.tip.as_ref().map_or_else(String::new, tip),
+            tip(&self.stated_tip)
+        )
+    }
 }
 
 /// Random numbers of one draw.

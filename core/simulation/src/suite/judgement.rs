@@ -41,7 +41,8 @@ pub struct Judgement {
     pub force_rmse_percent: Option<f64>,
     /// Force error of all phases from first contact to the retraction, percent.
     pub force_rmse_all_percent: Option<f64>,
-    /// Highest pressing force of the whole run, N.
+    /// Highest contact force of the whole run, N: the sum of the normal forces of all points of the
+    /// tip, in whatever direction each acts.
     pub peak_n: f64,
     /// That force over `max(2 x reference, 10 N)`.
     pub peak_ratio: f64,
@@ -62,13 +63,17 @@ pub struct Judgement {
 /// Peaks up to this force are allowed whatever the reference, N.
 const PEAK_FLOOR_N: f64 = 10.0;
 
-/// Judges a run of `draw` by its figures and its cycles.
-pub fn judge(draw: &Draw, evaluation: &Evaluation, samples: &[CycleSample]) -> Judgement {
+/// Judges a run of `draw` by its figures, its cycles and the highest true contact force of the
+/// run, N.
+pub fn judge(
+    draw: &Draw,
+    evaluation: &Evaluation,
+    samples: &[CycleSample],
+    peak_n: f64,
+) -> Judgement {
     let figures = &evaluation.figures;
     let reference_n = draw.scenario.task.force.reference_n;
     let percent = |n: Option<f64>| n.map(|n| 100.0 * n / reference_n);
-    let true_force = |s: &CycleSample| s.truth.map_or(0.0, |t| t.force_n);
-    let peak_n = samples.iter().map(true_force).fold(0.0, f64::max);
     let settled_from = figures
         .contact
         .first_s

@@ -26,6 +26,9 @@ use crate::systems::admittance::evaluate_admittance_samples;
 /// # Errors
 /// The cell of the draw cannot be built, or its task, law or estimators are not usable.
 pub fn run(draw: &Draw) -> Result<Judgement, ScenarioError> {
-    let (evaluation, samples) = evaluate_admittance_samples(&draw.scenario)?;
-    Ok(judge(draw, &evaluation, &samples))
+    let mut peak_n = 0.0_f64;
+    let (evaluation, samples) = evaluate_admittance_samples(&draw.scenario, |cycle| {
+        peak_n = peak_n.max(cycle.truth.load_n);
+    })?;
+    Ok(judge(draw, &evaluation, &samples, peak_n))
 }

@@ -1,5 +1,7 @@
 //! Where the surface of a draw lies before the arm, and where on it the tool lands.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use tangent_control::{Path, PathSpec};
 use tangent_mechanics::{
@@ -43,7 +45,7 @@ struct Local {
 }
 
 /// Joints of the arm before its base, tool down, rad.
-const SEED_RAD: [f64; 6] = [3.14, -1.57, 1.57, -1.57, -1.57, 0.0];
+const SEED_RAD: [f64; 6] = [PI, -FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2, -FRAC_PI_2, 0.0];
 
 /// Places tried before the last one is taken as it is.
 const TRIES: usize = 200;

@@ -48,9 +48,9 @@ pub struct Row {
     pub force_rmse_percent: Option<f64>,
     /// Force error of all phases, percent of the reference.
     pub force_rmse_all_percent: Option<f64>,
-    /// Highest pressing force, N.
+    /// Highest contact force, N.
     pub peak_n_max: f64,
-    /// Highest pressing force over `max(2 x reference, 10 N)`.
+    /// Highest contact force over `max(2 x reference, 10 N)`.
     pub peak_ratio_max: f64,
     /// Mean number of contacts lost.
     pub lost_mean: f64,

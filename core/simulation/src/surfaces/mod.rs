@@ -426,6 +426,34 @@ impl Surface {
         (distance, self.rotation * normal)
     }
 
+    /// Normal of the face that a tool is to follow at `point` (base axes, m): that of the plate
+    /// where an edge, a step or a groove interrupts it, otherwise that of the closest point.
+    pub fn face_normal(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        match self.shape {
+            AnyShape::Profile(_) => self.rotation * Vector3::z(),
+            _ => self.distance_and_normal(point).1,
+        }
+    }
+
+    /// Whether [`Surface::face_normal`] is everywhere the normal of the closest point.
+    fn is_smooth(&self) -> bool {
+        !matches!(self.shape, AnyShape::Profile(_))
+    }
+
+    /// Geometry of the face that a tool is to follow at `point` (base axes, m): as
+    /// [`Surface::query`], with the normal of [`Surface::face_normal`].
+    pub(crate) fn query_face(&self, point: &Vector3<f64>) -> SurfacePoint {
+        let under = self.query(point);
+        if self.is_smooth() {
+            return under;
+        }
+        SurfacePoint {
+            normal: self.face_normal(point),
+            curvature: Matrix3::zeros(),
+            ..under
+        }
+    }
+
     /// Geometry at the surface point closest to `point` (base axes, m).
     pub fn query(&self, point: &Vector3<f64>) -> SurfacePoint {
         let local = self.local(point);

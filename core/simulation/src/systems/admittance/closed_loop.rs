@@ -58,20 +58,15 @@ pub fn evaluate_admittance_with(
     scenario: &AdmittanceScenario,
     watch: impl FnMut(&AdmittanceCycle<'_>),
 ) -> Result<Evaluation, ScenarioError> {
-    run(scenario, watch).map(|(evaluation, _)| evaluation)
+    evaluate_admittance_samples(scenario, watch).map(|(evaluation, _)| evaluation)
 }
 
-/// Runs a scenario to its end and returns every cycle with the figures.
+/// Runs a scenario to its end, passes every cycle to `watch` and returns all samples with the
+/// figures.
 ///
 /// # Errors
 /// As [`AdmittanceLoop::new`].
 pub fn evaluate_admittance_samples(
-    scenario: &AdmittanceScenario,
-) -> Result<(Evaluation, Vec<CycleSample>), ScenarioError> {
-    run(scenario, |_| ())
-}
-
-fn run(
     scenario: &AdmittanceScenario,
     mut watch: impl FnMut(&AdmittanceCycle<'_>),
 ) -> Result<(Evaluation, Vec<CycleSample>), ScenarioError> {
