@@ -444,3 +444,30 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+    /// The bug: over a ripple of 20 um the search for the point closest to the centre of a ball
+    /// ended before it had converged, and the ball was pressed with 1284 N.
+    #[test]
+    fn a_ball_on_a_fine_ripple_is_as_far_from_it_as_it_is(
+        at in prop::array::uniform2(-0.01f64..0.01),
+        centre in 0.002f64..0.015,
+        wavelength in 0.0003f64..0.005,
+        across in any::<bool>(),
+    ) {
+        let ripple = 2e-5;
+        let (a, l) = if across { ([0.0, ripple], [1.0, wavelength]) } else { ([ripple, 0.0], [wavelength, 1.0]) };
+        let sheet = Sheet::new(a, l);
+        let p = Vector3::new(at[0], at[1], centre);
+        let (distance, normal) = sheet.distance_and_normal(&p);
+        prop_assert!((normal.norm() - 1.0).abs() < 1e-9);
+        // The nearest crest or what is directly below: no closer, and no further.
+        let along = usize::from(across);
+        let nearest = (-4000..=4000)
+            .map(|i| f64::from(i) * 1e-6)
+            .map(|s| s.hypot(centre - ripple * (std::f64::consts::TAU / wavelength * (p[along] + s)).sin()))
+            .fold(f64::INFINITY, f64::min);
+        prop_assert!((distance - nearest).abs() < 1e-6, "{distance} m, {nearest} m by search");
+    }
+}
