@@ -171,9 +171,9 @@ pub(super) fn distance_and_normal<G: Graph>(
     let distance = normal.dot(&away);
     let is_beyond_fold = distance * foot.above < 0.0 && distance.abs() > 1e-9;
     if is_beyond_fold || (!foot.has_converged(point) && away.norm() > 1e-9) {
-        // The foot point is on the far side of a fold, or the iteration has not converged: then
-        // the distance along the face would be far too short, and a ball over a ripple of 20 um
-        // was pressed with 1284 N.
+        // The foot point is on the far side of a fold, or the iteration has not converged. Then the
+        // distance along the face would be far too short: a ball 10 mm over a ripple of 20 um was
+        // in contact with it.
         let distance = away.norm().copysign(foot.above);
         return (distance, away / distance);
     }
