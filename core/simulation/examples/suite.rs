@@ -1,6 +1,6 @@
 //! `tangent evaluate --suite contact` without building the network: prints the table and, for each
-//! surface, the worst draw. With `--draw K` and `--surface NAME`, prints one draw, and with `--trace N`
-//! every Nth cycle of it. `--set key=value` changes a value in every draw.
+//! surface, the worst draw. With `--draw K` and `--surface NAME`, prints one draw, and with
+//! `--trace N` every Nth cycle of it. `--set key=value` changes a value in every draw.
 //!
 //! ```sh
 //! cargo run --release -p tangent-simulation --example suite -- --draws 5 --seed 1 --surface pipe

@@ -3,6 +3,7 @@
 //!
 //! `docs/evaluate.md` defines every figure; the two commands agree because both call this module.
 
+mod normal_found;
 pub mod object;
 pub mod visuo_tactile;
 
@@ -277,7 +278,7 @@ impl Figures {
                     None
                 }
             }),
-            normal_found_after_m: normal_found_after_m(span),
+            normal_found_after_m: normal_found::after_m(span),
             alignment_error_deg: spread(&|s| Some(angle_deg(&s.estimate?.normal, &-s.tool_z))),
             tool_error_deg: spread(&|s| s.truth.map(|t| angle_deg(&t.normal, &-t.tool_z))),
             normal_nees_per_dof: mean(&nees),
@@ -294,41 +295,6 @@ impl Figures {
             tanks: tanks(samples),
         }
     }
-}
-
-/// Angle below which the normal counts as found, degrees.
-const FOUND_DEG: f64 = 3.0;
-/// Travel for which it has to stay so, m.
-const FOUND_FOR_M: f64 = 0.005;
-
-/// Travel below which the measured position may only be noise, m.
-const TRAVEL_STEP_M: f64 = 2e-4;
-
-/// Travel on the surface until the normal is found.
-fn normal_found_after_m(span: &[CycleSample]) -> Option<f64> {
-    let (mut travel, mut found_at) = (0.0, None);
-    let mut anchor = span.first()?.tool_position;
-    for sample in span.iter().filter(|s| s.touches()) {
-        let truth = sample.truth?;
-        let moved = sample.tool_position - anchor;
-        let along = (moved - truth.normal * truth.normal.dot(&moved)).norm();
-        if along > TRAVEL_STEP_M {
-            travel += along;
-            anchor = sample.tool_position;
-        }
-        let near = sample
-            .estimate
-            .is_some_and(|e| angle_deg(&e.normal, &truth.normal) < FOUND_DEG);
-        if !near {
-            found_at = None;
-            continue;
-        }
-        let from = *found_at.get_or_insert(travel);
-        if travel - from >= FOUND_FOR_M {
-            return Some(from);
-        }
-    }
-    found_at
 }
 
 fn mean(values: &[f64]) -> Option<f64> {

@@ -171,9 +171,8 @@ pub(super) fn distance_and_normal<G: Graph>(
     let distance = normal.dot(&away);
     let is_beyond_fold = distance * foot.above < 0.0 && distance.abs() > 1e-9;
     if is_beyond_fold || (!foot.has_converged(point) && away.norm() > 1e-9) {
-        // The foot point is on the far side of a fold, or the iteration has not converged. Then the
-        // distance along the face would be far too short: a ball 10 mm over a ripple of 20 um was
-        // in contact with it.
+        // The foot point is on the far side of a fold, or the iteration has not converged: the
+        // distance along the face would be too short.
         let distance = away.norm().copysign(foot.above);
         return (distance, away / distance);
     }
@@ -192,4 +191,39 @@ pub(super) fn curvature<G: Graph>(graph: &G, point: &Vector3<f64>) -> Matrix3<f6
     second.fixed_view_mut::<2, 2>(0, 0).copy_from(&-hessian);
     let project = Matrix3::identity() - normal * normal.transpose();
     project * second * project / (1.0 + g.norm_squared()).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::surfaces::{Shape, Sheet};
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(200))]
+        /// The bug: the search for the point closest to the centre of a ball over a ripple of 20 um
+        /// ended in a trough beside the closest crest. The distance was wrong by up to 34 um, which
+        /// is 1.7 N at 50 kN/m.
+        #[test]
+        fn a_ball_on_a_fine_ripple_is_as_far_from_it_as_it_is(
+            at in prop::array::uniform2(-0.01f64..0.01),
+            centre in 0.002f64..0.015,
+            wavelength in 0.0001f64..0.005,
+            across in any::<bool>(),
+        ) {
+            let ripple = 2e-5;
+            let (a, l) = if across { ([0.0, ripple], [1.0, wavelength]) } else { ([ripple, 0.0], [wavelength, 1.0]) };
+            let sheet = Sheet::new(a, l);
+            let p = Vector3::new(at[0], at[1], centre);
+            let (distance, normal) = sheet.distance_and_normal(&p);
+            prop_assert!((normal.norm() - 1.0).abs() < 1e-9);
+            // The nearest crest or what is directly below: no closer, and no further.
+            let along = usize::from(across);
+            let nearest = (-4000..=4000)
+                .map(|i| f64::from(i) * 1e-6)
+                .map(|s| s.hypot(centre - ripple * (std::f64::consts::TAU / wavelength * (p[along] + s)).sin()))
+                .fold(f64::INFINITY, f64::min);
+            prop_assert!((distance - nearest).abs() < 1e-6, "{distance} m, {nearest} m by search");
+        }
+    }
 }

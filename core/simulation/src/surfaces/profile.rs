@@ -156,3 +156,78 @@ impl Shape for Profile {
         around * around.transpose() / self.edge_radius
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Closed forms of the profiles at chosen points: distance and normal in the xz plane.
+    #[test]
+    fn edges_steps_and_grooves_have_their_faces_and_their_rounded_edges() {
+        let r = 0.001;
+        let edge = Profile::edge(r);
+        let up = Profile::step(0.005, r);
+        let down = Profile::step(-0.005, r);
+        let groove = Profile::groove(0.004, 0.003, r);
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let cases: &[(&Profile, [f64; 2], f64, [f64; 2])] = &[
+            (&edge, [-0.02, 0.003], 0.003, [0.0, 1.0]),
+            (&edge, [-0.02, -0.003], -0.003, [0.0, 1.0]),
+            (&edge, [0.004, -0.02], 0.004, [1.0, 0.0]),
+            (
+                &edge,
+                [0.002, 0.002],
+                (2.0 * 9e-6f64).sqrt() - r,
+                [half, half],
+            ),
+            (&up, [-0.02, 0.001], 0.001, [0.0, 1.0]),
+            (&up, [-0.001, 0.002], 0.001, [-1.0, 0.0]),
+            (&up, [0.02, 0.006], 0.001, [0.0, 1.0]),
+            (&up, [0.02, 0.004], -0.001, [0.0, 1.0]),
+            (&up, [-0.001, 0.006], 8f64.sqrt() * r - r, [-half, half]),
+            (&down, [-0.02, 0.001], 0.001, [0.0, 1.0]),
+            (&down, [0.001, -0.002], 0.001, [1.0, 0.0]),
+            (&down, [0.02, -0.004], 0.001, [0.0, 1.0]),
+            (&groove, [-0.02, 0.001], 0.001, [0.0, 1.0]),
+            (&groove, [0.0, -0.002], 0.001, [0.0, 1.0]),
+            (&groove, [0.0015, -0.001], 0.0005, [-1.0, 0.0]),
+            (&groove, [-0.0015, -0.001], 0.0005, [1.0, 0.0]),
+            (&groove, [0.02, 0.001], 0.001, [0.0, 1.0]),
+        ];
+        for (i, (profile, at, distance, normal)) in cases.iter().enumerate() {
+            let (got, out) = profile.distance_and_normal(&Vector3::new(at[0], 0.3, at[1]));
+            assert!(
+                (got - distance).abs() < 1e-12,
+                "case {i}: {got} m, not {distance} m"
+            );
+            let want = Vector3::new(normal[0], 0.0, normal[1]);
+            assert!((out - want).norm() < 1e-9, "case {i}: {out}");
+        }
+        // The rounded edge has its radius.
+        let on = edge.curvature(&Vector3::new(0.002, 0.0, 0.002));
+        assert!((on.symmetric_eigenvalues().max() - 1.0 / r).abs() < 1e-6);
+    }
+
+    proptest! {
+        /// The distance of a profile is continuous and grows by no more than one moves. Without
+        /// this, a tool that passes an edge would be deep in the material at once.
+        #[test]
+        fn nothing_is_deep_at_once_beside_an_edge(
+            at in prop::array::uniform2(-0.01f64..0.01),
+            step in prop::array::uniform2(-0.001f64..0.001),
+        ) {
+            for profile in [
+                Profile::edge(0.0005),
+                Profile::step(0.002, 0.0003),
+                Profile::step(-0.003, 0.001),
+                Profile::groove(0.003, 0.002, 0.0002),
+            ] {
+                let p = Vector3::new(at[0], 0.0, at[1]);
+                let q = p + Vector3::new(step[0], 0.0, step[1]);
+                let [a, b] = [p, q].map(|x| profile.distance_and_normal(&x).0);
+                prop_assert!((b - a).abs() <= (q - p).norm() + 1e-12, "{profile:?}: {a} {b}");
+            }
+        }
+    }
+}
