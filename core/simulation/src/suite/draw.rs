@@ -166,7 +166,7 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
         (speed * dice.within(ranges::PATH_S)).clamp(ranges::LENGTH_M.0, ranges::LENGTH_M.1);
     let fast = dice.chance(0.5);
     let robot = if fast { "ur5e" } else { "ur5" };
-    let tool = tool(&mut dice, tip, stiffness);
+    let tool = tool(&mut dice, tip, stiffness, force_n);
     let contact = contact(&mut dice, stiffness);
     let arm = arm(&mut dice, fast);
     let sensor = SensorConfig {
@@ -255,14 +255,17 @@ fn tips(dice: &mut Dice) -> (Tip, Tip) {
     (tip, if unknown { Tip::Unknown } else { tip })
 }
 
-fn tool(dice: &mut Dice, tip: Tip, stiffness: f64) -> ToolConfig {
-    // Tool and wrist give more than the contact does in some cells and less in others.
-    let along = stiffness * dice.within_log((1.3, 10.0));
-    let across = along * dice.within((0.3, 1.0));
-    let turning = dice.within_log((100.0, 1000.0));
+fn tool(dice: &mut Dice, tip: Tip, stiffness: f64, force_n: f64) -> ToolConfig {
+    // Surface and tip give by no more than a tip does; a softer cell is soft in tool and wrist.
+    let stiffest = ranges::TIP_OVER_CELL_LOG;
+    let of_tip = (stiffness * dice.within_log(stiffest)).max(force_n / ranges::DENT_MAX_M);
+    let along = 1.0 / (1.0 / stiffness - 1.0 / of_tip);
+    let across = (along * dice.within(ranges::ACROSS_OVER_ALONG)).max(force_n / ranges::GIVE_MAX_M);
+    let turning = dice.within_log(ranges::TURNING_NM_PER_RAD_LOG);
+    let soft = dice.within_log(ranges::SOFT_STIFFNESS_N_PER_M_LOG);
     ToolConfig {
         tip: Some(tip),
-        soft_stiffness_n_per_m: dice.within_log(ranges::SOFT_STIFFNESS_N_PER_M_LOG),
+        soft_stiffness_n_per_m: soft.max(force_n / ranges::SOFT_DENT_MAX_M),
         compliance: Some(ComplianceConfig {
             stiffness_n_per_m: [across, across, along],
             stiffness_nm_per_rad: [turning; 3],

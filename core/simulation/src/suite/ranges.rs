@@ -9,6 +9,18 @@ pub const LANDED_RAD: (f64, f64) = (0.0, 0.436_332_312_998_582_4);
 pub const STIFFNESS_N_PER_M_LOG: (f64, f64) = (1e3, 1e5);
 /// Stiffness of a soft tip, N/m.
 pub const SOFT_STIFFNESS_N_PER_M_LOG: (f64, f64) = (500.0, 3e3);
+/// Stiffness of surface and tip over that of the contact as seen from the flange.
+pub const TIP_OVER_CELL_LOG: (f64, f64) = (1.1, 4.0);
+/// Depth to which the force presses a square tip into the surface at most, m.
+pub const DENT_MAX_M: f64 = 5e-4;
+/// That depth for a soft tip, m.
+pub const SOFT_DENT_MAX_M: f64 = 3e-3;
+/// Stiffness of tool and wrist across the tool's axis over that along it.
+pub const ACROSS_OVER_ALONG: (f64, f64) = (0.3, 1.0);
+/// Give of tool and wrist across the tool's axis under the pressing force at most, m.
+pub const GIVE_MAX_M: f64 = 3e-3;
+/// Stiffness of tool and wrist against turning, Nm/rad.
+pub const TURNING_NM_PER_RAD_LOG: (f64, f64) = (100.0, 1000.0);
 /// Sliding friction.
 pub const FRICTION: (f64, f64) = (0.05, 0.9);
 /// Static friction over sliding friction.
