@@ -11,20 +11,35 @@ use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
 
 use crate::cli::Evaluate;
 use crate::output::{Outcome, bad_usage, print_json};
+use crate::suite;
 
 /// Runs one scenario and prints its figures.
 ///
 /// # Errors
 /// The scenario, an override, the estimator or the preset is invalid.
 pub fn run(args: &Evaluate, json: bool) -> Result<Outcome> {
-    if args.scenario == "list" {
+    let Some(scenario) = &args.scenario else {
+        return suite::run(args, &overrides(args), json);
+    };
+    if scenario == "list" {
         return list(json);
     }
-    let evaluation = once(&args.scenario, &overrides(args))?;
+    let mut set = overrides(args);
+    if let Some(seed) = args.seed {
+        set.push(format!("seed={seed}"));
+    }
+    show(&once(scenario, &set)?, json)
+}
+
+/// Prints the figures of one run.
+///
+/// # Errors
+/// Standard output is not usable.
+pub fn show(evaluation: &Evaluation, json: bool) -> Result<Outcome> {
     if json {
-        print_json(&evaluation)?;
+        print_json(evaluation)?;
     } else {
-        print(&evaluation);
+        print(evaluation);
     }
     Ok(if evaluation.phase == "done" {
         Outcome::Done
@@ -52,7 +67,7 @@ fn list(json: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Converts the options of the command line to overrides of the scenario.
+/// Converts the options of the command line, but for the seed, to overrides of the scenario.
 fn overrides(args: &Evaluate) -> Vec<String> {
     let mut set = args.set.clone();
     if let Some(name) = &args.estimator {
@@ -60,9 +75,6 @@ fn overrides(args: &Evaluate) -> Vec<String> {
     }
     if let Some(name) = &args.controller {
         set.push(format!("controller=\"{name}\""));
-    }
-    if let Some(seed) = args.seed {
-        set.push(format!("seed={seed}"));
     }
     set
 }

@@ -20,6 +20,7 @@ mod reproduce;
 mod robot;
 mod run;
 mod status;
+mod suite;
 mod up;
 
 use std::process::ExitCode;

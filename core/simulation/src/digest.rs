@@ -31,14 +31,37 @@ impl TrajectoryDigest {
 
     /// Hash as 64 hexadecimal digits.
     pub fn finish(self) -> String {
-        use std::fmt::Write;
-        let mut text = String::with_capacity(64);
-        for byte in self.hash.finalize() {
-            // Writing to a string cannot fail.
-            let _ = write!(text, "{byte:02x}");
-        }
-        text
+        hexadecimal(self.hash)
     }
+}
+
+/// SHA-256 over texts, one line each.
+#[derive(Clone, Default)]
+pub(crate) struct TextDigest {
+    hash: Sha256,
+}
+
+impl TextDigest {
+    /// Adds a line; the order matters.
+    pub fn add(&mut self, line: &str) {
+        self.hash.update(line.as_bytes());
+        self.hash.update(b"\n");
+    }
+
+    /// Hash as 64 hexadecimal digits.
+    pub fn finish(self) -> String {
+        hexadecimal(self.hash)
+    }
+}
+
+fn hexadecimal(hash: Sha256) -> String {
+    use std::fmt::Write;
+    let mut text = String::with_capacity(64);
+    for byte in hash.finalize() {
+        // Writing to a string cannot fail.
+        let _ = write!(text, "{byte:02x}");
+    }
+    text
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ pub mod contact;
 mod digest;
 mod disturbance;
 mod evaluation;
+pub mod hardware_errors;
 pub mod metrics;
 mod overrides;
 mod plant_error;
@@ -22,6 +23,7 @@ mod scenario;
 mod scenario_file;
 mod sensors;
 mod start;
+pub mod suite;
 pub mod surfaces;
 pub mod systems;
 mod tool;
@@ -35,11 +37,13 @@ pub use arms::platform::{OdometryConfig, OdometrySample, Platform, PlatformConfi
 pub use arms::servo::{Lag, Servo, ServoConfig};
 pub use arms::torque_arm::{TorqueArm, TorqueArmConfig};
 pub use contact::{
-    ComplianceConfig, ContactConfig, FrictionConfig, FrictionModel, Obstacle, PadConfig,
+    ComplianceConfig, ContactConfig, FrictionConfig, FrictionModel, FrictionVariation, Obstacle,
+    PadConfig,
 };
 pub use digest::TrajectoryDigest;
 pub use disturbance::{Disturbance, Undisturbed};
 pub use evaluation::Evaluation;
+pub use hardware_errors::{ArmErrors, FrameErrors, HardwareErrors, WrenchErrors};
 pub use overrides::OverrideError;
 pub use plant_error::{PlantError, StartError};
 pub use pose_config::PoseConfig;
@@ -59,7 +63,7 @@ pub use start::StartConfig;
 pub use surfaces::{ShapeConfig, Surface, SurfaceConfig, SurfacePoint};
 pub use systems::admittance::{
     AdmittanceCycle, AdmittanceLoop, AdmittancePlant, AdmittancePlantConfig, AdmittanceScenario,
-    PipelineConfig, evaluate_admittance, evaluate_admittance_with,
+    PipelineConfig, evaluate_admittance, evaluate_admittance_samples, evaluate_admittance_with,
 };
 pub use systems::object::{
     ObjectCycle, ObjectLoop, ObjectMotionConfig, ObjectPlant, ObjectPlantConfig, ObjectScenario,

@@ -1,6 +1,7 @@
 //! The `[plant.tool]` table: tool, sensor and payload on the flange.
 
 use serde::{Deserialize, Serialize};
+use tangent_mechanics::Tip;
 
 use crate::contact::{ComplianceConfig, PadConfig};
 use crate::pose_config::PoseConfig;
@@ -13,8 +14,14 @@ pub struct ToolConfig {
     pub flange_from_sensor: PoseConfig,
     /// Pose of the tool on the flange: origin at the middle of the pad, z out of the tool.
     pub flange_from_tool: PoseConfig,
-    /// Contact pad.
+    /// Contact pad, where no `tip` is given.
     pub pad: PadConfig,
+    /// True shape of the tip. What the law is told of it is a setting of the law and of the
+    /// estimators.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tip: Option<Tip>,
+    /// Stiffness of a soft tip, N/m; in series with `contact.stiffness_n_per_m`.
+    pub soft_stiffness_n_per_m: f64,
     /// Spring between flange and pad; rigid if absent.
     pub compliance: Option<ComplianceConfig>,
     /// Payload on the sensor, as stated in the cell file.
@@ -35,6 +42,8 @@ impl Default for ToolConfig {
                 ..PoseConfig::default()
             },
             pad: PadConfig::default(),
+            tip: None,
+            soft_stiffness_n_per_m: 1_500.0,
             compliance: None,
             payload: PayloadConfig::default(),
             payload_error: PayloadErrorConfig::default(),

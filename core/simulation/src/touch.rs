@@ -1,9 +1,12 @@
 //! Contact of a tool's pad with a surface: the part that the plants of all systems have in common.
 
 use nalgebra::Vector3;
-use tangent_mechanics::{Base, Pose, Tool};
+use tangent_mechanics::{Base, Pose, Tip, Tool};
 
-use crate::contact::{Compliance, ContactConfig, Obstacle, Pad, PadContact, PadMotion, Placed};
+use crate::contact::{
+    Compliance, ContactConfig, FrictionVariation, Obstacle, Pad, PadConfig, PadContact, PadMotion,
+    Placed,
+};
 use crate::surfaces::{Surface, SurfaceConfig, SurfaceError};
 use crate::tool::ToolConfig;
 use crate::truth::Truth;
@@ -37,9 +40,27 @@ impl Touch {
             None => contact.stiffness_n_per_m,
             Some(c) => 1.0 / (1.0 / contact.stiffness_n_per_m - 1.0 / c.stiffness_n_per_m[2]),
         };
+        let disk = |radius_m, hollow| PadConfig {
+            radius_m,
+            rings: 2,
+            hollow,
+            crown_radius_m: None,
+        };
+        let pad = match tool.tip {
+            None | Some(Tip::Unknown) => Pad::new(&tool.pad, contact, pad_stiffness),
+            Some(Tip::Flat { radius_m }) => {
+                Pad::new(&disk(radius_m, false), contact, pad_stiffness)
+            }
+            Some(Tip::Ring { radius_m }) => Pad::new(&disk(radius_m, true), contact, pad_stiffness),
+            Some(Tip::Round { radius_m }) => Pad::ball(radius_m, contact, pad_stiffness),
+            Some(Tip::Soft { radius_m }) => {
+                let series = 1.0 / (1.0 / pad_stiffness + 1.0 / tool.soft_stiffness_n_per_m);
+                Pad::new(&disk(radius_m, false), contact, series)
+            }
+        };
         Ok(Self {
             surface: Surface::new(&surface.shape, &surface.pose())?,
-            pad: Pad::new(&tool.pad, contact, pad_stiffness),
+            pad,
             compliance: tool.compliance.as_ref().map(Compliance::new),
             obstacle: None,
             friction_coefficient: contact.friction.coulomb_coefficient,
@@ -65,9 +86,16 @@ impl Touch {
         }
     }
 
+    /// Lets the friction vary along the surface.
+    pub fn vary_friction(&mut self, variation: FrictionVariation) {
+        self.pad.vary_friction(variation);
+    }
+
     /// Normal of the surface under the tool, base axes, out of the material.
     pub fn normal(&self) -> Vector3<f64> {
-        self.surface.distance_and_normal(&self.motion.origin).1
+        let (reference, _) = self.pad.reference();
+        let at = self.motion.at(&reference);
+        self.surface.distance_and_normal(&at).1
     }
 
     /// Puts an obstacle in the way of a tool that leaves the surface under it.
@@ -82,6 +110,7 @@ impl Touch {
             &self.surface,
             &self.motion,
             &self.contact,
+            self.pad.reference(),
             self.friction_coefficient,
         )
     }

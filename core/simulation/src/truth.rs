@@ -11,16 +11,20 @@ use crate::surfaces::Surface;
 pub struct Truth {
     /// Time since the plant was created, s.
     pub time_s: f64,
-    /// Closest point of the surface to the tool's origin, base axes, m.
+    /// Closest point of the surface to the tool's origin, or to the centre of a round tip, base
+    /// axes, m.
     pub point: Vector3<f64>,
-    /// Unit normal at `point`, out of the material, base axes.
+    /// Unit normal at `point`, out of the material, base axes. Where an edge, a step or a groove
+    /// interrupts a plate, it is that of the plate.
     pub normal: Vector3<f64>,
     /// Shape operator at `point`, base axes, 1/m, positive for a convex body.
     pub curvature: Matrix3<f64>,
-    /// Signed distance of the tool's origin from the surface, m.
+    /// Signed distance of the tool's origin from the surface, m; of a round tip, that of the ball.
     pub distance_m: f64,
     /// Whether any point of the pad carries load.
     pub in_contact: bool,
+    /// Sum of the normal forces of all points that touch, N, in whatever direction each acts.
+    pub load_n: f64,
     /// Depth of the deepest pad point, m; 0 without contact.
     pub penetration_m: f64,
     /// Wrench of the surface on the tool, at the tool's origin, base axes.
@@ -60,14 +64,18 @@ impl Truth {
 
 impl Truth {
     /// Builds the state from the surface under the pad, the pad's motion and its contact.
+    /// `reference` (tool axes, m) and `radius` (m) are those of the tip, [`Pad::reference`].
+    ///
+    /// [`Pad::reference`]: crate::contact::Pad::reference
     pub(crate) fn of(
         time_s: f64,
         surface: &Surface,
         motion: &PadMotion,
         contact: &PadContact,
+        (reference, radius): (Vector3<f64>, f64),
         friction_coefficient: f64,
     ) -> Self {
-        let under = surface.query(&motion.origin);
+        let under = surface.query_face(&motion.at(&reference));
         let tangential = motion.linear - under.normal * under.normal.dot(&motion.linear);
         let normal_force = contact.force.dot(&under.normal);
         let tangential_force = (contact.force - under.normal * normal_force).norm();
@@ -76,8 +84,9 @@ impl Truth {
             point: under.point,
             normal: under.normal,
             curvature: under.curvature,
-            distance_m: under.distance,
+            distance_m: under.distance - radius,
             in_contact: contact.load > 0.0,
+            load_n: contact.load,
             penetration_m: contact.depth,
             wrench: Wrench::new(contact.force, contact.torque),
             base_from_tool: Pose::new(motion.origin, motion.rotation),

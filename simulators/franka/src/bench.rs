@@ -200,6 +200,7 @@ impl TorquePlant for BenchPlant {
             curvature: Matrix3::zeros(),
             distance_m: (pose.translation() - touch.point).dot(&touch.normal),
             in_contact: pressing > 0.0,
+            load_n: pressing.max(0.0),
             penetration_m: touch.depth_m,
             wrench: Wrench::new(touch.force, Vector3::zeros()),
             base_from_tool: pose,

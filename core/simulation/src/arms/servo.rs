@@ -110,6 +110,8 @@ pub struct Servo {
     lower: Joints<6>,
     upper: Joints<6>,
     speed_max: Joints<6>,
+    /// Bandwidth of each joint relative to `config.lag`; `None`: equal in all joints.
+    bandwidth_ratio: Option<Joints<6>>,
     /// Commands in transit, oldest first.
     line: [VelocityCommand; DELAY_CYCLES_MAX],
     /// True joint positions, rad.
@@ -132,6 +134,7 @@ impl Servo {
             lower: limits.position_lower,
             upper: limits.position_upper,
             speed_max: limits.velocity,
+            bandwidth_ratio: None,
             line: [VelocityCommand::hold(); DELAY_CYCLES_MAX],
             q,
             qd: Joints::<6>::zeros(),
@@ -139,6 +142,14 @@ impl Servo {
             q_target: q,
             qd_target: Joints::<6>::zeros(),
         }
+    }
+
+    /// The servo with joints of different bandwidth, relative to that of the configuration.
+    pub fn with_bandwidth_ratio(mut self, ratio: [f64; 6]) -> Self {
+        if ratio != [1.0; 6] {
+            self.bandwidth_ratio = Some(Joints::<6>::from(ratio));
+        }
+        self
     }
 
     /// Takes the command of this period and returns the one that takes effect in it.
@@ -173,6 +184,28 @@ impl Servo {
 
         let qd_before = self.qd;
         match self.config.lag {
+            Lag::FirstOrder { time_constant_s } if self.bandwidth_ratio.is_some() => {
+                let ratio = self
+                    .bandwidth_ratio
+                    .unwrap_or_else(|| Joints::<6>::repeat(1.0));
+                let keep = ratio.map(|r| (-dt * r / time_constant_s).exp());
+                self.qd = self.qd_target + (self.qd - self.qd_target).component_mul(&keep);
+            }
+            Lag::SecondOrder {
+                natural_frequency_rad_per_s,
+                damping_ratio,
+            } if self.bandwidth_ratio.is_some() => {
+                let ratio = self
+                    .bandwidth_ratio
+                    .unwrap_or_else(|| Joints::<6>::repeat(1.0));
+                for i in 0..6 {
+                    let w = natural_frequency_rad_per_s * ratio[i];
+                    let pull = (self.qd_target[i] - self.qd[i]) * (w * w * dt);
+                    let qdd = (self.qdd[i] + pull)
+                        / (1.0 + 2.0 * damping_ratio * w * dt + w * w * dt * dt);
+                    self.qd[i] += qdd * dt;
+                }
+            }
             Lag::FirstOrder { time_constant_s } => {
                 let keep = (-dt / time_constant_s).exp();
                 self.qd = self.qd_target + (self.qd - self.qd_target) * keep;
@@ -202,14 +235,24 @@ impl Servo {
 
     /// Joint positions measured by the encoders, rad.
     pub fn q_measured(&self) -> Joints<6> {
-        let step = self.config.encoder_resolution_rad;
-        self.q.map(|x| quantise(x, step))
+        self.in_counts(&self.q)
     }
 
     /// Joint velocities reported by the controller, rad/s.
     pub fn qd_measured(&self) -> Joints<6> {
+        self.in_velocity_counts(&self.qd)
+    }
+
+    /// Joint positions rounded to the encoders' resolution, rad.
+    pub(crate) fn in_counts(&self, q: &Joints<6>) -> Joints<6> {
+        let step = self.config.encoder_resolution_rad;
+        q.map(|x| quantise(x, step))
+    }
+
+    /// Joint velocities rounded to their resolution, rad/s.
+    pub(crate) fn in_velocity_counts(&self, qd: &Joints<6>) -> Joints<6> {
         let step = self.config.velocity_resolution_rad_per_s;
-        self.qd.map(|x| quantise(x, step))
+        qd.map(|x| quantise(x, step))
     }
 }
 

@@ -4,6 +4,7 @@
 mod compliance;
 mod config;
 mod friction;
+mod friction_variation;
 mod normal_force;
 mod obstacle;
 mod pad;
@@ -12,6 +13,7 @@ pub(crate) use compliance::Compliance;
 pub use compliance::ComplianceConfig;
 pub use config::ContactConfig;
 pub use friction::{Friction, FrictionConfig, FrictionModel};
+pub use friction_variation::FrictionVariation;
 pub use normal_force::HuntCrossley;
 pub use obstacle::Obstacle;
 pub(crate) use obstacle::Placed;

@@ -6,6 +6,7 @@ use tangent_mechanics::{Base, Pose, Tool};
 
 use super::config::ContactConfig;
 use super::friction::Friction;
+use super::friction_variation::FrictionVariation;
 use super::normal_force::HuntCrossley;
 use crate::surfaces::Surface;
 
@@ -34,6 +35,35 @@ impl Default for PadConfig {
     }
 }
 
+/// Points of the disk, tool axes, m.
+fn disk(pad: &PadConfig) -> Vec<Vector3<f64>> {
+    let mut points = Vec::new();
+    if !pad.hollow || pad.rings == 0 {
+        points.push(Vector3::zeros());
+    }
+    for ring in 1..=pad.rings {
+        if pad.hollow && ring < pad.rings {
+            continue;
+        }
+        let radius = pad.radius_m * ring as f64 / pad.rings as f64;
+        for i in 0..6 * ring {
+            let angle =
+                std::f64::consts::TAU * (i as f64 + 0.5 * (ring % 2) as f64) / (6 * ring) as f64;
+            points.push(Vector3::new(
+                radius * angle.cos(),
+                radius * angle.sin(),
+                0.0,
+            ));
+        }
+    }
+    if let Some(crown) = pad.crown_radius_m {
+        for point in &mut points {
+            point.z = -(point.x * point.x + point.y * point.y) / (2.0 * crown);
+        }
+    }
+    points
+}
+
 /// Points of the pad with their bristles. The number of points is fixed after construction.
 ///
 /// ```
@@ -54,11 +84,14 @@ impl Default for PadConfig {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Pad {
-    /// Positions of the points, tool axes, m.
+    /// Positions of the points, tool axes, m; the centre of the ball for a round tip.
     points: Vec<Vector3<f64>>,
     bristles: Vec<Vector3<f64>>,
+    /// Radius of the ball around each point, m: that of a round tip, otherwise 0.
+    ball_radius: f64,
     law: HuntCrossley,
     friction: Friction,
+    friction_variation: Option<FrictionVariation>,
     reach: f64,
 }
 
@@ -79,6 +112,14 @@ impl PadMotion {
     /// A pad at rest in a pose.
     pub fn at_rest(base_from_tool: &Pose<Base, Tool>) -> Self {
         Self::moving(base_from_tool, &Vector6::zeros())
+    }
+
+    /// Position of a point of the tool (tool axes, m), base axes, m.
+    pub fn at(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        if *point == Vector3::zeros() {
+            return self.origin;
+        }
+        self.origin + self.rotation * point
     }
 
     /// A pad in a pose, with the twist of the tool's origin, base axes, m/s and rad/s.
@@ -169,30 +210,22 @@ impl PadLinearisation {
 impl Pad {
     /// `stiffness` is that of the whole pad, N/m, without the tool's compliance.
     pub fn new(pad: &PadConfig, contact: &ContactConfig, stiffness: f64) -> Self {
-        let mut points = Vec::new();
-        if !pad.hollow || pad.rings == 0 {
-            points.push(Vector3::zeros());
-        }
-        for ring in 1..=pad.rings {
-            if pad.hollow && ring < pad.rings {
-                continue;
-            }
-            let radius = pad.radius_m * ring as f64 / pad.rings as f64;
-            for i in 0..6 * ring {
-                let angle = std::f64::consts::TAU * (i as f64 + 0.5 * (ring % 2) as f64)
-                    / (6 * ring) as f64;
-                points.push(Vector3::new(
-                    radius * angle.cos(),
-                    radius * angle.sin(),
-                    0.0,
-                ));
-            }
-        }
-        if let Some(crown) = pad.crown_radius_m {
-            for point in &mut points {
-                point.z = -(point.x * point.x + point.y * point.y) / (2.0 * crown);
-            }
-        }
+        Self::of_points(disk(pad), 0.0, contact, stiffness)
+    }
+
+    /// A ball whose foremost point is the tool's origin: it touches where the surface is closest to
+    /// its centre. `radius` in m.
+    pub fn ball(radius: f64, contact: &ContactConfig, stiffness: f64) -> Self {
+        let centre = Vector3::new(0.0, 0.0, -radius);
+        Self::of_points(vec![centre], radius, contact, stiffness)
+    }
+
+    fn of_points(
+        points: Vec<Vector3<f64>>,
+        ball_radius: f64,
+        contact: &ContactConfig,
+        stiffness: f64,
+    ) -> Self {
         // With an exponent other than 1, the stiffness holds at a depth of 1 mm.
         let scale = 1e-3f64.powf(1.0 - contact.exponent);
         let law = HuntCrossley {
@@ -202,10 +235,27 @@ impl Pad {
         };
         Self {
             bristles: vec![Vector3::zeros(); points.len()],
-            reach: points.iter().map(|p| p.norm()).fold(0.0, f64::max),
+            reach: points.iter().map(|p| p.norm()).fold(0.0, f64::max) + ball_radius,
             points,
+            ball_radius,
             law,
             friction: Friction::new(&contact.friction),
+            friction_variation: None,
+        }
+    }
+
+    /// Lets the friction vary along the surface.
+    pub fn vary_friction(&mut self, variation: FrictionVariation) {
+        self.friction_variation = Some(variation);
+    }
+
+    /// Point of the tool from which the distance to the surface counts, tool axes, m: the centre
+    /// of a round tip, otherwise the tool's origin. With it, the radius of the tip around it.
+    pub fn reference(&self) -> (Vector3<f64>, f64) {
+        if self.ball_radius > 0.0 {
+            (self.points[0], self.ball_radius)
+        } else {
+            (Vector3::zeros(), 0.0)
         }
     }
 
@@ -236,8 +286,12 @@ impl Pad {
         }
         let rotation = motion.rotation.to_rotation_matrix();
         for (point, bristle) in self.points.iter().zip(&mut self.bristles) {
-            let arm = rotation * point;
-            let (distance, normal) = surface.distance_and_normal(&(motion.origin + arm));
+            let mut arm = rotation * point;
+            let (mut distance, normal) = surface.distance_and_normal(&(motion.origin + arm));
+            if self.ball_radius > 0.0 {
+                arm -= normal * self.ball_radius;
+                distance -= self.ball_radius;
+            }
             if distance >= 0.0 {
                 *bristle = Vector3::zeros();
                 continue;
@@ -246,9 +300,11 @@ impl Pad {
             let rate = normal.dot(&velocity);
             let press = self.law.force(-distance, -rate);
             let tangential = velocity - normal * rate;
-            let rub = self
-                .friction
-                .step(bristle, &normal, &tangential, press.force, dt);
+            let load = match &self.friction_variation {
+                Some(variation) => press.force * variation.factor(&(motion.origin + arm)),
+                None => press.force,
+            };
+            let rub = self.friction.step(bristle, &normal, &tangential, load, dt);
             let force = normal * press.force + rub.force;
             sum.force += force;
             sum.torque += arm.cross(&force);

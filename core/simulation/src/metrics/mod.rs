@@ -3,6 +3,7 @@
 //!
 //! `docs/evaluate.md` defines every figure; the two commands agree because both call this module.
 
+mod normal_found;
 pub mod object;
 pub mod visuo_tactile;
 
@@ -156,6 +157,12 @@ pub struct ForceFigures {
     /// Root mean square deviation from the reference while sliding and holding, from 1 s after
     /// first contact, N.
     pub rmse_n: Option<f64>,
+    /// Root mean square deviation from the reference of every cycle from first contact to the
+    /// retraction, N: touchdown, cycles without contact and searches for the surface included.
+    /// While the law searches, the reference is that of the task.
+    pub rmse_all_n: Option<f64>,
+    /// That deviation in the first second after first contact, N.
+    pub rmse_first_second_n: Option<f64>,
     /// Mean absolute deviation from the reference while sliding and holding, from 1 s after first
     /// contact, N.
     pub mad_n: Option<f64>,
@@ -225,6 +232,9 @@ pub struct Figures {
     /// Angle between the estimated and the true normal, in contact, from 1 s after first contact,
     /// degrees.
     pub normal_error_settled_deg: Option<Spread>,
+    /// Travel of the tool on the surface from first contact until the estimated normal is within
+    /// 3° of the true one and stays so for 5 mm or to the end, m; `None` if it never does.
+    pub normal_found_after_m: Option<f64>,
     /// Angle between the estimated normal and the measured `-z_tool`, in contact, degrees.
     pub alignment_error_deg: Option<Spread>,
     /// Angle between the true normal and the true `-z_tool`, in contact, degrees.
@@ -283,6 +293,7 @@ impl Figures {
                     None
                 }
             }),
+            normal_found_after_m: normal_found::after_m(span),
             alignment_error_deg: spread(&|s| Some(angle_deg(&s.estimate?.normal, &-s.tool_z))),
             tool_error_deg: spread(&|s| s.truth.map(|t| angle_deg(&t.normal, &-t.tool_z))),
             normal_nees_per_dof: mean(&nees),
@@ -373,6 +384,21 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
     sizes.sort_by(f64::total_cmp);
 
     let start = span.first().map_or(0.0, |s| s.time_s);
+    let deviation = |s: &CycleSample| {
+        let searching = matches!(s.phase, Phase::Seek | Phase::Approach);
+        let wanted = if searching {
+            reference_n
+        } else {
+            s.force_reference_n
+        };
+        Some(s.pressing_n()? - wanted)
+    };
+    let all: Vec<f64> = span.iter().filter_map(deviation).collect();
+    let first_second: Vec<f64> = span
+        .iter()
+        .filter(|s| s.time_s < settled_from)
+        .filter_map(deviation)
+        .collect();
     let settled = settling(span, reference_n);
     let touchdown = touchdown(span, settled)
         .iter()
@@ -383,6 +409,8 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
         reference_n,
         mean_n: mean(&forces),
         rmse_n: root_mean_square(&errors),
+        rmse_all_n: root_mean_square(&all),
+        rmse_first_second_n: root_mean_square(&first_second),
         mad_n: mean(&sizes),
         p95_abs_error_n: (!sizes.is_empty()).then(|| percentile_95(&sizes)),
         peak_n: span

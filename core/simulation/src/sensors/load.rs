@@ -69,6 +69,23 @@ impl SensorLoad {
         }
     }
 
+    /// The payload on a sensor that is mounted differently from what `tool` states: the payload
+    /// itself stays where it is.
+    pub fn with_sensor_at(self, flange_from_sensor: Pose<Flange, SensorFrame>) -> Self {
+        if flange_from_sensor == self.flange_from_sensor {
+            return self;
+        }
+        let stated_from_true = self.flange_from_sensor.inverse() * flange_from_sensor;
+        let com = stated_from_true
+            .isometry()
+            .inverse_transform_point(&self.com.into());
+        Self {
+            com: com.coords,
+            flange_from_sensor,
+            ..self
+        }
+    }
+
     pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
         self.flange_from_sensor
     }

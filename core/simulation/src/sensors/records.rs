@@ -6,12 +6,14 @@ use super::fault::FaultySensor;
 use super::force_torque::Sensor;
 use super::force_torque::SensorConfig;
 use super::sample::SensorSample;
+use crate::hardware_errors::WrenchDistortion;
 
 /// Sensor with its clock and the records of the current period.
 #[derive(Clone, Debug)]
 pub(crate) struct SensorRecords {
     sensor: Sensor,
     fault: Option<FaultySensor>,
+    distortion: Option<WrenchDistortion>,
     rate_hz: f64,
     records: Vec<SensorSample>,
     taken: u64,
@@ -27,10 +29,23 @@ impl SensorRecords {
             fault: config
                 .fault
                 .map(|fault| FaultySensor::new(fault, config.rate_hz)),
+            distortion: None,
             rate_hz: config.rate_hz,
             records: Vec::with_capacity((period_s * config.rate_hz).ceil() as usize + 1),
             taken: 0,
             wrench,
+        }
+    }
+
+    /// Distorts the load before the gauges measure it.
+    pub fn distort_with(&mut self, distortion: Option<WrenchDistortion>) {
+        self.distortion = distortion;
+    }
+
+    /// Sets the speed of the flange, m/s.
+    pub fn set_speed(&mut self, speed: f64) {
+        if let Some(distortion) = &mut self.distortion {
+            distortion.set_speed(speed);
         }
     }
 
@@ -49,7 +64,10 @@ impl SensorRecords {
                 break;
             }
             let share = ((time - time_before) / dt).clamp(0.0, 1.0);
-            let between = self.wrench + (wrench - self.wrench) * share;
+            let mut between = self.wrench + (wrench - self.wrench) * share;
+            if let Some(distortion) = &mut self.distortion {
+                between = distortion.distort(time, &between);
+            }
             if self.records.len() < self.records.capacity() {
                 self.records.push(match &mut self.fault {
                     Some(faulty) => {

@@ -70,6 +70,10 @@ pub struct HeightField {
     /// Upper bound of the gradient's norm: a spline's slope is an average of the differences of its
     /// coefficients.
     slope_max: f64,
+    /// Upper bound of the second derivatives' norm, 1/m: that of the second differences.
+    curvature_max: f64,
+    /// Lowest and highest coefficient, m: a spline lies between those of its coefficients.
+    range: [f64; 2],
 }
 
 impl HeightField {
@@ -158,7 +162,26 @@ impl HeightField {
             differences.fold(0.0, |most: f64, (_, (a, b))| most.max((b - a).abs())) / step
         };
         let (along_x, along_y) = (steepest(1, step[0]), steepest(nx + 2, step[1]));
+        let bend = |stride: usize, step: f64| {
+            let inner = coefficients.len().saturating_sub(2 * stride);
+            let second = |i: usize| {
+                coefficients[i] - 2.0 * coefficients[i + stride] + coefficients[i + 2 * stride]
+            };
+            let same_row = |i: &usize| stride > 1 || i % (nx + 2) < nx;
+            let all = (0..inner).filter(same_row).map(second);
+            all.fold(0.0, |most: f64, d| most.max(d.abs())) / (step * step)
+        };
         Ok(Self {
+            // The mixed derivative is bounded by the two others for the surfaces of tables that
+            // are sampled finely enough.
+            curvature_max: 2.0 * bend(1, step[0]).max(bend(nx + 2, step[1])),
+            range: [
+                coefficients.iter().copied().fold(f64::INFINITY, f64::min),
+                coefficients
+                    .iter()
+                    .copied()
+                    .fold(f64::NEG_INFINITY, f64::max),
+            ],
             slope_max: (along_x * along_x + along_y * along_y).sqrt(),
             origin: [x[0], y[0]],
             step,
@@ -226,6 +249,20 @@ impl Graph for HeightField {
 
     fn slope_max(&self) -> f64 {
         self.slope_max
+    }
+
+    fn curvature_max(&self) -> f64 {
+        self.curvature_max
+    }
+
+    fn detail_m(&self) -> f64 {
+        0.5 * self.step[0].min(self.step[1])
+    }
+
+    /// Beyond its border, where the surface continues along its tangent plane, this is not a
+    /// bound.
+    fn height_range(&self) -> [f64; 2] {
+        self.range
     }
 }
 

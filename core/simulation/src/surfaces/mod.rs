@@ -6,9 +6,11 @@
 
 mod cone;
 mod cylinder;
+mod ellipsoid;
 mod graph;
 mod height_field;
 mod plane;
+mod profile;
 mod ray;
 mod sheet;
 mod sphere;
@@ -20,8 +22,10 @@ use serde::{Deserialize, Serialize};
 
 pub use cone::Cone;
 pub use cylinder::Cylinder;
+pub use ellipsoid::Ellipsoid;
 pub use height_field::{HeightField, HeightFieldError};
 pub use plane::Plane;
+pub use profile::Profile;
 pub use ray::Ray;
 pub use sheet::Sheet;
 pub use sphere::Sphere;
@@ -117,6 +121,32 @@ pub enum ShapeConfig {
         /// Radius, m.
         radius_m: f64,
     },
+    /// Ellipsoid around the origin.
+    Ellipsoid {
+        /// Semi-axes along x, y and z, m.
+        semi_axes_m: [f64; 3],
+    },
+    /// A plate with its top at `z = 0` that ends at `x = 0`.
+    Edge {
+        /// Radius of the edge, m.
+        edge_radius_m: f64,
+    },
+    /// `z = 0` before `x = 0`, `z = height_m` beyond.
+    Step {
+        /// Height, m; negative steps down.
+        height_m: f64,
+        /// Radius of the edge, m.
+        edge_radius_m: f64,
+    },
+    /// A plane `z = 0` with a straight groove around `x = 0`: a seam, or a gap.
+    Groove {
+        /// Width, m.
+        width_m: f64,
+        /// Depth, m.
+        depth_m: f64,
+        /// Radius of the edges, m.
+        edge_radius_m: f64,
+    },
     /// Torus around the local z axis.
     Torus {
         /// Distance from the axis to the middle of the tube, m.
@@ -188,6 +218,8 @@ enum AnyShape {
     Cylinder(Cylinder),
     Cone(Cone),
     Sphere(Sphere),
+    Ellipsoid(Ellipsoid),
+    Profile(Profile),
     Torus(Torus),
     Sheet(Sheet),
     Wave(Wave),
@@ -201,6 +233,8 @@ impl AnyShape {
             Self::Cylinder(s) => s.distance_and_normal(point),
             Self::Cone(s) => s.distance_and_normal(point),
             Self::Sphere(s) => s.distance_and_normal(point),
+            Self::Ellipsoid(s) => s.distance_and_normal(point),
+            Self::Profile(s) => s.distance_and_normal(point),
             Self::Torus(s) => s.distance_and_normal(point),
             Self::Sheet(s) => s.distance_and_normal(point),
             Self::Wave(s) => s.distance_and_normal(point),
@@ -214,6 +248,8 @@ impl AnyShape {
             Self::Cylinder(s) => s.curvature(point),
             Self::Cone(s) => s.curvature(point),
             Self::Sphere(s) => s.curvature(point),
+            Self::Ellipsoid(s) => s.curvature(point),
+            Self::Profile(s) => s.curvature(point),
             Self::Torus(s) => s.curvature(point),
             Self::Sheet(s) => s.curvature(point),
             Self::Wave(s) => s.curvature(point),
@@ -229,6 +265,8 @@ impl AnyShape {
             Self::Cylinder(s) => s.enter(ray, range),
             Self::Cone(s) => s.enter(ray, range),
             Self::Sphere(s) => s.enter(ray, range),
+            Self::Ellipsoid(s) => s.enter(ray, range),
+            Self::Profile(s) => s.enter(ray, range),
             Self::Torus(s) => s.enter(ray, range),
             Self::Sheet(s) => s.enter(ray, range),
             Self::Wave(s) => s.enter(ray, range),
@@ -295,6 +333,38 @@ impl Surface {
             )),
             ShapeConfig::Sphere { radius_m } => {
                 AnyShape::Sphere(Sphere::new(positive("sphere", "radius_m", *radius_m)?))
+            }
+            ShapeConfig::Ellipsoid { semi_axes_m } => {
+                for (axis, key) in ["semi_axes_m[0]", "semi_axes_m[1]", "semi_axes_m[2]"]
+                    .into_iter()
+                    .enumerate()
+                {
+                    positive("ellipsoid", key, semi_axes_m[axis])?;
+                }
+                AnyShape::Ellipsoid(Ellipsoid::new(*semi_axes_m))
+            }
+            ShapeConfig::Edge { edge_radius_m } => AnyShape::Profile(Profile::edge(positive(
+                "edge",
+                "edge_radius_m",
+                *edge_radius_m,
+            )?)),
+            ShapeConfig::Step {
+                height_m,
+                edge_radius_m,
+            } => {
+                positive("step", "height_m (without its sign)", height_m.abs())?;
+                positive("step", "edge_radius_m", *edge_radius_m)?;
+                AnyShape::Profile(Profile::step(*height_m, *edge_radius_m))
+            }
+            ShapeConfig::Groove {
+                width_m,
+                depth_m,
+                edge_radius_m,
+            } => {
+                positive("groove", "width_m", *width_m)?;
+                positive("groove", "depth_m", *depth_m)?;
+                positive("groove", "edge_radius_m", *edge_radius_m)?;
+                AnyShape::Profile(Profile::groove(*width_m, *depth_m, *edge_radius_m))
             }
             ShapeConfig::Torus {
                 major_radius_m,
@@ -381,6 +451,34 @@ impl Surface {
     pub fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let (distance, normal) = self.shape.distance_and_normal(&self.local(point));
         (distance, self.rotation * normal)
+    }
+
+    /// Normal of the face that a tool is to follow at `point` (base axes, m): that of the plate
+    /// where an edge, a step or a groove interrupts it, otherwise that of the closest point.
+    pub fn face_normal(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        match self.shape {
+            AnyShape::Profile(_) => self.rotation * Vector3::z(),
+            _ => self.distance_and_normal(point).1,
+        }
+    }
+
+    /// Whether [`Surface::face_normal`] is everywhere the normal of the closest point.
+    fn is_smooth(&self) -> bool {
+        !matches!(self.shape, AnyShape::Profile(_))
+    }
+
+    /// Geometry of the face that a tool is to follow at `point` (base axes, m): as
+    /// [`Surface::query`], with the normal of [`Surface::face_normal`].
+    pub(crate) fn query_face(&self, point: &Vector3<f64>) -> SurfacePoint {
+        let under = self.query(point);
+        if self.is_smooth() {
+            return under;
+        }
+        SurfacePoint {
+            normal: self.face_normal(point),
+            curvature: Matrix3::zeros(),
+            ..under
+        }
     }
 
     /// Geometry at the surface point closest to `point` (base axes, m).

@@ -38,6 +38,23 @@ impl Graph for Sheet {
         let [x, y] = [0, 1].map(|i| self.amplitude[i] * self.wavenumber[i]);
         (x * x + y * y).sqrt()
     }
+
+    fn curvature_max(&self) -> f64 {
+        let [x, y] = [0, 1].map(|i| self.amplitude[i].abs() * self.wavenumber[i].powi(2));
+        x.max(y)
+    }
+
+    fn detail_m(&self) -> f64 {
+        // An eighth of the shorter wave among those that there are.
+        let waves = (0..2).filter(|&i| self.amplitude[i] != 0.0);
+        let finest = waves.map(|i| self.wavenumber[i]).fold(1e-3, f64::max);
+        std::f64::consts::TAU / finest / 8.0
+    }
+
+    fn height_range(&self) -> [f64; 2] {
+        let most = self.amplitude[0].abs() + self.amplitude[1].abs();
+        [-most, most]
+    }
 }
 
 impl Shape for Sheet {

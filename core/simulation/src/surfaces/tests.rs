@@ -39,6 +39,21 @@ fn shapes() -> Vec<(&'static str, ShapeConfig, Vector3<f64>)> {
             Vector3::new(0.05, 0.1, 0.1),
         ),
         (
+            "ellipsoid",
+            ShapeConfig::Ellipsoid {
+                semi_axes_m: [0.3, 0.2, 0.15],
+            },
+            Vector3::new(0.1, 0.1, 0.1),
+        ),
+        (
+            "step",
+            ShapeConfig::Step {
+                height_m: 0.02,
+                edge_radius_m: 0.001,
+            },
+            Vector3::new(0.05, 0.1, 0.02),
+        ),
+        (
             "torus outside",
             ShapeConfig::Torus {
                 major_radius_m: 0.3,

@@ -71,6 +71,18 @@ impl Graph for Wave {
     fn slope_max(&self) -> f64 {
         self.amplitude * self.wavenumber
     }
+
+    fn curvature_max(&self) -> f64 {
+        self.amplitude * self.wavenumber * self.wavenumber
+    }
+
+    fn detail_m(&self) -> f64 {
+        std::f64::consts::TAU / self.wavenumber / 8.0
+    }
+
+    fn height_range(&self) -> [f64; 2] {
+        [self.offset - self.amplitude, self.offset + self.amplitude]
+    }
 }
 
 impl Shape for Wave {

@@ -23,6 +23,7 @@ mod other_arms;
 mod pause;
 mod scenarios;
 mod shown_force;
+mod suite;
 mod swap;
 mod tactile;
 mod tactile_cells;

@@ -44,6 +44,7 @@ pub(super) fn check(config: &AdmittancePlantConfig) -> Result<(), PlantError> {
         "0.00001 to 0.002 s",
         (1e-5..=2e-3).contains(&config.substep_max_s),
     )?;
+    config.errors.check()?;
     contact.check_stiffness()?;
     value(
         "contact.exponent",
@@ -100,6 +101,20 @@ pub(super) fn check(config: &AdmittancePlantConfig) -> Result<(), PlantError> {
         tool.pad.rings as f64,
         "0 to 8",
         tool.pad.rings <= 8,
+    )?;
+    if let Some(tip) = tool.tip {
+        value(
+            "tool.tip.radius_m",
+            tip.radius_m().unwrap_or_default(),
+            "0 to 0.1",
+            (0.0..=0.1).contains(&tip.radius_m().unwrap_or_default()),
+        )?;
+    }
+    value(
+        "tool.soft_stiffness_n_per_m",
+        tool.soft_stiffness_n_per_m,
+        "10 to 100000 N/m",
+        (10.0..=1e5).contains(&tool.soft_stiffness_n_per_m),
     )?;
     let mass = tool.payload.mass_kg + tool.payload_error.mass_kg;
     value(

@@ -56,8 +56,20 @@ pub fn evaluate_admittance(scenario: &AdmittanceScenario) -> Result<Evaluation, 
 /// As [`AdmittanceLoop::new`].
 pub fn evaluate_admittance_with(
     scenario: &AdmittanceScenario,
-    mut watch: impl FnMut(&AdmittanceCycle<'_>),
+    watch: impl FnMut(&AdmittanceCycle<'_>),
 ) -> Result<Evaluation, ScenarioError> {
+    evaluate_admittance_samples(scenario, watch).map(|(evaluation, _)| evaluation)
+}
+
+/// Runs a scenario to its end, passes every cycle to `watch` and returns all samples with the
+/// figures.
+///
+/// # Errors
+/// As [`AdmittanceLoop::new`].
+pub fn evaluate_admittance_samples(
+    scenario: &AdmittanceScenario,
+    mut watch: impl FnMut(&AdmittanceCycle<'_>),
+) -> Result<(Evaluation, Vec<CycleSample>), ScenarioError> {
     let mut closed_loop = AdmittanceLoop::new(scenario)?;
     let (mut fault, mut estimator) = (None, 0);
     let samples = run_to_end(scenario.duration_s, closed_loop.plant.period_s(), || {
@@ -76,7 +88,8 @@ pub fn evaluate_admittance_with(
         fault,
         state_digest: closed_loop.digest.finish(),
     };
-    Ok(Evaluation::of(end, &samples))
+    let evaluation = Evaluation::of(end, &samples);
+    Ok((evaluation, samples))
 }
 
 /// The closed loop, stepped cycle by cycle.

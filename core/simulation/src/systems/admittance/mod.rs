@@ -10,7 +10,8 @@ pub mod reproduction;
 mod scenario;
 
 pub use closed_loop::{
-    AdmittanceCycle, AdmittanceLoop, evaluate_admittance, evaluate_admittance_with,
+    AdmittanceCycle, AdmittanceLoop, evaluate_admittance, evaluate_admittance_samples,
+    evaluate_admittance_with,
 };
 pub use plant::AdmittancePlant;
 pub use plant_config::AdmittancePlantConfig;

@@ -12,6 +12,8 @@ use crate::arms::measurement::{ArmMeasurement, VelocityCommand};
 use crate::arms::platform::{OdometrySample, Platform};
 use crate::arms::servo::Servo;
 use crate::contact::{Obstacle, PadMotion};
+use crate::hardware_errors::wrench_errors::cable_pull;
+use crate::hardware_errors::{ArmSenses, WrenchDistortion};
 use crate::plant_error::PlantError;
 use crate::sensors::load::{Body, FlangeLoad, SensorLoad};
 use crate::sensors::records::SensorRecords;
@@ -30,8 +32,15 @@ pub struct AdmittancePlant {
     touch: Touch,
     sensor: SensorRecords,
     platform: Option<Platform>,
+    /// As stated.
     flange_from_tool: Pose<Flange, Tool>,
+    true_flange_from_tool: Pose<Flange, Tool>,
     load: SensorLoad,
+    senses: Option<ArmSenses>,
+    /// Measured joint positions (rad) and velocities (rad/s).
+    measured: (Joints<6>, Joints<6>),
+    /// Joint positions at the start, where the cable does not pull, rad.
+    cable_at: Joints<6>,
     sub_steps: usize,
     dt: f64,
     periods: u64,
@@ -49,17 +58,26 @@ impl AdmittancePlant {
         let arm = Arm::<6>::new(&ModelData::builtin(&config.robot)?)?;
         let mut touch = Touch::new(&config.surface, &config.tool, &config.contact)?;
         let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
+        let errors = &config.errors;
+        let true_flange_from_tool = errors.frames.flange_from_tool(&config.tool);
         let target = start::tool_pose(&config.start, &touch.surface);
-        let q = start::joints(&arm, &flange_from_tool, &target, &config.start)?;
+        let q = start::joints(&arm, &true_flange_from_tool, &target, &config.start)?;
         touch.place_tool(&target);
+        if let Some(variation) = errors.friction {
+            touch.vary_friction(variation);
+        }
 
         let sub_steps = (config.arm.period_s / config.substep_max_s - 1e-9)
             .ceil()
             .max(1.0) as usize;
         let mut plant = Self {
-            servo: Servo::new(&config.arm, arm.limits(), q),
+            servo: servo(config, &arm, q),
             sensor: SensorRecords::new(&config.sensor, config.arm.period_s, seed, Vector6::zeros()),
-            load: SensorLoad::new(&config.tool),
+            load: SensorLoad::new(&config.tool)
+                .with_sensor_at(errors.frames.flange_from_sensor(&config.tool)),
+            senses: ArmSenses::new(&errors.arm, seed),
+            measured: (q, Joints::<6>::zeros()),
+            cable_at: q,
             platform: config.base.as_ref().map(|base| Platform::new(base, seed)),
             dt: config.arm.period_s / sub_steps as f64,
             sub_steps,
@@ -69,9 +87,15 @@ impl AdmittancePlant {
             arm,
             touch,
             flange_from_tool,
+            true_flange_from_tool,
         };
         let wrench = plant.sensor_wrench(&plant.body, &Vector3::zeros(), &Vector3::zeros());
         plant.sensor.set_wrench(wrench);
+        let (errors, rate_hz) = (&config.errors.wrench, config.sensor.rate_hz);
+        plant
+            .sensor
+            .distort_with(WrenchDistortion::new(errors, rate_hz, seed, &wrench));
+        plant.measure();
         Ok(plant)
     }
 
@@ -88,6 +112,18 @@ impl AdmittancePlant {
         if let Some(platform) = &mut self.platform {
             platform.step(start + self.config.arm.period_s);
         }
+        self.measure();
+    }
+
+    /// Encoders and velocity measurement read the joints.
+    fn measure(&mut self) {
+        self.measured = match &mut self.senses {
+            None => (self.servo.q_measured(), self.servo.qd_measured()),
+            Some(senses) => {
+                let (q, qd) = senses.measure(&self.servo.q, &self.servo.qd);
+                (self.servo.in_counts(&q), self.servo.in_velocity_counts(&qd))
+            }
+        };
     }
 
     /// A pose of the base, in floor axes.
@@ -113,16 +149,17 @@ impl AdmittancePlant {
         let acceleration = (body.linear - before.linear) / dt;
         let angular_acceleration = (body.angular - before.angular) / dt;
 
-        let lever = pose.rotation * self.flange_from_tool.translation();
+        let lever = pose.rotation * self.true_flange_from_tool.translation();
         let rigid = PadMotion {
             origin: pose.translation.vector + lever,
-            rotation: pose.rotation * self.flange_from_tool.rotation(),
+            rotation: pose.rotation * self.true_flange_from_tool.rotation(),
             linear: body.linear + body.angular.cross(&lever),
             angular: body.angular,
         };
         self.touch.step(rigid, dt);
         self.body = body;
         let wrench = self.sensor_wrench(&body, &acceleration, &angular_acceleration);
+        self.sensor.set_speed(body.linear.norm());
         self.sensor.advance(time_before, dt, wrench);
     }
 
@@ -133,13 +170,21 @@ impl AdmittancePlant {
         acceleration: &Vector3<f64>,
         angular_acceleration: &Vector3<f64>,
     ) -> Vector6<f64> {
-        self.load.wrench(
+        let mut wrench = self.load.wrench(
             body,
             acceleration,
             angular_acceleration,
             &self.touch.contact,
             &self.touch.motion.origin,
-        )
+        );
+        let errors = &self.config.errors.wrench;
+        if errors.cable_n_per_rad > 0.0 {
+            let turned = (self.servo.q - self.cable_at)
+                .fixed_rows::<3>(3)
+                .into_owned();
+            wrench += cable_pull(errors, &turned);
+        }
+        wrench
     }
 
     /// Load on the flange by contact and payload, without inertial forces.
@@ -163,8 +208,8 @@ impl AdmittancePlant {
     pub fn arm(&self) -> ArmMeasurement {
         ArmMeasurement {
             time_s: self.time_s(),
-            q: self.servo.q_measured(),
-            qd: self.servo.qd_measured(),
+            q: self.measured.0,
+            qd: self.measured.1,
             q_target: self.servo.q_target,
             qd_target: self.servo.qd_target,
         }
@@ -209,14 +254,14 @@ impl AdmittancePlant {
         &self.touch.surface
     }
 
-    /// `flange_from_tool` as configured; the tool's deflection is not in it.
+    /// `flange_from_tool` as stated; the tool's deflection and its error are not in it.
     pub fn flange_from_tool(&self) -> Pose<Flange, Tool> {
         self.flange_from_tool
     }
 
-    /// `flange_from_sensor` as configured.
+    /// `flange_from_sensor` as stated.
     pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
-        self.load.flange_from_sensor()
+        Pose::from_isometry(self.config.tool.flange_from_sensor.isometry())
     }
 
     /// True joint positions, rad.
@@ -232,14 +277,20 @@ impl AdmittancePlant {
     /// Moves the arm to `q` (rad) at once, at rest: only to reset it between tests, never as a
     /// motion.
     pub fn reset_joints(&mut self, q: &Joints<6>) {
-        self.servo = Servo::new(&self.config.arm, self.arm.limits(), *q);
+        self.servo = servo(&self.config, &self.arm, *q);
         let pose = *self.arm.base_from_flange(q).isometry();
         self.body = Body::at_rest(self.on_floor(pose, self.time_s()));
-        let tool = self.body.pose * self.flange_from_tool.isometry();
+        let tool = self.body.pose * self.true_flange_from_tool.isometry();
         self.touch.place_tool(&Pose::from_isometry(tool));
         let wrench = self.sensor_wrench(&self.body, &Vector3::zeros(), &Vector3::zeros());
         self.sensor.set_wrench(wrench);
+        self.measure();
     }
+}
+
+/// Servo at rest at `q` (rad), with the joints' true bandwidths.
+fn servo(config: &AdmittancePlantConfig, arm: &Arm<6>, q: Joints<6>) -> Servo {
+    Servo::new(&config.arm, arm.limits(), q).with_bandwidth_ratio(config.errors.arm.bandwidth_ratio)
 }
 
 /// Rotation vector of a rotation far below a right angle, rad.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::arms::platform::PlatformConfig;
 use crate::arms::servo::ServoConfig;
 use crate::contact::ContactConfig;
+use crate::hardware_errors::HardwareErrors;
 use crate::sensors::force_torque::SensorConfig;
 use crate::start::StartConfig;
 use crate::surfaces::SurfaceConfig;
@@ -35,6 +36,9 @@ pub struct AdmittancePlantConfig {
     /// Force/torque sensor.
     #[serde(default)]
     pub sensor: SensorConfig,
+    /// What the plant does differently from what the other tables state.
+    #[serde(default)]
+    pub errors: HardwareErrors,
     /// Start pose of the arm.
     pub start: StartConfig,
     /// The mobile platform under the arm; a fixed base when absent.

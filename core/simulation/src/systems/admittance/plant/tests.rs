@@ -3,7 +3,7 @@
 
 use nalgebra::{Vector3, Vector6};
 use proptest::prelude::*;
-use tangent_mechanics::Joints;
+use tangent_mechanics::{Joints, Tip};
 
 use super::*;
 use crate::contact::{ComplianceConfig, ContactConfig, FrictionConfig, FrictionModel, PadConfig};
@@ -35,6 +35,7 @@ fn on_a_plane() -> AdmittancePlantConfig {
             seed_rad: None,
         },
         base: None,
+        errors: Default::default(),
     }
 }
 
@@ -325,5 +326,121 @@ proptest! {
         prop_assert!(!plant.truth().in_contact);
         prop_assert!(scale > 1.0, "it never pressed");
         prop_assert!(work < 1e-6, "the surface gave {work} J");
+    }
+}
+
+#[test]
+fn a_tilted_ball_touches_beside_its_foremost_point_by_its_radius_times_the_sine() {
+    let (radius_m, tilt) = (0.01, 0.3_f64);
+    let mut config = on_a_plane();
+    config.tool.tip = Some(Tip::Round { radius_m });
+    config.contact.friction.model = FrictionModel::None;
+    config.start.tilt_rad = tilt;
+    let mut plant = AdmittancePlant::new(&config, 1).unwrap();
+    let gap = 0.001 - radius_m * (1.0 - tilt.cos());
+    assert!((plant.truth().distance_m - gap).abs() < 1e-9);
+    for _ in 0..60 {
+        drive(&mut plant, Vector3::new(0.0, 0.0, -0.004));
+    }
+    let truth = plant.truth();
+    assert!(truth.in_contact);
+    let lever = truth.wrench.torque.norm() / truth.wrench.force.norm();
+    assert!((lever - radius_m * tilt.sin()).abs() < 1e-6, "{lever} m");
+    let normal_in_tool = truth.base_from_tool.rotation().inverse() * truth.normal;
+    let point = Tip::Round { radius_m }.contact_in_tool(&normal_in_tool);
+    let arm = truth.base_from_tool.rotate(&point);
+    assert!((arm.cross(&truth.wrench.force) - truth.wrench.torque).norm() < 1e-9);
+}
+
+#[test]
+fn a_soft_tip_gives_in_series_with_the_contact_and_the_others_have_its_stiffness() {
+    for (tip, stiffness) in [
+        (Tip::Flat { radius_m: 0.01 }, 6_000.0),
+        (Tip::Ring { radius_m: 0.01 }, 6_000.0),
+        (Tip::Round { radius_m: 0.01 }, 6_000.0),
+        (Tip::Soft { radius_m: 0.01 }, 1_200.0),
+    ] {
+        let mut config = on_a_plane();
+        config.tool.tip = Some(tip);
+        config.contact.stiffness_n_per_m = 6_000.0;
+        let force = pressed(&config, 0.0005);
+        let expected = stiffness * 0.0005;
+        assert!((force / expected - 1.0).abs() < 0.01, "{tip:?}: {force} N");
+    }
+}
+
+/// What the plant reports is what the cell file states; the truth is elsewhere.
+#[test]
+fn nothing_that_the_plant_tells_shows_its_errors() {
+    let mut config = on_a_plane();
+    config.errors.frames.tip_position_m = [0.001, -0.001, 0.002];
+    config.errors.frames.tip_rotation_rad = [0.01, 0.0, 0.0];
+    config.errors.frames.sensor_rotation_rad = [0.0, 0.0, 0.02];
+    config.errors.arm.offset_rad = [3e-4, 0.0, 0.0, -3e-4, 0.0, 0.0];
+    let plant = AdmittancePlant::new(&config, 1).unwrap();
+    let stated = on_a_plane();
+    assert_eq!(
+        *plant.flange_from_tool().isometry(),
+        stated.tool.flange_from_tool.isometry()
+    );
+    assert_eq!(
+        *plant.flange_from_sensor().isometry(),
+        stated.tool.flange_from_sensor.isometry()
+    );
+    // The true tool is where it should start; the measured one is not.
+    let truth = plant.truth();
+    assert!((truth.distance_m - 0.001).abs() < 1e-9);
+    let off = plant.arm().q - plant.joints();
+    assert!((off[0] - 3e-4).abs() < 1e-12 && (off[3] + 3e-4).abs() < 1e-12);
+    let measured = plant.arm.base_from_flange(&plant.arm().q) * plant.flange_from_tool();
+    let away = measured.translation() - truth.base_from_tool.translation();
+    assert!((0.002..0.004).contains(&away.norm()), "{away}");
+}
+
+#[test]
+fn a_turned_sensor_reads_the_same_load_in_its_own_axes() {
+    let read = |turn: f64| {
+        let mut config = on_a_plane();
+        config.errors.frames.sensor_rotation_rad = [turn, 0.0, 0.0];
+        let mut plant = AdmittancePlant::new(&config, 1).unwrap();
+        rest(&mut plant, 0.1);
+        let [fx, fy, fz, tx, ty, tz] = reading(&plant);
+        (Vector3::new(fx, fy, fz), Vector3::new(tx, ty, tz))
+    };
+    let (straight, turned) = (read(0.0), read(0.05));
+    assert!((straight.0.norm() - turned.0.norm()).abs() < 3e-6);
+    assert!(
+        (straight.1 - turned.1).norm() < 3e-6,
+        "the payload stays where it is"
+    );
+    assert!((turned.0.y.atan2(turned.0.z).abs() - 0.05).abs() < 1e-5);
+}
+
+#[test]
+fn errors_out_of_their_ranges_are_named() {
+    let refused = |change: &dyn Fn(&mut AdmittancePlantConfig)| {
+        let mut config = on_a_plane();
+        change(&mut config);
+        AdmittancePlant::new(&config, 1).unwrap_err().to_string()
+    };
+    for (text, key) in [
+        (
+            refused(&|c| c.errors.frames.tip_position_m[1] = 1.0),
+            "errors.frames.tip_position_m",
+        ),
+        (
+            refused(&|c| c.errors.arm.bandwidth_ratio[2] = 0.0),
+            "errors.arm.bandwidth_ratio",
+        ),
+        (
+            refused(&|c| c.errors.wrench.latency_s = 1.0),
+            "errors.wrench.latency_s",
+        ),
+        (
+            refused(&|c| c.tool.tip = Some(Tip::Flat { radius_m: -1.0 })),
+            "tool.tip.radius_m",
+        ),
+    ] {
+        assert!(text.contains(key) && text.contains("must be"), "{text}");
     }
 }

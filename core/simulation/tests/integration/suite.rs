@@ -1,0 +1,71 @@
+//! The suite `contact`, with few draws: reproducible, and against stored figures.
+//!
+//! `INSTA_UPDATE=always cargo test --profile ci -p tangent-simulation --test integration suite`
+//! stores the figures anew.
+
+use tangent_simulation::suite::{Draw, Judgement, SuiteReport, SurfaceKind, draw, run};
+
+const DRAWS: u64 = 2;
+const SEED: u64 = 1;
+
+fn draws() -> Vec<Draw> {
+    let numbers = |surface| (0..DRAWS).map(move |number| draw(surface, number, SEED));
+    SurfaceKind::ALL.into_iter().flat_map(numbers).collect()
+}
+
+fn runs(draws: &[Draw]) -> Vec<Judgement> {
+    draws.iter().map(|draw| run(draw).unwrap()).collect()
+}
+
+#[test]
+fn two_draws_of_every_surface_have_their_stored_figures_in_any_order() {
+    let draws = draws();
+    let forwards = runs(&draws);
+    let mut backwards: Vec<Judgement> = forwards.iter().rev().cloned().collect();
+    // Some of them once more, after others than before.
+    for index in [0, 7, 14, 21] {
+        let again = run(&draws[index]).unwrap();
+        assert_eq!(again, forwards[index], "{}", draws[index]);
+        backwards.swap(index, 3);
+    }
+    let report = SuiteReport::of(DRAWS, SEED, forwards);
+    assert_eq!(report, SuiteReport::of(DRAWS, SEED, backwards));
+    assert_eq!(report.rows.len(), SurfaceKind::ALL.len());
+    let table = report.to_string();
+    assert!(
+        table.lines().all(|line| line.chars().count() <= 80),
+        "{table}"
+    );
+    insta::assert_snapshot!(table);
+}
+
+#[test]
+fn a_draw_follows_from_its_name_alone_and_survives_its_file() {
+    for surface in SurfaceKind::ALL {
+        for number in 0..20 {
+            let one = draw(surface, number, SEED);
+            assert_eq!(one, draw(surface, number, SEED));
+            assert_ne!(one.scenario, draw(surface, number, SEED + 1).scenario);
+            assert_ne!(one.scenario, draw(surface, number + 1, SEED).scenario);
+            let seed = one.scenario.seed;
+            let again = one
+                .clone()
+                .with_overrides(&[format!("seed={seed}")])
+                .unwrap();
+            assert_eq!(one, again, "{one}");
+        }
+        assert_eq!(SurfaceKind::from_name(surface.name()), Some(surface));
+    }
+}
+
+#[test]
+fn an_override_reaches_a_draw_and_a_wrong_one_is_named() {
+    let one = || draw(SurfaceKind::Pipe, 0, SEED);
+    let quiet = one()
+        .with_overrides(&["plant.errors={}".to_owned(), "controller=paper".to_owned()])
+        .unwrap();
+    assert_eq!(quiet.scenario.plant.errors, Default::default());
+    assert_eq!(quiet.scenario.preset(), "paper");
+    let error = one().with_overrides(&["plant.errors.arm.speed=1".to_owned()]);
+    assert!(error.unwrap_err().to_string().contains("speed"));
+}
