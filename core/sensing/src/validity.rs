@@ -43,6 +43,9 @@ pub enum Validity {
     Unresponsive = 13,
     /// Too many readings jump in a way that no load can cause: damaged records.
     Implausible = 14,
+    /// The measured force points where no contact can press: further from the normal in use than
+    /// friction and the error of that normal allow.
+    Misdirected = 15,
 }
 
 impl Validity {
@@ -56,7 +59,11 @@ impl Validity {
     pub fn is_judged_over_time(self) -> bool {
         matches!(
             self,
-            Self::Frozen | Self::AxisStuck | Self::Unresponsive | Self::Implausible
+            Self::Frozen
+                | Self::AxisStuck
+                | Self::Unresponsive
+                | Self::Implausible
+                | Self::Misdirected
         )
     }
 
@@ -86,6 +93,9 @@ impl Validity {
             Self::Implausible => {
                 "readings jump as no load can: check the network and the sensor for damaged records"
             }
+            Self::Misdirected => {
+                "the force points along the surface, not out of it: check the sensor's zero, axes and mounting"
+            }
         }
     }
 }
@@ -108,6 +118,7 @@ impl From<u8> for Validity {
             12 => Self::AxisStuck,
             13 => Self::Unresponsive,
             14 => Self::Implausible,
+            15 => Self::Misdirected,
             _ => Self::SensorError,
         }
     }
@@ -119,17 +130,17 @@ mod tests {
 
     #[test]
     fn every_code_comes_back_and_an_unknown_one_is_never_usable() {
-        for code in 0..=14 {
+        for code in 0..=15 {
             assert_eq!(Validity::from(code) as u8, code);
         }
-        for code in 15..=u8::MAX {
+        for code in 16..=u8::MAX {
             assert_eq!(Validity::from(code), Validity::SensorError);
         }
     }
 
     #[test]
     fn reasons_fit_a_message_and_differ() {
-        for a in 0..=14u8 {
+        for a in 0..=15u8 {
             let reason = Validity::from(a).reason();
             assert!(reason.len() <= 120, "{reason}");
             for b in 0..a {

@@ -2,6 +2,9 @@
 //! contact, and a momentum observer for the robot's wrench estimate. Used if no scenario is given.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::{
     Arm, Flange, Joints, ModelData, ModelError, Payload, Pose, Tool, Twist, Wrench,
@@ -10,6 +13,8 @@ use tangent_simulation::{TorqueArm, TorqueArmConfig, Truth};
 
 use crate::plant::{ArmReading, TorquePlant};
 
+/// Seed of the noise: every run has the same.
+const NOISE_SEED: u64 = 0x0f0a_11ca;
 /// Speed at which friction has reached 71 % of its value, m/s.
 const STICK_SPEED_M_PER_S: f64 = 0.002;
 
@@ -49,6 +54,9 @@ pub struct PlantConfig {
     pub viscous_nm_s_per_rad: f64,
     /// Bandwidth of the robot's estimate of external torque, rad/s.
     pub observer_rad_per_s: f64,
+    /// White noise of the measured torques, standard deviation per period, Nm. Without noise, the
+    /// estimate repeats exactly while the arm rests, as no real one does.
+    pub torque_noise_nm: f64,
     /// Number of integration steps per period.
     pub sub_steps: usize,
 }
@@ -72,6 +80,7 @@ impl Default for PlantConfig {
             plane: None,
             viscous_nm_s_per_rad: 0.05,
             observer_rad_per_s: 150.0,
+            torque_noise_nm: 0.01,
             sub_steps: 4,
         }
     }
@@ -84,6 +93,7 @@ pub struct BenchPlant {
     arm: TorqueArm<7>,
     flange_from_tool: Pose<Flange, Tool>,
     external_estimate: Joints<7>,
+    rng: Pcg64Mcg,
     push: Vector3<f64>,
     time_s: f64,
 }
@@ -118,6 +128,7 @@ impl BenchPlant {
             ),
             config: config.clone(),
             external_estimate: Joints::zeros(),
+            rng: Pcg64Mcg::seed_from_u64(NOISE_SEED),
             push: Vector3::zeros(),
             time_s: 0.0,
         })
@@ -151,6 +162,10 @@ impl TorquePlant for BenchPlant {
         let steps = self.config.sub_steps.max(1);
         let dt = 1e-3 / steps as f64;
         let motor = self.arm.limited(torque);
+        let noise = Joints::from_fn(|_, _| {
+            let normal: f64 = StandardNormal.sample(&mut self.rng);
+            self.config.torque_noise_nm * normal
+        });
         for _ in 0..steps {
             let (pose, jacobian) = self
                 .arm
@@ -170,7 +185,7 @@ impl TorquePlant for BenchPlant {
             self.arm.step(torque, &external, dt);
             // External torque inferred from the motion and the motor torque, low-pass filtered by
             // the observer.
-            let seen = mass * (self.arm.qd - before) / dt + bias - motor;
+            let seen = mass * (self.arm.qd - before) / dt + bias - motor + noise;
             let share = 1.0 - (-self.config.observer_rad_per_s * dt).exp();
             self.external_estimate += (seen - self.external_estimate) * share;
         }

@@ -21,6 +21,9 @@ use crate::robot::FciRobot;
 
 /// Polling interval for an answer.
 const LOOK: Duration = Duration::from_micros(50);
+/// Longest wait for the answer to the first state of a motion. libfranka waits for the second state
+/// before it answers, and gives up after 1 s without a state.
+const FIRST_WAIT: Duration = Duration::from_millis(300);
 /// Time without progress after which a client that does not read its replies is disconnected.
 const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
 
@@ -252,7 +255,12 @@ impl Server {
     /// Returns the answer to this cycle's state, if it arrives in time.
     fn answer_to(&mut self, message_id: u64) -> Option<RobotCommand> {
         let from = self.client.as_ref().and_then(|client| client.states)?;
-        let deadline = Instant::now() + self.wait;
+        let wait = if self.robot.begins_motion() {
+            self.wait.min(FIRST_WAIT)
+        } else {
+            self.wait
+        };
+        let deadline = Instant::now() + wait;
         let mut bytes = [0; COMMAND_BYTES + 1];
         loop {
             match self.udp.recv_from(&mut bytes) {

@@ -75,6 +75,10 @@ impl Fault {
             Self::Wrench(Validity::Implausible) => {
                 "the wrench jumps as no load can: check the network and the sensor for damaged records"
             }
+            Self::Wrench(Validity::Misdirected) => {
+                "the force points along the surface, not out of it: check the sensor's zero, axes and mounting, and the \
+                 estimator's normal"
+            }
             Self::Wrench(_) => "sensor reports an error: see wrench/status",
             Self::Estimate(Validity::Missing) => "no normal estimate: is the estimator running?",
             Self::Estimate(Validity::Stale) => {

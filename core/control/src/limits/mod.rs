@@ -2,6 +2,7 @@
 //! them.
 
 pub(crate) mod answer;
+pub(crate) mod direction;
 pub mod faults;
 pub(crate) mod joint_guard;
 pub(crate) mod plausibility;

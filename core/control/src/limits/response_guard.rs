@@ -12,6 +12,7 @@ use nalgebra::{Vector3, Vector6};
 use tangent_sensing::Validity;
 
 use crate::limits::answer::{Answer, DepthRule, Pressed};
+use crate::limits::direction::{Aimed, Direction};
 use crate::phase_machine::Phase;
 
 /// Lower bound assumed for the stiffness, N/m: high, so that a short distance is enough. A dead
@@ -135,6 +136,7 @@ impl Still {
 pub(crate) struct ResponseGuard {
     still: Option<Still>,
     answer: Option<Answer>,
+    direction: Option<Direction>,
     /// Stiffness measured in the last contact, N/m.
     stiffness_n_per_m: Option<f64>,
     /// Time since the last fresh reading, s.
@@ -142,12 +144,12 @@ pub(crate) struct ResponseGuard {
     /// Pressing force, N, and position, m, when the tool began to leave.
     left: Option<(f64, Vector3<f64>)>,
     last: Option<Vector3<f64>>,
-    tripped: bool,
+    tripped: Option<Validity>,
 }
 
 impl ResponseGuard {
-    /// Processes one cycle. Returns [`Validity::Unresponsive`] for the rest of the task once the
-    /// reading has failed to respond.
+    /// Processes one cycle. Once the reading has failed to respond, or has pointed where no contact
+    /// can press, returns that fault for the rest of the task.
     pub fn step(&mut self, touch: &Touch) -> Validity {
         self.since_s += touch.dt_s;
         let sound = touch.fresh
@@ -159,15 +161,18 @@ impl ResponseGuard {
                 dt_s: std::mem::take(&mut self.since_s),
                 ..*touch
             };
-            self.tripped |= self.stands_still(touch, &step)
+            let dead = self.stands_still(touch, &step)
                 | self.does_not_follow(touch, &step)
                 | self.stays_while_leaving(touch);
+            let aside = self.points_aside(touch, &step);
+            let found = match (dead, aside) {
+                (true, _) => Some(Validity::Unresponsive),
+                (_, true) => Some(Validity::Misdirected),
+                _ => None,
+            };
+            self.tripped = self.tripped.or(found);
         }
-        if self.tripped {
-            Validity::Unresponsive
-        } else {
-            Validity::Valid
-        }
+        self.tripped.unwrap_or(Validity::Valid)
     }
 
     /// Whether the tool goes deeper or comes out while the reading stays constant.
@@ -237,6 +242,24 @@ impl ResponseGuard {
                 false
             }
         }
+    }
+
+    /// Whether the force points where no contact can press. Judged under the same law as the depth.
+    fn points_aside(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
+        if touch.doing != Doing::Pressing || !touch.rests || touch.depth.is_none() {
+            self.direction = None;
+            return false;
+        }
+        let aimed = Aimed {
+            force: touch.wrench.fixed_rows::<3>(0).into_owned(),
+            pressing_n: touch.force_n,
+            reference_n: touch.reference_n,
+            way_m: step.norm(),
+            dt_s: touch.dt_s,
+        };
+        self.direction
+            .get_or_insert(Direction::new(&aimed))
+            .is_aside(&aimed)
     }
 
     /// Whether the tool has left while the force remains.

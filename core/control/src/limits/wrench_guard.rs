@@ -107,6 +107,7 @@ mod tests {
             Validity::AxisStuck,
             Validity::Unresponsive,
             Validity::Implausible,
+            Validity::Misdirected,
         ] {
             let mut guard = WrenchGuard::default();
             assert_eq!(

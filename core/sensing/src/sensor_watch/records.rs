@@ -5,6 +5,10 @@
 //! fault if noise alone would produce it less than once in 10^11 records. A sensor that often
 //! repeats (coarse resolution, or an ideal one in a simulation) is not judged by its repeats. But
 //! no sensor may repeat exactly while a loaded tool moves.
+//!
+//! Of the repeats of one axis, only those count during which another axis shows noise. Otherwise
+//! whatever excited the readings has ended: an estimate that is computed from an arm's torques then
+//! settles axis by axis.
 
 use nalgebra::Vector3;
 
@@ -30,7 +34,7 @@ impl Default for RecordWatchConfig {
         Self {
             false_alarm: 1e-11,
             window_s: 1.0,
-            least_s: 0.003,
+            least_s: 0.002,
             heal_s: 0.5,
             way_max_m: 1.5e-3,
         }
@@ -143,6 +147,8 @@ pub struct RecordWatchState {
     /// Present number of successive repeats per axis.
     run: [u32; 6],
     run_whole: u32,
+    /// Number of those repeats during which another axis changed its direction, as noise does.
+    alone: [u32; 6],
     /// Smallest step so far: the resolution of the sensor in counts.
     unit: [i64; 6],
     window: WindowSums,
@@ -170,6 +176,7 @@ impl Default for RecordWatchState {
             step: [0; 6],
             run: [0; 6],
             run_whole: 0,
+            alone: [0; 6],
             unit: [i64::MAX; 6],
             window: WindowSums::default(),
             pairs: 0,
@@ -197,6 +204,7 @@ impl RecordWatchState {
     pub(super) fn interrupt(&mut self) {
         self.last = None;
         self.run = [0; 6];
+        self.alone = [0; 6];
         self.run_whole = 0;
         self.window = WindowSums::default();
         self.stands_at = None;
@@ -235,8 +243,16 @@ impl RecordWatch {
         } else {
             state.window.longest_whole = state.window.longest_whole.max(state.run_whole);
             state.run_whole = 0;
+            let mut turned = 0;
             for i in 0..6 {
-                state.axis(i, i64::from(counts[i]) - i64::from(last[i]));
+                if state.axis(i, i64::from(counts[i]) - i64::from(last[i])) {
+                    turned |= u8::from(state.bound[i] != u32::MAX) << i;
+                }
+            }
+            for i in 0..6 {
+                if state.run[i] > 0 && turned & !(1 << i) != 0 {
+                    state.alone[i] = state.alone[i].saturating_add(1);
+                }
             }
         }
         if !whole || pressing_at.is_none() {
@@ -265,7 +281,7 @@ impl RecordWatch {
         let frozen = moved || state.run_whole >= state.bound_whole;
         let mut stuck = 0;
         for i in 0..6 {
-            if state.run[i] >= state.bound[i] {
+            if state.alone[i] >= state.bound[i] {
                 stuck |= 1 << i;
             }
         }
@@ -345,24 +361,27 @@ impl RecordWatch {
 }
 
 impl RecordWatchState {
-    fn axis(&mut self, i: usize, step: i64) {
+    /// Takes the step of axis `i`; returns whether it changed its direction.
+    fn axis(&mut self, i: usize, step: i64) -> bool {
         let size = step.abs();
         if size == 0 {
             self.run[i] = self.run[i].saturating_add(1);
             self.window.same[i] += 1;
-            return;
+            return false;
         }
         self.window.longest[i] = self.window.longest[i].max(self.run[i]);
-        self.run[i] = 0;
+        (self.run[i], self.alone[i]) = (0, 0);
         self.unit[i] = self.unit[i].min(size);
         self.window.moved[i] += size as f64;
         if size > self.unit[i] {
             self.window.wide[i] += 1;
         }
-        if step.signum() == -self.step[i].signum() {
+        let turned = step.signum() == -self.step[i].signum();
+        if turned {
             self.window.turns[i] += 1;
         }
         self.step[i] = step;
+        turned
     }
 
     fn verdict(&self) -> RecordVerdict {

@@ -38,6 +38,13 @@ pub enum SensorFault {
         /// Start of the fault, s.
         from_s: f64,
     },
+    /// Two axes are exchanged, as by a wrong connection: each has the other's value.
+    SwappedAxes {
+        /// The two axes, 0 (Fx) to 5 (Tz).
+        axes: [usize; 2],
+        /// Start of the fault, s.
+        from_s: f64,
+    },
     /// The reading no longer responds to load: the load stays at its value at `from_s`, while
     /// noise, drift and steps of a working sensor continue.
     Deaf {
@@ -59,6 +66,9 @@ impl SensorFault {
             Self::StuckAxis { axis, .. } if axis > 5 => {
                 Some(("sensor.fault.axis", axis as f64, "0 (Fx) to 5 (Tz)"))
             }
+            Self::SwappedAxes { axes: [a, b], .. } if a.max(b) > 5 => {
+                Some(("sensor.fault.axes", a.max(b) as f64, "0 (Fx) to 5 (Tz)"))
+            }
             Self::Deaf {
                 axis: Some(axis), ..
             } if axis > 5 => Some(("sensor.fault.axis", axis as f64, "0 (Fx) to 5 (Tz)")),
@@ -79,6 +89,7 @@ impl SensorFault {
             | Self::StuckAxis { from_s, .. }
             | Self::Slow { from_s, .. }
             | Self::BiasStep { from_s, .. }
+            | Self::SwappedAxes { from_s, .. }
             | Self::Deaf { from_s, .. } => from_s,
         }
     }
@@ -159,6 +170,7 @@ impl FaultySensor {
                 counts[axis] = self.last.map_or(counts, |last| last.counts)[axis];
             }
             SensorFault::Deaf { .. } => {}
+            SensorFault::SwappedAxes { axes: [a, b], .. } => counts.swap(a, b),
             SensorFault::Slow { .. } => {
                 counts = self.past.front().map_or(counts, |old| old.counts);
             }
@@ -220,6 +232,17 @@ mod tests {
         assert_eq!(z(&deaf(None)), stays);
         assert_eq!(z(&deaf(Some(2))), stays);
         assert_eq!(deaf(Some(2))[9][1], 9.0);
+        let swapped = SensorFault::SwappedAxes {
+            axes: [0, 2],
+            from_s: 0.0,
+        };
+        let sample = SensorSample {
+            time_s: 1.0,
+            counts: [1, 2, 3, 4, 5, 6],
+            saturated: false,
+        };
+        let found = FaultySensor::new(swapped, 1000.0).distort(sample);
+        assert_eq!(found.counts, [3, 2, 1, 4, 5, 6]);
         let step = read(SensorFault::BiasStep {
             counts: [0, 0, -100, 0, 0, 0],
             from_s,

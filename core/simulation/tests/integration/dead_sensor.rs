@@ -13,7 +13,7 @@ use tangent_simulation::{
 /// The larger of twice the reference and 10 N.
 const FORCE_MAX_N: f64 = 10.0;
 
-fn scenario(name: &str, settings: &[String]) -> AdmittanceScenario {
+pub(crate) fn scenario(name: &str, settings: &[String]) -> AdmittanceScenario {
     let file = format!("{}/../../scenarios/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     let text = std::fs::read_to_string(&file).unwrap();
     AdmittanceScenario::parse(name, &text, settings, &no_files).unwrap()
@@ -21,7 +21,7 @@ fn scenario(name: &str, settings: &[String]) -> AdmittanceScenario {
 
 /// Settings of a surface with this stiffness (N/m) under a standard ATI Gamma (steps of a
 /// micronewton, noise of a few hundredths of a newton), or under a sensor without noise.
-fn settings(stiffness: f64, noisy: bool) -> Vec<String> {
+pub(crate) fn settings(stiffness: f64, noisy: bool) -> Vec<String> {
     let mut all = vec![
         format!("plant.contact.stiffness_n_per_m={stiffness:.1}"),
         "duration_s=30".to_owned(),
@@ -34,20 +34,20 @@ fn settings(stiffness: f64, noisy: bool) -> Vec<String> {
 }
 
 /// True state during one run.
-struct Seen {
+pub(crate) struct Seen {
     /// Start times of the phases, s.
-    contact_s: f64,
-    slide_s: f64,
+    pub contact_s: f64,
+    pub slide_s: f64,
     /// Largest true pressing force from the fault on, N.
-    peak_n: f64,
+    pub peak_n: f64,
     /// Fault that ended the task, and time at which the tool began to leave because of it.
-    fault: Option<Fault>,
-    left_s: Option<f64>,
+    pub fault: Option<Fault>,
+    pub left_s: Option<f64>,
     /// Distance that the tool moved from the fault until then, m.
-    way_m: f64,
+    pub way_m: f64,
 }
 
-fn run(scenario: &AdmittanceScenario, fault_s: f64) -> Seen {
+pub(crate) fn run(scenario: &AdmittanceScenario, fault_s: f64) -> Seen {
     let mut seen = Seen {
         contact_s: f64::INFINITY,
         slide_s: f64::INFINITY,
@@ -83,13 +83,18 @@ fn run(scenario: &AdmittanceScenario, fault_s: f64) -> Seen {
     seen
 }
 
-fn with_fault(name: &str, stiffness: f64, noisy: bool, fault: &str) -> AdmittanceScenario {
+pub(crate) fn with_fault(
+    name: &str,
+    stiffness: f64,
+    noisy: bool,
+    fault: &str,
+) -> AdmittanceScenario {
     let mut all = settings(stiffness, noisy);
     all.push(format!("plant.sensor.fault={fault}"));
     scenario(name, &all)
 }
 
-const SURFACES: [&str; 3] = ["pipe_ideal", "sphere", "plane"];
+pub(crate) const SURFACES: [&str; 3] = ["pipe_ideal", "sphere", "plane"];
 const STIFFNESSES: [f64; 4] = [5e3, 1e4, 2.5e4, 5e4];
 
 /// Times at which the sensor freezes: while the force builds up, at the start of the path, and

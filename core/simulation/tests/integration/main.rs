@@ -22,6 +22,7 @@ mod opposed_retraction;
 mod other_arms;
 mod pause;
 mod scenarios;
+mod sensor_faults;
 mod shown_force;
 mod suite;
 mod swap;

@@ -132,6 +132,12 @@ impl FciRobot {
         self.moving().is_some()
     }
 
+    /// Whether the state is the first that shows a motion. libfranka answers from the second one on.
+    pub fn begins_motion(&self) -> bool {
+        self.moving()
+            .is_some_and(|motion| motion.age_cycles == self.start_cycles + 1)
+    }
+
     /// The simulated arm and its environment.
     pub fn plant(&self) -> &dyn TorquePlant {
         &*self.plant

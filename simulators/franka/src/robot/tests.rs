@@ -454,3 +454,35 @@ fn unsupported_requests_are_refused_by_the_protocols_codes() {
     assert_eq!(state.errors.to_string(), "controller_torque_discontinuity");
     assert_eq!(state.mode(), RobotMode::Reflex);
 }
+
+/// The bug: the robot waited for the answer to the first state of a motion as long as libfranka waits
+/// for the second state, which is 1 s. Whichever ran out first ended or began the motion.
+#[test]
+fn one_state_begins_a_motion() {
+    let mut rig = Rig::new(&PlantConfig::default());
+    let (mut begins, mut moves) = (0, 0);
+    for _ in 0..300 {
+        rig.cycle(&still, false);
+        begins += u32::from(rig.robot.begins_motion());
+        moves += u32::from(rig.robot.wants_answer());
+        assert!(begins > 0 || moves == 0, "it moves without a beginning");
+    }
+    assert!(begins == 1 && moves > 100, "{begins} of {moves}");
+}
+
+/// The bug: without noise of its own, the estimate of an arm at rest repeated, and was taken for that
+/// of a broken sensor.
+#[test]
+fn the_estimate_of_an_arm_at_rest_never_repeats() {
+    let mut rig = Rig::new(&PlantConfig::default());
+    rig.cycles(5000, &still);
+    let mut last = rig.robot.state().k_f_ext_hat_k;
+    for _ in 0..1000 {
+        rig.cycle(&still, false);
+        let now = rig.robot.state().k_f_ext_hat_k;
+        for (now, last) in now.iter().zip(&last) {
+            assert_ne!(now, last);
+        }
+        last = now;
+    }
+}

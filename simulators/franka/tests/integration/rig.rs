@@ -28,8 +28,6 @@ pub const STEPS: u8 = 4;
 
 pub struct Cell {
     pub simulated: Arc<SimulatedFranka>,
-    /// Thread that pushes the tool up, if there is one.
-    push: Option<Push>,
     config: Config,
     pub bus: Bus,
     pub stop: Stop,
@@ -63,7 +61,11 @@ pub fn config(simulated: &SimulatedFranka) -> Config {
     cell.sensor.flange_from_sensor.translation_m = [0.0; 3];
     cell.tool.flange_from_tool.translation_m = [0.0, 0.0, 0.12];
     cell.realtime.enabled = false;
-    Config::from_cell(&cell).unwrap()
+    let mut config = Config::from_cell(&cell).unwrap();
+    // An average takes time of the robot, which runs slowly on a busy machine, but the answer to a
+    // request is due in real time.
+    config.tare.duration_s = 0.1;
+    config
 }
 
 impl Cell {
@@ -76,7 +78,6 @@ impl Cell {
         let simulated = Arc::new(simulated(PlantConfig::default()));
         let mut config = config(&simulated);
         config.state = folder.map(StateFolder::new);
-        let push = folder.map(|_| Push::start(&simulated));
         let bus = Bus::in_process("test");
         let states = bus.subscribe(&topics::ARM_STATE, 64).unwrap();
         let act = Arc::new(AtomicU8::new(STILL));
@@ -86,7 +87,6 @@ impl Cell {
         let bridge = start_bridge(&config, &bus, &stop);
         Self {
             simulated,
-            push,
             config,
             bus,
             stop,
@@ -112,9 +112,7 @@ impl Cell {
 
     /// Pushes the tool up with `force_n` (N) from now on, and lets the arm settle.
     pub fn push(&self, force_n: f64) {
-        let push = self.push.as_ref().expect("the cell keeps something");
-        push.millinewtons
-            .store((force_n * 1e3) as u64, Ordering::Release);
+        self.simulated.fault(FciFault::Push([0.0, 0.0, force_n]));
         self.states(1500);
     }
 
@@ -196,45 +194,6 @@ impl Drop for Cell {
             let ended = bridge.join();
             assert!(std::thread::panicking() || ended.unwrap().is_ok());
         }
-    }
-}
-
-/// Pushes the tool with a force that varies a little: a constant estimate cannot be tared.
-pub struct Push {
-    millinewtons: Arc<AtomicU64>,
-    stop: Stop,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Push {
-    pub fn start(simulated: &Arc<SimulatedFranka>) -> Self {
-        let (millinewtons, stop) = (Arc::new(AtomicU64::new(0)), Stop::new());
-        let (force, until, robot) = (
-            Arc::clone(&millinewtons),
-            stop.clone(),
-            Arc::clone(simulated),
-        );
-        let thread = std::thread::spawn(move || {
-            let mut turn = 0;
-            while !until.wait(Duration::from_millis(1)) {
-                turn = (turn + 617) % 1009;
-                let tremble_n = 0.05 * (f64::from(turn) / 1009.0 - 0.5);
-                let force_n = force.load(Ordering::Acquire) as f64 * 1e-3;
-                robot.fault(FciFault::Push([tremble_n, tremble_n, force_n + tremble_n]));
-            }
-        });
-        Self {
-            millinewtons,
-            stop,
-            thread: Some(thread),
-        }
-    }
-}
-
-impl Drop for Push {
-    fn drop(&mut self) {
-        self.stop.trigger();
-        let _ = self.thread.take().unwrap().join();
     }
 }
 
