@@ -6,6 +6,7 @@ use tangent_mechanics::{Arm, Flange, Pose, Tool, Twist};
 use super::config::ControllerConfig;
 use super::interface::{ControlInput, ControlOutput};
 use super::joint_velocity::JointVelocity;
+use super::loop_delay::{DelaySample, LoopDelay, LoopDelayState};
 use super::motion::{ramp_gains, wanted_twist};
 use super::moving_base::MovingBase;
 use super::percept::Requests;
@@ -24,6 +25,9 @@ use crate::phase_machine::Phase;
 use crate::task::Task;
 use crate::task::program::{EstimatorName, EstimatorNames, Program};
 use tangent_schemas::CommandKind;
+
+/// Speed scaling of the robot above which the arm carries out the commands as they are.
+const UNSCALED: f64 = 0.999;
 
 /// One arm's controller. Call `start` with a program, then `step` once per robot packet.
 ///
@@ -100,6 +104,8 @@ pub struct Controller<const N: usize = 6> {
     moving_base: MovingBase,
     limiter: TwistLimiter,
     joints: JointVelocity<N>,
+    loop_delay: LoopDelay,
+    delay: LoopDelayState<N>,
     estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
     /// Targets of the live parameters, in the order of [`Parameter::ALL`]; `config` ramps to them.
     targets: [f64; 4],
@@ -129,6 +135,8 @@ impl<const N: usize> Controller<N> {
             moving_base: MovingBase::default(),
             limiter: TwistLimiter::default(),
             joints: JointVelocity::default(),
+            loop_delay: LoopDelay::default(),
+            delay: LoopDelayState::default(),
             estimates: [None; MAX_ESTIMATORS],
             targets: [0.0; 4],
             speed_m_per_s: 0.0,
@@ -339,6 +347,12 @@ impl<const N: usize> Controller<N> {
         &self.config
     }
 
+    /// Delay from command to measured force that the arm showed in free space, s, and its standard
+    /// deviation, s; `None` before a measurement. It outlives a task.
+    pub fn loop_delay_measured_s(&self) -> Option<(f64, f64)> {
+        self.loop_delay.measured_s(&self.delay)
+    }
+
     /// The running or last task.
     pub fn task(&self) -> Option<&Task> {
         self.program.as_ref().map(|program| &program.task)
@@ -409,6 +423,20 @@ impl<const N: usize> Controller<N> {
             &twist,
             input.dt_s,
         );
+        let moves_freely = matches!(
+            self.run.phase,
+            Phase::Tare | Phase::Clear | Phase::Approach | Phase::Seek | Phase::Retract
+        );
+        self.loop_delay.step(
+            &mut self.delay,
+            &DelaySample {
+                q: input.q,
+                commanded: qd,
+                sensing_s: input.wrench_delay_s + input.wrench_age_s.clamp(0.0, input.dt_s),
+                free: moves_freely && input.speed_scaling > UNSCALED,
+                dt_s: input.dt_s,
+            },
+        );
         if self.moving_base.moves() {
             let jacobian = self.arm.jacobian_at(&input.q, &self.flange_from_tool);
             let made = Twist::from_vector(&(jacobian * qd));
@@ -432,6 +460,7 @@ impl<const N: usize> Controller<N> {
     /// No task moves the arm: any remaining motion slows down, then no motion is commanded.
     fn stand(&mut self, input: &ControlInput<N>) -> ControlOutput<N> {
         self.limiter.reset();
+        self.delay.interrupt();
         let dt = if input.dt_s.is_finite() {
             input.dt_s.clamp(0.0, 0.02)
         } else {

@@ -108,7 +108,7 @@ impl Run {
                     // An untared sensor's offset can look like a touch; only contact detected from
                     // here on counts.
                     self.in_contact = false;
-                    self.low_cycles = 0;
+                    self.low_s = 0.0;
                     self.tared_at = Some(percept.position);
                     // A task that lifted off for a new zero returns to where it was.
                     let back = if self.touched {
@@ -248,7 +248,7 @@ impl Run {
             self.tracking.begin_at(percept.position);
         }
         self.settled_s = 0.0;
-        self.low_cycles = 0;
+        self.low_s = 0.0;
         self.enter(Phase::Contact, percept);
     }
 }

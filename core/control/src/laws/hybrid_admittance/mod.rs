@@ -14,6 +14,7 @@ pub mod force_law;
 mod interface;
 pub mod joint_velocity;
 mod leaving;
+pub mod loop_delay;
 mod motion;
 mod moving_base;
 mod percept;

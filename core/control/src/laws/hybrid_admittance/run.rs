@@ -58,7 +58,8 @@ pub(crate) struct Run {
     pub in_phase_s: f64,
     pub elapsed_s: f64,
     pub settled_s: f64,
-    pub low_cycles: u32,
+    /// Time for which the force has been too low for contact, s.
+    pub low_s: f64,
     /// Time without a usable normal while pressing, s; an intermittent wrench does not reset it.
     pub blind_s: f64,
     /// Time for which the motion of the base has been unknown, s.
@@ -111,7 +112,7 @@ impl Run {
             in_phase_s: 0.0,
             elapsed_s: 0.0,
             settled_s: 0.0,
-            low_cycles: 0,
+            low_s: 0.0,
             blind_s: 0.0,
             adrift_s: 0.0,
             interrupted: (HoldReason::Paused, 0.0, Vector3::zeros()),
@@ -216,7 +217,7 @@ impl Run {
         self.leave = LeaveWatch::default();
         self.left = Leaving::Going;
         if phase == Phase::Seek {
-            self.low_cycles = 0;
+            self.low_s = 0.0;
         }
     }
 

@@ -100,7 +100,7 @@ impl Run {
             // Before the tare, an unloaded sensor may show any force.
             self.in_contact = false;
         } else if let Some(force_n) = force_n {
-            self.feel(config, force_n, reference_n);
+            self.feel(config, force_n, reference_n, input.dt_s);
         }
         Percept {
             position,
@@ -152,8 +152,8 @@ impl Run {
         })
     }
 
-    /// Detects contact from the force, with hysteresis and a cycle count against noise.
-    fn feel(&mut self, config: &ControllerConfig, force_n: f64, reference_n: f64) {
+    /// Detects contact from the force, with hysteresis and a minimum duration against noise.
+    fn feel(&mut self, config: &ControllerConfig, force_n: f64, reference_n: f64, dt_s: f64) {
         let contact = &config.contact;
         let touch = (contact.touch_share * reference_n).max(contact.noise_n);
         let lost = (contact.lost_share * reference_n)
@@ -163,12 +163,12 @@ impl Run {
             self.in_contact = true;
         }
         if force_n < lost {
-            self.low_cycles = self.low_cycles.saturating_add(1);
-            if self.low_cycles >= contact.lost_cycles {
+            self.low_s += dt_s;
+            if self.low_s + 0.5 * dt_s >= contact.lost_s {
                 self.in_contact = false;
             }
         } else {
-            self.low_cycles = 0;
+            self.low_s = 0.0;
         }
     }
 }

@@ -154,8 +154,9 @@ pub struct ContactConfig {
     pub lost_share: f64,
     /// Lower bound of both thresholds, N: forces that noise and a payload error can produce.
     pub noise_n: f64,
-    /// Number of cycles below the threshold before contact counts as lost.
-    pub lost_cycles: u32,
+    /// Time below the threshold after which contact counts as lost, s: a whole number of cycles,
+    /// rounded.
+    pub lost_s: f64,
     /// Number of contact losses after which the task ends: a bouncing loop does not recover by
     /// itself.
     pub lost_count_max: u32,
@@ -244,7 +245,7 @@ impl Default for ContactConfig {
             touch_share: 0.2,
             lost_share: 0.1,
             noise_n: 0.3,
-            lost_cycles: 3,
+            lost_s: 0.024,
             lost_count_max: 30,
             settled_share: 0.15,
             settled_s: 0.3,

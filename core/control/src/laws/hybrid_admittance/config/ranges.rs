@@ -69,7 +69,7 @@ const RANGES: Ranges = &[
             ("touch_share", 0.01, 0.9),
             ("lost_share", 0.0, 0.9),
             ("noise_n", 0.0, 10.0),
-            ("lost_cycles", 1.0, 100.0),
+            ("lost_s", 0.001, 1.0),
             ("lost_count_max", 1.0, 1e6),
             ("settled_share", 0.01, 0.9),
             ("settled_s", 0.0, 10.0),

@@ -103,8 +103,8 @@ pub struct TouchConfig {
     pub on_n: f64,
     /// Force below which contact is no longer detected, N.
     pub off_n: f64,
-    /// Number of periods below `off_n` after which contact counts as lost.
-    pub lost_cycles: u32,
+    /// Time below `off_n` after which contact counts as lost, s.
+    pub lost_s: f64,
     /// Number of losses after which the task ends.
     pub lost_count_max: u32,
     /// Speed towards a surface that is lost, or not at its estimated distance, m/s.
@@ -176,7 +176,7 @@ impl Default for TouchConfig {
         Self {
             on_n: 1.0,
             off_n: 0.4,
-            lost_cycles: 3,
+            lost_s: 0.003,
             lost_count_max: 30,
             seek_speed_m_per_s: 0.01,
             seek_distance_max_m: 0.05,
@@ -215,7 +215,7 @@ impl Presets for HybridDynamicsConfig {
             },
             // The published law bounces and recovers by itself.
             touch: TouchConfig {
-                lost_cycles: 500,
+                lost_s: 0.5,
                 ..default.touch
             },
             ..default

@@ -42,7 +42,7 @@ const RANGES: Ranges = &[
         &[
             ("on_n", 0.01, 100.0),
             ("off_n", 0.001, 100.0),
-            ("lost_cycles", 1.0, 1000.0),
+            ("lost_s", 0.001, 1.0),
             ("lost_count_max", 0.0, 1e6),
             ("seek_speed_m_per_s", 1e-4, 0.25),
             ("seek_distance_max_m", 0.0, 1.0),

@@ -71,7 +71,8 @@ struct Run<const N: usize> {
     motion: MotionIntegral,
     force: ForceIntegral,
     reference_n: f64,
-    weak_cycles: u32,
+    /// Time for which the force has been too low for contact, s.
+    weak_s: f64,
     lost_count: u32,
     sought_m: f64,
     blind_s: f64,
@@ -97,7 +98,7 @@ impl<const N: usize> Run<N> {
             motion: MotionIntegral::default(),
             force: ForceIntegral::default(),
             reference_n: 0.0,
-            weak_cycles: 0,
+            weak_s: 0.0,
             lost_count: 0,
             sought_m: 0.0,
             blind_s: 0.0,

@@ -175,10 +175,10 @@ impl<const N: usize> HybridDynamics<N> {
             return self.hold(now);
         };
         let touch = self.task.program.config.touch;
-        self.run.weak_cycles = if felt.is_some_and(|felt| felt.pressing_n < touch.off_n) {
-            self.run.weak_cycles + 1
+        self.run.weak_s = if felt.is_some_and(|felt| felt.pressing_n < touch.off_n) {
+            self.run.weak_s + dt
         } else {
-            0
+            0.0
         };
         let seek_m_per_s = if self.task.paused {
             0.0
@@ -196,7 +196,7 @@ impl<const N: usize> HybridDynamics<N> {
             } else if self.run.sought_m > self.limits.blind_distance_max_m {
                 self.fail(Fault::SurfaceLost);
             }
-        } else if self.run.weak_cycles >= touch.lost_cycles {
+        } else if self.run.weak_s + 0.5 * dt >= touch.lost_s {
             self.run.lost_count += 1;
             self.run.sought_m = 0.0;
             self.task.enter(Phase::Seek);

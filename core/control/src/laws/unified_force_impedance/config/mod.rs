@@ -201,10 +201,10 @@ pub struct TactileTouchConfig {
     pub on_n: f64,
     /// Force below which contact is no longer detected, N.
     pub off_n: f64,
-    /// Number of periods below `off_n` after which contact counts as lost.
-    pub lost_cycles: u32,
-    /// Number of periods below `off_n` after which the policy stops.
-    pub pause_cycles: u32,
+    /// Time below `off_n` after which contact counts as lost, s.
+    pub lost_s: f64,
+    /// Time below `off_n` after which the policy stops, s.
+    pub pause_s: f64,
     /// Number of losses after which the task ends.
     pub lost_count_max: u32,
     /// Whether a lost surface is sought with the policy's clock stopped; if not, the force

@@ -164,8 +164,8 @@ impl Default for TactileTouchConfig {
         Self {
             on_n: 3.0,
             off_n: 0.8,
-            lost_cycles: 30,
-            pause_cycles: 3,
+            lost_s: 0.03,
+            pause_s: 0.003,
             lost_count_max: 30,
             seek: true,
             seek_speed_m_per_s: 0.01,

@@ -86,8 +86,8 @@ const RANGES: Ranges = &[
         &[
             ("on_n", 0.01, 100.0),
             ("off_n", 0.0, 100.0),
-            ("lost_cycles", 1.0, 1000.0),
-            ("pause_cycles", 1.0, 1000.0),
+            ("lost_s", 0.001, 1.0),
+            ("pause_s", 0.001, 1.0),
             ("lost_count_max", 0.0, 1e6),
             ("seek_speed_m_per_s", 1e-4, 0.25),
             ("aligned_rad", 1e-3, 3.0),

@@ -282,7 +282,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
 
     fn touches(&self) -> bool {
         (self.task.phase.is_pressing() || self.task.phase == Phase::Retract)
-            && self.run.weak_cycles == 0
+            && self.run.weak_s == 0.0
     }
 }
 

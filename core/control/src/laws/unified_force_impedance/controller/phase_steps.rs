@@ -18,8 +18,8 @@ use crate::phase_machine::Phase;
 /// ρ_align from which it counts as full: the arm must not be compliant when it starts to press
 /// after the approach.
 const FULL_RHO: f64 = 0.99;
-/// Number of periods above the threshold that count as a touch.
-const TOUCH_CYCLES: u32 = 3;
+/// Time above the threshold that counts as a touch, s.
+const TOUCH_S: f64 = 0.003;
 /// ρ_align below which the arm is compliant, increasingly so towards 0.
 const LIMP_RHO: f64 = 0.1;
 /// Time constant with which the position of a compliant arm becomes the desired one, s.
@@ -159,16 +159,12 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         let direction = self.task.program.task.approach.direction.in_base(&now.tool);
         let start = self.stay(now, felt, start, &(direction * way), dt);
         let strong = felt.pressing_now_n().is_some_and(|n| n > touch.on_n);
-        self.run.strong_cycles = if strong {
-            self.run.strong_cycles + 1
-        } else {
-            0
-        };
+        self.run.strong_s = if strong { self.run.strong_s + dt } else { 0.0 };
         let position = start + direction * way;
         let orientation = self.orientation(now);
         let mut reference = at_rest(position, &orientation);
         reference.velocity = direction * speed;
-        if self.run.strong_cycles >= TOUCH_CYCLES {
+        if self.run.strong_s + 0.5 * dt >= TOUCH_S {
             let at = now.tool.translation();
             let tared_at = self.run.tared_at.take();
             if tared_at
@@ -235,8 +231,8 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             .min(self.task.program.task.force.reference_n);
         self.run.force = ForceLoop::default();
         self.run.last_contact = at;
-        self.run.weak_cycles = 0;
-        self.run.strong_cycles = 0;
+        self.run.weak_s = 0.0;
+        self.run.strong_s = 0.0;
         self.run.rate = 0.0;
         self.run.held = None;
     }
@@ -246,7 +242,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             return self.hold(now);
         };
         self.run.held = None;
-        self.keep_contact(now, felt);
+        self.keep_contact(now, felt, dt);
         let step = self.task.program.config.force.reference_rate_n_per_s * dt;
         let away = self.task.program.task.force.reference_n - self.run.reference_n;
         self.run.reference_n += away.max(-step).min(step);
@@ -279,16 +275,19 @@ impl<const N: usize> UnifiedForceImpedance<N> {
 
     /// Counts contact losses; a tool that has lost the surface seeks it, if the law is configured
     /// to.
-    fn keep_contact(&mut self, now: &ArmNow<N>, felt: &Felt) {
+    fn keep_contact(&mut self, now: &ArmNow<N>, felt: &Felt, dt: f64) {
         let touch = self.task.program.config.touch;
         let weak = felt.pressing_now_n().is_some_and(|n| n < touch.off_n);
         if !weak {
-            self.run.weak_cycles = 0;
+            self.run.weak_s = 0.0;
             self.run.last_contact = now.tool.translation();
             return;
         }
-        self.run.weak_cycles = self.run.weak_cycles.saturating_add(1);
-        if self.run.weak_cycles == touch.lost_cycles {
+        // Half a period: a time is a whole number of periods, rounded.
+        let lost = |weak_s: f64| weak_s + 0.5 * dt >= touch.lost_s;
+        let lost_before = lost(self.run.weak_s);
+        self.run.weak_s += dt;
+        if lost(self.run.weak_s) && !lost_before {
             self.run.lost_count += 1;
             if touch.seek {
                 self.run.sought_m = 0.0;
@@ -328,7 +327,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             Phase::Hold if !ended && normal.validity.is_valid() => self.task.enter(Phase::Slide),
             _ => {}
         }
-        let touches = self.run.weak_cycles < self.task.program.config.touch.pause_cycles;
+        let touches = self.run.weak_s + 0.5 * dt < self.task.program.config.touch.pause_s;
         let going = self.task.phase == Phase::Slide
             && sees
             && touches
@@ -381,11 +380,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         let direction = -self.smooth_normal(now);
         let start = *self.run.held.get_or_insert(now.tool.translation());
         let strong = felt.pressing_now_n().is_some_and(|n| n > touch.on_n);
-        self.run.strong_cycles = if strong {
-            self.run.strong_cycles + 1
-        } else {
-            0
-        };
+        self.run.strong_s = if strong { self.run.strong_s + dt } else { 0.0 };
         let speed = if is_deaf(felt) || self.task.paused {
             0.0
         } else {
@@ -395,7 +390,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         let start = self.stay(now, felt, start, &(direction * self.run.sought_m), dt);
         let position = start + direction * self.run.sought_m;
         let orientation = self.orientation(now);
-        if self.run.strong_cycles >= TOUCH_CYCLES {
+        if self.run.strong_s + 0.5 * dt >= TOUCH_S {
             let pushing = direction.dot(&(position - now.tool.translation()))
                 * self.task.program.config.impedance.free_stiffness_n_per_m;
             self.begin_pressing(pushing, now.tool.translation());

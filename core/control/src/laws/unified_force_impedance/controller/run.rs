@@ -73,8 +73,9 @@ pub(super) struct Run<const N: usize> {
     /// Integral of the path error, N.
     pub drawn: Vector3<f64>,
     pub surface_friction: f64,
-    pub weak_cycles: u32,
-    pub strong_cycles: u32,
+    /// Time for which the force has been too low for contact, and high enough for a touch, s.
+    pub weak_s: f64,
+    pub strong_s: f64,
     pub lost_count: u32,
     pub sought_m: f64,
     pub blind_s: f64,
@@ -120,8 +121,8 @@ impl<const N: usize> Run<N> {
             bridge: Vector6::zeros(),
             drawn: Vector3::zeros(),
             surface_friction: 0.0,
-            weak_cycles: 0,
-            strong_cycles: 0,
+            weak_s: 0.0,
+            strong_s: 0.0,
             lost_count: 0,
             sought_m: 0.0,
             blind_s: 0.0,
