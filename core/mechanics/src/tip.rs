@@ -84,8 +84,8 @@ impl Tip {
 
     /// Expected point of contact on a locally flat surface, tool axes, m. `normal_in_tool` is of
     /// unit length and points out of the material, so that it is `-z` for a tool square to the
-    /// surface. Only a ball's point depends on it: that of the other shapes moves with the pressure,
-    /// which the torque shows.
+    /// surface. Only a ball's point depends on it. That of the other shapes moves with the
+    /// pressure, which the torque shows.
     pub fn contact_in_tool(&self, normal_in_tool: &Vector3<f64>) -> Vector3<f64> {
         match *self {
             Self::Round { radius_m } => -(normal_in_tool + Vector3::z()) * radius_m,
