@@ -269,9 +269,9 @@ proptest! {
     }
 }
 
-/// The bug: a simulated robot's estimate, whose only noise was the trembling push of a test's thread,
-/// settled axis by axis when that thread had no processor for 30 ms. The torques, of some
-/// micronewton metres, stood first.
+/// The bug: the only noise of a simulated robot's estimate was the trembling push of a test's
+/// thread. The estimate settled axis by axis when that thread had no processor for 30 ms. The
+/// torques, of some micronewton metres, stood first.
 #[test]
 fn an_estimate_that_settles_axis_by_axis_has_no_stuck_axis() {
     for pause in [20, 35, 45] {

@@ -1,5 +1,5 @@
-//! Faults of a sensor whose records keep arriving: how each is noticed, after which time and travel,
-//! and the largest true force until the tool has left.
+//! Faults of a sensor whose records keep arriving: how each is noticed, after which time and
+//! travel, and the largest true force until the tool has left.
 
 use tangent_control::Fault;
 use tangent_sensing::Validity;
@@ -77,8 +77,8 @@ fn the_table_of_sensor_faults() {
     }
 }
 
-/// The bug: the force along a wrong normal stayed at the reference while a jump of the zero across the
-/// normal turned that normal away, and the true force rose to 75 N.
+/// The bug: the force along a wrong normal stayed at the reference while a jump of the zero across
+/// the normal turned that normal away, and the true force rose to 75 N.
 #[test]
 fn a_zero_that_jumps_aside_never_hides_more_than_ten_newtons() {
     for name in SURFACES {

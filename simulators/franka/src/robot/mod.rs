@@ -132,7 +132,8 @@ impl FciRobot {
         self.moving().is_some()
     }
 
-    /// Whether the state is the first that shows a motion. libfranka answers from the second one on.
+    /// Whether the state is the first that shows a motion. libfranka answers from the second one
+    /// on.
     pub fn begins_motion(&self) -> bool {
         self.moving()
             .is_some_and(|motion| motion.age_cycles == self.start_cycles + 1)

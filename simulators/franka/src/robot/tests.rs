@@ -455,8 +455,8 @@ fn unsupported_requests_are_refused_by_the_protocols_codes() {
     assert_eq!(state.mode(), RobotMode::Reflex);
 }
 
-/// The bug: the robot waited for the answer to the first state of a motion as long as libfranka waits
-/// for the second state, which is 1 s. Whichever ran out first ended or began the motion.
+/// The bug: the robot waited for the answer to the first state of a motion as long as libfranka
+/// waits for the second state, which is 1 s. Whichever ran out first ended or began the motion.
 #[test]
 fn one_state_begins_a_motion() {
     let mut rig = Rig::new(&PlantConfig::default());
@@ -470,8 +470,8 @@ fn one_state_begins_a_motion() {
     assert!(begins == 1 && moves > 100, "{begins} of {moves}");
 }
 
-/// The bug: without noise of its own, the estimate of an arm at rest repeated, and was taken for that
-/// of a broken sensor.
+/// The bug: without noise of its own, the estimate of an arm at rest repeated, and was taken for
+/// that of a broken sensor.
 #[test]
 fn the_estimate_of_an_arm_at_rest_never_repeats() {
     let mut rig = Rig::new(&PlantConfig::default());

@@ -16,8 +16,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 fn simulated() -> SimulatedFranka {
     SimulatedFranka::start(&FciConfig {
         ports: Ports::Ephemeral,
-        // On a busy machine, time runs slowly instead of losing answers. The client gives up after 1 s
-        // without a state, so the robot must go on before.
+        // On a busy machine, time runs slowly instead of losing answers. The client gives up after
+        // 1 s without a state, so the robot must go on before.
         answer_wait_s: 0.5,
         ..FciConfig::default()
     })
