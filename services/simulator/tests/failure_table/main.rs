@@ -219,9 +219,11 @@ fn a_sensor_that_does_not_live_retracts_within_two_cycles() {
         for (flavour, offset) in every_third(i) {
             let what = format!("{fault:?}, {flavour:?}, {offset}");
             let mut cell = Cell::with(flavour, fault, offset);
-            let decides = match flavour {
-                Flavour::Cb3 => 1,
-                Flavour::ESeries => 2,
+            // One axis may repeat by chance in more records than all of them, and the first record
+            // of a dead transducer does not repeat the last one.
+            let decides = match (flavour, fault) {
+                (Flavour::ESeries, Fault::AxisStuck | Fault::SensorDead) => 2,
+                _ => 1,
             };
             cell.assert_retracts_for(&what, decides, validity);
             if is_followed(offset) {
