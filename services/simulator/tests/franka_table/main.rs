@@ -285,7 +285,7 @@ fn a_bad_wrench_retracts_in_its_second_cycle() {
     }
 }
 
-/// A standstill of less than 3 ms is normal jitter of the robot.
+/// One axis may repeat by chance in more states than the whole estimate.
 #[test]
 fn a_frozen_estimate_retracts_within_four_states() {
     for (fault, offset) in shared([Fault::WrenchFrozen, Fault::AxisStuck]) {
