@@ -11,16 +11,12 @@ use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
 
 use crate::cli::Evaluate;
 use crate::output::{Outcome, bad_usage, print_json};
-use crate::suite;
 
 /// Runs one scenario and prints its figures.
 ///
 /// # Errors
 /// The scenario, an override, the estimator or the preset is invalid.
-pub fn run(args: &Evaluate, json: bool) -> Result<Outcome> {
-    let Some(scenario) = &args.scenario else {
-        return suite::run(args, &overrides(args), json);
-    };
+pub fn run(scenario: &str, args: &Evaluate, json: bool) -> Result<Outcome> {
     if scenario == "list" {
         return list(json);
     }
@@ -68,7 +64,7 @@ fn list(json: bool) -> Result<Outcome> {
 }
 
 /// Converts the options of the command line, but for the seed, to overrides of the scenario.
-fn overrides(args: &Evaluate) -> Vec<String> {
+pub fn overrides(args: &Evaluate) -> Vec<String> {
     let mut set = args.set.clone();
     if let Some(name) = &args.estimator {
         set.push(format!("task.estimators=[\"{name}\"]"));

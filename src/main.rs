@@ -93,7 +93,10 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Health(args) => health::run(args, &config()?, json),
         Command::Record(args) => run::record(args, &config()?),
         Command::Report(args) => report::run(args, cli.cell.as_deref(), json),
-        Command::Evaluate(args) => evaluate::run(args, json),
+        Command::Evaluate(args) => match &args.scenario {
+            Some(scenario) => evaluate::run(scenario, args, json),
+            None => suite::run(args, json),
+        },
         Command::Reproduce(args) => reproduce::run(args, json),
         Command::Faults(args) => faults::run(args, json),
         Command::Doctor(args) => doctor::run(args, &config()?, json),

@@ -13,14 +13,15 @@ use indicatif::{ProgressBar, ProgressStyle};
 use tangent_simulation::suite::{self, Judgement, SuiteReport, SurfaceKind};
 
 use crate::cli::Evaluate;
-use crate::evaluate::show;
+use crate::evaluate::{overrides, show};
 use crate::output::{Outcome, bad_usage, print_json};
 
-/// Runs the suite, or one draw of it; `overrides` apply to every draw.
+/// Runs the suite, or one draw of it. The overrides of the command line apply to every draw.
 ///
 /// # Errors
 /// An override is not usable, or a file cannot be written.
-pub fn run(args: &Evaluate, overrides: &[String], json: bool) -> Result<Outcome> {
+pub fn run(args: &Evaluate, json: bool) -> Result<Outcome> {
+    let overrides = &overrides(args);
     let (options, seed) = (&args.suite, args.seed.unwrap_or(1));
     if let (Some(surface), Some(number)) = (options.surface, options.draw) {
         return one(surface, number, seed, overrides, json);

@@ -5,6 +5,7 @@
 //! so any draw can be repeated by itself. [`judge`] reads what a run shows, and [`SuiteReport`]
 //! gathers the runs of a suite in one table. The caller runs the scenarios: `core/` has no threads.
 
+mod dice;
 mod draw;
 mod judgement;
 mod placement;

@@ -8,7 +8,7 @@ use tangent_mechanics::{
     Arm, Base, Flange, Joints, ModelData, Pose, Tool, inverse_kinematics, manipulability,
 };
 
-use super::draw::Dice;
+use super::dice::Dice;
 use super::ranges;
 use super::surface_kind::SurfaceKind;
 use crate::pose_config::PoseConfig;
