@@ -4,6 +4,7 @@
 //! that it needs.
 
 use serde::{Deserialize, Serialize};
+use tangent_mechanics::Tip;
 
 use crate::EstimationError;
 use crate::ranges::check_ranges;
@@ -28,7 +29,7 @@ use crate::ranges::check_ranges;
 pub struct EstimatorConfig {
     /// Accuracy of the measurements, on which the covariances are based.
     pub sensing: SensingConfig,
-    /// Thresholds of contact and sliding, and the tool's pad.
+    /// Thresholds of contact and sliding, and the tool's tip.
     pub contact: ContactConfig,
     /// Expected surfaces and friction.
     pub surface: SurfaceConfig,
@@ -61,6 +62,9 @@ pub struct SensingConfig {
     pub torque_sd_nm: f64,
     /// Error of the velocity across the surface, m/s: kinematics, roughness and seams.
     pub velocity_sd_m_per_s: f64,
+    /// Rotation of the sensor's and the tip's true axes against those stated, rad: tilts every
+    /// force alike.
+    pub rotation_sd_rad: f64,
     /// Compliance of tool, wrist and surface along the normal, m/N: a change of force causes a
     /// motion across the surface.
     pub compliance_m_per_n: f64,
@@ -75,7 +79,8 @@ impl Default for SensingConfig {
             payload_error_n: 0.2,
             gravity_direction_in_base: [0.0, 0.0, -1.0],
             torque_sd_nm: 0.01,
-            velocity_sd_m_per_s: 0.0002,
+            velocity_sd_m_per_s: 0.0004,
+            rotation_sd_rad: 0.01,
             compliance_m_per_n: 2e-4,
         }
     }
@@ -91,12 +96,13 @@ impl SensingConfig {
             payload_error_n: 0.0,
             torque_sd_nm: 0.001,
             velocity_sd_m_per_s: 0.00002,
+            rotation_sd_rad: 0.0,
             ..Self::default()
         }
     }
 }
 
-/// Thresholds of contact and sliding, and the tool's pad.
+/// Thresholds of contact and sliding, and the tool's tip.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContactConfig {
@@ -110,9 +116,8 @@ pub struct ContactConfig {
     pub presliding_distance_m: f64,
     /// Expected angle between tool and surface at touchdown, rad, one standard deviation per axis.
     pub approach_misalignment_sd_rad: f64,
-    /// Radius of the tool's pad, m: bound on the distance of the centre of pressure from its
-    /// middle.
-    pub pad_radius_m: f64,
+    /// Shape of the tool's tip: where it touches, and what the torque says of its tilt.
+    pub tip: Tip,
     /// Distance travelled without contact after which the old normal is discarded, m.
     pub memory_distance_m: f64,
     /// Standard deviation of the normal above which it is not usable, rad.
@@ -126,8 +131,8 @@ impl Default for ContactConfig {
             force_off_n: 0.3,
             sliding_speed_min_m_per_s: 0.002,
             presliding_distance_m: 0.001,
-            approach_misalignment_sd_rad: 0.12,
-            pad_radius_m: 0.01,
+            approach_misalignment_sd_rad: 0.2,
+            tip: Tip::Unknown,
             memory_distance_m: 0.02,
             normal_sd_max_rad: 0.35,
         }
@@ -307,6 +312,7 @@ impl EstimatorConfig {
                 positive,
                 1.0,
             ),
+            ("sensing.rotation_sd_rad", s.rotation_sd_rad, 0.0, 0.5),
             ("sensing.compliance_m_per_n", s.compliance_m_per_n, 0.0, 0.1),
             ("contact.force_on_n", c.force_on_n, 0.01, 1000.0),
             ("contact.force_off_n", c.force_off_n, 0.0, c.force_on_n),
@@ -328,7 +334,12 @@ impl EstimatorConfig {
                 1e-3,
                 1.0,
             ),
-            ("contact.pad_radius_m", c.pad_radius_m, 0.0, 0.5),
+            (
+                "contact.tip.radius_m",
+                c.tip.radius_m().unwrap_or(0.0),
+                0.0,
+                Tip::RADIUS_MAX_M,
+            ),
             ("contact.memory_distance_m", c.memory_distance_m, 0.0, 1.0),
             (
                 "contact.normal_sd_max_rad",

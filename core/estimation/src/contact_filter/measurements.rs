@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::ContactFilter;
 use super::state::{
-    BIAS, ContactFilterState, FRICTION, LearntNoise, NORMAL, Row, SHAPE, SurfaceState, WEIGHT,
+    BIAS, ContactFilterState, FRICTION, LearntNoise, NORMAL, ROTATION, Row, SHAPE, SurfaceState, WEIGHT,
 };
 use crate::motion::Motion;
 
@@ -15,13 +15,6 @@ const FLUCTUATION_LENGTH_M: f64 = 0.002;
 const FORCE_CORRELATION_S: f64 = 0.01;
 /// Fluctuation of friction around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
-/// Uncertainty of the shift of the centre of pressure that a tilt causes, relative: radius and
-/// stiffness are known roughly, and a tilted pad touches with only part of its area.
-const FLUSH_DOUBT: f64 = 1.0;
-/// Uncertainty of a compliance that was not measured yet, as a factor.
-const COMPLIANCE_DOUBT: f64 = 4.0;
-/// Standard deviation of the angle between the pad's normal and the tool's axis, rad.
-const FLUSH_SD_RAD: f64 = 0.002;
 /// Distance over which the surface's unrest is learnt, m.
 const UNREST_LENGTH_M: f64 = 0.01;
 /// Bounds of the unrest: the variance with which curvature changes, relative to the configured one.
@@ -122,47 +115,6 @@ impl ContactFilter {
             self.correct(state, &row, axis.dot(&force), variance);
         }
     }
-
-    /// A tilted flat pad is pressed harder on one side, so the centre of pressure measures the
-    /// tilt, as well as pad and stiffness are known. Only the best measurement counts, because
-    /// torque bias and stiffness are the same in all of them.
-    pub(super) fn measure_flush(
-        &self,
-        state: &mut ContactFilterState,
-        motion: &Motion,
-        pressing_n: f64,
-    ) {
-        let c = &self.config.contact;
-        if pressing_n < c.force_on_n || c.pad_radius_m <= 0.0 {
-            return;
-        }
-        let z: Vector3<f64> = motion.rotation.column(2).into();
-        // A bed of springs under a disk: tilt = 4 N c / (k R²), plus the turn of the surface itself
-        // between the middle and the centre of pressure.
-        let soft = 4.0 * pressing_n * state.compliance.m_per_n / c.pad_radius_m.powi(2);
-        let centre = state.surface.frame.project(&state.centre.position);
-        let tilt = centre * soft + state.surface.shape * centre;
-        let unknown = if state.compliance.is_measured {
-            1.0
-        } else {
-            COMPLIANCE_DOUBT
-        };
-        let doubt = (unknown * soft).hypot(self.config.surface.curvature_sd_per_m);
-        let variance = (FLUSH_DOUBT * doubt * centre.norm()).powi(2)
-            + (doubt * state.centre.sd_m).powi(2)
-            + FLUSH_SD_RAD.powi(2);
-        let gained = 1.0 / variance - state.touch.flush_information;
-        if gained <= 0.02 * state.touch.flush_information {
-            return;
-        }
-        state.touch.flush_information = 1.0 / variance;
-        let innovation = state.surface.frame.project(&-z) - tilt;
-        for i in 0..2 {
-            let mut row = Row::zeros();
-            row[NORMAL + i] = 1.0;
-            self.correct(state, &row, innovation[i], 1.0 / gained);
-        }
-    }
 }
 
 impl LearntNoise {
@@ -216,6 +168,8 @@ impl ContactFilterState {
         let bias = motion.rotation.tr_mul(axis);
         row.fixed_rows_mut::<3>(BIAS).copy_from(&bias);
         row[WEIGHT] = bias.dot(&self.payload.leverage);
+        let turned = self.force_in_tool(motion).cross(&bias);
+        row.fixed_rows_mut::<3>(ROTATION).copy_from(&turned);
         row
     }
 }

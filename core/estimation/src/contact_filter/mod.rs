@@ -4,23 +4,25 @@
 //! While the tool slides with normal force `N`, the force on it is `f = N (n - mu t) + b` with `t`
 //! the direction of sliding, and the contact point moves along the surface, `n · v = 0`. `N` is not
 //! estimated: only the components of the force perpendicular to its expected direction are used.
-//! There are ten error states: the normal's two tangent components (rad), the shape operator's
-//! `k11, k22, k12` (1/m), friction, the bias's three components in tool axes (N), and the error of
-//! the compensated payload weight (N), which appears when the tool turns away from the orientation
-//! in which it was tared.
+//! There are thirteen error states: the normal's two tangent components (rad), the shape operator's
+//! `k11, k22, k12` (1/m), friction, the bias's three components in tool axes (N), the error of the
+//! compensated payload weight (N), which appears when the tool turns away from the orientation in
+//! which it was tared, and the rotation of the sensor's true axes against those stated (rad).
 //!
 //! [`ContactFilter`] is plain configuration; all memory is in [`ContactFilterState`].
 
 mod measurements;
 mod residual;
 mod state;
+mod tip;
 
 use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
 use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
-use self::state::{BIAS, CentreOfPressure, FRICTION, NORMAL, Row, SHAPE, STATES, Slide, WEIGHT};
+use self::state::{BIAS, FRICTION, NORMAL, Row, SHAPE, STATES, Slide, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
+use self::tip::velocity_at;
 use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};
 use crate::world_estimator::WorldEstimate;
@@ -81,12 +83,12 @@ impl ContactFilter {
         if state.phase == ContactPhase::Free {
             self.touch_down(state, motion, pressing_n);
         }
-        state.centre = self.centre_of_pressure(motion, pressing_n);
+        state.centre = self.centre_of_pressure(state, motion, pressing_n);
         self.travel(state, motion);
         let force_n = state.surface.frame.normal.dot(&force);
         state.load.track(force_n, motion.dt_s);
 
-        let velocity = motion.velocity + motion.angular.cross(&state.centre.position);
+        let velocity = velocity_at(motion, &state.centre.position);
         let normal = state.surface.frame.normal;
         let tangential = velocity - normal * normal.dot(&velocity);
         let speed = tangential.norm();
@@ -157,28 +159,6 @@ impl ContactFilter {
         state.surface.forget_normal(&self.config, motion);
     }
 
-    /// Computes the centre of pressure on the pad from the torque. The more uncertain the torque,
-    /// the closer it is to the middle.
-    fn centre_of_pressure(&self, motion: &Motion, pressing_n: f64) -> CentreOfPressure {
-        let radius = self.config.contact.pad_radius_m;
-        let spread = 0.5 * radius;
-        let measured_sd = self.config.sensing.torque_sd_nm / pressing_n;
-        let total = spread * spread + measured_sd * measured_sd;
-        if total <= 0.0 {
-            return CentreOfPressure::default();
-        }
-        let share = spread * spread / total;
-        let torque = &motion.torque_in_tool;
-        let mut centre = Vector3::new(torque.y, -torque.x, 0.0) * (share / pressing_n);
-        if centre.norm() > radius {
-            centre *= radius / centre.norm();
-        }
-        CentreOfPressure {
-            position: motion.rotation * centre,
-            sd_m: spread * measured_sd / total.sqrt(),
-        }
-    }
-
     /// Turns the normal with the surface under the tool: `dn = S dp`.
     fn travel(&self, state: &mut ContactFilterState, motion: &Motion) {
         let d = state.surface.frame.project(&motion.step);
@@ -235,7 +215,7 @@ impl ContactFilter {
         // The pad measures a mean over its area, which is the normal at its middle only where the
         // curvature is constant.
         let s = &self.config.surface;
-        let radius = self.config.contact.pad_radius_m;
+        let radius = self.area_radius_m();
         let change = s.curvature_change_per_m_per_sqrt_m * (state.noise.unrest * radius).sqrt();
         let mean = Matrix2::identity() * (0.25 * radius * change).powi(2);
         filtered + centre + mean + turned * turned.transpose() + leaked * leaked.transpose()

@@ -8,12 +8,13 @@ use crate::motion::Motion;
 use crate::tangent_frame::TangentFrame;
 
 /// Number of error states, and the places of the groups among them.
-pub(super) const STATES: usize = 10;
+pub(super) const STATES: usize = 13;
 pub(super) const NORMAL: usize = 0;
 pub(super) const SHAPE: usize = 2;
 pub(super) const FRICTION: usize = 5;
 pub(super) const BIAS: usize = 6;
 pub(super) const WEIGHT: usize = 9;
+pub(super) const ROTATION: usize = 10;
 
 /// One row of a measurement matrix.
 pub(super) type Row = SVector<f64, STATES>;
@@ -72,6 +73,8 @@ pub(super) struct SurfaceState {
     pub bias: Vector3<f64>,
     /// Error of the compensated payload weight, N.
     pub weight_n: f64,
+    /// Rotation of the sensor's true axes against those stated, tool axes, rad.
+    pub rotation: Vector3<f64>,
     pub covariance: SMatrix<f64, STATES, STATES>,
 }
 
@@ -202,9 +205,12 @@ impl ContactFilterState {
         payload.leverage = gravity - *payload.gravity_at_tare.get_or_insert(*gravity);
     }
 
-    /// Force on the tool without bias and payload weight error, tool axes, N.
+    /// Force on the tool without bias, payload weight error and the sensor's rotation, tool axes,
+    /// N.
     pub(super) fn force_in_tool(&self, motion: &Motion) -> Vector3<f64> {
-        motion.force_in_tool - self.surface.bias - self.payload.leverage * self.surface.weight_n
+        let force =
+            motion.force_in_tool - self.surface.bias - self.payload.leverage * self.surface.weight_n;
+        force - self.surface.rotation.cross(&force)
     }
 
     /// Force on the tool without bias and payload weight error, world axes, N.
@@ -280,6 +286,9 @@ impl SurfaceState {
             covariance[(i, i)] = config.sensing.force_bias_sd_n.powi(2);
         }
         covariance[(WEIGHT, WEIGHT)] = config.sensing.payload_error_n.powi(2);
+        for i in ROTATION..ROTATION + 3 {
+            covariance[(i, i)] = config.sensing.rotation_sd_rad.powi(2);
+        }
         covariance[(FRICTION, FRICTION)] = config.surface.friction_sd.powi(2);
         Self {
             frame: TangentFrame::new(Vector3::z(), Vector3::x()),
@@ -287,6 +296,7 @@ impl SurfaceState {
             friction: config.surface.friction_initial,
             bias: Vector3::zeros(),
             weight_n: 0.0,
+            rotation: Vector3::zeros(),
             covariance,
         }
     }
@@ -350,6 +360,7 @@ impl SurfaceState {
         self.friction = (self.friction + change[FRICTION]).clamp(0.0, friction_max);
         self.bias += change.fixed_rows::<3>(BIAS);
         self.weight_n += change[WEIGHT];
+        self.rotation += change.fixed_rows::<3>(ROTATION);
     }
 }
 

@@ -136,7 +136,9 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
         },
         base: None,
     };
-    let mut scenario = AdmittanceScenario {
+    let mut estimation = EstimatorConfig::default();
+    estimation.contact.tip = stated_tip;
+    let scenario = AdmittanceScenario {
         name: format!("{}_{number}", surface.name()),
         title: String::new(),
         seed: dice.next_seed(),
@@ -148,14 +150,13 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
             force_max_n: Limits::default().force_max_n.max(2.5 * force_n),
             ..Limits::default()
         },
-        estimation: EstimatorConfig::default(),
+        estimation,
         sensing: Default::default(),
         base: Default::default(),
         pipeline: PipelineConfig::default(),
         plant,
         task: task(force_n, path, place.x_axis),
     };
-    state_tip(&mut scenario, stated_tip);
     Draw {
         seed,
         surface,
@@ -164,16 +165,6 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
         stated_tip,
         leaves_surface: place.crossing == Crossing::Leaves,
     }
-}
-
-/// Tells the law and the estimators of the tip: the only place where the suite does.
-fn state_tip(scenario: &mut AdmittanceScenario, stated: Tip) {
-    let contact = &mut scenario.estimation.contact;
-    contact.pad_radius_m = match stated {
-        Tip::Flat { radius_m } | Tip::Ring { radius_m } | Tip::Soft { radius_m } => radius_m,
-        // The torque of a ball says nothing of its tilt.
-        Tip::Round { .. } | Tip::Unknown => 0.0,
-    };
 }
 
 /// The true tip and the stated one.
