@@ -4,21 +4,14 @@
 use nalgebra::Vector3;
 
 use super::ContactFilter;
+use super::learnt_noise::FLUCTUATION_LENGTH_M;
 use super::state::{
-    BIAS, ContactFilterState, FRICTION, LearntNoise, NORMAL, ROTATION, Row, SHAPE, SurfaceState, WEIGHT,
+    BIAS, ContactFilterState, FRICTION, NORMAL, ROTATION, Row, SHAPE, SurfaceState, WEIGHT,
 };
 use crate::motion::Motion;
 
-/// Correlation length of velocity errors and of friction's fluctuations, m.
-const FLUCTUATION_LENGTH_M: f64 = 0.002;
-/// Correlation time of the force's noise after the wrench filter, s.
-const FORCE_CORRELATION_S: f64 = 0.01;
 /// Fluctuation of friction around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
-/// Distance over which the surface's unrest is learnt, m.
-const UNREST_LENGTH_M: f64 = 0.01;
-/// Bounds of the unrest: the variance with which curvature changes, relative to the configured one.
-const UNREST: (f64, f64) = (1.0, 40.0);
 
 impl ContactFilter {
     /// The contact point moves along the surface, except for what the compliance yields.
@@ -29,11 +22,9 @@ impl ContactFilter {
         motion: &Motion,
     ) {
         let speed = state.slide.speed_m_per_s;
-        let mut sd2 = state.noise.velocity.variance();
         // A rising force is a motion into the surface, which is known to one half.
         let giving = state.compliance.m_per_n * state.load.rate_n_per_s;
-        sd2 += (0.5 * giving).powi(2);
-        sd2 += (state.centre.sd_m * motion.angular.norm()).powi(2);
+        let extra = (0.5 * giving).powi(2) + (state.centre.sd_m * motion.angular.norm()).powi(2);
         let mut row = Row::zeros();
         let normal = state.normal_at_centre();
         let tangent = state.surface.frame.project(velocity);
@@ -41,15 +32,17 @@ impl ContactFilter {
         row[NORMAL + 1] = tangent.y;
         state.shape_row(&mut row, velocity);
         let distance = speed * motion.dt_s;
-        let alike = (FLUCTUATION_LENGTH_M / distance).max(1.0);
         let innovation = -normal.dot(velocity) - giving;
         state
             .noise
-            .velocity
-            .learn(innovation, distance / FLUCTUATION_LENGTH_M);
-        let expected = row.dot(&(state.surface.covariance * row)) + sd2;
+            .learn_velocity(innovation, distance, motion.dt_s);
+        let known = row.dot(&(state.surface.covariance * row));
+        let expected = known + state.noise.velocity_variance() + extra;
         state.noise.learn_unrest(innovation, expected, distance);
-        self.correct(state, &row, innovation, sd2 * alike);
+        let variance = state
+            .noise
+            .velocity_variance_of_sample(extra, distance, motion.dt_s);
+        self.correct(state, &row, innovation, variance);
     }
 
     /// `f = N (n - mu t) + b`, measured across and along the direction of sliding.
@@ -70,9 +63,9 @@ impl ContactFilter {
         // The wrench filter correlates neighbouring samples.
         let alike = (FLUCTUATION_LENGTH_M / (speed * motion.dt_s)).max(1.0);
 
-        let noise = self.config.sensing.force_noise_n.powi(2)
-            * (2.0 * FORCE_CORRELATION_S / motion.dt_s).max(1.0);
         let across_innovation = across.dot(&force);
+        state.noise.learn_force(across_innovation, motion.dt_s);
+        let noise = state.noise.force_variance_of_sample(motion.dt_s);
         let row = state.force_row(&across, &normal, &t, load, motion);
         // Friction leaks across by the error of the direction of sliding. Half of this error is
         // that of the arm's velocity, the other half that of a tool that yields and turns.
@@ -113,20 +106,6 @@ impl ContactFilter {
         for axis in [frame.first, frame.second] {
             let row = state.force_row(&axis, &normal, &t, load, motion);
             self.correct(state, &row, axis.dot(&force), variance);
-        }
-    }
-}
-
-impl LearntNoise {
-    /// Estimates how fast the curvature changes, from the ratio of the measured to the expected
-    /// velocity across the surface. Only velocity is used, because no force bias disturbs it.
-    fn learn_unrest(&mut self, innovation: f64, expected: f64, distance: f64) {
-        let share = (distance / UNREST_LENGTH_M).min(0.2);
-        self.innovation_m2_per_s2 += share * (innovation * innovation - self.innovation_m2_per_s2);
-        self.expected_m2_per_s2 += share * (expected - self.expected_m2_per_s2);
-        if self.expected_m2_per_s2 > 0.0 {
-            let ratio = (self.innovation_m2_per_s2 / self.expected_m2_per_s2).clamp(0.02, 50.0);
-            self.unrest = (self.unrest * ratio.powf(2.0 * share)).clamp(UNREST.0, UNREST.1);
         }
     }
 }

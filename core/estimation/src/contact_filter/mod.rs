@@ -11,6 +11,7 @@
 //!
 //! [`ContactFilter`] is plain configuration; all memory is in [`ContactFilterState`].
 
+mod learnt_noise;
 mod measurements;
 mod residual;
 mod state;
@@ -98,11 +99,15 @@ impl ContactFilter {
             state.phase = ContactPhase::Sliding;
             state.has_slid = true;
             self.measure_velocity(state, &velocity, motion);
-            if state.slide.distance_m >= contact.presliding_distance_m {
+            let along_n = state.slide.direction.dot(&state.force(motion));
+            let length_m = contact.presliding_distance_m;
+            state.slide.settle(along_n, pressing_n, length_m, motion.dt_s);
+            if state.slide.is_steady {
                 self.measure_sliding_force(state, motion);
             }
         } else {
             state.slide.distance_m = 0.0;
+            state.slide.is_steady = false;
             state.phase = ContactPhase::Pressing;
             if !state.has_slid {
                 self.measure_pressing_force(state, motion);
@@ -123,6 +128,7 @@ impl ContactFilter {
         state.free_time_s += motion.dt_s;
         state.slide = Slide {
             distance_m: 0.0,
+            is_steady: false,
             direction: Vector3::zeros(),
             ..state.slide
         };

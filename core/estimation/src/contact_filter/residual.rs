@@ -13,19 +13,17 @@ pub(crate) struct Residual {
     floor: f64,
 }
 
-/// Lower bound of the standard deviation, as a share of the one stated.
-const FLOOR_SHARE: f64 = 0.02;
 /// Averaging length, in correlation lengths.
 const MEMORY: f64 = 15.0;
 
 impl Residual {
-    /// Starts with the standard deviation `sd`. The estimate never falls below a fiftieth of it.
-    pub fn new(sd: f64) -> Self {
+    /// Starts with the standard deviation `sd`. The estimate never falls below `floor_share` of it.
+    pub fn new(sd: f64, floor_share: f64) -> Self {
         Self {
             slow: 0.0,
             variance: sd * sd,
             seen: 0.0,
-            floor: (FLOOR_SHARE * sd).powi(2),
+            floor: (floor_share * sd).powi(2),
         }
     }
 
@@ -43,6 +41,11 @@ impl Residual {
         let share = step / MEMORY;
         self.variance += share * (2.0 * quick * quick - self.variance);
         self.variance = self.variance.max(self.floor);
+    }
+
+    /// Lower bound of the variance.
+    pub fn floor(&self) -> f64 {
+        self.floor
     }
 
     /// Variance, in the innovation's unit squared.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
-use super::residual::Residual;
+use super::learnt_noise::LearntNoise;
 use crate::EstimatorConfig;
 use crate::motion::Motion;
 use crate::tangent_frame::TangentFrame;
@@ -35,6 +35,8 @@ pub(crate) enum ContactPhase {
 const HUBER_SD: f64 = 2.5;
 /// Range of a measured compliance, m/N. Values outside are clamped.
 const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
+/// Change of the force along the direction of sliding that counts as none, as a share of the load.
+const STEADY_SHARE: f64 = 0.05;
 /// Cosine of the turn of the sliding direction beyond which presliding starts again. Friction
 /// follows a gentler turn without it.
 const TURN_COS_MIN: f64 = 0.5;
@@ -107,6 +109,10 @@ pub(super) struct Slide {
     pub direction: Vector3<f64>,
     /// Distance slid since the last stop or turn, m.
     pub distance_m: f64,
+    /// Force along the direction of sliding, low-passed over a short distance, N.
+    pub friction_force_n: f64,
+    /// Whether friction has followed the direction of sliding since the last stop or turn.
+    pub is_steady: bool,
     /// Turn rate of the sliding direction.
     pub turn_rate_rad_per_s: f64,
     /// Speed of the centre of pressure in the tangent plane.
@@ -128,21 +134,6 @@ pub(super) struct CentreOfPressure {
     pub position: Vector3<f64>,
     /// Standard deviation per axis, m.
     pub sd_m: f64,
-}
-
-/// Noise that is estimated from the innovations.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LearntNoise {
-    /// Velocity across the surface.
-    pub velocity: Residual,
-    /// Variance of the force along the direction of sliding, N².
-    pub friction_n2: f64,
-    /// Variance of the change of curvature, relative to the configured one.
-    pub unrest: f64,
-    /// Mean square innovation of the velocity.
-    pub innovation_m2_per_s2: f64,
-    /// Mean square that was expected of it.
-    pub expected_m2_per_s2: f64,
 }
 
 /// Compliance of tool, wrist and surface along the tool's axis.
@@ -176,6 +167,8 @@ impl ContactFilterState {
             slide: Slide {
                 direction: Vector3::zeros(),
                 distance_m: 0.0,
+                friction_force_n: 0.0,
+                is_steady: false,
                 turn_rate_rad_per_s: 0.0,
                 speed_m_per_s: 0.0,
             },
@@ -185,13 +178,7 @@ impl ContactFilterState {
                 rate_n_per_s: 0.0,
             },
             centre: CentreOfPressure::default(),
-            noise: LearntNoise {
-                velocity: Residual::new(config.sensing.velocity_sd_m_per_s),
-                friction_n2: 0.0,
-                unrest: 1.0,
-                innovation_m2_per_s2: 0.0,
-                expected_m2_per_s2: 0.0,
-            },
+            noise: LearntNoise::new(config),
             compliance: Compliance {
                 m_per_n: config.sensing.compliance_m_per_n,
                 is_measured: false,
@@ -386,8 +373,21 @@ impl Slide {
         }
         if direction.dot(&self.direction) < TURN_COS_MIN {
             self.distance_m = 0.0;
+            self.is_steady = false;
         }
         self.direction = direction;
         self.distance_m += self.speed_m_per_s * dt_s;
+    }
+
+    /// Processes the force along the direction of sliding (N) under `load_n`. A tool that gives
+    /// sideways sticks until it is bent far enough: friction has followed only when its force no
+    /// longer grows over `length_m`.
+    pub fn settle(&mut self, along_n: f64, load_n: f64, length_m: f64, dt_s: f64) {
+        let distance = self.speed_m_per_s * dt_s;
+        let share = distance / (length_m + distance);
+        let change_n = along_n - self.friction_force_n;
+        self.friction_force_n += share * change_n;
+        let followed = self.distance_m > length_m && change_n.abs() < STEADY_SHARE * load_n;
+        self.is_steady |= followed;
     }
 }
