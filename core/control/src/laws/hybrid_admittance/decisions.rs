@@ -242,6 +242,7 @@ impl Run {
             return self.leave(percept, Some(Fault::ZeroInContact));
         }
         self.force.touch(config, force_n, speed_m_per_s);
+        self.exploration.offer();
         self.off = false;
         if !self.touched {
             self.touched = true;

@@ -17,6 +17,7 @@ mod leaving;
 pub mod loop_delay;
 mod motion;
 mod moving_base;
+mod pace;
 mod percept;
 mod run;
 mod senses;

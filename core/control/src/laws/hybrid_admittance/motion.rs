@@ -3,10 +3,12 @@
 use super::config::ControllerConfig;
 use super::force_law::ForceSample;
 use super::interface::ControlInput;
+use super::pace::{ForceLoop, deviation_rad, speed_bound};
 use super::percept::Percept;
 use super::run::Run;
 use super::touchdown::{approach_speed, seek_speed};
 use crate::contact::alignment::alignment_rate;
+use crate::estimator_choice::EstimateStatus;
 use crate::limits::{Limits, clamp_norm};
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
@@ -14,6 +16,8 @@ use crate::task::program::Program;
 use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Tool, Twist};
 
+/// Highest speed of the exploration, m/s.
+const EXPLORE_SPEED_MAX_M_PER_S: f64 = 0.01;
 /// Time constant with which a changed gain takes effect, s.
 const GAIN_RAMP_S: f64 = 0.3;
 
@@ -62,14 +66,7 @@ pub(super) fn wanted_twist<const N: usize>(
             } else {
                 0.0
             };
-            let along = run.tracking.step(
-                &config.path,
-                &program.path,
-                factor,
-                &percept.position,
-                &normal,
-                input.dt_s,
-            );
+            let along = along_path(run, program, config, percept, reference_n, factor, input.dt_s);
             let (speed, turn) = if let Some(wrench) = percept.wrench {
                 run.force.step(
                     config,
@@ -102,6 +99,51 @@ pub(super) fn wanted_twist<const N: usize>(
         }
         Phase::Idle | Phase::Done | Phase::Fault | Phase::Tare => Twist::zero(),
     }
+}
+
+/// Velocity along the surface: of the exploration, or of the path at the speed that the certainty
+/// of the normal allows. `factor` is 1 at the path's own speed and 0 to stand.
+fn along_path(
+    run: &mut Run,
+    program: &Program,
+    config: &ControllerConfig,
+    percept: &Percept,
+    reference_n: f64,
+    factor: f64,
+    dt_s: f64,
+) -> Vector3<f64> {
+    let normal = run.surface.normal;
+    let position = &percept.position;
+    let mut factor = factor;
+    if let (Phase::Slide, EstimateStatus::Usable(input)) = (run.phase, &percept.estimate) {
+        let force = ForceLoop {
+            reference_n,
+            stiffness_n_per_m: run.force.stiffness_n_per_m(),
+            delay_s: config.force.loop_delay_s,
+        };
+        let covariance = &input.estimate.covariance;
+        let path_speed = program.task.path.speed_m_per_s() * factor;
+        if run.exploration.is_open() && factor > 0.0 {
+            let deviation = deviation_rad(input);
+            let bound = config.pace.speed_min_m_per_s.max(
+                config.pace.slope_share * reference_n
+                    / (force.stiffness_n_per_m * force.delay_s * 2.0 * deviation).max(1e-9),
+            );
+            let speed = path_speed.min(bound).min(EXPLORE_SPEED_MAX_M_PER_S);
+            if let Some(step) = run.exploration.step(&config.pace, deviation, speed, dt_s) {
+                return run
+                    .tracking
+                    .step_aside(&config.path, step, position, &normal, dt_s);
+            }
+        }
+        if let Some(along) = run.tracking.direction(&program.path, &normal) {
+            let bound = speed_bound(&config.pace, covariance, &along, &force);
+            let share = bound / program.task.path.speed_m_per_s().max(1e-6);
+            factor = factor.min(share);
+        }
+    }
+    run.tracking
+        .step(&config.path, &program.path, factor, position, &normal, dt_s)
 }
 
 /// Moves the gains towards their targets over `GAIN_RAMP_S`; force and speed have ramps of their

@@ -9,6 +9,7 @@ use nalgebra::Vector3;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
+use super::pace::Exploration;
 use super::percept::Percept;
 use super::surface::Surface;
 use super::touchdown::stiffness_expected;
@@ -44,6 +45,7 @@ pub(crate) struct Run {
     pub surface: Surface,
     pub tracking: Tracking,
     pub force: ForceLaw,
+    pub exploration: Exploration,
     pub in_contact: bool,
     pub lost_count: u32,
     pub approach: Vector3<f64>,
@@ -99,6 +101,7 @@ impl Run {
             surface: Surface::new(Vector3::z()),
             tracking: Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros()),
             force: ForceLaw::new(1e4),
+            exploration: Exploration::default(),
             in_contact: false,
             lost_count: 0,
             approach: -Vector3::z(),

@@ -14,6 +14,10 @@ use crate::contact::alignment::{plane_axes, tangential};
 use crate::limits::clamp_norm;
 use crate::task::path::Path;
 
+/// Time ahead on the path's own clock at which its direction is taken, s: before a corner the path
+/// slows down for the direction after it.
+const AHEAD_S: f64 = 0.1;
+
 /// Runs a path on a surface. Its state is the clock and the reference point.
 #[derive(Clone, Copy, Debug)]
 pub struct Tracking {
@@ -72,7 +76,42 @@ impl Tracking {
         self.clock_rate += (speed_factor - self.clock_rate).clamp(-step, step);
         let before = path.at(self.clock_s).position;
         self.clock_s = (self.clock_s + self.clock_rate * waiting * dt_s).min(path.duration_s());
-        let way = self.on_surface(path.at(self.clock_s).position - before, normal);
+        self.moved_by(config, path.at(self.clock_s).position - before, position, error, normal, dt_s)
+    }
+
+    /// Like [`Tracking::step`], with the path's clock standing and the reference displaced by
+    /// `in_plane` (m, axes of the path's plane).
+    pub fn step_aside(
+        &mut self,
+        config: &PathConfig,
+        in_plane: Vector2<f64>,
+        position: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        dt_s: f64,
+    ) -> Vector3<f64> {
+        self.clock_rate = 0.0;
+        let error = tangential(&(self.reference - position), normal);
+        self.moved_by(config, in_plane, position, error, normal, dt_s)
+    }
+
+    /// Direction of the path at its clock, in the tangent plane of `normal`, unit, base axes; `None`
+    /// where it stands.
+    pub fn direction(&self, path: &Path, normal: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let ahead = path.at((self.clock_s + AHEAD_S).min(path.duration_s())).position;
+        self.on_surface(ahead - path.at(self.clock_s).position, normal)
+            .try_normalize(1e-9)
+    }
+
+    fn moved_by(
+        &mut self,
+        config: &PathConfig,
+        in_plane: Vector2<f64>,
+        position: &Vector3<f64>,
+        error: Vector3<f64>,
+        normal: &Vector3<f64>,
+        dt_s: f64,
+    ) -> Vector3<f64> {
+        let way = self.on_surface(in_plane, normal);
         self.reference = position + error + way;
         way / dt_s + clamp_norm(error * config.gain_per_s, config.feedback_speed_max_m_per_s)
     }

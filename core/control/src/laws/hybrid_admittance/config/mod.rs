@@ -25,6 +25,8 @@ pub struct ControllerConfig {
     pub normal: NormalConfig,
     /// How the tool follows the path.
     pub path: PathConfig,
+    /// Speed of the path by the certainty of the normal, and the exploration before it.
+    pub pace: PaceConfig,
     /// Detection of contact and of its loss.
     pub contact: ContactConfig,
     /// Timeouts of missing and of invalid input.
@@ -144,6 +146,21 @@ pub struct PathConfig {
     pub clock_ramp_s: f64,
 }
 
+/// Speed of the path by the certainty of the normal, and the exploration before it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PaceConfig {
+    /// Share of the reference that a force error from an unknown slope may take; it bounds the
+    /// path's speed. 0: the path runs at its own speed however uncertain the normal is.
+    pub slope_share: f64,
+    /// Lowest speed for that reason, m/s.
+    pub speed_min_m_per_s: f64,
+    /// Radius of the first circle of the exploration after a touch, m; 0: none.
+    pub explore_radius_m: f64,
+    /// Standard deviation of the normal in any direction above which the tool explores, rad.
+    pub explore_above_rad: f64,
+}
+
 /// Detection of contact and of its loss.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -239,6 +256,17 @@ impl Default for PathConfig {
     }
 }
 
+impl Default for PaceConfig {
+    fn default() -> Self {
+        Self {
+            slope_share: 0.45,
+            speed_min_m_per_s: 0.0025,
+            explore_radius_m: 0.0015,
+            explore_above_rad: 0.06,
+        }
+    }
+}
+
 impl Default for ContactConfig {
     fn default() -> Self {
         Self {
@@ -289,6 +317,11 @@ impl Presets for ControllerConfig {
             path: PathConfig {
                 gain_per_s: 0.0,
                 ..default.path
+            },
+            pace: PaceConfig {
+                slope_share: 0.0,
+                explore_radius_m: 0.0,
+                ..default.pace
             },
             ..default
         }

@@ -1,0 +1,164 @@
+//! Speed of the path by the certainty of the normal, and the exploration before it.
+//!
+//! While the normal in use is wrong by a slope `s` along the path, the tool moves into or off the
+//! surface at `s v`. The force loop, whose crossover is `delay_margin / T`, answers with a force
+//! error of `s v k T / delay_margin`. Contact holds while that stays below the reference, so
+//! `v ≤ share F / (k T s)`.
+//!
+//! Called by the motion of the sliding phase.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use super::config::PaceConfig;
+use crate::inputs::EstimateInput;
+
+/// The slope expected is this many standard deviations of the normal.
+const SLOPE_SD: f64 = 2.0;
+/// Most turns of one exploration; each has a larger radius than the one before.
+const TURNS_MAX: u32 = 2;
+
+/// What the force loop makes of a slope.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ForceLoop {
+    /// Reference, N.
+    pub reference_n: f64,
+    /// Stiffness of the contact, N/m.
+    pub stiffness_n_per_m: f64,
+    /// Delay of the loop, s.
+    pub delay_s: f64,
+}
+
+/// Highest speed in the direction `along` (unit, base axes), m/s, with a normal of this
+/// covariance, rad².
+pub(crate) fn speed_bound(
+    config: &PaceConfig,
+    covariance: &Matrix3<f64>,
+    along: &Vector3<f64>,
+    force: &ForceLoop,
+) -> f64 {
+    if config.slope_share <= 0.0 {
+        return f64::INFINITY;
+    }
+    let slope = SLOPE_SD * along.dot(&(covariance * along)).max(0.0).sqrt();
+    let give = force.stiffness_n_per_m * force.delay_s * slope;
+    let bound = config.slope_share * force.reference_n / give.max(f64::MIN_POSITIVE);
+    bound.max(config.speed_min_m_per_s)
+}
+
+/// Largest standard deviation of the normal in any direction, rad.
+pub(crate) fn deviation_rad(estimate: &EstimateInput) -> f64 {
+    estimate
+        .estimate
+        .covariance
+        .symmetric_eigenvalues()
+        .max()
+        .max(0.0)
+        .sqrt()
+}
+
+/// Small circles on the surface before the path: a stroke shows little of the slope across it,
+/// a circle shows both.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Exploration {
+    /// Angle on the present circle, rad; `None` if there is none.
+    angle_rad: Option<f64>,
+    turns: u32,
+}
+
+impl Exploration {
+    /// An exploration may begin with the next step: the tool has touched the surface.
+    pub fn offer(&mut self) {
+        *self = Self {
+            angle_rad: Some(0.0),
+            turns: 0,
+        };
+    }
+
+    /// Whether the tool explores, or may begin to.
+    pub fn is_open(&self) -> bool {
+        self.angle_rad.is_some()
+    }
+
+    /// Next displacement in the plane of the path, m, at `speed_m_per_s`; `None` at the end, with
+    /// the tool where it began.
+    pub fn step(
+        &mut self,
+        config: &PaceConfig,
+        deviation_rad: f64,
+        speed_m_per_s: f64,
+        dt_s: f64,
+    ) -> Option<Vector2<f64>> {
+        let angle = self.angle_rad?;
+        let begins = angle == 0.0;
+        let sure = deviation_rad <= config.explore_above_rad;
+        if config.explore_radius_m <= 0.0 || begins && (sure || self.turns >= TURNS_MAX) {
+            self.angle_rad = None;
+            return None;
+        }
+        let radius_m = config.explore_radius_m * f64::from(1 + self.turns);
+        let next = angle + speed_m_per_s * dt_s / radius_m;
+        let closed = next >= std::f64::consts::TAU;
+        let next = if closed { std::f64::consts::TAU } else { next };
+        let at = |angle: f64| Vector2::new(1.0 - angle.cos(), angle.sin()) * radius_m;
+        self.angle_rad = Some(if closed { 0.0 } else { next });
+        self.turns += u32::from(closed);
+        Some(at(next) - at(angle))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FORCE: ForceLoop = ForceLoop {
+        reference_n: 3.0,
+        stiffness_n_per_m: 50_000.0,
+        delay_s: 0.04,
+    };
+
+    #[test]
+    fn an_uncertain_normal_slows_the_path_in_its_own_direction_only() {
+        let config = PaceConfig::default();
+        // 10 degrees along x, 0.1 degrees along y.
+        let covariance =
+            Matrix3::from_diagonal(&Vector3::new(0.175f64.powi(2), 0.00175f64.powi(2), 0.0));
+        let along = |v: Vector3<f64>| speed_bound(&config, &covariance, &v, &FORCE);
+        assert_eq!(along(Vector3::x()), config.speed_min_m_per_s);
+        assert!(along(Vector3::y()) > 0.1);
+        let off = PaceConfig {
+            slope_share: 0.0,
+            ..config
+        };
+        assert_eq!(
+            speed_bound(&off, &covariance, &Vector3::x(), &FORCE),
+            f64::INFINITY
+        );
+    }
+
+    #[test]
+    fn an_exploration_ends_where_it_began() {
+        let config = PaceConfig::default();
+        let mut exploration = Exploration::default();
+        assert_eq!(exploration.step(&config, 1.0, 0.01, 0.008), None);
+        exploration.offer();
+        let (mut at, mut way, mut cycles) = (Vector2::zeros(), 0.0, 0);
+        while let Some(step) = exploration.step(&config, 1.0, 0.01, 0.008) {
+            at += step;
+            way += step.norm();
+            cycles += 1;
+            assert!(cycles < 10_000);
+        }
+        assert!(at.norm() < 1e-12, "{at}");
+        let circles = std::f64::consts::TAU * config.explore_radius_m * 3.0;
+        assert!((way / circles - 1.0).abs() < 0.01, "{way} {circles}");
+        assert!(!exploration.is_open());
+    }
+
+    #[test]
+    fn a_sure_normal_needs_no_exploration() {
+        let config = PaceConfig::default();
+        let mut exploration = Exploration::default();
+        exploration.offer();
+        assert_eq!(exploration.step(&config, 0.01, 0.01, 0.008), None);
+    }
+}
