@@ -60,8 +60,10 @@ pub struct SensingConfig {
     pub gravity_direction_in_base: [f64; 3],
     /// Error of the torque at the tool, bias and noise combined, Nm.
     pub torque_sd_nm: f64,
-    /// Error of the velocity across the surface, m/s: kinematics, roughness and seams.
+    /// Error of the velocity along the surface, m/s: kinematics, and a tool that yields.
     pub velocity_sd_m_per_s: f64,
+    /// Error of the tool's height over the surface, m: roughness, seams, ripple of the gears.
+    pub height_sd_m: f64,
     /// Rotation of the sensor's and the tip's true axes against those stated, rad: tilts every
     /// force alike.
     pub rotation_sd_rad: f64,
@@ -80,6 +82,7 @@ impl Default for SensingConfig {
             gravity_direction_in_base: [0.0, 0.0, -1.0],
             torque_sd_nm: 0.01,
             velocity_sd_m_per_s: 0.0004,
+            height_sd_m: 2e-5,
             rotation_sd_rad: 0.01,
             compliance_m_per_n: 2e-4,
         }
@@ -96,6 +99,7 @@ impl SensingConfig {
             payload_error_n: 0.0,
             torque_sd_nm: 0.001,
             velocity_sd_m_per_s: 0.00002,
+            height_sd_m: 5e-6,
             rotation_sd_rad: 0.0,
             ..Self::default()
         }
@@ -312,6 +316,7 @@ impl EstimatorConfig {
                 positive,
                 1.0,
             ),
+            ("sensing.height_sd_m", s.height_sd_m, 1e-8, 0.01),
             ("sensing.rotation_sd_rad", s.rotation_sd_rad, 0.0, 0.5),
             ("sensing.compliance_m_per_n", s.compliance_m_per_n, 0.0, 0.1),
             ("contact.force_on_n", c.force_on_n, 0.01, 1000.0),

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::ContactFilter;
 use super::learnt_noise::FLUCTUATION_LENGTH_M;
 use super::state::{
-    BIAS, ContactFilterState, FRICTION, NORMAL, ROTATION, Row, SHAPE, SurfaceState, WEIGHT,
+    BIAS, ContactFilterState, FRICTION, GIVE, HEIGHT, NORMAL, ROTATION, Row, SHAPE, SurfaceState, WEIGHT, given,
 };
 use crate::motion::Motion;
 
@@ -14,34 +14,24 @@ use crate::motion::Motion;
 const FRICTION_FLUCTUATION: f64 = 0.03;
 
 impl ContactFilter {
-    /// The contact point moves along the surface, except for what the compliance yields.
-    pub(super) fn measure_velocity(
-        &self,
-        state: &mut ContactFilterState,
-        velocity: &Vector3<f64>,
-        motion: &Motion,
-    ) {
-        let speed = state.slide.speed_m_per_s;
-        // A rising force is a motion into the surface, which is known to one half.
-        let giving = state.compliance.m_per_n * state.load.rate_n_per_s;
-        let extra = (0.5 * giving).powi(2) + (state.centre.sd_m * motion.angular.norm()).powi(2);
+    /// The height of the contact over the surface is what the compliance gives under the force.
+    pub(super) fn measure_height(&self, state: &mut ContactFilterState, motion: &Motion) {
+        let distance = state.slide.speed_m_per_s * motion.dt_s;
+        let normal = motion.rotation.tr_mul(&state.normal_at_centre());
+        let force = state.force_in_tool(motion);
+        let given = given(&normal, &force);
         let mut row = Row::zeros();
-        let normal = state.normal_at_centre();
-        let tangent = state.surface.frame.project(velocity);
-        row[NORMAL] = tangent.x;
-        row[NORMAL + 1] = tangent.y;
-        state.shape_row(&mut row, velocity);
-        let distance = speed * motion.dt_s;
-        let innovation = -normal.dot(velocity) - giving;
+        row[HEIGHT] = 1.0;
+        row.fixed_rows_mut::<2>(GIVE).copy_from(&given);
+        let innovation = -state.surface.height_m - given.dot(&state.surface.give_m_per_n);
+        state.noise.learn_height(innovation, distance);
+        let known = row.dot(&(state.surface.covariance * row));
+        let give = state.surface.give_m_per_n.x.max(0.0);
+        let variance = state.noise.height_variance_of_sample(distance)
+            + give * give * state.noise.force_variance_of_sample(motion.dt_s);
         state
             .noise
-            .learn_velocity(innovation, distance, motion.dt_s);
-        let known = row.dot(&(state.surface.covariance * row));
-        let expected = known + state.noise.velocity_variance() + extra;
-        state.noise.learn_unrest(innovation, expected, distance);
-        let variance = state
-            .noise
-            .velocity_variance_of_sample(extra, distance, motion.dt_s);
+            .learn_unrest(innovation, known + state.noise.height_variance(), distance);
         self.correct(state, &row, innovation, variance);
     }
 
@@ -111,14 +101,14 @@ impl ContactFilter {
 }
 
 impl ContactFilterState {
-    fn normal_at_centre(&self) -> Vector3<f64> {
+    pub(super) fn normal_at_centre(&self) -> Vector3<f64> {
         let SurfaceState { frame, shape, .. } = &self.surface;
         let offset = shape * frame.project(&self.centre.position);
         frame.turned(&offset).normal
     }
 
     /// Derivative of `normal_at_centre · v` by the shape operator.
-    fn shape_row(&self, row: &mut Row, v: &Vector3<f64>) {
+    pub(super) fn shape_row(&self, row: &mut Row, v: &Vector3<f64>) {
         let r = self.surface.frame.project(&self.centre.position);
         let w = self.surface.frame.project(v);
         row[SHAPE] = w.x * r.x;

@@ -21,7 +21,7 @@ use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
 use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
-use self::state::{BIAS, FRICTION, NORMAL, Row, SHAPE, STATES, Slide, WEIGHT};
+use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, STATES, Slide, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
 use self::tip::velocity_at;
 use crate::EstimatorConfig;
@@ -34,6 +34,12 @@ const FREE_CORRELATION_S: f64 = 0.5;
 const FREE_FORCE_SD_N: f64 = 0.05;
 /// Standard deviation of the lag between wrench and motion, s.
 const LAG_SD_S: f64 = 0.008;
+/// Standard deviation of the tip's stated position, m.
+const POSITION_SD_M: f64 = 7e-4;
+/// Angle over which the tool turns about one axis, rad.
+const TURN_RAD: f64 = 0.1;
+/// Slopes of which a lost contact is a sign, along the motion and across it, rad.
+const LOST_SLOPE_RAD: (f64, f64) = (0.12, 0.04);
 /// Time after a contact during which the filtered wrench still contains part of it, s.
 const SETTLING_S: f64 = 0.2;
 
@@ -97,8 +103,11 @@ impl ContactFilter {
         if speed > contact.sliding_speed_min_m_per_s {
             state.slide.go_on(&tangential, motion.dt_s);
             state.phase = ContactPhase::Sliding;
+            if !state.has_slid {
+                state.begin_heights(motion);
+            }
             state.has_slid = true;
-            self.measure_velocity(state, &velocity, motion);
+            self.measure_height(state, motion);
             let along_n = state.slide.direction.dot(&state.force(motion));
             let length_m = contact.presliding_distance_m;
             state.slide.settle(along_n, pressing_n, length_m, motion.dt_s);
@@ -123,6 +132,10 @@ impl ContactFilter {
             state.phase = ContactPhase::Free;
             state.free_distance_m = 0.0;
             state.free_time_s = 0.0;
+            self.widen_after_loss(state);
+        }
+        if self.is_remembered(state) {
+            self.travel(state, motion);
         }
         state.free_distance_m += motion.step.norm();
         state.free_time_s += motion.dt_s;
@@ -149,15 +162,29 @@ impl ContactFilter {
         }
     }
 
+    /// Whether the surface that was slid on is still near.
+    fn is_remembered(&self, state: &ContactFilterState) -> bool {
+        state.has_slid && state.free_distance_m <= self.config.contact.memory_distance_m
+    }
+
+    /// A contact lost while sliding says that the slope was not as expected. How large it is shows
+    /// where the tool meets the surface again: by its height.
+    fn widen_after_loss(&self, state: &mut ContactFilterState) {
+        if !state.has_slid {
+            return;
+        }
+        let along = state.surface.frame.project(&state.slide.direction);
+        let across = Vector2::new(-along.y, along.x);
+        let (on, beside) = LOST_SLOPE_RAD;
+        let doubt = along * along.transpose() * on.powi(2) + across * across.transpose() * beside.powi(2);
+        let mut normal = state.surface.covariance.fixed_view_mut::<2, 2>(NORMAL, NORMAL);
+        normal += doubt;
+    }
+
     fn touch_down(&self, state: &mut ContactFilterState, motion: &Motion, pressing_n: f64) {
-        let remembered =
-            state.has_slid && state.free_distance_m <= self.config.contact.memory_distance_m;
+        let remembered = self.is_remembered(state);
         state.begin_contact(motion, pressing_n);
         if remembered {
-            let sd = self.config.surface.curvature_sd_per_m * state.free_distance_m;
-            for i in NORMAL..NORMAL + 2 {
-                state.surface.covariance[(i, i)] += sd * sd;
-            }
             return;
         }
         state.has_touched = true;
@@ -165,18 +192,30 @@ impl ContactFilter {
         state.surface.forget_normal(&self.config, motion);
     }
 
-    /// Turns the normal with the surface under the tool: `dn = S dp`.
+    /// Turns the normal with the surface under the tool, `dn = S dp`, and moves its height.
     fn travel(&self, state: &mut ContactFilterState, motion: &Motion) {
+        let centre = state.centre.position;
+        let turned_rad = motion.angular.norm() * motion.dt_s;
+        let moved = motion.step + motion.angular.cross(&centre) * motion.dt_s;
         let d = state.surface.frame.project(&motion.step);
         let distance = d.norm();
-        if distance <= 0.0 {
-            return;
-        }
         let mut f = SMatrix::<f64, STATES, STATES>::identity();
         f[(NORMAL, SHAPE)] = d.x;
         f[(NORMAL, SHAPE + 2)] = d.y;
         f[(NORMAL + 1, SHAPE + 1)] = d.y;
         f[(NORMAL + 1, SHAPE + 2)] = d.x;
+        let mut row = Row::zeros();
+        let tangent = state.surface.frame.project(&moved);
+        row[NORMAL] = tangent.x;
+        row[NORMAL + 1] = tangent.y;
+        state.shape_row(&mut row, &moved);
+        row[HEIGHT] = 1.0;
+        f.set_row(HEIGHT, &row.transpose());
+        state.surface.height_m += state.normal_at_centre().dot(&moved);
+        // A wrong point of contact moves with every turn of the tool, in the same direction for as
+        // long as the turn goes on.
+        let centre_m2 = state.centre.sd_m.powi(2) + POSITION_SD_M.powi(2);
+        let height = centre_m2 * turned_rad * TURN_RAD;
         let surface = &mut state.surface;
         surface.covariance = f * surface.covariance * f.transpose();
         let s = &self.config.surface;
@@ -191,6 +230,7 @@ impl ContactFilter {
             (SHAPE + 1, curvature),
             (SHAPE + 2, 0.5 * curvature),
             (FRICTION, friction),
+            (HEIGHT, height),
         ] {
             surface.covariance[(i, i)] += q;
         }

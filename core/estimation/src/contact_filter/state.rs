@@ -8,13 +8,15 @@ use crate::motion::Motion;
 use crate::tangent_frame::TangentFrame;
 
 /// Number of error states, and the places of the groups among them.
-pub(super) const STATES: usize = 13;
+pub(super) const STATES: usize = 16;
 pub(super) const NORMAL: usize = 0;
 pub(super) const SHAPE: usize = 2;
 pub(super) const FRICTION: usize = 5;
 pub(super) const BIAS: usize = 6;
 pub(super) const WEIGHT: usize = 9;
 pub(super) const ROTATION: usize = 10;
+pub(super) const HEIGHT: usize = 13;
+pub(super) const GIVE: usize = 14;
 
 /// One row of a measurement matrix.
 pub(super) type Row = SVector<f64, STATES>;
@@ -35,6 +37,12 @@ pub(crate) enum ContactPhase {
 const HUBER_SD: f64 = 2.5;
 /// Range of a measured compliance, m/N. Values outside are clamped.
 const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
+/// Uncertainty of a compliance that was measured at touchdown, as a share of it.
+const GIVE_DOUBT: f64 = 0.4;
+/// Uncertainty of the compliance across the tool's axis, as a share of that along it.
+const GIVE_ACROSS_DOUBT: f64 = 1.5;
+/// Standard deviation of a height that is not known, m.
+const HEIGHT_SD_M: f64 = 1e-3;
 /// Change of the force along the direction of sliding that counts as none, as a share of the load.
 const STEADY_SHARE: f64 = 0.05;
 /// Cosine of the turn of the sliding direction beyond which presliding starts again. Friction
@@ -77,6 +85,10 @@ pub(super) struct SurfaceState {
     pub weight_n: f64,
     /// Rotation of the sensor's true axes against those stated, tool axes, rad.
     pub rotation: Vector3<f64>,
+    /// Height of the point of contact over the undented surface, m.
+    pub height_m: f64,
+    /// Compliance along the tool's axis and across it, m/N.
+    pub give_m_per_n: Vector2<f64>,
     pub covariance: SMatrix<f64, STATES, STATES>,
 }
 
@@ -231,6 +243,14 @@ impl ContactFilterState {
         };
     }
 
+    /// Begins to measure heights over the surface: the tool starts to slide.
+    pub(super) fn begin_heights(&mut self, motion: &Motion) {
+        let normal = motion.rotation.tr_mul(&self.normal_at_centre());
+        let force = self.force_in_tool(motion);
+        let Compliance { m_per_n, is_measured } = self.compliance;
+        self.surface.begin_heights(m_per_n, is_measured, &normal, &force);
+    }
+
     pub fn phase(&self) -> ContactPhase {
         self.phase
     }
@@ -284,6 +304,8 @@ impl SurfaceState {
             bias: Vector3::zeros(),
             weight_n: 0.0,
             rotation: Vector3::zeros(),
+            height_m: 0.0,
+            give_m_per_n: Vector2::repeat(config.sensing.compliance_m_per_n),
             covariance,
         }
     }
@@ -294,6 +316,27 @@ impl SurfaceState {
         for i in BIAS..BIAS + 3 {
             self.covariance[(i, i)] += q;
         }
+    }
+
+    /// Begins to measure heights with the compliance found at touchdown: the tool stands on the
+    /// surface under the force `force` (tool axes, N) and the normal `normal` (tool axes).
+    pub fn begin_heights(
+        &mut self,
+        compliance_m_per_n: f64,
+        is_measured: bool,
+        normal: &Vector3<f64>,
+        force: &Vector3<f64>,
+    ) {
+        for i in HEIGHT..STATES {
+            self.covariance.row_mut(i).fill(0.0);
+            self.covariance.column_mut(i).fill(0.0);
+        }
+        self.give_m_per_n = Vector2::repeat(compliance_m_per_n);
+        let doubt = if is_measured { GIVE_DOUBT } else { 1.0 };
+        self.covariance[(GIVE, GIVE)] = (doubt * compliance_m_per_n).powi(2);
+        self.covariance[(GIVE + 1, GIVE + 1)] = (GIVE_ACROSS_DOUBT * compliance_m_per_n).powi(2);
+        self.height_m = -self.give_m_per_n.dot(&given(normal, force));
+        self.covariance[(HEIGHT, HEIGHT)] = HEIGHT_SD_M.powi(2);
     }
 
     /// Resets normal and shape to the tool's axis and a flat surface, as at a first touchdown.
@@ -348,6 +391,8 @@ impl SurfaceState {
         self.bias += change.fixed_rows::<3>(BIAS);
         self.weight_n += change[WEIGHT];
         self.rotation += change.fixed_rows::<3>(ROTATION);
+        self.height_m += change[HEIGHT];
+        self.give_m_per_n += change.fixed_rows::<2>(GIVE);
     }
 }
 
@@ -390,4 +435,11 @@ impl Slide {
         let followed = self.distance_m > length_m && change_n.abs() < STEADY_SHARE * load_n;
         self.is_steady |= followed;
     }
+}
+
+/// What the compliances along and across the tool's axis are multiplied by to give the motion of
+/// the contact along the `normal` under `force`; both in tool axes.
+pub(super) fn given(normal: &Vector3<f64>, force: &Vector3<f64>) -> Vector2<f64> {
+    let along = normal.z * force.z;
+    Vector2::new(along, normal.dot(force) - along)
 }
