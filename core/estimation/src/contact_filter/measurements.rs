@@ -59,13 +59,15 @@ impl ContactFilter {
         let row = state.force_row(&across, &normal, &t, load, motion);
         // Friction leaks across by the error of the direction of sliding. Half of this error is
         // that of the arm's velocity, the other half that of a tool that yields and turns.
-        let sideways = 2.0 * self.config.sensing.velocity_sd_m_per_s / speed;
-        let leak = (state.surface.friction * load * sideways.min(0.5)).powi(2);
+        let sideways = (2.0 * self.config.sensing.velocity_sd_m_per_s / speed).min(0.5);
+        let unbent = state.slide.unbent();
+        let leak = (state.surface.friction * load * sideways.hypot(unbent)).powi(2);
         self.correct(state, &row, across_innovation, noise + leak * alike);
 
         let along_innovation = along.dot(&force);
         let row = state.force_row(&along, &normal, &t, load, motion);
         let fluctuation = (FRICTION_FLUCTUATION * load * state.surface.friction.max(0.1)).powi(2)
+            + (state.surface.friction * load * unbent).powi(2)
             + state.noise.friction_n2;
         self.correct(state, &row, along_innovation, noise + fluctuation * alike);
         let gain = (speed * motion.dt_s / 0.02).min(0.2);

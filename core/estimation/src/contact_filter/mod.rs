@@ -40,6 +40,10 @@ const POSITION_SD_M: f64 = 7e-4;
 const TURN_RAD: f64 = 0.1;
 /// Slopes of which a lost contact is a sign, along the motion and across it, rad.
 const LOST_SLOPE_RAD: (f64, f64) = (0.12, 0.04);
+/// Compliance of the tool across its axis over that along it, as far as it delays friction.
+const BEND: f64 = 1.5;
+/// Distance of the friction's direction from that of sliding at which the force begins to count.
+const UNBENT_MAX: f64 = 0.2;
 /// Time after a contact during which the filtered wrench still contains part of it, s.
 const SETTLING_S: f64 = 0.2;
 
@@ -108,15 +112,16 @@ impl ContactFilter {
             }
             state.has_slid = true;
             self.measure_height(state, motion);
-            let along_n = state.slide.direction.dot(&state.force(motion));
-            let length_m = contact.presliding_distance_m;
-            state.slide.settle(along_n, pressing_n, length_m, motion.dt_s);
-            if state.slide.is_steady {
+            let sideways_n = state.force(motion).dot(&state.slide.direction).abs();
+            let bend_m = BEND * state.surface.give_m_per_n.x.max(0.0) * sideways_n;
+            state
+                .slide
+                .bend(bend_m.max(contact.presliding_distance_m), motion.dt_s);
+            if state.slide.unbent() < UNBENT_MAX {
                 self.measure_sliding_force(state, motion);
             }
         } else {
             state.slide.distance_m = 0.0;
-            state.slide.is_steady = false;
             state.phase = ContactPhase::Pressing;
             if !state.has_slid {
                 self.measure_pressing_force(state, motion);
@@ -141,7 +146,7 @@ impl ContactFilter {
         state.free_time_s += motion.dt_s;
         state.slide = Slide {
             distance_m: 0.0,
-            is_steady: false,
+            friction_direction: Vector3::zeros(),
             direction: Vector3::zeros(),
             ..state.slide
         };

@@ -43,11 +43,6 @@ impl Residual {
         self.variance = self.variance.max(self.floor);
     }
 
-    /// Lower bound of the variance.
-    pub fn floor(&self) -> f64 {
-        self.floor
-    }
-
     /// Variance, in the innovation's unit squared.
     pub fn variance(&self) -> f64 {
         self.variance

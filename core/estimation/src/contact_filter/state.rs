@@ -43,8 +43,6 @@ const GIVE_DOUBT: f64 = 0.4;
 const GIVE_ACROSS_DOUBT: f64 = 1.5;
 /// Standard deviation of a height that is not known, m.
 const HEIGHT_SD_M: f64 = 1e-3;
-/// Change of the force along the direction of sliding that counts as none, as a share of the load.
-const STEADY_SHARE: f64 = 0.05;
 /// Cosine of the turn of the sliding direction beyond which presliding starts again. Friction
 /// follows a gentler turn without it.
 const TURN_COS_MIN: f64 = 0.5;
@@ -121,10 +119,9 @@ pub(super) struct Slide {
     pub direction: Vector3<f64>,
     /// Distance slid since the last stop or turn, m.
     pub distance_m: f64,
-    /// Force along the direction of sliding, low-passed over a short distance, N.
-    pub friction_force_n: f64,
-    /// Whether friction has followed the direction of sliding since the last stop or turn.
-    pub is_steady: bool,
+    /// Direction of friction, world axes: follows the direction of sliding over the distance by
+    /// which the tool bends, and is shorter than one until it has.
+    pub friction_direction: Vector3<f64>,
     /// Turn rate of the sliding direction.
     pub turn_rate_rad_per_s: f64,
     /// Speed of the centre of pressure in the tangent plane.
@@ -179,8 +176,7 @@ impl ContactFilterState {
             slide: Slide {
                 direction: Vector3::zeros(),
                 distance_m: 0.0,
-                friction_force_n: 0.0,
-                is_steady: false,
+                friction_direction: Vector3::zeros(),
                 turn_rate_rad_per_s: 0.0,
                 speed_m_per_s: 0.0,
             },
@@ -418,22 +414,22 @@ impl Slide {
         }
         if direction.dot(&self.direction) < TURN_COS_MIN {
             self.distance_m = 0.0;
-            self.is_steady = false;
         }
         self.direction = direction;
         self.distance_m += self.speed_m_per_s * dt_s;
     }
 
-    /// Processes the force along the direction of sliding (N) under `load_n`. A tool that gives
-    /// sideways sticks until it is bent far enough: friction has followed only when its force no
-    /// longer grows over `length_m`.
-    pub fn settle(&mut self, along_n: f64, load_n: f64, length_m: f64, dt_s: f64) {
+    /// The friction's direction after a step of sliding: a tool that gives sideways by `bend_m`
+    /// sticks until it is bent towards the new direction (Dahl's model).
+    pub fn bend(&mut self, bend_m: f64, dt_s: f64) {
         let distance = self.speed_m_per_s * dt_s;
-        let share = distance / (length_m + distance);
-        let change_n = along_n - self.friction_force_n;
-        self.friction_force_n += share * change_n;
-        let followed = self.distance_m > length_m && change_n.abs() < STEADY_SHARE * load_n;
-        self.is_steady |= followed;
+        let share = distance / (bend_m + distance);
+        self.friction_direction += (self.direction - self.friction_direction) * share;
+    }
+
+    /// How far the friction's direction still is from the direction of sliding.
+    pub fn unbent(&self) -> f64 {
+        (self.direction - self.friction_direction).norm()
     }
 }
 
