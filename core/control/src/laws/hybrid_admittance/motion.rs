@@ -16,6 +16,8 @@ use crate::task::program::Program;
 use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Tool, Twist};
 
+/// Friction expected when the radius of the exploration is chosen.
+const FRICTION_EXPECTED: f64 = 0.5;
 /// Highest speed of the exploration, m/s.
 const EXPLORE_SPEED_MAX_M_PER_S: f64 = 0.01;
 /// Time constant with which a changed gain takes effect, s.
@@ -129,8 +131,9 @@ fn along_path(
                 config.pace.slope_share * reference_n
                     / (force.stiffness_n_per_m * force.delay_s * 2.0 * deviation).max(1e-9),
             );
+            let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
             let speed = path_speed.min(bound).min(EXPLORE_SPEED_MAX_M_PER_S);
-            if let Some(step) = run.exploration.step(&config.pace, deviation, speed, dt_s) {
+            if let Some(step) = run.exploration.step(&config.pace, bend_m, deviation, speed, dt_s) {
                 return run
                     .tracking
                     .step_aside(&config.path, step, position, &normal, dt_s);

@@ -14,6 +14,8 @@ use crate::inputs::EstimateInput;
 
 /// The slope expected is this many standard deviations of the normal.
 const SLOPE_SD: f64 = 2.0;
+/// Largest radius of the first circle, m.
+const RADIUS_MAX_M: f64 = 0.005;
 /// Most turns of one exploration; each has a larger radius than the one before.
 const TURNS_MAX: u32 = 2;
 
@@ -62,6 +64,7 @@ pub(crate) fn deviation_rad(estimate: &EstimateInput) -> f64 {
 pub(crate) struct Exploration {
     /// Angle on the present circle, rad; `None` if there is none.
     angle_rad: Option<f64>,
+    radius_m: f64,
     turns: u32,
 }
 
@@ -70,6 +73,7 @@ impl Exploration {
     pub fn offer(&mut self) {
         *self = Self {
             angle_rad: Some(0.0),
+            radius_m: 0.0,
             turns: 0,
         };
     }
@@ -80,10 +84,11 @@ impl Exploration {
     }
 
     /// Next displacement in the plane of the path, m, at `speed_m_per_s`; `None` at the end, with
-    /// the tool where it began.
+    /// the tool where it began. `bend_m` is the distance by which friction may bend the tool.
     pub fn step(
         &mut self,
         config: &PaceConfig,
+        bend_m: f64,
         deviation_rad: f64,
         speed_m_per_s: f64,
         dt_s: f64,
@@ -95,7 +100,11 @@ impl Exploration {
             self.angle_rad = None;
             return None;
         }
-        let radius_m = config.explore_radius_m * f64::from(1 + self.turns);
+        if begins && self.turns == 0 {
+            // A tool that bends further sideways than the circle is wide sticks on the surface.
+            self.radius_m = config.explore_radius_m.max(bend_m.min(RADIUS_MAX_M));
+        }
+        let radius_m = self.radius_m * f64::from(1 + self.turns);
         let next = angle + speed_m_per_s * dt_s / radius_m;
         let closed = next >= std::f64::consts::TAU;
         let next = if closed { std::f64::consts::TAU } else { next };
@@ -139,10 +148,10 @@ mod tests {
     fn an_exploration_ends_where_it_began() {
         let config = PaceConfig::default();
         let mut exploration = Exploration::default();
-        assert_eq!(exploration.step(&config, 1.0, 0.01, 0.008), None);
+        assert_eq!(exploration.step(&config, 0.0, 1.0, 0.01, 0.008), None);
         exploration.offer();
         let (mut at, mut way, mut cycles) = (Vector2::zeros(), 0.0, 0);
-        while let Some(step) = exploration.step(&config, 1.0, 0.01, 0.008) {
+        while let Some(step) = exploration.step(&config, 0.0, 1.0, 0.01, 0.008) {
             at += step;
             way += step.norm();
             cycles += 1;
@@ -159,6 +168,6 @@ mod tests {
         let config = PaceConfig::default();
         let mut exploration = Exploration::default();
         exploration.offer();
-        assert_eq!(exploration.step(&config, 0.01, 0.01, 0.008), None);
+        assert_eq!(exploration.step(&config, 0.0, 0.01, 0.01, 0.008), None);
     }
 }
