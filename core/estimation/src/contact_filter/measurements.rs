@@ -40,7 +40,7 @@ impl ContactFilter {
         let speed = state.slide.speed_m_per_s;
         let normal = state.normal_at_centre();
         let force = state.force(motion);
-        let slide = state.slide.direction;
+        let slide = state.slide.tip_direction;
         let t = (slide - normal * normal.dot(&slide)).normalize();
         let expected = normal - t * state.surface.friction;
         let load = expected.dot(&force) / expected.norm_squared();
@@ -60,14 +60,14 @@ impl ContactFilter {
         // Friction leaks across by the error of the direction of sliding. Half of this error is
         // that of the arm's velocity, the other half that of a tool that yields and turns.
         let sideways = (2.0 * self.config.sensing.velocity_sd_m_per_s / speed).min(0.5);
-        let unbent = state.slide.unbent();
-        let leak = (state.surface.friction * load * sideways.hypot(unbent)).powi(2);
+        let turned = state.slide.tip_direction_sd_rad();
+        let leak = (state.surface.friction * load * sideways.hypot(turned)).powi(2);
         self.correct(state, &row, across_innovation, noise + leak * alike);
 
         let along_innovation = along.dot(&force);
         let row = state.force_row(&along, &normal, &t, load, motion);
         let fluctuation = (FRICTION_FLUCTUATION * load * state.surface.friction.max(0.1)).powi(2)
-            + (state.surface.friction * load * unbent).powi(2)
+            + (state.surface.friction * load * 0.5 * turned).powi(2)
             + state.noise.friction_n2;
         self.correct(state, &row, along_innovation, noise + fluctuation * alike);
         let gain = (speed * motion.dt_s / 0.02).min(0.2);

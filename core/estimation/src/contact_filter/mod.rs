@@ -40,10 +40,8 @@ const POSITION_SD_M: f64 = 7e-4;
 const TURN_RAD: f64 = 0.1;
 /// Slopes of which a lost contact is a sign, along the motion and across it, rad.
 const LOST_SLOPE_RAD: (f64, f64) = (0.12, 0.04);
-/// Compliance of the tool across its axis over that along it, as far as it delays friction.
-const BEND: f64 = 1.5;
-/// Distance of the friction's direction from that of sliding at which the force begins to count.
-const UNBENT_MAX: f64 = 0.2;
+/// Uncertainty of the direction of friction above which the force along the surface is not used.
+const DIRECTION_SD_MAX_RAD: f64 = 0.5;
 /// Time after a contact during which the filtered wrench still contains part of it, s.
 const SETTLING_S: f64 = 0.2;
 
@@ -112,12 +110,14 @@ impl ContactFilter {
             }
             state.has_slid = true;
             self.measure_height(state, motion);
-            let sideways_n = state.force(motion).dot(&state.slide.direction).abs();
-            let bend_m = BEND * state.surface.give_m_per_n.x.max(0.0) * sideways_n;
+            let force = state.force(motion);
+            let step = tangential * motion.dt_s;
+            let give = state.surface.give_m_per_n.y.max(0.0);
+            let presliding_m = contact.presliding_distance_m;
             state
                 .slide
-                .bend(bend_m.max(contact.presliding_distance_m), motion.dt_s);
-            if state.slide.unbent() < UNBENT_MAX {
+                .follow_tip(&step, &force, give, &normal, presliding_m);
+            if state.slide.tip_direction_sd_rad() < DIRECTION_SD_MAX_RAD {
                 self.measure_sliding_force(state, motion);
             }
         } else {
@@ -146,7 +146,8 @@ impl ContactFilter {
         state.free_time_s += motion.dt_s;
         state.slide = Slide {
             distance_m: 0.0,
-            friction_direction: Vector3::zeros(),
+            tip_direction: Vector3::zeros(),
+            force_n: None,
             direction: Vector3::zeros(),
             ..state.slide
         };

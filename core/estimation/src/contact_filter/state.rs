@@ -43,6 +43,9 @@ const GIVE_DOUBT: f64 = 0.4;
 const GIVE_ACROSS_DOUBT: f64 = 1.5;
 /// Standard deviation of a height that is not known, m.
 const HEIGHT_SD_M: f64 = 1e-3;
+/// Share of the angle between the tip's direction and the tool's by which the former may be wrong:
+/// the compliance that it follows from is known roughly.
+const BEND_DOUBT: f64 = 0.3;
 /// Cosine of the turn of the sliding direction beyond which presliding starts again. Friction
 /// follows a gentler turn without it.
 const TURN_COS_MIN: f64 = 0.5;
@@ -119,9 +122,11 @@ pub(super) struct Slide {
     pub direction: Vector3<f64>,
     /// Distance slid since the last stop or turn, m.
     pub distance_m: f64,
-    /// Direction of friction, world axes: follows the direction of sliding over the distance by
-    /// which the tool bends, and is shorter than one until it has.
-    pub friction_direction: Vector3<f64>,
+    /// Direction in which the tip slides, world axes: follows its motion over the presliding
+    /// distance, and is shorter than one until it has.
+    pub tip_direction: Vector3<f64>,
+    /// Force at the last sample, world axes, N.
+    pub force_n: Option<Vector3<f64>>,
     /// Turn rate of the sliding direction.
     pub turn_rate_rad_per_s: f64,
     /// Speed of the centre of pressure in the tangent plane.
@@ -176,7 +181,8 @@ impl ContactFilterState {
             slide: Slide {
                 direction: Vector3::zeros(),
                 distance_m: 0.0,
-                friction_direction: Vector3::zeros(),
+                tip_direction: Vector3::zeros(),
+                force_n: None,
                 turn_rate_rad_per_s: 0.0,
                 speed_m_per_s: 0.0,
             },
@@ -419,17 +425,29 @@ impl Slide {
         self.distance_m += self.speed_m_per_s * dt_s;
     }
 
-    /// The friction's direction after a step of sliding: a tool that gives sideways by `bend_m`
-    /// sticks until it is bent towards the new direction (Dahl's model).
-    pub fn bend(&mut self, bend_m: f64, dt_s: f64) {
-        let distance = self.speed_m_per_s * dt_s;
-        let share = distance / (bend_m + distance);
-        self.friction_direction += (self.direction - self.friction_direction) * share;
+    /// The tip's direction after its origin moved by `step` (tangent plane, m) under `force` (world
+    /// axes, N). A tool that gives sideways bends before its tip follows; the change of the force
+    /// shows by how much. `length_m` is the presliding distance.
+    pub fn follow_tip(
+        &mut self,
+        step: &Vector3<f64>,
+        force: &Vector3<f64>,
+        give_across_m_per_n: f64,
+        normal: &Vector3<f64>,
+        length_m: f64,
+    ) {
+        let change = force - self.force_n.replace(*force).unwrap_or(*force);
+        let bent = (change - normal * normal.dot(&change)) * give_across_m_per_n;
+        let moved = step + bent;
+        let way = moved.norm();
+        self.tip_direction += (moved - self.tip_direction * way) / (length_m + way);
     }
 
-    /// How far the friction's direction still is from the direction of sliding.
-    pub fn unbent(&self) -> f64 {
-        (self.direction - self.friction_direction).norm()
+    /// Uncertainty of the direction in which friction acts, rad.
+    pub fn tip_direction_sd_rad(&self) -> f64 {
+        let known = self.tip_direction.norm();
+        let behind = 1.0 - self.tip_direction.dot(&self.direction) / known.max(1e-9);
+        2.0 * (1.0 - known).max(0.0) + BEND_DOUBT * (2.0 * behind.max(0.0)).sqrt()
     }
 }
 
