@@ -114,6 +114,7 @@ impl ContactFilter {
             let step = tangential * motion.dt_s;
             let give = state.surface.give_m_per_n.y.max(0.0);
             let presliding_m = contact.presliding_distance_m;
+            state.learn_compliance_across(motion, pressing_n);
             state
                 .slide
                 .follow_tip(&step, &force, give, &normal, presliding_m);
@@ -122,6 +123,7 @@ impl ContactFilter {
             }
         } else {
             state.slide.distance_m = 0.0;
+            state.slide.rest = Some((motion.point_lagged, state.force(motion)));
             state.phase = ContactPhase::Pressing;
             if !state.has_slid {
                 self.measure_pressing_force(state, motion);
@@ -148,6 +150,7 @@ impl ContactFilter {
             distance_m: 0.0,
             tip_direction: Vector3::zeros(),
             force_n: None,
+            rest: None,
             direction: Vector3::zeros(),
             ..state.slide
         };

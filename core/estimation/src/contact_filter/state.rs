@@ -41,6 +41,11 @@ const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
 const GIVE_DOUBT: f64 = 0.4;
 /// Uncertainty of the compliance across the tool's axis, as a share of that along it.
 const GIVE_ACROSS_DOUBT: f64 = 1.5;
+/// Uncertainty of a compliance across the axis that was measured, as a share of it.
+const GIVE_ACROSS_SD: f64 = 1.0;
+/// Change of the force across from which that compliance is measured: share of the load, and N.
+const ACROSS_SHARE: f64 = 0.15;
+const ACROSS_MIN_N: f64 = 0.3;
 /// Standard deviation of a height that is not known, m.
 const HEIGHT_SD_M: f64 = 1e-3;
 /// Share of the angle between the tip's direction and the tool's by which the former may be wrong:
@@ -127,6 +132,8 @@ pub(super) struct Slide {
     pub tip_direction: Vector3<f64>,
     /// Force at the last sample, world axes, N.
     pub force_n: Option<Vector3<f64>>,
+    /// Position (m) and force (N) at the last rest, world axes.
+    pub rest: Option<(Vector3<f64>, Vector3<f64>)>,
     /// Turn rate of the sliding direction.
     pub turn_rate_rad_per_s: f64,
     /// Speed of the centre of pressure in the tangent plane.
@@ -153,6 +160,9 @@ pub(super) struct CentreOfPressure {
 /// Compliance of tool, wrist and surface along the tool's axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Compliance {
+    /// Across the tool's axis, m/N: smallest motion per force since the tare. `None` before a
+    /// measurement.
+    pub across_m_per_n: Option<f64>,
     pub m_per_n: f64,
     /// Whether it was measured since the tare.
     pub is_measured: bool,
@@ -183,6 +193,7 @@ impl ContactFilterState {
                 distance_m: 0.0,
                 tip_direction: Vector3::zeros(),
                 force_n: None,
+                rest: None,
                 turn_rate_rad_per_s: 0.0,
                 speed_m_per_s: 0.0,
             },
@@ -194,6 +205,7 @@ impl ContactFilterState {
             centre: CentreOfPressure::default(),
             noise: LearntNoise::new(config),
             compliance: Compliance {
+                across_m_per_n: None,
                 m_per_n: config.sensing.compliance_m_per_n,
                 is_measured: false,
             },
@@ -242,6 +254,7 @@ impl ContactFilterState {
         self.compliance = Compliance {
             m_per_n: measured.clamp(COMPLIANCE_M_PER_N.0, COMPLIANCE_M_PER_N.1),
             is_measured: true,
+            ..self.compliance
         };
     }
 
@@ -249,8 +262,33 @@ impl ContactFilterState {
     pub(super) fn begin_heights(&mut self, motion: &Motion) {
         let normal = motion.rotation.tr_mul(&self.normal_at_centre());
         let force = self.force_in_tool(motion);
-        let Compliance { m_per_n, is_measured } = self.compliance;
-        self.surface.begin_heights(m_per_n, is_measured, &normal, &force);
+        let compliance = self.compliance;
+        self.surface
+            .begin_heights(compliance.m_per_n, compliance.is_measured, &normal, &force);
+        if let Some(across) = compliance.across_m_per_n {
+            self.surface.set_give_across(across);
+        }
+    }
+
+    /// Measures the compliance across the tool's axis: a tip that still sticks moves by nothing
+    /// else, and one that slides moves further. The least motion per force counts.
+    pub(super) fn learn_compliance_across(&mut self, motion: &Motion, load_n: f64) {
+        let Some((point, force)) = self.slide.rest else {
+            return;
+        };
+        let normal = self.surface.frame.normal;
+        let across = |v: Vector3<f64>| (v - normal * normal.dot(&v)).norm();
+        let gained_n = across(self.force(motion) - force);
+        if gained_n < (ACROSS_SHARE * load_n).max(ACROSS_MIN_N) {
+            return;
+        }
+        let measured = across(motion.point_lagged - point) / gained_n;
+        let measured = measured.clamp(COMPLIANCE_M_PER_N.0, COMPLIANCE_M_PER_N.1);
+        if self.compliance.across_m_per_n.is_some_and(|old| measured > 0.95 * old) {
+            return;
+        }
+        self.compliance.across_m_per_n = Some(measured);
+        self.surface.set_give_across(measured);
     }
 
     pub fn phase(&self) -> ContactPhase {
@@ -339,6 +377,15 @@ impl SurfaceState {
         self.covariance[(GIVE + 1, GIVE + 1)] = (GIVE_ACROSS_DOUBT * compliance_m_per_n).powi(2);
         self.height_m = -self.give_m_per_n.dot(&given(normal, force));
         self.covariance[(HEIGHT, HEIGHT)] = HEIGHT_SD_M.powi(2);
+    }
+
+    /// Sets the compliance across the tool's axis to a measurement, which includes the tip's own.
+    fn set_give_across(&mut self, measured_m_per_n: f64) {
+        let i = GIVE + 1;
+        self.covariance.row_mut(i).fill(0.0);
+        self.covariance.column_mut(i).fill(0.0);
+        self.give_m_per_n.y = measured_m_per_n;
+        self.covariance[(i, i)] = (GIVE_ACROSS_SD * measured_m_per_n).powi(2);
     }
 
     /// Resets normal and shape to the tool's axis and a flat surface, as at a first touchdown.
