@@ -135,10 +135,10 @@ impl Default for ContactConfig {
             force_off_n: 0.3,
             sliding_speed_min_m_per_s: 0.002,
             presliding_distance_m: 0.001,
-            approach_misalignment_sd_rad: 0.2,
+            approach_misalignment_sd_rad: 0.25,
             tip: Tip::Unknown,
             memory_distance_m: 0.02,
-            normal_sd_max_rad: 0.35,
+            normal_sd_max_rad: 0.6,
         }
     }
 }

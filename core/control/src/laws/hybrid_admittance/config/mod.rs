@@ -200,7 +200,7 @@ impl Default for ForceConfig {
             integral_ratio: 4.0,
             integral_speed_max_m_per_s: 0.02,
             speed_max_m_per_s: 0.02,
-            reference_rate_n_per_s: 5.0,
+            reference_rate_n_per_s: 10.0,
             tank: None,
         }
     }
@@ -219,7 +219,7 @@ impl Default for TorqueConfig {
 impl Default for AlignmentConfig {
     fn default() -> Self {
         Self {
-            gain_per_s: 2.5,
+            gain_per_s: 4.0,
             feed_forward: true,
             turn_rate_max_rad_per_s: 0.8,
         }
@@ -229,7 +229,7 @@ impl Default for AlignmentConfig {
 impl Default for NormalConfig {
     fn default() -> Self {
         Self {
-            filter_s: 0.06,
+            filter_s: 0.03,
             sure_rad: 2f64.to_radians(),
             turn_rate_max_rad_per_s: 0.8,
             gate_rad: 60f64.to_radians(),
@@ -259,10 +259,10 @@ impl Default for PathConfig {
 impl Default for PaceConfig {
     fn default() -> Self {
         Self {
-            slope_share: 0.45,
+            slope_share: 0.35,
             speed_min_m_per_s: 0.0025,
-            explore_radius_m: 0.0015,
-            explore_above_rad: 0.06,
+            explore_radius_m: 0.003,
+            explore_above_rad: 0.045,
         }
     }
 }
@@ -276,7 +276,7 @@ impl Default for ContactConfig {
             lost_s: 0.024,
             lost_count_max: 30,
             settled_share: 0.15,
-            settled_s: 0.3,
+            settled_s: 0.1,
             seek_speed_m_per_s: 0.005,
         }
     }
