@@ -17,6 +17,8 @@ const UNREST_LENGTH_M: f64 = 0.01;
 const UNREST: (f64, f64) = (1.0, 40.0);
 /// Lower bounds of what is learnt, as shares of the standard deviations stated.
 const HEIGHT_FLOOR: f64 = 0.3;
+/// Upper bound of the height's learnt standard deviation, as a share of that stated.
+const HEIGHT_MOST: f64 = 2.0;
 const FORCE_FLOOR: f64 = 0.7;
 
 /// Noise that is estimated from the innovations.
@@ -24,6 +26,8 @@ const FORCE_FLOOR: f64 = 0.7;
 pub(super) struct LearntNoise {
     /// Height over the surface.
     height: Residual,
+    /// Upper bound of its variance, m².
+    height_most_m2: f64,
     /// Force across the direction of sliding.
     force: Residual,
     /// Variance of the force along the direction of sliding, N².
@@ -41,6 +45,7 @@ impl LearntNoise {
         let sensing = &config.sensing;
         Self {
             height: Residual::new(sensing.height_sd_m, HEIGHT_FLOOR),
+            height_most_m2: (HEIGHT_MOST * sensing.height_sd_m).powi(2),
             force: Residual::new(sensing.force_noise_n, FORCE_FLOOR),
             friction_n2: 0.0,
             unrest: 1.0,
@@ -55,14 +60,15 @@ impl LearntNoise {
             .learn(innovation_m, distance_m / FLUCTUATION_LENGTH_M);
     }
 
-    /// Variance of one innovation of the height, m².
+    /// Variance of one innovation of the height, m². Bounded: an error of the slope adds up in
+    /// the height, and would pass for noise.
     pub fn height_variance(&self) -> f64 {
-        self.height.variance()
+        self.height.variance().min(self.height_most_m2)
     }
 
     /// Variance to use in the filter, which takes samples for independent, m².
     pub fn height_variance_of_sample(&self, distance_m: f64) -> f64 {
-        self.height.variance() * (FLUCTUATION_LENGTH_M / distance_m).max(1.0)
+        self.height_variance() * (FLUCTUATION_LENGTH_M / distance_m).max(1.0)
     }
 
     /// Adds an innovation of the force across the direction of sliding, N.

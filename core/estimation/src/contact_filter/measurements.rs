@@ -13,6 +13,14 @@ use crate::motion::Motion;
 /// Fluctuation of friction around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
 
+/// Change of the height in a sample that is a jump: a slope over the distance, and standard
+/// deviations of the height.
+const JUMP_SLOPE: f64 = 0.7;
+const JUMP_SD: f64 = 3.0;
+/// Standard deviations beyond which a height gets less weight. An error of the slope adds up in the
+/// height, so that what looks like an outlier is news.
+const HEIGHT_HUBER_SD: f64 = 20.0;
+
 impl ContactFilter {
     /// The height of the contact over the surface is what the compliance gives under the force.
     pub(super) fn measure_height(&self, state: &mut ContactFilterState, motion: &Motion) {
@@ -32,7 +40,16 @@ impl ContactFilter {
         state
             .noise
             .learn_unrest(innovation, known + state.noise.height_variance(), distance);
-        self.correct(state, &row, innovation, variance);
+        // A seam or a step changes the height at once; a wrong slope changes it bit by bit.
+        let jump = innovation - std::mem::replace(&mut state.slide.height_innovation_m, innovation);
+        let most = JUMP_SLOPE * distance + JUMP_SD * state.noise.height_variance().sqrt();
+        if jump.abs() > most {
+            state.surface.covariance[(HEIGHT, HEIGHT)] += innovation * innovation;
+        }
+        let friction_max = self.config.surface.friction_max;
+        state
+            .surface
+            .correct_within(HEIGHT_HUBER_SD, &row, innovation, variance, friction_max);
     }
 
     /// `f = N (n - mu t) + b`, measured across and along the direction of sliding.

@@ -151,6 +151,7 @@ impl ContactFilter {
             tip_direction: Vector3::zeros(),
             force_n: None,
             rest: None,
+            height_innovation_m: 0.0,
             direction: Vector3::zeros(),
             ..state.slide
         };

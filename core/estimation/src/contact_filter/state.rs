@@ -132,6 +132,8 @@ pub(super) struct Slide {
     pub tip_direction: Vector3<f64>,
     /// Force at the last sample, world axes, N.
     pub force_n: Option<Vector3<f64>>,
+    /// Innovation of the height at the last sample, m.
+    pub height_innovation_m: f64,
     /// Position (m) and force (N) at the last rest, world axes.
     pub rest: Option<(Vector3<f64>, Vector3<f64>)>,
     /// Turn rate of the sliding direction.
@@ -193,6 +195,7 @@ impl ContactFilterState {
                 distance_m: 0.0,
                 tip_direction: Vector3::zeros(),
                 force_n: None,
+                height_innovation_m: 0.0,
                 rest: None,
                 turn_rate_rad_per_s: 0.0,
                 speed_m_per_s: 0.0,
@@ -409,13 +412,25 @@ impl SurfaceState {
     /// Updates mean and covariance with one scalar measurement. Outliers get less weight (Huber),
     /// so that a seam does not upset the state.
     pub fn correct(&mut self, row: &Row, innovation: f64, variance: f64, friction_max: f64) {
+        self.correct_within(HUBER_SD, row, innovation, variance, friction_max);
+    }
+
+    /// Like [`SurfaceState::correct`], with less weight only beyond `huber_sd` standard deviations.
+    pub fn correct_within(
+        &mut self,
+        huber_sd: f64,
+        row: &Row,
+        innovation: f64,
+        variance: f64,
+        friction_max: f64,
+    ) {
         let gain = self.covariance * row;
         let mut total = row.dot(&gain) + variance;
         // A measurement without information, as after a step of almost no time.
         if !total.is_finite() {
             return;
         }
-        let excess = innovation.abs() / (HUBER_SD * total.sqrt());
+        let excess = innovation.abs() / (huber_sd * total.sqrt());
         if excess > 1.0 {
             total *= excess;
         }

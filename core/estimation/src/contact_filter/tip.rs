@@ -17,9 +17,8 @@ const FLUSH_SD_RAD: f64 = 0.005;
 /// Error of the tip's position across the tool's axis, m, one standard deviation: a pad that is
 /// flush seems to press beside its middle.
 const POSITION_SD_M: f64 = 3e-4;
-/// Distance of the contact from the tool's origin for a tip of unknown shape, m, one standard
-/// deviation per axis.
-const UNKNOWN_SD_M: f64 = 0.003;
+/// Largest distance of the contact from the tool's origin for a tip of unknown shape, m.
+const UNKNOWN_RADIUS_M: f64 = 0.01;
 
 /// How a pad answers to a tilt.
 struct Pad {
@@ -71,10 +70,8 @@ impl ContactFilter {
                     sd_m: radius_m * sd_rad.min(1.0),
                 }
             }
-            Tip::Unknown => CentreOfPressure {
-                position: Vector3::zeros(),
-                sd_m: UNKNOWN_SD_M,
-            },
+            // Where the force acts does not depend on a shape; what it says of a tilt does.
+            Tip::Unknown => self.pressed_at(UNKNOWN_RADIUS_M, motion, pressing_n),
         }
     }
 

@@ -125,14 +125,14 @@ fn along_path(
         };
         let covariance = &input.estimate.covariance;
         let path_speed = program.task.path.speed_m_per_s() * factor;
-        if run.exploration.is_open() && factor > 0.0 {
+        if run.exploration.is_open() && path_speed > 0.0 {
             let deviation = deviation_rad(input);
             let bound = config.pace.speed_min_m_per_s.max(
                 config.pace.slope_share * reference_n
                     / (force.stiffness_n_per_m * force.delay_s * 2.0 * deviation).max(1e-9),
             );
             let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
-            let speed = path_speed.min(bound).min(EXPLORE_SPEED_MAX_M_PER_S);
+            let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * factor;
             if let Some(step) = run.exploration.step(&config.pace, bend_m, deviation, speed, dt_s) {
                 return run
                     .tracking
