@@ -168,7 +168,7 @@ impl Default for SurfaceConfig {
     fn default() -> Self {
         Self {
             curvature_sd_per_m: 4.0,
-            curvature_change_per_m_per_sqrt_m: 4.0,
+            curvature_change_per_m_per_sqrt_m: 8.0,
             waviness_rad_per_sqrt_m: 0.015,
             friction_initial: 0.3,
             friction_sd: 0.2,
