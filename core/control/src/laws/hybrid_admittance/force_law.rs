@@ -9,16 +9,13 @@ use tangent_mechanics::{Aligned, Base, Contact, Pose, Tool, Twist, Wrench};
 
 use super::admittance::{Admittance, AdmittanceState};
 use super::config::ControllerConfig;
+use super::delay_in_use::{delay_longest_s, delay_shortest_s};
 use super::force_integral::ForceIntegral;
+use super::recoil::Recoil;
 use super::stiffness::Stiffness;
 use crate::contact::alignment::{any_perpendicular, tangential};
 use crate::contact::energy_tank::{EnergyTank, EnergyTankState};
 use crate::limits::{Limits, clamp_norm};
-
-/// After a touch the tool moves back at its touchdown speed for this share of the loop's delay. An
-/// arm with lag then stops sooner, and ends where it touched the surface instead of a whole delay
-/// deeper.
-const RECOIL_SHARE: f64 = 0.6;
 
 /// Inputs of the force law in one cycle.
 #[derive(Clone, Copy, Debug)]
@@ -47,9 +44,7 @@ pub struct ForceLaw {
     integral: ForceIntegral,
     stiffness: Stiffness,
     reference_n: f64,
-    touch_wait_s: f64,
-    /// Outward speed after a touch, m/s, and its remaining duration, s.
-    recoil: (f64, f64),
+    recoil: Recoil,
     damping: f64,
     /// Depth along the normal, m, summed from increments: the normal may turn meanwhile, and the
     /// origin is far away.
@@ -70,8 +65,7 @@ impl ForceLaw {
             integral: ForceIntegral::default(),
             stiffness: Stiffness::new(stiffness_n_per_m),
             reference_n: 0.0,
-            touch_wait_s: 0.0,
-            recoil: (0.0, 0.0),
+            recoil: Recoil::default(),
             damping: 0.0,
             depth_m: 0.0,
             position: None,
@@ -107,15 +101,15 @@ impl ForceLaw {
         self.position = None;
         self.settled_at = None;
         self.reference_n = force_n;
-        // The motion already commanded takes effect first; the law then starts from the resulting
-        // force.
-        let delay_s = if config.force.adaptive {
-            config.force.loop_delay_s
+        self.recoil = if config.force.adaptive {
+            let (shortest_s, longest_s) = (
+                delay_shortest_s(&config.force),
+                delay_longest_s(&config.force),
+            );
+            Recoil::new(force_n, speed_m_per_s, shortest_s, longest_s)
         } else {
-            0.0
+            Recoil::default()
         };
-        self.touch_wait_s = 1.5 * delay_s;
-        self.recoil = (speed_m_per_s, RECOIL_SHARE * delay_s);
     }
 
     /// Stiffness in use, N/m.
@@ -166,14 +160,14 @@ impl ForceLaw {
                 .update(self.depth_m, force_n, sample.wrench_delay_s, dt);
         }
         self.damping = if force.adaptive {
-            (self.stiffness.value_n_per_m() * force.loop_delay_s / force.delay_margin_rad)
+            (self.stiffness.value_n_per_m() * delay_longest_s(force) / force.delay_margin_rad)
                 .clamp(force.damping_n_s_per_m, force.damping_max_n_s_per_m)
         } else {
             force.damping_n_s_per_m
         };
-        let waiting = self.touch_wait_s > 0.0;
+        let recoil = self.recoil.step(force_n, dt);
+        let waiting = recoil.is_some();
         if waiting {
-            self.touch_wait_s -= dt;
             self.reference_n = force_n.clamp(0.0, reference_n.max(0.0));
         } else {
             let step = force.reference_rate_n_per_s * dt;
@@ -200,16 +194,15 @@ impl ForceLaw {
             config.torque.damping_n_m_s_per_rad,
         );
         let twist = law.step(&mut self.state, &error, dt);
-        let mut speed = twist.linear.z;
-        if waiting && self.recoil.1 > 0.0 {
-            self.recoil.1 -= dt;
-            speed = self.recoil.0;
-        }
+        let mut speed = match recoil {
+            Some(back) if back > 0.0 => back,
+            _ => twist.linear.z,
+        };
         if force.integral_ratio > 0.0 {
             if !waiting {
                 // The crossover follows from stiffness and damping in use.
                 let crossover = (self.stiffness.value_n_per_m() / self.damping)
-                    .min(force.delay_margin_rad / force.loop_delay_s);
+                    .min(force.delay_margin_rad / delay_longest_s(force));
                 let rate = error_n / self.damping * crossover / force.integral_ratio;
                 self.integral.step(
                     rate,

@@ -4,11 +4,17 @@
 //! Called by the run for the approach and for seeking a lost surface.
 
 use super::config::ControllerConfig;
+use super::delay_in_use::delay_longest_s;
 use crate::task::program::Program;
 
 /// Share of the loop's delay during which the force still builds up; the force law's recoil removes
 /// the rest.
 const BLIND_SHARE: f64 = 0.85;
+/// Highest first force on a contact that is stiffer than expected by this factor, N, or this share
+/// of the reference, whichever is higher.
+const STIFFER: f64 = 2.0;
+const PEAK_N: f64 = 10.0;
+const PEAK_SHARE: f64 = 2.0;
 /// Minimum touchdown speed, m/s.
 const SPEED_MIN_M_PER_S: f64 = 0.0005;
 
@@ -30,8 +36,12 @@ pub(crate) fn touchdown_speed(
 ) -> f64 {
     let touch_n = (config.contact.touch_share * reference_n).max(config.contact.noise_n);
     let room_n = (1.0 + config.force.overshoot_accepted) * reference_n - touch_n;
-    let blind_s = BLIND_SHARE * config.force.loop_delay_s;
-    (room_n / (stiffness_n_per_m * blind_s)).max(SPEED_MIN_M_PER_S)
+    let longest_s = delay_longest_s(&config.force);
+    // A contact stiffer than expected must not exceed the peak that any contact may have.
+    let peak_room_n = PEAK_N.max(PEAK_SHARE * reference_n) - touch_n;
+    let gentle = room_n / (stiffness_n_per_m * BLIND_SHARE * longest_s);
+    let bounded = peak_room_n / (STIFFER * stiffness_n_per_m * longest_s);
+    gentle.min(bounded).max(SPEED_MIN_M_PER_S)
 }
 
 /// Speed of the approach, m/s: the task's, slowed for the stiffest contact expected.

@@ -47,8 +47,11 @@ pub struct ForceConfig {
     pub adaptive: bool,
     /// Maximum adaptive damping, Ns/m.
     pub damping_max_n_s_per_m: f64,
-    /// Delay from command to measured force, s: transport, servo, filter.
+    /// Delay from command to measured force, s: transport, servo, filter. In the configuration in
+    /// effect, it is the mean of this setting and of the delay measured in free space.
     pub loop_delay_s: f64,
+    /// Standard deviation of that delay, s; 0: the setting is used as it is, whatever is measured.
+    pub loop_delay_sd_s: f64,
     /// Desired product of crossover frequency and delay, rad: 0.3 is well damped, above 1 rings.
     pub delay_margin_rad: f64,
     /// Stiffest contact expected, N/m: used until touchdown gives a measurement.
@@ -193,6 +196,7 @@ impl Default for ForceConfig {
             adaptive: true,
             damping_max_n_s_per_m: 6000.0,
             loop_delay_s: 0.04,
+            loop_delay_sd_s: 0.02,
             delay_margin_rad: 0.45,
             stiffness_expected_n_per_m: 50_000.0,
             overshoot_accepted: 0.2,
@@ -294,6 +298,7 @@ impl Presets for ControllerConfig {
                 adaptive: false,
                 approach_slowed: false,
                 integral_ratio: 0.0,
+                loop_delay_sd_s: 0.0,
                 // In effect a step: the published law has no ramp.
                 reference_rate_n_per_s: 100.0,
                 ..default.force

@@ -13,6 +13,7 @@ const RANGES: Ranges = &[
             ("damping_n_s_per_m", 10.0, 1e5),
             ("damping_max_n_s_per_m", 10.0, 1e5),
             ("loop_delay_s", 0.001, 0.5),
+            ("loop_delay_sd_s", 0.0, 0.5),
             ("delay_margin_rad", 0.01, 1.0),
             ("stiffness_expected_n_per_m", 100.0, 2e5),
             ("overshoot_accepted", 0.0, 5.0),
