@@ -135,7 +135,7 @@ impl Default for ContactConfig {
             force_off_n: 0.3,
             sliding_speed_min_m_per_s: 0.002,
             presliding_distance_m: 0.001,
-            approach_misalignment_sd_rad: 0.25,
+            approach_misalignment_sd_rad: 0.12,
             tip: Tip::Unknown,
             memory_distance_m: 0.02,
             normal_sd_max_rad: 0.6,
@@ -168,7 +168,7 @@ impl Default for SurfaceConfig {
     fn default() -> Self {
         Self {
             curvature_sd_per_m: 4.0,
-            curvature_change_per_m_per_sqrt_m: 8.0,
+            curvature_change_per_m_per_sqrt_m: 10.0,
             waviness_rad_per_sqrt_m: 0.015,
             friction_initial: 0.3,
             friction_sd: 0.2,

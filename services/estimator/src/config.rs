@@ -271,16 +271,16 @@ mod tests {
     #[test]
     fn an_estimators_own_settings_stand_above_the_shared_ones() {
         let config = config(
-            "run = ['reactive', 'blend']\n[settings.all.contact]\npad_radius_m = 0.02\nforce_on_n = 0.8\n\
-             [settings.blend.contact]\npad_radius_m = 0.03",
+            "run = ['reactive', 'blend']\n[settings.all.contact]\nmemory_distance_m = 0.02\nforce_on_n = 0.8\n\
+             [settings.blend.contact]\nmemory_distance_m = 0.03",
         )
         .unwrap();
-        let radii: Vec<f64> = config
+        let distances: Vec<f64> = config
             .estimators
             .iter()
-            .map(|e| e.settings.contact.pad_radius_m)
+            .map(|e| e.settings.contact.memory_distance_m)
             .collect();
-        assert_eq!(radii, [0.02, 0.03]);
+        assert_eq!(distances, [0.02, 0.03]);
         assert_eq!(config.estimators[1].settings.contact.force_on_n, 0.8);
     }
 
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn an_objects_pose_has_settings_and_a_camera_of_its_own() {
-        let text = "run = ['blend', 'object_pose']\n[settings.all.contact]\npad_radius_m = 0.02\n\
+        let text = "run = ['blend', 'object_pose']\n[settings.all.contact]\nforce_on_n = 0.8\n\
                     [settings.object_pose]\ncorner_sd_px = 0.7";
         let found = config(text).unwrap();
         assert_eq!(found.estimators.len(), 1);

@@ -6,7 +6,8 @@ use nalgebra::Vector3;
 use super::ContactFilter;
 use super::learnt_noise::FLUCTUATION_LENGTH_M;
 use super::state::{
-    BIAS, ContactFilterState, FRICTION, GIVE, HEIGHT, NORMAL, ROTATION, Row, SHAPE, SurfaceState, WEIGHT, given,
+    BIAS, ContactFilterState, FRICTION, GIVE, HEIGHT, NORMAL, ROTATION, Row, SHAPE, SurfaceState,
+    WEIGHT, given,
 };
 use crate::motion::Motion;
 

@@ -186,8 +186,12 @@ impl ContactFilter {
         let along = state.surface.frame.project(&state.slide.direction);
         let across = Vector2::new(-along.y, along.x);
         let (on, beside) = LOST_SLOPE_RAD;
-        let doubt = along * along.transpose() * on.powi(2) + across * across.transpose() * beside.powi(2);
-        let mut normal = state.surface.covariance.fixed_view_mut::<2, 2>(NORMAL, NORMAL);
+        let doubt =
+            along * along.transpose() * on.powi(2) + across * across.transpose() * beside.powi(2);
+        let mut normal = state
+            .surface
+            .covariance
+            .fixed_view_mut::<2, 2>(NORMAL, NORMAL);
         normal += doubt;
     }
 

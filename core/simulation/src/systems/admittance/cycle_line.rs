@@ -20,11 +20,17 @@ impl fmt::Display for AdmittanceCycle<'_> {
         // Error of the estimate and its standard deviation, along and across the motion.
         let split = self.estimate.and_then(|e| {
             let velocity = self.input.twist.linear;
-            let along = (velocity - truth.normal * truth.normal.dot(&velocity)).try_normalize(1e-4)?;
+            let along =
+                (velocity - truth.normal * truth.normal.dot(&velocity)).try_normalize(1e-4)?;
             let across = truth.normal.cross(&along);
             let sd = |v: &Vector3<f64>| v.dot(&(e.covariance * v)).max(0.0).sqrt();
             let error = e.normal - truth.normal;
-            Some([error.dot(&along), sd(&along), error.dot(&across), sd(&across)])
+            Some([
+                error.dot(&along),
+                sd(&along),
+                error.dot(&across),
+                sd(&across),
+            ])
         });
         write!(
             f,

@@ -196,7 +196,7 @@ impl Default for ForceConfig {
             adaptive: true,
             damping_max_n_s_per_m: 6000.0,
             loop_delay_s: 0.04,
-            loop_delay_sd_s: 0.02,
+            loop_delay_sd_s: 0.0,
             delay_margin_rad: 0.45,
             stiffness_expected_n_per_m: 50_000.0,
             overshoot_accepted: 0.2,
@@ -204,7 +204,7 @@ impl Default for ForceConfig {
             integral_ratio: 4.0,
             integral_speed_max_m_per_s: 0.02,
             speed_max_m_per_s: 0.02,
-            reference_rate_n_per_s: 10.0,
+            reference_rate_n_per_s: 8.0,
             tank: None,
         }
     }
@@ -233,7 +233,7 @@ impl Default for AlignmentConfig {
 impl Default for NormalConfig {
     fn default() -> Self {
         Self {
-            filter_s: 0.03,
+            filter_s: 0.06,
             sure_rad: 2f64.to_radians(),
             turn_rate_max_rad_per_s: 0.8,
             gate_rad: 60f64.to_radians(),
