@@ -2,7 +2,6 @@
 //! travel, and the largest true force until the tool has left.
 
 use tangent_control::Fault;
-use tangent_sensing::Validity;
 
 use crate::dead_sensor::{SURFACES, Seen, run, scenario, settings, with_fault};
 

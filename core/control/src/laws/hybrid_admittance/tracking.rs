@@ -101,8 +101,8 @@ impl Tracking {
         self.moved_by(config, in_plane, position, error, normal, dt_s)
     }
 
-    /// Direction of the path at its clock, in the tangent plane of `normal`, unit, base axes; `None`
-    /// where it stands.
+    /// Direction of the path at its clock, in the tangent plane of `normal`, unit, base axes;
+    /// `None` where it stands.
     pub fn direction(&self, path: &Path, normal: &Vector3<f64>) -> Option<Vector3<f64>> {
         let ahead = path
             .at((self.clock_s + AHEAD_S).min(path.duration_s()))

@@ -323,6 +323,10 @@ impl Presets for ControllerConfig {
                 gain_per_s: 0.0,
                 ..default.path
             },
+            contact: ContactConfig {
+                settled_s: 0.3,
+                ..default.contact
+            },
             pace: PaceConfig {
                 slope_share: 0.0,
                 explore_radius_m: 0.0,
