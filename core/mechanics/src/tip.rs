@@ -1,7 +1,7 @@
 //! Shape of a tool's tip: where it touches a surface, and what the torque says of its tilt.
 //!
-//! Stated in the cell file's `[tool.tip]`; read by the estimators and the laws. A simulated tool
-//! has a tip of its own, which may differ from the stated one.
+//! Stated to the estimators as `contact.tip`. A simulated tool has a tip of its own, which may
+//! differ from the stated one.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
