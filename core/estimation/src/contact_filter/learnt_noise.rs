@@ -1,12 +1,12 @@
-//! Noise that the filter learns from its own innovations: of the velocity across the surface and
-//! of the force across the direction of sliding.
+//! Noise that the filter learns from its own innovations: of the height over the surface and of
+//! the force across the direction of sliding.
 //!
 //! Called by the measurements.
 
 use super::residual::Residual;
 use crate::EstimatorConfig;
 
-/// Correlation length of velocity errors that belong to a place, m: roughness, ripple of gears.
+/// Correlation length of errors that belong to a place, m: roughness, ripple of gears, friction.
 pub(super) const FLUCTUATION_LENGTH_M: f64 = 0.002;
 /// Correlation time of the force's noise, s: vibration and slow noise of hardware, beyond that of
 /// the wrench filter.
@@ -17,9 +17,9 @@ const UNREST_LENGTH_M: f64 = 0.01;
 const UNREST: (f64, f64) = (1.0, 40.0);
 /// Lower bounds of what is learnt, as shares of the standard deviations stated.
 const HEIGHT_FLOOR: f64 = 0.3;
+const FORCE_FLOOR: f64 = 0.7;
 /// Upper bound of the height's learnt standard deviation, as a share of that stated.
 const HEIGHT_MOST: f64 = 2.0;
-const FORCE_FLOOR: f64 = 0.7;
 
 /// Noise that is estimated from the innovations.
 #[derive(Clone, Copy, Debug)]

@@ -1,4 +1,4 @@
-//! Measurements of the contact filter: velocity along the surface, force while sliding, force and
+//! Measurements of the contact filter: height over the surface, force while sliding, force and
 //! torque while pressing.
 
 use nalgebra::Vector3;
@@ -50,7 +50,7 @@ impl ContactFilter {
         let friction_max = self.config.surface.friction_max;
         state
             .surface
-            .correct_within(HEIGHT_HUBER_SD, &row, innovation, variance, friction_max);
+            .correct(HEIGHT_HUBER_SD, &row, innovation, variance, friction_max);
     }
 
     /// `f = N (n - mu t) + b`, measured across and along the direction of sliding.

@@ -2,18 +2,23 @@
 //! friction and force bias, each with its covariance.
 //!
 //! While the tool slides with normal force `N`, the force on it is `f = N (n - mu t) + b` with `t`
-//! the direction of sliding, and the contact point moves along the surface, `n · v = 0`. `N` is not
-//! estimated: only the components of the force perpendicular to its expected direction are used.
-//! There are thirteen error states: the normal's two tangent components (rad), the shape operator's
+//! the direction of sliding, and the contact's height over the surface, `h' = n · v`, is what the
+//! compliance gives under the force. `N` is not estimated: only the components of the force
+//! perpendicular to its expected direction are used.
+//!
+//! There are sixteen error states: the normal's two tangent components (rad), the shape operator's
 //! `k11, k22, k12` (1/m), friction, the bias's three components in tool axes (N), the error of the
 //! compensated payload weight (N), which appears when the tool turns away from the orientation in
-//! which it was tared, and the rotation of the sensor's true axes against those stated (rad).
+//! which it was tared, the rotation of the sensor's true axes against those stated (rad), the
+//! height of the contact over the undented surface (m), and the compliance along the tool's axis
+//! and across it (m/N).
 //!
 //! [`ContactFilter`] is plain configuration; all memory is in [`ContactFilterState`].
 
 mod learnt_noise;
 mod measurements;
 mod residual;
+mod slide;
 mod state;
 mod tip;
 
@@ -21,9 +26,9 @@ use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
 use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
-use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, STATES, Slide, WEIGHT};
+use self::slide::Slide;
+use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, STATES, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
-use self::tip::velocity_at;
 use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};
 use crate::world_estimator::WorldEstimate;
@@ -32,6 +37,8 @@ use crate::world_estimator::WorldEstimate;
 const FREE_CORRELATION_S: f64 = 0.5;
 /// Standard deviation of force disturbances in free space (inertia, cables), N.
 const FREE_FORCE_SD_N: f64 = 0.05;
+/// Number of standard deviations beyond which an innovation gets less weight.
+const HUBER_SD: f64 = 2.5;
 /// Standard deviation of the lag between wrench and motion, s.
 const LAG_SD_S: f64 = 0.008;
 /// Standard deviation of the tip's stated position, m.
@@ -94,10 +101,9 @@ impl ContactFilter {
         }
         state.centre = self.centre_of_pressure(state, motion, pressing_n);
         self.travel(state, motion);
-        let force_n = state.surface.frame.normal.dot(&force);
-        state.load.track(force_n, motion.dt_s);
+        state.force_n = state.surface.frame.normal.dot(&force);
 
-        let velocity = velocity_at(motion, &state.centre.position);
+        let velocity = motion.velocity + motion.angular.cross(&state.centre.position);
         let normal = state.surface.frame.normal;
         let tangential = velocity - normal * normal.dot(&velocity);
         let speed = tangential.norm();
@@ -147,13 +153,9 @@ impl ContactFilter {
         state.free_distance_m += motion.step.norm();
         state.free_time_s += motion.dt_s;
         state.slide = Slide {
-            distance_m: 0.0,
-            tip_direction: Vector3::zeros(),
-            force_n: None,
-            rest: None,
-            height_innovation_m: 0.0,
-            direction: Vector3::zeros(),
-            ..state.slide
+            turn_rate_rad_per_s: state.slide.turn_rate_rad_per_s,
+            speed_m_per_s: state.slide.speed_m_per_s,
+            ..Slide::default()
         };
         let settled = !state.has_touched || state.free_time_s > SETTLING_S;
         let s = &self.config.sensing;
@@ -256,7 +258,7 @@ impl ContactFilter {
         let friction_max = self.config.surface.friction_max;
         state
             .surface
-            .correct(row, innovation, variance, friction_max);
+            .correct(HUBER_SD, row, innovation, variance, friction_max);
     }
 
     /// Covariance of the normal in tangent axes, rad².

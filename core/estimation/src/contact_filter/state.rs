@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::learnt_noise::LearntNoise;
+use super::slide::Slide;
 use crate::EstimatorConfig;
 use crate::motion::Motion;
 use crate::tangent_frame::TangentFrame;
@@ -21,10 +22,6 @@ pub(super) const GIVE: usize = 14;
 /// One row of a measurement matrix.
 pub(super) type Row = SVector<f64, STATES>;
 
-/// Time constant of the rates of force and of the sliding direction, s: it distinguishes a
-/// touchdown from noise.
-const RATE_TIME_S: f64 = 0.05;
-
 /// How the tool touches the surface in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ContactPhase {
@@ -33,8 +30,6 @@ pub(crate) enum ContactPhase {
     Sliding,
 }
 
-/// Number of standard deviations beyond which an innovation gets less weight.
-const HUBER_SD: f64 = 2.5;
 /// Range of a measured compliance, m/N. Values outside are clamped.
 const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
 /// Uncertainty of a compliance that was measured at touchdown, as a share of it.
@@ -48,12 +43,6 @@ const ACROSS_SHARE: f64 = 0.15;
 const ACROSS_MIN_N: f64 = 0.3;
 /// Standard deviation of a height that is not known, m.
 const HEIGHT_SD_M: f64 = 1e-3;
-/// Share of the angle between the tip's direction and the tool's by which the former may be wrong:
-/// the compliance that it follows from is known roughly.
-const BEND_DOUBT: f64 = 0.3;
-/// Cosine of the turn of the sliding direction beyond which presliding starts again. Friction
-/// follows a gentler turn without it.
-const TURN_COS_MIN: f64 = 0.5;
 
 /// Memory of a [`ContactFilter`](super::ContactFilter). A new one is the reset.
 #[derive(Clone, Debug)]
@@ -71,7 +60,8 @@ pub(crate) struct ContactFilterState {
     pub(super) free_time_s: f64,
     pub(super) touch: Touchdown,
     pub(super) slide: Slide,
-    pub(super) load: Load,
+    /// Pressing force along the normal, N.
+    pub(super) force_n: f64,
     pub(super) centre: CentreOfPressure,
     pub(super) noise: LearntNoise,
     pub(super) compliance: Compliance,
@@ -120,36 +110,6 @@ pub(super) struct Touchdown {
     pub flush_information: f64,
 }
 
-/// Motion along the surface.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Slide {
-    /// Unit direction of sliding in the tangent plane, world axes; zero before the tool has slid.
-    pub direction: Vector3<f64>,
-    /// Distance slid since the last stop or turn, m.
-    pub distance_m: f64,
-    /// Direction in which the tip slides, world axes: follows its motion over the presliding
-    /// distance, and is shorter than one until it has.
-    pub tip_direction: Vector3<f64>,
-    /// Force at the last sample, world axes, N.
-    pub force_n: Option<Vector3<f64>>,
-    /// Innovation of the height at the last sample, m.
-    pub height_innovation_m: f64,
-    /// Position (m) and force (N) at the last rest, world axes.
-    pub rest: Option<(Vector3<f64>, Vector3<f64>)>,
-    /// Turn rate of the sliding direction.
-    pub turn_rate_rad_per_s: f64,
-    /// Speed of the centre of pressure in the tangent plane.
-    pub speed_m_per_s: f64,
-}
-
-/// Pressing force along the normal, and its rate.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Load {
-    pub force_n: f64,
-    pub filtered_n: f64,
-    pub rate_n_per_s: f64,
-}
-
 /// Centre of pressure on the pad.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct CentreOfPressure {
@@ -190,21 +150,8 @@ impl ContactFilterState {
                 pressing_information: 0.0,
                 flush_information: 0.0,
             },
-            slide: Slide {
-                direction: Vector3::zeros(),
-                distance_m: 0.0,
-                tip_direction: Vector3::zeros(),
-                force_n: None,
-                height_innovation_m: 0.0,
-                rest: None,
-                turn_rate_rad_per_s: 0.0,
-                speed_m_per_s: 0.0,
-            },
-            load: Load {
-                force_n: 0.0,
-                filtered_n: 0.0,
-                rate_n_per_s: 0.0,
-            },
+            slide: Slide::default(),
+            force_n: 0.0,
             centre: CentreOfPressure::default(),
             noise: LearntNoise::new(config),
             compliance: Compliance {
@@ -237,8 +184,6 @@ impl ContactFilterState {
 
     /// Resets what is counted from touchdown.
     pub(super) fn begin_contact(&mut self, motion: &Motion, pressing_n: f64) {
-        self.load.filtered_n = 0.0;
-        self.load.rate_n_per_s = 0.0;
         self.touch = Touchdown {
             point: motion.point_lagged,
             force_n: pressing_n,
@@ -330,7 +275,7 @@ impl ContactFilterState {
 
     /// Pressing force along the normal, N.
     pub fn force_n(&self) -> f64 {
-        self.load.force_n
+        self.force_n
     }
 }
 
@@ -375,25 +320,25 @@ impl SurfaceState {
         normal: &Vector3<f64>,
         force: &Vector3<f64>,
     ) {
-        for i in HEIGHT..STATES {
-            self.covariance.row_mut(i).fill(0.0);
-            self.covariance.column_mut(i).fill(0.0);
-        }
         self.give_m_per_n = Vector2::repeat(compliance_m_per_n);
-        let doubt = if is_measured { GIVE_DOUBT } else { 1.0 };
-        self.covariance[(GIVE, GIVE)] = (doubt * compliance_m_per_n).powi(2);
-        self.covariance[(GIVE + 1, GIVE + 1)] = (GIVE_ACROSS_DOUBT * compliance_m_per_n).powi(2);
         self.height_m = -self.give_m_per_n.dot(&given(normal, force));
-        self.covariance[(HEIGHT, HEIGHT)] = HEIGHT_SD_M.powi(2);
+        let doubt = if is_measured { GIVE_DOUBT } else { 1.0 };
+        self.restart(HEIGHT, HEIGHT_SD_M.powi(2));
+        self.restart(GIVE, (doubt * compliance_m_per_n).powi(2));
+        self.restart(GIVE + 1, (GIVE_ACROSS_DOUBT * compliance_m_per_n).powi(2));
+    }
+
+    /// Gives one state a new variance, without correlation with the others.
+    fn restart(&mut self, i: usize, variance: f64) {
+        self.covariance.row_mut(i).fill(0.0);
+        self.covariance.column_mut(i).fill(0.0);
+        self.covariance[(i, i)] = variance;
     }
 
     /// Sets the compliance across the tool's axis to a measurement, which includes the tip's own.
     fn set_give_across(&mut self, measured_m_per_n: f64) {
-        let i = GIVE + 1;
-        self.covariance.row_mut(i).fill(0.0);
-        self.covariance.column_mut(i).fill(0.0);
         self.give_m_per_n.y = measured_m_per_n;
-        self.covariance[(i, i)] = (GIVE_ACROSS_SD * measured_m_per_n).powi(2);
+        self.restart(GIVE + 1, (GIVE_ACROSS_SD * measured_m_per_n).powi(2));
     }
 
     /// Resets normal and shape to the tool's axis and a flat surface, as at a first touchdown.
@@ -401,27 +346,18 @@ impl SurfaceState {
         self.frame =
             TangentFrame::new(-motion.rotation.column(2), motion.rotation.column(0).into());
         self.shape = Matrix2::zeros();
-        for i in 0..FRICTION {
-            self.covariance.row_mut(i).fill(0.0);
-            self.covariance.column_mut(i).fill(0.0);
-        }
-        for i in NORMAL..NORMAL + 2 {
-            self.covariance[(i, i)] = config.contact.approach_misalignment_sd_rad.powi(2);
+        for i in NORMAL..SHAPE {
+            self.restart(i, config.contact.approach_misalignment_sd_rad.powi(2));
         }
         let curvature = config.surface.curvature_sd_per_m.powi(2);
-        self.covariance[(SHAPE, SHAPE)] = curvature;
-        self.covariance[(SHAPE + 1, SHAPE + 1)] = curvature;
-        self.covariance[(SHAPE + 2, SHAPE + 2)] = 0.5 * curvature;
+        self.restart(SHAPE, curvature);
+        self.restart(SHAPE + 1, curvature);
+        self.restart(SHAPE + 2, 0.5 * curvature);
     }
 
-    /// Updates mean and covariance with one scalar measurement. Outliers get less weight (Huber),
-    /// so that a seam does not upset the state.
-    pub fn correct(&mut self, row: &Row, innovation: f64, variance: f64, friction_max: f64) {
-        self.correct_within(HUBER_SD, row, innovation, variance, friction_max);
-    }
-
-    /// Like [`SurfaceState::correct`], with less weight only beyond `huber_sd` standard deviations.
-    pub fn correct_within(
+    /// Updates mean and covariance with one scalar measurement. Beyond `huber_sd` standard
+    /// deviations it gets less weight, so that a seam does not upset the state.
+    pub fn correct(
         &mut self,
         huber_sd: f64,
         row: &Row,
@@ -462,59 +398,6 @@ impl SurfaceState {
         self.rotation += change.fixed_rows::<3>(ROTATION);
         self.height_m += change[HEIGHT];
         self.give_m_per_n += change.fixed_rows::<2>(GIVE);
-    }
-}
-
-impl Load {
-    pub fn track(&mut self, force_n: f64, dt_s: f64) {
-        self.force_n = force_n;
-        // Written without a division by `dt_s` alone, which may be close to zero.
-        self.rate_n_per_s = (self.force_n - self.filtered_n) / (RATE_TIME_S + dt_s);
-        self.filtered_n += self.rate_n_per_s * dt_s;
-    }
-}
-
-impl Slide {
-    /// Continues sliding with a tangential velocity at the present speed.
-    pub fn go_on(&mut self, tangential: &Vector3<f64>, dt_s: f64) {
-        let direction = tangential / self.speed_m_per_s;
-        if self.distance_m > 0.0 {
-            let turn = direction.cross(&self.direction).norm();
-            self.turn_rate_rad_per_s +=
-                (turn - self.turn_rate_rad_per_s * dt_s) / (RATE_TIME_S + dt_s);
-        } else {
-            self.turn_rate_rad_per_s = 0.0;
-        }
-        if direction.dot(&self.direction) < TURN_COS_MIN {
-            self.distance_m = 0.0;
-        }
-        self.direction = direction;
-        self.distance_m += self.speed_m_per_s * dt_s;
-    }
-
-    /// The tip's direction after its origin moved by `step` (tangent plane, m) under `force` (world
-    /// axes, N). A tool that gives sideways bends before its tip follows; the change of the force
-    /// shows by how much. `length_m` is the presliding distance.
-    pub fn follow_tip(
-        &mut self,
-        step: &Vector3<f64>,
-        force: &Vector3<f64>,
-        give_across_m_per_n: f64,
-        normal: &Vector3<f64>,
-        length_m: f64,
-    ) {
-        let change = force - self.force_n.replace(*force).unwrap_or(*force);
-        let bent = (change - normal * normal.dot(&change)) * give_across_m_per_n;
-        let moved = step + bent;
-        let way = moved.norm();
-        self.tip_direction += (moved - self.tip_direction * way) / (length_m + way);
-    }
-
-    /// Uncertainty of the direction in which friction acts, rad.
-    pub fn tip_direction_sd_rad(&self) -> f64 {
-        let known = self.tip_direction.norm();
-        let behind = 1.0 - self.tip_direction.dot(&self.direction) / known.max(1e-9);
-        2.0 * (1.0 - known).max(0.0) + BEND_DOUBT * (2.0 * behind.max(0.0)).sqrt()
     }
 }
 

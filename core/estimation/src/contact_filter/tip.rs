@@ -143,8 +143,3 @@ impl ContactFilter {
         pad(&self.config.contact.tip).map_or(0.0, |pad| pad.radius_m)
     }
 }
-
-/// Velocity of the point of the tool at `offset` from its origin, m/s; all in world axes.
-pub(super) fn velocity_at(motion: &Motion, offset: &Vector3<f64>) -> Vector3<f64> {
-    motion.velocity + motion.angular.cross(offset)
-}

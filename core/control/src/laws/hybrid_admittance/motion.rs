@@ -3,7 +3,7 @@
 use super::config::ControllerConfig;
 use super::force_law::ForceSample;
 use super::interface::ControlInput;
-use super::pace::{ForceLoop, deviation_rad, speed_bound};
+use super::pace::{ForceLoop, deviation_along_rad, deviation_max_rad, speed_bound};
 use super::percept::Percept;
 use super::run::Run;
 use super::touchdown::{approach_speed, seek_speed};
@@ -132,13 +132,10 @@ fn along_path(
             delay_s: config.force.loop_delay_s,
         };
         let covariance = &input.estimate.covariance;
-        let path_speed = program.task.path.speed_m_per_s() * factor;
-        if run.exploration.is_open() && path_speed > 0.0 {
-            let deviation = deviation_rad(input);
-            let bound = config.pace.speed_min_m_per_s.max(
-                config.pace.slope_share * reference_n
-                    / (force.stiffness_n_per_m * force.delay_s * 2.0 * deviation).max(1e-9),
-            );
+        let path_speed = program.task.path.speed_m_per_s();
+        if run.exploration.is_open() && path_speed * factor > 0.0 {
+            let deviation = deviation_max_rad(covariance);
+            let bound = speed_bound(&config.pace, deviation, &force);
             let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
             let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * factor;
             if let Some(step) = run
@@ -151,9 +148,9 @@ fn along_path(
             }
         }
         if let Some(along) = run.tracking.direction(&program.path, &normal) {
-            let bound = speed_bound(&config.pace, covariance, &along, &force);
-            let share = bound / program.task.path.speed_m_per_s().max(1e-6);
-            factor = factor.min(share);
+            let deviation = deviation_along_rad(covariance, &along);
+            let bound = speed_bound(&config.pace, deviation, &force);
+            factor = factor.min(bound / path_speed.max(1e-6));
         }
     }
     run.tracking

@@ -10,7 +10,6 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use super::config::PaceConfig;
-use crate::inputs::EstimateInput;
 
 /// The slope expected is this many standard deviations of the normal.
 const SLOPE_SD: f64 = 2.0;
@@ -30,32 +29,25 @@ pub(crate) struct ForceLoop {
     pub delay_s: f64,
 }
 
-/// Highest speed in the direction `along` (unit, base axes), m/s, with a normal of this
-/// covariance, rad².
-pub(crate) fn speed_bound(
-    config: &PaceConfig,
-    covariance: &Matrix3<f64>,
-    along: &Vector3<f64>,
-    force: &ForceLoop,
-) -> f64 {
+/// Highest speed in a direction in which the normal has this standard deviation, m/s.
+pub(crate) fn speed_bound(config: &PaceConfig, deviation_rad: f64, force: &ForceLoop) -> f64 {
     if config.slope_share <= 0.0 {
         return f64::INFINITY;
     }
-    let slope = SLOPE_SD * along.dot(&(covariance * along)).max(0.0).sqrt();
+    let slope = SLOPE_SD * deviation_rad;
     let give = force.stiffness_n_per_m * force.delay_s * slope;
     let bound = config.slope_share * force.reference_n / give.max(f64::MIN_POSITIVE);
     bound.max(config.speed_min_m_per_s)
 }
 
-/// Largest standard deviation of the normal in any direction, rad.
-pub(crate) fn deviation_rad(estimate: &EstimateInput) -> f64 {
-    estimate
-        .estimate
-        .covariance
-        .symmetric_eigenvalues()
-        .max()
-        .max(0.0)
-        .sqrt()
+/// Standard deviation of a normal with this covariance (rad²) in the direction `along` (unit), rad.
+pub(crate) fn deviation_along_rad(covariance: &Matrix3<f64>, along: &Vector3<f64>) -> f64 {
+    along.dot(&(covariance * along)).max(0.0).sqrt()
+}
+
+/// Largest standard deviation of a normal with this covariance (rad²) in any direction, rad.
+pub(crate) fn deviation_max_rad(covariance: &Matrix3<f64>) -> f64 {
+    covariance.symmetric_eigenvalues().max().max(0.0).sqrt()
 }
 
 /// Small circles on the surface before the path: a stroke shows little of the slope across it,
@@ -131,17 +123,15 @@ mod tests {
         // 10 degrees along x, 0.1 degrees along y.
         let covariance =
             Matrix3::from_diagonal(&Vector3::new(0.175f64.powi(2), 0.00175f64.powi(2), 0.0));
-        let along = |v: Vector3<f64>| speed_bound(&config, &covariance, &v, &FORCE);
+        let along =
+            |v: Vector3<f64>| speed_bound(&config, deviation_along_rad(&covariance, &v), &FORCE);
         assert_eq!(along(Vector3::x()), config.speed_min_m_per_s);
         assert!(along(Vector3::y()) > 0.1);
         let off = PaceConfig {
             slope_share: 0.0,
             ..config
         };
-        assert_eq!(
-            speed_bound(&off, &covariance, &Vector3::x(), &FORCE),
-            f64::INFINITY
-        );
+        assert_eq!(speed_bound(&off, 0.175, &FORCE), f64::INFINITY);
     }
 
     #[test]
