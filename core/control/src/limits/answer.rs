@@ -34,7 +34,7 @@ const FOLLOWED: f64 = 0.2;
 /// must have moved the mean by the threshold before its absence is judged.
 const SOFTEST_N_PER_M: f64 = 500.0;
 const MOVED_TIMES: f64 = 2.0;
-/// Minimum depth from which a stiffness is measured, m.
+/// Depth that is not known when a stiffness is measured, m: delay, and a pad that settles.
 const SHOWN_M: f64 = 3e-5;
 /// Maximum depth since the mean last moved, whatever the stiffness, m.
 const BEYOND_M: f64 = 3e-3;
@@ -46,6 +46,9 @@ pub(crate) struct DepthRule {
     pub settling: bool,
     /// Slope by which the normal in use may be wrong.
     pub slope: f64,
+    /// Speed along the normal that an edge of the tip has while the tool turns about its origin,
+    /// m/s: the contact may be at that edge.
+    pub edge_speed_m_per_s: f64,
     /// Depth without a change of the force that the cell allows, m.
     pub blind_max_m: f64,
 }
@@ -56,6 +59,8 @@ pub(crate) struct Pressed {
     /// Motion since the last cycle, m: into the surface along the normal in use, and across it.
     pub deeper_m: f64,
     pub across_m: f64,
+    /// Distance that an edge of the tip may have moved along the normal because the tool turned, m.
+    pub edge_m: f64,
     /// Force along the normal in use, N.
     pub force_n: f64,
     /// Reference force, N.
@@ -70,6 +75,7 @@ pub(crate) struct Pressed {
 struct Mark {
     depth_m: f64,
     across_m: f64,
+    edge_m: f64,
     force_n: f64,
 }
 
@@ -97,6 +103,7 @@ impl Answer {
         let mark = Mark {
             depth_m: 0.0,
             across_m: 0.0,
+            edge_m: 0.0,
             force_n: pressed.force_n,
         };
         Self {
@@ -119,8 +126,8 @@ impl Answer {
     /// Processes one cycle; returns whether the mean should have followed and did not.
     pub fn is_missing(&mut self, pressed: &Pressed) -> bool {
         self.average(pressed);
-        self.learn(pressed);
         let error_n = (self.variance * pressed.dt_s / (2.0 * MEAN_S)).sqrt();
+        self.learn(pressed, error_n);
         let followed_n = self.now.force_n - self.moved.force_n;
         let least_n = MOVED_N.max(MOVED_SHARE * pressed.reference_n);
         let moved_n = least_n.max(MOVED_ERRORS * error_n);
@@ -129,7 +136,9 @@ impl Answer {
             return false;
         }
         let across_m = self.now.across_m - self.moved.across_m;
-        let depth_m = self.now.depth_m - self.moved.depth_m - pressed.rule.slope * across_m;
+        let edge_m = self.now.edge_m - self.moved.edge_m;
+        let depth_m =
+            self.now.depth_m - self.moved.depth_m - pressed.rule.slope * across_m - edge_m;
         // The softest contact would have moved the mean by now, whatever the noise.
         let telling_m = RISE_M + MOVED_TIMES * moved_n / SOFTEST_N_PER_M;
         if depth_m > telling_m.max(BEYOND_M).min(pressed.rule.blind_max_m) {
@@ -150,24 +159,26 @@ impl Answer {
         let now = &mut self.now;
         now.depth_m += (self.late_m - now.depth_m) * share(MEAN_S);
         now.across_m += pressed.across_m;
+        now.edge_m += pressed.edge_m;
         now.force_n += (pressed.force_n - now.force_n) * share(MEAN_S);
         let change = pressed.force_n - self.last_n;
         self.last_n = pressed.force_n;
         self.variance += (0.5 * change * change - self.variance) * share(NOISE_S);
     }
 
-    /// Keeps the highest stiffness measured while the force builds up: a reading that stops
-    /// following does not make the contact softer.
-    fn learn(&mut self, pressed: &Pressed) {
+    /// Keeps the highest stiffness shown while the force builds up: a reading that stops following
+    /// does not make the contact softer. What noise and the delay may contribute is taken off, so
+    /// that a contact is not taken for a stiffer one.
+    fn learn(&mut self, pressed: &Pressed, error_n: f64) {
         if !pressed.rule.settling {
             self.touched = None;
         }
         let Some(touched) = &self.touched else {
             return;
         };
-        let risen_n = self.now.force_n - touched.force_n;
+        let risen_n = self.now.force_n - touched.force_n - MOVED_ERRORS * error_n;
         if risen_n > (3.0 * MOVED_N).max(0.1 * pressed.reference_n) {
-            let shown = risen_n / (self.now.depth_m - touched.depth_m).max(SHOWN_M);
+            let shown = risen_n / ((self.now.depth_m - touched.depth_m).abs() + SHOWN_M);
             let before = self.stiffness_n_per_m.unwrap_or(0.0);
             self.stiffness_n_per_m = Some(before.max(shown));
         }
@@ -189,11 +200,13 @@ mod tests {
         let mut pressed = Pressed {
             deeper_m: 0.0,
             across_m: 0.0,
+            edge_m: 0.0,
             force_n: read(0.0, 0),
             reference_n: 10.0,
             rule: DepthRule {
                 settling: false,
                 slope: 0.1,
+                edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
             },
             dt_s: 1e-3,
@@ -239,11 +252,13 @@ mod tests {
         let mut pressed = Pressed {
             deeper_m: 9e-6,
             across_m: 1e-4,
+            edge_m: 0.0,
             force_n: 10.0,
             reference_n: 10.0,
             rule: DepthRule {
                 settling: false,
                 slope: 0.1,
+                edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
             },
             dt_s: 1e-3,
@@ -260,11 +275,13 @@ mod tests {
         let mut pressed = Pressed {
             deeper_m: 5e-7,
             across_m: 0.0,
+            edge_m: 0.0,
             force_n: 1.0,
             reference_n: 10.0,
             rule: DepthRule {
                 settling: true,
                 slope: 0.1,
+                edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
             },
             dt_s: 1e-3,

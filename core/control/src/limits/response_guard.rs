@@ -114,6 +114,8 @@ struct Still {
     depth_m: f64,
     /// Distance across those normals, m.
     across_m: f64,
+    /// Distance that an edge of the tip has moved along them while the tool turned, m.
+    edge_m: f64,
     /// Part of the depth that the reading can show by now, m.
     late_m: f64,
     since_s: f64,
@@ -125,6 +127,7 @@ impl Still {
             wrench: touch.wrench,
             depth_m: 0.0,
             across_m: 0.0,
+            edge_m: 0.0,
             late_m: 0.0,
             since_s: 0.0,
         }
@@ -188,11 +191,15 @@ impl ResponseGuard {
         let deeper = -step.dot(&touch.normal);
         still.depth_m += deeper;
         still.across_m += (step + touch.normal * deeper).norm();
+        still.edge_m += touch
+            .depth
+            .map_or(0.0, |rule| rule.edge_speed_m_per_s * touch.dt_s);
         still.late_m += (still.depth_m - still.late_m) * (touch.dt_s / (touch.dt_s + LATE_S));
         still.since_s += touch.dt_s;
         let Still {
             depth_m,
             across_m,
+            edge_m,
             late_m,
             since_s,
             ..
@@ -212,7 +219,7 @@ impl ResponseGuard {
         let unfelt = UNFELT_N.max(UNFELT_SHARE * touch.reference_n);
         let enough = (unfelt / stiffness).clamp(WAY_MIN_M, WAY_M);
         // A normal that is off by 20 degrees turns sliding along the surface into apparent depth.
-        since_s >= LATE_S && depth_m.abs() - 0.36 * across_m >= enough
+        since_s >= LATE_S && depth_m.abs() - 0.36 * across_m - edge_m >= enough
     }
 
     /// Whether the tool goes deeper while the mean of the noisy reading does not rise.
@@ -230,6 +237,7 @@ impl ResponseGuard {
         let pressed = Pressed {
             deeper_m,
             across_m: (step + touch.normal * deeper_m).norm(),
+            edge_m: rule.edge_speed_m_per_s * touch.dt_s,
             force_n: touch.force_n,
             reference_n: touch.reference_n,
             rule,
@@ -295,6 +303,7 @@ mod tests {
             depth: Some(DepthRule {
                 settling: false,
                 slope: 0.36,
+                edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
             }),
             dt_s: 0.008,

@@ -23,6 +23,8 @@ use crate::task::program::Program;
 /// Slope by which the normal in use may be wrong: 20 degrees, because an estimator that works by
 /// touch alone finds the normal only while sliding.
 const SLOPE: f64 = 0.36;
+/// Distance from the tool's origin to an edge of the tip that may be the contact, m.
+const TIP_RADIUS_M: f64 = 0.015;
 
 impl Run {
     /// Evaluates the cycle's measurements: contact, normal, and validity of the wrench. `input` has
@@ -146,6 +148,7 @@ impl Run {
             depth: Some(DepthRule {
                 settling: self.phase == Phase::Contact,
                 slope: SLOPE,
+                edge_speed_m_per_s: TIP_RADIUS_M * input.twist.angular.norm(),
                 blind_max_m,
             }),
             dt_s: input.dt_s,
