@@ -425,6 +425,10 @@ impl<const N: usize> Controller<N> {
             &self.limits,
             &input.q,
             &twist,
+            self.run
+                .phase
+                .is_pressing()
+                .then_some(&self.run.surface.normal),
             input.dt_s,
         );
         let moves_freely = matches!(

@@ -12,10 +12,14 @@ use super::config::ControllerConfig;
 use super::delay_in_use::{delay_longest_s, delay_shortest_s};
 use super::force_integral::ForceIntegral;
 use super::recoil::Recoil;
+use super::ringing::Ringing;
 use super::stiffness::Stiffness;
 use crate::contact::alignment::{any_perpendicular, tangential};
 use crate::contact::energy_tank::{EnergyTank, EnergyTankState};
 use crate::limits::{Limits, clamp_norm};
+
+/// Factor by which the contact is taken to be stiffer when the loop rings.
+const RINGING_FACTOR: f64 = 1.5;
 
 /// Inputs of the force law in one cycle.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +49,7 @@ pub struct ForceLaw {
     stiffness: Stiffness,
     reference_n: f64,
     recoil: Recoil,
+    ringing: Ringing,
     damping: f64,
     /// Depth along the normal, m, summed from increments: the normal may turn meanwhile, and the
     /// origin is far away.
@@ -66,6 +71,7 @@ impl ForceLaw {
             stiffness: Stiffness::new(stiffness_n_per_m),
             reference_n: 0.0,
             recoil: Recoil::default(),
+            ringing: Ringing::default(),
             damping: 0.0,
             depth_m: 0.0,
             position: None,
@@ -158,6 +164,13 @@ impl ForceLaw {
             self.depth_m -= step.dot(&sample.normal);
             self.stiffness
                 .update(self.depth_m, force_n, sample.wrench_delay_s, dt);
+        }
+        if force.adaptive && self.recoil.is_over() {
+            let error_n = force_n - self.reference_n;
+            let delay_s = delay_longest_s(force);
+            if self.ringing.step(error_n, reference_n, delay_s, dt) {
+                self.stiffness.stiffen(RINGING_FACTOR);
+            }
         }
         self.damping = if force.adaptive {
             (self.stiffness.value_n_per_m() * delay_longest_s(force) / force.delay_margin_rad)

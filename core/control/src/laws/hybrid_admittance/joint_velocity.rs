@@ -1,8 +1,11 @@
 //! Eq. (3): the tool's twist as joint velocities, damped near singularities and inside every
 //! joint's limits.
 //!
-//! Called by the controller each cycle, last.
+//! Called by the controller each cycle, last. Where the arm cannot make the whole twist, the speed
+//! along the normal of a pressing tool comes first and the rest gives way: a path that is not
+//! followed waits, but a wrong speed along the normal is a wrong force.
 
+use nalgebra::{SMatrix, Vector3};
 use tangent_mechanics::{Aligned, Arm, Base, Flange, Joints, Pose, Tool, Twist, manipulability};
 
 use crate::limits::Limits;
@@ -23,7 +26,12 @@ impl<const N: usize> Default for JointVelocity<N> {
 
 impl<const N: usize> JointVelocity<N> {
     /// Joint velocities (rad/s) for `twist` at `q`, and the manipulability there. A speed limit
-    /// keeps the direction of motion; near an end stop only that joint slows down.
+    /// keeps the direction of motion; near an end stop only that joint slows down. `normal` (unit,
+    /// base axes) is the direction in which the tool presses: its speed is kept.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the arm, its limits and one cycle's state, each with its own owner"
+    )]
     pub fn step(
         &mut self,
         arm: &Arm<N>,
@@ -31,6 +39,7 @@ impl<const N: usize> JointVelocity<N> {
         limits: &Limits,
         q: &Joints<N>,
         twist: &Twist<Aligned<Tool, Base>>,
+        normal: Option<&Vector3<f64>>,
         dt_s: f64,
     ) -> (Joints<N>, f64) {
         let jacobian = arm.jacobian_at(q, flange_from_tool);
@@ -39,14 +48,17 @@ impl<const N: usize> JointVelocity<N> {
             wanted = Joints::zeros();
         }
         let bounds = arm.limits();
-        let mut scale: f64 = 1.0;
-        for i in 0..N {
-            let fastest = bounds.velocity[i] * limits.joint_speed_share;
-            if wanted[i].abs() > fastest {
-                scale = scale.min(fastest / wanted[i].abs());
-            }
-        }
-        wanted *= scale;
+        let fastest = bounds.velocity * limits.joint_speed_share;
+        let first = normal.map_or_else(Joints::zeros, |normal| {
+            let speed = twist.linear.dot(normal);
+            let lost = speed - normal.dot(&(jacobian * wanted).fixed_rows::<3>(0));
+            let damping = limits.singularity.damping_max;
+            wanted += along_normal(&jacobian, normal, lost, damping);
+            let pressing = along_normal(&jacobian, normal, speed, damping);
+            pressing * share_within(&Joints::zeros(), &pressing, &fastest)
+        });
+        let rest = wanted - first;
+        wanted = first + rest * share_within(&first, &rest, &fastest);
         let most = limits.joint_acceleration_max_rad_per_s2;
         for i in 0..N {
             // Slow enough to stop before the end stop: v² = 2 a s. Half the acceleration leaves
@@ -71,6 +83,33 @@ impl<const N: usize> JointVelocity<N> {
     }
 }
 
+/// Smallest joint velocities (rad/s) that move the tool at `speed` (m/s) along `normal`. In a pose
+/// in which no joint moves it there, `damping` bounds them.
+fn along_normal<const N: usize>(
+    jacobian: &SMatrix<f64, 6, N>,
+    normal: &Vector3<f64>,
+    speed: f64,
+    damping: f64,
+) -> Joints<N> {
+    let row = jacobian.fixed_rows::<3>(0).tr_mul(normal);
+    // Damped only where the whole row is small: elsewhere the speed is met exactly.
+    let square = row.norm_squared();
+    row * (speed / square.max(damping * damping))
+}
+
+/// Largest share, 0 to 1, of `rest` that keeps `first + share * rest` within `fastest`.
+fn share_within<const N: usize>(first: &Joints<N>, rest: &Joints<N>, fastest: &Joints<N>) -> f64 {
+    (0..N).fold(1.0, |share: f64, i| {
+        let bound = fastest[i].copysign(rest[i]);
+        let room = (bound - first[i]) / rest[i];
+        if room.is_finite() {
+            share.min(room.max(0.0))
+        } else {
+            share
+        }
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,7 +129,7 @@ mod tests {
             let (q, dt) = (Joints::from(q), 0.008);
             let mut before = Joints::zeros();
             for _ in 0..200 {
-                let (qd, _) = law.step(&arm, &Pose::identity(), &limits, &q, &Twist::from_vector(&Vector6::from(v)), dt);
+                let (qd, _) = law.step(&arm, &Pose::identity(), &limits, &q, &Twist::from_vector(&Vector6::from(v)), Some(&Vector3::z()), dt);
                 for i in 0..6 {
                     prop_assert!(qd[i].abs() <= arm.limits().velocity[i] * limits.joint_speed_share + 1e-9);
                     let room = arm.limits().position_upper[i] - limits.joint_margin_rad - q[i];
@@ -114,10 +153,41 @@ mod tests {
         let mut qd = Joints::zeros();
         for _ in 0..100 {
             qd = law
-                .step(&arm, &flange_from_tool, &limits, &q, &twist, 0.008)
+                .step(&arm, &flange_from_tool, &limits, &q, &twist, None, 0.008)
                 .0;
         }
         let moved = arm.jacobian_at(&q, &flange_from_tool) * qd;
         assert!((moved - twist.vector()).norm() < 1e-9, "{moved}");
+    }
+
+    /// The elbow nearly stretched: the arm hardly moves the tool along its reach.
+    #[test]
+    fn near_a_singularity_the_speed_along_the_normal_is_kept() {
+        let (arm, limits) = (ur5(), Limits::default());
+        let q = Joints::from([0.3, -0.6, 0.08, -1.1, -1.55, 0.0]);
+        let mut kept = 0;
+        for (normal, along) in [
+            (Vector3::z(), Vector3::x()),
+            (Vector3::new(-0.6, 0.0, 0.8), Vector3::new(0.8, 0.0, 0.6)),
+        ] {
+            let linear = along * 0.08 - normal * 0.005;
+            let twist = Twist::new(linear, Vector3::new(0.0, 0.3, 0.0));
+            let made = |normal: Option<&Vector3<f64>>| {
+                let mut law = JointVelocity::default();
+                let mut qd = Joints::zeros();
+                for _ in 0..200 {
+                    qd = law
+                        .step(&arm, &Pose::identity(), &limits, &q, &twist, normal, 0.008)
+                        .0;
+                }
+                (arm.jacobian_at(&q, &Pose::identity()) * qd)
+                    .fixed_rows::<3>(0)
+                    .into_owned()
+            };
+            let with = made(Some(&normal)).dot(&normal);
+            assert!((with + 0.005).abs() < 1e-4, "{with}");
+            kept += usize::from((made(None).dot(&normal) + 0.005).abs() > 2e-3);
+        }
+        assert!(kept > 0, "no pose was singular enough to show a difference");
     }
 }

@@ -21,6 +21,7 @@ mod moving_base;
 mod pace;
 mod percept;
 mod recoil;
+mod ringing;
 mod run;
 mod senses;
 pub mod stiffness;

@@ -3,7 +3,7 @@
 use super::config::ControllerConfig;
 use super::force_law::ForceSample;
 use super::interface::ControlInput;
-use super::pace::{ForceLoop, deviation_along_rad, deviation_max_rad, speed_bound};
+use super::pace::{ForceLoop, deviation_along_rad, deviation_max_rad, force_factor, speed_bound};
 use super::percept::Percept;
 use super::run::Run;
 use super::touchdown::{approach_speed, seek_speed};
@@ -124,7 +124,10 @@ fn along_path(
 ) -> Vector3<f64> {
     let normal = run.surface.normal;
     let position = &percept.position;
-    let mut factor = factor;
+    let error_n = percept
+        .force_n
+        .map_or(0.0, |force_n| force_n - run.force.reference_n());
+    let mut factor = factor * force_factor(&config.pace, error_n, reference_n);
     if let (Phase::Slide, EstimateStatus::Usable(input)) = (run.phase, &percept.estimate) {
         let force = ForceLoop {
             reference_n,

@@ -5,6 +5,9 @@
 //! error of `s v k T / delay_margin`. Contact holds while that stays below the reference, so
 //! `v ≤ share F / (k T s)`.
 //!
+//! Whatever the reason, a force far off its reference says that the surface is not where the normal
+//! in use expects it: the path slows down until the force is back.
+//!
 //! Called by the motion of the sliding phase.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -13,6 +16,10 @@ use super::config::PaceConfig;
 
 /// The slope expected is this many standard deviations of the normal.
 const SLOPE_SD: f64 = 2.0;
+/// The path stands when the force error is this many times the one that begins to slow it.
+const STAND_SHARES: f64 = 2.5;
+/// A lower reference than this is judged like this one, N: noise is no reason to wait.
+const REFERENCE_MIN_N: f64 = 1.5;
 /// Largest radius of the first circle, m.
 const RADIUS_MAX_M: f64 = 0.005;
 /// Most turns of one exploration; each has a larger radius than the one before.
@@ -38,6 +45,16 @@ pub(crate) fn speed_bound(config: &PaceConfig, deviation_rad: f64, force: &Force
     let give = force.stiffness_n_per_m * force.delay_s * slope;
     let bound = config.slope_share * force.reference_n / give.max(f64::MIN_POSITIVE);
     bound.max(config.speed_min_m_per_s)
+}
+
+/// Share of the path's speed that a force leaves which is off its reference by `error_n`: all of it
+/// up to `force_share` of the reference, none from [`STAND_SHARES`] times that.
+pub(crate) fn force_factor(config: &PaceConfig, error_n: f64, reference_n: f64) -> f64 {
+    if config.force_share <= 0.0 {
+        return 1.0;
+    }
+    let share = error_n.abs() / reference_n.max(REFERENCE_MIN_N) / config.force_share;
+    ((STAND_SHARES - share) / (STAND_SHARES - 1.0)).clamp(0.0, 1.0)
 }
 
 /// Standard deviation of a normal with this covariance (rad²) in the direction `along` (unit), rad.

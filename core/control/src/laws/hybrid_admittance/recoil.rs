@@ -38,10 +38,15 @@ impl Recoil {
         }
     }
 
+    /// Whether the wait is over and the force decides.
+    pub fn is_over(&self) -> bool {
+        self.wait_s <= 0.0
+    }
+
     /// Processes one cycle with the force `force_n` (N). Returns the speed out of the material, m/s
     /// (0: stand); `None` once the wait is over and the force decides.
     pub fn step(&mut self, force_n: f64, dt_s: f64) -> Option<f64> {
-        if self.wait_s <= 0.0 {
+        if self.is_over() {
             return None;
         }
         self.wait_s -= dt_s;

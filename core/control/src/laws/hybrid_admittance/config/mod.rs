@@ -156,7 +156,9 @@ pub struct PaceConfig {
     /// Share of the reference that a force error from an unknown slope may take; it bounds the
     /// path's speed. 0: the path runs at its own speed however uncertain the normal is.
     pub slope_share: f64,
-    /// Lowest speed for that reason, m/s.
+    /// Force error, as a share of the reference, from which the path slows down; 0: never.
+    pub force_share: f64,
+    /// Lowest speed because of an uncertain normal, m/s.
     pub speed_min_m_per_s: f64,
     /// Radius of the first circle of the exploration after a touch, m; 0: none.
     pub explore_radius_m: f64,
@@ -194,7 +196,7 @@ impl Default for ForceConfig {
             mass_kg: 1.0,
             damping_n_s_per_m: 150.0,
             adaptive: true,
-            damping_max_n_s_per_m: 6000.0,
+            damping_max_n_s_per_m: 12_000.0,
             loop_delay_s: 0.04,
             loop_delay_sd_s: 0.0,
             delay_margin_rad: 0.45,
@@ -264,6 +266,7 @@ impl Default for PaceConfig {
     fn default() -> Self {
         Self {
             slope_share: 0.35,
+            force_share: 0.3,
             speed_min_m_per_s: 0.0025,
             explore_radius_m: 0.003,
             explore_above_rad: 0.045,
@@ -329,6 +332,7 @@ impl Presets for ControllerConfig {
             },
             pace: PaceConfig {
                 slope_share: 0.0,
+                force_share: 0.0,
                 explore_radius_m: 0.0,
                 ..default.pace
             },
