@@ -83,6 +83,7 @@ impl ContactFilter {
         }
         state.surface.add_bias_drift(&self.config, motion.dt_s);
         state.turn_payload(&motion.rotation.tr_mul(&self.gravity));
+        state.surface.bound_bias(&self.config, motion.bias_age_s);
         let force = state.force(motion);
         // Along the tool's axis, so that a sideways bias does not count as pressing.
         let pressing_n = -state.force_in_tool(motion).z;

@@ -43,6 +43,8 @@ const ACROSS_SHARE: f64 = 0.15;
 const ACROSS_MIN_N: f64 = 0.3;
 /// Standard deviation of a height that is not known, m.
 const HEIGHT_SD_M: f64 = 1e-3;
+/// Largest bias, in standard deviations of its zero.
+const BIAS_SDS: f64 = 4.0;
 
 /// Memory of a [`ContactFilter`](super::ContactFilter). A new one is the reset.
 #[derive(Clone, Debug)]
@@ -308,6 +310,18 @@ impl SurfaceState {
         let q = config.sensing.force_bias_drift_n_per_sqrt_s.powi(2) * time_s;
         for i in BIAS..BIAS + 3 {
             self.covariance[(i, i)] += q;
+        }
+    }
+
+    /// Keeps the bias within what a zero of the age `age_s` (s) can have: a larger one is a force
+    /// that the model does not explain, and would hide a contact.
+    pub fn bound_bias(&mut self, config: &EstimatorConfig, age_s: f64) {
+        let s = &config.sensing;
+        let variance = s.force_bias_sd_n.powi(2) + s.force_bias_drift_n_per_sqrt_s.powi(2) * age_s;
+        let bound = BIAS_SDS * variance.sqrt();
+        let length = self.bias.norm();
+        if length > bound {
+            self.bias *= bound / length;
         }
     }
 

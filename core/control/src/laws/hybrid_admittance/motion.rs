@@ -18,6 +18,8 @@ use tangent_mechanics::{Aligned, Base, Tool, Twist};
 
 /// Friction expected when the radius of the exploration is chosen.
 const FRICTION_EXPECTED: f64 = 0.5;
+/// Standard deviation assumed of a normal that its estimator withholds, rad.
+const WITHHELD_SD_RAD: f64 = 0.1;
 /// Highest speed of the exploration, m/s.
 const EXPLORE_SPEED_MAX_M_PER_S: f64 = 0.008;
 /// Time constant with which a changed gain takes effect, s.
@@ -127,15 +129,15 @@ fn along_path(
     let error_n = percept
         .force_n
         .map_or(0.0, |force_n| force_n - run.force.reference_n());
+    let path_speed = program.task.path.speed_m_per_s();
     let mut factor = factor * force_factor(&config.pace, error_n, reference_n);
+    let force = ForceLoop {
+        reference_n,
+        stiffness_n_per_m: run.force.stiffness_n_per_m(),
+        delay_s: config.force.loop_delay_s,
+    };
     if let (Phase::Slide, EstimateStatus::Usable(input)) = (run.phase, &percept.estimate) {
-        let force = ForceLoop {
-            reference_n,
-            stiffness_n_per_m: run.force.stiffness_n_per_m(),
-            delay_s: config.force.loop_delay_s,
-        };
         let covariance = &input.estimate.covariance;
-        let path_speed = program.task.path.speed_m_per_s();
         if run.exploration.is_open() && path_speed * factor > 0.0 {
             let deviation = deviation_max_rad(covariance);
             let bound = speed_bound(&config.pace, deviation, &force);
@@ -155,6 +157,10 @@ fn along_path(
             let bound = speed_bound(&config.pace, deviation, &force);
             factor = factor.min(bound / path_speed.max(1e-6));
         }
+    } else if run.estimated {
+        // The last normal becomes wrong with every millimetre.
+        let bound = speed_bound(&config.pace, WITHHELD_SD_RAD, &force);
+        factor = factor.min(bound / path_speed.max(1e-6));
     }
     run.tracking
         .step(&config.path, &program.path, factor, position, &normal, dt_s)

@@ -32,7 +32,7 @@ const FORCE_SD_N: f64 = 0.08;
 /// Smallest squared correlation of depth and force that shows a stiffness.
 const CORRELATION_MIN: f64 = 0.5;
 /// Time constant of the forgetting, s.
-const MEMORY_S: f64 = 0.4;
+const MEMORY_S: f64 = 1.5;
 
 impl Stiffness {
     /// Nothing learnt yet: `expected_n_per_m` is used until there is a measurement.
