@@ -55,7 +55,7 @@ impl Touch {
             Some(Tip::Round { radius_m }) => Pad::ball(radius_m, contact, pad_stiffness),
             Some(Tip::Soft { radius_m }) => {
                 let series = 1.0 / (1.0 / pad_stiffness + 1.0 / tool.soft_stiffness_n_per_m);
-                Pad::new(&disk(radius_m, false), contact, series)
+                Pad::soft(&disk(radius_m, false), contact, series)
             }
         };
         Ok(Self {

@@ -15,8 +15,12 @@ pub enum Fault {
     NoSurface,
     /// The surface was lost and not found again.
     SurfaceLost,
+    /// The surface ends, or falls away more sharply than the tool can follow.
+    SurfaceEnds,
     /// Contact was lost too often.
     ContactUnstable,
+    /// The arm does not follow the path.
+    PathBlocked,
     /// The force exceeds the cell's limit.
     ForceLimit,
     /// The torque exceeds the cell's limit.
@@ -92,6 +96,12 @@ impl Fault {
             Self::NoSurface => "no surface within approach.distance_max_m",
             Self::SurfaceLost => {
                 "surface lost and not found again within limits.blind_distance_max_m"
+            }
+            Self::SurfaceEnds => {
+                "surface ends or falls away here: keep the path off its edges, or take a larger tip"
+            }
+            Self::PathBlocked => {
+                "the arm does not follow the path: it is near a singularity or a joint's limit, or something is in the way"
             }
             Self::ContactUnstable => {
                 "contact lost too often: more damping or a lower approach speed for this stiffness"

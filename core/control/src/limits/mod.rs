@@ -7,6 +7,7 @@ pub mod faults;
 pub(crate) mod joint_guard;
 pub(crate) mod plausibility;
 pub(crate) mod response_guard;
+pub(crate) mod turn_guard;
 pub mod wrench_guard;
 
 use nalgebra::Vector3;

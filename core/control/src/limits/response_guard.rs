@@ -47,6 +47,12 @@ const PRESSED_SHARE: f64 = 0.1;
 /// first touch.
 const TOUCHED_SHARE: f64 = 0.02;
 
+/// Time constant of the mean of the pressing force, s; shares of the reference that it has reached
+/// and below which it has fallen.
+const MEAN_S: f64 = 0.04;
+const REACHED_SHARE: f64 = 0.8;
+const FALLEN_SHARE: f64 = 0.7;
+
 /// What the tool does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Doing {
@@ -148,6 +154,10 @@ pub(crate) struct ResponseGuard {
     left: Option<(f64, Vector3<f64>)>,
     last: Option<Vector3<f64>>,
     tripped: Option<Validity>,
+    /// Mean of the pressing force, N, and whether it has reached its reference in this task.
+    mean_n: f64,
+    reached: bool,
+    fallen: bool,
 }
 
 impl ResponseGuard {
@@ -164,11 +174,20 @@ impl ResponseGuard {
                 dt_s: std::mem::take(&mut self.since_s),
                 ..*touch
             };
+            self.mean_n += (touch.force_n - self.mean_n) * (touch.dt_s / (touch.dt_s + MEAN_S));
+            self.reached |=
+                touch.doing == Doing::Pressing && self.mean_n >= REACHED_SHARE * touch.reference_n;
+            let fallen = self.reached && self.mean_n < FALLEN_SHARE * touch.reference_n;
             let dead = self.stands_still(touch, &step)
                 | self.does_not_follow(touch, &step)
                 | self.stays_while_leaving(touch);
             let aside = self.points_aside(touch, &step);
             let found = match (dead, aside) {
+                // The tool moved in, and what was pressed is no longer there: the surface's doing.
+                _ if fallen && touch.depth.is_some() && touch.doing == Doing::Pressing => {
+                    self.fallen |= dead || aside;
+                    None
+                }
                 (true, _) => Some(Validity::Unresponsive),
                 (_, true) => Some(Validity::Misdirected),
                 _ => None,
@@ -176,6 +195,17 @@ impl ResponseGuard {
             self.tripped = self.tripped.or(found);
         }
         self.tripped.unwrap_or(Validity::Valid)
+    }
+
+    /// Whether the tool had pressed with its reference, and has then moved in, or been held aside,
+    /// with much less: the surface ends or falls away there.
+    pub fn has_fallen_away(&self) -> bool {
+        self.fallen
+    }
+
+    /// Records that the force points where no contact can press, found by another observation.
+    pub fn misdirected(&mut self) {
+        self.tripped = self.tripped.or(Some(Validity::Misdirected));
     }
 
     /// Whether the tool goes deeper or comes out while the reading stays constant.

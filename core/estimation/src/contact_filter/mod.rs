@@ -33,6 +33,8 @@ use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};
 use crate::world_estimator::WorldEstimate;
 
+/// Error of a zero that may look like a contact, in standard deviations.
+const ZERO_SDS: f64 = 2.0;
 /// Correlation time of force disturbances in free space (inertia, cables), s.
 const FREE_CORRELATION_S: f64 = 0.5;
 /// Standard deviation of force disturbances in free space (inertia, cables), N.
@@ -93,6 +95,9 @@ impl ContactFilter {
         } else {
             contact.force_off_n
         };
+        // A bias that the filter believes in may hide a contact: what no zero can explain counts.
+        let plain_n = -motion.force_in_tool.z - state.zero_sd_n(&self.config, motion) * ZERO_SDS;
+        let pressing_n = pressing_n.max(plain_n);
         if pressing_n < threshold {
             self.in_free_space(state, motion);
             return;

@@ -179,6 +179,13 @@ impl ContactFilterState {
         force - self.surface.rotation.cross(&force)
     }
 
+    /// Standard deviation that the zero of the force has by its age, N.
+    pub(super) fn zero_sd_n(&self, config: &EstimatorConfig, motion: &Motion) -> f64 {
+        let s = &config.sensing;
+        let drift_n2 = s.force_bias_drift_n_per_sqrt_s.powi(2) * motion.bias_age_s;
+        (s.force_bias_sd_n.powi(2) + drift_n2).sqrt()
+    }
+
     /// Force on the tool without bias and payload weight error, world axes, N.
     pub(super) fn force(&self, motion: &Motion) -> Vector3<f64> {
         motion.rotation * self.force_in_tool(motion)

@@ -89,6 +89,9 @@ pub struct Pad {
     bristles: Vec<Vector3<f64>>,
     /// Radius of the ball around each point, m: that of a round tip, otherwise 0.
     ball_radius: f64,
+    /// Height of the columns of a soft tip, which give along the tool's axis, m; 0: each point
+    /// gives along the normal of the surface.
+    column: f64,
     law: HuntCrossley,
     friction: Friction,
     friction_variation: Option<FrictionVariation>,
@@ -207,10 +210,50 @@ impl PadLinearisation {
     }
 }
 
+/// Height of a soft tip, m.
+const COLUMN_M: f64 = 0.015;
+/// Distance at which a column meets the surface, m, and most steps to find where.
+const MEETS_M: f64 = 1e-7;
+const STEPS_MAX: usize = 40;
+
+/// Depth (negative, m) and normal of a column whose free end is at `end`, compressed by the surface
+/// along its axis `out` (unit, out of the material), up to its whole `height` (m). The depth is
+/// that along the normal of a surface flat across the column.
+fn compressed(
+    surface: &Surface,
+    end: &Vector3<f64>,
+    out: &Vector3<f64>,
+    height: f64,
+) -> (f64, Vector3<f64>) {
+    let mut above = height;
+    for _ in 0..STEPS_MAX {
+        let (distance, normal) = surface.distance_and_normal(&(end + out * above));
+        if distance < MEETS_M {
+            return (-above * normal.dot(out).max(0.0), normal);
+        }
+        // No surface is nearer than its distance.
+        above -= distance;
+        if above <= 0.0 {
+            return (0.0, normal);
+        }
+    }
+    let (_, normal) = surface.distance_and_normal(&(end + out * above));
+    (-above * normal.dot(out).max(0.0), normal)
+}
+
 impl Pad {
     /// `stiffness` is that of the whole pad, N/m, without the tool's compliance.
     pub fn new(pad: &PadConfig, contact: &ContactConfig, stiffness: f64) -> Self {
         Self::of_points(disk(pad), 0.0, contact, stiffness)
+    }
+
+    /// Soft columns along the tool's axis, an elastic foundation: a column over a gap reaches into
+    /// it, and the depth of its neighbours does not move it sideways.
+    pub fn soft(pad: &PadConfig, contact: &ContactConfig, stiffness: f64) -> Self {
+        Self {
+            column: COLUMN_M,
+            ..Self::new(pad, contact, stiffness)
+        }
     }
 
     /// A ball whose foremost point is the tool's origin: it touches where the surface is closest to
@@ -238,6 +281,7 @@ impl Pad {
             reach: points.iter().map(|p| p.norm()).fold(0.0, f64::max) + ball_radius,
             points,
             ball_radius,
+            column: 0.0,
             law,
             friction: Friction::new(&contact.friction),
             friction_variation: None,
@@ -287,10 +331,14 @@ impl Pad {
         let rotation = motion.rotation.to_rotation_matrix();
         for (point, bristle) in self.points.iter().zip(&mut self.bristles) {
             let mut arm = rotation * point;
-            let (mut distance, normal) = surface.distance_and_normal(&(motion.origin + arm));
+            let (mut distance, mut normal) = surface.distance_and_normal(&(motion.origin + arm));
             if self.ball_radius > 0.0 {
                 arm -= normal * self.ball_radius;
                 distance -= self.ball_radius;
+            }
+            if self.column > 0.0 && distance < 0.0 {
+                let out = rotation * -Vector3::z();
+                (distance, normal) = compressed(surface, &(motion.origin + arm), &out, self.column);
             }
             if distance >= 0.0 {
                 *bristle = Vector3::zeros();

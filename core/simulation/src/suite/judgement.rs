@@ -121,7 +121,7 @@ pub fn judge(
 fn completed(draw: &Draw, evaluation: &Evaluation) -> bool {
     let ended_as = |fault: Fault| evaluation.fault == Some(fault.text());
     if draw.leaves_surface {
-        return ended_as(Fault::SurfaceLost);
+        return ended_as(Fault::SurfaceLost) || ended_as(Fault::SurfaceEnds);
     }
     evaluation.phase == Phase::Done.name() && evaluation.fault.is_none()
 }

@@ -17,6 +17,9 @@ use crate::phase_machine::Phase;
 use crate::task::ZeroAtLimit;
 use crate::task::program::Program;
 
+/// Longest time for which the path waits for an arm that does not follow, s.
+const STALLED_MAX_S: f64 = 5.0;
+
 impl Run {
     /// Advances the phase machine.
     #[expect(
@@ -90,10 +93,17 @@ impl Run {
                 }
                 return;
             }
+            if self.response.has_fallen_away() {
+                return self.leave(percept, Some(Fault::SurfaceEnds));
+            }
             if !self.in_contact && self.phase.is_pressing() && !self.stands_without_wrench() {
                 self.lost_count += 1;
                 if self.lost_count > config.contact.lost_count_max {
                     return self.leave(percept, Some(Fault::ContactUnstable));
+                }
+                let here = self.losses.count(&percept.position);
+                if config.contact.lost_here_max > 0 && here > config.contact.lost_here_max {
+                    return self.leave(percept, Some(Fault::SurfaceEnds));
                 }
                 self.tracking.freeze();
                 return self.enter(Phase::Seek, percept);
@@ -151,6 +161,14 @@ impl Run {
                 }
             }
             Phase::Slide => {
+                self.stalled_s = if self.tracking.waits() {
+                    self.stalled_s + dt
+                } else {
+                    0.0
+                };
+                if self.stalled_s > STALLED_MAX_S {
+                    return self.leave(percept, Some(Fault::PathBlocked));
+                }
                 let reason = if let EstimateStatus::None(_) = percept.estimate {
                     Some(HoldReason::NoEstimate)
                 } else if percept.base.is_some() {
@@ -171,7 +189,8 @@ impl Run {
             Phase::Seek => {
                 let way = -(percept.position - self.phase_start).dot(&self.surface.normal);
                 let stiffness = self.force.stiffness_n_per_m();
-                let speed = seek_speed(config, reference_n, stiffness);
+                let speed = seek_speed(config, reference_n, stiffness)
+                    * self.losses.speed_share(&percept.position);
                 let patience = 1.0 + 3.0 * limits.blind_distance_max_m / speed;
                 if self.in_contact {
                     self.touch(config, percept, speed);

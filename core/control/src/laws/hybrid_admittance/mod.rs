@@ -16,6 +16,7 @@ mod interface;
 pub mod joint_velocity;
 mod leaving;
 pub mod loop_delay;
+mod losses;
 mod motion;
 mod moving_base;
 mod pace;

@@ -49,7 +49,8 @@ pub(super) fn wanted_twist<const N: usize>(
         Phase::Approach => Twist::new(run.approach * approach_speed(program, config), still),
         Phase::Seek => {
             run.tracking.freeze();
-            let speed = seek_speed(config, reference_n, run.force.stiffness_n_per_m());
+            let speed = seek_speed(config, reference_n, run.force.stiffness_n_per_m())
+                * run.losses.speed_share(&percept.position);
             Twist::new(normal * -speed, still)
         }
         Phase::Retract => {
@@ -130,7 +131,9 @@ fn along_path(
         .force_n
         .map_or(0.0, |force_n| force_n - run.force.reference_n());
     let path_speed = program.task.path.speed_m_per_s();
-    let mut factor = factor * force_factor(&config.pace, error_n, reference_n);
+    let mut factor = factor
+        * force_factor(&config.pace, error_n, reference_n)
+        * run.losses.speed_share(position);
     let force = ForceLoop {
         reference_n,
         stiffness_n_per_m: run.force.stiffness_n_per_m(),

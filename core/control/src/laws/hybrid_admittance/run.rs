@@ -9,6 +9,7 @@ use nalgebra::Vector3;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
+use super::losses::Losses;
 use super::pace::Exploration;
 use super::percept::Percept;
 use super::surface::Surface;
@@ -18,6 +19,7 @@ use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::{Clearance, LeaveWatch, Leaving};
 use crate::limits::faults::Fault;
 use crate::limits::response_guard::ResponseGuard;
+use crate::limits::turn_guard::TurnGuard;
 use crate::limits::wrench_guard::WrenchGuard;
 use crate::phase_machine::Phase;
 use crate::task::program::Program;
@@ -48,12 +50,14 @@ pub(crate) struct Run {
     pub exploration: Exploration,
     pub in_contact: bool,
     pub lost_count: u32,
+    pub losses: Losses,
     pub approach: Vector3<f64>,
     /// Direction away from the surface that replaces the last good normal.
     pub way_off: Option<Vector3<f64>>,
     pub retract: Vector3<f64>,
     pub guard: WrenchGuard,
     pub response: ResponseGuard,
+    pub turn: TurnGuard,
     pub begun: bool,
     pub touched: bool,
     pub estimated: bool,
@@ -62,6 +66,8 @@ pub(crate) struct Run {
     pub settled_s: f64,
     /// Time for which the force has been too low for contact, s.
     pub low_s: f64,
+    /// Time for which the path has waited for the arm, s.
+    pub stalled_s: f64,
     /// Time without a usable normal while pressing, s; an intermittent wrench does not reset it.
     pub blind_s: f64,
     /// Time for which the motion of the base has been unknown, s.
@@ -104,11 +110,13 @@ impl Run {
             exploration: Exploration::default(),
             in_contact: false,
             lost_count: 0,
+            losses: Losses::default(),
             approach: -Vector3::z(),
             way_off: None,
             retract: Vector3::z(),
             guard: WrenchGuard::default(),
             response: ResponseGuard::default(),
+            turn: TurnGuard::default(),
             begun: false,
             touched: false,
             estimated: false,
@@ -116,6 +124,7 @@ impl Run {
             elapsed_s: 0.0,
             settled_s: 0.0,
             low_s: 0.0,
+            stalled_s: 0.0,
             blind_s: 0.0,
             adrift_s: 0.0,
             interrupted: (HoldReason::Paused, 0.0, Vector3::zeros()),

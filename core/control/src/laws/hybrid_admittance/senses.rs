@@ -92,6 +92,15 @@ impl Run {
         } else if !self.touched {
             self.surface = Surface::new(-z_tool);
         }
+        if self.phase.is_pressing()
+            && self.touched
+            && input.base.is_none()
+            && self
+                .turn
+                .step(&position, &self.surface.normal, config.normal.turn_max_rad)
+        {
+            self.response.misdirected();
+        }
         let against = if self.touched {
             self.surface.normal
         } else {

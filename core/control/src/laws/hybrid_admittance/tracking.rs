@@ -26,6 +26,7 @@ pub struct Tracking {
     plane_normal: Vector3<f64>,
     clock_s: f64,
     clock_rate: f64,
+    waiting: bool,
     /// Reference position of the tool on the path, base axes, m.
     pub reference: Vector3<f64>,
 }
@@ -41,6 +42,7 @@ impl Tracking {
             plane_normal,
             clock_s: 0.0,
             clock_rate: 0.0,
+            waiting: false,
             reference: start,
         }
     }
@@ -72,6 +74,7 @@ impl Tracking {
         // is force-controlled.
         let error = tangential(&(self.reference - position), normal);
         let waiting = (2.0 - error.norm() / config.wait_error_m).clamp(0.0, 1.0);
+        self.waiting = waiting <= 0.0 && speed_factor > 0.0;
         let step = dt_s / config.clock_ramp_s;
         self.clock_rate += (speed_factor - self.clock_rate).clamp(-step, step);
         let before = path.at(self.clock_s).position;
@@ -142,6 +145,11 @@ impl Tracking {
         } else {
             1.0
         }
+    }
+
+    /// Whether the path stands because the tool is far from its reference.
+    pub fn waits(&self) -> bool {
+        self.waiting
     }
 
     /// Whether the path is at its end.

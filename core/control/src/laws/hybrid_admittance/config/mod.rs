@@ -113,6 +113,9 @@ pub struct NormalConfig {
     pub sure_rad: f64,
     /// Maximum turn rate of the normal in use, rad/s.
     pub turn_rate_max_rad_per_s: f64,
+    /// Maximum turn of the normal in use beyond what the way along a surface explains, rad: further
+    /// is a false force.
+    pub turn_max_rad: f64,
     /// Maximum angle between an estimate and the normal in use, rad; estimates beyond it are
     /// rejected.
     pub gate_rad: f64,
@@ -182,6 +185,9 @@ pub struct ContactConfig {
     /// Number of contact losses after which the task ends: a bouncing loop does not recover by
     /// itself.
     pub lost_count_max: u32,
+    /// Number of contact losses at one place after which the task ends: the surface ends there; 0:
+    /// not judged.
+    pub lost_here_max: u32,
     /// Force error that counts as settled, as a share of the reference.
     pub settled_share: f64,
     /// Time for which the force must stay settled before the path starts, s.
@@ -238,6 +244,7 @@ impl Default for NormalConfig {
             filter_s: 0.06,
             sure_rad: 2f64.to_radians(),
             turn_rate_max_rad_per_s: 0.8,
+            turn_max_rad: 0.65,
             gate_rad: 60f64.to_radians(),
             switch_gate_rad: 20f64.to_radians(),
             blind_distance_m: 0.03,
@@ -282,6 +289,7 @@ impl Default for ContactConfig {
             noise_n: 0.3,
             lost_s: 0.024,
             lost_count_max: 30,
+            lost_here_max: 8,
             settled_share: 0.15,
             settled_s: 0.1,
             seek_speed_m_per_s: 0.005,
@@ -319,6 +327,7 @@ impl Presets for ControllerConfig {
             normal: NormalConfig {
                 filter_s: 0.0,
                 sure_rad: 0.0,
+                turn_max_rad: std::f64::consts::PI,
                 prediction_max_rad: 0.0,
                 ..default.normal
             },
@@ -328,6 +337,7 @@ impl Presets for ControllerConfig {
             },
             contact: ContactConfig {
                 settled_s: 0.3,
+                lost_here_max: 0,
                 ..default.contact
             },
             pace: PaceConfig {

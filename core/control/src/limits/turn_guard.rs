@@ -1,0 +1,95 @@
+//! Whether the normal in use turns further than the way of the tool can explain.
+//!
+//! Called by the hybrid admittance in each cycle in which the tool presses. A surface turns under
+//! the tool by at most its curvature times the way; what is left is the error of the first normal,
+//! which is bounded. A normal that turns further follows a false force: a zero that has jumped, or
+//! axes that are exchanged. The tool turns with it, and the force along it says ever less about the
+//! true one.
+
+use nalgebra::{Rotation3, Unit, Vector3};
+
+use crate::contact::alignment::angle_between;
+
+/// Curvature that is followed without doubt, 1/m: a radius of 25 mm.
+const CURVATURE_PER_M: f64 = 40.0;
+/// Distance around a place in which the tool may move to and fro without having got further, m:
+/// small circles explore, they do not travel.
+const LEASH_M: f64 = 0.006;
+
+/// Normal that the way explains, and where. A new one is the reset.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct TurnGuard {
+    anchor: Option<(Vector3<f64>, Vector3<f64>)>,
+}
+
+impl TurnGuard {
+    /// Processes one cycle with the tool at `position` (m) and the `normal` in use (unit), axes in
+    /// which the surface is at rest. Returns whether the normal has turned by more than `turn_max`
+    /// (rad) beyond what the way explains.
+    pub fn step(
+        &mut self,
+        position: &Vector3<f64>,
+        normal: &Vector3<f64>,
+        turn_max_rad: f64,
+    ) -> bool {
+        let (at, explained) = self.anchor.get_or_insert((*position, *normal));
+        let away = *position - *at;
+        let beyond = away.norm() - LEASH_M;
+        if beyond > 0.0 {
+            *at += away.normalize() * beyond;
+            let angle = angle_between(explained, normal);
+            let axis = Unit::try_new(explained.cross(normal), 1e-9);
+            if let Some(axis) = axis {
+                let turn = angle.min(CURVATURE_PER_M * beyond);
+                *explained = Rotation3::from_axis_angle(&axis, turn) * *explained;
+            }
+        }
+        angle_between(explained, normal) > turn_max_rad
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tilted(angle: f64) -> Vector3<f64> {
+        Vector3::new(angle.sin(), 0.0, angle.cos())
+    }
+
+    #[test]
+    fn a_surface_that_turns_under_the_tool_is_followed() {
+        for radius in [0.03, 0.25] {
+            let mut guard = TurnGuard::default();
+            for k in 0..1000 {
+                let angle = f64::from(k) * 2e-4 / radius;
+                let place = Vector3::new(angle.sin(), 0.0, angle.cos()) * radius;
+                assert!(
+                    !guard.step(&place, &tilted(angle), 0.65),
+                    "{radius}: {angle}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_turn_without_way_is_bounded() {
+        let mut guard = TurnGuard::default();
+        let tripped = (0..1000).find_map(|k| {
+            let angle = f64::from(k) * 2e-3;
+            let circle = f64::from(k) * 0.05;
+            let place = Vector3::new(circle.cos(), circle.sin(), 0.0) * 0.003;
+            guard.step(&place, &tilted(angle), 0.65).then_some(angle)
+        });
+        assert!(tripped.is_some_and(|angle| angle < 0.66), "{tripped:?}");
+    }
+
+    #[test]
+    fn a_first_normal_that_is_25_degrees_wrong_may_be_corrected() {
+        let mut guard = TurnGuard::default();
+        for k in 0..500 {
+            let angle = (f64::from(k) * 0.01).min(0.44);
+            let place = Vector3::new(f64::from(k) * 1e-4, 0.0, 0.0);
+            assert!(!guard.step(&place, &tilted(angle), 0.65));
+        }
+    }
+}
