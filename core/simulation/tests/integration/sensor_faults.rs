@@ -2,6 +2,7 @@
 //! travel, and the largest true force until the tool has left.
 
 use tangent_control::Fault;
+use tangent_sensing::Validity;
 
 use crate::dead_sensor::{SURFACES, Seen, run, scenario, settings, with_fault};
 
@@ -90,6 +91,12 @@ fn a_zero_that_jumps_aside_never_hides_more_than_ten_newtons() {
                 let seen = run(&with_fault(name, stiffness, true, &step), from_s);
                 let what = format!("{name}, {stiffness} N/m, from {from_s:.3} s");
                 assert!(seen.peak_n <= 10.0, "{what}: {} N", seen.peak_n);
+                println!("{}", row(&what, from_s, &seen));
+                assert_eq!(
+                    seen.fault,
+                    Some(Fault::Wrench(Validity::Misdirected)),
+                    "{what}"
+                );
             }
         }
     }

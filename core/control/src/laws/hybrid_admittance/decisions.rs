@@ -5,6 +5,7 @@ use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
 use super::interface::ControlInput;
+use super::losses::Felt;
 use super::percept::{Percept, Requests};
 use super::run::{HoldReason, Run};
 use super::touchdown::{approach_speed, seek_speed};
@@ -101,9 +102,15 @@ impl Run {
                 if self.lost_count > config.contact.lost_count_max {
                     return self.leave(percept, Some(Fault::ContactUnstable));
                 }
-                let here = self.losses.count(&percept.position);
+                let (position, normal) = (&percept.position, &self.surface.normal);
+                let here = self.losses.count(position, normal, &self.felt);
                 if config.contact.lost_here_max > 0 && here > config.contact.lost_here_max {
-                    return self.leave(percept, Some(Fault::SurfaceEnds));
+                    let fault = if self.losses.is_rim() {
+                        Fault::SurfaceEnds
+                    } else {
+                        Fault::ContactUnstable
+                    };
+                    return self.leave(percept, Some(fault));
                 }
                 self.tracking.freeze();
                 return self.enter(Phase::Seek, percept);
@@ -269,6 +276,7 @@ impl Run {
         }
         self.settled_s = 0.0;
         self.low_s = 0.0;
+        self.felt = Felt::default();
         self.enter(Phase::Contact, percept);
     }
 }

@@ -13,23 +13,60 @@ const SLOWER_FACTOR: f64 = 0.6;
 /// Slowest share of the speed.
 const SHARE_MIN: f64 = 0.1;
 
+/// Depth by which the tool gets further in from loss to loss where a surface ends, m.
+const DEEPER_M: f64 = 1e-3;
+
+/// What the tool felt from a touch to a loss.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Felt {
+    pressing_n_s: f64,
+    aside_n_s: f64,
+}
+
+impl Felt {
+    /// Adds one cycle with a pressing force and one along the surface, N.
+    pub fn add(&mut self, pressing_n: f64, aside_n: f64, dt_s: f64) {
+        self.pressing_n_s += pressing_n.max(0.0) * dt_s;
+        self.aside_n_s += aside_n * dt_s;
+    }
+
+    /// Whether the tool was held aside more than it pressed: by a rim.
+    fn is_aside(&self) -> bool {
+        self.aside_n_s > self.pressing_n_s
+    }
+}
+
 /// State for one run. A new one is the reset.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Losses {
     place: Option<Vector3<f64>>,
     here: u32,
+    aside: u32,
+    deeper_m: f64,
 }
 
 impl Losses {
-    /// Counts a loss at `position` (m); returns how many were at this place.
-    pub fn count(&mut self, position: &Vector3<f64>) -> u32 {
-        if self.is_near(position) {
-            self.here += 1;
-        } else {
-            self.place = Some(*position);
-            self.here = 1;
+    /// Counts a loss at `position` (m) on a surface with this `normal`; returns how many were at
+    /// this place.
+    pub fn count(&mut self, position: &Vector3<f64>, normal: &Vector3<f64>, felt: &Felt) -> u32 {
+        if !self.is_near(position) {
+            *self = Self {
+                place: Some(*position),
+                ..Self::default()
+            };
         }
+        self.here += 1;
+        self.aside += u32::from(felt.is_aside());
+        self.deeper_m = self
+            .place
+            .map_or(0.0, |place| (place - position).dot(normal));
         self.here
+    }
+
+    /// Whether the losses at this place are those of a surface that ends, and not of a tool that
+    /// bounces.
+    pub fn is_rim(&self) -> bool {
+        2 * self.aside >= self.here || self.deeper_m > DEEPER_M
     }
 
     /// Share of a speed, of the path or towards the surface, that is left at `position` (m).
@@ -55,11 +92,29 @@ mod tests {
     fn losses_at_one_place_slow_the_tool_there_and_only_there() {
         let mut losses = Losses::default();
         let (here, there) = (Vector3::zeros(), Vector3::x() * 0.02);
-        let counts: Vec<_> = (0..4).map(|_| losses.count(&here)).collect();
+        let (up, felt) = (Vector3::z(), Felt::default());
+        let counts: Vec<_> = (0..4).map(|_| losses.count(&here, &up, &felt)).collect();
         assert_eq!(counts, [1, 2, 3, 4]);
         assert!(losses.speed_share(&here) < 0.5);
         assert_eq!(losses.speed_share(&there), 1.0);
-        assert_eq!(losses.count(&there), 1);
+        assert_eq!(losses.count(&there, &up, &felt), 1);
         assert_eq!(losses.speed_share(&there), 1.0);
+    }
+
+    #[test]
+    fn a_rim_holds_the_tool_aside_or_lets_it_in() {
+        let (up, mut pressing, mut aside) = (Vector3::z(), Felt::default(), Felt::default());
+        pressing.add(2.0, 0.8, 0.1);
+        aside.add(0.4, 0.8, 0.1);
+        let rim = |felt: &Felt, step_m: f64| {
+            let mut losses = Losses::default();
+            for k in 0..6 {
+                losses.count(&(-up * step_m * f64::from(k)), &up, felt);
+            }
+            losses.is_rim()
+        };
+        assert!(!rim(&pressing, 1e-5));
+        assert!(rim(&pressing, 5e-4));
+        assert!(rim(&aside, 0.0));
     }
 }

@@ -3,7 +3,9 @@
 use super::config::ControllerConfig;
 use super::force_law::ForceSample;
 use super::interface::ControlInput;
-use super::pace::{ForceLoop, deviation_along_rad, deviation_max_rad, force_factor, speed_bound};
+use super::pace::{
+    ForceLoop, deviation_along_rad, deviation_max_rad, force_factor, speed_bound, turn_bound,
+};
 use super::percept::Percept;
 use super::run::Run;
 use super::touchdown::{approach_speed, seek_speed};
@@ -99,9 +101,14 @@ pub(super) fn wanted_twist<const N: usize>(
                 run.force.rest();
                 (0.0, still)
             };
+            let bound = turn_bound(
+                &config.pace,
+                percept.force_n.unwrap_or(0.0),
+                &force_loop(run, config, reference_n),
+            );
             let align = clamp_norm(
                 alignment_rate(config.alignment.gain_per_s, &percept.z_tool, &normal),
-                config.alignment.turn_rate_max_rad_per_s,
+                config.alignment.turn_rate_max_rad_per_s.min(bound),
             );
             let ahead = if config.alignment.feed_forward && run.phase == Phase::Slide {
                 run.surface.turn_rate
@@ -111,6 +118,14 @@ pub(super) fn wanted_twist<const N: usize>(
             Twist::new(along + normal * speed, align + ahead + turn)
         }
         Phase::Idle | Phase::Done | Phase::Fault | Phase::Tare => Twist::zero(),
+    }
+}
+
+fn force_loop(run: &Run, config: &ControllerConfig, reference_n: f64) -> ForceLoop {
+    ForceLoop {
+        reference_n,
+        stiffness_n_per_m: run.force.stiffness_n_per_m(),
+        delay_s: config.force.loop_delay_s,
     }
 }
 
@@ -134,11 +149,7 @@ fn along_path(
     let mut factor = factor
         * force_factor(&config.pace, error_n, reference_n)
         * run.losses.speed_share(position);
-    let force = ForceLoop {
-        reference_n,
-        stiffness_n_per_m: run.force.stiffness_n_per_m(),
-        delay_s: config.force.loop_delay_s,
-    };
+    let force = force_loop(run, config, reference_n);
     if let (Phase::Slide, EstimateStatus::Usable(input)) = (run.phase, &percept.estimate) {
         let covariance = &input.estimate.covariance;
         if run.exploration.is_open() && path_speed * factor > 0.0 {

@@ -16,6 +16,13 @@ use super::config::PaceConfig;
 
 /// The slope expected is this many standard deviations of the normal.
 const SLOPE_SD: f64 = 2.0;
+/// Distance assumed between the contact and the tool's origin while the tool turns, m: of a round
+/// tip that is not aligned, and of a stated origin that is not the true one.
+const LEVER_M: f64 = 0.004;
+/// Share of the reference that is left at least, for the turn rate.
+const LEFT_SHARE: f64 = 0.3;
+/// Lowest turn rate for that reason, rad/s.
+const TURN_MIN_RAD_PER_S: f64 = 0.05;
 /// The path stands when the force error is this many times the one that begins to slow it.
 const STAND_SHARES: f64 = 2.5;
 /// A lower reference than this is judged like this one, N: noise is no reason to wait.
@@ -55,6 +62,18 @@ pub(crate) fn force_factor(config: &PaceConfig, error_n: f64, reference_n: f64) 
     }
     let share = error_n.abs() / reference_n.max(REFERENCE_MIN_N) / config.force_share;
     ((STAND_SHARES - share) / (STAND_SHARES - 1.0)).clamp(0.0, 1.0)
+}
+
+/// Highest turn rate of the tool about its origin, rad/s, so that a contact [`LEVER_M`] beside that
+/// origin moves along the normal no faster than the loop can follow; `force_n` is measured.
+pub(crate) fn turn_bound(config: &PaceConfig, force_n: f64, force: &ForceLoop) -> f64 {
+    if config.slope_share <= 0.0 {
+        return f64::INFINITY;
+    }
+    // A tool that hardly presses loses contact sooner.
+    let left_n = force_n.clamp(LEFT_SHARE * force.reference_n, force.reference_n);
+    let speed = config.slope_share * left_n / (force.stiffness_n_per_m * force.delay_s);
+    (speed / LEVER_M).max(TURN_MIN_RAD_PER_S)
 }
 
 /// Standard deviation of a normal with this covariance (rad²) in the direction `along` (unit), rad.

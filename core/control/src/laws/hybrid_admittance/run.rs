@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
-use super::losses::Losses;
+use super::losses::{Felt, Losses};
 use super::pace::Exploration;
 use super::percept::Percept;
 use super::surface::Surface;
@@ -51,6 +51,7 @@ pub(crate) struct Run {
     pub in_contact: bool,
     pub lost_count: u32,
     pub losses: Losses,
+    pub felt: Felt,
     pub approach: Vector3<f64>,
     /// Direction away from the surface that replaces the last good normal.
     pub way_off: Option<Vector3<f64>>,
@@ -111,6 +112,7 @@ impl Run {
             in_contact: false,
             lost_count: 0,
             losses: Losses::default(),
+            felt: Felt::default(),
             approach: -Vector3::z(),
             way_off: None,
             retract: Vector3::z(),

@@ -107,6 +107,10 @@ impl Run {
             -self.approach
         };
         let force_n = wrench.map(|wrench| wrench.force.dot(&against));
+        if let (Some(wrench), Some(force_n)) = (&wrench, force_n) {
+            let aside_n = (wrench.force - against * force_n).norm();
+            self.felt.add(force_n, aside_n, input.dt_s);
+        }
         if matches!(self.phase, Phase::Tare | Phase::Clear) {
             // Before the tare, an unloaded sensor may show any force.
             self.in_contact = false;
