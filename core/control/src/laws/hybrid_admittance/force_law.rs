@@ -270,6 +270,9 @@ mod tests {
     struct Bench {
         stiffness: f64,
         commands: VecDeque<f64>,
+        /// Natural frequency of a servo of second order, rad/s; `None`: a lag of 12 ms.
+        servo_rad_per_s: Option<f64>,
+        acceleration: f64,
         velocity: f64,
         depth: f64,
         force: f64,
@@ -282,6 +285,8 @@ mod tests {
             Self {
                 stiffness,
                 commands: VecDeque::from(vec![0.0; cycles]),
+                servo_rad_per_s: None,
+                acceleration: 0.0,
                 velocity: 0.0,
                 depth: 0.0,
                 force: 0.0,
@@ -296,7 +301,16 @@ mod tests {
             let n = 8;
             let h = self.dt / f64::from(n);
             for _ in 0..n {
-                self.velocity += (wanted - self.velocity) * (1.0 - (-h / 0.012f64).exp());
+                match self.servo_rad_per_s {
+                    None => {
+                        self.velocity += (wanted - self.velocity) * (1.0 - (-h / 0.012f64).exp());
+                    }
+                    Some(omega) => {
+                        let pull = omega * omega * (wanted - self.velocity);
+                        self.acceleration += h * (pull - 1.8 * omega * self.acceleration);
+                        self.velocity += h * self.acceleration;
+                    }
+                }
                 self.depth += self.velocity * h;
                 let push = self.stiffness * self.depth.max(0.0);
                 self.force += (push - self.force) * (1.0 - (-h / 0.008f64).exp());
@@ -322,10 +336,14 @@ mod tests {
     /// Touches down at `speed` and presses with 3 N; returns the overshoot in percent and the
     /// largest error in the last second, N.
     fn touchdown(preset: &str, stiffness: f64, dt: f64, delay_s: f64, speed: f64) -> (f64, f64) {
+        touchdown_on(preset, Bench::new(stiffness, dt, delay_s), speed)
+    }
+
+    fn touchdown_on(preset: &str, mut bench: Bench, speed: f64) -> (f64, f64) {
         let config = ControllerConfig::preset(preset).unwrap();
         let limits = Limits::default();
         let mut law = ForceLaw::new(config.force.stiffness_expected_n_per_m);
-        let mut bench = Bench::new(stiffness, dt, delay_s);
+        let dt = bench.dt;
         while bench.force < 0.6 {
             bench.step(speed);
         }
@@ -354,6 +372,38 @@ mod tests {
                 assert!(worst < 0.05, "{stiffness} at {dt}: {worst} N");
             }
         }
+    }
+
+    /// Servos of 10 to 25 Hz behind 1 to 3 cycles, told nothing: the force settles, and its first
+    /// peak stays within twice the reference or 10 N.
+    #[test]
+    fn stable_from_1_to_100_kilonewtons_per_metre_with_slow_servos() {
+        let config = ControllerConfig::default();
+        let speed = touchdown_speed(&config, 3.0, config.force.stiffness_expected_n_per_m);
+        let mut unsettled = Vec::new();
+        for (dt, servo_hz, cycles) in [
+            (0.008, 10.0, 1.0),
+            (0.008, 10.0, 3.0),
+            (0.008, 15.0, 1.0),
+            (0.008, 15.0, 3.0),
+            (0.008, 25.0, 2.0),
+            (0.002, 10.0, 1.0),
+            (0.002, 15.0, 3.0),
+            (0.002, 25.0, 2.0),
+        ] {
+            for stiffness in [1e3, 3e3, 1e4, 3e4, 6e4, 1e5] {
+                let bench = Bench {
+                    servo_rad_per_s: Some(std::f64::consts::TAU * servo_hz),
+                    ..Bench::new(stiffness, dt, cycles * dt)
+                };
+                let (overshoot, worst) = touchdown_on("default", bench, speed);
+                let peak_n = 3.0 * (1.0 + 0.01 * overshoot);
+                if peak_n > 10.0 || worst > 0.15 {
+                    unsettled.push((dt, servo_hz, cycles, stiffness, peak_n, worst));
+                }
+            }
+        }
+        assert!(unsettled.is_empty(), "{unsettled:#?}");
     }
 
     #[test]

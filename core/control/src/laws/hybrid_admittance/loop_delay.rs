@@ -242,8 +242,10 @@ impl LoopDelay {
         ))
     }
 
-    /// Delay to use and its standard deviation, s: the mean of the measurement and of the `setting`
-    /// (delay and standard deviation, s), each weighted by its certainty.
+    /// Delay to use and its uncertainty, s: the mean of the measurement and of the `setting` (delay
+    /// and standard deviation, s), each weighted by its certainty. The uncertainty reaches up to
+    /// the setting at least: a measurement that is too short costs no stability. Without a
+    /// measurement, the setting alone.
     pub fn in_use_s<const N: usize>(
         &self,
         state: &LoopDelayState<N>,
@@ -254,12 +256,11 @@ impl LoopDelay {
             Some((delay_s, deviation_s)) if setting_sd_s > 0.0 => {
                 let (stated, shown) = (setting_sd_s.powi(-2), deviation_s.powi(-2));
                 let sum = stated + shown;
-                (
-                    (setting_s * stated + delay_s * shown) / sum,
-                    sum.sqrt().recip(),
-                )
+                let mean_s = (setting_s * stated + delay_s * shown) / sum;
+                let deviation_s = sum.sqrt().recip().max(setting_s - mean_s);
+                (mean_s, deviation_s)
             }
-            _ => setting,
+            _ => (setting_s, 0.0),
         }
     }
 }
@@ -419,7 +420,7 @@ mod tests {
             );
         }
         assert_eq!(law.measured_s(&state), None);
-        assert_eq!(law.in_use_s(&state, (0.04, 0.02)), (0.04, 0.02));
+        assert_eq!(law.in_use_s(&state, (0.04, 0.02)), (0.04, 0.0));
     }
 
     proptest! {

@@ -30,7 +30,9 @@ const BELIEVED: (f64, f64) = (300.0, 120_000.0);
 const DEPTH_SD_M: f64 = 2e-5;
 const FORCE_SD_N: f64 = 0.08;
 /// Smallest squared correlation of depth and force that shows a stiffness.
-const CORRELATION_MIN: f64 = 0.5;
+const CORRELATION_MIN: f64 = 0.3;
+/// Time constant with which a lower stiffness is adopted, s.
+const LOWER_S: f64 = 0.06;
 /// Time constant of the forgetting, s.
 const MEMORY_S: f64 = 1.5;
 
@@ -94,7 +96,7 @@ impl Stiffness {
         let share = if measured > self.value_n_per_m {
             1.0
         } else {
-            dt_s / (dt_s + 0.1)
+            dt_s / (dt_s + LOWER_S)
         };
         self.value_n_per_m += share * (measured - self.value_n_per_m);
     }
