@@ -5,5 +5,7 @@
 mod bridge;
 mod common;
 mod dashboard_and_scripts;
+
 mod rtde;
+mod script_clients;
 mod ur_rtde;
