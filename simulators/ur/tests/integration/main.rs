@@ -5,6 +5,7 @@
 mod bridge;
 mod common;
 mod dashboard_and_scripts;
+mod primary_state;
 
 mod rtde;
 mod script_clients;
