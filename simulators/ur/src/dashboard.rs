@@ -137,7 +137,10 @@ impl Dashboard {
                 Err(_) => LOCKED,
             },
             "close safety popup" => "closing safety popup",
-            "close popup" => "closing popup",
+            "close popup" => {
+                controller.close_popup();
+                "closing popup"
+            }
             "restart safety" => {
                 controller.restart_safety();
                 "Restarting safety"

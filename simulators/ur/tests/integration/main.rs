@@ -5,6 +5,7 @@
 mod bridge;
 mod common;
 mod dashboard_and_scripts;
+mod hand_guiding;
 mod primary_state;
 
 mod rtde;

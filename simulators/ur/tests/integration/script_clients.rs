@@ -6,7 +6,7 @@ use std::net::{SocketAddr, TcpStream};
 
 use nix::sys::socket::{setsockopt, sockopt};
 
-use crate::common::{PATIENCE, cb3, connect, start};
+use crate::common::{PATIENCE, cb3, connect, rtde_answer, rtde_request, start};
 use tangent_live::timed;
 use tangent_simulated_ur::{ControllerConfig, Flavour, SimulatedUr};
 
@@ -93,12 +93,15 @@ fn the_successor_of_a_crashed_client_connects_every_time() {
             dashboard.read_line(&mut line).unwrap();
             let mut script = connect(cell.endpoints().realtime);
             let mut rtde = connect(cell.endpoints().rtde);
-            rtde.write_all(&request(b'V', &[0, 2])).unwrap();
-            rtde.write_all(&request(b'I', b"input_int_register_0"))
+            rtde.write_all(&rtde_request(b'V', &[0, 2])).unwrap();
+            rtde.write_all(&rtde_request(b'I', b"input_int_register_0"))
                 .unwrap();
             // The version is accepted, and the register is free: an INT32.
-            assert_eq!(answer(&mut rtde), (b'V', vec![1]));
-            assert_eq!(answer(&mut rtde), (b'I', [&[1], &b"INT32"[..]].concat()));
+            assert_eq!(rtde_answer(&mut rtde), (b'V', vec![1]));
+            assert_eq!(
+                rtde_answer(&mut rtde),
+                (b'I', [&[1], &b"INT32"[..]].concat())
+            );
 
             script.write_all(b"stop program\n").unwrap();
             assert!(cell.wait_for(PATIENCE, |s| s.program.is_none()));
@@ -112,20 +115,6 @@ fn the_successor_of_a_crashed_client_connects_every_time() {
             // The process dies: unread states turn the end of every connection into a reset.
         }
     });
-}
-
-/// A package of RTDE.
-fn request(kind: u8, payload: &[u8]) -> Vec<u8> {
-    let length = u16::try_from(payload.len() + 3).unwrap();
-    [&length.to_be_bytes(), &[kind][..], payload].concat()
-}
-
-fn answer(stream: &mut TcpStream) -> (u8, Vec<u8>) {
-    let mut head = [0; 3];
-    stream.read_exact(&mut head).unwrap();
-    let mut payload = vec![0; usize::from(u16::from_be_bytes([head[0], head[1]])) - 3];
-    stream.read_exact(&mut payload).unwrap();
-    (head[2], payload)
 }
 
 /// Its kernel answers the unread stream with a reset, and the program counts all the same.

@@ -1,3 +1,4 @@
 mod bridge_program;
+mod compliance;
 mod modes;
 mod programs;

@@ -277,7 +277,10 @@ fn runtime_errors_say_where() {
         ),
         ("x = 1 + \"a\"", "+ does not work with an int and a text"),
         ("speedj([0, 0, 0], 1, 1)", "six numbers are needed, not 3"),
-        ("local y = 1\nif y:\nend", "a bool is needed, not an int"),
+        (
+            "local y = \"1\"\nif y:\nend",
+            "a bool is needed, not a text",
+        ),
     ] {
         let rig = run(body);
         assert_eq!(rig.exceptions(), [text], "{body}");
