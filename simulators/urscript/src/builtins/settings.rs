@@ -32,7 +32,8 @@ builtins! {
         r.tune_force_mode(ForceModeTuning::Damping(damping));
         nothing()
     };
-    #[e_series] force_mode_set_gain_scaling(scaling) = |r, a| {
+    // CB3 compiles it: clients' programs name it, but call it on e-Series only.
+    force_mode_set_gain_scaling(scaling) = |r, a| {
         let gain = within("force_mode_set_gain_scaling", "scaling", or(&a[0], 1.0)?, 0.0..=2.0)?;
         r.tune_force_mode(ForceModeTuning::Gain(gain));
         nothing()
