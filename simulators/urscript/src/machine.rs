@@ -254,6 +254,16 @@ impl Machine {
                     self.halted = true;
                     return Ok(Turn::Ended);
                 }
+                Op::Builtin(builtin)
+                    if *budget < INSTRUCTIONS_PER_FRAME / 2 && builtin.takes_turns() =>
+                {
+                    // Tried again in the next frame.
+                    if let Some(call) = thread.calls.last_mut() {
+                        call.at -= 1;
+                    }
+                    thread.wait = Wait::Frame;
+                    return Ok(Turn::Waits);
+                }
                 Op::Builtin(builtin) => {
                     let arguments = arguments(thread, builtin.parameters.len());
                     match (builtin.call)(robot, &arguments)? {

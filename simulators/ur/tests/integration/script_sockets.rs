@@ -101,6 +101,31 @@ fn a_program_reads_what_it_is_sent() {
     });
 }
 
+/// Some clients send set points as fast as the connection takes them.
+#[test]
+fn a_client_may_send_faster_than_a_program_reads() {
+    timed(|| {
+        let cell = cb3();
+        let mut stream = talk(
+            &cell,
+            "n = 0
+             sum = 0
+             while n < 20000:
+               list = socket_read_binary_integer(8)
+               n = n + 1
+               sum = sum + list[8]
+             end
+             socket_send_line(sum)",
+        );
+        let mut numbers = [0_u8; 32];
+        numbers[31] = 1;
+        stream.write_all(&numbers.repeat(20_000)).unwrap();
+        let mut line = String::new();
+        BufReader::new(stream).read_line(&mut line).unwrap();
+        assert_eq!(line, "20000\n");
+    });
+}
+
 #[test]
 fn a_server_that_is_not_there_is_false_and_threads_go_on() {
     timed(|| {

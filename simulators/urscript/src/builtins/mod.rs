@@ -58,6 +58,14 @@ pub struct Builtin {
     pub call: fn(&mut dyn Robot, &[Value]) -> Done,
 }
 
+impl Builtin {
+    /// Whether a thread that has used much of a frame goes on with it in the next one: a client may
+    /// send faster than a program can read.
+    pub fn takes_turns(&self) -> bool {
+        self.name.starts_with("socket_read")
+    }
+}
+
 macro_rules! builtins {
     ($($(#[$e:ident])? $name:ident($($parameter:ident),*) = $call:expr;)*) => {
         pub static BUILTINS: &[$crate::builtins::Builtin] = &[$($crate::builtins::Builtin {
