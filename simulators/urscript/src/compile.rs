@@ -335,9 +335,9 @@ impl<'a> FunctionCompiler<'a> {
                 self.expression(thread)?;
                 self.emit(Op::Join, position);
             }
-            // A thread runs until it waits, so that no other interrupts it. In a section that waits,
-            // others run, as on the controller: clients move the arm in a section of one thread and
-            // kill that thread from a section of another.
+            // A thread runs until it waits, so that no other interrupts it. In a section that
+            // waits, others run, as on the controller: clients move the arm in a section of one
+            // thread and kill that thread from a section of another.
             Statement::EnterCritical | Statement::ExitCritical => {}
             Statement::Halt => {
                 self.emit(Op::Halt, position);

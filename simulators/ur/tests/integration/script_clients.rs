@@ -1,5 +1,5 @@
-//! Clients of the script ports that behave like many people's scripts: they write and never read, or
-//! vanish.
+//! Clients of the script ports that behave like many people's scripts: they write and never read,
+//! or vanish.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpStream};

@@ -1,7 +1,7 @@
 //! Programs that open TCP connections to their client: every function that sends and reads.
 
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::{Shutdown, TcpListener, TcpStream};
 
 use crate::common::{PATIENCE, cb3, connect};
 use tangent_live::timed;
@@ -19,6 +19,12 @@ fn talk(cell: &SimulatedUr, body: &str) -> TcpStream {
     let (stream, _) = server.accept().unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     stream
+}
+
+fn next_line(from: &mut impl BufRead) -> String {
+    let mut line = String::new();
+    from.read_line(&mut line).unwrap();
+    line.trim_end().to_owned()
 }
 
 #[test]
@@ -67,11 +73,8 @@ fn a_program_reads_what_it_is_sent() {
         );
         let mut to = stream.try_clone().unwrap();
         let mut from = BufReader::new(stream);
-        let mut line = || {
-            let mut line = String::new();
-            from.read_line(&mut line).unwrap();
-            line.trim_end().to_owned()
-        };
+        let from = &mut from;
+        let mut line = || next_line(from);
         // Torn between two writes.
         to.write_all(b"(1.5, -2").unwrap();
         to.write_all(b", 3e2)").unwrap();
@@ -92,9 +95,7 @@ fn a_program_reads_what_it_is_sent() {
         assert_eq!(line(), "");
         to.write_all(b"late\n").unwrap();
         assert_eq!(line(), "late");
-        drop(line);
-        drop(to);
-        drop(from);
+        to.shutdown(Shutdown::Both).unwrap();
         assert!(cell.wait_for(PATIENCE, |s| s.program.is_none()));
         let log = cell.log().join("\n");
         assert!(log.contains("closed [0, -1]"), "{log}");
