@@ -3,9 +3,9 @@
 //!
 //! Along a compliant axis the tool behaves as a mass with viscous damping, pulled by the force
 //! missing to the wanted one: `m v' = g (w + f) - d v`, with the wanted force `w` of the tool on
-//! its surroundings, the force `f` of these on the tool, and `m = d T`. In contact the force settles at
-//! `f = -w`. The damping `d` keeps that stable on surfaces of up to about 10 kN/m (CB3) or 30 kN/m
-//! (e-Series), whose arms follow after about 35 and 12 ms.
+//! its surroundings, the force `f` of these on the tool, and `m = d T`. In contact the force
+//! settles at `f = -w`. The damping `d` keeps that stable on surfaces of up to about 10 kN/m (CB3)
+//! or 30 kN/m (e-Series), whose arms follow after about 35 and 12 ms.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3, Vector6};
 use tangent_urscript::pose::{SixPose, isometry};
