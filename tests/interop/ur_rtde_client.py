@@ -100,6 +100,27 @@ wait(lambda: max(map(abs, receive.getActualQd())) > 0.1, "the arm is on its way"
 control.stopJ(2.0)
 wait(lambda: max(map(abs, receive.getActualQd())) < 1e-3, "the arm stands")
 check(control.moveJ(home, 1.0, 2.0), "moveJ back")
+path = [home[:], home[:]]
+path[0][0] += 0.2
+path[1][2] -= 0.1
+check(control.moveJ([q + [1.0, 2.0, 0.0] for q in path]), "moveJ along a path, a script of its own")
+wait(lambda: near(receive.getActualQ(), path[-1], 2e-3), "the arm is at the path's end")
+check(control.moveJ(home, 1.0, 2.0), "moveJ back")
+
+up = [0.0, 0.0, 20.0, 0.0, 0.0, 0.0]
+control.forceModeSetDamping(0.1)
+check(control.forceMode([0.0] * 6, [0, 0, 1, 0, 0, 0], up, 2, [0.02] * 6), "forceMode")
+wait(lambda: receive.getActualTCPSpeed()[2] > 5e-3, "the tool moves along the compliant axis")
+check(control.forceModeStop(), "forceModeStop")
+wait(lambda: max(map(abs, receive.getActualQd())) < 1e-3, "the arm stands")
+check(control.teachMode(), "teachMode")
+check(max(map(abs, receive.getActualQd())) < 1e-3, "the arm stays where no hand guides it")
+check(control.endTeachMode(), "endTeachMode")
+check(control.freedriveMode(), "freedriveMode")
+check(control.endFreedriveMode(), "endFreedriveMode")
+check(control.setPayload(1.0, [0.0, 0.0, 0.05]), "setPayload")
+wait(lambda: abs(receive.getPayload() - 1.0) < 1e-6, "and read back")
+check(control.moveJ(home, 1.0, 2.0), "moveJ back")
 found = control.getInverseKinematics(receive.getActualTCPPose(), home)
 check(near(found, home, 5e-3), "inverse kinematics")
 

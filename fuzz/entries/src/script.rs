@@ -1,7 +1,10 @@
 //! URScript as clients send it to the simulated controller: compiled, then run for a bounded number
 //! of cycles.
 
-use tangent_urscript::{Frame, Machine, Motion, Program, Robot, ScriptError};
+use tangent_urscript::{
+    Compliance, ForceModeTuning, Frame, Machine, Motion, Program, Robot, ScriptError, SocketState,
+    Sockets,
+};
 
 /// Number of cycles for which a program runs.
 const CYCLES: u32 = 4;
@@ -19,6 +22,7 @@ pub fn urscript(data: &[u8]) {
         let mut arm = Still {
             integers: [0; 48],
             floats: [0.0; 48],
+            received: Vec::new(),
         };
         for _ in 0..CYCLES {
             if machine.frame(&mut arm) != Frame::Running {
@@ -32,6 +36,7 @@ pub fn urscript(data: &[u8]) {
 struct Still {
     integers: [i32; 48],
     floats: [f64; 48],
+    received: Vec<u8>,
 }
 
 fn index(n: i32) -> Option<usize> {
@@ -63,14 +68,26 @@ impl Robot for Still {
     fn output_float(&mut self, n: i32) -> Option<&mut f64> {
         index(n).map(|n| &mut self.floats[n])
     }
+    fn output_bit(&self, n: i32) -> Option<bool> {
+        index(n).map(|_| false)
+    }
     fn set_output_bit(&mut self, n: i32, _: bool) -> bool {
         index(n).is_some()
+    }
+    fn digital_output(&self, n: i32) -> Option<bool> {
+        index(n).filter(|n| *n < 18).map(|_| false)
     }
     fn set_digital_output(&mut self, n: i32, _: bool) -> bool {
         index(n).is_some_and(|n| n < 18)
     }
     fn digital_input(&self, n: i32) -> Option<bool> {
         index(n).filter(|n| *n < 18).map(|_| false)
+    }
+    fn analog_output(&mut self, n: i32) -> Option<&mut f64> {
+        index(n).filter(|n| *n < 2).map(|n| &mut self.floats[n])
+    }
+    fn set_analog_output_voltage(&mut self, n: i32, _: bool) -> bool {
+        index(n).is_some_and(|n| n < 2)
     }
     fn joint_positions(&self, _: bool) -> [f64; 6] {
         [0.0, -1.0, 1.0, -1.5, -1.5, 0.0]
@@ -116,9 +133,38 @@ impl Robot for Still {
     fn moving(&self) -> bool {
         false
     }
+    fn set_compliance(&mut self, _: Option<Compliance>) {}
+    fn tune_force_mode(&mut self, _: ForceModeTuning) {}
+    fn use_external_force(&mut self, _: bool) {}
+    fn popup(&mut self, _: String) {}
+    fn popup_is_open(&self) -> bool {
+        false
+    }
     fn text_message(&mut self, _: String) {}
     fn watchdog(&mut self, _: &str, _: f64, _: &str) -> Result<(), ScriptError> {
         Ok(())
     }
     fn protective_stop(&mut self) {}
+    fn sockets(&mut self) -> &mut dyn Sockets {
+        self
+    }
+}
+
+/// A peer that sends back what it receives.
+impl Sockets for Still {
+    fn open(&mut self, _: &str, _: &str, _: u16) {}
+    fn state(&mut self, _: &str) -> SocketState {
+        SocketState::Open
+    }
+    fn close(&mut self, _: &str) -> bool {
+        true
+    }
+    fn send(&mut self, _: &str, bytes: &[u8]) -> bool {
+        self.received.extend_from_slice(bytes);
+        self.received.truncate(4096);
+        true
+    }
+    fn received(&mut self, _: &str) -> Option<&mut Vec<u8>> {
+        Some(&mut self.received)
+    }
 }

@@ -1,7 +1,7 @@
 //! A Panda with a tool in front of a plane: full rigid-body dynamics, a spring and damper for the
 //! contact, and a momentum observer for the robot's wrench estimate. Used if no scenario is given.
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -15,6 +15,8 @@ use crate::plant::{ArmReading, TorquePlant};
 
 /// Seed of the noise: every run has the same.
 const NOISE_SEED: u64 = 0x0f0a_11ca;
+/// Inertia of the tool about its centre of mass, any axis, kg m².
+const TOOL_INERTIA_KG_M2: f64 = 0.001;
 /// Speed at which friction has reached 71 % of its value, m/s.
 const STICK_SPEED_M_PER_S: f64 = 0.002;
 
@@ -50,6 +52,11 @@ pub struct PlantConfig {
     pub q_rad: [f64; 7],
     /// Plane that the tool can touch; `None` for free space.
     pub plane: Option<Plane>,
+    /// Inertia of the motors as the joints carry it, kg m²: of the rotor, times the square of the
+    /// gear ratio. It is several times that of the last links, so that a law that is stable on a
+    /// real arm would not be stable on links alone. 0.1 kg m² is what simulators of this arm use
+    /// (MuJoCo Menagerie, `franka_emika_panda`).
+    pub motor_inertia_kg_m2: [f64; 7],
     /// Viscous friction of all joints, Nm s/rad.
     pub viscous_nm_s_per_rad: f64,
     /// Bandwidth of the robot's estimate of external torque, rad/s.
@@ -78,6 +85,7 @@ impl Default for PlantConfig {
                 std::f64::consts::FRAC_PI_4,
             ],
             plane: None,
+            motor_inertia_kg_m2: [0.1; 7],
             viscous_nm_s_per_rad: 0.05,
             observer_rad_per_s: 150.0,
             torque_noise_nm: 0.01,
@@ -111,17 +119,14 @@ impl BenchPlant {
     /// # Errors
     /// The built-in model is not valid.
     pub fn new(config: &PlantConfig) -> Result<Self, ModelError> {
-        let model = Arm::<7>::new(&ModelData::builtin("panda")?)?.with_payload(&Payload {
-            mass_kg: config.tool_mass_kg,
-            com_in_flange_m: Vector3::from(config.tool_com_m),
-            inertia_kg_m2: Matrix3::identity() * 0.001,
-        });
+        let model = Arm::<7>::new(&ModelData::builtin("panda")?)?.with_payload(&tool(config));
         let friction = TorqueArmConfig {
             viscous_nm_s_per_rad: vec![config.viscous_nm_s_per_rad],
             ..TorqueArmConfig::default()
         };
         Ok(Self {
-            arm: TorqueArm::new(model, &friction, Joints::from(config.q_rad)),
+            arm: TorqueArm::new(model, &friction, Joints::from(config.q_rad))
+                .with_motor_inertia(Joints::from(config.motor_inertia_kg_m2)),
             flange_from_tool: Pose::new(
                 Vector3::from(config.tool_m),
                 UnitQuaternion::from_scaled_axis(Vector3::from(config.tool_rotation_rad)),
@@ -157,6 +162,15 @@ impl BenchPlant {
     }
 }
 
+/// The tool as a body on the flange.
+fn tool(config: &PlantConfig) -> Payload {
+    Payload {
+        mass_kg: config.tool_mass_kg,
+        com_in_flange_m: Vector3::from(config.tool_com_m),
+        inertia_kg_m2: Matrix3::identity() * TOOL_INERTIA_KG_M2,
+    }
+}
+
 impl TorquePlant for BenchPlant {
     fn step(&mut self, torque: &Joints<7>) {
         let steps = self.config.sub_steps.max(1);
@@ -185,7 +199,8 @@ impl TorquePlant for BenchPlant {
             self.arm.step(torque, &external, dt);
             // External torque inferred from the motion and the motor torque, low-pass filtered by
             // the observer.
-            let seen = mass * (self.arm.qd - before) / dt + bias - motor + noise;
+            let inertia = mass + SMatrix::from_diagonal(&self.motor_inertia());
+            let seen = inertia * (self.arm.qd - before) / dt + bias - motor + noise;
             let share = 1.0 - (-self.config.observer_rad_per_s * dt).exp();
             self.external_estimate += (seen - self.external_estimate) * share;
         }
@@ -229,6 +244,14 @@ impl TorquePlant for BenchPlant {
             friction_coefficient: self.config.plane.map_or(0.0, |plane| plane.friction),
             world_from_base: Pose::identity(),
         })
+    }
+
+    fn declared_load(&self) -> Payload {
+        tool(&self.config)
+    }
+
+    fn motor_inertia(&self) -> Joints<7> {
+        Joints::from(self.config.motor_inertia_kg_m2)
     }
 
     fn flange_from_tool(&self) -> Pose<Flange, Tool> {

@@ -1,6 +1,6 @@
 //! The arm that the robot's controller moves.
 
-use tangent_mechanics::{Flange, Joints, Pose, Tool};
+use tangent_mechanics::{Flange, Joints, Payload, Pose, Tool};
 use tangent_simulation::Truth;
 
 /// Measurements of the robot's sensors.
@@ -22,6 +22,11 @@ pub trait TorquePlant: Send {
     fn reading(&self) -> ArmReading;
     /// The truth about the contact, if there is a surface.
     fn truth(&self) -> Option<Truth>;
+    /// The tool on the flange as it was declared when the robot was installed. The robot
+    /// compensates its weight until a client sets another load.
+    fn declared_load(&self) -> Payload;
+    /// Inertia of the motors as the joints carry it, kg m².
+    fn motor_inertia(&self) -> Joints<7>;
     /// True pose of the tool on the flange.
     fn flange_from_tool(&self) -> Pose<Flange, Tool>;
     /// Applies an external force to the tool from now on: force at the tool's origin, base axes, N.

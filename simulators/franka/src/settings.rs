@@ -41,6 +41,20 @@ impl Default for RobotSettings {
 }
 
 impl RobotSettings {
+    /// The settings of a robot whose tool was declared when it was installed.
+    pub fn with_load(tool: &Payload) -> Self {
+        let mut inertia_kg_m2 = [0.0; 9];
+        inertia_kg_m2.copy_from_slice(tool.inertia_kg_m2.as_slice());
+        Self {
+            load: Load {
+                mass_kg: tool.mass_kg,
+                com_in_flange_m: tool.com_in_flange_m.into(),
+                inertia_kg_m2,
+            },
+            ..Self::default()
+        }
+    }
+
     /// Applies one setting. Returns false, and changes nothing, for values that the robot refuses.
     pub fn set(&mut self, request: &Request) -> bool {
         match request {

@@ -3,11 +3,12 @@
 
 use std::sync::mpsc::SyncSender;
 
-use nalgebra::Vector6;
-use tangent_mechanics::{Flange, Joints, Pose, Tool};
+use nalgebra::{Matrix3, Vector6};
+use tangent_mechanics::{Flange, Joints, Payload, Pose, Tool};
 use tangent_runtime::clock::now_ns;
 use tangent_simulation::{
-    NormalSource, PlantError, Surface, Truth, VisuoTactilePlant, VisuoTactilePlantConfig,
+    NormalSource, PlantError, Surface, ToolConfig, Truth, VisuoTactilePlant,
+    VisuoTactilePlantConfig,
 };
 
 use crate::depth_eye::Look;
@@ -16,6 +17,7 @@ use crate::plant::{ArmReading, TorquePlant};
 /// The plant of a `visuo_tactile` scenario as the simulated robot's arm.
 pub struct TactileArm {
     plant: VisuoTactilePlant,
+    declared_load: Payload,
     eye: Option<Eye>,
 }
 
@@ -42,8 +44,10 @@ impl TactileArm {
         config.arm.delay_periods = delay_periods;
         config.camera.rate_hz = 0.0;
         config.normals_from = NormalSource::Features;
+        let declared_load = declared_load(&config.tool);
         Ok(Self {
             plant: VisuoTactilePlant::<7>::new(&config, seed)?,
+            declared_load,
             eye: None,
         })
     }
@@ -82,6 +86,21 @@ impl TactileArm {
     }
 }
 
+/// The tool's load as the scenario states it, which may differ from the true one.
+fn declared_load(tool: &ToolConfig) -> Payload {
+    let stated = &tool.payload;
+    let flange_from_sensor = tool.flange_from_sensor.isometry();
+    let turn = flange_from_sensor.rotation.to_rotation_matrix();
+    let inertia = Matrix3::from_diagonal(&stated.inertia_kg_m2.into());
+    Payload {
+        mass_kg: stated.mass_kg,
+        com_in_flange_m: flange_from_sensor
+            .transform_point(&stated.com_in_sensor_m.into())
+            .coords,
+        inertia_kg_m2: turn * inertia * turn.transpose(),
+    }
+}
+
 impl TorquePlant for TactileArm {
     fn step(&mut self, torque: &Joints<7>) {
         self.plant.step(torque);
@@ -99,6 +118,15 @@ impl TorquePlant for TactileArm {
 
     fn truth(&self) -> Option<Truth> {
         Some(self.plant.truth())
+    }
+
+    fn declared_load(&self) -> Payload {
+        self.declared_load
+    }
+
+    /// The plant of a scenario consists of links alone.
+    fn motor_inertia(&self) -> Joints<7> {
+        Joints::zeros()
     }
 
     fn flange_from_tool(&self) -> Pose<Flange, Tool> {

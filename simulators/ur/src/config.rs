@@ -88,7 +88,8 @@ pub struct ControllerConfig {
     pub safeguard_resumes: bool,
     /// e-Series: whether scripts and dashboard commands are accepted.
     pub remote_control: bool,
-    /// Time after which a client that does not read is disconnected, s.
+    /// Time after which an RTDE client that does not read is disconnected, s. Clients of the script
+    /// ports are never: packages that they do not read are left out.
     pub unread_limit_s: f64,
     /// Time for which inputs stay owned after their client has disconnected, s.
     pub ownership_linger_s: f64,

@@ -1,5 +1,5 @@
-//! A client's socket as a controller treats it: the controller never waits for it, and disconnects
-//! a client that does not read.
+//! A client's socket as a controller treats it: the controller never waits for it. What a client
+//! does not read is left out, a whole package at a time.
 
 use std::collections::VecDeque;
 use std::io::{self, Read};
@@ -30,6 +30,8 @@ pub struct Connection {
     delayed: VecDeque<(Instant, Vec<u8>)>,
     /// Number of packages left out because the client did not read.
     pub skipped: u64,
+    /// The client takes nothing any more. What it sent before is still read.
+    deaf: bool,
     closed: bool,
 }
 
@@ -61,6 +63,7 @@ impl Connection {
             full_since: None,
             delayed: VecDeque::new(),
             skipped: 0,
+            deaf: false,
             closed: false,
         })
     }
@@ -70,7 +73,7 @@ impl Connection {
         self.peer
     }
 
-    /// Whether the client has disconnected or was disconnected.
+    /// Whether the client has disconnected, all that it sent has been read, or it was disconnected.
     pub fn is_closed(&self) -> bool {
         self.closed
     }
@@ -107,7 +110,7 @@ impl Connection {
     /// Sends one package now, or leaves it out entirely if the client's buffer is full.
     pub fn send(&mut self, bytes: &[u8], now: Instant) {
         self.flush(now);
-        if self.closed {
+        if self.closed || self.deaf {
             return;
         }
         if !self.rest.is_empty() {
@@ -120,20 +123,24 @@ impl Connection {
                 self.full_since.get_or_insert(now);
             }
             Some(_) => self.full_since = None,
-            None => self.closed = true,
+            None => self.deaf = true,
         }
     }
 
     /// Sends delayed packages; called once per cycle. `limit`: longest time for which a client may
-    /// not read.
-    pub fn tend(&mut self, now: Instant, limit: Duration) {
+    /// not read before it is disconnected; `None` if it never has to.
+    pub fn tend(&mut self, now: Instant, limit: Option<Duration>) {
         while self.delayed.front().is_some_and(|(due, _)| *due <= now) {
             if let Some((_, bytes)) = self.delayed.pop_front() {
                 self.send(&bytes, now);
             }
         }
         self.flush(now);
-        if self.full_since.is_some_and(|since| now - since > limit) {
+        let unread = self.full_since.map(|since| now - since);
+        if unread
+            .zip(limit)
+            .is_some_and(|(unread, limit)| unread > limit)
+        {
             tracing::info!(target: "simulator", "{} disconnected: it does not read", self.peer);
             self.closed = true;
         }
@@ -148,8 +155,8 @@ impl Connection {
                     self.rest.drain(..n);
                 }
                 None => {
-                    self.closed = true;
-                    return;
+                    self.deaf = true;
+                    self.rest.clear();
                 }
             }
         }

@@ -62,7 +62,7 @@ impl DashboardServer {
             if buffer.len() > LINE_BYTES_MAX {
                 connection.close();
             }
-            connection.tend(now, Duration::from_secs(2));
+            connection.tend(now, Some(Duration::from_secs(2)));
         }
         self.clients
             .retain(|(connection, _)| !connection.is_closed());
@@ -111,13 +111,10 @@ impl Dashboard {
                     "Failed to execute: play"
                 }
             }
+            // Without a program, too: clients make sure of it before they start theirs.
             "stop" => {
-                if controller.program_name().is_some() {
-                    controller.stop_program();
-                    "Stopped"
-                } else {
-                    "Failed to execute: stop"
-                }
+                controller.stop_program();
+                "Stopped"
             }
             "pause" => {
                 if controller.is_playing() {
@@ -140,7 +137,10 @@ impl Dashboard {
                 Err(_) => LOCKED,
             },
             "close safety popup" => "closing safety popup",
-            "close popup" => "closing popup",
+            "close popup" => {
+                controller.close_popup();
+                "closing popup"
+            }
             "restart safety" => {
                 controller.restart_safety();
                 "Restarting safety"

@@ -42,6 +42,9 @@ pub enum Fault {
     },
     /// RTDE packages arrive later by this time, s.
     Delay(f64),
+    /// A hand pushes the tool with this force, N at the tool centre point, base axes. It acts on
+    /// the measured force, and so on force mode and freedrive. Zero ends it.
+    Push([f64; 3]),
     /// All connections are cut; the ports stay open.
     Disconnect,
     /// No RTDE package is sent for this time, s; connections stay open.
@@ -73,7 +76,7 @@ pub enum FaultError {
 
 impl Fault {
     /// Names for queries.
-    pub const NAMES: [&'static str; 18] = [
+    pub const NAMES: [&'static str; 19] = [
         "protective_stop",
         "emergency_stop",
         "system_emergency_stop",
@@ -89,6 +92,7 @@ impl Fault {
         "resume_program",
         "drop_packets",
         "delay",
+        "push",
         "disconnect",
         "freeze",
         "restart",
@@ -143,6 +147,17 @@ impl Fault {
                 }
             }
             "delay" => Self::Delay(number(argument, 60.0, "seconds from 0 to 60")?),
+            "push" => {
+                let numbers: Result<Vec<f64>, _> =
+                    argument.split(',').map(|x| x.trim().parse()).collect();
+                let force = numbers.ok().and_then(|n| <[f64; 3]>::try_from(n).ok());
+                match force.filter(|f| f.iter().all(|x| x.abs() <= 1000.0)) {
+                    Some(force) => Self::Push(force),
+                    None => {
+                        return Err(wrong("three forces from -1000 to 1000 N, such as 0,0,-20"));
+                    }
+                }
+            }
             "disconnect" => Self::Disconnect,
             "freeze" => Self::Freeze(number(argument, 3600.0, "seconds from 0 to 3600")?),
             "restart" => Self::Restart,
@@ -164,6 +179,7 @@ mod tests {
         for name in Fault::NAMES {
             let argument = match name {
                 "drop_packets" | "delay" | "freeze" | "speed_slider" => "0.5",
+                "push" => "0, 0, -20",
                 _ => "",
             };
             assert!(Fault::parse(name, argument).is_ok(), "{name}");

@@ -33,6 +33,7 @@ pub mod fault;
 pub mod kinematics;
 pub mod modes;
 pub mod motion;
+pub mod network;
 pub mod own_sensor;
 pub mod plant;
 pub mod primary;

@@ -212,11 +212,13 @@ pub fn robot_state(out: &mut Vec<u8>, s: &Summary, flavour: Flavour, geometry: &
         part(w, 4, |w| {
             w.f64s(&s.tcp_pose).f64s(&s.tcp_offset);
         });
+        // Kinematics: unlike the configuration below, theta comes before a, d and alpha.
         part(w, 5, |w| {
             for _ in 0..6 {
                 w.u32(0);
             }
-            for row in &geometry.rows {
+            let [a, d, alpha, theta] = &geometry.rows;
+            for row in [theta, a, d, alpha] {
                 w.f64s(row);
             }
             w.u32(1);

@@ -240,6 +240,10 @@ impl Session {
     }
 }
 
+fn linger(controller: &Controller) -> Duration {
+    Duration::from_secs_f64(controller.config().ownership_linger_s.max(0.0))
+}
+
 /// `None` if a slot has no type, or there is no slot.
 fn recipe(id: u8, slots: &[Slot]) -> Option<Recipe> {
     let types: Option<Vec<_>> = slots
@@ -299,6 +303,7 @@ impl RtdeServer {
     /// Accepts new clients, answers requests, passes inputs to the controller.
     pub fn poll(&mut self, controller: &mut Controller, now: Instant) {
         let version = controller.config().flavour.version();
+        let linger = linger(controller);
         for connection in accept(&self.listener, self.clients.len()) {
             let framer = Framer::new(PACKAGE_BYTES_MAX);
             let session = Session::new(self.next_client, version);
@@ -344,6 +349,11 @@ impl RtdeServer {
             if !answers.is_empty() {
                 connection.send(&answers, now);
             }
+            // Its successor may already be among the clients of this cycle.
+            if connection.is_closed() {
+                self.ownership.release(session.client, now);
+                self.ownership.expire(now, linger);
+            }
         }
     }
 
@@ -357,7 +367,7 @@ impl RtdeServer {
     ) {
         let config = controller.config();
         let limit = Duration::from_secs_f64(config.unread_limit_s.max(0.0));
-        let linger = Duration::from_secs_f64(config.ownership_linger_s.max(0.0));
+        let linger = linger(controller);
         let delay = Duration::from_secs_f64(faults.delay_s.clamp(0.0, 60.0));
         let silent = faults.frozen || faults.skip;
         if !self.clients.is_empty() {
@@ -369,7 +379,7 @@ impl RtdeServer {
                         connection.send_later(&package, now, delay);
                     }
                 }
-                connection.tend(now, limit);
+                connection.tend(now, Some(limit));
             }
         }
         let ownership = &mut self.ownership;

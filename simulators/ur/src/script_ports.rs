@@ -2,7 +2,7 @@
 //! their read-only twins.
 
 use std::net::TcpListener;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use tangent_urscript::PROGRAM_BYTES_MAX;
 
@@ -113,7 +113,6 @@ impl ScriptPort {
         } else {
             self.state.clear();
         }
-        let limit = Duration::from_secs_f64(controller.config().unread_limit_s.max(0.0));
         for (connection, _) in &mut self.clients {
             for package in &packages {
                 connection.send(package, now);
@@ -121,7 +120,8 @@ impl ScriptPort {
             if !self.state.is_empty() {
                 connection.send(&self.state, now);
             }
-            connection.tend(now, limit);
+            // Programs that only write scripts keep their connection, as on a real controller.
+            connection.tend(now, None);
         }
         self.clients
             .retain(|(connection, _)| !connection.is_closed());

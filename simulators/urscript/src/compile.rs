@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-use crate::builtins::{BUILTINS, Builtin};
+use crate::builtins::{Builtin, find};
 use crate::error::CompileError;
 use crate::lexer::Position;
 use crate::names::{collect_functions, for_each_statement, global_names, place, unknown};
@@ -43,8 +43,6 @@ pub enum Op {
     Run(usize),
     Kill,
     Join,
-    EnterCritical,
-    ExitCritical,
     Return,
     Drop,
     Halt,
@@ -337,12 +335,10 @@ impl<'a> FunctionCompiler<'a> {
                 self.expression(thread)?;
                 self.emit(Op::Join, position);
             }
-            Statement::EnterCritical => {
-                self.emit(Op::EnterCritical, position);
-            }
-            Statement::ExitCritical => {
-                self.emit(Op::ExitCritical, position);
-            }
+            // A thread runs until it waits, so that no other interrupts it. In a section that
+            // waits, others run, as on the controller: clients move the arm in a section of one
+            // thread and kill that thread from a section of another.
+            Statement::EnterCritical | Statement::ExitCritical => {}
             Statement::Halt => {
                 self.emit(Op::Halt, position);
             }
@@ -424,10 +420,8 @@ impl<'a> FunctionCompiler<'a> {
             self.arguments_of(*n, call, position)?;
             return Ok(Op::Call(*n));
         }
-        let builtin = BUILTINS
-            .iter()
-            .find(|b| b.name == call.name && (self.context.e_series || !b.e_series_only))
-            .ok_or_else(|| unknown(&call.name, position))?;
+        let builtin =
+            find(&call.name, self.context.e_series).ok_or_else(|| unknown(&call.name, position))?;
         let places = place(call, builtin.parameters, position)?;
         for place in places {
             match place {

@@ -189,11 +189,37 @@ pub enum ScriptError {
     /// `movej` to a pose that the arm cannot reach.
     #[error("movej: no joint positions for this pose")]
     NoJointPositions,
-    /// A mode that the simulated controller does not have.
-    #[error("{function}: the simulated controller has no such mode")]
-    NoMode {
-        /// Function that begins the mode.
-        function: &'static str,
+    /// A list of another length than three, where three numbers are needed.
+    #[error("three numbers are needed, not {count}")]
+    NotThree {
+        /// Length of the list.
+        count: usize,
+    },
+    /// A matrix times something of another size.
+    #[error("a matrix of {rows} rows and {columns} columns times a list of another size")]
+    Sizes {
+        /// Rows of the matrix.
+        rows: usize,
+        /// Columns of the matrix.
+        columns: usize,
+    },
+    /// The inverse of a matrix that has none.
+    #[error("inv: the matrix has no inverse")]
+    Singular,
+    /// The number in a text that is none.
+    #[error("to_num: {text:?} is not a number")]
+    NoNumber {
+        /// The text.
+        text: String,
+    },
+    /// `assert` of a condition that does not hold.
+    #[error("assert: the condition does not hold")]
+    Asserted,
+    /// A supply of the tool that does not exist.
+    #[error("set_tool_voltage: {value} V, but must be 0, 12 or 24")]
+    ToolVoltage {
+        /// The voltage, V.
+        value: f64,
     },
     /// A direction of gravity that is not the one of an upright arm.
     #[error("set_gravity: {direction:?}, but the simulated arm stands upright")]
@@ -204,9 +230,6 @@ pub enum ScriptError {
     /// The robot has no force/torque sensor.
     #[error("zero_ftsensor: no force/torque sensor")]
     NoForceSensor,
-    /// An external force sensor was enabled.
-    #[error("the simulated controller takes no external force sensor")]
-    NoExternalSensor,
     /// The first argument of `rtde_set_watchdog` is not a text.
     #[error("rtde_set_watchdog: the first argument names an input variable")]
     WatchdogWithoutName {

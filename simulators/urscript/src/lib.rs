@@ -26,17 +26,21 @@ mod error;
 mod lexer;
 mod limits;
 mod machine;
+mod matrix;
 mod names;
 mod parser;
 pub mod pose;
+mod robot;
+mod sockets;
 mod syntax;
 #[cfg(test)]
 mod tests;
 mod value;
 
-pub use builtins::{Motion, Robot};
 pub use compile::Program;
 pub use error::{CompileError, RuntimeError, ScriptError};
 pub use lexer::PROGRAM_BYTES_MAX;
 pub use machine::{Frame, Machine};
+pub use robot::{Compliance, ForceModeTuning, Motion, Robot, TaskFrame};
+pub use sockets::{SocketState, Sockets};
 pub use value::Value;

@@ -1,11 +1,12 @@
 //! Runs a program one control cycle at a time: threads take turns, each until it waits for the next
 //! frame.
 
-use crate::builtins::{Motion, Outcome, Robot, Wait};
+use crate::builtins::{Outcome, Wait};
 use crate::compile::{Op, Program, Slot};
 use crate::error::{RuntimeError, ScriptError};
 use crate::lexer::Position;
 use crate::limits::{CALLS_MAX, INSTRUCTIONS_PER_FRAME, STACK_MAX, THREADS_MAX};
+use crate::robot::{Motion, Robot};
 use crate::value::Value;
 
 /// Result of a frame.
@@ -26,8 +27,6 @@ pub struct Machine {
     globals: Vec<Option<Value>>,
     threads: Vec<Thread>,
     next_id: i32,
-    /// Thread in a critical section.
-    critical: Option<i32>,
     /// Thread whose motion the arm executes.
     owner: Option<i32>,
     halted: bool,
@@ -62,7 +61,6 @@ impl Machine {
             globals: vec![None; program.globals.len()],
             threads: Vec::new(),
             next_id: 1,
-            critical: None,
             owner: None,
             halted: false,
             line: 0,
@@ -172,11 +170,8 @@ impl Machine {
         position.unwrap_or_default()
     }
 
-    /// Releases the critical section and the arm of a thread that has ended.
+    /// Releases the arm of a thread that has ended.
     fn released(&mut self, id: i32) {
-        if self.critical == Some(id) {
-            self.critical = None;
-        }
         if self.owner == Some(id) {
             self.owner = None;
         }
@@ -196,7 +191,7 @@ impl Machine {
         robot: &mut dyn Robot,
         budget: &mut u32,
     ) -> Result<Turn, ScriptError> {
-        if !self.resumes(thread, robot) {
+        if !self.resumes(thread, robot)? {
             return Ok(Turn::Waits);
         }
         thread.wait = Wait::Not;
@@ -255,25 +250,19 @@ impl Machine {
                         return Ok(Turn::Waits);
                     }
                 }
-                Op::EnterCritical => {
-                    if self.critical.is_some_and(|owner| owner != thread.id) {
-                        // Tried again in the next frame.
-                        if let Some(call) = thread.calls.last_mut() {
-                            call.at -= 1;
-                        }
-                        thread.wait = Wait::Frame;
-                        return Ok(Turn::Waits);
-                    }
-                    self.critical = Some(thread.id);
-                }
-                Op::ExitCritical => {
-                    if self.critical == Some(thread.id) {
-                        self.critical = None;
-                    }
-                }
                 Op::Halt => {
                     self.halted = true;
                     return Ok(Turn::Ended);
+                }
+                Op::Builtin(builtin)
+                    if *budget < INSTRUCTIONS_PER_FRAME / 2 && builtin.takes_turns() =>
+                {
+                    // Tried again in the next frame.
+                    if let Some(call) = thread.calls.last_mut() {
+                        call.at -= 1;
+                    }
+                    thread.wait = Wait::Frame;
+                    return Ok(Turn::Waits);
                 }
                 Op::Builtin(builtin) => {
                     let arguments = arguments(thread, builtin.parameters.len());
@@ -308,9 +297,9 @@ impl Machine {
         robot.start_motion(motion)
     }
 
-    fn resumes(&self, thread: &mut Thread, robot: &dyn Robot) -> bool {
+    fn resumes(&self, thread: &mut Thread, robot: &mut dyn Robot) -> Result<bool, ScriptError> {
         let step = robot.step_s();
-        match &mut thread.wait {
+        Ok(match &mut thread.wait {
             Wait::Not | Wait::Frame => true,
             Wait::Sleep(left) => {
                 *left -= step;
@@ -323,7 +312,17 @@ impl Machine {
             }
             Wait::Motion => robot.motion_done(),
             Wait::Join(id) => !self.threads.iter().any(|t| t.id == *id),
-        }
+            Wait::Popup => !robot.popup_is_open(),
+            Wait::Socket(wait) => match wait.later(robot.sockets(), step)? {
+                Some(value) => {
+                    // The call has pushed an empty result before it waited.
+                    pop(thread);
+                    thread.stack.push(value);
+                    true
+                }
+                None => false,
+            },
+        })
     }
 
     /// Instructions that touch only the thread and the variables.

@@ -45,6 +45,16 @@ pub fn sum(a: &SixPose, b: &SixPose) -> SixPose {
     [p.x, p.y, p.z, r.x, r.y, r.z]
 }
 
+/// The pose a share of the way: positions in a line, rotation about one axis.
+pub fn interpolate(from: &SixPose, to: &SixPose, share: f64) -> SixPose {
+    let d = difference(to, from);
+    let start = isometry(from);
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(d[3], d[4], d[5]) * share);
+    let p = start.translation.vector + Vector3::new(d[0], d[1], d[2]) * share;
+    let r = (turn * start.rotation).scaled_axis();
+    [p.x, p.y, p.z, r.x, r.y, r.z]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::error::ScriptError;
 use crate::limits::{LIST_DEPTH_MAX, LIST_ITEMS_MAX, LIVE_ITEMS_MAX, TEXT_BYTES_MAX};
+use crate::matrix::product;
 use crate::syntax::Binary;
 
 /// Elements of all lists alive in this process.
@@ -134,9 +135,12 @@ impl Value {
         }
     }
 
+    /// Clients use numbers as conditions: all but 0 are true.
     pub(super) fn truth(&self) -> Result<bool, ScriptError> {
         match self {
             Self::Bool(b) => Ok(*b),
+            Self::Integer(n) => Ok(*n != 0),
+            Self::Float(x) => Ok(*x != 0.0),
             other => Err(other.is_not("a bool")),
         }
     }
@@ -184,6 +188,31 @@ impl Value {
             Self::List(list) => list.items.iter().map(Value::float).collect(),
             other => Ok(vec![other.float()?]),
         }
+    }
+
+    fn is_matrix(&self) -> bool {
+        self.rows().is_some_and(|rows| !rows.is_empty())
+    }
+
+    /// Elements of a list.
+    pub(super) fn items(&self) -> Result<&[Value], ScriptError> {
+        match self {
+            Self::List(list) => Ok(&list.items),
+            other => Err(other.is_not("a list")),
+        }
+    }
+
+    /// Rows of a matrix: a list of lists of the same length.
+    pub(super) fn rows(&self) -> Option<Vec<&[Value]>> {
+        let rows: Vec<&[Value]> = self
+            .items()
+            .ok()?
+            .iter()
+            .map(|row| row.items().ok())
+            .collect::<Option<_>>()?;
+        rows.windows(2)
+            .all(|pair| pair[0].len() == pair[1].len())
+            .then_some(rows)
     }
 
     pub(super) fn length(&self) -> Result<i32, ScriptError> {
@@ -276,6 +305,9 @@ impl Value {
             Binary::LessOrEqual => Bool(left.float()? <= right.float()?),
             Binary::Greater => Bool(left.float()? > right.float()?),
             Binary::GreaterOrEqual => Bool(left.float()? >= right.float()?),
+            Binary::Multiply if left.is_matrix() && matches!(right, Self::List(_)) => {
+                product(left, right)?
+            }
             Binary::Add | Binary::Subtract | Binary::Multiply => match (left, right) {
                 (Integer(a), Integer(b)) => Integer(match operator {
                     Binary::Add => a.wrapping_add(*b),

@@ -103,6 +103,7 @@ impl TorqueArmConfig {
 pub struct TorqueArm<const N: usize> {
     model: Arm<N>,
     friction: JointFriction<N>,
+    motor_inertia: Joints<N>,
     /// Positions, rad.
     pub q: Joints<N>,
     /// Velocities, rad/s.
@@ -121,6 +122,7 @@ impl<const N: usize> TorqueArm<N> {
         Self {
             model,
             friction: config.friction(),
+            motor_inertia: Joints::zeros(),
             q,
             qd: Joints::zeros(),
             qdd: Joints::zeros(),
@@ -131,6 +133,14 @@ impl<const N: usize> TorqueArm<N> {
             torques: [model.gravity(&q); DELAY_PERIODS_MAX + 1],
             delay_periods: config.delay_periods.min(DELAY_PERIODS_MAX),
         }
+    }
+
+    /// The same arm with the inertia of its motors as the joints carry it: that of the rotor times
+    /// the square of the gear ratio, kg m². Without it, the links alone are accelerated.
+    #[must_use]
+    pub fn with_motor_inertia(mut self, motor_inertia: Joints<N>) -> Self {
+        self.motor_inertia = motor_inertia;
+        self
     }
 
     /// Model of the arm that moves.
@@ -176,7 +186,7 @@ impl<const N: usize> TorqueArm<N> {
         let (mut mass, bias) = self.model.mass_matrix_and_bias(&self.q, &self.qd);
         let slope = self.friction.slope(&self.qd);
         for i in 0..N {
-            mass[(i, i)] += dt * slope[i];
+            mass[(i, i)] += dt * slope[i] + self.motor_inertia[i];
         }
         let drive = self.limited(torque) + external - bias - slope.component_mul(&self.qd);
         // The mass matrix of a checked model is positive definite, so only a bad torque fails here.
@@ -247,6 +257,20 @@ mod tests {
         falls_and_keeps_its_energy::<6>("smart3s_substitute");
         falls_and_keeps_its_energy::<6>("ur5");
         falls_and_keeps_its_energy::<7>("panda");
+    }
+
+    #[test]
+    fn the_inertia_of_the_motors_is_accelerated_with_the_links() {
+        let model = Arm::<7>::new(&ModelData::builtin("panda").unwrap()).unwrap();
+        let inertia = Joints::<7>::repeat(0.1);
+        let mut arm = TorqueArm::new(model, &TorqueArmConfig::default(), model.home())
+            .with_motor_inertia(inertia);
+        let mut torque = model.gravity(&arm.q);
+        torque[6] += 1.0;
+        let mass = model.mass_matrix(&arm.q) + nalgebra::Matrix::from_diagonal(&inertia);
+        let wanted = mass.try_inverse().unwrap().column(6) * 1e-4;
+        arm.step(&torque, &Joints::zeros(), 1e-4);
+        assert!((arm.qd - wanted).amax() < 1e-9, "{}", arm.qd);
     }
 
     #[test]

@@ -8,7 +8,7 @@ mod state;
 #[cfg(test)]
 mod tests;
 
-use nalgebra::{Matrix4, UnitQuaternion, Vector6};
+use nalgebra::{Matrix4, SMatrix, UnitQuaternion, Vector6};
 use tangent_franka::fci::{
     Command, ConnectStatus, ErrorFlags, LOST_MAX, MoveController, MoveGenerator, MoveStatus,
     PERIOD_S, RecoveryStatus, Reply, ReplyBody, Request, RobotCommand, RobotMode, SetterStatus,
@@ -81,8 +81,10 @@ impl FciRobot {
     pub fn new(config: &FciConfig, plant: Box<dyn TorquePlant>) -> Result<Self, ModelError> {
         let model = Arm::<7>::new(&ModelData::builtin("panda")?)?;
         let q = plant.reading().q;
+        let settings = RobotSettings::with_load(&plant.declared_load());
+        let loaded = model.with_payload(&settings.payload());
         Ok(Self {
-            loaded: model,
+            loaded,
             model,
             plant,
             start_cycles: config.start_cycles,
@@ -98,11 +100,11 @@ impl FciRobot {
             q_d: q,
             dq_d: Joints::zeros(),
             fading: Joints::zeros(),
-            tau_motor: model.gravity(&q),
+            tau_motor: loaded.gravity(&q),
             tau_motor_rate: Joints::zeros(),
             lost_in_row: 0,
             answered: 0,
-            settings: RobotSettings::default(),
+            settings,
             felt: Felt::default(),
             wrench_o: Vector6::zeros(),
             wrench_k: Vector6::zeros(),
@@ -347,11 +349,14 @@ impl FciRobot {
                 return;
             }
             self.tau_d = torque;
-        } else {
-            let q_d = match motion.generator {
-                MoveGenerator::JointPosition => Joints::from(answer.q_c),
-                _ => self.q_d + Joints::from(answer.dq_c) * PERIOD_S,
-            };
+        }
+        // A client that computes the torques may have its motion generated, too.
+        let q_d = match motion.generator {
+            MoveGenerator::JointPosition => Some(Joints::from(answer.q_c)),
+            MoveGenerator::JointVelocity => Some(self.q_d + Joints::from(answer.dq_c) * PERIOD_S),
+            MoveGenerator::CartesianPosition | MoveGenerator::CartesianVelocity => None,
+        };
+        if let Some(q_d) = q_d {
             let dq_d = (q_d - self.q_d) / PERIOD_S;
             let limits = self.model.limits();
             if (0..7).any(|i| dq_d[i].abs() > limits.velocity[i]) {
@@ -373,7 +378,8 @@ impl FciRobot {
         if self.moving().is_some_and(external) {
             return self.tau_d;
         }
-        let mass = self.loaded.mass_matrix(&reading.q);
+        let motors = SMatrix::from_diagonal(&self.plant.motor_inertia());
+        let mass = self.loaded.mass_matrix(&reading.q) + motors;
         if self.guiding && self.motion.is_none() && self.errors.is_empty() && !self.user_stop {
             self.hold_here();
             return mass * (reading.qd * -GUIDING_DAMPING_PER_S);

@@ -6,6 +6,7 @@
 
 pub use state::Summary;
 
+mod force;
 mod robot;
 mod safety;
 mod state;
@@ -25,6 +26,7 @@ use crate::config::{ControllerConfig, Flavour};
 use crate::kinematics::Kinematics;
 use crate::modes::{RobotMode, RuntimeState, SafetyMode};
 use crate::motion::Planner;
+use crate::network::Network;
 use crate::own_sensor::OwnReading;
 use crate::registers::Registers;
 
@@ -79,6 +81,10 @@ pub struct Controller {
     messages: VecDeque<Message>,
     log: VecDeque<String>,
     protective_stop_wanted: bool,
+    network: Network,
+    popup: Option<String>,
+    external_force_enabled: bool,
+    push: [f64; 6],
 }
 
 #[derive(Clone, Debug)]
@@ -167,6 +173,10 @@ impl Controller {
             messages: VecDeque::new(),
             log: VecDeque::new(),
             protective_stop_wanted: false,
+            network: Network::default(),
+            popup: None,
+            external_force_enabled: false,
+            push: [0.0; 6],
             config,
         }
     }
@@ -195,13 +205,13 @@ impl Controller {
         self.qdd_target = (arm.qd_target - self.qd_target_before) / dt;
         self.qd_target_before = arm.qd_target;
         self.arm = arm;
-        self.tcp_force = tcp_force;
+        self.set_force(&tcp_force);
     }
 
     /// Takes the reading of the sensor in the flange, which replaces the force of the present
     /// cycle: after [`Controller::observe`], of an e-Series arm.
     pub fn feel(&mut self, reading: &OwnReading) {
-        self.tcp_force = reading.tcp_force;
+        self.set_force(&reading.tcp_force);
         self.ft_raw_wrench = reading.ft_raw_wrench;
     }
 
@@ -228,7 +238,9 @@ impl Controller {
         } else {
             self.slider
         };
-        self.planner.step(&self.arm, &self.kinematics, dt, slider)
+        let force = self.tcp_force_at_tcp();
+        self.planner
+            .step(&self.arm, &self.kinematics, &force, dt, slider)
     }
 
     fn watch(&mut self) {
@@ -327,6 +339,9 @@ impl Controller {
     fn end_program(&mut self) {
         self.waiting = None;
         self.watchdogs.clear();
+        self.network.close_all();
+        self.planner.reset_compliance();
+        self.popup = None;
         if let Some(machine) = self.machine.take() {
             let name = machine.program().name().to_owned();
             self.say(Message::Key("PROGRAM_XXX_STOPPED", name));
@@ -424,6 +439,11 @@ impl Controller {
         } else if std::mem::take(&mut self.slider_was_zero) {
             self.protective_stop(204, 2, "the speed slider was raised from zero");
         }
+    }
+
+    /// Closes the message that a program shows, as an operator does.
+    pub fn close_popup(&mut self) {
+        self.popup = None;
     }
 
     fn say(&mut self, message: Message) {

@@ -1,7 +1,7 @@
 //! The controller as a running program sees it.
 
 use tangent_mechanics::Joints;
-use tangent_urscript::{Motion, Robot, ScriptError};
+use tangent_urscript::{Compliance, ForceModeTuning, Motion, Robot, ScriptError, Sockets};
 
 use super::{Action, Controller, Message, Watchdog};
 use crate::config::Flavour;
@@ -70,12 +70,20 @@ impl Robot for Controller {
         index(n, 48).map(|n| &mut self.registers.output.doubles[n])
     }
 
+    fn output_bit(&self, n: i32) -> Option<bool> {
+        index(n, 128).map(|n| self.registers.output.bits >> n & 1 == 1)
+    }
+
     fn set_output_bit(&mut self, n: i32, on: bool) -> bool {
         let n = index(n, 128);
         if let Some(n) = n {
             self.registers.output.set_bit(n, on);
         }
         n.is_some()
+    }
+
+    fn digital_output(&self, n: i32) -> Option<bool> {
+        index(n, 18).map(|n| self.registers.digital_outputs >> n & 1 == 1)
     }
 
     fn set_digital_output(&mut self, n: i32, on: bool) -> bool {
@@ -91,6 +99,17 @@ impl Robot for Controller {
 
     fn digital_input(&self, n: i32) -> Option<bool> {
         index(n, 18).map(|n| self.registers.digital_inputs >> n & 1 == 1)
+    }
+
+    fn analog_output(&mut self, n: i32) -> Option<&mut f64> {
+        index(n, 2).map(|n| &mut self.registers.analog_outputs[n])
+    }
+
+    fn set_analog_output_voltage(&mut self, n: i32, voltage: bool) -> bool {
+        let Some(n) = index(n, 2) else { return false };
+        let types = self.registers.analog_types & !(1 << n);
+        self.registers.analog_types = types | u8::from(voltage) << n;
+        true
     }
 
     fn joint_positions(&self, target: bool) -> [f64; 6] {
@@ -160,13 +179,39 @@ impl Robot for Controller {
     }
 
     fn moving(&self) -> bool {
-        self.arm.qd_target.amax() > 1e-3
+        // A compliant arm may move without a motion of the program.
+        if self.planner.is_compliant() {
+            !self.planner.done()
+        } else {
+            self.arm.qd_target.amax() > 1e-3
+        }
+    }
+
+    fn set_compliance(&mut self, compliance: Option<Compliance>) {
+        self.planner.set_compliance(compliance);
+    }
+
+    fn tune_force_mode(&mut self, tuning: ForceModeTuning) {
+        self.planner.tune_force_mode(tuning);
+    }
+
+    fn use_external_force(&mut self, enable: bool) {
+        self.external_force_enabled = enable;
     }
 
     fn text_message(&mut self, text: String) {
         let text: String = text.chars().take(TEXT_MAX).collect();
         self.note(&format!("textmsg: {text}"));
         self.say(Message::Text(text));
+    }
+
+    fn popup(&mut self, text: String) {
+        self.note(&format!("popup: {text}"));
+        self.popup = Some(text);
+    }
+
+    fn popup_is_open(&self) -> bool {
+        self.popup.is_some()
     }
 
     fn watchdog(&mut self, variable: &str, rate_hz: f64, action: &str) -> Result<(), ScriptError> {
@@ -202,5 +247,9 @@ impl Robot for Controller {
 
     fn protective_stop(&mut self) {
         self.protective_stop_wanted = true;
+    }
+
+    fn sockets(&mut self) -> &mut dyn Sockets {
+        &mut self.network
     }
 }

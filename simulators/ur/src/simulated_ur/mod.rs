@@ -316,6 +316,7 @@ impl Cell {
                 self.disturbance.frozen_until =
                     Some(now + Duration::from_secs_f64(s.clamp(0.0, 3600.0)));
             }
+            Fault::Push([x, y, z]) => controller.push([x, y, z, 0.0, 0.0, 0.0]),
             Fault::Disconnect => {
                 if let Some(servers) = &mut self.servers {
                     servers.disconnect_all();

@@ -51,6 +51,8 @@ fn the_dashboard_powers_up_and_reports() {
         );
         assert_eq!(ask("running"), "Program running: false");
         assert_eq!(ask("play"), "Failed to execute: play");
+        // Clients stop whatever runs before they start their own, and expect this answer.
+        assert_eq!(ask("stop"), "Stopped");
         assert!(ask("is in remote control").starts_with("could not understand"));
         cell.fault(Fault::ProtectiveStop);
         assert!(cell.wait_for(PATIENCE, |s| s.summary.safety == SafetyMode::ProtectiveStop));

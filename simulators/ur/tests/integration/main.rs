@@ -5,5 +5,11 @@
 mod bridge;
 mod common;
 mod dashboard_and_scripts;
+mod external_control;
+mod hand_guiding;
+mod primary_state;
+
 mod rtde;
+mod script_clients;
+mod script_sockets;
 mod ur_rtde;

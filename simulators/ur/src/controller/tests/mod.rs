@@ -1,3 +1,5 @@
 mod bridge_program;
+mod compliance;
+mod functions;
 mod modes;
 mod programs;

@@ -3,6 +3,7 @@
 // Each test file uses a part of this module.
 #![allow(dead_code)]
 
+use std::io::Read;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream};
 use std::time::Duration;
 
@@ -55,4 +56,19 @@ pub fn connect(address: SocketAddr) -> TcpStream {
     stream.set_nodelay(true).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
     stream
+}
+
+/// A package of RTDE.
+pub fn rtde_request(kind: u8, payload: &[u8]) -> Vec<u8> {
+    let length = u16::try_from(payload.len() + 3).unwrap();
+    [&length.to_be_bytes(), &[kind][..], payload].concat()
+}
+
+/// Kind and payload of the next package of RTDE.
+pub fn rtde_answer(stream: &mut TcpStream) -> (u8, Vec<u8>) {
+    let mut head = [0; 3];
+    stream.read_exact(&mut head).unwrap();
+    let mut payload = vec![0; usize::from(u16::from_be_bytes([head[0], head[1]])) - 3];
+    stream.read_exact(&mut payload).unwrap();
+    (head[2], payload)
 }

@@ -1,12 +1,19 @@
 //! Converts the motions of a program to joint velocities, one control cycle at a time.
 
-use nalgebra::{Vector3, Vector6};
+mod compliance;
+mod path;
+mod trapezoid;
+
+use nalgebra::Vector6;
 use tangent_mechanics::Joints;
 use tangent_simulation::{ArmMeasurement, VelocityCommand};
-use tangent_urscript::Motion;
-use tangent_urscript::pose::isometry;
+use tangent_urscript::{Compliance, ForceModeTuning, Motion};
 
 use crate::kinematics::Kinematics;
+
+use compliance::{ForceControl, Tuning};
+use path::{Path, apart};
+use trapezoid::Trapezoid;
 
 /// Correction of position errors in planned motions, 1/s.
 const POSITION_GAIN: f64 = 12.0;
@@ -23,6 +30,8 @@ pub struct Planner {
     plan: Plan,
     done: bool,
     limiter: f64,
+    compliance: Option<ForceControl>,
+    tuning: Tuning,
 }
 
 #[derive(Debug)]
@@ -49,9 +58,8 @@ enum Plan {
         profile: Trapezoid,
         time: f64,
     },
-    Line {
-        from: [f64; 6],
-        to: [f64; 6],
+    Path {
+        path: Path,
         profile: Trapezoid,
         time: f64,
     },
@@ -66,6 +74,8 @@ impl Default for Planner {
             },
             done: true,
             limiter: 1.0,
+            compliance: None,
+            tuning: Tuning::default(),
         }
     }
 }
@@ -84,6 +94,30 @@ impl Planner {
     /// Whether `speedj` or `speedl` is active; they continue until another motion is requested.
     pub fn holds_speed(&self) -> bool {
         matches!(self.plan, Plan::SpeedJ { .. } | Plan::SpeedL { .. })
+    }
+
+    /// Whether the arm yields to forces.
+    pub fn is_compliant(&self) -> bool {
+        self.compliance.is_some()
+    }
+
+    /// Begins, changes or ends compliance. A motion under way continues along the other axes.
+    pub fn set_compliance(&mut self, compliance: Option<Compliance>) {
+        self.compliance = compliance.map(|c| match self.compliance.take() {
+            Some(control) => control.with(c),
+            None => ForceControl::new(c),
+        });
+    }
+
+    /// Changes a setting of the force mode, which lasts until the program ends.
+    pub fn tune_force_mode(&mut self, tuning: ForceModeTuning) {
+        self.tuning.set(tuning);
+    }
+
+    /// Ends compliance and its settings, as the end of a program does.
+    pub fn reset_compliance(&mut self) {
+        self.compliance = None;
+        self.tuning = Tuning::default();
     }
 
     /// Stops with the controller's own deceleration.
@@ -121,13 +155,24 @@ impl Planner {
                 }
             }
             Motion::MoveL { pose, a, v, t } => {
-                let from = kinematics.pose(&arm.q_target);
-                let (linear, angular) = apart(&from, &pose);
-                // A turn on the spot runs at as many rad/s as a line at m/s.
-                Plan::Line {
-                    from,
-                    to: pose,
-                    profile: Trapezoid::new(linear.norm().max(angular.norm()), v, a, t),
+                let path = Path::line(kinematics.pose(&arm.q_target), pose);
+                Plan::Path {
+                    profile: Trapezoid::new(path.length(), v, a, t),
+                    path,
+                    time: 0.0,
+                }
+            }
+            Motion::MoveC {
+                via,
+                to,
+                a,
+                v,
+                follows_arc,
+            } => {
+                let path = Path::arc(kinematics.pose(&arm.q_target), &via, to, follows_arc);
+                Plan::Path {
+                    profile: Trapezoid::new(path.length(), v, a, 0.0),
+                    path,
                     time: 0.0,
                 }
             }
@@ -135,11 +180,13 @@ impl Planner {
         };
     }
 
-    /// The command of this cycle. `slider` is the speed slider, 0 to 1.
+    /// The command of this cycle. `slider` is the speed slider, 0 to 1; `force` acts on the tool
+    /// centre point, base axes, N and Nm.
     pub fn step(
         &mut self,
         arm: &ArmMeasurement,
         kinematics: &Kinematics,
+        force: &[f64; 6],
         dt: f64,
         slider: f64,
     ) -> VelocityCommand {
@@ -177,24 +224,34 @@ impl Planner {
                 let reference = *from + (*to - *from) * before;
                 (*to - *from) * ((after - before) / dt) + (reference - q) * POSITION_GAIN
             }
-            Plan::Line {
-                from,
-                to,
+            Plan::Path {
+                path,
                 profile,
                 time,
             } => {
-                let before = profile.at(*time).0;
+                let reference = path.at(profile.at(*time).0);
                 *time += dt * slider;
-                let (after, _) = profile.at(*time);
-                let (linear, angular) = apart(from, to);
-                let reference = between(from, to, before);
+                let next = path.at(profile.at(*time).0);
+                let (linear, angular) = apart(&reference, &next);
                 let (error, turn) = apart(&kinematics.pose(&q), &reference);
-                let rate = (after - before) / dt;
-                let linear = linear * rate + error * POSITION_GAIN;
-                let angular = angular * rate + turn * POSITION_GAIN;
+                let linear = linear / dt + error * POSITION_GAIN;
+                let angular = angular / dt + turn * POSITION_GAIN;
                 let twist = Vector6::new(
                     linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
                 );
+                kinematics.joint_velocity(&q, &twist)
+            }
+        };
+        let mut along_others = qd;
+        let wanted = match &mut self.compliance {
+            None => wanted,
+            Some(control) => {
+                acceleration = acceleration.max(BRAKE_RAD_PER_S2);
+                control.look(&kinematics.pose(&q), &kinematics.speed(&q, &qd));
+                let present = kinematics.speed(&q, &qd).into();
+                along_others = kinematics.joint_velocity(&q, &control.along_others(&present));
+                let planned = kinematics.speed(&q, &wanted).into();
+                let twist = control.step(&planned, force, &self.tuning, dt);
                 kinematics.joint_velocity(&q, &twist)
             }
         };
@@ -202,23 +259,29 @@ impl Planner {
             .map(|i| speed_max[i] / wanted[i].abs().max(speed_max[i]))
             .fold(1.0, f64::min);
         let command = wanted * self.limiter;
+        // A compliant arm arrives where the contact lets it: only the plan's time counts.
+        let compliant = self.compliance.is_some();
         self.done = match &self.plan {
-            Plan::Hold { .. } => qd.amax() < STILL_RAD_PER_S,
-            Plan::SpeedJ { .. } | Plan::SpeedL { .. } => (command - qd).amax() < STILL_RAD_PER_S,
+            Plan::Hold { .. } => along_others.amax() < STILL_RAD_PER_S,
+            Plan::SpeedJ { .. } | Plan::SpeedL { .. } => {
+                compliant || (command - qd).amax() < STILL_RAD_PER_S
+            }
             Plan::ServoJ { .. } => true,
             Plan::Joints {
                 to, profile, time, ..
-            } => *time >= profile.duration() && (to - q).amax() < 1e-4,
-            Plan::Line {
-                to, profile, time, ..
+            } => *time >= profile.duration() && (compliant || (to - q).amax() < 1e-4),
+            Plan::Path {
+                path,
+                profile,
+                time,
             } => {
-                let (error, turn) = apart(&kinematics.pose(&q), to);
-                let arrived = error.norm() < 1e-4 && turn.norm() < 1e-3;
+                let (error, turn) = apart(&kinematics.pose(&q), &path.at(1.0));
+                let arrived = compliant || error.norm() < 1e-4 && turn.norm() < 1e-3;
                 // A target out of reach is approached as far as possible.
                 *time >= profile.duration() + 1.0 || (*time >= profile.duration() && arrived)
             }
         };
-        if self.done && matches!(self.plan, Plan::Joints { .. } | Plan::Line { .. }) {
+        if self.done && matches!(self.plan, Plan::Joints { .. } | Plan::Path { .. }) {
             self.plan = Plan::Hold {
                 a: BRAKE_RAD_PER_S2,
             };
@@ -227,110 +290,5 @@ impl Planner {
             qd: command,
             acceleration,
         }
-    }
-}
-
-/// From one pose to another: translation and rotation vector, base axes.
-fn apart(from: &[f64; 6], to: &[f64; 6]) -> (Vector3<f64>, Vector3<f64>) {
-    let (from, to) = (isometry(from), isometry(to));
-    (
-        to.translation.vector - from.translation.vector,
-        (to.rotation * from.rotation.inverse()).scaled_axis(),
-    )
-}
-
-/// The pose a share of the way.
-fn between(from: &[f64; 6], to: &[f64; 6], share: f64) -> [f64; 6] {
-    let (linear, angular) = apart(from, to);
-    let start = isometry(from);
-    let turned = nalgebra::UnitQuaternion::from_scaled_axis(angular * share) * start.rotation;
-    let p = start.translation.vector + linear * share;
-    let r = turned.scaled_axis();
-    [p.x, p.y, p.z, r.x, r.y, r.z]
-}
-
-/// A share of the way, 0 to 1, over time: constant acceleration, constant speed, constant
-/// deceleration.
-#[derive(Clone, Copy, Debug)]
-struct Trapezoid {
-    /// 1/s²
-    a: f64,
-    /// s
-    ramp: f64,
-    /// s
-    total: f64,
-}
-
-impl Trapezoid {
-    fn new(distance: f64, v: f64, a: f64, t: f64) -> Self {
-        if distance < 1e-9 {
-            return Self {
-                a: 0.0,
-                ramp: 0.0,
-                total: 0.0,
-            };
-        }
-        let (v, a) = (v / distance, a / distance);
-        if t > 0.0 {
-            // A third up, a third down.
-            let ramp = t / 3.0;
-            return Self {
-                a: 1.0 / (ramp * (t - ramp)),
-                ramp,
-                total: t,
-            };
-        }
-        let ramp = (v / a).min((1.0 / a).sqrt());
-        Self {
-            a,
-            ramp,
-            total: ramp + 1.0 / (a * ramp),
-        }
-    }
-
-    fn duration(&self) -> f64 {
-        self.total
-    }
-
-    /// Share of the way and its rate, 1/s.
-    fn at(&self, time: f64) -> (f64, f64) {
-        if time >= self.total {
-            (1.0, 0.0)
-        } else if time < self.ramp {
-            (0.5 * self.a * time * time, self.a * time)
-        } else if time <= self.total - self.ramp {
-            let v = self.a * self.ramp;
-            (v * (time - 0.5 * self.ramp), v)
-        } else {
-            let left = self.total - time;
-            (1.0 - 0.5 * self.a * left * left, self.a * left)
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_trapezoid_goes_all_the_way_within_its_bounds() {
-        for (distance, v, a, t) in [
-            (2.0, 1.0, 1.4, 0.0),
-            (0.01, 1.0, 1.4, 0.0),
-            (1.0, 0.0, 0.0, 2.0),
-        ] {
-            let p = Trapezoid::new(distance, v, a, t);
-            let n = 1000;
-            let dt = p.duration() / f64::from(n);
-            let mut way = 0.0;
-            for i in 0..n {
-                let (_, rate) = p.at((f64::from(i) + 0.5) * dt);
-                way += rate * dt;
-                assert!(t > 0.0 || rate * distance <= v * (1.0 + 1e-9));
-            }
-            assert!((way - 1.0).abs() < 1e-3, "{way}");
-            assert_eq!(p.at(p.duration()), (1.0, 0.0));
-        }
-        assert_eq!(Trapezoid::new(0.0, 1.0, 1.0, 0.0).duration(), 0.0);
     }
 }
