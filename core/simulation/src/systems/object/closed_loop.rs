@@ -252,17 +252,19 @@ impl<const N: usize> ObjectLoop<N> {
         let arm = self.plant.arm();
         let base_from_flange = self.model.base_from_flange(&arm.q);
         let base_from_tool = base_from_flange * self.flange_from_tool;
+        let jacobian = self.model.jacobian_at(&arm.q, &self.flange_from_tool);
+        let twist = Twist::from_vector(&(jacobian * arm.qd));
+        self.wrench.move_with(arm.time_s, &base_from_tool, &twist);
         for sample in self.plant.sensor_samples() {
             self.wrench.take(sample, base_from_tool, 0.0);
         }
-        let jacobian = self.model.jacobian_at(&arm.q, &self.flange_from_tool);
         let mut input = LawInput {
             time_s: arm.time_s,
             dt_s: self.plant.period_s(),
             q: arm.q,
             qd: arm.qd,
             base_from_tool,
-            twist: Twist::from_vector(&(jacobian * arm.qd)),
+            twist,
             speed_scaling: 1.0,
             arm_ready: self.stopped.is_none(),
             wrench: Wrench::zero(),

@@ -11,11 +11,12 @@ use tangent_estimation::object_pose::ImplicitSurface;
 use tangent_mechanics::{Arm, Base, Flange, JointFriction, Joints, Pose, Tool};
 
 use super::estimate_follower::EstimateFollower;
+use super::joint_disturbance::JointDisturbance;
 use super::law::{
-    ArmNow, ForceIntegral, MotionIntegral, MotionReference, hybrid, manipulability,
-    motion_acceleration, pressing_force, torque,
+    ArmNow, ForceIntegral, MotionIntegral, MotionReference, friction_torque, hybrid,
+    manipulability, motion_acceleration, pressing_force, torque,
 };
-use super::reference::{Descent, SurfacePath};
+use super::reference::{Descent, Exploration, SurfacePath};
 use super::{ForceChannel, HybridDynamicsConfig, HybridInput, HybridOutput};
 use crate::error::ControlError;
 use crate::laws::stacked::stacked;
@@ -65,11 +66,14 @@ struct Run<const N: usize> {
     held: Option<Pose<Base, Tool>>,
     descent: Option<Descent>,
     lay: Option<SurfacePath>,
+    /// The circle that shows the surface's orientation, once it has begun.
+    exploration: Option<Exploration>,
     path_s: f64,
     /// Rate of the reference's clock relative to real time, 0 to 1.
     rate: f64,
     motion: MotionIntegral,
     force: ForceIntegral,
+    disturbance: JointDisturbance<N>,
     reference_n: f64,
     /// Time for which the force has been too low for contact, s.
     weak_s: f64,
@@ -93,10 +97,12 @@ impl<const N: usize> Run<N> {
             held: None,
             descent: None,
             lay: None,
+            exploration: None,
             path_s: 0.0,
             rate: 0.0,
             motion: MotionIntegral::default(),
             force: ForceIntegral::default(),
+            disturbance: JointDisturbance::default(),
             reference_n: 0.0,
             weak_s: 0.0,
             lost_count: 0,
@@ -271,20 +277,24 @@ impl<const N: usize> HybridDynamics<N> {
             (motion, Joints::<N>::zeros())
         };
         let twist = stacked(&wanted.reference.velocity, &wanted.reference.angular);
+        let config = &self.task.program.config;
+        let modelled = friction_torque(&self.limits, config, &self.friction, &now, &twist);
+        let rubbed = modelled + self.missed(input, &now, dt);
+        let config = &self.task.program.config;
         let (torque, limited) = torque(
             &self.model,
             &self.limits,
-            &self.task.program.config,
-            &self.friction,
+            config,
             &now,
             &acceleration,
-            &twist,
+            &rubbed,
             &push,
         );
         if !torque.iter().all(|x| x.is_finite()) {
             return self.blind_output(input);
         }
         self.run.torque = torque;
+        self.run.disturbance.commanded(&torque, &modelled);
         let away = now.tool.translation() - wanted.reference.position;
         let n = &constraint.normal;
         HybridOutput {
@@ -313,6 +323,25 @@ impl<const N: usize> HybridDynamics<N> {
             manipulability: manipulability(&now.jacobian),
             limited,
         }
+    }
+
+    /// Friction that its model misses, Nm. Without torques that the arm takes, or without a tared
+    /// wrench, nothing can be told of it, and the estimate starts again.
+    fn missed(&mut self, input: &HybridInput<N>, now: &ArmNow<N>, dt: f64) -> Joints<N> {
+        let tared = input.bias_age_s.is_some();
+        let (true, Some(felt)) = (input.arm_ready && tared, self.run.felt) else {
+            self.run.disturbance = JointDisturbance::default();
+            return Joints::zeros();
+        };
+        let contact = now.jacobian.tr_mul(&stacked(&felt.force, &felt.moment));
+        self.run.disturbance.step(
+            &self.task.program.config.friction_doubt,
+            &self.model,
+            &self.friction,
+            (&now.q, &now.qd),
+            &contact,
+            dt,
+        )
     }
 
     /// Output for a period in which the arm's state or the period is invalid, or in which the
