@@ -104,9 +104,9 @@ mod tests {
     fn it_stays_within_its_share_of_the_model_and_needs_one() {
         let truth = JointFriction::<6>::from_lists(&[0.0], &[50.0], 0.001);
         let modelled = JointFriction::<6>::from_lists(&[0.0], &[4.0], 0.001);
-        assert_eq!(found(&truth, &modelled, 0.5), Joints::repeat(2.0));
-        assert_eq!(found(&truth, &modelled, 0.0), Joints::zeros());
+        assert_eq!(found(&truth, &modelled, 0.5), Joints::<6>::repeat(2.0));
+        assert_eq!(found(&truth, &modelled, 0.0), Joints::<6>::zeros());
         let none = JointFriction::<6>::from_lists(&[], &[], 0.001);
-        assert_eq!(found(&truth, &none, 0.5), Joints::zeros());
+        assert_eq!(found(&truth, &none, 0.5), Joints::<6>::zeros());
     }
 }

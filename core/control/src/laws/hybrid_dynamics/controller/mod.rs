@@ -36,6 +36,9 @@ use crate::task::program::Program;
 /// invalid, s.
 const FADE_S: f64 = 0.025;
 
+/// Time constant with which the compensation of missed friction begins and ends, s.
+const MISSED_S: f64 = 0.05;
+
 /// The controller of an arm with `N` joints, at least six. One [`HybridDynamics::step`] per control
 /// period; nothing in it allocates.
 pub struct HybridDynamics<const N: usize = 6> {
@@ -74,6 +77,8 @@ struct Run<const N: usize> {
     motion: MotionIntegral,
     force: ForceIntegral,
     disturbance: JointDisturbance<N>,
+    /// Share of the missed friction that is compensated: 1 while pressing, else 0.
+    missed_share: f64,
     reference_n: f64,
     /// Time for which the force has been too low for contact, s.
     weak_s: f64,
@@ -103,6 +108,7 @@ impl<const N: usize> Run<N> {
             motion: MotionIntegral::default(),
             force: ForceIntegral::default(),
             disturbance: JointDisturbance::default(),
+            missed_share: 0.0,
             reference_n: 0.0,
             weak_s: 0.0,
             lost_count: 0,
@@ -325,7 +331,9 @@ impl<const N: usize> HybridDynamics<N> {
         }
     }
 
-    /// Friction that its model misses, Nm. Without torques that the arm takes, or without a tared
+    /// Friction that its model misses, Nm, while the tool presses: there the force depends on it. A
+    /// motion in the air has to be as even as its reference, so that an unsteady force means
+    /// contact, and stiction that is cancelled at rest would make the arm creep. Without torques that the arm takes, or without a tared
     /// wrench, nothing can be told of it, and the estimate starts again.
     fn missed(&mut self, input: &HybridInput<N>, now: &ArmNow<N>, dt: f64) -> Joints<N> {
         let tared = input.bias_age_s.is_some();
@@ -334,14 +342,18 @@ impl<const N: usize> HybridDynamics<N> {
             return Joints::zeros();
         };
         let contact = now.jacobian.tr_mul(&stacked(&felt.force, &felt.moment));
-        self.run.disturbance.step(
+        let pressing = self.task.phase.is_pressing() && !self.task.paused;
+        let wanted = if pressing { 1.0 } else { 0.0 };
+        self.run.missed_share += (wanted - self.run.missed_share) * (dt / MISSED_S).min(1.0);
+        let missed = self.run.disturbance.step(
             &self.task.program.config.friction_doubt,
             &self.model,
             &self.friction,
             (&now.q, &now.qd),
             &contact,
             dt,
-        )
+        );
+        missed * self.run.missed_share
     }
 
     /// Output for a period in which the arm's state or the period is invalid, or in which the
