@@ -19,6 +19,7 @@ mod error;
 mod identification;
 mod low_pass;
 mod momentum_observer;
+mod motion;
 mod payload;
 mod pose_average;
 mod sensor_watch;
@@ -35,6 +36,7 @@ pub use error::SensingError;
 pub use identification::{IdentificationError, IdentifiedPayload, StaticPose, identify_payload};
 pub use low_pass::{LowPass, LowPassState};
 pub use momentum_observer::{MomentumObserver, MomentumObserverState, wrench_of_torques};
+pub use motion::SensorMotionState;
 pub use payload::{Payload, SensorMotion};
 pub use pose_average::{PoseAverage, PoseFinder};
 pub use sensor_watch::{

@@ -23,6 +23,7 @@ mod scenario;
 mod scenario_file;
 mod sensors;
 mod start;
+mod stated;
 pub mod suite;
 pub mod surfaces;
 pub mod systems;
@@ -31,7 +32,7 @@ mod touch;
 mod truth;
 
 pub use arms::loaded_arm::joints_of;
-pub use arms::loaded_arm::loaded_arm;
+pub use arms::loaded_arm::stated_arm;
 pub use arms::measurement::{ArmMeasurement, VelocityCommand};
 pub use arms::platform::{OdometryConfig, OdometrySample, Platform, PlatformConfig};
 pub use arms::servo::{Lag, Servo, ServoConfig};
@@ -43,7 +44,10 @@ pub use contact::{
 pub use digest::TrajectoryDigest;
 pub use disturbance::{Disturbance, Undisturbed};
 pub use evaluation::Evaluation;
-pub use hardware_errors::{ArmErrors, FrameErrors, HardwareErrors, WrenchErrors};
+pub use hardware_errors::{
+    ArmErrors, ErrorRanges, FrameErrors, HardwareErrors, TorqueArmErrors, TorqueErrors,
+    WrenchErrors, WrenchEstimateErrors,
+};
 pub use overrides::OverrideError;
 pub use plant_error::{PlantError, StartError};
 pub use pose_config::PoseConfig;
@@ -60,6 +64,7 @@ pub use sensors::sample::SensorSample;
 pub use sensors::target_image::ImageConfig;
 pub use sensors::wrench_estimate::{ExternalWrenchConfig, WrenchEstimate};
 pub use start::StartConfig;
+pub use stated::{StatedCell, True};
 pub use surfaces::{ShapeConfig, Surface, SurfaceConfig, SurfacePoint};
 pub use systems::admittance::{
     AdmittanceCycle, AdmittanceLoop, AdmittancePlant, AdmittancePlantConfig, AdmittanceScenario,

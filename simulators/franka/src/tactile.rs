@@ -76,12 +76,11 @@ impl TactileArm {
             return;
         }
         eye.taken = (time_s * eye.rate_hz + 1e-6).floor() as u64 + 1;
-        let q = self.plant.measured().q;
         // If the renderer is behind, the exposure is left out, as with a real camera.
         let _ = eye.looks.try_send(Look {
             time_s,
             stamp_ns: now_ns(),
-            base_from_flange: self.plant.arm().model().base_from_flange(&q),
+            base_from_flange: *self.plant.true_base_from_flange().to_compare(),
         });
     }
 }

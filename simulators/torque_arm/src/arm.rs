@@ -18,7 +18,7 @@ use tangent_schemas::standard::{Header, PoseStamped};
 use tangent_schemas::tangent::{ArmCommand, ArmState, ContactTruth, Request};
 use tangent_schemas::topics::{self, TRUTH_CONTACT, TRUTH_OBJECT};
 use tangent_simulated_device::{FAULT_KEY, RecordListener, truth_message};
-use tangent_simulation::{ObjectPlant, ObjectPlantConfig, PlantError, loaded_arm};
+use tangent_simulation::{ObjectPlant, ObjectPlantConfig, PlantError, stated_arm};
 
 use crate::fault::Faults;
 use crate::gate::TorqueGate;
@@ -80,7 +80,7 @@ impl SimulatedTorqueArm {
                 draw_images(imager, &to_draw, &images);
             })?;
         // The nominal model of the arm, with the tool as configured.
-        let model = loaded_arm::<6>(&config.robot, &config.tool, false)?;
+        let model = stated_arm::<6>(&config.robot, &config.tool)?;
         let start = plant.arm();
         let mut cell = ArmThread {
             gate: TorqueGate::new(model, &start.q, plant.period_s()),

@@ -65,8 +65,22 @@ pub struct PriorConfig {
     pub principal_sd_share: f64,
     /// Compliance of the object along its normal, m/N.
     pub compliance_m_per_n: f64,
-    /// Standard deviation of the object's compliance along its normal, m/N.
+    /// Standard deviation of the compliance of the whole object along its normal, m/N.
     pub compliance_sd_m_per_n: f64,
+    /// Standard deviation of the compliance of the spot under the tip, m/N. The camera does not see
+    /// this part of the give.
+    pub local_compliance_sd_m_per_n: f64,
+    /// Error of the tip's stated position on the flange, standard deviation per axis, m.
+    pub tip_sd_m: f64,
+    /// Error of the arm's measured flange position in the base, standard deviation per axis, m. It
+    /// is common to all measurements and is not observable: it is part of the covariance alone.
+    pub arm_position_sd_m: f64,
+    /// Error of the arm's measured flange orientation in the base, standard deviation per axis,
+    /// rad.
+    pub arm_turn_sd_rad: f64,
+    /// Constant tilt of the measured force about each of the tool's x and y axes, standard
+    /// deviation, rad: rotation of the sensor on the flange, and zero error over force.
+    pub force_tilt_sd_rad: f64,
     /// Standard deviation of the object's speed, per axis, m/s.
     pub speed_sd_m_per_s: f64,
     /// Standard deviation of the object's angular speed, per axis, rad/s.
@@ -86,6 +100,11 @@ impl Default for PriorConfig {
             principal_sd_share: 0.014,
             compliance_m_per_n: 0.0,
             compliance_sd_m_per_n: 2e-4,
+            local_compliance_sd_m_per_n: 2e-4,
+            tip_sd_m: 0.0,
+            arm_position_sd_m: 0.0,
+            arm_turn_sd_rad: 0.0,
+            force_tilt_sd_rad: 0.0,
             speed_sd_m_per_s: 1e-4,
             turn_rate_sd_rad_per_s: 1e-4,
             speed_change_m_per_s_per_sqrt_s: 2e-5,
@@ -213,6 +232,16 @@ impl ObjectPoseConfig {
                 0.0,
                 0.1,
             ),
+            (
+                "prior.local_compliance_sd_m_per_n",
+                p.local_compliance_sd_m_per_n,
+                0.0,
+                0.1,
+            ),
+            ("prior.tip_sd_m", p.tip_sd_m, 0.0, 0.1),
+            ("prior.arm_position_sd_m", p.arm_position_sd_m, 0.0, 0.1),
+            ("prior.arm_turn_sd_rad", p.arm_turn_sd_rad, 0.0, 0.1),
+            ("prior.force_tilt_sd_rad", p.force_tilt_sd_rad, 0.0, 1.0),
             ("prior.speed_sd_m_per_s", p.speed_sd_m_per_s, 0.0, 10.0),
             (
                 "prior.turn_rate_sd_rad_per_s",

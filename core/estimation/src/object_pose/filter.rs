@@ -2,17 +2,18 @@
 //!
 //! A frame is processed with the arm's state and the object's pose at its exposure. The force gives
 //! the normal, eqs. (18)-(22). The joints give the position of the tip, which lies on the surface;
-//! this replaces eqs. (23)-(26). Compliance of the object and friction are states.
+//! this replaces eqs. (23)-(26). The compliance of the object and of the spot under the tip, friction,
+//! the error of the tip's position and the tilt of the measured force are states.
 
-use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
 use tangent_mechanics::{Base, Object, Pose, Twist};
 use tangent_sensing::Validity;
 
 use super::arm_history::{ArmHistory, ArmMoment};
 use super::contact::{SlideTracker, Touch, TouchDetector};
-use super::filter_measurements::{expected_corner, touch_direction, touch_point};
+use super::filter_measurements::{TipPose, expected_corner, touch_direction, touch_point};
 use super::filter_state::{
-    CAMERA_POSITION, CAMERA_TURN, COMPLIANCE, FOCAL, FilterState, STATES, TURN,
+    CAMERA_POSITION, CAMERA_TURN, COMPLIANCE, FOCAL, FilterState, LOCAL, STATES, TURN,
 };
 use super::{
     CORNERS, CalibrationEstimate, CameraFrame, CameraModel, FrameCounts, ImplicitSurface,
@@ -194,9 +195,9 @@ impl ObjectPose {
     }
 
     /// Updates with force and joints, using the arm's state at the time of the wrench.
-    fn feel(&mut self, touch: &Touch, tip: &Vector3<f64>, now_s: f64) {
+    fn feel(&mut self, touch: &Touch, tip: &TipPose, now_s: f64) {
         let first = self.slide.last_s().is_none();
-        let sliding = self.slide.step(now_s, tip);
+        let sliding = self.slide.step(now_s, &tip.position);
         self.advance(now_s);
         let Some(state) = &mut self.state else {
             return;
@@ -239,7 +240,20 @@ impl ObjectPose {
             .copy_from(&yielded.cross_matrix());
         map.fixed_view_mut::<3, 1>(0, COMPLIANCE)
             .copy_from(&-self.yielding_n);
-        self.covariance = map * state.covariance * map.transpose();
+        self.covariance = map * state.covariance * map.transpose() + self.arm_covariance();
+    }
+
+    /// Covariance of the object's pose from the arm's own errors, which no measurement shows.
+    fn arm_covariance(&self) -> Matrix6<f64> {
+        let prior = &self.config.prior;
+        let (position, turn) = (prior.arm_position_sd_m, prior.arm_turn_sd_rad);
+        Matrix6::from_diagonal(&Vector6::from_fn(|i, _| {
+            if i < 3 {
+                position * position
+            } else {
+                turn * turn
+            }
+        }))
     }
 
     /// Squared error of the filter's own state, divided by covariance and degrees of freedom, to
@@ -268,8 +282,10 @@ impl ObjectPose {
             - state.principal;
         error.fixed_rows_mut::<2>(13).copy_from(&principal);
         let index = |i: usize| if i < 6 { i } else { i + CAMERA_POSITION - 6 };
-        let covariance =
+        let mut covariance =
             SMatrix::<f64, 15, 15>::from_fn(|i, j| state.covariance[(index(i), index(j))]);
+        let mut pose = covariance.fixed_view_mut::<6, 6>(0, 0);
+        pose += self.arm_covariance();
         let solved = covariance.cholesky()?.solve(&error);
         Some(error.dot(&solved) / 15.0)
     }
@@ -310,7 +326,12 @@ impl ObjectPoseEstimator for ObjectPose {
             let flange_from_tool = sample.base_from_flange.inverse() * sample.base_from_tool;
             let then = self.history.at(now - sample.wrench_delay_s.max(0.0));
             if let (true, Some(then)) = (due, then) {
-                let tip = (then.base_from_flange * flange_from_tool).translation();
+                let tool = then.base_from_flange * flange_from_tool;
+                let tip = TipPose {
+                    position: tool.translation(),
+                    flange: then.base_from_flange.rotation(),
+                    tool: tool.rotation(),
+                };
                 self.feel(&touch, &tip, now);
                 changed = true;
             }
@@ -370,6 +391,7 @@ impl ObjectPoseEstimator for ObjectPose {
                 state.compliance,
                 state.covariance[(COMPLIANCE, COMPLIANCE)].sqrt(),
             ),
+            local_compliance_m_per_n: (state.local, state.covariance[(LOCAL, LOCAL)].sqrt()),
         })
     }
 

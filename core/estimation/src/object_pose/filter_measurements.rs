@@ -1,14 +1,14 @@
 //! Measurements of `object_pose`: corners, the tip on the surface, and the force's direction; each
 //! with its prediction and Jacobian.
 
-use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
 use super::ImplicitSurface;
 use super::arm_history::ArmMoment;
 use super::contact::Touch;
 use super::filter_state::{
-    CAMERA_POSITION, CAMERA_TURN, COMPLIANCE, Columns, FOCAL, FRICTION, FilterState, POSITION,
-    PRINCIPAL, SPIN, TURN, VELOCITY,
+    CAMERA_POSITION, CAMERA_TURN, COMPLIANCE, Columns, FOCAL, FORCE_TILT, FRICTION, FilterState,
+    LOCAL, POSITION, PRINCIPAL, SPIN, TIP, TURN, VELOCITY,
 };
 
 /// Predicted pixel of a corner (object axes, m) in a frame that is `age` (s) old, for the stated
@@ -68,24 +68,48 @@ pub(super) fn expected_corner(
     Some((ratio * state.focal + state.principal, columns))
 }
 
-/// Predicted distance of the tip above the deflected surface, m: φ/|∇φ| + c F, whose measured value
-/// is zero; with its derivative by the state.
+/// The tip at one time, as the arm measures it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TipPose {
+    /// Stated position, base axes, m.
+    pub position: Vector3<f64>,
+    /// Orientation of the flange.
+    pub flange: UnitQuaternion<f64>,
+    /// Orientation of the tool.
+    pub tool: UnitQuaternion<f64>,
+}
+
+impl TipPose {
+    /// Position with the estimated error of the stated one, base axes, m.
+    fn at(&self, state: &FilterState) -> Vector3<f64> {
+        self.position + self.flange * state.tip
+    }
+}
+
+/// Predicted distance of the tip above the deflected surface, m: φ/|∇φ| + c F with the compliances
+/// of the whole object and of the spot, whose measured value is zero; with its derivative by the
+/// state.
 fn expected_gap(
     state: &FilterState,
     surface: &dyn ImplicitSurface,
     force_n: f64,
-    tip: &Vector3<f64>,
+    tip: &TipPose,
 ) -> (f64, Columns<1>) {
-    let in_object = state.rest.inverse().transform_point(tip);
+    let at = tip.at(state);
+    let in_object = state.rest.inverse().transform_point(&at);
     let normal = state.rest.rotate(&surface.normal(&in_object));
-    let arm = tip - state.rest.translation();
-    let gap = surface.distance(&in_object) + state.compliance * force_n;
+    let arm = at - state.rest.translation();
+    let gap = surface.distance(&in_object) + (state.compliance + state.local) * force_n;
     let mut columns = Columns::<1>::zeros();
     columns.fixed_rows_mut::<3>(POSITION).copy_from(&-normal);
     columns
         .fixed_rows_mut::<3>(TURN)
         .copy_from(&normal.cross(&arm));
     columns[COMPLIANCE] = force_n;
+    columns[LOCAL] = force_n;
+    columns
+        .fixed_rows_mut::<3>(TIP)
+        .copy_from(&tip.flange.inverse_transform_vector(&normal));
     (gap, columns)
 }
 
@@ -94,7 +118,7 @@ pub(super) fn touch_point(
     state: &mut FilterState,
     surface: &dyn ImplicitSurface,
     touch: &Touch,
-    tip: &Vector3<f64>,
+    tip: &TipPose,
     sd_m: f64,
 ) {
     let (gap, columns) = expected_gap(state, surface, touch.force_n, tip);
@@ -127,23 +151,25 @@ fn tangents(normal: &Vector3<f64>, sliding: Option<Vector3<f64>>) -> [Vector3<f6
 }
 
 /// Predicted direction of the force perpendicular to the estimated normal: n - μ s of eq. (19) with
-/// friction.
+/// friction, and the tilt of the measurement.
 fn expected_direction(
     state: &FilterState,
     surface: &dyn ImplicitSurface,
-    tip: &Vector3<f64>,
+    tip: &TipPose,
     sliding: Option<Vector3<f64>>,
 ) -> (Vector3<f64>, [Vector3<f64>; 2], Vector2<f64>, Columns<2>) {
-    let in_object = state.rest.inverse().transform_point(tip);
+    let at = tip.at(state);
+    let in_object = state.rest.inverse().transform_point(&at);
     let normal = state.rest.rotate(&surface.normal(&in_object));
     let rotation = state.rest.rotation().to_rotation_matrix();
     let change = rotation * surface.normal_change(&in_object) * rotation.transpose();
-    let arm = tip - state.rest.translation();
+    let arm = at - state.rest.translation();
     // Eq. (22): dn = -N do - (S(n) - N S(d)) dθ.
     let by_turn = change * arm.cross_matrix() - normal.cross_matrix();
     let axes = tangents(&normal, sliding);
     let mut columns = Columns::<2>::zeros();
     let mut expected = Vector2::zeros();
+    let across = [tip.tool * Vector3::x(), tip.tool * Vector3::y()];
     for (i, axis) in axes.iter().enumerate() {
         columns
             .fixed_view_mut::<3, 1>(POSITION, i)
@@ -151,8 +177,16 @@ fn expected_direction(
         columns
             .fixed_view_mut::<3, 1>(TURN, i)
             .copy_from(&by_turn.tr_mul(axis));
+        columns
+            .fixed_view_mut::<3, 1>(TIP, i)
+            .copy_from(&tip.flange.inverse_transform_vector(&change.tr_mul(axis)));
+        for (k, tilted) in across.iter().enumerate() {
+            let share = axis.dot(tilted);
+            expected[i] += state.force_tilt[k] * share;
+            columns[(FORCE_TILT + k, i)] = share;
+        }
         if let Some(direction) = sliding {
-            expected[i] = -state.friction * axis.dot(&direction);
+            expected[i] -= state.friction * axis.dot(&direction);
             columns[(FRICTION, i)] = -axis.dot(&direction);
         }
     }
@@ -164,7 +198,7 @@ pub(super) fn touch_direction(
     state: &mut FilterState,
     surface: &dyn ImplicitSurface,
     touch: &Touch,
-    tip: &Vector3<f64>,
+    tip: &TipPose,
     sliding: Option<Vector3<f64>>,
     sd_rad: f64,
 ) {
@@ -214,6 +248,9 @@ mod tests {
         state.principal = Vector2::new(0.01, -0.02);
         state.compliance = 1.2e-4;
         state.friction = 0.2;
+        state.local = 0.5e-4;
+        state.tip = Vector3::new(1e-3, -2e-3, 1e-3);
+        state.force_tilt = Vector2::new(0.01, -0.02);
         state
     }
 
@@ -254,7 +291,10 @@ mod tests {
             let by_difference = differences(&state, |s| expected_corner(s, &moment, 0.02, &corner).unwrap().0);
             prop_assert!((columns - by_difference).amax() < 2e-6, "{}", columns - by_difference);
             for shape in [ObjectShape::Plane {}, ObjectShape::Cylinder { radius_m: 0.2 }, ObjectShape::Sphere { radius_m: 0.2 }] {
+                let flange = UnitQuaternion::from_scaled_axis(Vector3::new(2.9, 0.3, 0.1));
+                let tool = UnitQuaternion::from_scaled_axis(Vector3::new(3.0, 0.2, 0.4));
                 let on = state.rest.transform_point(&shape.closest(&state.rest.inverse().transform_point(&tip)));
+                let on = TipPose { position: on - flange * state.tip, flange, tool };
                 let (_, columns) = expected_gap(&state, &shape, 20.0, &on);
                 let by_difference = differences(&state, |s| SVector::<f64, 1>::new(expected_gap(s, &shape, 20.0, &on).0));
                 prop_assert!((columns - by_difference).amax() < 1e-6, "{shape:?}");
@@ -262,7 +302,8 @@ mod tests {
                 let sliding = Vector3::new(0.6, 0.8, 0.0);
                 let (normal, axes, _, columns) = expected_direction(&state, &shape, &on, Some(sliding));
                 let by_difference = differences(&state, |s| {
-                    let n = expected_direction(s, &shape, &on, Some(sliding)).0 - sliding * s.friction;
+                    let tilt = tool * Vector3::new(s.force_tilt.x, s.force_tilt.y, 0.0);
+                    let n = expected_direction(s, &shape, &on, Some(sliding)).0 - sliding * s.friction + tilt;
                     Vector2::new(axes[0].dot(&n), axes[1].dot(&n))
                 });
                 prop_assert!(axes.iter().all(|a| a.dot(&normal).abs() < 1e-12));

@@ -4,7 +4,9 @@
 //! Error states, in this order: the object's position (m) and small rotation (rad), its velocity
 //! (m/s) and angular velocity (rad/s), all base axes; the camera's position (m) and small rotation
 //! (rad), flange axes; focal length (share); principal point (2, share of the focal length);
-//! compliance along the normal (m/N); friction coefficient. Rotations are updated from the left by
+//! compliance of the whole object along the normal (m/N); friction coefficient; compliance of the
+//! spot under the tip (m/N); error of the tip's stated position (3, m, flange axes); tilt of the
+//! measured force (2, rad, along the tool's x and y axes). Rotations are updated from the left by
 //! `exp(δ)`: the error lives in the tangent space, and the state always stays on the group.
 
 use nalgebra::{Matrix2, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
@@ -12,7 +14,7 @@ use tangent_mechanics::{Base, Camera, Flange, Object, Pose};
 
 use super::{CameraModel, ObjectPoseConfig};
 
-pub(super) const STATES: usize = 23;
+pub(super) const STATES: usize = 29;
 pub(super) const POSITION: usize = 0;
 pub(super) const TURN: usize = 3;
 pub(super) const VELOCITY: usize = 6;
@@ -23,6 +25,9 @@ pub(super) const FOCAL: usize = 18;
 pub(super) const PRINCIPAL: usize = 19;
 pub(super) const COMPLIANCE: usize = 21;
 pub(super) const FRICTION: usize = 22;
+pub(super) const LOCAL: usize = 23;
+pub(super) const TIP: usize = 24;
+pub(super) const FORCE_TILT: usize = 27;
 
 /// Transposed Jacobian of `M` measurements: one column per measurement.
 pub(super) type Columns<const M: usize> = SMatrix<f64, STATES, M>;
@@ -43,8 +48,15 @@ pub(super) struct FilterState {
     pub focal: f64,
     /// True principal point minus the calibration's, divided by the calibration's focal length.
     pub principal: Vector2<f64>,
+    /// Compliance of the whole object, m/N: what the camera sees.
     pub compliance: f64,
     pub friction: f64,
+    /// Compliance of the spot under the tip, m/N: what the camera does not see.
+    pub local: f64,
+    /// True position of the tip minus the stated one, flange axes, m.
+    pub tip: Vector3<f64>,
+    /// Measured minus true direction of the force, along the tool's x and y axes, rad.
+    pub force_tilt: Vector2<f64>,
     pub covariance: SMatrix<f64, STATES, STATES>,
 }
 
@@ -64,6 +76,9 @@ impl FilterState {
             (PRINCIPAL, 2, p.principal_sd_share),
             (COMPLIANCE, 1, p.compliance_sd_m_per_n),
             (FRICTION, 1, config.contact.friction_sd),
+            (LOCAL, 1, p.local_compliance_sd_m_per_n),
+            (TIP, 3, p.tip_sd_m),
+            (FORCE_TILT, 2, p.force_tilt_sd_rad),
         ] {
             sd.rows_mut(start, count).fill(value);
         }
@@ -76,6 +91,9 @@ impl FilterState {
             principal: Vector2::zeros(),
             compliance: p.compliance_m_per_n,
             friction: 0.0,
+            local: 0.0,
+            tip: Vector3::zeros(),
+            force_tilt: Vector2::zeros(),
             covariance: SMatrix::from_diagonal(&sd.component_mul(&sd)),
         }
     }
@@ -206,6 +224,9 @@ impl FilterState {
         self.principal += change.fixed_rows::<2>(PRINCIPAL);
         self.compliance += change[COMPLIANCE];
         self.friction += change[FRICTION];
+        self.local += change[LOCAL];
+        self.tip += part(TIP);
+        self.force_tilt += change.fixed_rows::<2>(FORCE_TILT);
     }
 }
 

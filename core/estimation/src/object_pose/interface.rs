@@ -158,8 +158,10 @@ pub struct CalibrationEstimate {
     pub covariance: Matrix6<f64>,
     /// Standard deviation of the focal length, as a share of it.
     pub focal_sd_share: f64,
-    /// Compliance of the object along its normal, m/N, and its standard deviation.
+    /// Compliance of the whole object along its normal, m/N, and its standard deviation.
     pub compliance_m_per_n: (f64, f64),
+    /// Compliance of the spot under the tip along the normal, m/N, and its standard deviation.
+    pub local_compliance_m_per_n: (f64, f64),
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use tangent_mechanics::{Arm, ModelData, Payload};
 
 use crate::plant_error::PlantError;
+use crate::stated::True;
 use crate::tool::ToolConfig;
 
 /// Number of joints of the built-in model `robot`.
@@ -15,19 +16,33 @@ pub fn joints_of(robot: &str) -> Result<usize, PlantError> {
     Ok(ModelData::builtin(robot)?.dof)
 }
 
-/// The built-in model `robot` with the tool's payload. If `as_it_is` is set, it includes the
-/// payload's error.
+/// The built-in model `robot` with the payload that the cell file states, for laws and estimators.
 ///
 /// # Errors
 /// An unknown robot, or one with a different number of joints.
-pub fn loaded_arm<const N: usize>(
+pub fn stated_arm<const N: usize>(robot: &str, tool: &ToolConfig) -> Result<Arm<N>, PlantError> {
+    loaded_arm(robot, tool, 0.0)
+}
+
+/// The built-in model `robot` with the payload that is really on it, for the plant.
+///
+/// # Errors
+/// An unknown robot, or one with a different number of joints.
+pub(crate) fn true_arm<const N: usize>(
     robot: &str,
     tool: &ToolConfig,
-    as_it_is: bool,
+) -> Result<True<Arm<N>>, PlantError> {
+    Ok(True::new(loaded_arm(robot, tool, 1.0)?))
+}
+
+/// `share` is that of the payload's error.
+fn loaded_arm<const N: usize>(
+    robot: &str,
+    tool: &ToolConfig,
+    share: f64,
 ) -> Result<Arm<N>, PlantError> {
     let model = Arm::<N>::new(&ModelData::builtin(robot)?)?;
     let (payload, error) = (&tool.payload, &tool.payload_error);
-    let share = if as_it_is { 1.0 } else { 0.0 };
     let mass_kg = payload.mass_kg + share * error.mass_kg;
     if mass_kg <= 0.0 {
         return Ok(model);

@@ -6,10 +6,14 @@ use tangent_mechanics::linear_solve::solve_positive_definite;
 use tangent_mechanics::{Arm, JointFriction, Joints};
 
 use super::servo::quantise;
+use crate::hardware_errors::TorqueArmErrors;
+use crate::hardware_errors::torque_errors::entry;
 use crate::plant_error::PlantError;
 
 /// Longest delay of a torque, periods.
 const DELAY_PERIODS_MAX: usize = 8;
+/// Longest delay of a torque with its error, periods.
+const DELAY_LINE_MAX: usize = 16;
 
 /// The `[plant.arm]` table of a torque-controlled cell. Lists have one entry per joint, base to
 /// flange; a single entry applies to all joints.
@@ -20,7 +24,8 @@ pub struct TorqueArmConfig {
     pub period_s: f64,
     /// Steps of integration per period.
     pub sub_steps: usize,
-    /// Periods between a measurement and the effect of the torque computed from it.
+    /// Periods between a measurement and the effect of the torque computed from it, as the law is
+    /// told.
     pub delay_periods: usize,
     /// Viscous friction, Nm s/rad.
     pub viscous_nm_s_per_rad: Vec<f64>,
@@ -88,8 +93,8 @@ impl TorqueArmConfig {
         Ok(())
     }
 
-    /// True friction of the joints.
-    pub fn friction<const N: usize>(&self) -> JointFriction<N> {
+    /// Viscous and Coulomb friction of the plant's joints, without the errors.
+    fn friction<const N: usize>(&self) -> JointFriction<N> {
         JointFriction::from_lists(
             &self.viscous_nm_s_per_rad,
             &self.coulomb_nm,
@@ -98,12 +103,57 @@ impl TorqueArmConfig {
     }
 }
 
+/// Friction of the joints as it is: viscous and Coulomb friction, with Stribeck's excess at rest
+/// and a dependence on the direction.
+#[derive(Clone, Copy, Debug)]
+struct TrueFriction<const N: usize> {
+    smooth: JointFriction<N>,
+    /// Friction at rest beyond Coulomb friction, as a share of it.
+    excess: f64,
+    stribeck_rad_per_s: f64,
+    asymmetry: f64,
+}
+
+impl<const N: usize> TrueFriction<N> {
+    fn new(config: &TorqueArmConfig, errors: &TorqueArmErrors) -> Self {
+        let mut smooth = config.friction();
+        for i in 0..N {
+            let ratio = entry(&errors.friction_ratio, i, 1.0);
+            smooth.viscous[i] *= ratio;
+            smooth.coulomb[i] *= ratio;
+        }
+        Self {
+            smooth,
+            excess: errors.static_ratio - 1.0,
+            stribeck_rad_per_s: errors.stribeck_rad_per_s,
+            asymmetry: errors.asymmetry,
+        }
+    }
+
+    /// Friction torque divided by speed, Nm s/rad; never negative.
+    fn slope(&self, qd: &Joints<N>) -> Joints<N> {
+        if self.excess == 0.0 && self.asymmetry == 0.0 {
+            return self.smooth.slope(qd);
+        }
+        let mut friction = self.smooth;
+        for i in 0..N {
+            let stribeck = (-(qd[i] / self.stribeck_rad_per_s).powi(2)).exp();
+            let direction = qd[i] / qd[i].hypot(friction.speed);
+            friction.coulomb[i] *=
+                (1.0 + self.excess * stribeck) * (1.0 + self.asymmetry * direction);
+        }
+        friction.slope(qd)
+    }
+}
+
 /// State of an arm under torques.
 #[derive(Clone, Debug)]
 pub struct TorqueArm<const N: usize> {
     model: Arm<N>,
-    friction: JointFriction<N>,
+    friction: TrueFriction<N>,
     motor_inertia: Joints<N>,
+    /// Measured minus true positions, rad.
+    offset: Joints<N>,
     /// Positions, rad.
     pub q: Joints<N>,
     /// Velocities, rad/s.
@@ -112,17 +162,18 @@ pub struct TorqueArm<const N: usize> {
     pub qdd: Joints<N>,
     resolution: (f64, f64),
     /// Torques in transit to the motors, newest first, Nm.
-    torques: [Joints<N>; DELAY_PERIODS_MAX + 1],
+    torques: [Joints<N>; DELAY_LINE_MAX + 1],
     delay_periods: usize,
 }
 
 impl<const N: usize> TorqueArm<N> {
-    /// Arm at rest at `q` (rad), held by its motors.
+    /// Arm at rest at `q` (rad), held by its motors, without errors.
     pub fn new(model: Arm<N>, config: &TorqueArmConfig, q: Joints<N>) -> Self {
         Self {
             model,
-            friction: config.friction(),
+            friction: TrueFriction::new(config, &TorqueArmErrors::default()),
             motor_inertia: Joints::zeros(),
+            offset: Joints::zeros(),
             q,
             qd: Joints::zeros(),
             qdd: Joints::zeros(),
@@ -130,7 +181,7 @@ impl<const N: usize> TorqueArm<N> {
                 config.encoder_resolution_rad,
                 config.velocity_resolution_rad_per_s,
             ),
-            torques: [model.gravity(&q); DELAY_PERIODS_MAX + 1],
+            torques: [model.gravity(&q); DELAY_LINE_MAX + 1],
             delay_periods: config.delay_periods.min(DELAY_PERIODS_MAX),
         }
     }
@@ -143,9 +194,23 @@ impl<const N: usize> TorqueArm<N> {
         self
     }
 
+    /// The arm with errors; `config` is the one that it was made from.
+    pub fn with_errors(mut self, config: &TorqueArmConfig, errors: &TorqueArmErrors) -> Self {
+        self.friction = TrueFriction::new(config, errors);
+        self.offset = Joints::from_fn(|i, _| entry(&errors.offset_rad, i, 0.0));
+        let delay = config.delay_periods + errors.delay_periods;
+        self.delay_periods = delay.min(DELAY_LINE_MAX);
+        self
+    }
+
     /// Model of the arm that moves.
     pub fn model(&self) -> &Arm<N> {
         &self.model
+    }
+
+    /// Friction torque divided by speed at joint velocities `qd` (rad/s), Nm s/rad.
+    pub fn friction_slope(&self, qd: &Joints<N>) -> Joints<N> {
+        self.friction.slope(qd)
     }
 
     /// Takes the torques commanded in a period and returns those that take effect in it, commanded
@@ -208,7 +273,7 @@ impl<const N: usize> TorqueArm<N> {
 
     /// Joint positions measured by the encoders, rad.
     pub fn q_measured(&self) -> Joints<N> {
-        self.q.map(|x| quantise(x, self.resolution.0))
+        (self.q + self.offset).map(|x| quantise(x, self.resolution.0))
     }
 
     /// Joint velocities reported by the controller, rad/s.
@@ -287,6 +352,52 @@ mod tests {
             arm.step(&hold, &Joints::zeros(), 2.5e-4);
         }
         assert!(arm.qd.amax() < 1e-4, "{}", arm.qd);
+    }
+
+    #[test]
+    fn another_friction_law_is_stronger_at_rest_and_in_one_direction_and_never_drives() {
+        let config = TorqueArmConfig {
+            viscous_nm_s_per_rad: vec![0.0],
+            coulomb_nm: vec![2.0],
+            ..TorqueArmConfig::default()
+        };
+        let errors = TorqueArmErrors {
+            static_ratio: 1.5,
+            asymmetry: 0.1,
+            friction_ratio: vec![1.0, 2.0],
+            ..TorqueArmErrors::default()
+        };
+        let friction = TrueFriction::<6>::new(&config, &errors);
+        let at = |speed: f64| {
+            let qd = Joints::<6>::repeat(speed);
+            friction.slope(&qd).component_mul(&qd)
+        };
+        let (fast, slow, back) = (at(1.0), at(0.01), at(-1.0));
+        assert!(
+            (fast[0] - 2.2).abs() < 1e-3 && (fast[1] - 4.4).abs() < 1e-3,
+            "{fast}"
+        );
+        assert!((back[0] + 1.8).abs() < 1e-3, "{back}");
+        // Coulomb friction has not quite built up at this speed.
+        assert!(slow[0] > 1.2 * 2.0 * 0.707, "{slow}");
+        assert!(
+            (-300..300).all(|i| friction.slope(&Joints::repeat(f64::from(i) * 1e-3)).min() >= 0.0)
+        );
+    }
+
+    #[test]
+    fn the_offset_of_an_encoder_is_in_what_it_measures_alone() {
+        let errors = TorqueArmErrors {
+            offset_rad: vec![1e-3, 0.0],
+            ..TorqueArmErrors::default()
+        };
+        let exact = arm::<6>("smart3s_substitute", &TorqueArmConfig::default());
+        let off = exact
+            .clone()
+            .with_errors(&TorqueArmConfig::default(), &errors);
+        let error = off.q_measured() - off.q;
+        assert!((error[0] - 1e-3).abs() < 1e-15);
+        assert_eq!((off.q, error[5]), (exact.q, 0.0));
     }
 
     #[test]

@@ -3,6 +3,8 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use crate::plant_error::PlantError;
+
 /// Relative change of the friction coefficients over the surface. Two waves of the same length, in
 /// different directions, so that it varies along every path.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,6 +20,22 @@ pub struct FrictionVariation {
 const DIRECTIONS: [[f64; 3]; 2] = [[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8]];
 
 impl FrictionVariation {
+    pub(crate) fn check(&self) -> Result<(), PlantError> {
+        let (share, length) = (self.relative, self.wavelength_m);
+        PlantError::unless(
+            "errors.friction.relative",
+            share,
+            "0 to 0.9",
+            (0.0..=0.9).contains(&share),
+        )?;
+        PlantError::unless(
+            "errors.friction.wavelength_m",
+            length,
+            "0.001 to 10 m",
+            (0.001..=10.0).contains(&length),
+        )
+    }
+
     /// Factor on the friction coefficients at a point (m), between `1 - relative` and
     /// `1 + relative`.
     pub fn factor(&self, point: &Vector3<f64>) -> f64 {

@@ -2,16 +2,20 @@
 //! the cell file states.
 //!
 //! A scenario's plant without its `[plant.errors]` table is what the law, the estimators and the
-//! conditioning are told. Only [`AdmittancePlant`](crate::AdmittancePlant) reads the table.
+//! conditioning are told. Only the plants read the table: [`HardwareErrors`] that of
+//! [`AdmittancePlant`](crate::AdmittancePlant), [`TorqueErrors`] those of
+//! [`ObjectPlant`](crate::ObjectPlant) and [`VisuoTactilePlant`](crate::VisuoTactilePlant).
 
 pub mod arm_errors;
 pub mod frame_errors;
+pub mod torque_errors;
 pub mod wrench_errors;
 
 use serde::{Deserialize, Serialize};
 
 pub use arm_errors::{ArmErrors, ArmSenses};
 pub use frame_errors::FrameErrors;
+pub use torque_errors::{ErrorRanges, TorqueArmErrors, TorqueErrors, WrenchEstimateErrors};
 pub use wrench_errors::{WrenchDistortion, WrenchErrors};
 
 use crate::contact::FrictionVariation;
@@ -42,19 +46,7 @@ impl HardwareErrors {
         self.arm.check()?;
         self.wrench.check()?;
         if let Some(friction) = &self.friction {
-            let (share, length) = (friction.relative, friction.wavelength_m);
-            PlantError::unless(
-                "errors.friction.relative",
-                share,
-                "0 to 0.9",
-                (0.0..=0.9).contains(&share),
-            )?;
-            PlantError::unless(
-                "errors.friction.wavelength_m",
-                length,
-                "0.001 to 10 m",
-                (0.001..=10.0).contains(&length),
-            )?;
+            friction.check()?;
         }
         Ok(())
     }

@@ -13,6 +13,7 @@ use tangent_sensing::{GreyImage, TargetDetector, TargetDetectorError};
 
 use super::target_image::{self, ImageConfig};
 use crate::pose_config::PoseConfig;
+use crate::stated::True;
 
 /// Largest number of frames in transit at once.
 const FRAMES_MAX: usize = 16;
@@ -205,8 +206,8 @@ impl Camera {
     }
 
     /// The true calibration, to compare estimates with.
-    pub fn truth(&self) -> &CameraModel {
-        &self.truth
+    pub fn truth(&self) -> True<CameraModel> {
+        True::new(self.truth)
     }
 
     /// Exposes a frame if one is due at `time_s`, of an object's corners (object axes, m).

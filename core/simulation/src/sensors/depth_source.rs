@@ -13,6 +13,7 @@ use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 
 use super::depth_camera::{DepthCamera, DepthCameraConfig};
 use crate::plant_error::PlantError;
+use crate::stated::True;
 use crate::surfaces::Surface;
 
 /// Number of poses kept for frames in transit.
@@ -28,7 +29,7 @@ pub struct DepthSource {
     estimator: DepthNormal,
     state: DepthNormalState,
     flange_from_camera: Pose<Flange, Camera>,
-    /// Position of the tool, camera axes, m.
+    /// Stated position of the tool, camera axes, m.
     tool: Vector3<f64>,
     left_out: Vec<u8>,
     depth_m: Vec<f32>,
@@ -38,16 +39,20 @@ pub struct DepthSource {
 }
 
 impl DepthSource {
+    /// Camera that sees the tool where it truly is, and estimator that knows where it is stated to
+    /// be.
+    ///
     /// # Errors
     /// A setting of the camera or of the estimator is out of its range.
     pub fn new(
         camera: &DepthCameraConfig,
         estimator: &DepthNormalConfig,
         flange_from_tool: &Pose<Flange, Tool>,
+        true_flange_from_tool: &True<Pose<Flange, Tool>>,
         seed: u64,
     ) -> Result<Self, PlantError> {
         let (size, rod) = (camera.sent_px(), camera.tool);
-        let camera = DepthCamera::new(camera, flange_from_tool, seed)?;
+        let camera = DepthCamera::new(camera, true_flange_from_tool.to_compare(), seed)?;
         let flange_from_camera = camera.flange_from_camera();
         let camera_from_tool = flange_from_camera.inverse() * *flange_from_tool;
         let tool = camera_from_tool.translation();
@@ -76,21 +81,25 @@ impl DepthSource {
         })
     }
 
-    /// Exposes a frame if one is due at `time_s`, with the measured flange pose and the velocity of
-    /// the tool's origin (base axes, m/s).
+    /// Exposes a frame if one is due at `time_s`, at the true flange pose. `measured` is what the
+    /// arm measures then: the flange pose, and the velocity of the tool's origin (base axes, m/s).
     pub fn expose(
         &mut self,
         time_s: f64,
-        base_from_flange: &Pose<Base, Flange>,
-        velocity: &Vector3<f64>,
+        base_from_flange: &True<Pose<Base, Flange>>,
+        measured: (Pose<Base, Flange>, Vector3<f64>),
         surface: &Surface,
     ) {
-        if self.camera.expose(time_s, base_from_flange, surface) {
+        let seen = self
+            .camera
+            .expose(time_s, base_from_flange.to_compare(), surface);
+        if seen {
+            let (base_from_flange, velocity) = measured;
             self.frames += 1;
             if self.poses.len() == POSES_MAX {
                 self.poses.pop_front();
             }
-            self.poses.push_back((time_s, *base_from_flange, *velocity));
+            self.poses.push_back((time_s, base_from_flange, velocity));
         }
     }
 

@@ -86,10 +86,6 @@ impl SensorLoad {
         }
     }
 
-    pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
-        self.flange_from_sensor
-    }
-
     /// Load on the flange while the arm is at rest in `pose`, floor axes.
     pub fn on_flange(
         &self,

@@ -4,10 +4,10 @@
 //! Called by the closed loops of the systems that have such a sensor.
 
 use tangent_control::{ContactSign, ControllerWord, UntaredLoad};
-use tangent_mechanics::{Base, Flange, Pose, Sensor as SensorFrame, Tool};
+use tangent_mechanics::{Aligned, Base, Flange, Pose, Sensor as SensorFrame, Tool, Twist};
 use tangent_sensing::{
-    ConditionedWrench, ConditioningConfig, Payload, SensingError, TareConfig, TareGround,
-    WrenchConditioner, WrenchConditionerState,
+    ConditionedWrench, ConditioningConfig, Payload, SensingError, SensorMotion, SensorMotionState,
+    TareConfig, TareGround, WrenchConditioner, WrenchConditionerState,
 };
 
 use super::force_torque::SensorConfig;
@@ -20,6 +20,11 @@ pub(crate) struct WrenchChannel {
     sensor: WatchedSensor,
     conditioner: WrenchConditioner,
     conditioning: WrenchConditionerState,
+    tool_from_sensor: Pose<Tool, SensorFrame>,
+    motion_state: SensorMotionState,
+    /// Motion of the sensor in the newest period of the arm; `None` where it is not measured well
+    /// enough for the payload's inertia.
+    motion: Option<SensorMotion>,
     /// Newest wrench, and the time of its sample, s.
     newest: Option<(ConditionedWrench, f64)>,
 }
@@ -52,8 +57,24 @@ impl WrenchChannel {
                 sensor.rate_hz,
             )?,
             conditioning: WrenchConditionerState::default(),
+            tool_from_sensor: flange_from_tool.inverse() * flange_from_sensor,
+            motion_state: SensorMotionState::default(),
+            motion: None,
             newest: None,
         })
+    }
+
+    /// Takes the arm's state in a period, with which the inertia of the payload is removed from the
+    /// samples that follow. `twist` is that of the tool's origin, base axes.
+    pub fn move_with(
+        &mut self,
+        time_s: f64,
+        pose: &Pose<Base, Tool>,
+        twist: &Twist<Aligned<Tool, Base>>,
+    ) {
+        self.motion = self
+            .motion_state
+            .update(time_s, pose, &self.tool_from_sensor, twist);
     }
 
     /// Takes a sample; `pose` is that of the tool, `pose_age_s` its age at the sample, s.
@@ -64,6 +85,7 @@ impl WrenchChannel {
             return;
         };
         reading.base_from_tool = Some((pose, pose_age_s));
+        reading.motion = self.motion;
         let conditioned = self.conditioner.update(&mut self.conditioning, &reading);
         self.newest = Some((conditioned, sample.time_s));
     }

@@ -11,10 +11,13 @@ use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};
 use tangent_sensing::{MomentumObserver, MomentumObserverState, wrench_of_torques};
 
 use super::fault::{FaultySensor, SensorFault};
+use crate::hardware_errors::WrenchEstimateErrors;
 use crate::plant_error::PlantError;
 
-/// Longest delay, periods.
+/// Longest stated delay, periods.
 const DELAY_PERIODS_MAX: usize = 16;
+/// Longest delay with its error, periods.
+const DELAY_LINE_MAX: usize = 24;
 
 /// The `[plant.external_wrench]` table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -89,7 +92,7 @@ pub struct WrenchEstimate<const N: usize> {
     /// Noise after the observer, without signal, Nm, and the number of periods so far.
     hiss: (Joints<N>, u64),
     rng: Pcg64Mcg,
-    under_way: ArrayVec<(Wrench<Tool>, Joints<N>), { DELAY_PERIODS_MAX + 1 }>,
+    under_way: ArrayVec<(Wrench<Tool>, Joints<N>), { DELAY_LINE_MAX + 1 }>,
 }
 
 impl<const N: usize> WrenchEstimate<N> {
@@ -110,6 +113,15 @@ impl<const N: usize> WrenchEstimate<N> {
             rng,
             under_way: ArrayVec::new(),
         }
+    }
+
+    /// The estimate with errors of its observer.
+    pub fn with_errors(mut self, errors: &WrenchEstimateErrors) -> Self {
+        self.config.gain_per_s *= errors.gain_ratio;
+        self.observer.gain_per_s = self.config.gain_per_s;
+        let delay = self.config.delay_periods + errors.delay_periods;
+        self.config.delay_periods = delay.min(DELAY_LINE_MAX);
+        self
     }
 
     /// One period that ended at measured `q` and `qd` under motor torques `torque` (Nm). `jacobian`

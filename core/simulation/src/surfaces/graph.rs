@@ -209,9 +209,9 @@ mod tests {
             at in prop::array::uniform2(-0.01f64..0.01),
             centre in 0.002f64..0.015,
             wavelength in 0.0001f64..0.005,
+            ripple in 2e-6f64..5e-5,
             across in any::<bool>(),
         ) {
-            let ripple = 2e-5;
             let (a, l) = if across { ([0.0, ripple], [1.0, wavelength]) } else { ([ripple, 0.0], [wavelength, 1.0]) };
             let sheet = Sheet::new(a, l);
             let p = Vector3::new(at[0], at[1], centre);

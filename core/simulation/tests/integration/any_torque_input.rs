@@ -15,7 +15,7 @@ use tangent_sensing::Validity;
 use tangent_simulation::systems::visuo_tactile::reproduction::step_inputs;
 use tangent_simulation::{
     ObjectPlant, ObjectScenario, Undisturbed, VisuoTactilePlant, VisuoTactileScenario,
-    evaluate_object_with, loaded_arm,
+    evaluate_object_with, stated_arm,
 };
 
 const WAVE: &str = include_str!("../../../../scenarios/karacan/karacan_wave.toml");
@@ -125,7 +125,7 @@ impl Hybrid {
     fn sliding() -> Self {
         let (scenario, inputs) = hybrid_inputs();
         let plant = &scenario.plant;
-        let model = loaded_arm::<6>(&plant.robot, &plant.tool, false).unwrap();
+        let model = stated_arm::<6>(&plant.robot, &plant.tool).unwrap();
         let corners = scenario.estimation.target.corners();
         let tool = ObjectPlant::<6>::new(plant, corners, scenario.seed)
             .unwrap()
@@ -257,8 +257,7 @@ fn unified_inputs() -> &'static (VisuoTactileScenario, Vec<UnifiedInput>) {
         let set = ["task.path.duration_s=2.0".to_owned()];
         let scenario = VisuoTactileScenario::parse("karacan_wave", WAVE, &set).unwrap();
         let mut inputs = step_inputs(&scenario).unwrap();
-        let plant = VisuoTactilePlant::<7>::new(&scenario.plant, scenario.seed).unwrap();
-        let mut law = scenario.controller(&plant).unwrap();
+        let mut law = scenario.controller::<7>().unwrap();
         let mut slid = 0;
         let until = inputs
             .iter()
@@ -276,7 +275,7 @@ impl Unified {
     fn sliding() -> Self {
         let (scenario, inputs) = unified_inputs();
         let plant = VisuoTactilePlant::<7>::new(&scenario.plant, scenario.seed).unwrap();
-        let mut law = scenario.controller(&plant).unwrap();
+        let mut law = scenario.controller::<7>().unwrap();
         for input in inputs {
             law.step(input);
         }

@@ -24,6 +24,7 @@ mod pause;
 mod scenarios;
 mod sensor_faults;
 mod shown_force;
+mod stated;
 mod suite;
 mod swap;
 mod tactile;

@@ -135,7 +135,8 @@ fn touching_calibrates_the_camera_and_the_covariance_tells_the_truth() {
         assert!(last.about_surface_deg < 0.05, "{last:?}");
         assert!(last.about_surface_deg < 0.2 * stated.about_surface_deg);
         assert!(last.along_normal_m < 1.5e-3, "{last:?}");
-        assert!((f.compliance_m_per_n.unwrap() - 1e-4).abs() < 2e-6, "{f:?}");
+        // The camera alone tells the give of the object from that of the spot.
+        assert!((f.compliance_m_per_n.unwrap() - 1e-4).abs() < 5e-6, "{f:?}");
         nees += f.nees_per_dof.unwrap() / f64::from(seeds);
     }
     assert!((0.3..3.0).contains(&nees), "{nees}");
@@ -159,7 +160,7 @@ fn curved_objects_are_followed() {
 fn friction_and_a_wrong_model_leave_a_normal_and_a_force() {
     for (name, force) in [
         ("lippiello_plane_friction", 0.3),
-        ("lippiello_realistic", 1.0),
+        ("lippiello_realistic", 0.3),
     ] {
         let run = evaluate_object(&scenario(name, &[])).unwrap();
         let f = object(&run);
@@ -170,6 +171,68 @@ fn friction_and_a_wrong_model_leave_a_normal_and_a_force() {
         assert!(normal.rmse < 0.5, "{name} {normal:?}");
         assert!(f.peak_at_contact_n.unwrap() < 30.0, "{name}");
     }
+}
+
+/// Figures of the realistic scenario over seeds, with overrides.
+fn realistic(seeds: std::ops::RangeInclusive<u32>, overrides: &[&str]) -> Vec<ObjectFigures> {
+    let run = |seed: u32| {
+        let seed = format!("seed={seed}");
+        let all = [overrides, &[seed.as_str()]].concat();
+        let run = evaluate_object(&scenario("lippiello_realistic", &all)).unwrap();
+        assert_eq!((run.phase, run.fault), ("done", None), "{all:?}");
+        object(&run)
+    };
+    seeds.map(run).collect()
+}
+
+fn median(figures: &[ObjectFigures], pick: fn(&ObjectFigures) -> Option<f64>) -> f64 {
+    let mut values: Vec<f64> = figures.iter().map(|f| pick(f).unwrap()).collect();
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// The tool slides a small circle after the touchdown, the friction that the joints' model misses
+/// is estimated, and errors that no measurement shows are in the covariance.
+#[test]
+fn errors_drawn_from_the_seed_leave_a_pose_a_force_and_an_honest_covariance() {
+    let figures = realistic(1..=9, &[]);
+    assert!(median(&figures, |f| f.along_normal_settled_m) < 4e-4);
+    assert!(median(&figures, |f| f.about_surface_settled_deg) < 0.3);
+    assert!(median(&figures, |f| f.sliding_force_rmse_n) < 0.3);
+    let nees = median(&figures, |f| f.nees_per_dof);
+    assert!((0.3..2.0).contains(&nees), "{nees}");
+    for f in &figures {
+        assert!(f.peak_at_contact_n.unwrap() < 26.0, "{f:?}");
+    }
+}
+
+/// The bug: the estimate jittered, the tool followed it, and the inertia of its payload read as a
+/// touch before there was any.
+#[test]
+fn noise_of_half_a_pixel_does_not_end_the_approach() {
+    realistic(1..=3, &["plant.camera.noise_px=0.5"]);
+    let figures = realistic(
+        1..=3,
+        &["plant.camera.noise_px=0.5", "estimation.corner_sd_px=0.5"],
+    );
+    assert!(median(&figures, |f| f.about_surface_settled_deg) < 0.4);
+}
+
+/// The bug: the estimator took the give of the spot under the tip for a give of the whole object,
+/// which the camera did not see. The NEES was 361 to 696.
+#[test]
+fn a_spot_that_gives_way_is_told_from_an_object_that_does() {
+    let mut nees = 0.0;
+    let seeds = 4;
+    for seed in 1..=seeds {
+        let seed = format!("seed={seed}");
+        let set = ["plant.object.yields=false", seed.as_str()];
+        let f = object(&evaluate_object(&scenario(SCENARIO, &set)).unwrap());
+        assert!(f.compliance_m_per_n.unwrap().abs() < 5e-6, "{f:?}");
+        assert!(f.along_normal_settled_m.unwrap() < 3e-4, "{f:?}");
+        nees += f.nees_per_dof.unwrap() / f64::from(seeds);
+    }
+    assert!((0.3..2.0).contains(&nees), "{nees}");
 }
 
 #[test]

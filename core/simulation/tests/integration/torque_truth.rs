@@ -335,6 +335,9 @@ fn hybrid_cell(sequence: &Sequence) -> HybridCell {
         ),
         "plant.start.clearance_m=0.03".to_owned(),
         "task.end.retract_distance_m=0.02".to_owned(),
+        // A sensor that mixes its axes shows another force than the true one, whatever its zero.
+        "plant.errors_drawn.cross_talk=0.0".to_owned(),
+        "plant.errors_drawn.sensor_rotation_rad=0.0".to_owned(),
     ];
     let scenario = ObjectScenario::parse("truth", text, &set).unwrap();
     HybridCell {

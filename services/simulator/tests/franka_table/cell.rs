@@ -20,7 +20,7 @@ use tangent_runtime::CellConfig;
 use tangent_runtime::config::FRANKA_TORQUE_RATE_SHARE;
 use tangent_sensing::{RecordWatch, RecordWatchConfig, RecordWatchState, Validity};
 use tangent_simulated_franka::{FciConfig, FciRobot, TactileArm};
-use tangent_simulation::{NormalCamera, Surface, Truth, VisuoTactileScenario, loaded_arm};
+use tangent_simulation::{NormalCamera, Surface, Truth, VisuoTactileScenario, stated_arm};
 
 use crate::fault::Fault;
 use crate::table::arrivals::Arrivals;
@@ -303,7 +303,7 @@ impl TableCell for Cell {
         let settings = tangent_franka::Config::from_cell(&config).unwrap();
         let franka = config.robot.franka();
         let plant = TactileArm::new(&scenario.plant, franka.delay_periods, 1).unwrap();
-        let stated = loaded_arm::<7>(&scenario.plant.robot, &scenario.plant.tool, false).unwrap();
+        let stated = stated_arm::<7>(&scenario.plant.robot, &scenario.plant.tool).unwrap();
         let parameters = scenario.law().unwrap();
         let law = UnifiedForceImpedance::new(
             stated,

@@ -15,7 +15,7 @@ use tangent_mechanics::{Arm, Base, Joints, Pose, Tool, Wrench};
 use tangent_schemas::convert::joint_array;
 use tangent_schemas::tangent::ArmCommand;
 use tangent_sensing::{SensorWatchState, Validity};
-use tangent_simulation::{ObjectPlant, ObjectScenario, Truth, loaded_arm};
+use tangent_simulation::{ObjectPlant, ObjectScenario, Truth, stated_arm};
 use tangent_torque_arm::TorqueGate;
 
 use crate::fault::Fault;
@@ -277,7 +277,7 @@ impl TableCell for Cell {
         let scenario = ObjectScenario::parse("lippiello_realistic", PLANE, &changes).unwrap();
         let corners = scenario.estimation.target.corners();
         let plant = ObjectPlant::<6>::new(&scenario.plant, corners, scenario.seed).unwrap();
-        let model = loaded_arm::<6>(&scenario.plant.robot, &scenario.plant.tool, false).unwrap();
+        let model = stated_arm::<6>(&scenario.plant.robot, &scenario.plant.tool).unwrap();
         let mut sensor = SensorChain::new(
             &scenario.sensing,
             &scenario.plant.tool.payload,

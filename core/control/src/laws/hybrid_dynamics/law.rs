@@ -193,26 +193,34 @@ pub(super) fn pressing_force<const N: usize>(
     jphi.dot(&at_tip.tr_mul(force)) / jphi.norm_squared().max(1e-9)
 }
 
-/// Torques for an acceleration of the tool, and whether a limit cut them: τ = B J⁻¹ (a - J̇ q̇) + C
-/// q̇ + g + friction + push.
-#[allow(clippy::too_many_arguments)]
-pub(super) fn torque<const N: usize>(
-    model: &Arm<N>,
+/// Torques that compensate the modelled friction of the joints, Nm.
+pub(super) fn friction_torque<const N: usize>(
     cell: &Limits,
     config: &HybridDynamicsConfig,
     friction: &JointFriction<N>,
     now: &ArmNow<N>,
-    acceleration: &Vector6<f64>,
     reference_twist: &Vector6<f64>,
+) -> Joints<N> {
+    if !config.friction_at_reference {
+        return friction.torque(&now.qd);
+    }
+    let inverse = inverse_of(cell, now);
+    friction.torque(&inverse.map_or_else(Joints::zeros, |i| i * reference_twist))
+}
+
+/// Torques for an acceleration of the tool, and whether a limit cut them: τ = B J⁻¹ (a - J̇ q̇) + C
+/// q̇ + g + friction + push. `rubbed` are those against friction, Nm.
+pub(super) fn torque<const N: usize>(
+    model: &Arm<N>,
+    cell: &Limits,
+    config: &HybridDynamicsConfig,
+    now: &ArmNow<N>,
+    acceleration: &Vector6<f64>,
+    rubbed: &Joints<N>,
     push: &Joints<N>,
 ) -> (Joints<N>, bool) {
     let (mass, bias) = model.mass_matrix_and_bias(&now.q, &now.qd);
-    let singularity = &cell.singularity;
-    let inverse = damped_inverse(
-        &now.jacobian,
-        singularity.damping_max,
-        singularity.threshold,
-    );
+    let inverse = inverse_of(cell, now);
     let solve = |twist: &Vector6<f64>| inverse.map_or_else(Joints::zeros, |i| i * twist);
     let mut wanted = solve(&(acceleration - now.drift));
     if N > 6 {
@@ -222,13 +230,17 @@ pub(super) fn torque<const N: usize>(
         wanted -= spare * config.motion.orientation_damping_per_s;
     }
     let (qdd, cut) = bounded_acceleration(model.limits(), cell, &now.q, &now.qd, &wanted);
-    let rubbed = if config.friction_at_reference {
-        friction.torque(&solve(reference_twist))
-    } else {
-        friction.torque(&now.qd)
-    };
     let (torque, left) = bounded_torque(model.limits(), &(bias + push), &(mass * qdd + rubbed));
     (torque, cut || left < 1.0)
+}
+
+fn inverse_of<const N: usize>(cell: &Limits, now: &ArmNow<N>) -> Option<SMatrix<f64, N, 6>> {
+    let singularity = &cell.singularity;
+    damped_inverse(
+        &now.jacobian,
+        singularity.damping_max,
+        singularity.threshold,
+    )
 }
 
 /// Jᵀ (J Jᵀ + λ² I)⁻¹, λ² = λ_max² (1 - w/w₀)² below a manipulability of w₀ (Nakamura, Hanafusa
@@ -297,8 +309,7 @@ mod tests {
             let arm = arm();
             let now = now(&arm, q, qd);
             let (config, cell) = (HybridDynamicsConfig::default(), Limits::default());
-            let friction = config.friction.model();
-            let (torque, cut) = torque(&arm, &cell, &config, &friction, &now, &a.into(), &Vector6::zeros(), &Joints::zeros());
+            let (torque, cut) = torque(&arm, &cell, &config, &now, &a.into(), &Joints::zeros(), &Joints::zeros());
             prop_assert!(!cut);
             let qdd = arm.forward_dynamics(&now.q, &now.qd, &torque);
             let reached = now.jacobian * qdd + now.drift;
@@ -319,7 +330,7 @@ mod tests {
             let gains = ForceGains { integral_per_s: 0.0, ..config.force };
             prop_assert!((pressing_force(&now, &n, &(n * force)) - force).abs() < 1e-9);
             let command = hybrid(&gains, &mut ForceIntegral::default(), &now, &constraint, &Vector6::zeros(), 20.0, force, &h, 1e-3);
-            let (torque, _) = torque(&arm, &cell, &config, &config.friction.model(), &now, &command.acceleration, &Vector6::zeros(), &command.push);
+            let (torque, _) = torque(&arm, &cell, &config, &now, &command.acceleration, &Joints::zeros(), &command.push);
             let qdd = arm.forward_dynamics(&now.q, &now.qd, &(torque + now.jacobian.tr_mul(&h)));
             let reached = now.jacobian * qdd + now.drift;
             let expected = stacked(&(n * (gains.error_per_kg * (force - 20.0))), &Vector3::zeros());
@@ -336,7 +347,7 @@ mod tests {
             let constraint = Constraint { normal: n, hessian: Matrix3::zeros(), velocity: Vector3::zeros() };
             let h = stacked(&(n * 20.0), &Vector3::zeros());
             let command = hybrid(&config.force, &mut ForceIntegral::default(), &now, &constraint, &Vector6::zeros(), 20.0, 20.0, &h, 1e-3);
-            let (torque, _) = torque(&arm, &cell, &config, &config.friction.model(), &now, &command.acceleration, &Vector6::zeros(), &command.push);
+            let (torque, _) = torque(&arm, &cell, &config, &now, &command.acceleration, &Joints::zeros(), &command.push);
             let qdd = arm.forward_dynamics(&now.q, &now.qd, &(torque + now.jacobian.tr_mul(&h)));
             prop_assert!(qdd.amax() < 1e-8);
         }

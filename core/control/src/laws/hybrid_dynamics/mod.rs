@@ -9,11 +9,13 @@ mod config;
 mod controller;
 mod estimate_follower;
 mod interface;
+mod joint_disturbance;
 mod law;
 mod reference;
 
 pub use config::{
-    EstimateUseConfig, ForceChannel, ForceGains, HybridDynamicsConfig, MotionGains, TouchConfig,
+    EstimateUseConfig, ForceChannel, ForceGains, FrictionDoubtConfig, HybridDynamicsConfig,
+    MotionGains, TouchConfig,
 };
 pub use controller::HybridDynamics;
 pub use interface::{HybridInput, HybridOutput};

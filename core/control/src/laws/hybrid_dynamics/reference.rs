@@ -1,7 +1,7 @@
 //! Reference of the tool in object axes: down to the surface along its normal, then along the path
 //! on it.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use tangent_estimation::object_pose::ImplicitSurface;
 use tangent_mechanics::{Object, Pose, Tool};
 
@@ -172,8 +172,7 @@ impl SurfacePath {
         }
     }
 
-    fn point(&self, surface: &dyn ImplicitSurface, path: &Path, time_s: f64) -> Vector3<f64> {
-        let p = path.at(time_s).position;
+    fn point(&self, surface: &dyn ImplicitSurface, p: Vector2<f64>) -> Vector3<f64> {
         surface.closest(&(self.start + self.x * p.x + self.y * p.y))
     }
 
@@ -185,9 +184,30 @@ impl SurfacePath {
         time_s: f64,
         rate: f64,
     ) -> ObjectReference {
+        self.along(surface, |t| path.at(t).position, time_s, rate)
+    }
+
+    /// Reference at `time_s` of the exploration, whose clock runs at `rate` of real time.
+    pub fn exploring(
+        &self,
+        surface: &dyn ImplicitSurface,
+        exploration: &Exploration,
+        rate: f64,
+    ) -> ObjectReference {
+        let at = |t: f64| exploration.at(t);
+        self.along(surface, at, exploration.time_s, rate)
+    }
+
+    fn along(
+        &self,
+        surface: &dyn ImplicitSurface,
+        path: impl Fn(f64) -> Vector2<f64>,
+        time_s: f64,
+        rate: f64,
+    ) -> ObjectReference {
         let h = DIFFERENCE_S;
         let [before, at, after] =
-            [time_s - h, time_s, time_s + h].map(|t| self.point(surface, path, t));
+            [time_s - h, time_s, time_s + h].map(|t| self.point(surface, path(t)));
         let rotation = squared(&self.square, &surface.normal(&at));
         let turned = |p: &Vector3<f64>| squared(&self.square, &surface.normal(p));
         let turn = (turned(&after) * turned(&before).inverse()).scaled_axis();
@@ -198,6 +218,47 @@ impl SurfacePath {
             rotation,
             angular: turn * (rate / (2.0 * h)),
         }
+    }
+}
+
+/// A small circle through the touchdown point that shows the orientation of the surface: at rest,
+/// friction hides the normal in the force, and one point has no tilt.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Exploration {
+    radius_m: f64,
+    way: Profile,
+    /// Time of its clock, s.
+    time_s: f64,
+}
+
+impl Exploration {
+    /// Circle of this radius; `bounds` are acceleration and jerk. It is as fast as both allow.
+    pub fn new(radius_m: f64, bounds: (f64, f64)) -> Self {
+        let (acceleration, jerk) = bounds;
+        // The centripetal acceleration is v²/r, its jerk v³/r².
+        let speed = (acceleration * radius_m)
+            .sqrt()
+            .min((jerk * radius_m * radius_m).cbrt());
+        let length = std::f64::consts::TAU * radius_m;
+        Self {
+            radius_m,
+            way: Profile::new(length, speed, acceleration, jerk),
+            time_s: 0.0,
+        }
+    }
+
+    /// Advances its clock by `dt_s`.
+    pub fn step(&mut self, dt_s: f64) {
+        self.time_s += dt_s;
+    }
+
+    pub fn is_done(&self) -> bool {
+        self.time_s >= self.way.duration_s()
+    }
+
+    fn at(&self, time_s: f64) -> Vector2<f64> {
+        let (sin, cos) = (self.way.at(time_s).0 / self.radius_m).sin_cos();
+        Vector2::new(1.0 - cos, sin) * self.radius_m
     }
 }
 
@@ -242,6 +303,25 @@ mod tests {
                 before = now;
             }
         }
+    }
+
+    #[test]
+    fn the_exploration_is_a_circle_within_its_bounds_and_ends_where_it_began() {
+        let bounds = (0.25, 2.5);
+        let mut exploration = Exploration::new(0.008, bounds);
+        let (dt, mut last, mut speed_before) = (1e-3, Vector2::zeros(), Vector2::zeros());
+        let mut furthest = 0.0_f64;
+        while !exploration.is_done() {
+            exploration.step(dt);
+            let at = exploration.at(exploration.time_s);
+            let speed = (at - last) / dt;
+            // Along the path and towards its centre, at the corner where both are largest.
+            assert!((speed - speed_before).norm() / dt < 1.5 * bounds.0);
+            furthest = furthest.max(at.norm());
+            (last, speed_before) = (at, speed);
+        }
+        assert!((furthest - 0.016).abs() < 1e-5 && last.norm() < 1e-5);
+        assert!(exploration.time_s < 1.6, "{}", exploration.time_s);
     }
 
     #[test]

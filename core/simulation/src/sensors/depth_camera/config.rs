@@ -15,8 +15,15 @@ pub struct DepthCameraConfig {
     /// Time from exposure to arrival, s: uniformly distributed over this range, drawn for each
     /// frame.
     pub delay_s: [f64; 2],
-    /// Optical centre of the left imager; z forward, x right, y down in the image.
+    /// Stated pose of the optical centre of the left imager; z forward, x right, y down in the
+    /// image.
     pub flange_from_camera: PoseConfig,
+    /// Largest error of the camera's position along each axis of the flange, m; drawn with the
+    /// seed.
+    pub position_error_m: f64,
+    /// Largest error of the camera's orientation about each axis of the flange, rad; drawn with the
+    /// seed.
+    pub orientation_error_rad: f64,
     /// Width and height of the whole image, pixels.
     pub image_px: [usize; 2],
     /// Focal length of the whole image, pixels.
@@ -59,6 +66,13 @@ pub struct ToolInViewConfig {
 pub struct DepthNoiseConfig {
     /// Standard deviation of depth at 0.5 m, m; it grows with the square of the depth.
     pub sd_at_half_metre_m: f64,
+    /// Standard deviation of the correlated error of depth at 0.5 m, m; 0 for none. It grows with
+    /// the square of the depth and is what a larger patch or more frames do not average out.
+    pub correlated_at_half_metre_m: f64,
+    /// Distance in the image over which that error is correlated, pixels of the images sent.
+    pub correlation_px: f64,
+    /// Time over which it is correlated, s.
+    pub correlation_s: f64,
     /// Share of each neighbour's noise that a pixel includes (the stereo matcher compares blocks),
     /// 0 to 0.25.
     pub neighbour_share: f64,
@@ -88,6 +102,8 @@ impl Default for DepthCameraConfig {
             rate_hz: 30.0,
             delay_s: [0.03, 0.06],
             flange_from_camera: PoseConfig::default(),
+            position_error_m: 0.0,
+            orientation_error_rad: 0.0,
             image_px: [640, 480],
             focal_px: 385.0,
             principal_px: None,
@@ -106,6 +122,9 @@ impl Default for DepthNoiseConfig {
     fn default() -> Self {
         Self {
             sd_at_half_metre_m: 0.0015,
+            correlated_at_half_metre_m: 0.0,
+            correlation_px: 20.0,
+            correlation_s: 0.5,
             neighbour_share: 0.05,
             baseline_m: 0.05,
             disparity_steps: 32,
@@ -190,6 +209,13 @@ impl DepthCameraConfig {
             ("rate_hz", self.rate_hz, 0.0, 1000.0),
             ("delay_s[0]", self.delay_s[0], 0.0, 1.0),
             ("delay_s[1]", self.delay_s[1], self.delay_s[0], 1.0),
+            ("position_error_m", self.position_error_m, 0.0, 0.1),
+            (
+                "orientation_error_rad",
+                self.orientation_error_rad,
+                0.0,
+                0.3,
+            ),
             ("image_px[0]", width as f64, 1.0, size),
             ("image_px[1]", height as f64, 1.0, size),
             ("focal_px", self.focal_px, 1.0, size),
@@ -197,6 +223,14 @@ impl DepthCameraConfig {
             ("range_m[0]", self.range_m[0], 0.01, 65.0),
             ("range_m[1]", self.range_m[1], self.range_m[0], 65.0),
             ("noise.sd_at_half_metre_m", n.sd_at_half_metre_m, 0.0, 0.1),
+            (
+                "noise.correlated_at_half_metre_m",
+                n.correlated_at_half_metre_m,
+                0.0,
+                0.1,
+            ),
+            ("noise.correlation_px", n.correlation_px, 0.1, size),
+            ("noise.correlation_s", n.correlation_s, 0.001, 1e6),
             ("noise.neighbour_share", n.neighbour_share, 0.0, 0.25),
             ("noise.baseline_m", n.baseline_m, 1e-3, 1.0),
             (

@@ -5,6 +5,7 @@
 //! equal frames, in whatever order the poses come.
 
 mod config;
+mod correlated;
 mod noise;
 mod render;
 mod scene;
@@ -13,7 +14,7 @@ mod tests;
 
 use std::collections::VecDeque;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use tangent_estimation::depth_normal::Intrinsics;
@@ -22,6 +23,7 @@ use tangent_mechanics::{Base, Flange, Pose, Tool};
 pub use config::{DepthCameraConfig, DepthCameraError, DepthNoiseConfig, ToolInViewConfig};
 pub use scene::{Scene, Thing};
 
+use crate::stated::True;
 use crate::surfaces::Surface;
 use noise::StereoNoise;
 use render::Renderer;
@@ -56,7 +58,8 @@ pub struct DepthFrame {
 /// The camera and its frames in transit.
 pub struct DepthCamera {
     config: DepthCameraConfig,
-    flange_from_camera: Isometry3<f64>,
+    stated_flange_from_camera: Isometry3<f64>,
+    flange_from_camera: True<Isometry3<f64>>,
     seed: u64,
     intrinsics: Intrinsics,
     renderer: Renderer,
@@ -69,8 +72,8 @@ pub struct DepthCamera {
 }
 
 impl DepthCamera {
-    /// Creates a camera. `flange_from_tool` places the tool in front of the lens, if the
-    /// configuration has one.
+    /// Creates a camera; `seed` determines the error of its mounting. `flange_from_tool` places the
+    /// tool in front of the lens, if the configuration has one.
     ///
     /// # Errors
     /// A setting is out of its range.
@@ -82,7 +85,8 @@ impl DepthCamera {
         config.check()?;
         let [width, height] = config.sent_px();
         let intrinsics = config.intrinsics();
-        let flange_from_camera = config.flange_from_camera.isometry();
+        let stated_flange_from_camera = config.flange_from_camera.isometry();
+        let flange_from_camera = mounted(config, seed);
         let tool = config.tool.map(|tool| {
             let camera_from_tool = flange_from_camera.inverse() * flange_from_tool.isometry();
             let mut rod = vec![0.0; width * height];
@@ -93,11 +97,12 @@ impl DepthCamera {
             rod
         });
         Ok(Self {
-            flange_from_camera,
+            stated_flange_from_camera,
+            flange_from_camera: True::new(flange_from_camera),
             seed,
             intrinsics,
             renderer: Renderer::new(width, height),
-            noise: StereoNoise::new(&config.noise, config.range_m, width, height),
+            noise: StereoNoise::new(&config.noise, config.range_m, [width, height], seed),
             tool,
             truth: vec![0.0; width * height],
             frames_taken: 0,
@@ -111,9 +116,9 @@ impl DepthCamera {
         self.intrinsics
     }
 
-    /// Pose of the camera on the flange as configured; the simulated camera's calibration is exact.
+    /// Stated pose of the camera on the flange.
     pub fn flange_from_camera(&self) -> Pose<Flange, tangent_mechanics::Camera> {
-        Pose::from_isometry(self.flange_from_camera)
+        Pose::from_isometry(self.stated_flange_from_camera)
     }
 
     /// Scene that the camera sees from a flange pose: the truth behind a frame.
@@ -124,7 +129,7 @@ impl DepthCamera {
     ) -> Scene<'a> {
         Scene::new(
             surface,
-            base_from_flange.isometry() * self.flange_from_camera,
+            base_from_flange.isometry() * self.flange_from_camera.to_compare(),
             self.config.extent_m,
             self.config.table_height_m,
             self.config.range_m[1],
@@ -177,8 +182,13 @@ impl DepthCamera {
         }
         let [width, height] = self.config.sent_px();
         let mut depth_mm = vec![0; width * height];
-        self.noise
-            .apply(&self.truth, &self.intrinsics, &mut rng, &mut depth_mm);
+        self.noise.apply(
+            time_s,
+            &self.truth,
+            &self.intrinsics,
+            &mut rng,
+            &mut depth_mm,
+        );
         let [soonest, latest] = self.config.delay_s;
         let delay = soonest + (latest - soonest) * rng.random::<f64>();
         DepthFrame {
@@ -206,6 +216,22 @@ impl DepthCamera {
             None
         }
     }
+}
+
+/// True pose of the camera on the flange; bit for bit the stated one if it has no error.
+fn mounted(config: &DepthCameraConfig, seed: u64) -> Isometry3<f64> {
+    let stated = config.flange_from_camera.isometry();
+    let (position, turn) = (config.position_error_m, config.orientation_error_rad);
+    if position == 0.0 && turn == 0.0 {
+        return stated;
+    }
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x1f6b_d0a8_93e7_524c);
+    let mut vector = |size: f64| Vector3::from_fn(|_, _| rng.random_range(-1.0..=1.0) * size);
+    let (position, turn) = (vector(position), vector(turn));
+    Isometry3::from_parts(
+        (stated.translation.vector + position).into(),
+        UnitQuaternion::from_scaled_axis(turn) * stated.rotation,
+    )
 }
 
 /// Inverse depth of the rod along the tool's z axis, from its origin backwards, on the ray

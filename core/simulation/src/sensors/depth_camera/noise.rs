@@ -7,6 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use tangent_estimation::depth_normal::Intrinsics;
 
 use super::config::DepthNoiseConfig;
+use super::correlated::CorrelatedError;
 
 /// Turns rendered frames of one size into readings.
 pub struct StereoNoise {
@@ -17,6 +18,7 @@ pub struct StereoNoise {
     /// White noise of three lines, for the share that neighbours have in common.
     white: Vec<f32>,
     mixed: Vec<f32>,
+    correlated: Option<CorrelatedError>,
     /// Inverse depth of each pixel before noise, 1/m: between foreground and background for a
     /// flying pixel; 0 for a hole.
     said: Vec<f32>,
@@ -24,8 +26,14 @@ pub struct StereoNoise {
 
 impl StereoNoise {
     /// `range_m` as in [`crate::sensors::depth_camera::DepthCameraConfig`].
-    pub fn new(config: &DepthNoiseConfig, range_m: [f64; 2], width: usize, height: usize) -> Self {
+    pub fn new(
+        config: &DepthNoiseConfig,
+        range_m: [f64; 2],
+        [width, height]: [usize; 2],
+        seed: u64,
+    ) -> Self {
         Self {
+            correlated: CorrelatedError::new(config, width, seed),
             config: *config,
             range_m,
             width,
@@ -42,9 +50,11 @@ impl StereoNoise {
         config.sd_at_half_metre_m / 0.25
     }
 
-    /// Converts `truth` (inverse depth, 1/m, 0 for nothing) to `depth_mm` (0 for no reading).
+    /// Converts `truth` (inverse depth, 1/m, 0 for nothing) of the frame exposed at `time_s` to
+    /// `depth_mm` (0 for no reading).
     pub fn apply(
         &mut self,
+        time_s: f64,
         truth: &[f32],
         intrinsics: &Intrinsics,
         rng: &mut Pcg64Mcg,
@@ -55,6 +65,9 @@ impl StereoNoise {
             self.shadow(truth, intrinsics);
         }
         self.holes(rng);
+        if let Some(correlated) = &mut self.correlated {
+            correlated.expose(time_s);
+        }
         self.read(intrinsics, rng, depth_mm);
     }
 
@@ -194,6 +207,7 @@ impl StereoNoise {
             for (m, ((x, a), b)) in self.mixed.iter_mut().zip(here.iter().zip(up).zip(down)) {
                 *m = x + share * (a + b);
             }
+            let correlated = self.correlated.as_mut().map(|error| error.line(v));
             for u in 0..width {
                 let i = v * width + u;
                 depth_mm[i] = 0;
@@ -207,6 +221,9 @@ impl StereoNoise {
                 let left = self.mixed[u.saturating_sub(1)];
                 let right = self.mixed[(u + 1).min(width - 1)];
                 let mut said = w + sd * keep * (self.mixed[u] + share * (left + right));
+                if let Some(error) = correlated {
+                    said += error[u];
+                }
                 if let Some(step) = step {
                     said = (said * step).round() / step;
                 }

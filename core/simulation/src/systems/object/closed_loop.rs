@@ -13,7 +13,7 @@ use tangent_sensing::{ConditionedWrench, Validity};
 
 use super::plant::ObjectPlant;
 use super::scenario::ObjectScenario;
-use crate::arms::loaded_arm::{joints_of, loaded_arm};
+use crate::arms::loaded_arm::joints_of;
 use crate::arms::measurement::ArmMeasurement;
 use crate::arms::own_hold::OwnHold;
 use crate::contact::Obstacle;
@@ -123,7 +123,7 @@ pub fn evaluate_object_of<const N: usize>(
 pub struct ObjectLoop<const N: usize = 6> {
     plant: ObjectPlant<N>,
     model: Arm<N>,
-    stated: CameraModel,
+    stated_camera: CameraModel,
     wrench: WrenchChannel,
     estimator: Box<dyn ObjectPoseEstimator>,
     shape: ObjectShape,
@@ -147,17 +147,17 @@ impl<const N: usize> ObjectLoop<N> {
     pub fn new(scenario: &ObjectScenario) -> Result<Self, ScenarioError> {
         let corners = scenario.estimation.target.corners();
         let plant = ObjectPlant::new(&scenario.plant, corners, scenario.seed)?;
-        let model = loaded_arm::<N>(&scenario.plant.robot, &scenario.plant.tool, false)?;
-        let flange_from_tool = plant.flange_from_tool();
+        let stated = scenario.plant.stated::<N>()?;
+        let (model, flange_from_tool) = (stated.arm, stated.flange_from_tool);
         let wrench = WrenchChannel::new(
             &scenario.sensing,
             &scenario.plant.tool,
             &scenario.plant.sensor,
         )?;
         let shape = scenario.object_surface()?;
-        let stated = scenario.plant.camera.model();
+        let camera = scenario.plant.camera.model();
         Ok(Self {
-            estimator: build_object_estimator(scenario.estimator(), &scenario.estimation, &stated)?,
+            estimator: build_object_estimator(scenario.estimator(), &scenario.estimation, &camera)?,
             controller: HybridDynamics::new(
                 model,
                 flange_from_tool,
@@ -169,7 +169,7 @@ impl<const N: usize> ObjectLoop<N> {
             torque: model.gravity(&plant.arm().q),
             plant,
             model,
-            stated,
+            stated_camera: camera,
             wrench,
             shape,
             flange_from_tool,
@@ -195,19 +195,20 @@ impl<const N: usize> ObjectLoop<N> {
     pub fn nees(&self) -> Option<f64> {
         self.estimator.nees(
             &self.plant.base_from_object_rest(),
-            self.plant.camera_truth(),
+            self.plant.camera_truth().to_compare(),
         )
     }
 
     /// Current errors of the stated and of the estimated calibration.
     pub fn calibration(&self) -> Option<(CalibrationError, Option<CalibrationError>)> {
         let truth = self.plant.truth();
-        let flange = truth.base_from_tool * self.flange_from_tool.inverse();
+        let flange_from_tool = self.plant.true_flange_from_tool();
+        let flange = truth.base_from_tool * flange_from_tool.to_compare().inverse();
         let normal = normal_in_flange(&flange, &truth.normal);
-        let of =
-            |known: &CameraModel| CalibrationError::of(known, self.plant.camera_truth(), &normal);
+        let camera = self.plant.camera_truth();
+        let of = |known: &CameraModel| CalibrationError::of(known, camera.to_compare(), &normal);
         let estimated = self.estimator.calibration().map(|c| of(&c.camera));
-        Some((of(&self.stated), estimated))
+        Some((of(&self.stated_camera), estimated))
     }
 
     /// The law, for requests between two periods.
@@ -251,17 +252,19 @@ impl<const N: usize> ObjectLoop<N> {
         let arm = self.plant.arm();
         let base_from_flange = self.model.base_from_flange(&arm.q);
         let base_from_tool = base_from_flange * self.flange_from_tool;
+        let jacobian = self.model.jacobian_at(&arm.q, &self.flange_from_tool);
+        let twist = Twist::from_vector(&(jacobian * arm.qd));
+        self.wrench.move_with(arm.time_s, &base_from_tool, &twist);
         for sample in self.plant.sensor_samples() {
             self.wrench.take(sample, base_from_tool, 0.0);
         }
-        let jacobian = self.model.jacobian_at(&arm.q, &self.flange_from_tool);
         let mut input = LawInput {
             time_s: arm.time_s,
             dt_s: self.plant.period_s(),
             q: arm.q,
             qd: arm.qd,
             base_from_tool,
-            twist: Twist::from_vector(&(jacobian * arm.qd)),
+            twist,
             speed_scaling: 1.0,
             arm_ready: self.stopped.is_none(),
             wrench: Wrench::zero(),

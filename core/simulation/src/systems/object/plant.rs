@@ -3,21 +3,21 @@
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use tangent_estimation::{CORNERS, CameraFrame, CameraModel};
-use tangent_mechanics::{
-    Arm, Base, Flange, JointFriction, Joints, Object, Pose, Sensor as SensorFrame, Tool, Wrench,
-};
+use tangent_mechanics::{Base, Flange, Joints, Object, Pose, Sensor as SensorFrame, Tool, Wrench};
 
 use super::plant_config::{ObjectPlantConfig, check};
-use crate::arms::loaded_arm::loaded_arm;
+use crate::arms::loaded_arm::true_arm;
 use crate::arms::measurement::ArmMeasurement;
 use crate::arms::torque_arm::TorqueArm;
 use crate::contact::{Obstacle, PadMotion};
+use crate::hardware_errors::WrenchDistortion;
 use crate::plant_error::PlantError;
 use crate::sensors::camera::{Camera, Exposure, Imager};
 use crate::sensors::load::{Body, SensorLoad};
 use crate::sensors::records::SensorRecords;
 use crate::sensors::sample::SensorSample;
 use crate::start;
+use crate::stated::True;
 use crate::touch::Touch;
 use crate::truth::Truth;
 
@@ -31,7 +31,7 @@ pub struct ObjectPlant<const N: usize = 6> {
     load: SensorLoad,
     sensor: SensorRecords,
     camera: Camera,
-    flange_from_tool: Pose<Flange, Tool>,
+    flange_from_tool: True<Pose<Flange, Tool>>,
     dt: f64,
     periods: u64,
     body: Body,
@@ -52,30 +52,36 @@ impl<const N: usize> ObjectPlant<N> {
         seed: u64,
     ) -> Result<Self, PlantError> {
         check(config)?;
-        let model = loaded_arm::<N>(&config.robot, &config.tool, true)?;
+        let config = config.drawn(N, seed);
+        let errors = &config.errors;
+        let model = *true_arm::<N>(&config.robot, &config.tool)?.to_compare();
         let mut touch = Touch::new(&config.surface, &config.tool, &config.contact)?;
-        let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
+        if let Some(variation) = errors.friction {
+            touch.vary_friction(variation);
+        }
+        let flange_from_tool = errors.frames.flange_from_tool(&config.tool);
         let target = start::tool_pose(&config.start, &touch.surface);
         let q = start::joints(&model, &flange_from_tool, &target, &config.start)?;
         touch.place_tool(&target);
         let gravity = model.gravity(&q);
         let flange = model.base_from_flange(&q);
         let mut plant = Self {
-            arm: TorqueArm::new(model, &config.arm, q),
+            arm: TorqueArm::new(model, &config.arm, q).with_errors(&config.arm, &errors.arm),
             touch,
             start_pose: config.surface.pose().isometry(),
             corners,
-            load: SensorLoad::new(&config.tool),
+            load: SensorLoad::new(&config.tool)
+                .with_sensor_at(errors.frames.flange_from_sensor(&config.tool)),
             sensor: SensorRecords::new(&config.sensor, config.arm.period_s, seed, Vector6::zeros()),
             camera: Camera::new(&config.camera, seed)?,
-            flange_from_tool,
+            flange_from_tool: True::new(flange_from_tool),
             dt: config.arm.period_s / config.arm.sub_steps as f64,
             periods: 0,
             body: Body::at_rest(*flange.isometry()),
             joint_wrench: Joints::<N>::zeros(),
             flange,
             torque_applied: gravity,
-            config: config.clone(),
+            config,
         };
         let zero = Vector3::zeros();
         let wrench = plant.load.wrench(
@@ -86,6 +92,9 @@ impl<const N: usize> ObjectPlant<N> {
             &plant.touch.motion.origin,
         );
         plant.sensor.set_wrench(wrench);
+        let (errors, rate_hz) = (&plant.config.errors.wrench, plant.config.sensor.rate_hz);
+        let distortion = WrenchDistortion::new(errors, rate_hz, seed, &wrench);
+        plant.sensor.distort_with(distortion);
         plant.expose();
         Ok(plant)
     }
@@ -114,13 +123,13 @@ impl<const N: usize> ObjectPlant<N> {
         }
         let model = *self.arm.model();
         let (q, qd) = (self.arm.q, self.arm.qd);
-        let (tool, jacobian) = model.tool_and_jacobian(&q, &self.flange_from_tool);
+        let (tool, jacobian) = model.tool_and_jacobian(&q, self.flange_from_tool.to_compare());
         let twist = jacobian * qd;
         let motion = PadMotion::moving(&tool, &twist);
         self.touch.step(motion, dt);
         self.joint_wrench = jacobian.tr_mul(&self.touch.contact.wrench());
 
-        self.flange = tool * self.flange_from_tool.inverse();
+        self.flange = tool * self.flange_from_tool.to_compare().inverse();
         let lever = tool.translation() - self.flange.translation();
         let body = Body {
             pose: *self.flange.isometry(),
@@ -137,6 +146,7 @@ impl<const N: usize> ObjectPlant<N> {
             &self.touch.contact,
             &self.touch.motion.origin,
         );
+        self.sensor.set_speed(self.body.linear.norm());
         self.sensor.advance(time_before, dt, wrench);
     }
 
@@ -232,28 +242,23 @@ impl<const N: usize> ObjectPlant<N> {
         self.config.arm.period_s
     }
 
-    /// Model of the arm with its payload.
-    pub fn model(&self) -> &Arm<N> {
-        self.arm.model()
-    }
-
-    /// True friction of the joints.
-    pub fn friction(&self) -> JointFriction<N> {
-        self.config.arm.friction()
-    }
-
-    /// `flange_from_tool` as configured.
+    /// `flange_from_tool` as stated.
     pub fn flange_from_tool(&self) -> Pose<Flange, Tool> {
+        Pose::from_isometry(self.config.tool.flange_from_tool.isometry())
+    }
+
+    /// `flange_from_sensor` as stated.
+    pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
+        Pose::from_isometry(self.config.tool.flange_from_sensor.isometry())
+    }
+
+    /// True pose of the tool on the flange.
+    pub fn true_flange_from_tool(&self) -> True<Pose<Flange, Tool>> {
         self.flange_from_tool
     }
 
-    /// `flange_from_sensor` as configured.
-    pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
-        self.load.flange_from_sensor()
-    }
-
     /// The camera's true calibration.
-    pub fn camera_truth(&self) -> &CameraModel {
+    pub fn camera_truth(&self) -> True<CameraModel> {
         self.camera.truth()
     }
 

@@ -4,10 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::arms::torque_arm::TorqueArmConfig;
 use crate::contact::ContactConfig;
+use crate::hardware_errors::{ErrorRanges, TorqueErrors};
 use crate::plant_error::PlantError;
 use crate::sensors::camera::CameraConfig;
 use crate::sensors::force_torque::SensorConfig;
 use crate::start::StartConfig;
+use crate::stated::StatedCell;
 use crate::surfaces::SurfaceConfig;
 use crate::tool::ToolConfig;
 
@@ -40,6 +42,31 @@ pub struct ObjectPlantConfig {
     pub camera: CameraConfig,
     /// Start pose of the arm.
     pub start: StartConfig,
+    /// What the plant does differently from what the other tables state.
+    #[serde(default)]
+    pub errors: TorqueErrors,
+    /// Ranges from which further errors are drawn with the seed.
+    #[serde(default)]
+    pub errors_drawn: ErrorRanges,
+}
+
+impl ObjectPlantConfig {
+    /// The cell as its file states it.
+    ///
+    /// # Errors
+    /// An unknown robot, or one with a number of joints other than `N`.
+    pub fn stated<const N: usize>(&self) -> Result<StatedCell<N>, PlantError> {
+        StatedCell::new(&self.robot, &self.tool, self.arm.delay_periods)
+    }
+
+    /// The configuration with the errors of `seed` drawn.
+    pub(super) fn drawn(&self, joints: usize, seed: u64) -> Self {
+        let mut config = self.clone();
+        (config.errors, config.tool.payload_error) =
+            self.errors_drawn
+                .added(&self.errors, &self.tool.payload_error, joints, seed);
+        config
+    }
 }
 
 /// Motion and deflection of the object.
@@ -82,6 +109,8 @@ pub(crate) fn check(config: &ObjectPlantConfig) -> Result<(), PlantError> {
     )?;
     config.contact.check_stiffness()?;
     config.sensor.check()?;
+    config.errors.check()?;
+    config.errors_drawn.check()?;
     value(
         "camera.rate_hz",
         camera.rate_hz,

@@ -7,7 +7,7 @@ use tangent_control::{
     UnifiedOutput, VisionInput,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator};
-use tangent_mechanics::{Arm, Joints, Pose, Twist, Wrench};
+use tangent_mechanics::{Joints, Pose, Twist, Wrench};
 use tangent_sensing::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState, Validity};
 
 use super::plant::{VisuoTactileMeasurement, VisuoTactilePlant};
@@ -21,6 +21,7 @@ use crate::evaluation::{Evaluation, RunEnd, run_to_end};
 use crate::metrics::visuo_tactile::{VisuoTactileFigures, VisuoTactileSample};
 use crate::metrics::{CycleSample, EstimateSample, TruthSample};
 use crate::scenario_file::ScenarioError;
+use crate::stated::StatedCell;
 use crate::truth::Truth;
 
 /// One cycle of the loop, as shown to an observer.
@@ -112,8 +113,8 @@ pub struct VisuoTactileLoop<const N: usize = 7> {
     torque: Joints<N>,
     output: Option<UnifiedOutput<N>>,
     digest: TrajectoryDigest,
-    /// Model of the arm as its controller knows it.
-    stated: Arm<N>,
+    /// The cell as its controller knows it.
+    stated: StatedCell<N>,
     /// Own hold of the robot while it accepts no torques; `None` while it does.
     stopped: Option<OwnHold<N>>,
 }
@@ -125,18 +126,20 @@ impl<const N: usize> VisuoTactileLoop<N> {
     /// The cell of the scenario cannot be built, or its task, law or estimator is not usable.
     pub fn new(scenario: &VisuoTactileScenario) -> Result<Self, ScenarioError> {
         let plant = VisuoTactilePlant::new(&scenario.plant, scenario.seed)?;
-        let start = plant.truth().base_from_tool;
+        let stated = scenario.plant.stated::<N>()?;
         Ok(Self {
             touch: scenario.touch()?,
-            controller: scenario.controller(&plant)?,
+            controller: scenario.controller()?,
             watch: (
                 RecordWatch::new(&RecordWatchConfig::default(), 1.0 / plant.period_s()),
                 RecordWatchState::default(),
             ),
             wrench_lag_s: scenario.law()?.touch.wrench_lag_s,
-            up: -scenario.task.approach.direction.in_base(&start),
-            torque: plant.stated_model()?.gravity(&plant.measured().q),
-            stated: plant.stated_model()?,
+            torque: stated.arm.gravity(&plant.measured().q),
+            up: -scenario.task.approach.direction.in_base(
+                &(stated.arm.base_from_flange(&plant.measured().q) * stated.flange_from_tool),
+            ),
+            stated,
             stopped: None,
             plant,
             vision: None,
@@ -180,8 +183,9 @@ impl<const N: usize> VisuoTactileLoop<N> {
         if let Some(normal) = self.plant.take_normal() {
             self.vision = disturbance.vision(arm.time_s, normal).or(self.vision);
         }
-        let flange_from_tool = self.plant.flange_from_tool();
-        let jacobian = self.stated.jacobian_at(&arm.q, &flange_from_tool);
+        let flange_from_tool = self.stated.flange_from_tool;
+        let (base_from_tool, jacobian) =
+            self.stated.arm.tool_and_jacobian(&arm.q, &flange_from_tool);
         let mut estimates = [None; MAX_ESTIMATORS];
         estimates[0] = self.felt.map(|estimate| EstimateInput {
             estimate,
@@ -192,7 +196,7 @@ impl<const N: usize> VisuoTactileLoop<N> {
             dt_s: self.plant.period_s(),
             q: arm.q,
             qd: arm.qd,
-            base_from_tool: self.stated.base_from_flange(&arm.q) * flange_from_tool,
+            base_from_tool,
             twist: Twist::from_vector(&(jacobian * arm.qd)),
             speed_scaling: 1.0,
             arm_ready: self.stopped.is_none(),
@@ -212,7 +216,7 @@ impl<const N: usize> VisuoTactileLoop<N> {
         self.judge(&mut input);
         let output = self.controller.step(&input);
         self.torque = match &mut self.stopped {
-            Some(hold) => hold.torque(&self.stated, &arm.q, &arm.qd, &self.torque, input.dt_s),
+            Some(hold) => hold.torque(&self.stated.arm, &arm.q, &arm.qd, &self.torque, input.dt_s),
             None => output.torque,
         };
         self.output = Some(output);
@@ -250,11 +254,8 @@ impl<const N: usize> VisuoTactileLoop<N> {
     /// Estimates the normal from contact for the next period, with the wrench as cleaned by the
     /// law.
     fn feel(&mut self, input: &UnifiedInput<N>, output: &UnifiedOutput<N>) {
-        let jacobian = self
-            .plant
-            .arm()
-            .model()
-            .jacobian_at(&input.q, &self.plant.flange_from_tool());
+        let stated = &self.stated;
+        let jacobian = stated.arm.jacobian_at(&input.q, &stated.flange_from_tool);
         let zeroed = !matches!(output.phase, Phase::Tare | Phase::Clear);
         let felt = output
             .wrench

@@ -5,10 +5,10 @@ use nalgebra::{Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use tangent_control::VisionInput;
-use tangent_mechanics::{Arm, Flange, JointFriction, Joints, Pose, Tool, Wrench};
+use tangent_mechanics::{Base, Flange, Joints, Pose, Tool, Twist, Wrench};
 
 use super::plant_config::{NormalSource, VisuoTactilePlantConfig, check};
-use crate::arms::loaded_arm::loaded_arm;
+use crate::arms::loaded_arm::true_arm;
 use crate::arms::torque_arm::TorqueArm;
 use crate::contact::{Obstacle, PadMotion};
 use crate::plant_error::PlantError;
@@ -17,6 +17,7 @@ use crate::sensors::normal_camera::NormalCamera;
 use crate::sensors::wrench_estimate::WrenchEstimate;
 use crate::start;
 use crate::start::StartConfig;
+use crate::stated::{StatedCell, True};
 use crate::surfaces::Surface;
 use crate::touch::Touch;
 use crate::truth::Truth;
@@ -58,11 +59,11 @@ enum Eye {
 pub struct VisuoTactilePlant<const N: usize = 7> {
     config: VisuoTactilePlantConfig,
     arm: TorqueArm<N>,
-    friction: JointFriction<N>,
+    stated: StatedCell<N>,
     touch: Touch,
     wrench: WrenchEstimate<N>,
     camera: Eye,
-    flange_from_tool: Pose<Flange, Tool>,
+    flange_from_tool: True<Pose<Flange, Tool>>,
     dt: f64,
     periods: u64,
     torque_applied: Joints<N>,
@@ -79,18 +80,23 @@ impl<const N: usize> VisuoTactilePlant<N> {
     /// A key is wrong, with what is allowed, or the start pose cannot be reached, with the reason.
     pub fn new(config: &VisuoTactilePlantConfig, seed: u64) -> Result<Self, PlantError> {
         check(config)?;
-        let model = loaded_arm::<N>(&config.robot, &config.tool, true)?;
-        let stated = loaded_arm::<N>(&config.robot, &config.tool, false)?;
+        let stated = config.stated::<N>()?;
+        let config = config.drawn(N, seed);
+        let errors = &config.errors;
+        let model = *true_arm::<N>(&config.robot, &config.tool)?.to_compare();
         let mut touch = Touch::new(&config.surface, &config.tool, &config.contact)?;
-        let flange_from_tool = Pose::from_isometry(config.tool.flange_from_tool.isometry());
-        let place = spread_start(config, seed);
+        if let Some(variation) = errors.friction {
+            touch.vary_friction(variation);
+        }
+        let flange_from_tool = errors.frames.flange_from_tool(&config.tool);
+        let place = spread_start(&config, seed);
         let target = start::tool_pose(&place, &touch.surface);
         let q = start::joints(&model, &flange_from_tool, &target, &place)?;
         touch.place_tool(&target);
         let gravity = model.gravity(&q);
         let mut plant = Self {
-            friction: config.arm.friction(),
-            wrench: WrenchEstimate::new(&config.external_wrench, stated, seed),
+            wrench: WrenchEstimate::new(&config.external_wrench, stated.arm, seed)
+                .with_errors(&errors.external_wrench),
             camera: match config.normals_from {
                 NormalSource::Features => {
                     Eye::Features(Box::new(NormalCamera::new(&config.camera, seed)))
@@ -98,13 +104,15 @@ impl<const N: usize> VisuoTactilePlant<N> {
                 NormalSource::Depth => Eye::Depth(Box::new(DepthSource::new(
                     &config.depth_camera,
                     &config.depth_normal,
-                    &flange_from_tool,
+                    &stated.flange_from_tool,
+                    &True::new(flange_from_tool),
                     seed,
                 )?)),
             },
-            arm: TorqueArm::new(model, &config.arm, q),
+            arm: TorqueArm::new(model, &config.arm, q).with_errors(&config.arm, &errors.arm),
+            stated,
             touch,
-            flange_from_tool,
+            flange_from_tool: True::new(flange_from_tool),
             dt: config.arm.period_s / config.arm.sub_steps as f64,
             periods: 0,
             torque_applied: gravity,
@@ -118,7 +126,7 @@ impl<const N: usize> VisuoTactilePlant<N> {
                 external_torque: Joints::zeros(),
             },
             books: EnergyBooks::default(),
-            config: config.clone(),
+            config,
         };
         plant.measure();
         plant.expose();
@@ -140,28 +148,28 @@ impl<const N: usize> VisuoTactilePlant<N> {
         self.expose();
     }
 
-    /// Exposes the camera at the arm's measured pose.
+    /// Exposes the camera at the arm's true pose. What is known of the exposure is what the arm
+    /// measures.
     fn expose(&mut self) {
-        let time = self.time_s();
+        let (time, seen) = (self.time_s(), self.true_base_from_flange());
         match &mut self.camera {
             Eye::Features(camera) => {
                 camera.expose(time, &self.touch.surface, &self.touch.motion.origin);
             }
             Eye::Depth(source) => {
-                let flange = self.arm.model().base_from_flange(&self.measured.q);
-                source.expose(
-                    time,
-                    &flange,
-                    &self.touch.motion.linear,
-                    &self.touch.surface,
-                );
+                let VisuoTactileMeasurement { q, qd, .. } = self.measured;
+                let stated = &self.stated;
+                let jacobian = stated.arm.jacobian_at(&q, &stated.flange_from_tool);
+                let velocity = Twist::<Base>::from_vector(&(jacobian * qd)).linear;
+                let measured = (stated.arm.base_from_flange(&q), velocity);
+                source.expose(time, &seen, measured, &self.touch.surface);
             }
         }
     }
 
     fn sub_step(&mut self) {
         let dt = self.dt;
-        let slope = self.friction.slope(&self.arm.qd);
+        let slope = self.arm.friction_slope(&self.arm.qd);
         self.arm.step(&self.torque_applied, &self.joint_wrench, dt);
         let (q, qd) = (self.arm.q, self.arm.qd);
         self.books.motors_j += self.torque_applied.dot(&qd) * dt;
@@ -170,7 +178,7 @@ impl<const N: usize> VisuoTactilePlant<N> {
         let (tool, jacobian) = self
             .arm
             .model()
-            .tool_and_jacobian(&q, &self.flange_from_tool);
+            .tool_and_jacobian(&q, self.flange_from_tool.to_compare());
         let twist = jacobian * qd;
         self.touch.step(PadMotion::moving(&tool, &twist), dt);
         let wrench = self.touch.contact.wrench() + self.push;
@@ -180,9 +188,9 @@ impl<const N: usize> VisuoTactilePlant<N> {
     fn measure(&mut self) {
         let (q, qd) = (self.arm.q_measured(), self.arm.qd_measured());
         let (tool, jacobian) = self
+            .stated
             .arm
-            .model()
-            .tool_and_jacobian(&q, &self.flange_from_tool);
+            .tool_and_jacobian(&q, &self.stated.flange_from_tool);
         let (wrench, external_torque) = self.wrench.step(
             &q,
             &qd,
@@ -274,22 +282,19 @@ impl<const N: usize> VisuoTactilePlant<N> {
         &self.arm
     }
 
-    /// Model of the arm as its controller knows it.
-    ///
-    /// # Errors
-    /// None for a plant that has been built.
-    pub fn stated_model(&self) -> Result<Arm<N>, PlantError> {
-        loaded_arm(&self.config.robot, &self.config.tool, false)
-    }
-
     /// The surface under the tool.
     pub fn surface(&self) -> &Surface {
         &self.touch.surface
     }
 
-    /// `flange_from_tool` as configured.
+    /// `flange_from_tool` as stated.
     pub fn flange_from_tool(&self) -> Pose<Flange, Tool> {
-        self.flange_from_tool
+        self.stated.flange_from_tool
+    }
+
+    /// True pose of the flange: where a camera on it is, whatever the encoders measure.
+    pub fn true_base_from_flange(&self) -> True<Pose<Base, Flange>> {
+        True::new(self.arm.model().base_from_flange(&self.arm.q))
     }
 
     /// Motor torques of the last period, Nm.

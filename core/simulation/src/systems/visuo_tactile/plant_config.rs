@@ -6,11 +6,13 @@ use tangent_estimation::depth_normal::DepthNormalConfig;
 
 use crate::arms::torque_arm::TorqueArmConfig;
 use crate::contact::ContactConfig;
+use crate::hardware_errors::{ErrorRanges, TorqueErrors};
 use crate::plant_error::PlantError;
 use crate::sensors::depth_camera::DepthCameraConfig;
 use crate::sensors::normal_camera::NormalCameraConfig;
 use crate::sensors::wrench_estimate::ExternalWrenchConfig;
 use crate::start::StartConfig;
+use crate::stated::StatedCell;
 use crate::surfaces::SurfaceConfig;
 use crate::tool::ToolConfig;
 
@@ -53,6 +55,31 @@ pub struct VisuoTactilePlantConfig {
     /// Variation of the start pose by the seed.
     #[serde(default)]
     pub start_spread: StartSpreadConfig,
+    /// What the plant does differently from what the other tables state.
+    #[serde(default)]
+    pub errors: TorqueErrors,
+    /// Ranges from which further errors are drawn with the seed.
+    #[serde(default)]
+    pub errors_drawn: ErrorRanges,
+}
+
+impl VisuoTactilePlantConfig {
+    /// The cell as its file states it.
+    ///
+    /// # Errors
+    /// An unknown robot, or one with a number of joints other than `N`.
+    pub fn stated<const N: usize>(&self) -> Result<StatedCell<N>, PlantError> {
+        StatedCell::new(&self.robot, &self.tool, self.arm.delay_periods)
+    }
+
+    /// The configuration with the errors of `seed` drawn.
+    pub(super) fn drawn(&self, joints: usize, seed: u64) -> Self {
+        let mut config = self.clone();
+        (config.errors, config.tool.payload_error) =
+            self.errors_drawn
+                .added(&self.errors, &self.tool.payload_error, joints, seed);
+        config
+    }
 }
 
 /// Source of the camera's normals.
@@ -114,5 +141,7 @@ pub(crate) fn check(config: &VisuoTactilePlantConfig) -> Result<(), PlantError> 
         (0.0..=start.clearance_m).contains(&spread.clearance_m),
     )?;
     config.external_wrench.check()?;
+    config.errors.check()?;
+    config.errors_drawn.check()?;
     config.camera.check()
 }

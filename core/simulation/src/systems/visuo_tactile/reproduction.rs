@@ -4,7 +4,6 @@
 use tangent_control::{ControlError, Phase, UnifiedInput};
 
 use super::closed_loop::evaluate_visuo_tactile_with;
-use super::plant::VisuoTactilePlant;
 use super::scenario::VisuoTactileScenario;
 use crate::disturbance::Undisturbed;
 use crate::evaluation::Evaluation;
@@ -275,8 +274,7 @@ pub fn replay(
     inputs: &[UnifiedInput],
     mut timed: impl FnMut(&mut dyn FnMut()),
 ) -> Result<Phase, ScenarioError> {
-    let plant = VisuoTactilePlant::<7>::new(&scenario.plant, scenario.seed)?;
-    let mut controller = scenario.controller(&plant)?;
+    let mut controller = scenario.controller::<7>()?;
     let mut phase = Phase::Idle;
     for input in inputs {
         timed(&mut || phase = controller.step(input).phase);

@@ -2,13 +2,10 @@
 //! its joint torques, and a camera. Its files are of kind `visuo_tactile`.
 
 use serde::{Deserialize, Serialize};
-use tangent_control::{
-    Limits, Presets, Task, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig,
-};
+use tangent_control::{Limits, Presets, Task, UnifiedForceImpedance, UnifiedForceImpedanceConfig};
 use tangent_estimation::{EstimatorConfig, NormalEstimator, build};
 use toml::Table;
 
-use super::plant::VisuoTactilePlant;
 use super::plant_config::VisuoTactilePlantConfig;
 use crate::scenario_file::{ScenarioError, VISUO_TACTILE, read_with_overrides};
 
@@ -67,24 +64,19 @@ impl VisuoTactileScenario {
             .map_err(|error| ScenarioError::of_settings(&self.name, error))
     }
 
-    /// The law for the plant's arm as stated in the cell file.
+    /// The law for the cell as its file states it.
     ///
     /// # Errors
     /// A parameter, limit or task is out of its range.
-    pub fn controller<const N: usize>(
-        &self,
-        plant: &VisuoTactilePlant<N>,
-    ) -> Result<UnifiedForceImpedance<N>, ScenarioError> {
+    pub fn controller<const N: usize>(&self) -> Result<UnifiedForceImpedance<N>, ScenarioError> {
+        let stated = self.plant.stated::<N>()?;
         Ok(UnifiedForceImpedance::new(
-            plant.stated_model()?,
-            plant.flange_from_tool(),
+            stated.arm,
+            stated.flange_from_tool,
             self.limits,
             &self.law()?,
             &self.task,
-            TorqueInterface {
-                delay_periods: self.plant.arm.delay_periods,
-                ..TorqueInterface::default()
-            },
+            stated.interface,
         )?)
     }
 

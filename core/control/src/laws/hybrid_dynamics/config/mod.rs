@@ -18,6 +18,8 @@ pub struct HybridDynamicsConfig {
     pub force: ForceGains,
     /// Known friction of the joints.
     pub friction: FrictionConfig,
+    /// What the model of that friction may miss, and how it is estimated.
+    pub friction_doubt: FrictionDoubtConfig,
     /// Whether friction is compensated at the reference's joint speeds instead of the measured
     /// ones: friction then still damps deviations.
     pub friction_at_reference: bool,
@@ -79,6 +81,17 @@ pub struct ForceGains {
     pub reference_rate_n_per_s: f64,
 }
 
+/// Joint friction that its model misses.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FrictionDoubtConfig {
+    /// Share of the modelled friction by which the true one may differ. Within it, the difference
+    /// is estimated and compensated; 0: none.
+    pub share: f64,
+    /// Bandwidth of that estimate, 1/s.
+    pub observer_per_s: f64,
+}
+
 /// How the pose in use follows the estimated pose.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -113,6 +126,11 @@ pub struct TouchConfig {
     pub seek_distance_max_m: f64,
     /// Minimum time between touchdown and path, s.
     pub settle_s: f64,
+    /// Radius of the circle that the tool slides after touchdown if the estimate's normal is
+    /// uncertain, m; 0: none.
+    pub explore_radius_m: f64,
+    /// Standard deviation of the normal above which that circle is slid, rad.
+    pub explore_above_rad: f64,
 }
 
 impl Default for HybridDynamicsConfig {
@@ -121,6 +139,7 @@ impl Default for HybridDynamicsConfig {
             motion: MotionGains::default(),
             force: ForceGains::default(),
             friction: FrictionConfig::default(),
+            friction_doubt: FrictionDoubtConfig::default(),
             friction_at_reference: true,
             estimate: EstimateUseConfig::default(),
             touch: TouchConfig::default(),
@@ -160,6 +179,15 @@ impl Default for ForceGains {
     }
 }
 
+impl Default for FrictionDoubtConfig {
+    fn default() -> Self {
+        Self {
+            share: 0.5,
+            observer_per_s: 100.0,
+        }
+    }
+}
+
 impl Default for EstimateUseConfig {
     fn default() -> Self {
         Self {
@@ -181,6 +209,8 @@ impl Default for TouchConfig {
             seek_speed_m_per_s: 0.01,
             seek_distance_max_m: 0.05,
             settle_s: 2.0,
+            explore_radius_m: 0.01,
+            explore_above_rad: 0.006,
         }
     }
 }
@@ -206,6 +236,10 @@ impl Presets for HybridDynamicsConfig {
                 reference_rate_n_per_s: 1e5,
                 ..default.force
             },
+            friction_doubt: FrictionDoubtConfig {
+                share: 0.0,
+                ..default.friction_doubt
+            },
             // At the measured speed, compensation would remove the last damping along the normal:
             // on an elastic plane m s³ + k s + k k_I has no stable roots.
             estimate: EstimateUseConfig {
@@ -216,6 +250,7 @@ impl Presets for HybridDynamicsConfig {
             // The published law bounces and recovers by itself.
             touch: TouchConfig {
                 lost_s: 0.5,
+                explore_radius_m: 0.0,
                 ..default.touch
             },
             ..default

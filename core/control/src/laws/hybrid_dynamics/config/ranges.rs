@@ -29,6 +29,10 @@ const RANGES: Ranges = &[
     ),
     ("friction", FRICTION),
     (
+        "friction_doubt",
+        &[("share", 0.0, 2.0), ("observer_per_s", 1.0, 500.0)],
+    ),
+    (
         "estimate",
         &[
             ("follow_s", 0.0, 10.0),
@@ -47,6 +51,8 @@ const RANGES: Ranges = &[
             ("seek_speed_m_per_s", 1e-4, 0.25),
             ("seek_distance_max_m", 0.0, 1.0),
             ("settle_s", 0.0, 60.0),
+            ("explore_radius_m", 0.0, 0.1),
+            ("explore_above_rad", 0.0, 1.0),
         ],
     ),
     ("path", PATH_PROFILE),

@@ -11,11 +11,12 @@ use tangent_estimation::object_pose::ImplicitSurface;
 use tangent_mechanics::{Arm, Base, Flange, JointFriction, Joints, Pose, Tool};
 
 use super::estimate_follower::EstimateFollower;
+use super::joint_disturbance::JointDisturbance;
 use super::law::{
-    ArmNow, ForceIntegral, MotionIntegral, MotionReference, hybrid, manipulability,
-    motion_acceleration, pressing_force, torque,
+    ArmNow, ForceIntegral, MotionIntegral, MotionReference, friction_torque, hybrid,
+    manipulability, motion_acceleration, pressing_force, torque,
 };
-use super::reference::{Descent, SurfacePath};
+use super::reference::{Descent, Exploration, SurfacePath};
 use super::{ForceChannel, HybridDynamicsConfig, HybridInput, HybridOutput};
 use crate::error::ControlError;
 use crate::laws::stacked::stacked;
@@ -34,6 +35,9 @@ use crate::task::program::Program;
 /// Time constant with which the torques fade to gravity compensation after the arm's state becomes
 /// invalid, s.
 const FADE_S: f64 = 0.025;
+
+/// Time constant with which the compensation of missed friction begins and ends, s.
+const MISSED_S: f64 = 0.05;
 
 /// The controller of an arm with `N` joints, at least six. One [`HybridDynamics::step`] per control
 /// period; nothing in it allocates.
@@ -65,11 +69,16 @@ struct Run<const N: usize> {
     held: Option<Pose<Base, Tool>>,
     descent: Option<Descent>,
     lay: Option<SurfacePath>,
+    /// The circle that shows the surface's orientation, once it has begun.
+    exploration: Option<Exploration>,
     path_s: f64,
     /// Rate of the reference's clock relative to real time, 0 to 1.
     rate: f64,
     motion: MotionIntegral,
     force: ForceIntegral,
+    disturbance: JointDisturbance<N>,
+    /// Share of the missed friction that is compensated: 1 while pressing, else 0.
+    missed_share: f64,
     reference_n: f64,
     /// Time for which the force has been too low for contact, s.
     weak_s: f64,
@@ -93,10 +102,13 @@ impl<const N: usize> Run<N> {
             held: None,
             descent: None,
             lay: None,
+            exploration: None,
             path_s: 0.0,
             rate: 0.0,
             motion: MotionIntegral::default(),
             force: ForceIntegral::default(),
+            disturbance: JointDisturbance::default(),
+            missed_share: 0.0,
             reference_n: 0.0,
             weak_s: 0.0,
             lost_count: 0,
@@ -271,20 +283,24 @@ impl<const N: usize> HybridDynamics<N> {
             (motion, Joints::<N>::zeros())
         };
         let twist = stacked(&wanted.reference.velocity, &wanted.reference.angular);
+        let config = &self.task.program.config;
+        let modelled = friction_torque(&self.limits, config, &self.friction, &now, &twist);
+        let rubbed = modelled + self.missed(input, &now, dt);
+        let config = &self.task.program.config;
         let (torque, limited) = torque(
             &self.model,
             &self.limits,
-            &self.task.program.config,
-            &self.friction,
+            config,
             &now,
             &acceleration,
-            &twist,
+            &rubbed,
             &push,
         );
         if !torque.iter().all(|x| x.is_finite()) {
             return self.blind_output(input);
         }
         self.run.torque = torque;
+        self.run.disturbance.commanded(&torque, &modelled);
         let away = now.tool.translation() - wanted.reference.position;
         let n = &constraint.normal;
         HybridOutput {
@@ -313,6 +329,31 @@ impl<const N: usize> HybridDynamics<N> {
             manipulability: manipulability(&now.jacobian),
             limited,
         }
+    }
+
+    /// Friction that its model misses, Nm, while the tool presses: there the force depends on it. A
+    /// motion in the air has to be as even as its reference, so that an unsteady force means
+    /// contact, and stiction that is cancelled at rest would make the arm creep. Without torques that the arm takes, or without a tared
+    /// wrench, nothing can be told of it, and the estimate starts again.
+    fn missed(&mut self, input: &HybridInput<N>, now: &ArmNow<N>, dt: f64) -> Joints<N> {
+        let tared = input.bias_age_s.is_some();
+        let (true, Some(felt)) = (input.arm_ready && tared, self.run.felt) else {
+            self.run.disturbance = JointDisturbance::default();
+            return Joints::zeros();
+        };
+        let contact = now.jacobian.tr_mul(&stacked(&felt.force, &felt.moment));
+        let pressing = self.task.phase.is_pressing() && !self.task.paused;
+        let wanted = if pressing { 1.0 } else { 0.0 };
+        self.run.missed_share += (wanted - self.run.missed_share) * (dt / MISSED_S).min(1.0);
+        let missed = self.run.disturbance.step(
+            &self.task.program.config.friction_doubt,
+            &self.model,
+            &self.friction,
+            (&now.q, &now.qd),
+            &contact,
+            dt,
+        );
+        missed * self.run.missed_share
     }
 
     /// Output for a period in which the arm's state or the period is invalid, or in which the

@@ -7,7 +7,7 @@ use tangent_sensing::Validity;
 
 use super::super::HybridInput;
 use super::super::law::{ArmNow, ForceIntegral, MotionReference};
-use super::super::reference::{Descent, ObjectReference, SurfacePath};
+use super::super::reference::{Descent, Exploration, ObjectReference, SurfacePath};
 use super::{Felt, HybridDynamics, Wanted};
 use crate::laws::torque_task::TorqueLaw;
 use crate::limits::faults::Fault;
@@ -63,7 +63,7 @@ impl<const N: usize> HybridDynamics<N> {
                     return self.hold(now);
                 }
                 self.run.held = None;
-                self.press(now, estimate.is_some() && !self.task.paused, felt, dt)
+                self.press(now, estimate, felt, dt)
             }
             Phase::Retract => self.retract(input, now, felt),
             Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
@@ -165,12 +165,20 @@ impl<const N: usize> HybridDynamics<N> {
         ));
         self.task.departure.touched();
         self.run.path_s = 0.0;
+        self.run.exploration = None;
         self.run.reference_n = pressing_n.min(self.task.program.task.force.reference_n);
         self.run.force = ForceIntegral::default();
         self.task.enter(Phase::Contact);
     }
 
-    fn press(&mut self, now: &ArmNow<N>, seen: bool, felt: Option<&Felt>, dt: f64) -> Wanted {
+    fn press(
+        &mut self,
+        now: &ArmNow<N>,
+        estimate: Option<&ObjectEstimate>,
+        felt: Option<&Felt>,
+        dt: f64,
+    ) -> Wanted {
+        let seen = estimate.is_some() && !self.task.paused;
         let (Some(lay), Some(object)) = (self.run.lay, self.run.object) else {
             return self.hold(now);
         };
@@ -205,20 +213,54 @@ impl<const N: usize> HybridDynamics<N> {
             let wanted = self.task.program.task.force.reference_n;
             self.run.reference_n += (wanted - self.run.reference_n).clamp(-step, step);
         }
+        self.explore(now, estimate, felt, dt);
         self.along_the_path(seen, dt);
-        let sliding = self.task.phase == Phase::Slide;
-        let rate = if sliding { self.run.rate } else { 0.0 };
-        let reference = lay.at(
-            &*self.surface,
-            &self.task.program.path,
-            self.run.path_s,
-            rate,
-        );
+        let moving = matches!(self.task.phase, Phase::Slide | Phase::Contact);
+        let rate = if moving { self.run.rate } else { 0.0 };
+        let exploring = self.run.exploration.filter(|e| !e.is_done());
+        let reference = if let Some(exploration) = exploring {
+            lay.exploring(&*self.surface, &exploration, rate)
+        } else {
+            let sliding = self.task.phase == Phase::Slide;
+            let rate = if sliding { rate } else { 0.0 };
+            let path = &self.task.program.path;
+            lay.at(&*self.surface, path, self.run.path_s, rate)
+        };
         Wanted {
             in_object: Some(reference.position),
             reference: reference.in_base(&object),
             pressing: true,
             seek_m_per_s: (self.task.phase == Phase::Seek).then_some(seek_m_per_s),
+        }
+    }
+
+    /// Slides a small circle after the touchdown if the normal of the estimate is uncertain, once
+    /// half of the force is there. Its clock stops with that of the path.
+    fn explore(
+        &mut self,
+        now: &ArmNow<N>,
+        estimate: Option<&ObjectEstimate>,
+        felt: Option<&Felt>,
+        dt: f64,
+    ) {
+        if self.task.phase != Phase::Contact {
+            return;
+        }
+        if let Some(exploration) = &mut self.run.exploration {
+            exploration.step(self.run.rate * dt);
+            return;
+        }
+        let touch = self.task.program.config.touch;
+        let half = 0.5 * self.task.program.task.force.reference_n;
+        let pressed = felt.is_some_and(|felt| felt.pressing_n >= half);
+        let (true, Some(estimate)) = (pressed && touch.explore_radius_m > 0.0, estimate) else {
+            return;
+        };
+        let normal = estimate.normal_at(&*self.surface, &now.tool.translation());
+        if normal.covariance.trace() > touch.explore_above_rad.powi(2) {
+            let path = &self.task.program.config.path;
+            let bounds = (path.acceleration_m_per_s2, path.jerk_m_per_s3);
+            self.run.exploration = Some(Exploration::new(touch.explore_radius_m, bounds));
         }
     }
 
@@ -228,6 +270,7 @@ impl<const N: usize> HybridDynamics<N> {
         match self.task.phase {
             Phase::Contact
                 if !self.task.paused
+                    && self.run.exploration.is_none_or(|e| e.is_done())
                     && self.task.phase_s >= self.task.program.config.touch.settle_s =>
             {
                 self.run.rate = 0.0;

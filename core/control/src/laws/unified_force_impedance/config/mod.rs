@@ -170,6 +170,9 @@ pub struct FusionConfig {
     pub carry: bool,
     /// Systematic error of the camera that averaging over frames cannot remove (its mounting), rad.
     pub vision_floor_rad: f64,
+    /// Standard deviation about each axis of the tilt of the camera's mounting, rad. It is learnt
+    /// while the tool slides; 0: not at all.
+    pub mounting_sd_rad: f64,
     /// Lower bound of the standard deviation of touch, rad.
     pub touch_floor_rad: f64,
     /// Standard deviation of the measured curvature, 1/m.

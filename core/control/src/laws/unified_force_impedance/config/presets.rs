@@ -141,6 +141,7 @@ impl Default for FusionConfig {
             touch: true,
             carry: true,
             vision_floor_rad: 0.006,
+            mounting_sd_rad: 0.01,
             touch_floor_rad: 0.03,
             curvature_sd_per_m: 0.7,
             gate_sd: 4.0,
@@ -232,6 +233,7 @@ impl Presets for UnifiedForceImpedanceConfig {
             fusion: FusionConfig {
                 touch: false,
                 carry: false,
+                mounting_sd_rad: 0.0,
                 ..default.fusion
             },
             compensate_friction: false,

@@ -66,6 +66,7 @@ const RANGES: Ranges = &[
         "fusion",
         &[
             ("vision_floor_rad", 0.0, 1.0),
+            ("mounting_sd_rad", 0.0, 0.3),
             ("touch_floor_rad", 1e-4, 1.0),
             ("curvature_sd_per_m", 0.0, 100.0),
             ("gate_sd", 1.0, 100.0),

@@ -159,6 +159,13 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             &input.q,
             self.interface.delay_periods,
         );
+        self.run.fused.calibrate(
+            &self.task.program.config.fusion,
+            input.time_s,
+            &now.tool,
+            self.task.phase.is_pressing(),
+            dt,
+        );
         let normal = self.run.fused.step(
             &self.task.program.config.fusion,
             input.time_s,

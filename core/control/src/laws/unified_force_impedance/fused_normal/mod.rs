@@ -3,15 +3,18 @@
 //! each direction.
 
 mod belief;
+mod mounting;
 
 use nalgebra::{Matrix3, Vector3};
 use tangent_estimation::NormalEstimate;
+use tangent_mechanics::{Base, Pose, Tool};
 use tangent_sensing::Validity;
 
 use super::config::FusionConfig;
 use super::interface::{BendChange, VisionInput};
 use crate::limits::plausibility::{is_covariance, is_curvature, is_point};
 use belief::{Belief, VARIANCE_LEAST};
+use mounting::MountingTilt;
 
 /// Distance over which an error of the curvature stays correlated, m.
 const CURVATURE_LENGTH_M: f64 = 0.01;
@@ -62,6 +65,9 @@ pub(super) enum SurfaceVariation {
 pub(super) struct FusedNormal {
     seen: Option<Seen>,
     fused: Option<Belief>,
+    mounting: MountingTilt,
+    /// Small rotation (rad, base axes) from the camera's normal to the true one.
+    correction: Vector3<f64>,
     last_at: Option<Vector3<f64>>,
 }
 
@@ -83,6 +89,23 @@ struct Seen {
 }
 
 impl FusedNormal {
+    /// Learns the tilt of the camera's mounting from the motion of the tool; called before
+    /// [`Self::step`]. `pressing`: the tool is on the surface.
+    pub fn calibrate(
+        &mut self,
+        config: &FusionConfig,
+        time_s: f64,
+        tool: &Pose<Base, Tool>,
+        pressing: bool,
+        dt_s: f64,
+    ) {
+        let fresh = self.seen.filter(|s| s.is_fresh(config, time_s));
+        let seen = fresh.filter(|_| pressing).map(|s| s.belief.normal);
+        self.mounting
+            .step(config.mounting_sd_rad, tool, seen.as_ref(), dt_s);
+        self.correction = self.mounting.correction(tool);
+    }
+
     /// Processes one period with the tool's origin at `at` (base axes, m) and its axis `tool_z`.
     #[allow(clippy::too_many_arguments)]
     pub fn step(
@@ -113,7 +136,13 @@ impl FusedNormal {
             self.look(config, frame, at, touch.as_ref());
         }
         let sees = self.seen.filter(|s| s.is_fresh(config, time_s));
-        let eye = sees.map(|s| s.belief.doubted(config.vision_floor_rad.powi(2)));
+        let eye = sees.map(|s| {
+            let belief = s.belief.doubted(config.vision_floor_rad.powi(2));
+            if self.correction == Vector3::zeros() {
+                return belief;
+            }
+            belief.turned(&self.correction.cross(&belief.normal))
+        });
         let found = match (eye, touch) {
             (Some(a), Some(b)) => Some(a.with(&b)),
             (one, other) => one.or(other),
