@@ -70,8 +70,8 @@ fn cell_files() {
     let cases = [
         ("[robot]", "[robot]\nspeeed = 1", &["speeed"][..]),
         (
-            "rate_hz = 7000.0",
-            "rate_hz = 9000.0",
+            "rate_hz = 0.0                       # records",
+            "rate_hz = 9000.0 # records",
             &["sensor.rate_hz", "9000"],
         ),
         (
@@ -218,8 +218,8 @@ fn check_refuses_what_is_wrong() {
         ),
         (
             "deploy/cell.toml",
-            "rate_hz = 7000.0",
-            "rate_hz = 9000.0",
+            "rate_hz = 0.0                       # records",
+            "rate_hz = 9000.0 # records",
             &["sensor.rate_hz", "9000", "7000"],
         ),
         (
