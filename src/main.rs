@@ -16,6 +16,7 @@ mod health;
 mod keys;
 mod live_view;
 mod model;
+mod new_cell;
 mod output;
 mod report;
 mod reproduce;
@@ -117,6 +118,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let config = || config_of(cli);
     match &cli.command {
         Command::Up(args) => up::run(args, config()?, cli.cell.as_deref(), json),
+        Command::Cell(command) => new_cell::run(command, json),
         Command::Check(args) => check::run(args, cli.cell.as_deref(), json),
         Command::Robot(command) => robot::run(command, &config()?, json),
         Command::Run(args) => run::run(args, &config()?),

@@ -11,6 +11,7 @@ use tangent_compose::ComposeError;
 use tangent_faults::FaultsError;
 use tangent_follow::FollowError;
 use tangent_keys::KeysError;
+use tangent_new_cell::NewCellError;
 use tangent_simulated_cell::SimulatedCellError;
 
 /// Outcome of a command that ran to its end; its number is the process's exit code.
@@ -51,6 +52,7 @@ pub fn is_usage(error: &anyhow::Error) -> bool {
         || error.is::<CheckError>()
         || matches!(error.downcast_ref(), Some(FaultsError::Usage(_)))
         || matches!(error.downcast_ref(), Some(KeysError::Usage(_)))
+        || error.downcast_ref().is_some_and(NewCellError::is_usage)
         || matches!(error.downcast_ref(), Some(ClientError::NoSuchCell { .. }))
         || error.downcast_ref().is_some_and(ComposeError::is_usage)
         || error.downcast_ref().is_some_and(CalibrateError::is_usage)

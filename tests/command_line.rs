@@ -1,5 +1,5 @@
-//! The command line itself: errors as JSON, completions, plain output in pipes and tables that fit a
-//! terminal.
+//! The command line itself: errors as JSON, completions, plain output in pipes, tables that fit a
+//! terminal, new cells.
 
 #![allow(clippy::unwrap_used)]
 
@@ -186,4 +186,100 @@ fn bash_accepts(script: &str) {
         .write_all(script.as_bytes())
         .unwrap();
     assert!(bash.wait().unwrap().success());
+}
+
+/// `cell new` asks for what is not given, writes only what passes the check, and keeps files.
+#[test]
+fn a_new_cell_is_asked_for_and_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("kitchen.toml");
+    let path = file.to_str().unwrap();
+    let mut asked = tangent()
+        .args(["cell", "new", path])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The first model is misspelt, and asked for again.
+    let answers = "kitchen\nur5f\nur5\n192.168.1.10\n\n\n";
+    asked
+        .stdin
+        .take()
+        .unwrap()
+        .write_all(answers.as_bytes())
+        .unwrap();
+    let output = asked.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("did you mean `ur5`"),
+        "{}",
+        stderr(&output)
+    );
+    assert!(stdout(&output).contains("doctor --cell"));
+    let text = fs::read_to_string(&file).unwrap();
+    for line in [
+        "name = \"kitchen\"",
+        "model = \"ur5\"",
+        "\"192.168.1.10\"",
+        "\"192.168.1.1\"",
+    ] {
+        assert!(text.contains(line), "no {line} in:\n{text}");
+    }
+    assert_eq!(run(&["check", path]).status.code(), Some(0));
+
+    // The file is kept, unless it is asked for.
+    let given = [
+        "cell",
+        "new",
+        path,
+        "--yes",
+        "--model",
+        "ur5e",
+        "--robot-address",
+        "10.0.0.2",
+        "--sensor",
+        "ur",
+    ];
+    let kept = run(&given);
+    assert_eq!(kept.status.code(), Some(2));
+    assert!(stderr(&kept).contains("--force"), "{}", stderr(&kept));
+    let written = run(&[&given[..], &["--force", "--json"]].concat());
+    assert_eq!(json(&written)["good"], true);
+    assert!(
+        fs::read_to_string(&file)
+            .unwrap()
+            .contains("driver = \"ur\"")
+    );
+
+    for (args, word) in [
+        (&["--yes", "--model", "ur5"][..], "--robot-address"),
+        (
+            &[
+                "--yes",
+                "--model",
+                "panda",
+                "--robot-address",
+                "x",
+                "--sensor",
+                "netft",
+            ],
+            "joints",
+        ),
+        (
+            &["--yes", "--model", "pnada", "--robot-address", "x"],
+            "`panda`",
+        ),
+    ] {
+        let other = folder.path().join("other.toml");
+        let args = [&["cell", "new", other.to_str().unwrap()][..], args].concat();
+        let output = run(&args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert!(
+            stderr(&output).contains(word),
+            "{args:?}: {}",
+            stderr(&output)
+        );
+        assert!(!other.exists());
+    }
 }

@@ -2,6 +2,7 @@
 
 mod bench;
 mod calibrate;
+mod cell;
 mod check;
 mod completions;
 mod doctor;
@@ -29,6 +30,7 @@ use clap::{Parser, Subcommand};
 
 pub use bench::{Bench, BenchRole};
 pub use calibrate::{CalibrateCommand, CalibratePayload};
+pub use cell::{CellCommand, NewCell, NewSensor};
 pub use check::Check;
 pub use completions::Completions;
 pub use doctor::Doctor;
@@ -125,6 +127,9 @@ pub enum Command {
     /// Check whether this machine can run the cell: scheduling, memory, kernel, network, ports,
     /// disk, clock, robot and sensor. Prints what to do about each problem.
     Doctor(Doctor),
+    /// Write cell files.
+    #[command(subcommand)]
+    Cell(CellCommand),
     /// Check files offline for everything that would be refused later: cells, tasks, scenarios and
     /// robot models. Exit code 0 or 2.
     Check(Check),
@@ -164,6 +169,7 @@ impl Command {
             | Self::Evaluate(_)
             | Self::Reproduce(_)
             | Self::Faults(_)
+            | Self::Cell(_)
             | Self::Check(_)
             | Self::Model(_)
             | Self::Bench(_)
