@@ -6,6 +6,7 @@ use tangent_bench::{Machine, Row, bus, peer, requests, steps};
 
 use crate::cli::{Bench, BenchRole};
 use crate::output::{Outcome, print_json};
+use crate::table::{Columns, paragraph};
 
 #[derive(Serialize)]
 struct Table {
@@ -61,24 +62,21 @@ pub fn run(bench: &Bench, json: bool) -> Result<Outcome> {
         "{} cores, Linux {}, load {} at the start; times in µs",
         machine.cores, machine.kernel, machine.load_average
     );
-    println!(
-        "{:<64} {:>8} {:>9} {:>9} {:>9} {:>10} {:>5}",
-        "", "n", "p50", "p99", "p99.9", "max", "lost"
-    );
+    let mut table = Columns::new(&["", ">n", ">p50", ">p99", ">p99.9", ">max", ">lost"]);
     for row in &rows {
-        println!(
-            "{:<64} {:>8} {:>9.1} {:>9.1} {:>9.1} {:>10.1} {:>5}",
-            row.name,
-            row.n,
-            row.p50_us,
-            row.p99_us,
-            row.p999_us,
-            row.max_us,
-            row.lost.map(|n| n.to_string()).unwrap_or_default()
-        );
+        table.row([
+            row.name.clone(),
+            row.n.to_string(),
+            format!("{:.1}", row.p50_us),
+            format!("{:.1}", row.p99_us),
+            format!("{:.1}", row.p999_us),
+            format!("{:.1}", row.max_us),
+            row.lost.map(|n| n.to_string()).unwrap_or_default(),
+        ]);
     }
+    table.print(0);
     for line in &skipped {
-        println!("{line}");
+        paragraph(0, line);
     }
     Ok(Outcome::Done)
 }

@@ -13,6 +13,7 @@ use tangent_sensing::{IdentifiedPayload, StaticPose, identify_payload};
 
 use crate::cli::CalibratePayload;
 use crate::output::{Outcome, print_json};
+use crate::terminal;
 
 /// Identifies the payload from a live cell or from a recording.
 ///
@@ -32,23 +33,23 @@ pub fn payload(args: &CalibratePayload, config: &CellConfig, json: bool) -> Resu
         print(&found, poses.len(), config);
     }
     for warning in warnings(&found, config) {
-        eprintln!("warning: {warning}");
+        terminal::say(&format!("warning: {warning}"));
     }
     Ok(Outcome::Done)
 }
 
 fn live(wanted: usize, config: &CellConfig) -> Result<Vec<StaticPose>> {
     let bus = session::join(config)?;
-    eprintln!(
+    terminal::say(&format!(
         "{wanted} poses: turn the tool up, down and to all sides, with nothing touching it; end with the first pose again"
-    );
+    ));
     let mut poses = Vec::new();
     let mut lines = std::io::stdin().lock().lines();
     while poses.len() < wanted {
-        eprintln!(
+        terminal::say(&format!(
             "pose {} of {wanted}: hold still, then press Enter",
             poses.len() + 1
-        );
+        ));
         if lines.next().transpose()?.is_none() {
             bail!(
                 "the input ended after {} of {wanted} poses; press Enter at each, or read them from a recording with --from",
@@ -57,7 +58,7 @@ fn live(wanted: usize, config: &CellConfig) -> Result<Vec<StaticPose>> {
         }
         match pose(&bus, config) {
             Ok(pose) => poses.push(pose),
-            Err(error) => eprintln!("not taken: {:#}", anyhow::Error::from(error)),
+            Err(error) => terminal::say(&format!("not taken: {:#}", anyhow::Error::from(error))),
         }
     }
     Ok(poses)
@@ -97,9 +98,9 @@ fn print(found: &IdentifiedPayload, poses: usize, config: &CellConfig) {
         "mass_kg = {:.4}    # ± {:.4}; the cell file has {}",
         found.payload.mass_kg, found.mass_sd_kg, config.tool.mass_kg
     );
+    let [own_x, own_y, own_z] = config.tool.com_in_sensor_m;
     println!(
-        "com_in_sensor_m = [{x:.4}, {y:.4}, {z:.4}]    # ± {worst:.4}; the cell file has {:?}",
-        config.tool.com_in_sensor_m
+        "com_in_sensor_m = [{x:.4}, {y:.4}, {z:.4}]    # ± {worst:.4}; the cell file has [{own_x}, {own_y}, {own_z}]"
     );
     println!(
         "# each pose predicted from the others: {:.3} N, {:.4} Nm rms",

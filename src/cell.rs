@@ -27,6 +27,25 @@ pub fn load(path: Option<&Path>, identity: Option<&str>) -> Result<CellConfig> {
     Ok(config)
 }
 
+/// Replaces the routers of the cell file by those of `--connect`, if there are any.
+///
+/// # Errors
+/// An endpoint without certificates for a cell that has them: exit code 2.
+pub fn connect(config: &mut CellConfig, endpoints: &[String]) -> Result<()> {
+    if endpoints.is_empty() {
+        return Ok(());
+    }
+    let clear = endpoints.iter().find(|e| !e.starts_with("quic/"));
+    if let (Some(_), Some(clear)) = (&config.zenoh.tls, clear) {
+        return Err(bad_usage(format!(
+            "--connect {clear}: cell {} has certificates ([zenoh.tls]), so the endpoint is one such as quic/router.local:7447",
+            config.cell.name
+        )));
+    }
+    config.zenoh.connect = endpoints.to_vec();
+    Ok(())
+}
+
 /// Sends a request to one service and prints the answer.
 ///
 /// # Errors

@@ -1,15 +1,13 @@
 //! `tangent task`, `tare`, `param`: requests to a running cell.
 
-use std::fmt;
-use std::fs;
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use serde_json::{Value, json};
 use tangent_client::session::{self, ANSWER_PATIENCE, data};
-use tangent_control::{Phase, Task};
+use tangent_control::Verdict;
 use tangent_follow::{Start, start_when_ready};
+use tangent_mechanics::names::did_you_mean;
 use tangent_runtime::parameters::ParameterInfo;
 use tangent_runtime::{Bus, CellConfig, Stop};
 use tangent_schemas::tangent::{Answer, Request};
@@ -19,21 +17,11 @@ use crate::cell::{self, ask_and_print};
 use crate::cli::{ParamCommand, TaskCommand};
 use crate::live_view;
 use crate::output::{Outcome, bad_usage, print_json};
+use crate::table::paragraph;
+use crate::task_file::task_text;
 
 /// Time for which `task start --follow` waits for a cell that is not ready, s, unless given.
 const FOLLOW_WAIT_S: f64 = 3.0;
-
-/// Reads the text of a task file. An error in it is reported here, with the file's name, before any
-/// request to the cell.
-///
-/// # Errors
-/// The file cannot be read or is not a task: exit code 2.
-pub fn task_text(file: &Path) -> Result<String> {
-    let bad = |e: &dyn fmt::Display| bad_usage(format!("task file {}: {e}", file.display()));
-    let text = fs::read_to_string(file).map_err(|e| bad(&e))?;
-    let _: Task = text.parse().map_err(|e| bad(&e))?;
-    Ok(text)
-}
 
 /// Runs one of the task commands.
 ///
@@ -47,7 +35,7 @@ pub fn task(command: &TaskCommand, config: &CellConfig, json: bool) -> Result<Ou
             follow,
             clear,
         } => {
-            let text = task_text(file)?;
+            let text = task_text(file, &[])?;
             let start = if *clear { "start_clear" } else { "start" };
             if *follow || wait_s.is_some() {
                 let wait_s = wait_s.unwrap_or(FOLLOW_WAIT_S);
@@ -93,10 +81,15 @@ fn start_within(
     }
     let ended = live_view::follow(&bus, &start, &stop, false)?;
     if json {
-        print_json(&json!({ "phase": ended.phase.name(), "fault": ended.fault }))?;
+        print_json(&json!({
+            "verdict": ended.verdict(),
+            "progress": ended.progress,
+            "phase": ended.phase.name(),
+            "fault": ended.fault,
+        }))?;
     }
-    Ok(match ended.phase {
-        Phase::Done => Outcome::Done,
+    Ok(match ended.verdict() {
+        Some(Verdict::Completed) => Outcome::Done,
         _ => Outcome::Failed,
     })
 }
@@ -119,17 +112,20 @@ pub fn param(command: &ParamCommand, config: &CellConfig, json: bool) -> Result<
     match command {
         ParamCommand::Set { name, value } => {
             let (service, parameter) = split(name)?;
+            let bus = session::join(config)?;
             let key = queries::parameter(service, parameter);
-            ask_and_print(&session::join(config)?, &key, "set", value, json)
+            ask_and_print(&bus, &key, "set", value, json).map_err(|e| unknown(&bus, name, e))
         }
         ParamCommand::Get { name: Some(name) } if name.contains('/') => {
             let (service, parameter) = split(name)?;
+            let bus = session::join(config)?;
             let key = queries::parameter(service, parameter);
-            ask_and_print(&session::join(config)?, &key, "get", "", json)
+            ask_and_print(&bus, &key, "get", "", json).map_err(|e| unknown(&bus, name, e))
         }
         ParamCommand::Get { name } => {
-            let key = queries::parameters(name.as_deref().unwrap_or("*"));
-            list(&session::join(config)?, &key, json)
+            let bus = session::join(config)?;
+            let service = name.as_deref().unwrap_or("*");
+            list(&bus, &queries::parameters(service), json).map_err(|e| unknown(&bus, service, e))
         }
     }
 }
@@ -142,12 +138,56 @@ fn split(name: &str) -> Result<(&str, &str)> {
     })
 }
 
-fn list(bus: &Bus, key: &str, json: bool) -> Result<Outcome> {
+/// Adds to the error of a request that no service answers: the nearest name that exists, of a
+/// parameter `SERVICE/NAME` or of a service, and all services with parameters.
+fn unknown(bus: &Bus, name: &str, error: anyhow::Error) -> anyhow::Error {
+    let Ok(answers) = answers(bus, &queries::parameters("*")) else {
+        return error;
+    };
+    let parameters = infos(&answers);
+    let mut services: Vec<&str> = parameters.iter().map(|p| p.service.as_str()).collect();
+    services.sort_unstable();
+    services.dedup();
+    let service = name.split('/').next().unwrap_or_default();
+    if services.is_empty() || services.contains(&service) {
+        return error;
+    }
+    let full: Vec<String> = parameters
+        .iter()
+        .map(|p| format!("{}/{}", p.service, p.name))
+        .collect();
+    let meant = if name.contains('/') {
+        did_you_mean(name, full.iter().map(String::as_str))
+    } else {
+        did_you_mean(name, services.iter().copied())
+    };
+    bad_usage(format!(
+        "no service `{service}` has parameters{meant}; there are: {} (`tangent param get` lists all)",
+        services.join(", ")
+    ))
+}
+
+fn answers(bus: &Bus, key: &str) -> Result<Vec<(String, Answer)>> {
     let request = Request {
         action: "list".to_owned(),
         argument: String::new(),
     };
-    let answers = bus.ask_all(key, &request, ANSWER_PATIENCE)?;
+    Ok(bus.ask_all(key, &request, ANSWER_PATIENCE)?)
+}
+
+/// All parameters in the answers, sorted by service and name.
+fn infos(answers: &[(String, Answer)]) -> Vec<ParameterInfo> {
+    let mut all: Vec<ParameterInfo> = answers
+        .iter()
+        .filter_map(|(_, a)| serde_json::from_str::<Vec<ParameterInfo>>(&a.data).ok())
+        .flatten()
+        .collect();
+    all.sort_by(|a, b| (&a.service, &a.name).cmp(&(&b.service, &b.name)));
+    all
+}
+
+fn list(bus: &Bus, key: &str, json: bool) -> Result<Outcome> {
+    let answers = answers(bus, key)?;
     if answers.is_empty() {
         anyhow::bail!("no service answers {key}; `tangent status` lists the services");
     }
@@ -158,20 +198,12 @@ fn list(bus: &Bus, key: &str, json: bool) -> Result<Outcome> {
             .collect();
         print_json(&json!({ "parameters": all }))?;
     } else {
-        for parameter in answers
-            .iter()
-            .filter_map(|(_, a)| serde_json::from_str::<Vec<ParameterInfo>>(&a.data).ok())
-            .flatten()
-        {
+        for p in infos(&answers) {
             println!(
-                "{:<44} {:>10} {:<6} {} to {}  {}",
-                format!("{}/{}", parameter.service, parameter.name),
-                parameter.value,
-                parameter.unit,
-                parameter.minimum,
-                parameter.maximum,
-                parameter.description
+                "{}/{} = {} {} ({} to {})",
+                p.service, p.name, p.value, p.unit, p.minimum, p.maximum
             );
+            paragraph(4, &p.description);
         }
     }
     Ok(Outcome::Done)

@@ -7,16 +7,22 @@ use std::time::Duration;
 use anyhow::{Result, bail};
 use serde::Serialize;
 use tangent_client::session;
+use tangent_mechanics::names::did_you_mean;
 use tangent_report::live::{EstimatorList, in_use, list_estimators, listen};
 use tangent_report::run::Run as Heard;
 use tangent_report::{EstimatorFigures, TaskRun, estimator_words, estimators};
-use tangent_runtime::CellConfig;
+use tangent_runtime::{Bus, CellConfig};
 use tangent_schemas::topics::queries;
 
 use crate::cell;
 use crate::cli::{Compare, EstimatorCommand};
 use crate::output::{Outcome, print_json};
 use crate::report::cell_name;
+use crate::table::Columns;
+use crate::terminal;
+
+/// Time to find the estimators that publish.
+const LOOK: Duration = Duration::from_millis(500);
 
 /// Runs one of the estimator commands.
 ///
@@ -33,14 +39,34 @@ pub fn run(
         EstimatorCommand::List => list(&cell()?, json),
         EstimatorCommand::Use { name, force } => {
             let action = if *force { "force" } else { "select" };
-            let bus = session::join(&cell()?)?;
-            cell::ask_and_print(&bus, queries::CONTROL_SELECT, action, name, json)
+            switch(&session::join(&cell()?)?, action, name, json)
         }
         EstimatorCommand::Compare(args) => match &args.file {
             Some(file) => compare_recorded(file, cell_named, json),
             None => compare_live(args, &cell()?, json),
         },
     }
+}
+
+/// Asks the controller to switch. A refusal of a name under which nobody publishes also names the
+/// nearest one, and all that publish.
+fn switch(bus: &Bus, action: &str, name: &str, json: bool) -> Result<Outcome> {
+    let mut answer = session::ask(bus, queries::CONTROL_SELECT, action, name)?;
+    if !answer.done {
+        let there = bus.alive_estimators(LOOK)?;
+        let mut names: Vec<&str> = there.iter().map(|(name, _)| name.as_str()).collect();
+        names.dedup();
+        if !names.is_empty() && !names.contains(&name) {
+            let meant = did_you_mean(name, names.iter().copied());
+            answer.message += &format!("{meant}; there are: {}", names.join(", "));
+        }
+    }
+    cell::print_answer(&answer, json)?;
+    Ok(if answer.done {
+        Outcome::Done
+    } else {
+        Outcome::Failed
+    })
 }
 
 fn list(config: &CellConfig, json: bool) -> Result<Outcome> {
@@ -60,22 +86,33 @@ fn print(list: &EstimatorList) {
     let number = |x: Option<f64>, digits: usize| {
         x.map_or_else(|| "-".to_owned(), |x| format!("{x:.digits$}"))
     };
+    let mut table = Columns::new(&[
+        "",
+        "estimator",
+        ">Hz",
+        ">ms old",
+        ">deg off",
+        ">± deg",
+        "validity",
+        "on",
+    ]);
     for e in &list.estimators {
-        println!(
-            "{} {:<24} {:>7} Hz  {:>6} ms old  {:>6} deg from the active  ±{:.2} deg  {}  {}",
-            if e.active { "*" } else { " " },
-            e.name,
+        table.row([
+            if e.active { "*" } else { "" }.to_owned(),
+            e.name.clone(),
             number(e.rate_hz, 1),
             number(e.age_ms, 1),
             number(e.from_active_deg, 2),
-            e.std_deg,
-            if e.valid { "valid" } else { &e.reason },
+            format!("{:.2}", e.std_deg),
+            if e.valid { "valid" } else { &e.reason }.to_owned(),
             match e.instances.as_slice() {
                 [] => "(no liveliness token)".to_owned(),
-                own => format!("on {}", own.join(", ")),
+                own => own.join(", "),
             },
-        );
+        ]);
     }
+    table.print(0);
+    println!("* in use; deg off: angle to the normal in use");
 }
 
 fn no_estimators(config: &CellConfig) -> String {
@@ -95,7 +132,7 @@ struct Comparison {
 fn compare_live(args: &Compare, config: &CellConfig, json: bool) -> Result<Outcome> {
     let bus = session::join(config)?;
     if !json {
-        eprintln!("listening for {} s", args.seconds);
+        terminal::say(&format!("listening for {} s", args.seconds));
     }
     let heard = listen(&bus, Duration::from_secs_f64(args.seconds))?;
     if heard.estimates.is_empty() {

@@ -10,7 +10,8 @@ use tangent_simulation::metrics::object::ObjectFigures;
 use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
 
 use crate::cli::Evaluate;
-use crate::output::{Outcome, bad_usage, print_json};
+use crate::output::{Outcome, bad_usage, or_dash, print_json};
+use crate::table::Columns;
 
 /// Runs one scenario and prints its figures.
 ///
@@ -56,9 +57,10 @@ fn list(json: bool) -> Result<Outcome> {
             .collect();
         print_json(&json!({ "scenarios": rows }))?;
     } else {
-        for (name, title) in rows {
-            println!("{name:<24} {title}");
-        }
+        let mut table = Columns::new(&["scenario", "what it is"]);
+        rows.iter()
+            .for_each(|(name, title)| table.row([**name, title.as_str()]));
+        table.print(0);
     }
     Ok(Outcome::Done)
 }
@@ -91,140 +93,163 @@ fn print(e: &Evaluation) {
         "{}: {:.1} s simulated with estimator {} and preset {}, seed {}",
         e.scenario, e.duration_s, e.estimator, e.controller, e.seed
     );
-    match e.fault {
-        Some(fault) => println!("  ended in phase {}: {fault}", e.phase),
-        None => println!("  ended in phase {}", e.phase),
-    }
+    let mut table = Columns::new(&["", ""]);
+    let mut row = |name: &str, text: String| table.row([name, text.as_str()]);
+    let fault = e
+        .fault
+        .map_or_else(String::new, |fault| format!(": {fault}"));
+    row("ended in phase", format!("{}{fault}", e.phase));
     let f = &e.figures;
     for (name, spread) in [
         ("normal against truth", &f.normal_error_deg),
-        ("  from 1 s after contact", &f.normal_error_settled_deg),
+        ("from 1 s after contact", &f.normal_error_settled_deg),
         ("normal against the tool", &f.alignment_error_deg),
         ("tool against truth", &f.tool_error_deg),
     ] {
         if let Some(s) = spread {
-            println!(
-                "  {name:<26} mean {:6.3}  rmse {:6.3}  p95 {:6.3}  max {:6.3} deg",
-                s.mean, s.rmse, s.p95, s.max
+            row(
+                name,
+                format!(
+                    "mean {:.3}  rmse {:.3}  p95 {:.3}  max {:.3} deg",
+                    s.mean, s.rmse, s.p95, s.max
+                ),
             );
         }
     }
     if let Some(nees) = f.normal_nees_per_dof {
-        println!(
-            "  {:<26} {nees:.2} per degree of freedom",
-            "normal's consistency"
+        row(
+            "normal's consistency",
+            format!("{nees:.2} per degree of freedom"),
         );
     }
-    let or_dash = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
-    println!(
-        "  {:<26} reference {:.3}  mean {}  rmse {}  peak {} N  overshoot {} %",
+    let or_dash = |x| or_dash(x, 3);
+    row(
         "force",
-        f.force.reference_n,
-        or_dash(f.force.mean_n),
-        or_dash(f.force.rmse_n),
-        or_dash(f.force.peak_n),
-        or_dash(f.force.overshoot_percent)
+        format!(
+            "reference {:.3}  mean {}  rmse {}  peak {} N  overshoot {} %",
+            f.force.reference_n,
+            or_dash(f.force.mean_n),
+            or_dash(f.force.rmse_n),
+            or_dash(f.force.peak_n),
+            or_dash(f.force.overshoot_percent)
+        ),
     );
-    println!(
-        "  {:<26} rmse {} mm  max {} mm",
+    row(
         "path",
-        or_dash(f.path.rmse_m.map(|x| x * 1e3)),
-        or_dash(f.path.max_m.map(|x| x * 1e3))
+        format!(
+            "rmse {} mm  max {} mm",
+            or_dash(f.path.rmse_m.map(|x| x * 1e3)),
+            or_dash(f.path.max_m.map(|x| x * 1e3))
+        ),
     );
-    println!(
-        "  {:<26} first at {} s, lost {} times for {:.3} s",
+    row(
         "contact",
-        or_dash(f.contact.first_s),
-        f.contact.lost_count,
-        f.contact.lost_s
+        format!(
+            "first at {} s, lost {} times for {} s",
+            or_dash(f.contact.first_s),
+            f.contact.lost_count,
+            or_dash(Some(f.contact.lost_s))
+        ),
     );
     if let Some(o) = &e.object_pose {
-        print_object(o);
+        print_object(o, &mut row);
     }
     if let Some(t) = &e.tactile {
-        print_tactile(e, t);
+        print_tactile(e, t, &mut row);
     }
     if let Some(factor) = e.real_time_factor {
-        println!("  {:<26} {factor:.0} x real time", "speed");
+        row("speed", format!("{factor:.0} x real time"));
     }
-    println!("  {:<26} {}", "digest", e.state_digest);
+    row("digest", e.state_digest.clone());
+    table.print(2);
 }
 
-fn print_tactile(e: &Evaluation, t: &VisuoTactileFigures) {
-    let or_dash = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
+fn print_tactile(e: &Evaluation, t: &VisuoTactileFigures, row: &mut impl FnMut(&str, String)) {
+    let or_dash = |x| or_dash(x, 3);
     if let (Some(mad), Some(rmse)) = (e.figures.path.mad_xyz_m, e.figures.path.rmse_xyz_m) {
         let mm = |v: [f64; 3]| v.map(|x| format!("{:.2}", x * 1e3)).join(", ");
-        println!(
-            "  {:<26} mean absolute {} mm, rmse {} mm",
+        row(
             "path by x, y, z",
-            mm(mad),
-            mm(rmse)
+            format!("mean absolute {} mm, rmse {} mm", mm(mad), mm(rmse)),
         );
     }
     if let Some(tanks) = &e.figures.tanks {
-        println!(
-            "  {:<26} motion {:.2} to {:.2} J, force {:.2} to {:.2} J, short of {:.1e} J",
+        row(
             "tanks",
-            tanks.motion_min_j.unwrap_or_default(),
-            tanks.motion_max_j.unwrap_or_default(),
-            tanks.force_min_j,
-            tanks.force_max_j,
-            t.short_j.unwrap_or_default()
+            format!(
+                "motion {:.2} to {:.2} J, force {:.2} to {:.2} J, short of {:.1e} J",
+                tanks.motion_min_j.unwrap_or_default(),
+                tanks.motion_max_j.unwrap_or_default(),
+                tanks.force_min_j,
+                tanks.force_max_j,
+                t.short_j.unwrap_or_default()
+            ),
         );
     }
-    println!(
-        "  {:<26} rho_align from {}, rho_frc from {}, C at most {} of its margin",
+    row(
         "shaping",
-        or_dash(t.rho_align_min),
-        or_dash(t.rho_force_min),
-        or_dash(t.monitor_share_max)
+        format!(
+            "rho_align from {}, rho_frc from {}, C at most {} of its margin",
+            or_dash(t.rho_align_min),
+            or_dash(t.rho_force_min),
+            or_dash(t.monitor_share_max)
+        ),
     );
-    println!(
-        "  {:<26} {:.1} frames a second, {} of the sliding without a normal",
+    row(
         "camera",
-        t.vision_rate_hz,
-        or_dash(t.blind_share)
+        format!(
+            "{:.1} frames a second, {} of the sliding without a normal",
+            t.vision_rate_hz,
+            or_dash(t.blind_share)
+        ),
     );
 }
 
-fn print_object(o: &ObjectFigures) {
-    let number =
-        |x: Option<f64>, scale: f64| x.map_or("-".to_owned(), |x| format!("{:.3}", x * scale));
-    println!(
-        "  {:<26} along the normal {} mm, across {} mm, about the surface {} deg",
+fn print_object(o: &ObjectFigures, row: &mut impl FnMut(&str, String)) {
+    let number = |x: Option<f64>, scale: f64| or_dash(x.map(|x| x * scale), 3);
+    row(
         "object, 1 s after contact",
-        number(o.along_normal_settled_m, 1e3),
-        number(o.across_normal_settled_m, 1e3),
-        number(o.about_surface_settled_deg, 1.0)
+        format!(
+            "along the normal {} mm, across {} mm, about the surface {} deg",
+            number(o.along_normal_settled_m, 1e3),
+            number(o.across_normal_settled_m, 1e3),
+            number(o.about_surface_settled_deg, 1.0)
+        ),
     );
-    println!(
-        "  {:<26} against the estimate {} mm, against the true object {} mm",
+    row(
         "path on the object, rmse",
-        number(o.path_on_estimate_rmse_m, 1e3),
-        number(o.path_on_object_rmse_m, 1e3)
+        format!(
+            "against the estimate {} mm, against the true object {} mm",
+            number(o.path_on_estimate_rmse_m, 1e3),
+            number(o.path_on_object_rmse_m, 1e3)
+        ),
     );
-    println!(
-        "  {:<26} peak at contact {} N, sliding rmse {} N, across the tool {} N, moment {} Nm",
+    row(
         "force and moment",
-        number(o.peak_at_contact_n, 1.0),
-        number(o.sliding_force_rmse_n, 1.0),
-        number(o.lateral_force_max_n, 1.0),
-        number(o.moment_max_nm, 1.0)
+        format!(
+            "peak at contact {} N, sliding rmse {} N, across the tool {} N, moment {} Nm",
+            number(o.peak_at_contact_n, 1.0),
+            number(o.sliding_force_rmse_n, 1.0),
+            number(o.lateral_force_max_n, 1.0),
+            number(o.moment_max_nm, 1.0)
+        ),
     );
     if let (Some(stated), Some(last)) = (&o.calibration_stated, &o.calibration_final) {
-        println!(
-            "  {:<26} {:.2} to {:.2} mm along the normal, {:.3} to {:.3} deg about the surface",
+        row(
             "camera's calibration error",
-            stated.along_normal_m * 1e3,
-            last.along_normal_m * 1e3,
-            stated.about_surface_deg,
-            last.about_surface_deg
+            format!(
+                "{:.2} to {:.2} mm along the normal, {:.3} to {:.3} deg about the surface",
+                stated.along_normal_m * 1e3,
+                last.along_normal_m * 1e3,
+                stated.about_surface_deg,
+                last.about_surface_deg
+            ),
         );
     }
     if let Some(nees) = o.nees_per_dof {
-        println!(
-            "  {:<26} {nees:.2} per degree of freedom",
-            "pose's consistency"
+        row(
+            "pose's consistency",
+            format!("{nees:.2} per degree of freedom"),
         );
     }
 }

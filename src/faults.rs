@@ -7,6 +7,7 @@ use tangent_faults::{Campaign, FORCE_MAX_N, Row, SHOWN_MAX_N, Setup, known};
 
 use crate::cli::Faults;
 use crate::output::{Outcome, print_json};
+use crate::table::{Columns, paragraph};
 
 /// Provokes all faults, or those that are named.
 ///
@@ -52,9 +53,9 @@ fn list(json: bool) -> Result<Outcome> {
         let names: Vec<&str> = all.iter().map(|(name, _)| *name).collect();
         print_json(&json!({ "faults": names }))?;
     } else {
-        for (name, what) in all {
-            println!("{name:<34} {what}");
-        }
+        let mut table = Columns::new(&["fault", "what happens"]);
+        all.iter().for_each(|(name, what)| table.row([name, what]));
+        table.print(0);
     }
     Ok(Outcome::Done)
 }
@@ -86,39 +87,35 @@ fn row_json(row: &Row) -> Value {
 fn print(rows: &[Row], allow_ms: f64) {
     let ms = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.0}"));
     let newtons = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{x:.2}"));
-    println!(
-        "{:<34} {:>10} {:>6} {:>8} {:>6} {:>7} {:>6} {:>13} {:>12}",
-        "fault",
-        "detected ms",
-        "bound",
-        "safe ms",
-        "bound",
-        "peak N",
-        "lost",
-        "next, peak N",
-        "shown-true N"
-    );
+    let mut table = Columns::new(&[
+        "fault", ">seen ms", ">of", ">safe ms", ">of", ">peak N", ">lost", ">next N", ">error N",
+        "verdict",
+    ]);
     for row in rows {
-        println!(
-            "{:<34} {:>10} {:>6} {:>8} {:>6} {:>7.2} {:>6} {:>13} {:>12}  {}",
-            row.fault,
+        table.row([
+            row.fault.to_string(),
             ms(row.noticed_ms),
             ms(row.noticed_bound_ms),
             ms(row.safe_ms),
             ms(row.bound_ms),
-            row.peak_force_n,
-            row.lost.values().sum::<u64>(),
+            format!("{:.2}", row.peak_force_n),
+            row.lost.values().sum::<u64>().to_string(),
             newtons(row.again.map(|again| again.peak_force_n)),
             newtons(row.again.map(|again| again.shown_minus_true_n)),
             match (row.met, row.remark.as_str()) {
-                (true, _) => "met",
-                (false, remark) => remark,
-            }
-        );
+                (true, _) => "met".to_owned(),
+                (false, remark) => remark.to_owned(),
+            },
+        ]);
     }
-    println!(
-        "Every bound may be exceeded by {allow_ms:.0} ms (--allow-ms). The force may not exceed {FORCE_MAX_N:.0} N. Lost: \
-         messages missing from the recording within the fault. Next: the task after the fault, whose mean shown force may \
-         differ from the true one by {SHOWN_MAX_N} N, and which must leave the surface."
+    table.print(0);
+    paragraph(
+        0,
+        &format!(
+            "Seen: time until the fault is detected; safe: until the arm is; each with its bound, which may be exceeded by \
+             {allow_ms:.0} ms (--allow-ms). The force may not exceed {FORCE_MAX_N:.0} N. Lost: messages missing from the \
+             recording within the fault. Next: peak force of the task after the fault; error: its mean shown force minus the \
+             true one, which may be {SHOWN_MAX_N} N. That task must leave the surface."
+        ),
     );
 }

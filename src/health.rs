@@ -9,6 +9,7 @@ use tangent_runtime::CellConfig;
 
 use crate::cli::Health;
 use crate::output::{Outcome, print_json};
+use crate::table::Columns;
 
 /// Checks the named services: exit code 0 if all are healthy, 1 if one is not, or the router does
 /// not answer.
@@ -22,15 +23,16 @@ pub fn run(args: &Health, config: &CellConfig, json: bool) -> Result<Outcome> {
     if json {
         print_json(&verdict)?;
     } else {
+        let mut table = Columns::new(&["service", "state", "instance", "fault"]);
         for s in &verdict.services {
-            println!(
-                "{:<12} {:<9} {} {}",
-                s.name,
+            table.row([
+                s.name.as_str(),
                 s.state,
                 s.instance.as_deref().unwrap_or("-"),
-                s.fault.as_deref().unwrap_or("")
-            );
+                s.fault.as_deref().unwrap_or_default(),
+            ]);
         }
+        table.print(0);
     }
     Ok(if verdict.healthy {
         Outcome::Done

@@ -7,6 +7,7 @@ use tangent_keys::{Made, list, new, revoke};
 
 use crate::cli::{KeysCommand, NewKeys};
 use crate::output::{Outcome, print_json};
+use crate::table::Columns;
 
 /// Runs one of the keys commands. `cell`: the file from which a new cell's file is made.
 ///
@@ -81,18 +82,19 @@ fn print_list(folder: &Path, json: bool) -> Result<Outcome> {
     if json {
         print_json(&serde_json::json!({ "certificates": all }))?;
     } else {
+        let mut table = Columns::new(&["identity", ">days left", "file", "remark"]);
         for one in &all {
-            println!(
-                "{:<32} {:>5} days left  {}{}",
-                one.identity,
-                one.days_left,
-                one.file,
-                if one.revoked { "  REVOKED" } else { "" }
-            );
-            if let Some(problem) = &one.problem {
-                println!("    {problem}");
-            }
+            let revoked = if one.revoked { "REVOKED" } else { "" };
+            let remark = [Some(revoked), one.problem.as_deref()];
+            let remark: Vec<&str> = remark.into_iter().flatten().collect();
+            table.row([
+                one.identity.clone(),
+                one.days_left.to_string(),
+                one.file.clone(),
+                remark.join(" ").trim().to_owned(),
+            ]);
         }
+        table.print(0);
     }
     Ok(if bad { Outcome::Failed } else { Outcome::Done })
 }

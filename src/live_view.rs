@@ -4,10 +4,13 @@
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
+use tangent_control::Verdict;
 use tangent_follow::{Ended, FollowError, FollowView, Start};
 use tangent_runtime::{Bus, Stop};
 use tangent_schemas::tangent::{ContactTruth, ControlState};
+
+use crate::terminal;
 
 /// Follows a task to its end, shown on standard error. With `stay`, the end is when `stop` is
 /// triggered.
@@ -19,15 +22,23 @@ pub fn follow(bus: &Bus, start: &Start, stop: &Stop, stay: bool) -> Result<Ended
     let ended = tangent_follow::follow(bus, start, stop, stay, &mut view);
     view.end();
     let ended = ended?;
-    if !ended.fault.is_empty() {
-        eprintln!("the task ended with a fault: {}", ended.fault);
+    let percent = 100.0 * ended.progress;
+    match ended.verdict() {
+        Some(Verdict::Completed) => terminal::say("the task is completed"),
+        Some(Verdict::Faulted) => terminal::say(&format!(
+            "the task FAILED at {percent:.0} % of the path with a fault: {}",
+            ended.fault
+        )),
+        _ => terminal::say(&format!(
+            "the task is NOT completed: stopped at {percent:.0} % of the path"
+        )),
     }
     Ok(ended)
 }
 
 /// Prints why a task is not started yet.
 pub fn waiting(reason: &str) {
-    eprintln!("waiting: {reason}");
+    terminal::say(&format!("waiting: {reason}"));
 }
 
 /// Shows the cell's state as it changes.
@@ -39,17 +50,16 @@ struct LiveView {
 
 /// Age beyond which `control/state` does not describe the present state.
 const OLD: Duration = Duration::from_millis(500);
+/// Age of an input from which it is shown, s.
+const SHOWN_AGE_S: f64 = 0.02;
 /// Plain lines come this often.
 const PLAIN_EVERY: Duration = Duration::from_secs(1);
 
 impl LiveView {
     fn new() -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
-            ProgressBar::new(1000).with_style(
-                ProgressStyle::with_template("{prefix:>9} {bar:24} {msg}")
-                    .expect("the template is well formed"),
-            )
-        });
+        let bar = std::io::stderr()
+            .is_terminal()
+            .then(|| terminal::bar(1000, "{prefix:>9} {bar:12} {percent:>3} % {wide_msg}"));
         Self {
             bar,
             phase: String::new(),
@@ -72,10 +82,7 @@ impl FollowView for LiveView {
 
     /// Prints above the live line.
     fn say(&mut self, text: &str) {
-        match &self.bar {
-            Some(bar) => bar.println(text),
-            None => eprintln!("{text}"),
-        }
+        terminal::say(text);
     }
 
     /// Draws or prints what is new.
@@ -99,11 +106,11 @@ impl FollowView for LiveView {
                 let due = self.printed.is_none_or(|at| at.elapsed() >= PLAIN_EVERY);
                 if changed || due {
                     self.printed = Some(Instant::now());
-                    eprintln!(
-                        "{:>9} {:3.0} %  {text}",
+                    terminal::say(&format!(
+                        "{:>9} {:3.0} % {text}",
                         self.phase,
                         control.path_progress * 100.0
-                    );
+                    ));
                 }
             }
         }
@@ -113,31 +120,34 @@ impl FollowView for LiveView {
 /// The pressing force in words, without a number while no wrench can be used.
 fn shown_force(control: &ControlState) -> String {
     if control.force_n.is_finite() {
-        format!("{:5.2}", control.force_n)
+        format!("{:.2}", control.force_n)
     } else {
-        "  ?  ".to_owned()
+        "?".to_owned()
     }
 }
 
+/// The state in one line that fits a terminal of 80 columns beside phase and bar, unless there is a
+/// fault.
 fn describe(control: &ControlState, truth: Option<&ContactTruth>) -> String {
     let mut text = format!(
-        "force {} of {:.2} N  tool {:4.1} deg off square  path {:4.1} mm off",
+        "{} of {:.1} N, tool {:.1}°, path {:.1} mm",
         shown_force(control),
         control.force_reference_n,
         control.alignment_error_rad.to_degrees(),
         control.path_error_m * 1e3,
     );
     if let Some(truth) = truth.filter(|t| t.in_contact) {
-        text.push_str(&format!(
-            "  normal {:4.1} deg off truth",
-            true_error_deg(control, truth)
-        ));
+        let error_deg = true_error_deg(control, truth);
+        text.push_str(&format!(", normal {error_deg:.1}°"));
     }
-    text.push_str(&format!(
-        "  ages: wrench {:.1} ms, normal {:.1} ms",
-        control.wrench_age_s * 1e3,
-        control.estimate_age_s * 1e3
-    ));
+    for (what, age_s) in [
+        ("wrench", control.wrench_age_s),
+        ("normal", control.estimate_age_s),
+    ] {
+        if age_s > SHOWN_AGE_S {
+            text.push_str(&format!(", {what} {:.0} ms old", age_s * 1e3));
+        }
+    }
     if !control.fault.is_empty() {
         text.push_str(&format!("  FAULT: {}", control.fault));
     }

@@ -5,15 +5,18 @@ mod calibrate;
 mod cell;
 mod check;
 mod cli;
+mod completions;
 mod control;
 mod doctor;
 mod estimators;
 mod evaluate;
+mod failure;
 mod faults;
 mod health;
 mod keys;
 mod live_view;
 mod model;
+mod new_cell;
 mod output;
 mod report;
 mod reproduce;
@@ -21,6 +24,10 @@ mod robot;
 mod run;
 mod status;
 mod suite;
+mod table;
+mod task_file;
+mod terminal;
+mod topic;
 mod up;
 
 use std::process::ExitCode;
@@ -28,8 +35,10 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::Parser;
-use tangent_runtime::ending;
+use tangent_client::ClientError;
+use tangent_client::status::no_such_cell;
 use tangent_runtime::log::{self, Log};
+use tangent_runtime::{CellConfig, ending};
 use tracing_subscriber::EnvFilter;
 
 use cli::{CalibrateCommand, Cli, Command};
@@ -38,7 +47,7 @@ use output::Outcome;
 fn main() -> ExitCode {
     ending::on_panic();
     output::end_with_the_reader();
-    let log = match Log::start(std::io::stderr()) {
+    let log = match Log::start(terminal::LogSink::new()) {
         Ok(log) => log,
         Err(error) => {
             eprintln!("tangent: starting the log's thread: {error}");
@@ -46,28 +55,54 @@ fn main() -> ExitCode {
         }
     };
     log.install();
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return failure::of_grammar(error),
+    };
     let filter = EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| EnvFilter::new("info,zenoh=warn,zenoh_transport=warn,zenoh_link=warn"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_target(false)
+        .with_ansi(terminal::has_colours())
         .with_writer(move || log.writer())
         .init();
-    let ended = dispatch(&cli);
+    let ended = dispatch(&cli).map_err(|error| in_which_cell(&cli, error));
     let code = match (&ended, ending::cause()) {
         (_, Some(cause)) => {
-            log::line(&format!("tangent: {cause}"));
+            failure::tell(cause, 1, cli.json);
             1
         }
         (Ok(outcome), None) => *outcome as u8,
         (Err(error), None) => {
-            log::line(&format!("tangent: {error:#}"));
-            if output::is_usage(error) { 2 } else { 1 }
+            let code = if output::is_usage(error) { 2 } else { 1 };
+            failure::tell(&format!("{error:#}"), code, cli.json);
+            code
         }
     };
     log::flush(LAST_WORDS);
     ExitCode::from(code)
+}
+
+/// For a request that nobody answers: whether the cell has another name than those on the network.
+fn in_which_cell(cli: &Cli, error: anyhow::Error) -> anyhow::Error {
+    if !matches!(
+        error.downcast_ref::<ClientError>(),
+        Some(ClientError::NoAnswer { .. })
+    ) {
+        return error;
+    }
+    match config_of(cli).map(|config| no_such_cell(&config)) {
+        Ok(Ok(Some(wrong))) => wrong.into(),
+        _ => error,
+    }
+}
+
+/// The cell that the command is about.
+fn config_of(cli: &Cli) -> Result<CellConfig> {
+    let mut config = cell::load(cli.cell.as_deref(), cli.identity.as_deref())?;
+    cell::connect(&mut config, &cli.connect)?;
+    Ok(config)
 }
 
 /// Time allowed to write the log at the end: its reader may be blocked.
@@ -75,9 +110,15 @@ const LAST_WORDS: Duration = Duration::from_secs(2);
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let json = cli.json;
-    let config = || cell::load(cli.cell.as_deref(), cli.identity.as_deref());
+    if !cli.connect.is_empty() && !cli.command.talks_to_a_cell() {
+        return Err(output::bad_usage(
+            "--connect: this command does not talk to a running cell; leave the option out",
+        ));
+    }
+    let config = || config_of(cli);
     match &cli.command {
         Command::Up(args) => up::run(args, config()?, cli.cell.as_deref(), json),
+        Command::Cell(command) => new_cell::run(command, json),
         Command::Check(args) => check::run(args, cli.cell.as_deref(), json),
         Command::Robot(command) => robot::run(command, &config()?, json),
         Command::Run(args) => run::run(args, &config()?),
@@ -88,6 +129,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
             calibrate::payload(args, &config()?, json)
         }
         Command::Param(command) => control::param(command, &config()?, json),
+        Command::Topic(command) => topic::run(command, &config()?, json),
         Command::Status(args) => status::run(args, &config()?, json),
         Command::Keys(command) => keys::run(command, cli.cell.as_deref(), json),
         Command::Health(args) => health::run(args, &config()?, json),
@@ -102,5 +144,6 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Doctor(args) => doctor::run(args, &config()?, json),
         Command::Model(command) => model::run(command, json),
         Command::Bench(command) => bench::run(command, json),
+        Command::Completions(args) => completions::run(args),
     }
 }

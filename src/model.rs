@@ -11,6 +11,7 @@ use tangent_mechanics::{ModelData, golden};
 
 use crate::cli::ModelCommand;
 use crate::output::{Outcome, bad_usage, print_json};
+use crate::table::Columns;
 
 /// Runs one of the model commands.
 ///
@@ -35,9 +36,15 @@ fn list(json: bool) -> Result<Outcome> {
             .collect();
         print_json(&json!({ "models": rows }))?;
     } else {
+        let mut table = Columns::new(&["model", ">joints", "arm"]);
         for model in &models {
-            println!("{:<20} {} joints  {}", model.name, model.dof, model.title);
+            table.row([
+                model.name.clone(),
+                model.dof.to_string(),
+                model.title.clone(),
+            ]);
         }
+        table.print(0);
     }
     Ok(Outcome::Done)
 }

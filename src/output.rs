@@ -6,10 +6,12 @@ use anyhow::Result;
 use serde::Serialize;
 use tangent_calibrate::CalibrateError;
 use tangent_check::CheckError;
+use tangent_client::ClientError;
 use tangent_compose::ComposeError;
 use tangent_faults::FaultsError;
 use tangent_follow::FollowError;
 use tangent_keys::KeysError;
+use tangent_new_cell::NewCellError;
 use tangent_simulated_cell::SimulatedCellError;
 
 /// Outcome of a command that ran to its end; its number is the process's exit code.
@@ -50,12 +52,26 @@ pub fn is_usage(error: &anyhow::Error) -> bool {
         || error.is::<CheckError>()
         || matches!(error.downcast_ref(), Some(FaultsError::Usage(_)))
         || matches!(error.downcast_ref(), Some(KeysError::Usage(_)))
+        || error.downcast_ref().is_some_and(NewCellError::is_usage)
+        || matches!(error.downcast_ref(), Some(ClientError::NoSuchCell { .. }))
         || error.downcast_ref().is_some_and(ComposeError::is_usage)
         || error.downcast_ref().is_some_and(CalibrateError::is_usage)
         || error.downcast_ref().is_some_and(FollowError::is_usage)
         || error
             .downcast_ref()
             .is_some_and(SimulatedCellError::is_usage)
+}
+
+/// A number with this many decimals, or a dash. What rounds to zero has no sign.
+pub fn or_dash(x: Option<f64>, digits: usize) -> String {
+    let Some(x) = x else {
+        return "-".to_owned();
+    };
+    let text = format!("{x:.digits$}");
+    let zero = text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.'));
+    text.strip_prefix('-')
+        .filter(|_| zero)
+        .map_or(text.clone(), str::to_owned)
 }
 
 /// Prints one JSON object.
@@ -83,4 +99,17 @@ pub fn end_with_the_reader() {
         }
         tell(panic);
     }));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::or_dash;
+
+    #[test]
+    fn what_rounds_to_zero_has_no_sign() {
+        assert_eq!(or_dash(Some(-0.000_4), 3), "0.000");
+        assert_eq!(or_dash(Some(-0.0), 0), "0");
+        assert_eq!(or_dash(Some(-0.000_6), 3), "-0.001");
+        assert_eq!(or_dash(None, 3), "-");
+    }
 }

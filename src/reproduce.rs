@@ -2,6 +2,7 @@
 
 mod object;
 mod page;
+mod shortfall;
 mod visuo_tactile;
 
 use std::collections::BTreeMap;
@@ -10,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use anyhow::Result;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde::Serialize;
 use tangent_simulation::Evaluation;
 use tangent_simulation::reproduction::Row;
@@ -18,16 +19,29 @@ use tangent_simulation::systems::admittance::reproduction::batches;
 
 use crate::cli::Reproduce;
 use crate::evaluate::once;
-use crate::output::{Outcome, print_json};
+use crate::output::{Outcome, or_dash, print_json};
+use crate::table::{Columns, paragraph};
+use crate::terminal;
+use shortfall::{NotReproduced, Unfinished};
 
 #[derive(Serialize)]
 struct Table {
     paper: &'static str,
     seeds: u64,
-    rows: Vec<Row>,
+    #[serde(flatten)]
+    found: Found,
 }
 
-/// Runs every row over its seeds and prints the tables.
+/// Figures of one paper, and what is missing in them.
+#[derive(Default, Serialize)]
+struct Found {
+    rows: Vec<Row>,
+    unfinished: Vec<Unfinished>,
+    not_reproduced: Vec<NotReproduced>,
+}
+
+/// Runs every row over its seeds and prints the tables. The command fails if a goal is not met or
+/// if any run does not end `done`, the published methods included.
 ///
 /// # Errors
 /// A scenario cannot be run.
@@ -39,7 +53,7 @@ pub fn run(args: &Reproduce, json: bool) -> Result<Outcome> {
         tables.push(Table {
             paper: "tugal",
             seeds,
-            rows: admittance(seeds)?,
+            found: admittance(seeds)?,
         });
     }
     if wanted("karacan") {
@@ -47,7 +61,7 @@ pub fn run(args: &Reproduce, json: bool) -> Result<Outcome> {
         tables.push(Table {
             paper: "karacan",
             seeds,
-            rows: visuo_tactile::rows(seeds)?,
+            found: visuo_tactile::run(seeds)?,
         });
         if let Some(folder) = &args.figures {
             visuo_tactile::draw(folder)?;
@@ -58,7 +72,7 @@ pub fn run(args: &Reproduce, json: bool) -> Result<Outcome> {
         tables.push(Table {
             paper: "lippiello",
             seeds,
-            rows: object::rows(seeds)?,
+            found: object::run(seeds)?,
         });
         if let Some(folder) = &args.figures {
             object::draw(folder)?;
@@ -66,22 +80,24 @@ pub fn run(args: &Reproduce, json: bool) -> Result<Outcome> {
     }
     let met = tables
         .iter()
-        .flat_map(|table| &table.rows)
+        .flat_map(|table| &table.found.rows)
         .all(|row| row.met != Some(false));
+    let finished = tables.iter().all(|table| table.found.unfinished.is_empty());
     match (json, tables.as_slice()) {
         (true, [table]) => print_json(table)?,
         (true, several) => print_json(&several)?,
-        (false, several) => several.iter().for_each(|table| print(&table.rows)),
+        (false, several) => several.iter().for_each(|table| print(&table.found)),
     }
-    Ok(if met { Outcome::Done } else { Outcome::Failed })
+    Ok(if met && finished {
+        Outcome::Done
+    } else {
+        Outcome::Failed
+    })
 }
 
 /// Progress bar of a command that runs many scenarios.
 fn progress(runs: u64) -> ProgressBar {
-    ProgressBar::new(runs).with_style(
-        ProgressStyle::with_template("{bar:30} {pos}/{len} runs  {msg}")
-            .expect("the template is well formed"),
-    )
+    terminal::bar(runs, "{bar:20} {pos}/{len} runs  {wide_msg}")
 }
 
 /// Runs once per seed, `workers` at a time; the results are in the order of the seeds.
@@ -122,46 +138,57 @@ fn over_seeds(
     done.into_values().collect()
 }
 
-fn admittance(seeds: u64) -> Result<Vec<Row>> {
+/// Part of the name of a row that repeats the published method with the published parameters.
+const PAPER_PRESET: &str = "preset paper";
+
+fn admittance(seeds: u64) -> Result<Found> {
     let batches = batches();
     let bar = progress(batches.len() as u64 * seeds);
-    let mut rows = Vec::new();
+    let mut found = Found::default();
     for batch in &batches {
         bar.set_message(batch.name().to_owned());
         let runs = over_seeds(batch.scenario(), batch.overrides(), seeds, 1, &bar)?;
-        rows.extend(batch.rows(&runs));
+        let rows = batch.rows(&runs);
+        if batch.name().contains(PAPER_PRESET) {
+            let judged = NotReproduced::judge(&rows, &runs);
+            found.not_reproduced.extend(judged);
+        }
+        let unfinished = Unfinished::among(batch.name(), &runs);
+        found.unfinished.extend(unfinished);
+        found.rows.extend(rows);
     }
     bar.finish_and_clear();
-    Ok(rows)
+    Ok(found)
 }
 
-fn print(rows: &[Row]) {
-    let number = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.3}"));
-    let mut table = "";
-    let mut name = "";
-    for row in rows {
-        if row.table != table {
-            table = row.table;
-            name = "";
-            println!("\n{table}");
+fn print(found: &Found) {
+    let mut printed = "";
+    let rows = &found.rows;
+    for group in rows.chunk_by(|a, b| a.table == b.table && a.row == b.row) {
+        let Some(first) = group.first() else { continue };
+        if first.table != printed {
+            printed = first.table;
+            println!("\n{printed}");
         }
-        if row.row != name {
-            name = &row.row;
-            println!("  {name}");
+        paragraph(2, &first.row);
+        let mut table = Columns::new(&["", ">published", ">here", ">worst", ">goal", "unit", ""]);
+        for row in group {
+            table.row([
+                row.metric.to_owned(),
+                or_dash(row.published, 3),
+                or_dash(row.here, 3),
+                or_dash(row.worst, 3),
+                or_dash(row.goal, 3),
+                row.unit.to_owned(),
+                match row.met {
+                    Some(true) => "met",
+                    Some(false) => "NOT MET",
+                    None => "",
+                }
+                .to_owned(),
+            ]);
         }
-        println!(
-            "    {:<36} published {:>7}   here {:>7}   worst {:>7}   goal {:>6} {}  {}",
-            row.metric,
-            number(row.published),
-            number(row.here),
-            number(row.worst),
-            number(row.goal),
-            row.unit,
-            match row.met {
-                Some(true) => "met",
-                Some(false) => "NOT MET",
-                None => "",
-            }
-        );
+        table.print(4);
     }
+    shortfall::print(&found.unfinished, &found.not_reproduced);
 }

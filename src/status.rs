@@ -1,23 +1,35 @@
 //! `tangent status`: prints the state that the services of a cell report.
 
+mod watch;
+
 use anyhow::Result;
 use tangent_client::session;
-use tangent_client::status::{Status, of_cell, of_network};
+use tangent_client::status::{Status, no_such_cell, of_cell, of_network};
 use tangent_runtime::CellConfig;
 
 use crate::cli::Status as Args;
 use crate::output::{Outcome, print_json};
+use crate::table::paragraph;
 
 /// Prints services, rates, ages and faults of this cell, or of every cell on the network.
 ///
 /// # Errors
-/// The cell or the network cannot be reached.
+/// The cell or the network cannot be reached, or this cell has no services while others have.
 pub fn run(args: &Args, config: &CellConfig, json: bool) -> Result<Outcome> {
+    if args.watch {
+        return watch::run(args, config, json);
+    }
     let all = if args.all {
         of_network(&session::join_all(config)?)?
     } else {
         vec![of_cell(config, &session::join(config)?)?]
     };
+    if !args.all
+        && all.iter().all(|status| status.services.is_empty())
+        && let Some(error) = no_such_cell(config)?
+    {
+        return Err(error.into());
+    }
     match (json, args.all) {
         (true, true) => print_json(&serde_json::json!({ "cells": all }))?,
         (true, false) => print_json(&all[0])?,
@@ -63,13 +75,13 @@ fn print(status: &Status) {
             println!("    missed cycles {}, lost {}", s.missed_cycles, s.lost);
         }
         if !s.realtime.is_empty() {
-            println!("    {}", s.realtime);
+            paragraph(4, &s.realtime);
         }
         for remark in &s.remarks {
-            println!("    NOTE: {remark}");
+            paragraph(4, &format!("NOTE: {remark}"));
         }
         if let Some(fault) = &s.fault {
-            println!("    FAULT: {fault}");
+            paragraph(4, &format!("FAULT: {fault}"));
         }
     }
 }

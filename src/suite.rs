@@ -9,12 +9,12 @@ use std::thread;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use indicatif::{ProgressBar, ProgressStyle};
 use tangent_simulation::suite::{self, Judgement, SuiteReport, SurfaceKind};
 
 use crate::cli::Evaluate;
 use crate::evaluate::{overrides, show};
 use crate::output::{Outcome, bad_usage, print_json};
+use crate::terminal;
 
 /// Runs the suite, or one draw of it. The overrides of the command line apply to every draw.
 ///
@@ -75,9 +75,9 @@ fn one(
 /// # Errors
 /// An override is not usable.
 fn all(draws: &[(SurfaceKind, u64)], seed: u64, overrides: &[String]) -> Result<Vec<Judgement>> {
-    let bar = ProgressBar::new(draws.len() as u64).with_style(
-        ProgressStyle::with_template("{bar:30} {pos}/{len} draws  {msg}  {eta} left")
-            .expect("the template is well formed"),
+    let bar = terminal::bar(
+        draws.len() as u64,
+        "{bar:20} {pos}/{len} draws  {eta} left  {wide_msg}",
     );
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Ok(Vec::with_capacity(draws.len())));

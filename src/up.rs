@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use tangent_compose::RecorderExtra;
-use tangent_control::Phase;
+use tangent_control::Verdict;
 use tangent_follow::Start;
 use tangent_runtime::security::roles;
 use tangent_runtime::{Bus, CellConfig, Role, Stop, ending, watchdog};
@@ -14,7 +14,8 @@ use tangent_simulation::Scenario;
 
 use crate::cli::Up;
 use crate::output::{Outcome, print_json};
-use crate::{control, live_view};
+use crate::task_file::task_text;
+use crate::{live_view, terminal};
 
 /// Longest wait for the arm to be powered, its program to run and the sensor to stream.
 const READY_PATIENCE: Duration = Duration::from_secs(30);
@@ -31,7 +32,7 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
     let (scenario, task_file) = asked_for(args, &base, given.is_some());
     let mut played = scenarios::load(&scenario, &overrides)?;
     let task = match task_file {
-        Some(file) => control::task_text(file)?,
+        Some(file) => task_text(file, &scenarios::systems())?,
         None => toml::to_string(played.task())?,
     };
     let mut config = as_run(args, &base, given, &mut played)?;
@@ -39,12 +40,12 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
 
     let stop = Stop::on_signals().context("registering for SIGINT and SIGTERM")?;
     ending::in_order(&stop);
-    eprintln!(
+    terminal::say(&format!(
         "cell {}: {} ({}); Ctrl-C retracts and stops",
         config.cell.name,
         played.title(),
         played.name()
-    );
+    ));
     config.zenoh.identify(roles::ROUTER);
     // The simulated arm starts from the beginning in each run, so no state of an earlier run
     // applies.
@@ -65,9 +66,10 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         task: &task,
         patience: READY_PATIENCE,
     };
+    terminal::say(&second_terminal(&config, &base, given));
     let ended = live_view::follow(&bus, &start, &stop, args.stay);
     let recordings = cell.end(&args.folder)?;
-    let phase = ended?.phase;
+    let verdict = ended?.verdict();
 
     let (figures, page) = tangent_report::write_for(&recordings)?;
     if json {
@@ -79,11 +81,28 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         }
         println!("report     {}", page.display());
     }
-    Ok(match phase {
-        Phase::Done if figures.is_lossy() => Outcome::Lossy,
-        Phase::Done => Outcome::Done,
+    Ok(match verdict {
+        Some(Verdict::Completed) if figures.is_lossy() => Outcome::Lossy,
+        Some(Verdict::Completed) => Outcome::Done,
         _ => Outcome::Failed,
     })
+}
+
+/// The command that shows this cell from a second terminal.
+fn second_terminal(config: &CellConfig, stated: &CellConfig, given: Option<&Path>) -> String {
+    let mut options = String::new();
+    if let Some(file) = given {
+        options += &format!(" --cell {}", file.display());
+    }
+    if config.zenoh.connect != stated.zenoh.connect {
+        for endpoint in &config.zenoh.connect {
+            options += &format!(" --connect {endpoint}");
+        }
+    }
+    format!(
+        "in a second terminal: tangent status --watch{options} (or task pause, estimator list, topic list, ... with these \
+         options)"
+    )
 }
 
 /// The scenario to play and the task file, if one is named: a system's name in the task's place
@@ -119,7 +138,7 @@ fn as_run(
         let folder = args.folder.display();
         unused.push(format!("recorder.folder (recorded to --folder {folder})"));
     }
-    eprintln!("{}", not_used(file, played, &unused));
+    terminal::say(&not_used(file, played, &unused));
     Ok(config)
 }
 

@@ -70,8 +70,8 @@ fn cell_files() {
     let cases = [
         ("[robot]", "[robot]\nspeeed = 1", &["speeed"][..]),
         (
-            "rate_hz = 7000.0",
-            "rate_hz = 9000.0",
+            "rate_hz = 0.0                       # records",
+            "rate_hz = 9000.0 # records",
             &["sensor.rate_hz", "9000"],
         ),
         (
@@ -218,8 +218,8 @@ fn check_refuses_what_is_wrong() {
         ),
         (
             "deploy/cell.toml",
-            "rate_hz = 7000.0",
-            "rate_hz = 9000.0",
+            "rate_hz = 0.0                       # records",
+            "rate_hz = 9000.0 # records",
             &["sensor.rate_hz", "9000", "7000"],
         ),
         (
@@ -227,6 +227,18 @@ fn check_refuses_what_is_wrong() {
             "name = \"cell1\"",
             "name = \"cell 1\"",
             &["cell.name", "cell 1"],
+        ),
+        (
+            "deploy/cell.toml",
+            "kind = \"unknown\"",
+            "kind = \"flt\"\nradius_m = 0.01",
+            &["tool.tip.kind", "flt", "`flat`", "ring", "line"],
+        ),
+        (
+            "deploy/cell.karacan.toml",
+            "radius_m = 0.015",
+            "radius_m = 15.0",
+            &["tool.tip.radius_m", "15", "0.5 m"],
         ),
         ("deploy/cell.toml", "[robot]", "[robot", &["line"]),
         (
@@ -366,6 +378,28 @@ fn check_refuses_what_is_wrong() {
     }
     let output = run(&["check", "/nowhere/task.toml"]);
     assert_eq!(output.status.code(), Some(2));
+}
+
+/// The shape of the tip is stated once, with the tool, and `check` shows who is told of it.
+#[test]
+fn check_shows_what_the_estimators_are_told_of_the_tip() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cell.toml");
+    let cell = fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
+    let notes = |text: String| {
+        fs::write(&path, text).unwrap();
+        let output = run(&["check", path.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let unknown = notes(cell.clone());
+    assert!(unknown.contains("tool.tip: unknown"), "{unknown}");
+    assert!(unknown.contains("state kind"), "{unknown}");
+    let flat = notes(cell.replace("kind = \"unknown\"", "kind = \"flat\"\nradius_m = 0.008"));
+    assert!(
+        flat.contains("flat, radius 8 mm, for reactive, quadratic"),
+        "{flat}"
+    );
 }
 
 /// A task that its cell would refuse is refused offline, with the number, the limit and the place.

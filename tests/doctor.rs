@@ -82,7 +82,10 @@ fn the_simulated_cell_passes_and_a_wrong_cell_file_is_reported() {
 
     let changes = [
         ("model = \"ur5\"", "model = \"ur5e\""),
-        ("rate_hz = 7000.0", "rate_hz = 3500.0"),
+        (
+            "rate_hz = 0.0                       # records",
+            "rate_hz = 3500.0 # records",
+        ),
         ("# loop_cpu = 1", "loop_cpu = 900"),
     ];
     let wrong = cell(folder.path(), offset, &changes);

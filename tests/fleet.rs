@@ -31,7 +31,10 @@ fn cell_file(folder: &Path, name: &str, offset: u16, router_port: u16) -> PathBu
             &format!("quic/127.0.0.1:{router_port}"),
         )
         // The two cells share a small machine with other tests.
-        .replace("rate_hz = 7000.0", "rate_hz = 1000.0")
+        .replace(
+            "rate_hz = 0.0                       # records",
+            "rate_hz = 1000.0 # records",
+        )
         .replace(
             "run = [\"reactive\", \"quadratic\", \"gaussian_process\", \"blend\"]",
             "run = [\"reactive\", \"blend\"]",

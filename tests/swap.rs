@@ -18,7 +18,7 @@ use tangent_live::live;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 /// The sensor's rate in the shipped cell.
-const SENSOR_RATE: &str = "rate_hz = 7000.0";
+const SENSOR_RATE: &str = "rate_hz = 0.0                       # records";
 
 /// `tangent up` with a line that is long enough, and the cell file for clients of its router.
 struct Up {
@@ -39,7 +39,11 @@ impl Up {
         // A slower sensor leaves a small machine to the estimators.
         let simulated = folder.path().join("up.toml");
         assert!(text.contains(SENSOR_RATE));
-        std::fs::write(&simulated, text.replace(SENSOR_RATE, "rate_hz = 1000.0")).unwrap();
+        std::fs::write(
+            &simulated,
+            text.replace(SENSOR_RATE, "rate_hz = 1000.0 # records"),
+        )
+        .unwrap();
         let text = std::fs::read_to_string(root().join("deploy/tasks/line.toml")).unwrap();
         let task = folder.path().join("task.toml");
         let text = text.replace("strokes = 6", "strokes = 8");

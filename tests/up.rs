@@ -6,9 +6,11 @@
 mod common;
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
+use std::time::Duration;
 
-use common::{json, number, run, up, up_system};
+use common::{json, number, run, tangent, up, up_system, wait_for};
 use tangent_live::{live, live_beside_others};
 
 const SCENARIO: &str = "pipe_realistic";
@@ -41,6 +43,7 @@ fn up_wipes_the_pipe_as_evaluate_does() {
         }
         assert_eq!(number(&live, "/contact/lost_count"), 0.0);
         assert_eq!(live["scenario"], SCENARIO);
+        assert_eq!(live["verdict"], "completed");
 
         let names: Vec<String> = fs::read_dir(folder.path())
             .unwrap()
@@ -62,7 +65,31 @@ fn up_wipes_the_pipe_as_evaluate_does() {
         assert_eq!(again["force"], live["force"]);
         assert_eq!(again["normal_error_deg"], live["normal_error_deg"]);
         assert!(number(&again, "/loop/packet_to_command_us/p50") > 0.0);
+        opens(&path, folder.path());
     });
+}
+
+/// `report --open` passes the page to the desktop's program.
+fn opens(recording: &Path, folder: &Path) {
+    let (bin, opened) = (folder.join("bin"), folder.join("opened"));
+    fs::create_dir(&bin).unwrap();
+    let program = bin.join("xdg-open");
+    let script = format!("#!/bin/sh\necho \"$1\" > {}\n", opened.display());
+    fs::write(&program, script).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
+    let output = tangent()
+        .args(["report", recording.to_str().unwrap(), "--open"])
+        .env("PATH", path)
+        .output()
+        .unwrap();
+    assert!(output.status.code().is_some_and(|code| code != 1));
+    let page = wait_for("the page is opened", Duration::from_secs(20), || {
+        fs::read_to_string(&opened)
+            .ok()
+            .filter(|text| !text.is_empty())
+    });
+    assert!(page.trim().ends_with(".html"), "{page}");
 }
 
 /// The torque-controlled arm with its camera wipes the object, and the figures are those of

@@ -2,8 +2,11 @@
 
 mod bench;
 mod calibrate;
+mod cell;
 mod check;
+mod completions;
 mod doctor;
+mod endpoint;
 mod estimator;
 mod evaluate;
 mod faults;
@@ -18,6 +21,7 @@ mod status;
 mod task;
 #[cfg(test)]
 mod tests;
+mod topic;
 mod up;
 
 use std::path::PathBuf;
@@ -26,7 +30,9 @@ use clap::{Parser, Subcommand};
 
 pub use bench::{Bench, BenchRole};
 pub use calibrate::{CalibrateCommand, CalibratePayload};
+pub use cell::{CellCommand, NewCell, NewSensor};
 pub use check::Check;
+pub use completions::Completions;
 pub use doctor::Doctor;
 pub use estimator::{Compare, EstimatorCommand};
 pub use evaluate::{Evaluate, Reproduce};
@@ -39,6 +45,7 @@ pub use robot::RobotCommand;
 pub use run::{Record, Run};
 pub use status::{Health, Status};
 pub use task::TaskCommand;
+pub use topic::{Echo, Hz, TopicCommand};
 pub use up::Up;
 
 /// Keep a robot's tool pressed on a surface of unknown shape.
@@ -57,6 +64,11 @@ pub struct Cli {
     /// cell's name.
     #[arg(long, global = true, value_name = "FILE", env = "TANGENT_CELL")]
     pub cell: Option<PathBuf>,
+
+    /// Router of the cell, in place of `zenoh.connect` in the cell file; may be repeated. Only for
+    /// commands that talk to a running cell.
+    #[arg(long, global = true, value_name = "ENDPOINT", value_parser = endpoint::endpoint)]
+    pub connect: Vec<String>,
 
     /// Identity of this process on a network with certificates, as in `tangent keys list`; by
     /// default the one for the services that it runs.
@@ -91,6 +103,9 @@ pub enum Command {
     /// Read or set live parameters.
     #[command(subcommand)]
     Param(ParamCommand),
+    /// Show what is published on the cell's bus: topics, their messages and rates.
+    #[command(subcommand)]
+    Topic(TopicCommand),
     /// Show the cell's services, rates, ages and faults.
     Status(Status),
     /// Check the health of services. Exit code 0 if all are healthy, else 1.
@@ -112,6 +127,9 @@ pub enum Command {
     /// Check whether this machine can run the cell: scheduling, memory, kernel, network, ports,
     /// disk, clock, robot and sensor. Prints what to do about each problem.
     Doctor(Doctor),
+    /// Write cell files.
+    #[command(subcommand)]
+    Cell(CellCommand),
     /// Check files offline for everything that would be refused later: cells, tasks, scenarios and
     /// robot models. Exit code 0 or 2.
     Check(Check),
@@ -125,4 +143,37 @@ pub enum Command {
     /// Measure times on this machine: single steps, messages over the bus, or requests.
     #[command(subcommand)]
     Bench(Bench),
+    /// Print the completions of this command for a shell.
+    Completions(Completions),
+}
+
+impl Command {
+    /// Whether the command talks to a running cell, so that `--connect` has a meaning.
+    pub fn talks_to_a_cell(&self) -> bool {
+        match self {
+            Self::Run(_)
+            | Self::Task(_)
+            | Self::Estimator(_)
+            | Self::Tare { .. }
+            | Self::Calibrate(_)
+            | Self::Param(_)
+            | Self::Topic(_)
+            | Self::Status(_)
+            | Self::Health(_)
+            | Self::Record(_)
+            | Self::Robot(_)
+            | Self::Doctor(_) => true,
+            Self::Up(_)
+            | Self::Report(_)
+            | Self::Keys(_)
+            | Self::Evaluate(_)
+            | Self::Reproduce(_)
+            | Self::Faults(_)
+            | Self::Cell(_)
+            | Self::Check(_)
+            | Self::Model(_)
+            | Self::Bench(_)
+            | Self::Completions(_) => false,
+        }
+    }
 }

@@ -15,4 +15,7 @@ pub struct Report {
     /// Write no page.
     #[arg(long)]
     pub no_html: bool,
+    /// Open the page with the desktop's browser.
+    #[arg(long, conflicts_with = "no_html")]
+    pub open: bool,
 }

@@ -10,6 +10,9 @@ pub struct Status {
     /// Show every cell on the router's network, not only this one.
     #[arg(long)]
     pub all: bool,
+    /// Show one line per service, and refresh it in place until Ctrl-C.
+    #[arg(long)]
+    pub watch: bool,
 }
 
 /// Options of `tangent health`.

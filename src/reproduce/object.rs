@@ -5,12 +5,12 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use tangent_simulated_cell::scenarios;
 use tangent_simulation::metrics::object::ObjectSampleTruth;
-use tangent_simulation::reproduction::Row;
 use tangent_simulation::systems::object::reproduction::{Runs, SCENARIO, Variant, figures};
 use tangent_simulation::{Undisturbed, evaluate_object_with};
 
 use super::page::FigurePage;
-use super::{over_seeds, progress};
+use super::shortfall::Unfinished;
+use super::{Found, over_seeds, progress};
 use crate::output::bad_usage;
 use crate::report::object::draw_all;
 use crate::report::plot::Axes;
@@ -20,16 +20,21 @@ use crate::report::plot::Axes;
 ///
 /// # Errors
 /// The scenario cannot be run.
-pub(super) fn rows(seeds: u64) -> Result<Vec<Row>> {
+pub(super) fn run(seeds: u64) -> Result<Found> {
     let bar = progress(Variant::ALL.len() as u64 * seeds);
-    let mut all = Vec::new();
+    let (mut all, mut unfinished) = (Vec::new(), Vec::new());
     for variant in Variant::ALL {
         bar.set_message(variant.name());
         let runs = over_seeds(SCENARIO, &variant.overrides(), seeds, 1, &bar)?;
+        unfinished.extend(Unfinished::among(variant.name(), &runs));
         all.push(Runs { variant, runs });
     }
     bar.finish_and_clear();
-    Ok(figures(&all))
+    Ok(Found {
+        rows: figures(&all),
+        unfinished,
+        ..Found::default()
+    })
 }
 
 /// Draws figures 1 to 4 of the paper for its system and for the default system, seed 1.

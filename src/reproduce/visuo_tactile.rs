@@ -9,14 +9,14 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use tangent_simulated_cell::scenarios;
 use tangent_simulation::metrics::visuo_tactile::VisuoTactileSample;
-use tangent_simulation::reproduction::Row;
 use tangent_simulation::systems::visuo_tactile::reproduction::{
     Runs, Variant, figures, replay, step_inputs,
 };
 use tangent_simulation::{Undisturbed, VisuoTactileScenario, evaluate_visuo_tactile_with};
 
 use super::page::FigurePage;
-use super::{over_seeds, progress};
+use super::shortfall::Unfinished;
+use super::{Found, over_seeds, progress};
 use crate::output::bad_usage;
 use crate::report::plot::Axes;
 use crate::report::tactile::draw_all;
@@ -25,10 +25,10 @@ use crate::report::tactile::draw_all;
 ///
 /// # Errors
 /// A scenario cannot be run.
-pub(super) fn rows(seeds: u64) -> Result<Vec<Row>> {
+pub(super) fn run(seeds: u64) -> Result<Found> {
     let cores = thread::available_parallelism().map_or(1, NonZero::get);
     let bar = progress(Variant::ALL.len() as u64 * seeds);
-    let mut all = Vec::new();
+    let (mut all, mut unfinished) = (Vec::new(), Vec::new());
     for variant in Variant::ALL {
         bar.set_message(variant.name());
         let runs = over_seeds(variant.scenario(), &variant.overrides(), seeds, cores, &bar)?;
@@ -38,6 +38,7 @@ pub(super) fn rows(seeds: u64) -> Result<Vec<Row>> {
         } else {
             Some(step_us(variant)?)
         };
+        unfinished.extend(Unfinished::among(variant.name(), &runs));
         all.push(Runs {
             variant,
             runs,
@@ -45,7 +46,11 @@ pub(super) fn rows(seeds: u64) -> Result<Vec<Row>> {
         });
     }
     bar.finish_and_clear();
-    Ok(figures(&all))
+    Ok(Found {
+        rows: figures(&all),
+        unfinished,
+        ..Found::default()
+    })
 }
 
 fn scenario(variant: Variant) -> Result<VisuoTactileScenario> {

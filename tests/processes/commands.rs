@@ -159,6 +159,8 @@ fn a_cell_is_run_from_the_command_line() {
             if whole {
                 let force = number(&figures, "/force/mean_n");
                 assert!((force - 3.0).abs() < 0.5, "{force} N");
+                assert_eq!(figures["verdict"], "stopped", "{figures}");
+                assert_eq!(figures["pauses"].as_array().unwrap().len(), 1, "{figures}");
             }
         }
     });
@@ -237,9 +239,15 @@ fn ctrl_c_of_up_retracts_and_reports() {
         });
         up.signal("INT");
         let code = up.ended(Duration::from_secs(60));
-        // 3: a busy machine may miss a cycle.
-        assert!(matches!(code, Some(0 | 3)), "{code:?}: {}", said());
+        // A task that was stopped is not a success.
+        assert_eq!(code, Some(1), "{}", said());
         assert!(said().contains("retracting"), "{}", said());
+        assert!(said().contains("NOT completed: stopped at"), "{}", said());
+        let watched = format!(
+            "tangent status --watch --connect tcp/127.0.0.1:{}",
+            7447 + offset.parse::<u16>().unwrap()
+        );
+        assert!(said().contains(&watched), "{}", said());
         let files = mcap_files(folder.path());
         assert_eq!(files.len(), 1);
         assert!(files[0].with_extension("html").exists());
@@ -250,6 +258,8 @@ fn ctrl_c_of_up_retracts_and_reports() {
             "--no-html",
         ]));
         assert_eq!(figures["phase"], "done", "{figures}");
+        assert_eq!(figures["verdict"], "stopped", "{figures}");
+        assert!(number(&figures, "/progress") < 1.0, "{figures}");
         assert_eq!(figures["recording"]["truncated"], false);
         // The tool left the surface: the last truth is without contact.
         let recording = tangent_recorder::Recording::open(&files[0]).unwrap();

@@ -18,3 +18,4 @@ mod recordings;
 mod requests;
 mod restarts;
 mod robot;
+mod topics;

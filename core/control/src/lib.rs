@@ -15,6 +15,7 @@ mod parameters;
 mod phase_machine;
 mod state_interval;
 mod task;
+mod verdict;
 
 pub use contact::energy_tank::{EnergyTank, EnergyTankState};
 pub use error::ControlError;
@@ -56,3 +57,4 @@ pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     ToolAxis, ZeroAtLimit, ZeroSpec,
 };
+pub use verdict::Verdict;

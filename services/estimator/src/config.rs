@@ -5,7 +5,7 @@ use serde::Deserialize;
 use tangent_estimation::depth_normal::{DEPTH_NORMAL, DepthNormalConfig, Intrinsics};
 use tangent_estimation::object_pose::{CameraModel, OBJECT_ESTIMATORS};
 use tangent_estimation::{EstimatorConfig, ObjectPoseConfig, estimator_names};
-use tangent_mechanics::{Camera, Flange, ModelData, Pose, Tool};
+use tangent_mechanics::{Camera, Flange, ModelData, Pose, Tip, Tool};
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::{Calibration, CameraKind, WrenchSource};
 use tangent_sensing::BaseConfig;
@@ -160,6 +160,7 @@ impl Config {
             for own in [settings.get(ALL), own].into_iter().flatten() {
                 overlay(&mut table, own);
             }
+            state_tip(&mut table, &cell.tool.tip.tip());
             estimators.push(EstimatorChoice {
                 name: name.clone(),
                 settings: parsed(name, table)?,
@@ -213,6 +214,17 @@ fn parsed<T: serde::de::DeserializeOwned>(name: &str, table: Table) -> Result<T,
     })
 }
 
+/// Writes the cell's tip into settings that do not state one. A stated tip stays whole: its shape
+/// must not get the radius of another.
+fn state_tip(settings: &mut Table, tip: &Tip) {
+    let contact = settings
+        .entry("contact")
+        .or_insert_with(|| Table::new().into());
+    if let (Some(contact), Ok(tip)) = (contact.as_table_mut(), Value::try_from(tip)) {
+        contact.entry("tip").or_insert(tip);
+    }
+}
+
 fn overlay(base: &mut Table, own: &Table) {
     for (key, value) in own {
         match (base.get_mut(key), value) {
@@ -227,6 +239,7 @@ fn overlay(base: &mut Table, own: &Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use tangent_runtime::config::{TipConfig, TipKind};
 
     fn cell(estimators: &str) -> CellConfig {
         let mut cell = CellConfig::default_cell();
@@ -282,6 +295,32 @@ mod tests {
             .collect();
         assert_eq!(distances, [0.02, 0.03]);
         assert_eq!(config.estimators[1].settings.contact.force_on_n, 0.8);
+    }
+
+    #[test]
+    fn the_cells_tip_is_told_to_every_estimator_that_has_none_of_its_own() {
+        let mut cell = cell(
+            "run = ['reactive', 'quadratic', 'object_pose']\n\
+             [settings.all.contact]\nforce_on_n = 0.8\n\
+             [settings.quadratic.contact]\ntip = { shape = 'unknown' }",
+        );
+        let tips = |cell: &CellConfig| -> Vec<Tip> {
+            let config = Config::from_cell(cell, ModelData::builtin("ur5").unwrap()).unwrap();
+            let estimators = config.estimators.iter();
+            estimators.map(|e| e.settings.contact.tip).collect()
+        };
+        cell.tool.tip = TipConfig::default();
+        assert_eq!(tips(&cell), [Tip::Unknown, Tip::Unknown]);
+        cell.tool.tip = TipConfig {
+            kind: TipKind::Round,
+            radius_m: Some(0.006),
+        };
+        assert_eq!(tips(&cell), [Tip::Round { radius_m: 0.006 }, Tip::Unknown]);
+        let all: Table = "[contact]\ntip = { shape = 'flat', radius_m = 0.01 }"
+            .parse()
+            .unwrap();
+        cell.estimators.settings.insert(ALL.to_owned(), all);
+        assert_eq!(tips(&cell)[0], Tip::Flat { radius_m: 0.01 });
     }
 
     #[test]

@@ -83,22 +83,25 @@ impl BoxConfig {
         })
     }
 
-    /// Sets the rate of records, and for buffered streams the number of records per datagram. The
-    /// box may choose the nearest possible values.
+    /// Sets the rate of records, Hz, and the number of records per datagram of buffered streams;
+    /// `None`: unchanged. The box may choose the nearest possible values.
     ///
     /// # Errors
     /// The box does not answer or refuses.
     pub fn set_rate(
         address: &str,
         http_port: u16,
-        rate_hz: f64,
-        buffer_records: Option<u8>,
+        rate_hz: Option<f64>,
+        buffer_records: Option<u32>,
         timeout: Duration,
     ) -> Result<(), NetftError> {
-        let mut path = format!("/comm.cgi?comrdtrate={}", rate_hz.round());
-        if let Some(records) = buffer_records {
-            path.push_str(&format!("&comrdtbsiz={records}"));
+        let rate = rate_hz.map(|hz| format!("comrdtrate={}", hz.round()));
+        let buffer = buffer_records.map(|records| format!("comrdtbsiz={records}"));
+        let values: Vec<String> = [rate, buffer].into_iter().flatten().collect();
+        if values.is_empty() {
+            return Ok(());
         }
+        let path = format!("/comm.cgi?{}", values.join("&"));
         get(address, http_port, &path, timeout).map(drop)
     }
 

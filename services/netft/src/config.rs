@@ -49,7 +49,10 @@ pub struct Config {
     pub rdt_port: u16,
     /// TCP port of the box's web server.
     pub http_port: u16,
-    /// Requested rate of records, Hz, 1 to 7000.
+    /// Rate of records to which a box is set while the service runs, Hz, 1 to 7000; `None`: the box
+    /// keeps its own setting.
+    pub rate_asked_hz: Option<f64>,
+    /// Rate of records that is expected until the sensor states its own, Hz.
     pub rate_hz: f64,
     /// Records per datagram, 1 to 40; `None`: one each, sent at once.
     pub buffer_records: Option<u8>,
@@ -89,7 +92,8 @@ impl Config {
             address: sensor.address.clone(),
             rdt_port: sensor.rdt_port + sensor.port_offset,
             http_port: sensor.http_port + sensor.port_offset,
-            rate_hz: sensor.rate_hz,
+            rate_asked_hz: sensor.rate_stated_hz(),
+            rate_hz: sensor.rate_max_hz(),
             buffer_records: match sensor.mode {
                 SensorMode::Realtime => None,
                 SensorMode::Buffered => Some(sensor.buffer_records),

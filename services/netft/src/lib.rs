@@ -4,7 +4,8 @@
 //! an e-Series arm, or a topic of another program. The conditioning, the topics and the tare are
 //! the same for all of them.
 //!
-//! With a Net F/T box, it reads units and scales from the box over HTTP and requests the stream.
+//! With a Net F/T box, it reads units and scales from the box over HTTP and requests the stream. It
+//! changes the box's own rate only if the cell file asks for another one, and puts it back.
 //! From then on, every record is published on `wrench/raw`, with its time of measurement recovered
 //! from the box's own count. The newest one is conditioned and published on `wrench/status` and
 //! `wrench/tool`. After silence the stream is requested again, without limit. `netft/tare` averages
@@ -13,6 +14,7 @@
 #![deny(missing_docs)]
 
 pub mod box_config;
+mod box_settings;
 mod bus_driver;
 pub mod clock;
 pub mod codec;
@@ -36,6 +38,7 @@ pub use config::{BusSource, Config, Driver, SOCKET_BUFFER_BYTES, TOOL_RATE_DEFAU
 pub use error::{BoxConfigError, NetftError};
 pub use socket::RdtSocket;
 
+use box_settings::{BoxSettings, PUT_BACK_MAX};
 use conditioning::Conditioning;
 use receiver::{Ended, Receiver};
 
@@ -47,8 +50,6 @@ const PAUSE_MIN: Duration = Duration::from_millis(100);
 const PAUSE_MAX: Duration = Duration::from_secs(2);
 /// Longest time to find the box: name resolution and three HTTP requests.
 const FIND_MAX: Duration = Duration::from_secs(60);
-/// Timeout of the box's web server.
-const HTTP_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Runs until `stop`. A sensor that is unreachable, silent or unusable is reported and tried again,
 /// without limit.
@@ -95,9 +96,10 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), NetftError> {
 fn serve(receiver: &mut Receiver, stop: &Stop) {
     let beat = Beat::new(SERVICE);
     let mut pause = PAUSE_MIN;
+    let mut settings = BoxSettings::default();
     while !stop.is_stopped() {
         beat.within(FIND_MAX);
-        let ended = find(receiver.config()).and_then(|found| {
+        let ended = find(&mut settings, receiver.config()).and_then(|found| {
             pause = PAUSE_MIN;
             receiver.receive(&found, stop, &beat)
         });
@@ -122,34 +124,13 @@ fn serve(receiver: &mut Receiver, stop: &Stop) {
             }
         }
     }
+    beat.within(PUT_BACK_MAX + TURN);
+    settings.put_back(receiver.config());
 }
 
-/// Reads the box's units and scales, and sets the rate if it differs from the requested one.
-fn find(config: &Config) -> Result<BoxConfig, NetftError> {
-    let fetch = || BoxConfig::fetch(&config.address, config.http_port, HTTP_TIMEOUT);
-    let mut found = fetch()?;
-    let rate_differs = found
-        .rate_hz
-        .is_some_and(|rate| (rate - config.rate_hz).abs() > 0.5);
-    let buffer_differs = config.buffer_records.is_some_and(|records| {
-        found
-            .buffer_records
-            .is_some_and(|n| n != u32::from(records))
-    });
-    if rate_differs || buffer_differs {
-        BoxConfig::set_rate(
-            &config.address,
-            config.http_port,
-            config.rate_hz,
-            config.buffer_records,
-            HTTP_TIMEOUT,
-        )?;
-        found = fetch()?;
-        match found.rate_hz {
-            Some(rate_hz) => tracing::info!("the box now sends {rate_hz} records per second"),
-            None => tracing::warn!("the rate of the box was set, but it does not report one"),
-        }
-    }
+/// Reads the box's units and scales, and sets the rate if the cell file asks for another one.
+fn find(settings: &mut BoxSettings, config: &Config) -> Result<BoxConfig, NetftError> {
+    let found = settings.find(config)?;
     if found.transformed {
         tracing::warn!(
             "the box applies a tool transform to its readings; clear it on its web page, or the payload and the tool's frame are wrong"

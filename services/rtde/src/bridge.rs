@@ -352,10 +352,10 @@ impl Bridge {
 
     /// Why a command with a new activation would not move the arm now; `None` if it would.
     pub fn reason(&self) -> Option<Reason> {
-        if !self.link.is_streaming() || !self.has_sample {
-            Some(Reason::NoLink)
-        } else if self.ending != Ending::No {
+        if self.ending != Ending::No {
             Some(Reason::ShuttingDown)
+        } else if !self.link.is_streaming() || !self.has_sample {
+            Some(Reason::NoLink)
         } else if let Some(reason) = self.supervisor.reason() {
             Some(reason)
         } else if self.soft_stop > 0 {

@@ -36,6 +36,7 @@ pub mod health;
 pub mod log;
 pub mod meter;
 pub mod parameters;
+pub mod places;
 pub mod realtime;
 pub mod robot_loop;
 pub mod security;

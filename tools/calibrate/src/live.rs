@@ -3,7 +3,9 @@
 use std::time::{Duration, Instant};
 
 use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
+use tangent_runtime::bus::Subscription;
 use tangent_runtime::{Bus, CellConfig};
+use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::{ArmState, WrenchStatus};
 use tangent_schemas::topics;
 use tangent_sensing::{PoseAverage, StaticPose, TareConfig, Validity};
@@ -14,6 +16,8 @@ use crate::error::CalibrateError;
 const AVERAGE_S: f64 = 1.0;
 /// Additional time allowed for the readings of a pose.
 const SLACK: Duration = Duration::from_secs(3);
+/// Time over which the rate of readings is measured if the cell file does not state it.
+const RATE_TIME: Duration = Duration::from_millis(300);
 /// Largest age at which an arm state still gives the present pose.
 pub(crate) const FRESH: Duration = Duration::from_millis(200);
 
@@ -34,7 +38,11 @@ pub fn pose(bus: &Bus, config: &CellConfig) -> Result<StaticPose, CalibrateError
     let mut arm = bus.latest(&topics::ARM_STATE)?;
     let mut status = bus.latest(&topics::WRENCH_STATUS)?;
     let readings = bus.subscribe(&topics::WRENCH_RAW, 16_384)?;
-    let mut average = PoseAverage::new(&tare_config(), raw_rate_hz(config));
+    let wanted_hz = match raw_rate_hz(config) {
+        Some(stated) => stated,
+        None => measured_hz(&readings)?,
+    };
+    let mut average = PoseAverage::new(&tare_config(), wanted_hz);
     let until = Instant::now() + Duration::from_secs_f64(AVERAGE_S) + SLACK;
     let mut taken = 0;
     while let Some(left) = until.checked_duration_since(Instant::now()) {
@@ -63,18 +71,38 @@ pub fn pose(bus: &Bus, config: &CellConfig) -> Result<StaticPose, CalibrateError
     Err(CalibrateError::TooFewReadings {
         taken,
         within: Duration::from_secs_f64(AVERAGE_S) + SLACK,
-        wanted_hz: raw_rate_hz(config),
+        wanted_hz,
     })
 }
 
-/// Rate of readings on `wrench/raw`, as configured, Hz.
-fn raw_rate_hz(config: &CellConfig) -> f64 {
+/// Rate of readings on `wrench/raw`, Hz, if it follows from the cell file. Otherwise, it is that of
+/// the box's own setting.
+fn raw_rate_hz(config: &CellConfig) -> Option<f64> {
     let sensor = &config.sensor;
-    if sensor.raw_rate_hz > 0.0 {
-        sensor.raw_rate_hz.min(sensor.rate_hz)
-    } else {
-        sensor.rate_hz
+    match (sensor.rate_stated_hz(), sensor.raw_rate_hz) {
+        (Some(records), raw) if raw > 0.0 => Some(raw.min(records)),
+        (Some(records), _) => Some(records),
+        (None, _) => None,
     }
+}
+
+/// Rate at which readings arrive, Hz.
+fn measured_hz(readings: &Subscription<WrenchStamped>) -> Result<f64, CalibrateError> {
+    let mut began = None;
+    let mut count = 0;
+    let until = Instant::now() + SLACK;
+    while let Some(left) = until.checked_duration_since(Instant::now()) {
+        let Some(reading) = readings.recv_timeout(left) else {
+            continue;
+        };
+        let first = *began.get_or_insert(reading.received);
+        let passed = reading.received.saturating_duration_since(first);
+        if passed >= RATE_TIME {
+            return Ok(f64::from(count) / passed.as_secs_f64());
+        }
+        count += 1;
+    }
+    Err(CalibrateError::NoReadings)
 }
 
 pub(crate) fn tool_pose(state: &ArmState) -> Result<Pose<Base, Tool>, CalibrateError> {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use tangent_compose::with_causes;
 use tangent_estimation::{build, build_object_estimator};
+use tangent_mechanics::Tip;
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::{Law, RobotDriver};
 use tangent_simulated_cell::scenarios;
@@ -22,6 +23,7 @@ pub fn check(path: &Path, findings: &mut Findings) {
         let error = with_causes(&error);
         findings.error(format!("simulator.scenario: {error}"));
     }
+    findings.extend_notes(tip(&config));
     for (key, file) in files(&config) {
         if !file.exists() {
             findings.note(format!("{key}: {} does not exist yet", file.display()));
@@ -34,6 +36,48 @@ pub fn check(path: &Path, findings: &mut Findings) {
              sensor saturates first, which causes a retraction"
         ));
     }
+}
+
+/// What each estimator of normals is told of the tool's tip; `None` without such estimators.
+fn tip(config: &CellConfig) -> Option<String> {
+    let model = tangent_compose::model(config).ok()?;
+    let estimator = tangent_estimator::Config::from_cell(config, model).ok()?;
+    let stated = config.tool.tip.tip();
+    let (told, own): (Vec<_>, Vec<_>) = estimator
+        .estimators
+        .iter()
+        .partition(|choice| choice.settings.contact.tip == stated);
+    let names: Vec<&str> = told.iter().map(|choice| choice.name.as_str()).collect();
+    let mut said = Vec::new();
+    if !names.is_empty() {
+        said.push(format!("{} for {}", shape(&stated), names.join(", ")));
+    }
+    said.extend(own.iter().map(|choice| {
+        let tip = shape(&choice.settings.contact.tip);
+        format!("{tip} for {} ([estimators.settings])", choice.name)
+    }));
+    if said.is_empty() {
+        return None;
+    }
+    let advice = if stated == Tip::Unknown {
+        "; nothing is concluded from the torque of an unknown tip: state kind (flat, ring, round, soft) and radius_m in [tool.tip] \
+         if they are known"
+    } else {
+        ""
+    };
+    Some(format!("tool.tip: {}{advice}", said.join("; ")))
+}
+
+fn shape(tip: &Tip) -> String {
+    match tip.radius_m() {
+        Some(radius_m) => format!("{}, radius {} mm,", tip.name(), shown_mm(radius_m)),
+        None => tip.name().to_owned(),
+    }
+}
+
+/// Millimetres without the digits of rounding: 8, not 8.000000000000001.
+fn shown_mm(metres: f64) -> f64 {
+    (metres * 1e6).round() / 1e3
 }
 
 /// Runs the configuration checks of each service that this cell needs.

@@ -4,7 +4,7 @@
 //! Every verb of the `tangent` command that talks to a live cell starts with [`session::join`]. It
 //! opens the bus as an operator, without real-time priority. [`session::ask`] sends one request
 //! and returns the answer. [`status`] subscribes to the reports of all services, and [`health`]
-//! decides whether given services are healthy.
+//! decides whether given services are healthy. [`topics`] shows what is published.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), tangent_client::ClientError> {
@@ -25,5 +25,6 @@ mod error;
 pub mod health;
 pub mod session;
 pub mod status;
+pub mod topics;
 
 pub use error::ClientError;

@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
+use tangent_mechanics::names::did_you_mean;
 use tangent_runtime::clock_offset::{self, ClockOffset};
 use tangent_runtime::{Bus, CellConfig};
 use tangent_schemas::tangent::Health;
 use tangent_schemas::{cdr, topics};
 
 use crate::error::ClientError;
+use crate::session;
 
 /// Health is published once a second: within this time, every instance has been received.
 const LISTEN: Duration = Duration::from_millis(1500);
@@ -116,6 +118,25 @@ pub fn of_network(network: &Bus) -> Result<Vec<Status>, ClientError> {
     Ok(gather(network)?.into_iter().map(status).collect())
 }
 
+/// The error for a cell without services: names the nearest cell on the network, and all of them.
+/// `None` if the cell has services, or if nobody else is there either.
+///
+/// # Errors
+/// The network cannot be reached.
+pub fn no_such_cell(config: &CellConfig) -> Result<Option<ClientError>, ClientError> {
+    let cell = &config.cell.name;
+    let there = of_network(&session::join_all(config)?)?;
+    let names: Vec<&str> = there.iter().map(|status| status.cell.as_str()).collect();
+    if names.is_empty() || names.contains(&cell.as_str()) {
+        return Ok(None);
+    }
+    Ok(Some(ClientError::NoSuchCell {
+        cell: cell.clone(),
+        suggestion: did_you_mean(cell, names.iter().copied()),
+        known: format!("there are: {}", names.join(", ")),
+    }))
+}
+
 /// Reports received from every cell on this bus, by cell.
 fn gather(bus: &Bus) -> Result<BTreeMap<String, Vec<Service>>, ClientError> {
     let pattern = match bus.cell() {
@@ -159,6 +180,9 @@ fn gather(bus: &Bus) -> Result<BTreeMap<String, Vec<Service>>, ClientError> {
         if !known {
             services.push(Service::silent(alive.service, alive.instance));
         }
+    }
+    for services in cells.values_mut() {
+        services.sort_by(|a, b| (&a.name, &a.instance).cmp(&(&b.name, &b.instance)));
     }
     Ok(cells)
 }

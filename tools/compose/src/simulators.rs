@@ -23,7 +23,7 @@ pub fn torque_arm(
     process_stop: &Stop,
 ) -> Result<Running, ComposeError> {
     let mut plant = scenario.plant.clone();
-    plant.sensor.rate_hz = config.sensor.rate_hz;
+    plant.sensor.rate_hz = config.sensor.rate_max_hz();
     let simulated = tangent_simulator::TorqueCellConfig {
         address: config.simulator.address,
         ports: Ports::Offset(config.sensor.port_offset),
@@ -54,7 +54,7 @@ pub fn velocity_arm(
 ) -> Result<Running, ComposeError> {
     let mut plant = scenario.plant.clone();
     // The sensor box sends at the rate that the cell configures; the physics do not depend on it.
-    plant.sensor.rate_hz = config.sensor.rate_hz;
+    plant.sensor.rate_hz = config.sensor.rate_max_hz();
     let flavour = if plant.arm.period_s < 0.004 {
         Flavour::ESeries
     } else {

@@ -200,15 +200,15 @@ fn judge(config: &CellConfig, found: &BoxConfig) -> Vec<Finding> {
         )
         .replace("  ", " "),
     )];
-    findings.push(match found.rate_hz {
-        Some(rate) if (rate - sensor.rate_hz).abs() > 0.5 => Finding::warning(
+    findings.push(match (found.rate_hz, sensor.rate_stated_hz()) {
+        (Some(rate), Some(asked)) if (rate - asked).abs() > 0.5 => Finding::warning(
             "sensor's rate",
-            format!("{rate} Hz, and [sensor] rate_hz = {}", sensor.rate_hz),
-            "netft sets the box's rate when it starts, for every client of the box",
-            "nothing, if this cell is its only client",
+            format!("{rate} Hz, and [sensor] rate_hz = {asked}"),
+            "netft sets the box's rate when it starts, for every client of the box, and puts it back when it ends",
+            "nothing, if this cell is its only client; else remove rate_hz from [sensor]",
         ),
-        Some(rate) => Finding::ok("sensor's rate", format!("{rate} Hz")),
-        None => Finding::ok("sensor's rate", "the box does not report it"),
+        (Some(rate), _) => Finding::ok("sensor's rate", format!("{rate} Hz")),
+        (None, _) => Finding::ok("sensor's rate", "the box does not report it"),
     });
     findings.push(match found.filter {
         Some(0) => Finding::ok("sensor's filter", "off"),

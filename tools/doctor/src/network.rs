@@ -175,7 +175,7 @@ fn sensor_socket(config: &CellConfig) -> Option<Finding> {
     let port = sensor.rdt_port.checked_add(sensor.port_offset)?;
     let wait = Duration::from_millis(1);
     let socket = RdtSocket::connect(&sensor.address, port, SOCKET_BUFFER_BYTES, wait).ok()?;
-    let seconds = socket.buffer_records() as f64 / sensor.rate_hz;
+    let seconds = socket.buffer_records() as f64 / sensor.rate_max_hz();
     let found = format!("holds {seconds:.2} s of the sensor's records");
     Some(if seconds >= 0.25 {
         Finding::ok(CHECK, found)

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use tangent_compose::with_causes;
+use tangent_mechanics::names::did_you_mean;
 
 use crate::catalogue::{Case, catalogue};
 use crate::error::{Context, FaultsError, Result};
@@ -61,7 +62,8 @@ fn chosen(names: &[String]) -> Result<Vec<Case>> {
         if !all.iter().any(|case| case.name == name) {
             let known: Vec<&str> = all.iter().map(|case| case.name).collect();
             return Err(FaultsError::Usage(format!(
-                "no fault is called \"{name}\"; there are {}",
+                "no fault is called \"{name}\"{}; there are {}",
+                did_you_mean(name, known.iter().copied()),
                 known.join(", ")
             )));
         }

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use tangent_client::session::ask;
-use tangent_control::Phase;
+use tangent_control::{Phase, Verdict};
 use tangent_runtime::{Bus, Stop};
 use tangent_schemas::topics::{self, queries};
 
@@ -21,12 +21,21 @@ const SILENCE: Duration = Duration::from_secs(30);
 const LOOK: Duration = Duration::from_millis(50);
 
 /// How a task ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Ended {
     /// Phase in which it ended.
     pub phase: Phase,
     /// Fault that ended it; empty if there was none.
     pub fault: String,
+    /// Share of the path that was followed, 0 to 1.
+    pub progress: f64,
+}
+
+impl Ended {
+    /// Whether it is a success: a task that was stopped is none.
+    pub fn verdict(&self) -> Option<Verdict> {
+        Verdict::of(self.phase, self.progress)
+    }
 }
 
 /// Starts the task when the cell is ready, shows its progress, and waits for its end. With `stay`,
@@ -47,7 +56,8 @@ pub fn follow(
     let message = start_when_ready(bus, start, stop, &mut |reason| view.waiting(reason))?;
     view.say(&message);
     let mut asked_to_stop: Option<Instant> = None;
-    let mut seen_active = false;
+    let (mut active, mut seen_active) = (false, false);
+    let mut progress: f64 = 0.0;
     let started = Instant::now();
     let phase = loop {
         let newest = control.get();
@@ -57,7 +67,13 @@ pub fn follow(
         }
         let phase = newest.and_then(|received| Phase::from_code(received.message.phase));
         if let Some(phase) = phase {
-            seen_active |= phase.is_active();
+            // Another task may follow while `stay` waits for the stop.
+            if phase.is_active() && !active {
+                progress = 0.0;
+            }
+            active = phase.is_active();
+            seen_active |= active;
+            progress = progress.max(newest.map_or(0.0, |newest| newest.message.path_progress));
             if seen_active && !phase.is_active() && (!stay || stop.is_stopped()) {
                 break phase;
             }
@@ -90,5 +106,9 @@ pub fn follow(
             fault = newest.message.fault.to_string();
         }
     }
-    Ok(Ended { phase, fault })
+    Ok(Ended {
+        phase,
+        fault,
+        progress,
+    })
 }

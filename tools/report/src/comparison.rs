@@ -112,20 +112,20 @@ pub fn switches(task: &TaskRun<'_>) -> Vec<Switch> {
 /// Formats the figures as a table for a terminal; `active` is marked.
 pub fn words(all: &BTreeMap<String, EstimatorFigures>, active: Option<&str>) -> String {
     let mut text = format!(
-        "  {:<24} {:>9} {:>15} {:>7} {:>17} {:>17} {:>6}\n  {:<24} {:>9} {:>15} {:>7} {:>17} {:>17}\n",
+        "  {:<17}{:>7}{:>14}{:>6}{:>14}{:>14}{:>6}\n  {:<17}{:>7}{:>14}{:>6}{:>14}{:>14}\n",
         "estimator",
         "rate",
         "age at use",
         "valid",
-        "from active",
-        "from truth",
+        "off active",
+        "off truth",
         "NEES",
-        "",
+        "mean / p95",
         "Hz",
-        "mean / p95 ms",
+        "ms",
         "%",
-        "mean / p95 deg",
-        "mean / p95 deg",
+        "deg",
+        "deg",
     );
     let spread = |s: Option<Spread>, digits: usize| {
         s.map_or_else(
@@ -139,7 +139,7 @@ pub fn words(all: &BTreeMap<String, EstimatorFigures>, active: Option<&str>) -> 
     for (name, f) in all {
         let _ = writeln!(
             text,
-            "{} {name:<24} {:>9} {:>15} {:>7} {:>17} {:>17} {:>6}",
+            "{} {name:<17}{:>7}{:>14}{:>6}{:>14}{:>14}{:>6}",
             if active == Some(name) { '*' } else { ' ' },
             number(f.rate_hz, 1),
             spread(f.age_ms, 1),

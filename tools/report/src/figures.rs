@@ -11,6 +11,7 @@ use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
 use tangent_simulation::metrics::{CycleSample, Figures};
 
 use crate::comparison::{self, EstimatorFigures, Switch};
+use crate::events::Events;
 use crate::run::{Growth, Run};
 use crate::task_run::TaskRun;
 use crate::{object, tactile};
@@ -43,8 +44,11 @@ pub struct Report {
     pub tactile: Option<VisuoTactileFigures>,
     /// Timing and losses of the live loop.
     pub r#loop: LoopFigures,
-    /// Phase at the end of the task.
+    /// Phase at the end of the task. A task that is stopped ends in `done` as well: see `verdict`.
     pub phase: Option<&'static str>,
+    /// Verdict, progress, pauses, seeks and tares.
+    #[serde(flatten)]
+    pub events: Events,
     /// Last fault of the task.
     pub fault: Option<String>,
     /// Only from `evaluate`.
@@ -146,6 +150,7 @@ impl Report {
             tactile: tactile::figures(run, task),
             r#loop: loop_figures(run),
             phase: last.map(|c| c.sample.phase.name()),
+            events: Events::of(task),
             fault: task
                 .cycles
                 .iter()

@@ -16,6 +16,7 @@
 
 mod comparison;
 mod error;
+mod events;
 mod figures;
 mod files;
 mod html;

@@ -1,5 +1,7 @@
 //! The figures of a report as text for a terminal.
 
+use tangent_control::Verdict;
+
 use crate::comparison;
 use crate::figures::Report;
 use crate::{object, tactile};
@@ -8,12 +10,18 @@ use crate::{object, tactile};
 pub fn words(report: &Report) -> String {
     let f = &report.figures;
     let mut lines = vec![format!(
-        "{}: {:.1} s, {} cycles, ended in {}",
+        "{}: {:.1} s, {} cycles",
         report.scenario.as_deref().unwrap_or("recording"),
         report.duration_s,
         report.steps,
-        report.phase.unwrap_or("no task"),
     )];
+    lines.push(format!(
+        "task             {}",
+        report.events.verdict_words(report.fault.as_deref())
+    ));
+    for (name, times) in report.events.interruptions() {
+        lines.push(format!("{name:<16} {times}"));
+    }
     if let Some(e) = f.normal_error_deg {
         lines.push(format!(
             "normal error     {:.2} deg mean, {:.2} deg RMS",
@@ -77,7 +85,8 @@ pub fn words(report: &Report) -> String {
             switch.cause
         ));
     }
-    if let Some(fault) = &report.fault {
+    let told = report.events.verdict == Some(Verdict::Faulted);
+    if let Some(fault) = report.fault.as_ref().filter(|_| !told) {
         lines.push(format!("fault            {fault}"));
     }
     lines.push(String::new());

@@ -118,6 +118,11 @@ pub fn of_system(name: &str) -> Option<&'static str> {
     found.map(|(_, scenario)| *scenario)
 }
 
+/// Names of all systems on the command line.
+pub fn systems() -> Vec<&'static str> {
+    SYSTEMS.iter().map(|(system, _)| *system).collect()
+}
+
 /// The scenario that fits a cell whose user names none: the one that the file names, or that of the
 /// system with this law.
 pub fn of_cell(cell: &CellConfig) -> String {

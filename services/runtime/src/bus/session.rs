@@ -25,6 +25,7 @@ use super::replies::Replies;
 use super::role::Role;
 use super::session_config::session_config;
 use crate::config::ZenohConfig;
+use crate::places::without_places;
 use crate::realtime::setup_thread;
 use crate::stop::Stop;
 
@@ -83,7 +84,7 @@ fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
     let action = action.into();
     move |error| BusError::Zenoh {
         action,
-        reason: error.to_string(),
+        reason: without_places(&error.to_string()).into_owned(),
     }
 }
 
@@ -438,7 +439,7 @@ fn open_error(
         }
         _ => BusError::Zenoh {
             action: format!("opening the session at {endpoint}"),
-            reason,
+            reason: without_places(&reason).into_owned(),
         },
     }
 }

@@ -10,6 +10,7 @@ use super::error::BusError;
 use super::role::Role;
 use crate::clock;
 use crate::config::{TlsConfig, ZenohConfig};
+use crate::places::without_places;
 use crate::security;
 
 /// The router sends every message of more than half a packet with this priority. A ROS 2 bridge
@@ -35,7 +36,7 @@ pub(crate) fn session_config(
         Some(path) => Config::from_file(path).map_err(|error| BusError::Configuration {
             key: "zenoh.file".into(),
             value: path.display().to_string(),
-            reason: error.to_string(),
+            reason: without_places(&error.to_string()).into_owned(),
         })?,
         None => Config::default(),
     };
@@ -126,7 +127,7 @@ fn insert(zenoh_config: &mut Config, key: &str, value: String) -> Result<(), Bus
         .map_err(|error| BusError::Configuration {
             key: key.to_owned(),
             value,
-            reason: error.to_string(),
+            reason: without_places(&error.to_string()).into_owned(),
         })
 }
 
@@ -170,7 +171,7 @@ fn access_rules(config: &ZenohConfig) -> Result<String, BusError> {
     let refused = |value: String, reason: &str| BusError::Configuration {
         key: "zenoh.access".into(),
         value,
-        reason: reason.to_owned(),
+        reason: without_places(reason).into_owned(),
     };
     let Some(path) = &config.access else {
         return Err(refused(

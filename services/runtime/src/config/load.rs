@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
-use tangent_mechanics::names::nearest;
+use tangent_mechanics::names::{did_you_mean, nearest};
 use toml::de::DeTable;
 
 /// Errors of a configuration file.
@@ -131,10 +131,7 @@ fn explain(file: &str, text: &str, path: String, error: &toml::de::Error) -> Con
         };
     }
     if let Some(field) = quoted_after(message, "unknown field `") {
-        let allowed: Vec<&str> = message
-            .split_once("expected")
-            .map(|(_, rest)| rest.split('`').skip(1).step_by(2).collect())
-            .unwrap_or_default();
+        let allowed = expected(message);
         return ConfigError::UnknownKey {
             file,
             line,
@@ -148,13 +145,24 @@ fn explain(file: &str, text: &str, path: String, error: &toml::de::Error) -> Con
         };
     }
     let value = text.get(span).unwrap_or_default();
+    let meant = quoted_after(message, "unknown variant `")
+        .map(|variant| did_you_mean(variant, expected(message)))
+        .unwrap_or_default();
     ConfigError::Type {
         file,
         line,
         key: path,
         value: value.lines().next().unwrap_or_default().to_owned(),
-        reason: message.replace('\n', ", "),
+        reason: message.replace('\n', ", ") + &meant,
     }
+}
+
+/// Names that serde lists after "expected".
+fn expected(message: &str) -> Vec<&str> {
+    message
+        .split_once("expected")
+        .map(|(_, rest)| rest.split('`').skip(1).step_by(2).collect())
+        .unwrap_or_default()
 }
 
 fn quoted_after<'a>(message: &'a str, start: &str) -> Option<&'a str> {

@@ -16,8 +16,8 @@ pub use sections::{
     Calibration, CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
     FRANKA_TORQUE_RATE_SHARE, Focal, FrankaConfig, JointCountError, Law, LimitsConfig, PoseConfig,
     RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, RobotModelError, SensorConfig,
-    SensorDriver, SensorMode, SimulatorConfig, TlsConfig, ToolConfig, TopicSensorConfig, UrReading,
-    UrSensorConfig, WrenchSource, ZenohConfig,
+    SensorDriver, SensorMode, SimulatorConfig, TipConfig, TipKind, TlsConfig, ToolConfig,
+    TopicSensorConfig, UrReading, UrSensorConfig, WrenchSource, ZenohConfig, is_endpoint,
 };
 
 /// The cell file supplied with the program: a simulated UR5 with a Gamma sensor on loopback.

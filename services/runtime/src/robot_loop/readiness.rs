@@ -74,8 +74,13 @@ impl<R: NotReady> Readiness<R> {
             }
             (Some(reason), _) => {
                 let text = cut_format(format_args!("{reason}"));
-                health.set(reason.service_state(), text);
-                notes.push(Note::NotReady(text));
+                let state = reason.service_state();
+                health.set(state, text);
+                // A service that was asked to end is no problem.
+                notes.push(match state {
+                    State::Stopping => Note::Info(text),
+                    _ => Note::NotReady(text),
+                });
             }
         }
     }

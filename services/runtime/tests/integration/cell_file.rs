@@ -176,7 +176,7 @@ const SENSOR_MISTAKES: &[(&str, &str)] = &[
     ),
     (
         "driver = \"ur\"\nforce_range_n = [50.0, 50.0, 50.0]\ntorque_range_nm = [10.0, 10.0, 10.0]",
-        "`sensor.rate_hz` = 7000 is not allowed: 500.0, the rate of the robot's packets",
+        "`sensor.rate_hz` = 0 is not allowed: 500.0, the rate of the robot's packets",
     ),
     (
         "driver = \"ur\"\nrate_hz = 500.0\nforce_range_n = [50.0, 50.0, 50.0]\ntorque_range_nm = [10.0, 10.0, 10.0]\n\

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use tangent_control::Verdict;
 use tangent_simulation::metrics::Spread;
 
 use super::escaped;
@@ -30,13 +31,36 @@ pub(super) fn introduction(task: &TaskRun<'_>, report: &Report) -> String {
     };
     format!(
         "<p>A robot pressed a tool on a surface, estimated the surface normal, kept the tool square to the surface and \
-         followed a path. The task took {:.1} s in {} robot cycles and ended in phase <b>{}</b>. Estimator: <b>{}</b>; \
-         control law: preset <b>{}</b>.{more} {truth}</p>\n",
+         followed a path. The task took {:.1} s in {} robot cycles. Estimator: <b>{}</b>; control law: preset \
+         <b>{}</b>.{more} {truth}</p>\n{}",
         report.duration_s,
         report.steps,
-        report.phase.unwrap_or("unknown"),
         escaped(report.estimator.as_deref().unwrap_or("none")),
         escaped(report.controller.as_deref().unwrap_or("unknown")),
+        verdict(report)
+    )
+}
+
+/// How the task ended, and what interrupted it.
+fn verdict(report: &Report) -> String {
+    let class = match report.events.verdict {
+        Some(Verdict::Completed) => "good",
+        _ => "bad",
+    };
+    let items: String = report
+        .events
+        .interruptions()
+        .iter()
+        .map(|(name, times)| format!("<li>{name}: {}</li>", escaped(times)))
+        .collect();
+    let list = if items.is_empty() {
+        items
+    } else {
+        format!("<ul>{items}</ul>")
+    };
+    format!(
+        "<div class=\"{class}\"><b>Task {}</b>{list}</div>\n",
+        escaped(&report.events.verdict_words(report.fault.as_deref()))
     )
 }
 

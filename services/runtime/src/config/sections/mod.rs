@@ -10,6 +10,7 @@ mod realtime;
 mod robot;
 mod sensor;
 mod services;
+mod tip;
 mod tool;
 mod zenoh;
 
@@ -26,8 +27,9 @@ pub use sensor::{
 pub use services::{
     ControllerConfig, EstimatorsConfig, Law, RecorderConfig, SimulatorConfig, WrenchSource,
 };
+pub use tip::{TipConfig, TipKind};
 pub use tool::ToolConfig;
-pub use zenoh::{TlsConfig, ZenohConfig};
+pub use zenoh::{TlsConfig, ZenohConfig, is_endpoint};
 
 use super::check::Checker;
 use super::load::ConfigError;

@@ -103,8 +103,9 @@ pub struct SensorConfig {
     /// Port of the box's web server, which provides units and scales.
     #[serde(default = "http_port")]
     pub http_port: u16,
-    /// Number of records per second, 1 to 7000.
-    #[serde(default = "sensor_rate")]
+    /// Number of records per second, 1 to 7000. A Net F/T box is set to it while the service runs;
+    /// 0: the box keeps its own setting. See [`SensorConfig::rate_stated_hz`].
+    #[serde(default)]
     pub rate_hz: f64,
     /// Transmission mode.
     #[serde(default)]
@@ -181,10 +182,6 @@ fn http_port() -> u16 {
     80
 }
 
-fn sensor_rate() -> f64 {
-    7000.0
-}
-
 fn buffer_records() -> u8 {
     7
 }
@@ -205,7 +202,20 @@ fn torque_range() -> [f64; 3] {
     [10.0; 3]
 }
 
+/// Most records per second that a Net F/T box sends.
+const BOX_RATE_MAX_HZ: f64 = 7000.0;
+
 impl SensorConfig {
+    /// Records per second that the cell file asks for; `None` if the box keeps its own setting.
+    pub fn rate_stated_hz(&self) -> Option<f64> {
+        (self.rate_hz > 0.0).then_some(self.rate_hz)
+    }
+
+    /// Most records per second that may arrive: the stated rate, or what a box sends at most.
+    pub fn rate_max_hz(&self) -> f64 {
+        self.rate_stated_hz().unwrap_or(BOX_RATE_MAX_HZ)
+    }
+
     /// Pose of the sensor on the flange.
     pub fn flange_from_sensor(&self) -> Pose<Flange, Sensor> {
         self.flange_from_sensor.pose()
@@ -229,7 +239,12 @@ impl SensorConfig {
             self.http_port,
             self.port_offset,
         )?;
-        checker.range("sensor.rate_hz", self.rate_hz, 1.0..=7000.0, "Hz")?;
+        checker.require(
+            self.rate_hz == 0.0 || (1.0..=BOX_RATE_MAX_HZ).contains(&self.rate_hz),
+            "sensor.rate_hz",
+            self.rate_hz,
+            "0 (the rate that the box is set to) or from 1 to 7000 Hz",
+        )?;
         checker.range(
             "sensor.buffer_records",
             f64::from(self.buffer_records),
@@ -253,7 +268,7 @@ impl SensorConfig {
         checker.range(
             "sensor.filter_cutoff_hz",
             self.filter_cutoff_hz,
-            1.0..=self.rate_hz.mul_add(0.45, 0.0).max(1.0),
+            1.0..=(0.45 * self.rate_max_hz()).max(1.0),
             "Hz (at most 0.45 of sensor.rate_hz)",
         )?;
         checker.range("sensor.patience_s", self.patience_s, 0.005..=5.0, "s")?;
@@ -366,6 +381,12 @@ impl SensorConfig {
             && !key.contains(['*', '$', '?', '#'])
             && !key.starts_with("wrench/");
         checker.require(named, "sensor.topic.key", format!("\"{key}\""), allowed)?;
+        checker.require(
+            self.rate_hz > 0.0,
+            "sensor.rate_hz",
+            self.rate_hz,
+            "the rate at which the wrench arrives, from 1 to 7000 Hz: only a Net F/T box has a setting of its own",
+        )?;
         let frame = self.topic.as_ref().map_or("", |topic| topic.frame.as_str());
         checker.require(
             frame.len() <= FRAME_BYTES_MAX,

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use serde::Deserialize;
 use tangent_mechanics::{Flange, Pose, Tool};
 
-use super::PoseConfig;
+use super::{PoseConfig, TipConfig};
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
@@ -22,6 +22,9 @@ pub struct ToolConfig {
     /// Pose of the tool frame on the flange: origin at the tool's contact point, z out of the tool,
     /// into the surface.
     pub flange_from_tool: PoseConfig,
+    /// Shape of the part that touches, as the estimators are told of it.
+    #[serde(default)]
+    pub tip: TipConfig,
 }
 
 impl ToolConfig {
@@ -50,6 +53,7 @@ impl ToolConfig {
             "kg m²",
         )?;
         self.flange_from_tool
-            .check(checker, "tool.flange_from_tool")
+            .check(checker, "tool.flange_from_tool")?;
+        self.tip.check(checker)
     }
 }

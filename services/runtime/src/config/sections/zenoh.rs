@@ -174,8 +174,9 @@ fn is_loopback(endpoint: &str) -> bool {
             .is_ok_and(|ip| ip.to_canonical().is_loopback())
 }
 
-/// Whether the text is `PROTOCOL/ADDRESS:PORT`, which options may follow.
-fn is_endpoint(endpoint: &str) -> bool {
+/// Whether the text is `PROTOCOL/ADDRESS:PORT`, which options may follow, with a protocol that
+/// `zenoh.connect` and `zenoh.listen` allow.
+pub fn is_endpoint(endpoint: &str) -> bool {
     let Some((protocol, address)) = endpoint.split_once('/') else {
         return false;
     };
