@@ -204,7 +204,7 @@ impl Default for ForceConfig {
             adaptive: true,
             damping_max_n_s_per_m: 12_000.0,
             loop_delay_s: 0.04,
-            loop_delay_sd_s: 0.015,
+            loop_delay_sd_s: 0.0,
             delay_margin_rad: 0.45,
             stiffness_expected_n_per_m: 50_000.0,
             overshoot_accepted: 0.2,
