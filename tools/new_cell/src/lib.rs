@@ -1,7 +1,7 @@
 //! Writes the file of a new cell from a few answers: model, sensor, addresses.
 //!
-//! `tangent cell new` asks for a [`NewCell`] and calls [`write`]. The file has only what such a cell
-//! needs, each value that has to be measured is marked "set", and it passes `tangent check`.
+//! `tangent cell new` asks for a [`NewCell`] and calls [`write`]. The file has only what such a
+//! cell needs, each value that has to be measured is marked "set", and it passes `tangent check`.
 //!
 //! ```
 //! use tangent_new_cell::{NewCell, Sensor, text};

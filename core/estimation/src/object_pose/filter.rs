@@ -2,8 +2,8 @@
 //!
 //! A frame is processed with the arm's state and the object's pose at its exposure. The force gives
 //! the normal, eqs. (18)-(22). The joints give the position of the tip, which lies on the surface;
-//! this replaces eqs. (23)-(26). The compliance of the object and of the spot under the tip, friction,
-//! the error of the tip's position and the tilt of the measured force are states.
+//! this replaces eqs. (23)-(26). The compliance of the object and of the spot under the tip,
+//! friction, the error of the tip's position and the tilt of the measured force are states.
 
 use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
 use tangent_mechanics::{Base, Object, Pose, Twist};
