@@ -333,9 +333,9 @@ impl<const N: usize> HybridDynamics<N> {
 
     /// Friction that its model misses, Nm, while the tool presses: there the force depends on it. A
     /// motion in the air has to be as even as its reference, so that an unsteady force means
-    /// contact, and stiction that is cancelled at rest would make the arm creep. Without torques that
-    /// the arm takes, or without a tared wrench, nothing can be told of it, and the estimate starts
-    /// again.
+    /// contact, and stiction that is cancelled at rest would make the arm creep. Without torques
+    /// that the arm takes, or without a tared wrench, nothing can be told of it, and the estimate
+    /// starts again.
     fn missed(&mut self, input: &HybridInput<N>, now: &ArmNow<N>, dt: f64) -> Joints<N> {
         let tared = input.bias_age_s.is_some();
         let (true, Some(felt)) = (input.arm_ready && tared, self.run.felt) else {
