@@ -109,7 +109,7 @@ pub fn of_cell(config: &CellConfig, bus: &Bus) -> Result<Status, ClientError> {
 }
 
 /// Status of the services of every cell on the network. `network` is a session from
-/// [`session::join_all`](crate::session::join_all).
+/// [`session::join_all`].
 ///
 /// # Errors
 /// The bus refuses.

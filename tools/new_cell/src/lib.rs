@@ -1,6 +1,6 @@
 //! Writes the file of a new cell from a few answers: model, sensor, addresses.
 //!
-//! `tangent cell new` asks for a [`NewCell`] and calls [`write`](fn@write). The file has only what such a
+//! `tangent cell new` asks for a [`NewCell`] and calls [`fn@write`]. The file has only what such a
 //! cell needs, each value that has to be measured is marked "set", and it passes `tangent check`.
 //!
 //! ```
