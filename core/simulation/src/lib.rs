@@ -29,6 +29,7 @@ pub mod surfaces;
 pub mod systems;
 mod tool;
 mod touch;
+mod true_value;
 mod truth;
 
 pub use arms::loaded_arm::joints_of;
@@ -64,7 +65,7 @@ pub use sensors::sample::SensorSample;
 pub use sensors::target_image::ImageConfig;
 pub use sensors::wrench_estimate::{ExternalWrenchConfig, WrenchEstimate};
 pub use start::StartConfig;
-pub use stated::{StatedCell, True};
+pub use stated::StatedCell;
 pub use surfaces::{ShapeConfig, Surface, SurfaceConfig, SurfacePoint};
 pub use systems::admittance::{
     AdmittanceCycle, AdmittanceLoop, AdmittancePlant, AdmittancePlantConfig, AdmittanceScenario,
@@ -80,4 +81,5 @@ pub use systems::visuo_tactile::{
     evaluate_visuo_tactile, evaluate_visuo_tactile_of, evaluate_visuo_tactile_with,
 };
 pub use tool::{PayloadConfig, PayloadErrorConfig, ToolConfig};
+pub use true_value::True;
 pub use truth::Truth;

@@ -3,8 +3,8 @@
 use serde::Serialize;
 use tangent_control::{Phase, Verdict};
 
+use crate::shown_time::shown_s;
 use crate::task_run::{Cycle, TaskRun};
-use crate::words::shown_s;
 
 /// Part of a task, by time since its start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -24,6 +24,7 @@ pub mod live;
 pub mod object;
 pub mod plot;
 pub mod run;
+mod shown_time;
 pub mod tactile;
 mod task_run;
 #[cfg(test)]

@@ -4,6 +4,7 @@ use tangent_control::Verdict;
 
 use crate::comparison;
 use crate::figures::Report;
+use crate::shown_time::shown_s;
 use crate::{object, tactile};
 
 /// Formats the main figures for a terminal.
@@ -95,9 +96,4 @@ pub fn words(report: &Report) -> String {
         text += &comparison::words(&report.estimators, report.estimator.as_deref());
     }
     text
-}
-
-/// `time_s` (s) rounded to hundredths, as it is shown; a small negative time becomes 0, not -0.
-pub(crate) fn shown_s(time_s: f64) -> f64 {
-    (time_s * 100.0).round() / 100.0 + 0.0
 }

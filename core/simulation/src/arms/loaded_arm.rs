@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 use tangent_mechanics::{Arm, ModelData, Payload};
 
 use crate::plant_error::PlantError;
-use crate::stated::True;
 use crate::tool::ToolConfig;
+use crate::true_value::True;
 
 /// Number of joints of the built-in model `robot`.
 ///

@@ -13,7 +13,7 @@ use tangent_sensing::{GreyImage, TargetDetector, TargetDetectorError};
 
 use super::target_image::{self, ImageConfig};
 use crate::pose_config::PoseConfig;
-use crate::stated::True;
+use crate::true_value::True;
 
 /// Largest number of frames in transit at once.
 const FRAMES_MAX: usize = 16;

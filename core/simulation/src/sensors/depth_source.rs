@@ -13,8 +13,8 @@ use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 
 use super::depth_camera::{DepthCamera, DepthCameraConfig};
 use crate::plant_error::PlantError;
-use crate::stated::True;
 use crate::surfaces::Surface;
+use crate::true_value::True;
 
 /// Number of poses kept for frames in transit.
 const POSES_MAX: usize = 64;

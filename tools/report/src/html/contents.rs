@@ -16,7 +16,7 @@ pub(super) fn faults(run: &Run, task: &TaskRun<'_>) -> String {
     /// Largest number of rows in a table of the page; the recording has all of them.
     const ROWS: usize = 100;
     for (at_ns, text) in run.faults.iter().take(ROWS) {
-        let at_s = crate::words::shown_s((at_ns - task.start_ns) as f64 * 1e-9);
+        let at_s = crate::shown_time::shown_s((at_ns - task.start_ns) as f64 * 1e-9);
         let _ = writeln!(
             html,
             "<tr><td class=\"n\">{at_s:+.2} s</td><td>{}</td></tr>",

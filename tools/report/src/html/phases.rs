@@ -21,8 +21,8 @@ pub(super) fn table(task: &TaskRun<'_>) -> String {
             key(phase),
             phase.name(),
             phase_meaning(phase),
-            crate::words::shown_s(from),
-            crate::words::shown_s(to - from)
+            crate::shown_time::shown_s(from),
+            crate::shown_time::shown_s(to - from)
         );
     }
     html.push_str("</table>\n");

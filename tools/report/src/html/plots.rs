@@ -292,7 +292,7 @@ pub(super) fn estimators(
         let _ = writeln!(
             html,
             "<p>At {:.2} s the normal came from {} after {}: {}.</p>",
-            crate::words::shown_s(switch.time_s),
+            crate::shown_time::shown_s(switch.time_s),
             escaped(&switch.to),
             escaped(&switch.from),
             escaped(&switch.cause)

@@ -8,7 +8,7 @@ use super::interface::ControlInput;
 use super::losses::Felt;
 use super::percept::{Percept, Requests};
 use super::run::{HoldReason, Run};
-use super::touchdown::{approach_speed, seek_speed};
+use super::touchdown::approach_speed;
 use super::urgent::urgent_fault;
 use crate::estimator_choice::EstimateStatus;
 use crate::limits::Limits;
@@ -195,9 +195,7 @@ impl Run {
             Phase::Hold => self.decide_hold(program, config, requests, percept),
             Phase::Seek => {
                 let way = -(percept.position - self.phase_start).dot(&self.surface.normal);
-                let stiffness = self.force.stiffness_n_per_m();
-                let speed = seek_speed(config, reference_n, stiffness)
-                    * self.losses.speed_share(&percept.position);
+                let speed = self.seek_speed(config, reference_n, &percept.position);
                 let patience = 1.0 + 3.0 * limits.blind_distance_max_m / speed;
                 if self.in_contact {
                     self.touch(config, percept, speed);

@@ -8,7 +8,7 @@ use super::pace::{
 };
 use super::percept::Percept;
 use super::run::Run;
-use super::touchdown::{approach_speed, seek_speed};
+use super::touchdown::approach_speed;
 use crate::contact::alignment::alignment_rate;
 use crate::estimator_choice::EstimateStatus;
 use crate::limits::{Limits, clamp_norm};
@@ -51,8 +51,7 @@ pub(super) fn wanted_twist<const N: usize>(
         Phase::Approach => Twist::new(run.approach * approach_speed(program, config), still),
         Phase::Seek => {
             run.tracking.freeze();
-            let speed = seek_speed(config, reference_n, run.force.stiffness_n_per_m())
-                * run.losses.speed_share(&percept.position);
+            let speed = run.seek_speed(config, reference_n, &percept.position);
             Twist::new(normal * -speed, still)
         }
         Phase::Retract => {

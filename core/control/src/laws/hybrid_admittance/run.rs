@@ -13,7 +13,7 @@ use super::losses::{Felt, Losses};
 use super::pace::Exploration;
 use super::percept::Percept;
 use super::surface::Surface;
-use super::touchdown::stiffness_expected;
+use super::touchdown::{seek_speed, stiffness_expected};
 use super::tracking::Tracking;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::{Clearance, LeaveWatch, Leaving};
@@ -211,6 +211,18 @@ impl Run {
         } else {
             -self.approach
         }
+    }
+
+    /// Speed towards a lost surface with the tool at `position` (m), m/s: slower where contact was
+    /// lost again and again.
+    pub(super) fn seek_speed(
+        &self,
+        config: &ControllerConfig,
+        reference_n: f64,
+        position: &Vector3<f64>,
+    ) -> f64 {
+        let stiffness = self.force.stiffness_n_per_m();
+        seek_speed(config, reference_n, stiffness) * self.losses.speed_share(position)
     }
 
     /// Whether contact was detected in this run.

@@ -23,8 +23,8 @@ use tangent_mechanics::{Base, Flange, Pose, Tool};
 pub use config::{DepthCameraConfig, DepthCameraError, DepthNoiseConfig, ToolInViewConfig};
 pub use scene::{Scene, Thing};
 
-use crate::stated::True;
 use crate::surfaces::Surface;
+use crate::true_value::True;
 use noise::StereoNoise;
 use render::Renderer;
 

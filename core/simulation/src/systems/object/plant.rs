@@ -17,8 +17,8 @@ use crate::sensors::load::{Body, SensorLoad};
 use crate::sensors::records::SensorRecords;
 use crate::sensors::sample::SensorSample;
 use crate::start;
-use crate::stated::True;
 use crate::touch::Touch;
+use crate::true_value::True;
 use crate::truth::Truth;
 
 /// The simulated cell.

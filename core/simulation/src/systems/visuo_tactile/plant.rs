@@ -17,9 +17,10 @@ use crate::sensors::normal_camera::NormalCamera;
 use crate::sensors::wrench_estimate::WrenchEstimate;
 use crate::start;
 use crate::start::StartConfig;
-use crate::stated::{StatedCell, True};
+use crate::stated::StatedCell;
 use crate::surfaces::Surface;
 use crate::touch::Touch;
+use crate::true_value::True;
 use crate::truth::Truth;
 
 /// Measurements that the arm reports after a period.
