@@ -99,7 +99,20 @@ fn up_lippiello_wipes_the_object_as_evaluate_does() {
     live(|| {
         let folder = tempfile::tempdir().unwrap();
         let live = up_system("lippiello", folder.path());
-        let evaluation = json(&run(&["evaluate", "lippiello_realistic", "--json"]));
+        // Across the normal, touch says nothing of the object's position, and the camera's errors
+        // leave some millimetres that differ from run to run.
+        let evaluations: Vec<_> = (1..=5)
+            .map(|seed| {
+                let set = format!("seed={seed}");
+                json(&run(&[
+                    "evaluate",
+                    "lippiello_realistic",
+                    "--json",
+                    "--set",
+                    &set,
+                ]))
+            })
+            .collect();
         for (path, small) in [
             ("/normal_error_deg/mean", 0.3),
             ("/force/mean_n", 0.3),
@@ -109,10 +122,15 @@ fn up_lippiello_wipes_the_object_as_evaluate_does() {
             ("/object_pose/path_on_object_rmse_m", 2e-3),
             ("/path/rmse_m", 3e-4),
         ] {
-            let (here, there) = (number(&live, path), number(&evaluation, path));
+            let here = number(&live, path);
+            let there = evaluations.iter().map(|e| number(e, path));
+            let least = there.clone().fold(f64::INFINITY, f64::min);
+            let most = there.fold(f64::NEG_INFINITY, f64::max);
+            let low = least - (0.3 * least.abs()).max(small);
+            let high = most + (0.3 * most.abs()).max(small);
             assert!(
-                (here - there).abs() <= (0.3 * there.abs()).max(small),
-                "{path}: live {here}, evaluate {there}"
+                (low..=high).contains(&here),
+                "{path}: live {here}, evaluate {least} to {most}"
             );
         }
         assert_eq!(live["phase"], "done");

@@ -154,8 +154,10 @@ pub(crate) struct ResponseGuard {
     left: Option<(f64, Vector3<f64>)>,
     last: Option<Vector3<f64>>,
     tripped: Option<Validity>,
-    /// Mean of the pressing force, N, and whether it has reached its reference in this task.
+    /// Means of the pressing force and of the whole force, N, and whether the first has reached its
+    /// reference in this task.
     mean_n: f64,
+    whole_n: f64,
     reached: bool,
     fallen: bool,
 }
@@ -174,10 +176,15 @@ impl ResponseGuard {
                 dt_s: std::mem::take(&mut self.since_s),
                 ..*touch
             };
-            self.mean_n += (touch.force_n - self.mean_n) * (touch.dt_s / (touch.dt_s + MEAN_S));
+            let share = touch.dt_s / (touch.dt_s + MEAN_S);
+            self.mean_n += (touch.force_n - self.mean_n) * share;
+            let whole_n = touch.wrench.fixed_rows::<3>(0).norm();
+            self.whole_n += (whole_n - self.whole_n) * share;
             self.reached |=
                 touch.doing == Doing::Pressing && self.mean_n >= REACHED_SHARE * touch.reference_n;
-            let fallen = self.reached && self.mean_n < FALLEN_SHARE * touch.reference_n;
+            // A force that has only turned aside is not less: that is the sensor, not the surface.
+            let fallen =
+                self.reached && self.mean_n.max(self.whole_n) < FALLEN_SHARE * touch.reference_n;
             let dead = self.stands_still(touch, &step)
                 | self.does_not_follow(touch, &step)
                 | self.stays_while_leaving(touch);

@@ -209,7 +209,7 @@ fn a_zero_that_leaps_and_an_old_reading_stay_bounded() {
                     seen.peak_n, seen.fault
                 );
                 assert!(
-                    seen.peak_n <= FORCE_MAX_N + 3.0,
+                    seen.peak_n <= FORCE_MAX_N + 1.5,
                     "{name}, {stiffness} N/m, {fault}: {} N",
                     seen.peak_n
                 );

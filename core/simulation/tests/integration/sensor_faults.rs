@@ -91,15 +91,14 @@ fn a_zero_that_jumps_aside_stays_bounded() {
                 );
                 let seen = run(&with_fault(name, stiffness, true, &step), from_s);
                 let what = format!("{name}, {stiffness} N/m, from {from_s:.3} s");
-                // Not met: on 25 kN/m the force reaches 12.0 N, where 10 N are allowed.
-                assert!(seen.peak_n <= 15.0, "{what}: {} N", seen.peak_n);
+                assert!(seen.peak_n <= 10.0, "{what}: {} N", seen.peak_n);
                 let noticed = seen.fault == Some(Fault::Wrench(Validity::Misdirected));
                 unnoticed.extend((!noticed).then_some((what, seen.fault)));
             }
         }
     }
     // On a soft contact the tool may slide on with a force that is less wrong than the limit.
-    assert!(unnoticed.len() <= 6, "{unnoticed:?}");
+    assert!(unnoticed.len() <= 2, "{unnoticed:?}");
 }
 
 #[test]
