@@ -186,8 +186,8 @@ impl<const N: usize> TorqueArm<N> {
         }
     }
 
-    /// Adds the inertia of the motors, kg m² per joint: that of a rotor times the square of its gear
-    /// ratio. A new arm has none, and its links alone are accelerated.
+    /// Adds the inertia of the motors, kg m² per joint: that of a rotor times the square of its
+    /// gear ratio. A new arm has none, and its links alone are accelerated.
     #[must_use]
     pub fn with_motor_inertia(mut self, motor_inertia: Joints<N>) -> Self {
         self.motor_inertia = motor_inertia;

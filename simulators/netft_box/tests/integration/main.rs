@@ -118,7 +118,7 @@ fn a_wrench_is_published_at_its_rate_with_its_status_before_it() {
 fn buffered_streams_and_other_rates_work_too() {
     timed(|| {
         let rig = Rig::start(NetbConfig::default(), |config| {
-            config.rate_hz = 1000.0;
+            config.rate_asked_hz = Some(1000.0);
             config.buffer_records = Some(10);
         });
         let statuses = rig.statuses();

@@ -1,4 +1,5 @@
-//! Operators of expressions: between numbers, between truth values, and element by element in lists.
+//! Operators of expressions: between numbers, between truth values, and element by element in
+//! lists.
 
 use crate::error::ScriptError;
 use crate::matrix::product;
