@@ -134,7 +134,7 @@ impl Default for ContactConfig {
             force_on_n: 0.6,
             force_off_n: 0.3,
             sliding_speed_min_m_per_s: 0.002,
-            presliding_distance_m: 0.001,
+            presliding_distance_m: 0.0005,
             approach_misalignment_sd_rad: 0.12,
             tip: Tip::Unknown,
             memory_distance_m: 0.02,

@@ -25,17 +25,19 @@ pub(crate) struct TurnGuard {
 impl TurnGuard {
     /// Processes one cycle with the tool at `position` (m) and the `normal` in use (unit), axes in
     /// which the surface is at rest. Returns whether the normal has turned by more than `turn_max`
-    /// (rad) beyond what the way explains.
+    /// (rad) beyond what the way explains. While the tool `explores`, it goes to and fro, and its
+    /// way explains nothing.
     pub fn step(
         &mut self,
         position: &Vector3<f64>,
         normal: &Vector3<f64>,
         turn_max_rad: f64,
+        explores: bool,
     ) -> bool {
         let (at, explained) = self.anchor.get_or_insert((*position, *normal));
         let away = *position - *at;
         let beyond = away.norm() - LEASH_M;
-        if beyond > 0.0 {
+        if beyond > 0.0 && !explores {
             *at += away.normalize() * beyond;
             let angle = angle_between(explained, normal);
             let axis = Unit::try_new(explained.cross(normal), 1e-9);
@@ -64,7 +66,7 @@ mod tests {
                 let angle = f64::from(k) * 2e-4 / radius;
                 let place = Vector3::new(angle.sin(), 0.0, angle.cos()) * radius;
                 assert!(
-                    !guard.step(&place, &tilted(angle), 0.65),
+                    !guard.step(&place, &tilted(angle), 0.65, false),
                     "{radius}: {angle}"
                 );
             }
@@ -77,8 +79,10 @@ mod tests {
         let tripped = (0..1000).find_map(|k| {
             let angle = f64::from(k) * 2e-3;
             let circle = f64::from(k) * 0.05;
-            let place = Vector3::new(circle.cos(), circle.sin(), 0.0) * 0.003;
-            guard.step(&place, &tilted(angle), 0.65).then_some(angle)
+            let place = Vector3::new(circle.cos(), circle.sin(), 0.0) * 0.01;
+            guard
+                .step(&place, &tilted(angle), 0.65, true)
+                .then_some(angle)
         });
         assert!(tripped.is_some_and(|angle| angle < 0.66), "{tripped:?}");
     }
@@ -89,7 +93,7 @@ mod tests {
         for k in 0..500 {
             let angle = (f64::from(k) * 0.01).min(0.44);
             let place = Vector3::new(f64::from(k) * 1e-4, 0.0, 0.0);
-            assert!(!guard.step(&place, &tilted(angle), 0.65));
+            assert!(!guard.step(&place, &tilted(angle), 0.65, false));
         }
     }
 }

@@ -6,12 +6,13 @@
 //! compliance gives under the force. `N` is not estimated: only the components of the force
 //! perpendicular to its expected direction are used.
 //!
-//! There are sixteen error states: the normal's two tangent components (rad), the shape operator's
+//! There are nineteen error states: the normal's two tangent components (rad), the shape operator's
 //! `k11, k22, k12` (1/m), friction, the bias's three components in tool axes (N), the error of the
 //! compensated payload weight (N), which appears when the tool turns away from the orientation in
 //! which it was tared, the rotation of the sensor's true axes against those stated (rad), the
-//! height of the contact over the undented surface (m), and the compliance along the tool's axis
-//! and across it (m/N).
+//! height of the contact over the undented surface (m), the compliance along the tool's axis and
+//! across it (m/N), and the error of the tip's stated position, tool axes (m): while the tool turns
+//! it looks like a motion over the surface.
 //!
 //! [`ContactFilter`] is plain configuration; all memory is in [`ContactFilterState`].
 
@@ -22,12 +23,12 @@ mod slide;
 mod state;
 mod tip;
 
-use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, Vector2, Vector3};
 use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
 use self::slide::Slide;
-use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, STATES, WEIGHT};
+use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
 use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};
@@ -43,8 +44,8 @@ const FREE_FORCE_SD_N: f64 = 0.05;
 const HUBER_SD: f64 = 2.5;
 /// Standard deviation of the lag between wrench and motion, s.
 const LAG_SD_S: f64 = 0.008;
-/// Standard deviation of the tip's stated position, m.
-const POSITION_SD_M: f64 = 7e-4;
+/// Standard deviation of the point of contact beside that which tip and torque tell, m.
+const POSITION_SD_M: f64 = 3e-4;
 /// Angle over which the tool turns about one axis, rad.
 const TURN_RAD: f64 = 0.1;
 /// Slopes of which a lost contact is a sign, along the motion and across it, rad.
@@ -106,6 +107,7 @@ impl ContactFilter {
             self.touch_down(state, motion, pressing_n);
         }
         state.centre = self.centre_of_pressure(state, motion, pressing_n);
+        state.centre.position += motion.rotation * state.surface.tip_m;
         self.travel(state, motion);
         state.force_n = state.surface.frame.normal.dot(&force);
 
@@ -221,25 +223,19 @@ impl ContactFilter {
         let moved = motion.step + motion.angular.cross(&centre) * motion.dt_s;
         let d = state.surface.frame.project(&motion.step);
         let distance = d.norm();
-        let mut f = SMatrix::<f64, STATES, STATES>::identity();
-        f[(NORMAL, SHAPE)] = d.x;
-        f[(NORMAL, SHAPE + 2)] = d.y;
-        f[(NORMAL + 1, SHAPE + 1)] = d.y;
-        f[(NORMAL + 1, SHAPE + 2)] = d.x;
         let mut row = Row::zeros();
         let tangent = state.surface.frame.project(&moved);
         row[NORMAL] = tangent.x;
         row[NORMAL + 1] = tangent.y;
         state.shape_row(&mut row, &moved);
-        row[HEIGHT] = 1.0;
-        f.set_row(HEIGHT, &row.transpose());
+        let turned = state.normal_at_centre().cross(&motion.angular) * motion.dt_s;
+        row.fixed_rows_mut::<3>(TIP)
+            .copy_from(&motion.rotation.tr_mul(&turned));
         state.surface.height_m += state.normal_at_centre().dot(&moved);
-        // A wrong point of contact moves with every turn of the tool, in the same direction for as
-        // long as the turn goes on.
-        let centre_m2 = state.centre.sd_m.powi(2) + POSITION_SD_M.powi(2);
-        let height = centre_m2 * turned_rad * TURN_RAD;
+        // A contact that moves over the tip as the tool turns, beyond what the tip's shape says.
+        let height = state.centre.sd_m.hypot(POSITION_SD_M).powi(2) * turned_rad * TURN_RAD;
+        state.surface.propagate(&d, &row);
         let surface = &mut state.surface;
-        surface.covariance = f * surface.covariance * f.transpose();
         let s = &self.config.surface;
         let unrest = state.noise.unrest;
         let waviness = s.waviness_rad_per_sqrt_m.powi(2) * distance * unrest;

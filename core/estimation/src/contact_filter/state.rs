@@ -9,7 +9,7 @@ use crate::motion::Motion;
 use crate::tangent_frame::TangentFrame;
 
 /// Number of error states, and the places of the groups among them.
-pub(super) const STATES: usize = 16;
+pub(super) const STATES: usize = 19;
 pub(super) const NORMAL: usize = 0;
 pub(super) const SHAPE: usize = 2;
 pub(super) const FRICTION: usize = 5;
@@ -18,6 +18,7 @@ pub(super) const WEIGHT: usize = 9;
 pub(super) const ROTATION: usize = 10;
 pub(super) const HEIGHT: usize = 13;
 pub(super) const GIVE: usize = 14;
+pub(super) const TIP: usize = 16;
 
 /// One row of a measurement matrix.
 pub(super) type Row = SVector<f64, STATES>;
@@ -43,6 +44,8 @@ const ACROSS_SHARE: f64 = 0.15;
 const ACROSS_MIN_N: f64 = 0.3;
 /// Standard deviation of a height that is not known, m.
 const HEIGHT_SD_M: f64 = 1e-3;
+/// Standard deviation of the tip's stated position along x, y and z, m.
+const TIP_SD_M: [f64; 3] = [6e-4, 6e-4, 1.2e-3];
 /// Largest bias, in standard deviations of its zero.
 const BIAS_SDS: f64 = 4.0;
 
@@ -87,6 +90,8 @@ pub(super) struct SurfaceState {
     pub height_m: f64,
     /// Compliance along the tool's axis and across it, m/N.
     pub give_m_per_n: Vector2<f64>,
+    /// Error of the tip's stated position, tool axes, m.
+    pub tip_m: Vector3<f64>,
     pub covariance: SMatrix<f64, STATES, STATES>,
 }
 
@@ -299,6 +304,9 @@ impl SurfaceState {
             covariance[(i, i)] = config.sensing.rotation_sd_rad.powi(2);
         }
         covariance[(FRICTION, FRICTION)] = config.surface.friction_sd.powi(2);
+        for (axis, sd_m) in TIP_SD_M.into_iter().enumerate() {
+            covariance[(TIP + axis, TIP + axis)] = sd_m.powi(2);
+        }
         Self {
             frame: TangentFrame::new(Vector3::z(), Vector3::x()),
             shape: Matrix2::zeros(),
@@ -308,6 +316,7 @@ impl SurfaceState {
             rotation: Vector3::zeros(),
             height_m: 0.0,
             give_m_per_n: Vector2::repeat(config.sensing.compliance_m_per_n),
+            tip_m: Vector3::zeros(),
             covariance,
         }
     }
@@ -376,6 +385,26 @@ impl SurfaceState {
         self.restart(SHAPE + 2, 0.5 * curvature);
     }
 
+    /// Propagates the covariance over a displacement `d` (tangent axes, m), with `height_row` the
+    /// derivative of the height's change by the states.
+    pub fn propagate(&mut self, d: &Vector2<f64>, height_row: &Row) {
+        // Only the rows of height and normal differ from the identity. The height comes first: it
+        // follows from the normal before the step.
+        let p = &mut self.covariance;
+        let height = p.row(HEIGHT) + height_row.transpose() * *p;
+        p.set_row(HEIGHT, &height);
+        let first = p.row(NORMAL) + p.row(SHAPE) * d.x + p.row(SHAPE + 2) * d.y;
+        let second = p.row(NORMAL + 1) + p.row(SHAPE + 1) * d.y + p.row(SHAPE + 2) * d.x;
+        p.set_row(NORMAL, &first);
+        p.set_row(NORMAL + 1, &second);
+        let height = p.column(HEIGHT) + *p * height_row;
+        p.set_column(HEIGHT, &height);
+        let first = p.column(NORMAL) + p.column(SHAPE) * d.x + p.column(SHAPE + 2) * d.y;
+        let second = p.column(NORMAL + 1) + p.column(SHAPE + 1) * d.y + p.column(SHAPE + 2) * d.x;
+        p.set_column(NORMAL, &first);
+        p.set_column(NORMAL + 1, &second);
+    }
+
     /// Updates mean and covariance with one scalar measurement. Beyond `huber_sd` standard
     /// deviations it gets less weight, so that a seam does not upset the state.
     pub fn correct(
@@ -419,6 +448,7 @@ impl SurfaceState {
         self.rotation += change.fixed_rows::<3>(ROTATION);
         self.height_m += change[HEIGHT];
         self.give_m_per_n += change.fixed_rows::<2>(GIVE);
+        self.tip_m += change.fixed_rows::<3>(TIP);
     }
 }
 

@@ -22,6 +22,11 @@ use tangent_mechanics::{Aligned, Base, Tool, Twist};
 const FRICTION_EXPECTED: f64 = 0.5;
 /// Standard deviation assumed of a normal that its estimator withholds, rad.
 const WITHHELD_SD_RAD: f64 = 0.1;
+/// The exploration begins this long after a touch, s: the first force has settled and the stiffness
+/// is known roughly.
+const EXPLORE_AFTER_S: f64 = 0.3;
+/// Force from which it begins, N.
+const EXPLORE_FORCE_N: f64 = 1.5;
 /// Highest speed of the exploration, m/s.
 const EXPLORE_SPEED_MAX_M_PER_S: f64 = 0.008;
 /// Time constant with which a changed gain takes effect, s.
@@ -120,6 +125,18 @@ pub(super) fn wanted_twist<const N: usize>(
     }
 }
 
+impl Run {
+    /// Whether the tool may explore while the force still builds up: it presses, and the first
+    /// force has settled.
+    fn may_explore(&self, config: &ControllerConfig, percept: &Percept) -> bool {
+        let pressing_n = EXPLORE_FORCE_N.max(config.contact.noise_n);
+        !self.paused
+            && self.in_phase_s > EXPLORE_AFTER_S
+            && percept.force_n.is_some_and(|force_n| force_n > pressing_n)
+            && self.force.reference_n() > pressing_n
+    }
+}
+
 fn force_loop(run: &Run, config: &ControllerConfig, reference_n: f64) -> ForceLoop {
     ForceLoop {
         reference_n,
@@ -149,13 +166,22 @@ fn along_path(
         * force_factor(&config.pace, error_n, reference_n)
         * run.losses.speed_share(position);
     let force = force_loop(run, config, reference_n);
-    if let (Phase::Slide, EstimateStatus::Usable(input)) = (run.phase, &percept.estimate) {
+    let explore_factor = match run.phase {
+        Phase::Contact if run.may_explore(config, percept) => 1.0,
+        Phase::Slide => factor,
+        _ => 0.0,
+    };
+    if let (Phase::Contact | Phase::Slide, EstimateStatus::Usable(input)) =
+        (run.phase, &percept.estimate)
+    {
         let covariance = &input.estimate.covariance;
-        if run.exploration.is_open() && path_speed * factor > 0.0 {
+        if run.exploration.is_open() && path_speed * explore_factor > 0.0 {
             let deviation = deviation_max_rad(covariance);
+            // While the force still builds up, there is less of it to lose.
+            let force = force_loop(run, config, run.force.reference_n().min(reference_n));
             let bound = speed_bound(&config.pace, deviation, &force);
             let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
-            let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * factor;
+            let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * explore_factor;
             if let Some(step) = run
                 .exploration
                 .step(&config.pace, bend_m, deviation, speed, dt_s)

@@ -95,9 +95,12 @@ impl Run {
         if self.phase.is_pressing()
             && self.touched
             && input.base.is_none()
-            && self
-                .turn
-                .step(&position, &self.surface.normal, config.normal.turn_max_rad)
+            && self.turn.step(
+                &position,
+                &self.surface.normal,
+                config.normal.turn_max_rad,
+                self.exploration.is_open(),
+            )
         {
             self.response.misdirected();
         }

@@ -275,7 +275,7 @@ impl Default for PaceConfig {
             slope_share: 0.35,
             force_share: 0.0,
             speed_min_m_per_s: 0.0025,
-            explore_radius_m: 0.003,
+            explore_radius_m: 0.005,
             explore_above_rad: 0.045,
         }
     }
