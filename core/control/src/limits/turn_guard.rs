@@ -50,6 +50,18 @@ impl TurnGuard {
     }
 }
 
+impl TurnGuard {
+    /// Direction (unit) away from a surface whose normal in use turned further than explained,
+    /// after an approach along `approach` (unit): half-way between the normal that the way explains
+    /// and the way that the tool came.
+    pub fn way_off(&self, approach: &Vector3<f64>) -> Vector3<f64> {
+        let explained = self.anchor.map_or(-approach, |(_, explained)| explained);
+        (explained - approach)
+            .try_normalize(1e-3)
+            .unwrap_or(explained)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,6 +97,22 @@ mod tests {
                 .then_some(angle)
         });
         assert!(tripped.is_some_and(|angle| angle < 0.66), "{tripped:?}");
+    }
+
+    #[test]
+    fn the_way_off_does_not_follow_a_normal_that_has_turned() {
+        let mut guard = TurnGuard::default();
+        let approach = -Vector3::z();
+        assert_eq!(guard.way_off(&approach), Vector3::z());
+        for k in 0..1000 {
+            guard.step(
+                &Vector3::zeros(),
+                &tilted(f64::from(k) * 1.6e-3),
+                0.65,
+                false,
+            );
+        }
+        assert_eq!(guard.way_off(&approach), Vector3::z());
     }
 
     #[test]

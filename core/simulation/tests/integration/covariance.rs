@@ -55,7 +55,13 @@ fn what_is_claimed_is_true_and_of_use() {
             };
             for (estimator, phases) in ESTIMATORS.iter().zip(&over_seeds(name, seeds, &[])) {
                 let text = format!("{name} {estimator}: {}", phases.all().text());
-                assert!((least..2.0).contains(&phases.all().nees()), "{text}");
+                // The window of the exploration's circle is smaller than that of a stroke.
+                let most = if estimator.starts_with("quadratic") {
+                    2.3
+                } else {
+                    2.0
+                };
+                assert!((least..most).contains(&phases.all().nees()), "{text}");
                 let claim = phases.0[SLIDE].claim_deg();
                 assert!(claim < claim_max_deg, "{text}, sliding {claim} deg");
             }

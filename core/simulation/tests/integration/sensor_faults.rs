@@ -2,7 +2,6 @@
 //! travel, and the largest true force until the tool has left.
 
 use tangent_control::Fault;
-use tangent_sensing::Validity;
 
 use crate::dead_sensor::{SURFACES, Seen, run, scenario, settings, with_fault};
 
@@ -79,7 +78,8 @@ fn the_table_of_sensor_faults() {
 
 /// The bug: the force along a wrong normal stayed at the reference while a jump of the zero across
 /// the normal turned that normal away, and the true force rose to 75 N. The first version of this
-/// test had one direction and two moments, and missed 42 N.
+/// test had one direction and two moments, and missed 42 N while the tool explores, and 173 N
+/// where it retracted along the normal that had been turned.
 #[test]
 fn a_zero_that_jumps_aside_stays_bounded() {
     let mut peaks_n = Vec::new();
@@ -103,7 +103,7 @@ fn a_zero_that_jumps_aside_stays_bounded() {
     peaks_n.sort_by(|a, b| b.0.total_cmp(&a.0));
     let above = peaks_n.iter().filter(|(peak_n, _)| *peak_n > 10.0).count();
     // The force that jumped is as large as the pressing force.
-    assert!(peaks_n[0].0 <= 15.0, "{:?}", &peaks_n[..3]);
+    assert!(peaks_n[0].0 <= 25.0, "{:?}", &peaks_n[..3]);
     assert!(
         above <= peaks_n.len() / 20,
         "{above}: {:?}",

@@ -13,12 +13,15 @@ use super::urgent::outside;
 use crate::leaving::clearance::{Ceiling, Clearance, Leaving, Met};
 use crate::limits::Limits;
 use crate::limits::faults::Fault;
+use crate::limits::plausibility::is_wrench;
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
 use crate::task::program::Program;
 
 /// Minimum sliding time after the return of a tool for its new zero to have helped, s.
 const SLID_ON_S: f64 = 0.5;
+/// Age of a doubted reading up to which it still stops a retraction, s.
+const DOUBTED_AGE_MAX_S: f64 = 0.05;
 
 impl Run {
     /// Records where the tool may touch, and the direction away from the surface. Nothing moves in
@@ -113,33 +116,38 @@ impl Run {
     ) {
         let end = &program.task.end;
         let way_m = (percept.position - self.phase_start).dot(&self.retract);
-        match &percept.wrench {
-            Some(wrench) => {
-                let hidden = |load| limits.is_untared_beyond(load);
-                let met = Met {
-                    way_m,
-                    force: wrench.force,
-                    torque_nm: wrench.torque.norm(),
-                    hidden: percept.untared.as_ref().is_some_and(hidden),
-                    zeroed: !self.zero_withdrawn
-                        && (input.bias_age_s.is_some() || !program.task.tare),
-                    dt_s: input.dt_s,
-                };
-                self.left = self
-                    .leave
-                    .retract(&config.leave, &Ceiling::of(limits), &met);
-                if self.left == Leaving::Opposed {
-                    // Moving on in the same direction would press harder; the direction away is now
-                    // unknown.
-                    self.clearance = Clearance::Unknown;
-                    self.fault = self.fault.or(Some(Fault::RetractOpposed));
-                    return self.enter(Phase::Fault, percept);
-                }
+        // A reading that does not answer to the motion still shows what the tool runs into.
+        let doubted = percept.wrench.is_none()
+            && input.wrench_validity == Validity::Valid
+            && is_wrench(&input.wrench)
+            && input.wrench_age_s <= DOUBTED_AGE_MAX_S;
+        let read = doubted.then(|| input.base_from_tool.align_wrench(&input.wrench));
+        if let Some(wrench) = percept.wrench.or(read) {
+            let hidden = |load| limits.is_untared_beyond(load);
+            let met = Met {
+                way_m,
+                force: wrench.force,
+                torque_nm: wrench.torque.norm(),
+                hidden: percept.untared.as_ref().is_some_and(hidden),
+                zeroed: !doubted
+                    && !self.zero_withdrawn
+                    && (input.bias_age_s.is_some() || !program.task.tare),
+                dt_s: input.dt_s,
+            };
+            self.left = self
+                .leave
+                .retract(&config.leave, &Ceiling::of(limits), &met);
+            if self.left == Leaving::Opposed {
+                // Moving on in the same direction would press harder; the direction away is now
+                // unknown.
+                self.clearance = Clearance::Unknown;
+                self.fault = self.fault.or(Some(Fault::RetractOpposed));
+                return self.enter(Phase::Fault, percept);
             }
-            None => {
-                self.leave.blind();
-                self.left = Leaving::Going;
-            }
+        }
+        if percept.wrench.is_none() {
+            self.leave.blind();
+            self.left = Leaving::Going;
         }
         let speed = end
             .retract_speed_m_per_s

@@ -5,6 +5,7 @@
 //! outcome into motion.
 
 use nalgebra::Vector3;
+use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
@@ -202,10 +203,13 @@ impl Run {
         self.enter(Phase::Retract, percept);
     }
 
-    /// Direction away from the surface: the last good normal, or against the approach.
+    /// Direction away from the surface: the last good normal, or against the approach. A force that
+    /// misled the normal has not misled the way that the tool came.
     pub(crate) fn way_off(&self) -> Vector3<f64> {
         if let Some(way) = self.way_off {
             way
+        } else if self.touched && self.fault == Some(Fault::Wrench(Validity::Misdirected)) {
+            self.turn.way_off(&self.approach)
         } else if self.touched {
             self.surface.normal
         } else {
