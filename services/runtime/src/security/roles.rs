@@ -323,9 +323,10 @@ mod tests {
                 .any(|s| s.publishes.contains(&"base/pose"));
             let bridges = role.name == "ros2";
             assert_eq!(moves_base, role.name == "base" || bridges, "{}", role.name);
-            let tasks = role.services.iter().any(|s| {
-                s.asks.contains(&"control/*") || s.asks.contains(&"control/task")
-            });
+            let tasks = role
+                .services
+                .iter()
+                .any(|s| s.asks.contains(&"control/*") || s.asks.contains(&"control/task"));
             assert_eq!(tasks, role.name == "operator" || bridges, "{}", role.name);
         }
     }
