@@ -92,7 +92,10 @@ impl Cell {
                 "commands = [\"stop\", \"status\", \"start\", \"select\"]",
             ),
             ("# [ros2.inputs] ", "[ros2.inputs] "),
-            ("# base_pose = \"/base_pose\" ", "base_pose = \"/platform/base_pose\" "),
+            (
+                "# base_pose = \"/base_pose\" ",
+                "base_pose = \"/platform/base_pose\" ",
+            ),
         ] {
             assert!(text.contains(from), "{from}");
             text = text.replacen(from, to, 1);
@@ -201,7 +204,10 @@ fn a_program_of_ros_2_sees_feeds_and_commands_a_cell() {
         ] {
             assert_eq!(publishers[format!("/cell1/{topic}")], 1, "{topic}: {graph}");
         }
-        assert!(publishers[POSE].is_null() || publishers[POSE] == 0, "{graph}");
+        assert!(
+            publishers[POSE].is_null() || publishers[POSE] == 0,
+            "{graph}"
+        );
         let services = graph["services"].as_array().unwrap();
         let services: Vec<&str> = services.iter().map(|s| s[0].as_str().unwrap()).collect();
         for (service, offered) in [
@@ -235,7 +241,10 @@ fn a_program_of_ros_2_sees_feeds_and_commands_a_cell() {
 
         let selected = &ask(&["select", "/cell1/select", "nobody"])[0];
         assert_eq!(selected["done"], false, "{selected}");
-        assert!(selected["message"].as_str().unwrap().contains("nobody"), "{selected}");
+        assert!(
+            selected["message"].as_str().unwrap().contains("nobody"),
+            "{selected}"
+        );
         let status = &ask(&["trigger", "/cell1/status"])[0];
         assert_eq!(status["success"], true, "{status}");
         let data: Value = serde_json::from_str(status["message"].as_str().unwrap()).unwrap();
@@ -261,7 +270,10 @@ fn a_program_of_ros_2_sees_feeds_and_commands_a_cell() {
             arrived += 1;
         }
         // The first ones are sent before the two programs know of each other.
-        assert!(arrived > 50 && arrived <= sent.as_u64().unwrap(), "{arrived} of {sent}");
+        assert!(
+            arrived > 50 && arrived <= sent.as_u64().unwrap(),
+            "{arrived} of {sent}"
+        );
     });
 }
 
@@ -330,10 +342,7 @@ fn soak(seconds: u64) {
     let Some(peer) = peer() else { return };
     live_beside_others(|| {
         let cell = Cell::start();
-        let poses = cell
-            .bus
-            .subscribe(&topics::BASE_POSE, 100_000)
-            .unwrap();
+        let poses = cell.bus.subscribe(&topics::BASE_POSE, 100_000).unwrap();
         let figures = run(
             &peer,
             &cell.router,
@@ -346,13 +355,22 @@ fn soak(seconds: u64) {
             let counts = &figures["topics"][topic];
             let number = |what: &str| counts[what].as_f64().unwrap();
             // 100 Hz on an idle machine; half of that on one that is busy.
-            assert!(number("received") > 50.0 * seconds as f64, "{topic}: {figures}");
-            assert!(number("missing") <= 0.01 * number("received"), "{topic}: {figures}");
+            assert!(
+                number("received") > 50.0 * seconds as f64,
+                "{topic}: {figures}"
+            );
+            assert!(
+                number("missing") <= 0.01 * number("received"),
+                "{topic}: {figures}"
+            );
             assert_eq!(number("backwards"), 0.0, "{topic}: {figures}");
             assert_eq!(number("publishers"), 1.0, "{topic}: {figures}");
         }
         assert_eq!(figures["called"], figures["answered"], "{figures}");
-        assert!(figures["called"].as_u64().unwrap() > seconds / 4, "{figures}");
+        assert!(
+            figures["called"].as_u64().unwrap() > seconds / 4,
+            "{figures}"
+        );
         let mut arrived = 0_u64;
         let mut last = 0;
         while let Some(pose) = poses.try_recv() {

@@ -79,7 +79,7 @@ fn a_pose_of_the_base_is_let_in_and_nonsense_is_not() {
     for (payload, gid, words) in [
         (whole[..whole.len() - 1].to_vec(), 1, "payload too short"),
         (whole[..3].to_vec(), 1, "payload too short"),
-        ([&whole[..], &[0]].concat(), 1, "left over"),
+        ([&whole[..], &[0; 8]].concat(), 1, "left over"),
         (bytes(&not_finite), 1, "not finite"),
         (bytes(&pose(3.0)), 2, "a second publisher"),
     ] {
