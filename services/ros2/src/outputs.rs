@@ -7,8 +7,9 @@ use tangent_runtime::{
     Attachment, Bus, BusError, Counter, Gauge, Rate, RawMessage, RawSubscription, Received,
     Subscription,
 };
-use tangent_schemas::standard::JointState;
+use tangent_schemas::standard::{CompressedImage, Image, JointState};
 use tangent_schemas::tangent::ArmState;
+use tangent_schemas::topics::{Delivery, Sources, Topic};
 use tangent_schemas::{Message, cdr, topics};
 
 use crate::config::Config;
@@ -29,7 +30,7 @@ const TOPICS_MAX: usize = 256;
 pub struct Outputs {
     messages: RawSubscription,
     arm: Option<Joints>,
-    topics: HashMap<String, Option<Topic>>,
+    topics: HashMap<String, Option<Shown>>,
     prefix: String,
     period: Duration,
     troubles: Troubles,
@@ -40,11 +41,14 @@ pub struct Outputs {
     unsent: u64,
 }
 
-struct Topic {
+/// One key that is published.
+struct Shown {
     type_name: String,
     publisher: TopicPublisher,
     pace: Pace,
-    source: OneSource,
+    /// For a key that has one publisher at a time; `None` for one that may have several, such as
+    /// the health of a service on two hosts.
+    source: Option<OneSource>,
 }
 
 /// `joint_states`, made from the state of the arm.
@@ -181,15 +185,15 @@ impl Outputs {
             source_time_ns: message.source_time_ns,
             publisher: message.publisher,
         };
-        let admitted = topic
-            .source
-            .admit(Some(attachment), message.received, message.received_ns);
+        let admitted = topic.source.as_mut().map_or(Ok(()), |source| {
+            source.admit(Some(attachment), message.received, message.received_ns)
+        });
         match admitted {
             Ok(()) => {}
             // Matches two patterns.
             Err(Refusal::OutOfOrder) => return Ok(()),
-            // A state that comes late is shown all the same.
-            Err(Refusal::Late) => {}
+            // It is shown all the same: nothing is done with it but looking.
+            Err(Refusal::Late | Refusal::Nameless) => {}
             Err(why) => {
                 self.troubles.event(key, format!("{key}: {why}"));
                 return Ok(());
@@ -209,7 +213,12 @@ impl Outputs {
     }
 
     /// The publisher for a key that is new; `None` if ROS 2 cannot have it.
-    fn declare(&self, message: &RawMessage, node: &Node) -> Result<Option<Topic>, BusError> {
+    fn declare(&self, message: &RawMessage, node: &Node) -> Result<Option<Shown>, BusError> {
+        if [Image::NAME, CompressedImage::NAME].contains(&&*message.type_name) {
+            let words = format!("{} is not published: it has images", message.key);
+            self.troubles.event(&message.key, words);
+            return Ok(None);
+        }
         let hash = type_hash::of_message(&message.type_name);
         let of = hash.and_then(|hash| RosType::new(&message.type_name, hash));
         let name = topic_of_key(&self.prefix, &message.key);
@@ -221,11 +230,14 @@ impl Outputs {
             self.troubles.event(&message.key, words);
             return Ok(None);
         };
-        Ok(Some(Topic {
+        let one_at_a_time = Topic::<ArmState>::named(message.key.to_string(), Delivery::Stream)
+            .sources()
+            == Sources::One;
+        Ok(Some(Shown {
             type_name: message.type_name.clone().into_owned(),
             publisher: node.publisher(&name, &of)?,
             pace: Pace::new(self.period),
-            source: OneSource::default(),
+            source: one_at_a_time.then(OneSource::default),
         }))
     }
 }
