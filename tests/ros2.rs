@@ -223,6 +223,26 @@ fn a_program_of_ros_2_sees_feeds_and_commands_a_cell() {
             assert_eq!(services.contains(&name.as_str()), offered, "{service}");
         }
 
+        let selected = &ask(&["select", "/cell1/select", "nobody"])[0];
+        assert_eq!(selected["done"], false, "{selected}");
+        assert!(
+            selected["message"].as_str().unwrap().contains("nobody"),
+            "{selected}"
+        );
+        let status = &ask(&["trigger", "/cell1/status"])[0];
+        assert_eq!(status["success"], true, "{status}");
+        let data: Value = serde_json::from_str(status["message"].as_str().unwrap()).unwrap();
+        assert!(data.is_object(), "{data}");
+
+        let stopped = &ask(&["trigger", "/cell1/stop"])[0];
+        assert_eq!(stopped["success"], true, "{stopped}");
+        cell.until_phase("the end of the task", |phase| [0, 5, 6].contains(&phase));
+
+        // A task is refused with the reason, as from the command line.
+        let start = &ask(&["start", "/cell1/start", "force = 3", "no"])[0];
+        assert_eq!(start["done"], false, "{start}");
+        assert!(!start["message"].as_str().unwrap().is_empty());
+
         // What hiroz reads in every token, and would write for the same endpoint.
         let tokens = cell_tokens(&cell.router);
         let read = run(&peer, &cell.router, &["tokens"], &tokens.join("\n"));
@@ -238,26 +258,6 @@ fn a_program_of_ros_2_sees_feeds_and_commands_a_cell() {
         }
 
         echoes(&ask);
-
-        let selected = &ask(&["select", "/cell1/select", "nobody"])[0];
-        assert_eq!(selected["done"], false, "{selected}");
-        assert!(
-            selected["message"].as_str().unwrap().contains("nobody"),
-            "{selected}"
-        );
-        let status = &ask(&["trigger", "/cell1/status"])[0];
-        assert_eq!(status["success"], true, "{status}");
-        let data: Value = serde_json::from_str(status["message"].as_str().unwrap()).unwrap();
-        assert!(data.is_object(), "{data}");
-
-        // A task is refused with the reason, as from the command line.
-        let start = &ask(&["start", "/cell1/start", "force = 3", "no"])[0];
-        assert_eq!(start["done"], false, "{start}");
-        assert!(!start["message"].as_str().unwrap().is_empty());
-
-        let stopped = &ask(&["trigger", "/cell1/stop"])[0];
-        assert_eq!(stopped["success"], true, "{stopped}");
-        cell.until_phase("the end of the task", |phase| [0, 5, 6].contains(&phase));
 
         let poses = cell.bus.subscribe(&topics::BASE_POSE, 512).unwrap();
         let sent = &ask(&["pose", POSE, "50", "3"])[0]["sent"];

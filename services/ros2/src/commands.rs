@@ -365,6 +365,19 @@ mod tests {
         }
     }
 
+    proptest::proptest! {
+        /// Bytes of a stranger become a request of the cell only if they are one.
+        #[test]
+        fn any_bytes_are_a_request_or_are_refused(bytes in proptest::collection::vec(0_u8.., 0..64)) {
+            for command in [Ros2Command::Start, Ros2Command::Select, Ros2Command::Stop] {
+                if let Ok((key, _)) = request_of(command, &bytes) {
+                    proptest::prop_assert!(key.starts_with("control/"));
+                    proptest::prop_assert_eq!(&bytes[..4], cdr::HEADER);
+                }
+            }
+        }
+    }
+
     #[test]
     fn a_request_is_new_once() {
         let mut taken = Taken::default();

@@ -271,6 +271,17 @@ mod tests {
         assert_ne!(gid(&token), gid(&read));
     }
 
+    proptest::proptest! {
+        /// Tokens and keys come from other programs.
+        #[test]
+        fn any_text_is_a_token_a_name_or_neither(text in "[@a-zA-Z0-9_/%:,.-]{0,120}") {
+            let _ = publisher_of(&text);
+            if let Some(name) = topic_of_key("cell1", &text) {
+                proptest::prop_assert!(is_ros_name(&name));
+            }
+        }
+    }
+
     #[test]
     fn keys_become_names_of_ros() {
         let name = |key| topic_of_key("cell1", key);
