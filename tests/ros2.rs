@@ -1,5 +1,5 @@
-//! The ROS 2 service against a program of ROS 2 that shares no code with it (`tests/ros2_peer`): the
-//! types, the graph, topics both ways, service calls and a soak, on a simulated cell.
+//! The ROS 2 service against a program of ROS 2 that shares no code with it (`tests/ros2_peer`):
+//! types, graph, topics both ways, service calls and a soak, on a simulated cell.
 
 #![allow(clippy::unwrap_used)]
 
