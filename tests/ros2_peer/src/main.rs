@@ -8,6 +8,9 @@ mod generated {
     include!(concat!(env!("OUT_DIR"), "/generated.rs"));
 }
 
+// The generated types look for it here.
+use hiroz_msgs::size_estimation;
+
 use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::time::{Duration, Instant, SystemTime};
@@ -194,7 +197,7 @@ fn graph(context: &ZContext, namespace: &str, name: &str) -> Result<()> {
 /// Writes `count` messages of a topic as JSON.
 fn echo<T>(node: &ZNode, topic: &str, count: usize) -> Result<()>
 where
-    T: ZMessage + MessageTypeInfo + serde::Serialize + 'static,
+    T: ZMessage + hiroz::WithTypeInfo + serde::Serialize + 'static,
     T::Serdes: for<'a> ZDeserializer<Input<'a> = &'a [u8], Output = T>,
 {
     let subscription = node.create_sub::<T>(topic).build()?;
