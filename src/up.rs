@@ -60,6 +60,10 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         ],
     };
     let cell = RunningCell::start(&config, &played, &bus, &stop, &extra)?;
+    let ros2 = args
+        .ros2
+        .then(|| tangent_compose::service("ros2", &config, &bus, &stop, &extra))
+        .transpose()?;
     watchdog::watch(&stop, None).context("starting the watchdog")?;
     let start = Start {
         action: "start",
@@ -68,7 +72,9 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
     };
     terminal::say(&second_terminal(&config, &base, given));
     let ended = live_view::follow(&bus, &start, &stop, args.stay);
+    let shown = ros2.map_or(Ok(()), tangent_compose::Running::end);
     let recordings = cell.end(&args.folder)?;
+    shown?;
     let verdict = ended?.verdict();
 
     let (figures, page) = tangent_report::write_for(&recordings)?;

@@ -226,6 +226,10 @@ fn the_compose_file_is_accepted() {
             "real",
             "--profile",
             "viewer",
+            "--profile",
+            "ros2",
+            "--profile",
+            "real-ros2",
         ];
         let output = here(&[&all[..], &["config"]].concat()).unwrap();
         let text = String::from_utf8_lossy(&output.stdout);
@@ -305,6 +309,8 @@ fn the_compose_file_is_accepted() {
             "task",
             "real-robot",
             "viewer",
+            "ros2",
+            "real-ros2",
         ] {
             assert!(
                 services.contains(service),

@@ -27,6 +27,26 @@ files! {
     "visualization_msgs": "Marker" "MarkerArray" "MeshFile" "UVCoordinate";
 }
 
+/// All services of our own: `PACKAGE/srv/NAME` and the text of its file.
+pub const SERVICES: &[(&str, &str)] = &[
+    (
+        "tangent_msgs/srv/SelectEstimator",
+        include_str!("../msg/tangent_msgs/SelectEstimator.srv"),
+    ),
+    (
+        "tangent_msgs/srv/StartTask",
+        include_str!("../msg/tangent_msgs/StartTask.srv"),
+    ),
+];
+
+/// Text of a service's file.
+pub fn service(name: &str) -> Option<&'static str> {
+    let mut services = SERVICES.iter();
+    services
+        .find(|(known, _)| *known == name)
+        .map(|(_, text)| *text)
+}
+
 /// Text of a message's own file.
 pub fn file(name: &str) -> Option<&'static str> {
     FILES

@@ -18,8 +18,8 @@ pub struct Status {
 /// Options of `tangent health`.
 #[derive(Debug, Args)]
 pub struct Health {
-    /// Services: router, netft, rtde, franka, camera, estimator, controller, recorder, simulator,
-    /// or one that you added.
+    /// Services: router, netft, rtde, franka, camera, estimator, controller, recorder, ros2,
+    /// simulator, or one that you added.
     #[arg(required = true)]
     pub services: Vec<String>,
     /// Only services on this host, or in this container.

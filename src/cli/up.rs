@@ -26,6 +26,10 @@ pub struct Up {
     /// Number added to every port of the simulated robot and sensor, and to the router's port.
     #[arg(long, default_value_t = 0)]
     pub port_offset: u16,
+    /// Show the cell to ROS 2 as well, as `[ros2]` of the cell file says: the router listens at its
+    /// port for programs of ROS 2 (rmw_zenoh).
+    #[arg(long)]
+    pub ros2: bool,
     /// Keep the system running after the task, until Ctrl-C.
     #[arg(long)]
     pub stay: bool,

@@ -2,7 +2,7 @@
 use crate::common;
 use crate::common::trace::{Kind, trace};
 use tangent_schemas::Message;
-use tangent_schemas::definition::{Base, Count, FILES, Field, fields, file};
+use tangent_schemas::definition::{Base, Count, FILES, Field, SERVICES, fields, file};
 
 /// Compares one type with its file, and adds its name to `checked`.
 fn check<M: Message>(checked: &mut Vec<&'static str>) {
@@ -70,11 +70,20 @@ fn every_message_is_as_its_file_says() {
 #[test]
 fn every_file_on_disk_is_in_the_list() {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/msg");
-    let mut on_disk = 0;
+    let (mut messages, mut services) = (0, 0);
     for package in std::fs::read_dir(root).unwrap() {
-        on_disk += std::fs::read_dir(package.unwrap().path()).unwrap().count();
+        for file in std::fs::read_dir(package.unwrap().path()).unwrap() {
+            let path = file.unwrap().path();
+            match path.extension().and_then(|e| e.to_str()) {
+                Some("msg") => messages += 1,
+                Some("srv") => services += 1,
+                // package.xml and CMakeLists.txt of the package for ROS 2.
+                Some("xml" | "txt") => {}
+                _ => panic!("{} is no definition", path.display()),
+            }
+        }
     }
-    assert_eq!(on_disk, FILES.len());
+    assert_eq!((messages, services), (FILES.len(), SERVICES.len()));
 }
 
 #[test]

@@ -49,9 +49,10 @@ pub mod watchdog;
 
 pub use base_reader::BaseReader;
 pub use bus::{
-    Alive, AliveToken, Asked, Bus, BusError, Counts, Handle, Lane, Latest, Publisher, PushedOut,
-    Question, RawMessage, RawPublisher, RawSubscription, Received, Refused, Reply, Role, SPANS_MAX,
-    Span, Subscription,
+    Alive, AliveToken, Asked, Attachment, Bus, BusError, Counts, Handle, Lane, Latest,
+    PlainPublisher, PlainQuery, PlainSample, PlainSession, Publisher, PushedOut, Question,
+    RawMessage, RawPublisher, RawSubscription, Received, Refused, Reply, Role, SPANS_MAX, Span,
+    Subscription,
 };
 pub use config::{CellConfig, ConfigError};
 pub use health::{HealthReporter, State};

@@ -44,6 +44,7 @@ const KEYS: [(FileKind, &[&str]); 4] = [
             "limits",
             "zenoh",
             "recorder",
+            "ros2",
             "simulator",
             "realtime",
         ],

@@ -107,6 +107,14 @@ pub fn service(
                 Ok(())
             })
         }
+        "ros2" => {
+            let joints = model(config)?.joint_names;
+            let config =
+                tangent_ros2::Config::from_cell(config, &joints).map_err(ComposeError::refused)?;
+            Running::start("ros2", process_stop, move |stop| {
+                Ok(tangent_ros2::run(config, bus, stop)?)
+            })
+        }
         other => Err(ComposeError::UnknownService(other.to_owned())),
     }
 }

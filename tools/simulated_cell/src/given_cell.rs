@@ -83,6 +83,14 @@ pub fn write(
         set(cell, "sensor.driver", "netft")?;
         remove(cell, "sensor.topic");
     }
+    // The simulated sensor and camera publish on these keys.
+    for input in ["wrench", "image", "camera_info"] {
+        let key = format!("ros2.inputs.{input}");
+        if get(cell, &key).is_some() {
+            remove(cell, &key);
+            unused.push(format!("{key} (simulated here)"));
+        }
+    }
     for (key, own, simulated) in ports(base) {
         if own != simulated {
             unused.push(format!("{key} = {own} (simulated at {simulated})"));

@@ -80,7 +80,7 @@ fn quality(delivery: Delivery) -> (Priority, bool) {
     }
 }
 
-fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
+pub(super) fn failed(action: impl Into<String>) -> impl FnOnce(zenoh::Error) -> BusError {
     let action = action.into();
     move |error| BusError::Zenoh {
         action,
@@ -170,12 +170,22 @@ impl Session {
         self.remarks.now()
     }
 
+    /// The session itself, for [`super::plain`].
+    pub(super) fn zenoh(&self) -> &zenoh::Session {
+        &self.session
+    }
+
+    /// Messages of this many bytes or more are not sent.
+    pub(super) fn message_max(&self) -> usize {
+        self.message_max
+    }
+
     /// Time for which a process that was cut off still appears to be running.
     pub(crate) fn stale_after(&self) -> Duration {
         self.stale_after
     }
 
-    fn declare(&self) -> MutexGuard<'_, ()> {
+    pub(super) fn declare(&self) -> MutexGuard<'_, ()> {
         self.declaring
             .lock()
             .unwrap_or_else(PoisonError::into_inner)

@@ -80,6 +80,19 @@ const CAMERA: Service = Service {
     asks: &[],
     tokens: &[],
 };
+/// A bridge from ROS 2. What it uses of these rights is set in the cell file.
+const ROS2: Service = Service {
+    name: "ros2",
+    publishes: &["base/pose", "ros2/**"],
+    answers: &[],
+    asks: &[
+        "control/task",
+        "control/stop",
+        "control/select",
+        "netft/tare",
+    ],
+    tokens: &[],
+};
 const RECORDER: Service = Service {
     name: "recorder",
     publishes: &[],
@@ -151,7 +164,12 @@ pub const ROLES: &[Role] = &[
     cell(
         "base",
         &[BASE],
-        "the mobile platform under the arm; it alone may publish base/pose",
+        "the mobile platform under the arm; beside it only `ros2` may publish base/pose",
+    ),
+    cell(
+        "ros2",
+        &[ROS2],
+        "the bridge to ROS 2; it may publish base/pose and ros2/**, and send tasks",
     ),
     fleet(
         "recorder",
@@ -287,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn only_controllers_command_and_only_operators_send_tasks() {
+    fn only_controllers_command_and_only_operators_and_the_bridge_to_ros_send_tasks() {
         for role in ROLES {
             let commands = role
                 .services
@@ -303,9 +321,13 @@ mod tests {
                 .services
                 .iter()
                 .any(|s| s.publishes.contains(&"base/pose"));
-            assert_eq!(moves_base, role.name == "base", "{}", role.name);
-            let tasks = role.services.iter().any(|s| s.asks.contains(&"control/*"));
-            assert_eq!(tasks, role.name == "operator", "{}", role.name);
+            let bridges = role.name == "ros2";
+            assert_eq!(moves_base, role.name == "base" || bridges, "{}", role.name);
+            let tasks = role
+                .services
+                .iter()
+                .any(|s| s.asks.contains(&"control/*") || s.asks.contains(&"control/task"));
+            assert_eq!(tasks, role.name == "operator" || bridges, "{}", role.name);
         }
     }
 }

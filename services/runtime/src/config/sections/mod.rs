@@ -8,6 +8,7 @@ mod limits;
 mod pose;
 mod realtime;
 mod robot;
+mod ros2;
 mod sensor;
 mod services;
 mod tip;
@@ -21,6 +22,7 @@ pub use limits::{JointCountError, LimitsConfig};
 pub use pose::PoseConfig;
 pub use realtime::RealtimeConfig;
 pub use robot::{RobotConfig, RobotDriver, RobotModelError};
+pub use ros2::{Ros2Command, Ros2Config, Ros2Inputs, is_ros_name};
 pub use sensor::{
     SensorConfig, SensorDriver, SensorMode, TopicSensorConfig, UrReading, UrSensorConfig,
 };
