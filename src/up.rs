@@ -60,6 +60,15 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         ],
     };
     let cell = RunningCell::start(&config, &played, &bus, &stop, &extra)?;
+    let viewers = match args.foxglove {
+        Some(address) => {
+            config.foxglove.address = address.unwrap_or(config.foxglove.address);
+            let service = tangent_compose::service("foxglove", &config, &bus, &stop, &extra)?;
+            terminal::say(&for_viewers(&config));
+            Some(service)
+        }
+        None => None,
+    };
     watchdog::watch(&stop, None).context("starting the watchdog")?;
     let start = Start {
         action: "start",
@@ -68,7 +77,9 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
     };
     terminal::say(&second_terminal(&config, &base, given));
     let ended = live_view::follow(&bus, &start, &stop, args.stay);
+    let served = viewers.map_or(Ok(()), tangent_compose::Running::end);
     let recordings = cell.end(&args.folder)?;
+    served?;
     let verdict = ended?.verdict();
 
     let (figures, page) = tangent_report::write_for(&recordings)?;
@@ -86,6 +97,17 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         Some(Verdict::Completed) => Outcome::Done,
         _ => Outcome::Failed,
     })
+}
+
+/// Where viewers connect.
+fn for_viewers(config: &CellConfig) -> String {
+    let address = config.foxglove.address;
+    let open = if address.ip().is_loopback() {
+        ""
+    } else {
+        "; anyone who reaches this address may read the cell's topics"
+    };
+    format!("for viewers: ws://{address}{open}")
 }
 
 /// The command that shows this cell from a second terminal.

@@ -1,5 +1,6 @@
 //! `tangent up`.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -26,6 +27,10 @@ pub struct Up {
     /// Number added to every port of the simulated robot and sensor, and to the router's port.
     #[arg(long, default_value_t = 0)]
     pub port_offset: u16,
+    /// Serve live viewers (Foxglove, Lichtblick) at this address, by default that of [foxglove] in
+    /// the cell file: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1)]
+    pub foxglove: Option<Option<SocketAddr>>,
     /// Keep the system running after the task, until Ctrl-C.
     #[arg(long)]
     pub stay: bool,

@@ -110,8 +110,9 @@ impl Scene {
         if let (Some(control), Some(world_from_base)) = (control, self.world_from_base) {
             self.learn_task(&control, &base_from_tool);
             let estimates = self.estimates.iter_mut();
-            let estimates = estimates
-                .filter_map(|(name, newest)| Some((name.clone(), newest.take_new()?.message.clone())));
+            let estimates = estimates.filter_map(|(name, newest)| {
+                Some((name.clone(), newest.take_new()?.message.clone()))
+            });
             let markers = self.marks.draw(&Seen {
                 now,
                 stamp,

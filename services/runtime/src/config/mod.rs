@@ -14,10 +14,11 @@ pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
     Calibration, CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
-    FRANKA_TORQUE_RATE_SHARE, Focal, FrankaConfig, JointCountError, Law, LimitsConfig, PoseConfig,
-    RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, RobotModelError, SensorConfig,
-    SensorDriver, SensorMode, SimulatorConfig, TipConfig, TipKind, TlsConfig, ToolConfig,
-    TopicSensorConfig, UrReading, UrSensorConfig, WrenchSource, ZenohConfig, is_endpoint,
+    FRANKA_TORQUE_RATE_SHARE, Focal, FoxgloveConfig, FrankaConfig, JointCountError, Law,
+    LimitsConfig, PoseConfig, RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver,
+    RobotModelError, SensorConfig, SensorDriver, SensorMode, SimulatorConfig, TipConfig, TipKind,
+    TlsConfig, ToolConfig, TopicSensorConfig, UrReading, UrSensorConfig, WrenchSource, ZenohConfig,
+    is_endpoint,
 };
 
 /// The cell file supplied with the program: a simulated UR5 with a Gamma sensor on loopback.
@@ -56,6 +57,9 @@ pub struct CellConfig {
     /// Recordings.
     #[serde(default)]
     pub recorder: RecorderConfig,
+    /// The server for live viewers.
+    #[serde(default)]
+    pub foxglove: FoxgloveConfig,
     /// The simulated cell.
     #[serde(default)]
     pub simulator: SimulatorConfig,
@@ -179,6 +183,7 @@ impl CellConfig {
         self.zenoh.check(checker)?;
         self.estimators.check(checker)?;
         self.recorder.check(checker)?;
+        self.foxglove.check(checker)?;
         self.realtime.check(checker)
     }
 }

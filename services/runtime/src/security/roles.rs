@@ -90,6 +90,14 @@ const RECORDER: Service = Service {
     asks: &["control/show", "parameters/*", "history/**"],
     tokens: &[],
 };
+/// Reads for viewers that do not speak the bus's protocol.
+const FOXGLOVE: Service = Service {
+    name: "foxglove",
+    publishes: &[],
+    answers: &[],
+    asks: &[],
+    tokens: &[],
+};
 const SIMULATOR: Service = Service {
     name: "simulator",
     publishes: &["truth/**", "simulator/*"],
@@ -150,6 +158,11 @@ pub const ROLES: &[Role] = &[
     cell("netft", &[NETFT], "the sensor bridge alone"),
     cell("estimator", &[ESTIMATOR], "estimators, on any machine"),
     cell("camera", &[CAMERA], "the camera on the wrist"),
+    cell(
+        "foxglove",
+        &[FOXGLOVE],
+        "the server for live viewers; reads only",
+    ),
     cell("simulator", &[SIMULATOR], "the simulated robot and sensor"),
     cell(
         "base",

@@ -52,7 +52,11 @@ impl Blocks {
             Some(changed) => changed,
             None if waited(AGAIN) => {
                 let next = self.turn + 1;
-                self.turn = if (first..end).contains(&next) { next } else { first };
+                self.turn = if (first..end).contains(&next) {
+                    next
+                } else {
+                    first
+                };
                 self.turn
             }
             None => return None,

@@ -36,7 +36,13 @@ pub fn of_estimate(name: &str, estimate: &NormalEstimate, in_use: &str) -> Vec<M
         [0.6, 0.6, 0.65]
     };
     let along = normal * NORMAL_M;
-    let mut shapes = vec![arrow(stamp, &format!("estimate/{name}"), point, along, color)];
+    let mut shapes = vec![arrow(
+        stamp,
+        &format!("estimate/{name}"),
+        point,
+        along,
+        color,
+    )];
     if let Some(points) = cone(&point, &normal, &estimate.covariance) {
         let name = format!("uncertainty/{name}");
         let mut cone = marker(stamp, "base", &name, kind::TRIANGLE_LIST, color);
@@ -105,7 +111,10 @@ mod tests {
         let (x, y) = (wide(&|p| (p.x - 0.5).abs()), wide(&|p| p.y.abs()));
         assert!((x - NORMAL_M * (0.1 * CHI).tan()).abs() < 1e-9, "{x}");
         assert!((y - NORMAL_M * (0.02 * CHI).tan()).abs() < 1e-9, "{y}");
-        assert_ne!(shapes[0].color, of_estimate("blend", &estimate(), "other")[0].color);
+        assert_ne!(
+            shapes[0].color,
+            of_estimate("blend", &estimate(), "other")[0].color
+        );
     }
 
     #[test]

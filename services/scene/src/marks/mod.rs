@@ -90,7 +90,12 @@ impl Marks {
     }
 
     /// A task begins, with the tool at this pose: what was drawn of the one before is removed.
-    pub fn begin(&mut self, activation: u64, task: Option<&str>, base_from_tool: &Pose<Base, Tool>) {
+    pub fn begin(
+        &mut self,
+        activation: u64,
+        task: Option<&str>,
+        base_from_tool: &Pose<Base, Tool>,
+    ) {
         self.activation = Some(activation);
         self.planned = Planned::of_task(task, base_from_tool);
         self.wanted.clear();
@@ -103,8 +108,16 @@ impl Marks {
     pub fn draw(&mut self, seen: &Seen) -> Vec<Marker> {
         let (control, at) = (&seen.control, seen.base_from_tool.translation());
         let normal = Vector3::from(&control.normal);
-        let force = seen.base_from_tool.rotate(&Vector3::from(&control.wrench.force));
-        let mut markers = vec![arrow(seen.stamp, "normal", at, normal * NORMAL_M, [0.1, 0.4, 1.0])];
+        let force = seen
+            .base_from_tool
+            .rotate(&Vector3::from(&control.wrench.force));
+        let mut markers = vec![arrow(
+            seen.stamp,
+            "normal",
+            at,
+            normal * NORMAL_M,
+            [0.1, 0.4, 1.0],
+        )];
         // Without a usable wrench the force is not a number, which no viewer draws.
         if force.iter().all(|x| x.is_finite()) {
             let along = force * METRES_PER_N;
@@ -133,7 +146,8 @@ impl Marks {
             let reference = Vector3::from(&control.path_reference);
             self.planned.begin_at(&reference, &seen.world_from_base);
             self.wanted.add(seen.world(&reference));
-            self.driven.add(seen.world(&seen.base_from_tool.translation()));
+            self.driven
+                .add(seen.world(&seen.base_from_tool.translation()));
         }
         let on_surface = is(Phase::Slide) || is(Phase::Contact) || is(Phase::Hold);
         let reference_n = control.force_reference_n;

@@ -7,8 +7,8 @@ use tangent_control::{Path, Task};
 use tangent_mechanics::{Base, Pose, Tool, World};
 use tangent_schemas::standard::{Marker, Point};
 
-use super::shape::{kind, marker};
 use super::Seen;
+use super::shape::{kind, marker};
 
 /// Distance between two points of the line, m.
 const SPACING_M: f64 = 0.005;

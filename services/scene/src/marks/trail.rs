@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use nalgebra::Vector3;
 use tangent_schemas::standard::Marker;
 
+use super::Seen;
 use super::blocks::{BLOCK, Blocks, POINTS_MAX};
 use super::shape::{kind, marker, removed};
-use super::Seen;
 
 /// A line that forgets its oldest block when it is full.
 pub struct Trail {
