@@ -62,3 +62,80 @@ impl Latched {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use crate::{Disk, RecordedMessage, RecorderConfig, Recording};
+
+    use super::*;
+
+    fn record(topic: &'static str, sequence: u32, bytes: &'static [u8]) -> Record<'static> {
+        Record {
+            topic,
+            type_name: "std_msgs/msg/String",
+            definition: Some("string data\n"),
+            publisher: [7; 16],
+            sequence,
+            log_time_ns: 1_000_000_000 + u64::from(sequence),
+            publish_time_ns: 500 + u64::from(sequence),
+            bytes,
+        }
+    }
+
+    #[test]
+    fn every_file_begins_with_what_holds() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut disk = Disk::open(RecorderConfig {
+            folder: folder.path().to_owned(),
+            free_min_bytes: 0,
+            rotate_after: Duration::from_secs(1),
+            flush_every: Duration::ZERO,
+            ..RecorderConfig::default()
+        })
+        .unwrap();
+        let start = Instant::now();
+        for (sequence, bytes) in [(1, &[0, 1, 0, 0, 1][..]), (2, &[0, 1, 0, 0, 2])] {
+            let described = record("/robot_description", sequence, bytes);
+            disk.take(&described, start);
+            disk.latch(&described);
+        }
+        for sequence in 0..30 {
+            let now = start + Duration::from_millis(100) * sequence;
+            disk.take(&record("/arm/state", sequence, &[0, 1, 0, 0]), now);
+            disk.tend(now);
+        }
+        let (files, written, _) = disk.finish(start + Duration::from_secs(3));
+        assert!(files.len() >= 3, "{}", files.len());
+        assert_eq!(written, 32, "a repetition is no message of its own");
+        for (number, file) in files.iter().enumerate() {
+            let recording = Recording::open(file).unwrap();
+            let messages: Vec<RecordedMessage> = recording.messages().collect();
+            let described = |m: &&RecordedMessage| m.topic == "/robot_description";
+            let described: Vec<_> = messages.iter().filter(described).collect();
+            if number == 0 {
+                assert_eq!(described.len(), 2);
+                continue;
+            }
+            assert_eq!(messages[0].topic, "/robot_description");
+            assert_eq!(described.len(), 1);
+            assert_eq!(described[0].bytes, [0, 1, 0, 0, 2], "the newest");
+            assert_eq!(described[0].publisher, UNKNOWN_PUBLISHER);
+            assert_eq!(described[0].publish_time_ns, 502);
+            assert!(described[0].log_time_ns <= messages[1].log_time_ns);
+        }
+    }
+
+    #[test]
+    fn invented_topics_take_no_memory_without_end() {
+        let mut latched = Latched::default();
+        for publisher in 0..200 {
+            let mut one = record("/tf_static", 1, &[0]);
+            one.publisher = [publisher; 16];
+            latched.take(&one);
+            latched.take(&one);
+        }
+        assert_eq!(latched.records(0).count(), KEPT_MAX);
+    }
+}

@@ -27,7 +27,6 @@ pub struct Blocks {
 impl Blocks {
     /// The block has changed, or is new.
     pub fn change(&mut self, block: usize) {
-        self.gone.remove(&block);
         self.changed.insert(block);
     }
 
@@ -37,7 +36,7 @@ impl Blocks {
         self.gone.insert(block);
     }
 
-    /// Blocks that viewers must remove.
+    /// Blocks that viewers must remove before they take new ones.
     pub fn gone(&mut self) -> BTreeSet<usize> {
         std::mem::take(&mut self.gone)
     }

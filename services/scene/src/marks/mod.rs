@@ -164,3 +164,6 @@ impl Marks {
         self.covered.cover(point, &normal);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -68,16 +68,16 @@ impl Patches {
 
     /// Removes all places.
     pub fn clear(&mut self) {
-        self.remove_blocks();
+        for block in 0..self.end() {
+            self.blocks.remove(block);
+        }
         self.patches.clear();
         self.places.clear();
         self.cell_m = self.cell_min_m;
     }
 
-    fn remove_blocks(&mut self) {
-        for block in 0..self.patches.len().div_ceil(BLOCK) {
-            self.blocks.remove(block);
-        }
+    fn end(&self) -> usize {
+        self.patches.len().div_ceil(BLOCK)
     }
 
     /// The tool touches here, world axes, m, with this share of the wanted force.
@@ -132,7 +132,7 @@ impl Patches {
 
     /// Doubles the cells until a quarter of the places is free.
     fn thin(&mut self) {
-        self.remove_blocks();
+        let blocks = self.end();
         let old = std::mem::take(&mut self.patches);
         loop {
             self.cell_m *= 2.0;
@@ -149,8 +149,11 @@ impl Patches {
                 break;
             }
         }
-        for block in 0..self.patches.len().div_ceil(BLOCK) {
+        for block in 0..self.end() {
             self.blocks.change(block);
+        }
+        for block in self.end()..blocks {
+            self.blocks.remove(block);
         }
     }
 
@@ -162,8 +165,7 @@ impl Patches {
         for block in self.blocks.gone() {
             markers.push(removed(seen.stamp, self.name, block as i32));
         }
-        let end = self.patches.len().div_ceil(BLOCK);
-        let Some(block) = self.blocks.next(seen.now, 0, end) else {
+        let Some(block) = self.blocks.next(seen.now, 0, self.end()) else {
             return;
         };
         let patches = self.patches[block * BLOCK..].iter().take(BLOCK);
