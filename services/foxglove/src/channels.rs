@@ -41,15 +41,14 @@ impl Channels {
     /// Passes a message to the viewers that have subscribed to it. Returns whether it is forwarded
     /// at all.
     pub fn forward(&mut self, message: &RawMessage) -> bool {
-        let known = self.by_key.get_mut(&message.key);
-        let known = known.filter(|channel| channel.type_name == message.type_name);
-        let channel = match known {
-            Some(channel) => channel,
-            None if !self.wants(&message.key) => return false,
-            None => match self.open(message) {
-                Some(channel) => channel,
-                None => return false,
-            },
+        let known = self.by_key.get(&message.key);
+        if known.is_none_or(|channel| channel.type_name != message.type_name)
+            && !(self.wants(&message.key) && self.open(message))
+        {
+            return false;
+        }
+        let Some(channel) = self.by_key.get_mut(&message.key) else {
+            return false;
         };
         if topics::is_latched(&message.key) {
             channel.latched = Some(message.clone());
@@ -64,8 +63,8 @@ impl Channels {
         matches_any(&self.include, key) && !matches_any(&self.exclude, key)
     }
 
-    /// Opens the channel of a key, in place of one with another type.
-    fn open(&mut self, message: &RawMessage) -> Option<&mut Channel> {
+    /// Opens the channel of a key, in place of one with another type; false if it cannot be opened.
+    fn open(&mut self, message: &RawMessage) -> bool {
         let definition = self.definitions.of(&message.type_name);
         let schema = definition.map(|text| {
             let text = text.as_bytes().to_vec();
@@ -73,22 +72,22 @@ impl Channels {
         });
         let builder = self.context.channel_builder(format!("/{}", message.key));
         let channel = builder.message_encoding("cdr").schema(schema).build_raw();
-        let channel = channel
-            .inspect_err(|error| tracing::error!("{}: {error}", message.key))
-            .ok()?;
+        let channel = match channel {
+            Ok(channel) => channel,
+            Err(error) => {
+                tracing::error!("{}: {error}", message.key);
+                return false;
+            }
+        };
         let opened = Channel {
             type_name: message.type_name.to_string(),
             channel,
             latched: None,
         };
-        if let Some(old) = self.by_key.remove(&message.key) {
+        if let Some(old) = self.by_key.insert(Arc::clone(&message.key), opened) {
             old.channel.close();
         }
-        Some(
-            self.by_key
-                .entry(Arc::clone(&message.key))
-                .or_insert(opened),
-        )
+        true
     }
 
     /// Sends a viewer that has just subscribed to a channel what holds there.
