@@ -65,11 +65,13 @@ impl Channels {
 
     /// Opens the channel of a key, in place of one with another type; false if it cannot be opened.
     fn open(&mut self, message: &RawMessage) -> bool {
-        let definition = self.definitions.of(&message.type_name);
-        let schema = definition.map(|text| {
-            let text = text.as_bytes().to_vec();
-            Schema::new(message.type_name.to_string(), "ros2msg", text)
-        });
+        // The protocol requires a schema: for an unknown type one with a name and no text, as in a
+        // recording.
+        let (encoding, text) = match self.definitions.of(&message.type_name) {
+            Some(text) => ("ros2msg", text.as_bytes().to_vec()),
+            None => ("", Vec::new()),
+        };
+        let schema = Schema::new(message.type_name.to_string(), encoding, text);
         let builder = self.context.channel_builder(format!("/{}", message.key));
         let channel = builder.message_encoding("cdr").schema(schema).build_raw();
         let channel = match channel {

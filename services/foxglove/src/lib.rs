@@ -27,7 +27,7 @@ pub const SERVICE: &str = "foxglove";
 const LOOK: Duration = Duration::from_millis(50);
 /// Largest number of messages between two looks at the viewers.
 const TURN: usize = 1000;
-/// Longest time of one turn: it only encodes nothing and waits for nobody.
+/// Longest time of one turn, on a machine under heavy load: it waits for no viewer.
 const TURN_MAX: Duration = Duration::from_secs(10);
 /// Largest number of new subscriptions that wait to be sent the latched messages.
 const NEWCOMERS_MAX: usize = 1024;
