@@ -448,7 +448,11 @@ fn other_programs_read_it(recording: &Path, folder: &Path) {
     }
     assert_eq!(rerun["code"], 0, "{rerun}");
     assert!(rerun["bytes"].as_u64().unwrap() > 10_000, "{rerun}");
-    assert_eq!(rerun["topics"].as_array().unwrap().len(), VIEWED.len(), "{rerun}");
+    assert_eq!(
+        rerun["topics"].as_array().unwrap().len(),
+        VIEWED.len(),
+        "{rerun}"
+    );
     // It reads the description and draws every link: 6 of the arm, base, flange, sensor and tool.
     assert!(rerun["drawn"].as_u64().unwrap() >= 10, "{rerun}");
 }

@@ -188,8 +188,9 @@ pub fn estimate_ahead(estimator: &str) -> Topic<SurfaceAhead> {
     Topic::named(format!("estimate/{estimator}/ahead"), Delivery::RealTime)
 }
 
-/// Whether the newest message of a key holds until the next one, however old it is: recordings begin
-/// with it, and it is sent to every viewer that connects. It is published again every few seconds.
+/// Whether the newest message of a key holds until the next one, however old it is: recordings
+/// begin with it, and it is sent to every viewer that connects. It is published again every few
+/// seconds.
 pub fn is_latched(key: &str) -> bool {
     key == TF_STATIC.key() || key == ROBOT_DESCRIPTION.key()
 }

@@ -1,5 +1,5 @@
-//! Foxglove service: the topics of a cell, live, for every viewer that speaks the Foxglove WebSocket
-//! protocol (Foxglove, Lichtblick).
+//! Foxglove service: the topics of a cell, live, for every viewer that speaks the Foxglove
+//! WebSocket protocol (Foxglove, Lichtblick).
 //!
 //! It forwards what the recorder writes, with the same topics, schemas and bytes, and never sends
 //! anything to the cell. It reads through a bounded queue, and each viewer has one of its own, so a

@@ -227,8 +227,8 @@ fn only_what_the_cell_file_says_is_shown() {
     });
 }
 
-/// A viewer that reads nothing costs its own messages only: the publisher does not wait, and another
-/// viewer receives everything.
+/// A viewer that reads nothing costs its own messages only: the publisher does not wait, and
+/// another viewer receives everything.
 #[test]
 fn a_viewer_that_sleeps_holds_nobody_up() {
     let served = Served::start(|config| config.viewer_queue = 64);

@@ -1,8 +1,8 @@
 //! `/markers`: normals with their cones of uncertainty, the force, the wanted and the driven path,
 //! the surface touched, and what was covered.
 //!
-//! Arrows go out with every call. Everything that grows with the task is kept in blocks of a bounded
-//! number, and at most one block of each layer goes out per second.
+//! Arrows go out with every call. Everything that grows with the task is kept in blocks of a
+//! bounded number, and at most one block of each layer goes out per second.
 
 mod blocks;
 mod cone;
