@@ -27,7 +27,7 @@ pub struct Up {
     /// Number added to every port of the simulated robot and sensor, and to the router's port.
     #[arg(long, default_value_t = 0)]
     pub port_offset: u16,
-    /// Serve live viewers (Foxglove, Lichtblick) at this address, by default that of [foxglove] in
+    /// Serve live viewers (Foxglove, Lichtblick) at this address, by default foxglove.address of
     /// the cell file: 127.0.0.1:8765.
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1)]
     pub foxglove: Option<Option<SocketAddr>>,
