@@ -7,6 +7,7 @@ use anyhow::Result;
 use serde_json::json;
 use tangent_compose::model_file;
 use tangent_mechanics::names::did_you_mean;
+use tangent_mechanics::urdf::{self, Mounted};
 use tangent_mechanics::{ModelData, golden};
 
 use crate::cli::ModelCommand;
@@ -21,6 +22,7 @@ pub fn run(command: &ModelCommand, json: bool) -> Result<Outcome> {
     match command {
         ModelCommand::List => list(json),
         ModelCommand::Show { name } => show(name, json),
+        ModelCommand::Urdf { name } => urdf_of(name, json),
         ModelCommand::Check { file, model } => check(file, model, json),
     }
 }
@@ -73,6 +75,16 @@ fn show(name: &str, json: bool) -> Result<Outcome> {
         print!("{text}");
     } else {
         print!("{}", toml::to_string(&model)?);
+    }
+    Ok(Outcome::Done)
+}
+
+fn urdf_of(name: &str, json: bool) -> Result<Outcome> {
+    let text = urdf::urdf(&load(name)?, &Mounted::default())?;
+    if json {
+        print_json(&json!({ "urdf": text }))?;
+    } else {
+        print!("{text}");
     }
     Ok(Outcome::Done)
 }

@@ -64,6 +64,15 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         .ros2
         .then(|| tangent_compose::service("ros2", &config, &bus, &stop, &extra))
         .transpose()?;
+    let viewers = match args.foxglove {
+        Some(address) => {
+            config.foxglove.address = address.unwrap_or(config.foxglove.address);
+            let service = tangent_compose::service("foxglove", &config, &bus, &stop, &extra)?;
+            terminal::say(&for_viewers(&config));
+            Some(service)
+        }
+        None => None,
+    };
     watchdog::watch(&stop, None).context("starting the watchdog")?;
     let start = Start {
         action: "start",
@@ -73,8 +82,10 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
     terminal::say(&second_terminal(&config, &base, given));
     let ended = live_view::follow(&bus, &start, &stop, args.stay);
     let shown = ros2.map_or(Ok(()), tangent_compose::Running::end);
+    let served = viewers.map_or(Ok(()), tangent_compose::Running::end);
     let recordings = cell.end(&args.folder)?;
     shown?;
+    served?;
     let verdict = ended?.verdict();
 
     let (figures, page) = tangent_report::write_for(&recordings)?;
@@ -92,6 +103,17 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         Some(Verdict::Completed) => Outcome::Done,
         _ => Outcome::Failed,
     })
+}
+
+/// Where viewers connect.
+fn for_viewers(config: &CellConfig) -> String {
+    let address = config.foxglove.address;
+    let open = if address.ip().is_loopback() {
+        ""
+    } else {
+        "; anyone who reaches this address may read the cell's topics"
+    };
+    format!("for viewers: ws://{address}{open}")
 }
 
 /// The command that shows this cell from a second terminal.

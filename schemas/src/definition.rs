@@ -19,7 +19,7 @@ files! {
     "geometry_msgs": "Point" "Pose" "PoseStamped" "PoseWithCovariance" "PoseWithCovarianceStamped" "Quaternion" "Transform"
         "TransformStamped" "Twist" "Vector3" "Wrench" "WrenchStamped";
     "sensor_msgs": "CameraInfo" "CompressedImage" "Image" "JointState" "RegionOfInterest";
-    "std_msgs": "ColorRGBA" "Header";
+    "std_msgs": "ColorRGBA" "Header" "String";
     "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "Feature" "FeatureArray" "Health"
         "NormalEstimate" "ObjectEstimate" "Request" "ShapingState" "SurfaceAhead" "SurfaceSegment"
         "WrenchBatch" "WrenchStatus";

@@ -149,7 +149,8 @@ message! {
 }
 
 message! {
-    /// One object to draw. Kinds: 0 arrow, 2 sphere, 4 line strip, 5 line list, 9 text.
+    /// One object to draw. Kinds: 0 arrow, 2 sphere, 4 line strip, 5 line list, 6 cubes, 7 spheres,
+    /// 9 text, 11 triangles.
     pub struct Marker: "visualization_msgs/msg/Marker" {
         pub header: Header,
         pub ns: FrameId,
@@ -268,5 +269,12 @@ message! {
         pub position: Vec<f64>,
         pub velocity: Vec<f64>,
         pub effort: Vec<f64>,
+    }
+}
+
+message! {
+    /// A text: `std_msgs/msg/String`.
+    pub struct StdString: "std_msgs/msg/String" {
+        pub data: String,
     }
 }

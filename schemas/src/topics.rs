@@ -6,8 +6,8 @@ use std::marker::PhantomData;
 
 use crate::Message;
 use crate::standard::{
-    CameraInfo, Image, MarkerArray, PoseStamped, PoseWithCovarianceStamped, TFMessage,
-    WrenchStamped,
+    CameraInfo, Image, JointState, MarkerArray, PoseStamped, PoseWithCovarianceStamped, StdString,
+    TFMessage, WrenchStamped,
 };
 use crate::tangent::{
     ArmCommand, ArmState, ContactTruth, ControlState, FeatureArray, Health, NormalEstimate,
@@ -148,9 +148,17 @@ pub static CONTROL_SHAPING: Topic<ShapingState> = Topic::new("control/shaping", 
 pub static TRUTH_CONTACT: Topic<ContactTruth> = Topic::new("truth/contact", Delivery::Stream);
 /// True pose of the simulated object.
 pub static TRUTH_OBJECT: Topic<PoseStamped> = Topic::new("truth/object", Delivery::Stream);
-/// Transforms between frames, for viewers.
+/// Transforms between frames that move, for viewers.
 pub static TF: Topic<TFMessage> = Topic::new("tf", Delivery::Background);
-/// Arrows and lines for viewers: the surface normal, the force, the path.
+/// Transforms between frames that are fixed to each other, for viewers; see [`is_latched`].
+pub static TF_STATIC: Topic<TFMessage> = Topic::new("tf_static", Delivery::Background);
+/// Positions and velocities of the joints by name, for viewers.
+pub static JOINT_STATES: Topic<JointState> = Topic::new("joint_states", Delivery::Background);
+/// URDF of the arm with sensor, tool and camera, for viewers; see [`is_latched`].
+pub static ROBOT_DESCRIPTION: Topic<StdString> =
+    Topic::new("robot_description", Delivery::Background);
+/// What viewers draw: normals with their uncertainty, the force, paths, and the surface touched and
+/// covered.
 pub static MARKERS: Topic<MarkerArray> = Topic::new("markers", Delivery::Background);
 /// Normals of all estimators (read only).
 pub static ESTIMATE_NORMALS: Topic<NormalEstimate> =
@@ -178,6 +186,13 @@ pub fn estimate_segment(estimator: &str) -> Topic<SurfaceSegment> {
 /// same image.
 pub fn estimate_ahead(estimator: &str) -> Topic<SurfaceAhead> {
     Topic::named(format!("estimate/{estimator}/ahead"), Delivery::RealTime)
+}
+
+/// Whether the newest message of a key holds until the next one, however old it is: recordings
+/// begin with it, and it is sent to every viewer that connects. It is published again every few
+/// seconds.
+pub fn is_latched(key: &str) -> bool {
+    key == TF_STATIC.key() || key == ROBOT_DESCRIPTION.key()
 }
 
 /// Health of one service: `health/SERVICE`.
@@ -261,6 +276,8 @@ mod tests {
         assert_eq!(CONTROL_STATE.sources(), Sources::One);
         assert_eq!(ARM_COMMAND.sources(), Sources::Leased);
         assert_eq!(ESTIMATE_NORMALS.sources(), Sources::Any);
+        assert!(is_latched("tf_static") && is_latched("robot_description"));
+        assert!(!is_latched("tf") && !is_latched("joint_states"));
         assert_eq!(
             WRENCH_TOOL.message_name(),
             "geometry_msgs/msg/WrenchStamped"

@@ -14,6 +14,12 @@ pub enum ModelCommand {
         /// Name or file.
         name: String,
     },
+    /// Print the URDF of a model, given by its name or a file. Viewers of a cell get it with
+    /// sensor, tool and camera on /robot_description.
+    Urdf {
+        /// Name or file.
+        name: String,
+    },
     /// Compare with reference values and print the largest relative differences.
     Check {
         /// Reference values (JSON).

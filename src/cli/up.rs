@@ -1,5 +1,6 @@
 //! `tangent up`.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -30,6 +31,10 @@ pub struct Up {
     /// port for programs of ROS 2 (rmw_zenoh).
     #[arg(long)]
     pub ros2: bool,
+    /// Serve live viewers (Foxglove, Lichtblick) at this address, by default foxglove.address of
+    /// the cell file: 127.0.0.1:8765.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1)]
+    pub foxglove: Option<Option<SocketAddr>>,
     /// Keep the system running after the task, until Ctrl-C.
     #[arg(long)]
     pub stay: bool,

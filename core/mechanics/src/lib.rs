@@ -12,6 +12,8 @@
 //! | kinematics and dynamics of an arm | [`Arm`], computed from a [`ModelData`] once |
 //! | joint velocities for a twist, near singularities too | [`DampedLeastSquares`] |
 //! | the shape of a tool's tip | [`Tip`] |
+//! | the frames of all links by name, for viewers | [`Chain`] |
+//! | an arm as a URDF with simple shapes | [`urdf::urdf`] |
 //! | joint angles for a pose, outside of the control loop | [`InverseKinematics`] |
 //!
 //! ```
@@ -32,6 +34,7 @@
 //! ```
 
 pub mod arm;
+pub mod chain;
 pub mod damped_least_squares;
 pub mod golden;
 pub mod inverse_kinematics;
@@ -42,8 +45,10 @@ pub mod model;
 pub mod names;
 pub mod spatial;
 mod tip;
+pub mod urdf;
 
 pub use arm::{Arm, Limits, Payload};
+pub use chain::Chain;
 pub use damped_least_squares::{DampedLeastSquares, DampedSolution};
 pub use inverse_kinematics::{InverseKinematics, InverseKinematicsError, inverse_kinematics};
 pub use joint_friction::JointFriction;

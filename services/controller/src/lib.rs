@@ -19,7 +19,6 @@ mod replies;
 mod requests;
 mod runner;
 mod tasks;
-mod viewer;
 mod watch;
 
 use std::sync::Arc;
@@ -28,6 +27,7 @@ use std::time::{Duration, Instant};
 
 use tangent_control::{Controller, EstimatorName, Law, Limits, Parameter, Phase};
 use tangent_runtime::{BaseReader, Beat, Bus, HealthReporter, Parameters, Stop};
+use tangent_scene::Scene;
 use tangent_schemas::convert::cut_format;
 use tangent_schemas::tangent::Request;
 use tangent_schemas::topics::{self, queries};
@@ -48,7 +48,6 @@ use requests::{Kind, RequestHandler};
 use runner::{Live, Prepared, Runner};
 use tasks::hybrid_admittance::Normals;
 use tasks::torque::{ServedLaw, TorqueTasks};
-use viewer::Viewer;
 
 /// Name in topics and health messages.
 pub const SERVICE: &str = "controller";
@@ -69,6 +68,7 @@ const TARE_PATIENCE: Duration = Duration::from_secs(5);
 /// [`ControllerError`]: only reasons that prevent the service from starting.
 pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> {
     let health = HealthReporter::start_only(&bus, SERVICE)?;
+    let scene = Scene::new(&bus, &config.scene)?;
     let mut law = Controller::new(
         config.arm,
         config.flange_from_tool,
@@ -99,7 +99,8 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
         );
     let kind = Normals::new(&bus, &config)?;
     let runner = Runner { law, inputs, live };
-    serve(&bus, health, runner, kind, memory, &stop)
+    let side = Side { scene, memory };
+    serve(&bus, health, runner, kind, side, &stop)
 }
 
 /// Runs a torque law until `stop`; a running task is then ended with a retraction. Blocks.
@@ -130,6 +131,7 @@ fn torques<C: ServedLaw, const N: usize>(
     stop: &Stop,
 ) -> Result<(), ControllerError> {
     let memory = Memory::open(cell.state.clone());
+    let scene = Scene::new(&bus, &cell.scene)?;
     let law = C::law(&cell, memory.known())?;
     let parameters = Parameters::new(&bus, SERVICE)?;
     let limits = cell.limits;
@@ -140,7 +142,8 @@ fn torques<C: ServedLaw, const N: usize>(
         law,
     };
     let kind = TorqueTasks::new(&bus, cell)?;
-    serve(&bus, health, runner, kind, memory, stop)
+    let side = Side { scene, memory };
+    serve(&bus, health, runner, kind, side, stop)
 }
 
 fn wrench(bus: &Bus) -> Result<WrenchReader, ControllerError> {
@@ -150,13 +153,19 @@ fn wrench(bus: &Bus) -> Result<WrenchReader, ControllerError> {
     ))
 }
 
+/// What the side thread works with.
+struct Side {
+    scene: Scene,
+    memory: Memory,
+}
+
 /// Runs the loop in each packet of the arm and answers requests until `stop`.
 fn serve<L, K, const N: usize>(
     bus: &Bus,
     health: HealthReporter,
     runner: Runner<L, N>,
     kind: K,
-    memory: Memory,
+    side: Side,
     stop: &Stop,
 ) -> Result<(), ControllerError>
 where
@@ -165,7 +174,7 @@ where
 {
     let health = Arc::new(health);
     let mailbox = Arc::new(Mailbox::default());
-    let memory = Arc::new(memory);
+    let memory = Arc::new(side.memory);
     let command = bus.publisher(&topics::ARM_COMMAND)?;
     let handler = RequestHandler::new(bus, &mailbox, kind, command.mark(), &memory)?;
     let outlets = Outlets {
@@ -187,7 +196,7 @@ where
         beat.rest();
     })?;
     let _answers = handler.open()?;
-    beside(bus, &mailbox, &memory, stop)
+    beside(bus, &mailbox, &memory, side.scene, stop)
 }
 
 /// Runs the side thread's work until `stop`, and then until the arm has left the surface.
@@ -195,9 +204,9 @@ fn beside<P: Send>(
     bus: &Bus,
     mailbox: &Mailbox<P>,
     memory: &Memory,
+    mut scene: Scene,
     stop: &Stop,
 ) -> Result<(), ControllerError> {
-    let mut viewer = Viewer::new(bus)?;
     std::thread::scope(|scope| -> Result<(), ControllerError> {
         let taring = std::thread::Builder::new()
             .name("controller-tare".into())
@@ -208,9 +217,9 @@ fn beside<P: Send>(
             .spawn_scoped(scope, || memory.follow(mailbox, stop))?;
         while !stop.wait(SIDE) {
             write_notes(mailbox);
-            viewer.draw();
+            scene.draw(Instant::now());
         }
-        retract_first(mailbox, &mut viewer);
+        retract_first(mailbox, &mut scene);
         let kept = keeping.join();
         // Stores how the retraction ended.
         memory.take(mailbox);
@@ -317,7 +326,7 @@ fn write_notes<P>(mailbox: &Mailbox<P>) {
 }
 
 /// Leaves the surface before the service ends; gives up if the robot is silent.
-fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
+fn retract_first<P>(mailbox: &Mailbox<P>, scene: &mut Scene) {
     mailbox.close();
     if !mailbox.phase().is_active() {
         return;
@@ -339,7 +348,7 @@ fn retract_first<P>(mailbox: &Mailbox<P>, viewer: &mut Viewer) {
         }
         pause.wait(SIDE);
         write_notes(mailbox);
-        viewer.draw();
+        scene.draw(Instant::now());
     }
     if mailbox.phase() == Phase::Retract {
         tracing::warn!(

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use crate::config::RecorderConfig;
 use crate::error::RecorderError;
 use crate::files::{Files, SystemFiles, free_bytes};
+use crate::latched::Latched;
 use crate::message::Record;
 use crate::writer::RecordingWriter;
 
@@ -44,6 +45,8 @@ pub struct Disk {
     sync_took: Duration,
     /// Metadata tables that every file of this run gets at its start.
     tables: BTreeMap<String, BTreeMap<String, String>>,
+    /// Newest messages that every later file of this run begins with.
+    latched: Latched,
     /// Metadata tables that every file gets at its end.
     last_words: BTreeMap<String, BTreeMap<String, String>>,
 }
@@ -78,6 +81,7 @@ impl Disk {
             flushed: None,
             sync_took: Duration::ZERO,
             tables: BTreeMap::new(),
+            latched: Latched::default(),
             last_words: BTreeMap::new(),
         })
     }
@@ -100,6 +104,12 @@ impl Disk {
                 self.refuse(RecorderError::mcap(&path, error), now);
             }
         }
+    }
+
+    /// Keeps a message, already taken, that holds until the next one of its topic and publisher:
+    /// later files begin with it.
+    pub fn latch(&mut self, record: &Record<'_>) {
+        self.latched.take(record);
     }
 
     /// Syncs and rotates when due. Call it regularly, also without records.
@@ -264,6 +274,9 @@ impl Disk {
         }
         for (name, entries) in &self.tables {
             writer.metadata(name, entries.clone()).map_err(fail)?;
+        }
+        for record in self.latched.records(time_ns) {
+            writer.write(&record).map_err(fail)?;
         }
         writer.sync().map_err(fail)?;
         Ok(writer)

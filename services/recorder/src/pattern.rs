@@ -1,8 +1,9 @@
 //! Key patterns of `[recorder] include`: `*` stands for one part of a key, `**` for any number of
 //! parts.
 
-/// True when any of the patterns matches.
-pub(crate) fn matches_any(patterns: &[String], key: &str) -> bool {
+/// Whether any of the patterns matches the key: in a pattern, `*` is one part of a key, `**` any
+/// number of parts.
+pub fn matches_any(patterns: &[String], key: &str) -> bool {
     patterns.iter().any(|pattern| matches(pattern, key))
 }
 

@@ -115,6 +115,12 @@ pub fn service(
                 Ok(tangent_ros2::run(config, bus, stop)?)
             })
         }
+        "foxglove" => {
+            let config = tangent_foxglove::Config::from_cell(config);
+            Running::start("foxglove", process_stop, move |stop| {
+                Ok(tangent_foxglove::run(&config, &bus, &stop, |_| {})?)
+            })
+        }
         other => Err(ComposeError::UnknownService(other.to_owned())),
     }
 }

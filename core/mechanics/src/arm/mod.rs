@@ -13,19 +13,19 @@ use crate::model::{DhConvention, DhRow, ModelData, ModelError};
 
 /// Rotation and origin: a fixed transform of the chain, or a frame in base axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Step {
-    rotation: Matrix3<f64>,
-    origin: Vector3<f64>,
+pub(crate) struct Step {
+    pub(crate) rotation: Matrix3<f64>,
+    pub(crate) origin: Vector3<f64>,
 }
 
 /// Mass properties of one moving body in its joint's frame (or of several, in base axes, while they
 /// are summed).
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Body {
-    mass: f64,
-    com: Vector3<f64>,
+pub(crate) struct Body {
+    pub(crate) mass: f64,
+    pub(crate) com: Vector3<f64>,
     /// Inertia about `com`, kg m².
-    inertia: Matrix3<f64>,
+    pub(crate) inertia: Matrix3<f64>,
 }
 
 /// Limits of an arm's joints. All except those of position are symmetric. A limit is `None` if the
@@ -139,39 +139,13 @@ impl<const N: usize> Arm<N> {
             });
         }
         let joints = |values: &Vec<f64>| Joints::<N>::from_fn(|i, _| values[i]);
-        let dh = &model.dh;
-        let mut reached = Step::from_rows(&dh.base_from_dh0);
-        let mut steps = [Step::IDENTITY; N];
-        let mut bodies = [Body::NONE; N];
-        for (i, row) in dh.rows.iter().enumerate() {
-            let link = &model.links[i];
-            // From joint i, already turned, to DH frame i: what follows the rotation about z in
-            // either convention.
-            let (before, after) = match dh.convention {
-                DhConvention::Standard => (
-                    Step::IDENTITY,
-                    Step::along_z(row.d_m).then(&Step::about_x(row)),
-                ),
-                DhConvention::Modified => (Step::about_x(row), Step::along_z(row.d_m)),
-            };
-            steps[i] = reached.then(&before);
-            let inertia = Matrix3::from_fn(|r, c| {
-                0.5 * (link.inertia_kg_m2[r][c] + link.inertia_kg_m2[c][r])
-            });
-            bodies[i] = Body {
-                mass: link.mass_kg,
-                com: Vector3::from(link.com_m),
-                inertia,
-            }
-            .placed_in(&after);
-            reached = after;
-        }
+        let (links, flange) = links_of(model);
         let limits = &model.limits;
         Ok(Self {
-            steps,
-            flange: reached.then(&Step::from_rows(&dh.dhn_from_flange)),
-            bodies,
-            offsets: Joints::from_fn(|i, _| dh.rows[i].theta_offset_rad),
+            steps: std::array::from_fn(|i| links[i].0),
+            flange,
+            bodies: std::array::from_fn(|i| links[i].1),
+            offsets: Joints::from_fn(|i, _| model.dh.rows[i].theta_offset_rad),
             gravity: Vector3::from(model.gravity_m_per_s2),
             limits: Limits {
                 position_lower: joints(&limits.position_lower_rad),
@@ -221,6 +195,36 @@ impl<const N: usize> Arm<N> {
     pub fn gravity_in_base(&self) -> Vector3<f64> {
         self.gravity
     }
+}
+
+/// Of each link, the step from the frame before it to its joint at angle zero, without the joint's
+/// offset, and its body in the joint's frame; then the step from the last link to the flange. The
+/// model must have passed its check.
+pub(crate) fn links_of(model: &ModelData) -> (Vec<(Step, Body)>, Step) {
+    let dh = &model.dh;
+    let mut reached = Step::from_rows(&dh.base_from_dh0);
+    let mut links = Vec::with_capacity(model.dof);
+    for (row, link) in dh.rows.iter().zip(&model.links) {
+        // From joint i, already turned, to DH frame i: what follows the rotation about z in either
+        // convention.
+        let (before, after) = match dh.convention {
+            DhConvention::Standard => (
+                Step::IDENTITY,
+                Step::along_z(row.d_m).then(&Step::about_x(row)),
+            ),
+            DhConvention::Modified => (Step::about_x(row), Step::along_z(row.d_m)),
+        };
+        let inertia =
+            Matrix3::from_fn(|r, c| 0.5 * (link.inertia_kg_m2[r][c] + link.inertia_kg_m2[c][r]));
+        let body = Body {
+            mass: link.mass_kg,
+            com: Vector3::from(link.com_m),
+            inertia,
+        };
+        links.push((reached.then(&before), body.placed_in(&after)));
+        reached = after;
+    }
+    (links, reached.then(&Step::from_rows(&dh.dhn_from_flange)))
 }
 
 impl Step {

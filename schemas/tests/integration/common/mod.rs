@@ -10,7 +10,7 @@ macro_rules! for_every_message {
         $crate::common::for_every_message!(@ $check, $argument,
             tangent_schemas::standard: Time Duration Header ColorRGBA Vector3 Point Quaternion Pose PoseStamped
                 PoseWithCovariance PoseWithCovarianceStamped Twist Wrench WrenchStamped Transform TransformStamped TFMessage CompressedImage Image CameraInfo RegionOfInterest JointState UVCoordinate MeshFile
-                Marker MarkerArray;
+                Marker MarkerArray StdString;
             tangent_schemas::tangent: ArmState ArmCommand WrenchBatch WrenchStatus NormalEstimate ObjectEstimate SurfaceSegment SurfaceAhead Feature FeatureArray ControlState ShapingState Health ContactTruth
                 Request Answer;
         )

@@ -5,6 +5,7 @@ pub mod torque;
 use tangent_control::{ControllerConfig, Limits, Presets};
 use tangent_mechanics::{Arm, Flange, ModelData, Pose, Tool};
 use tangent_runtime::{CellConfig, StateFolder};
+use tangent_scene::SceneConfig;
 use tangent_sensing::BaseConfig;
 
 use crate::ControllerError;
@@ -32,6 +33,8 @@ pub struct Config {
     /// Folder for state that persists across restarts: whether the tool may touch something.
     /// `None`: not stored.
     pub state: Option<StateFolder>,
+    /// What viewers show of the cell.
+    pub scene: SceneConfig,
 }
 
 impl Config {
@@ -66,6 +69,7 @@ impl Config {
             estimators,
             base: cell.base,
             state: StateFolder::of_cell(cell),
+            scene: SceneConfig::from_cell(cell, &model)?,
         })
     }
 }

@@ -13,6 +13,7 @@ use tangent_estimation::object_pose::{OBJECT_ESTIMATORS, ObjectShape};
 use tangent_mechanics::{Arm, Flange, ModelData, Payload, Pose, Sensor, Tool};
 use tangent_runtime::config::{FRANKA_TORQUE_RATE_SHARE, Law, RobotDriver};
 use tangent_runtime::{CellConfig, StateFolder};
+use tangent_scene::SceneConfig;
 
 use super::limits;
 use crate::ControllerError;
@@ -110,6 +111,8 @@ pub struct TorqueCell<C: CellLaw, const N: usize> {
     /// Folder for state that persists across restarts: whether the tool may touch something.
     /// `None`: not stored.
     pub state: Option<StateFolder>,
+    /// What viewers show of the cell.
+    pub scene: SceneConfig,
 }
 
 impl<C: CellLaw, const N: usize> TorqueCell<C, N> {
@@ -128,6 +131,7 @@ impl<C: CellLaw, const N: usize> TorqueCell<C, N> {
             setup: C::setup(cell)?,
             estimators: cell.estimators.run.clone(),
             state: StateFolder::of_cell(cell),
+            scene: SceneConfig::from_cell(cell, model)?,
         })
     }
 

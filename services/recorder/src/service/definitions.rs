@@ -6,7 +6,7 @@ use tangent_schemas::definition;
 
 /// Text of each message type's definition, composed once.
 #[derive(Default)]
-pub(super) struct Definitions(HashMap<String, Option<String>>);
+pub struct Definitions(HashMap<String, Option<String>>);
 
 impl Definitions {
     /// Definition of a message type; `None` if this version does not know the type.
@@ -15,7 +15,7 @@ impl Definitions {
             let text = definition::definition(type_name);
             if text.is_none() {
                 tracing::warn!(
-                    "`{type_name}` is not a message of this version: recorded without its definition"
+                    "`{type_name}` is not a message of this version: recorded and forwarded without its definition"
                 );
             }
             self.0.insert(type_name.to_owned(), text);

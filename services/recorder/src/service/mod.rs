@@ -16,9 +16,9 @@ use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::ControlState;
 use tangent_schemas::{Message, cdr, topics};
 
+pub use self::definitions::Definitions;
 pub use self::summary::Summary;
 
-use self::definitions::Definitions;
 use crate::cells::Cells;
 use crate::config::RecorderConfig;
 use crate::disk::Disk;
@@ -219,22 +219,23 @@ impl Service {
         self.meters.messages.tick();
         let topic = format!("/{}", message.key);
         let received_ns = u64::try_from(message.received_ns).unwrap_or(0);
-        self.disk.take(
-            &Record {
-                topic: &topic,
-                type_name: &message.type_name,
-                definition: self.definitions.of(&message.type_name),
-                publisher: message.publisher,
-                sequence: message.sequence as u32,
-                log_time_ns: received_ns,
-                publish_time_ns: match u64::try_from(message.source_time_ns) {
-                    Ok(ns) if ns > 0 => ns,
-                    _ => received_ns,
-                },
-                bytes: &message.payload,
+        let record = Record {
+            topic: &topic,
+            type_name: &message.type_name,
+            definition: self.definitions.of(&message.type_name),
+            publisher: message.publisher,
+            sequence: message.sequence as u32,
+            log_time_ns: received_ns,
+            publish_time_ns: match u64::try_from(message.source_time_ns) {
+                Ok(ns) if ns > 0 => ns,
+                _ => received_ns,
             },
-            message.received.max(self.tended),
-        );
+            bytes: &message.payload,
+        };
+        self.disk.take(&record, message.received.max(self.tended));
+        if origin == Origin::Live && topics::is_latched(key) {
+            self.disk.latch(&record);
+        }
         // A task text that is requested is that of the current task, so only live messages count.
         if origin == Origin::Live
             && key == topics::CONTROL_STATE.key()

@@ -9,7 +9,7 @@ pub(crate) const KEYS_MAX: usize = 256;
 
 /// First words of a cell's own topics. Unknown first words are counted apart, so that invented keys
 /// cannot use up the limit of these topics.
-const TOPICS: [&str; 13] = [
+const TOPICS: [&str; 16] = [
     "arm",
     "base",
     "camera",
@@ -17,9 +17,12 @@ const TOPICS: [&str; 13] = [
     "driver",
     "estimate",
     "health",
+    "joint_states",
     "markers",
+    "robot_description",
     "simulator",
     "tf",
+    "tf_static",
     "truth",
     "wrench",
     "param",

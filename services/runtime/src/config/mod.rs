@@ -14,11 +14,11 @@ pub use check::Checker;
 pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
     Calibration, CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
-    FRANKA_TORQUE_RATE_SHARE, Focal, FrankaConfig, JointCountError, Law, LimitsConfig, PoseConfig,
-    RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver, RobotModelError, Ros2Command,
-    Ros2Config, Ros2Inputs, SensorConfig, SensorDriver, SensorMode, SimulatorConfig, TipConfig,
-    TipKind, TlsConfig, ToolConfig, TopicSensorConfig, UrReading, UrSensorConfig, WrenchSource,
-    ZenohConfig, is_endpoint, is_ros_name,
+    FRANKA_TORQUE_RATE_SHARE, Focal, FoxgloveConfig, FrankaConfig, JointCountError, Law,
+    LimitsConfig, PoseConfig, RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver,
+    RobotModelError, Ros2Command, Ros2Config, Ros2Inputs, SensorConfig, SensorDriver, SensorMode,
+    SimulatorConfig, TipConfig, TipKind, TlsConfig, ToolConfig, TopicSensorConfig, UrReading,
+    UrSensorConfig, WrenchSource, ZenohConfig, is_endpoint, is_ros_name,
 };
 
 /// The cell file supplied with the program: a simulated UR5 with a Gamma sensor on loopback.
@@ -60,6 +60,9 @@ pub struct CellConfig {
     /// What ROS 2 sees of the cell, and what it may send.
     #[serde(default)]
     pub ros2: Ros2Config,
+    /// The server for live viewers.
+    #[serde(default)]
+    pub foxglove: FoxgloveConfig,
     /// The simulated cell.
     #[serde(default)]
     pub simulator: SimulatorConfig,
@@ -184,6 +187,7 @@ impl CellConfig {
         self.estimators.check(checker)?;
         self.recorder.check(checker)?;
         self.ros2.check(checker, self)?;
+        self.foxglove.check(checker)?;
         self.realtime.check(checker)
     }
 }

@@ -53,6 +53,9 @@ const CONTROLLER: Service = Service {
         "control/state",
         "control/shaping",
         "tf",
+        "tf_static",
+        "joint_states",
+        "robot_description",
         "markers",
     ],
     answers: &["control/*"],
@@ -98,6 +101,14 @@ const RECORDER: Service = Service {
     publishes: &[],
     answers: &[],
     asks: &["control/show", "parameters/*", "history/**"],
+    tokens: &[],
+};
+/// Reads for viewers that do not speak the bus's protocol.
+const FOXGLOVE: Service = Service {
+    name: "foxglove",
+    publishes: &[],
+    answers: &[],
+    asks: &[],
     tokens: &[],
 };
 const SIMULATOR: Service = Service {
@@ -160,6 +171,11 @@ pub const ROLES: &[Role] = &[
     cell("netft", &[NETFT], "the sensor bridge alone"),
     cell("estimator", &[ESTIMATOR], "estimators, on any machine"),
     cell("camera", &[CAMERA], "the camera on the wrist"),
+    cell(
+        "foxglove",
+        &[FOXGLOVE],
+        "the server for live viewers; reads only",
+    ),
     cell("simulator", &[SIMULATOR], "the simulated robot and sensor"),
     cell(
         "base",

@@ -94,6 +94,7 @@ fn fields(name: &str, bytes: &[u8]) -> Option<Result<Value, String>> {
         standard::Image,
         standard::CameraInfo,
         standard::JointState,
+        standard::StdString,
         tangent::ArmState,
         tangent::ArmCommand,
         tangent::WrenchStatus,

@@ -3,6 +3,7 @@
 
 mod camera;
 mod cell;
+mod foxglove;
 mod franka;
 mod limits;
 mod pose;
@@ -17,6 +18,7 @@ mod zenoh;
 
 pub use camera::{Calibration, CameraConfig, CameraKind, Focal};
 pub use cell::CellSection;
+pub use foxglove::FoxgloveConfig;
 pub use franka::{FRANKA_TORQUE_RATE_SHARE, FrankaConfig};
 pub use limits::{JointCountError, LimitsConfig};
 pub use pose::PoseConfig;
