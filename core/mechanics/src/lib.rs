@@ -53,7 +53,7 @@ pub use damped_least_squares::{DampedLeastSquares, DampedSolution};
 pub use inverse_kinematics::{InverseKinematics, InverseKinematicsError, inverse_kinematics};
 pub use joint_friction::JointFriction;
 pub use manipulability::{manipulability, smallest_singular_value};
-pub use model::{ModelData, ModelError};
+pub use model::{CalibrationError, ModelData, ModelError};
 pub use spatial::{
     Aligned, Base, Camera, Contact, Direction, Flange, Frame, Object, Point, Pose, Sensor, Tool,
     Twist, World, Wrench,

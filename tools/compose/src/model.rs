@@ -13,10 +13,12 @@ use crate::error::ComposeError;
 /// # Errors
 /// The name is unknown, or the file is invalid.
 pub fn model(config: &CellConfig) -> Result<ModelData, ComposeError> {
-    match &config.robot.model_file {
+    let robot = &config.robot;
+    let model = match &robot.model_file {
         Some(path) => model_file(path),
-        None => ModelData::builtin(&config.robot.model).map_err(ComposeError::ModelName),
-    }
+        None => ModelData::builtin(&robot.model).map_err(ComposeError::ModelName),
+    }?;
+    robot.calibrated(model).map_err(ComposeError::refused)
 }
 
 /// Reads a model file of the user.

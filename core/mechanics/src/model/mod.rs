@@ -4,11 +4,13 @@
 //! Built-in robots are the files in `models/`, compiled in. Another robot is one more such file,
 //! which the caller reads and passes as text. An [`Arm`](crate::Arm) is computed from this once.
 
+mod calibration;
 mod error;
 mod validate;
 
 use serde::{Deserialize, Serialize};
 
+pub use calibration::CalibrationError;
 pub use error::ModelError;
 
 /// Largest number of joints of a model.

@@ -158,6 +158,7 @@ impl CellConfig {
         };
         self.cell.state_folder.iter_mut().for_each(resolve);
         self.robot.model_file.iter_mut().for_each(resolve);
+        self.robot.calibration_file.iter_mut().for_each(resolve);
         self.zenoh.file.iter_mut().for_each(resolve);
         self.zenoh.access.iter_mut().for_each(resolve);
         if let Some(tls) = &mut self.zenoh.tls {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use nalgebra::Vector3;
 use serde::Deserialize;
-use tangent_mechanics::{ModelData, ModelError};
+use tangent_mechanics::{CalibrationError, ModelData, ModelError};
 
 use super::check_port;
 use super::franka::FrankaConfig;
@@ -45,6 +45,22 @@ pub enum RobotModelError {
     /// There is no built-in model of this name, or the file is not a valid model.
     #[error(transparent)]
     Model(#[from] ModelError),
+    /// The factory calibration cannot be read.
+    #[error("[robot] calibration_file = {path}: {reason}")]
+    CalibrationFile {
+        /// Its path.
+        path: String,
+        /// The system's reason.
+        reason: String,
+    },
+    /// The factory calibration does not fit the model.
+    #[error("[robot] calibration_file = {path}: {reason}")]
+    Calibration {
+        /// Its path.
+        path: String,
+        /// What is wrong with it.
+        reason: CalibrationError,
+    },
 }
 
 /// `[robot]`
@@ -59,6 +75,9 @@ pub struct RobotConfig {
     /// File of a user's own model, used instead of `model`.
     #[serde(default)]
     pub model_file: Option<PathBuf>,
+    /// The arm's factory calibration, `calibration.conf` of a Universal Robots controller.
+    #[serde(default)]
+    pub calibration_file: Option<PathBuf>,
     /// Host name or IP address of the controller.
     pub address: String,
     /// Offset that is added to every port below, so that several simulated robots fit on one host.
@@ -150,20 +169,40 @@ impl RobotConfig {
         Vector3::from(self.gravity_in_base_m_per_s2)
     }
 
-    /// Model of the arm: read from `model_file` if given, else the built-in one named `model`.
+    /// Model of the arm: read from `model_file` if given, else the built-in one named `model`;
+    /// corrected by `calibration_file` if given.
     ///
     /// # Errors
-    /// [`RobotModelError`]: there is no such model, or the file cannot be read or is not a valid
-    /// model.
+    /// [`RobotModelError`]: there is no such model, or a file cannot be read or is not valid.
     pub fn model_data(&self) -> Result<ModelData, RobotModelError> {
         let Some(path) = &self.model_file else {
-            return Ok(ModelData::builtin(&self.model)?);
+            return self.calibrated(ModelData::builtin(&self.model)?);
         };
         let text = std::fs::read_to_string(path).map_err(|error| RobotModelError::File {
             path: path.display().to_string(),
             reason: error.to_string(),
         })?;
-        Ok(ModelData::from_toml(&text)?)
+        self.calibrated(ModelData::from_toml(&text)?)
+    }
+
+    /// `model` with the corrections of `calibration_file`; unchanged if there is none.
+    ///
+    /// # Errors
+    /// [`RobotModelError`]: the file cannot be read, or is not a calibration of this arm.
+    pub fn calibrated(&self, model: ModelData) -> Result<ModelData, RobotModelError> {
+        let Some(file) = &self.calibration_file else {
+            return Ok(model);
+        };
+        let path = file.display().to_string();
+        match std::fs::read_to_string(file) {
+            Ok(text) => model
+                .calibrated(&text)
+                .map_err(|reason| RobotModelError::Calibration { path, reason }),
+            Err(error) => Err(RobotModelError::CalibrationFile {
+                path,
+                reason: error.to_string(),
+            }),
+        }
     }
 
     pub(in crate::config) fn check(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
