@@ -34,7 +34,7 @@ pub enum SettingsError {
     /// The model cannot be read, or has another number of joints.
     #[error("[robot] model: {0}; this service drives \"panda\" (or a model_file of seven joints)")]
     Model(#[from] ModelError),
-    /// The model file cannot be read.
+    /// The file of the model or of its calibration cannot be used.
     #[error(transparent)]
     ModelFile(RobotModelError),
     /// The model does not state the torque limits of the joints.
@@ -67,7 +67,7 @@ impl From<RobotModelError> for SettingsError {
     fn from(error: RobotModelError) -> Self {
         match error {
             RobotModelError::Model(error) => Self::Model(error),
-            file @ RobotModelError::File { .. } => Self::ModelFile(file),
+            file => Self::ModelFile(file),
         }
     }
 }

@@ -104,6 +104,13 @@ pub fn write(
         unused.push(format!("{gravity} (the simulated arm stands on the floor)"));
         remove(cell, gravity);
     }
+    if let Some(file) = &base.robot.calibration_file {
+        unused.push(format!(
+            "robot.calibration_file = \"{}\" (the simulated arm is that of the table)",
+            file.display()
+        ));
+        remove(cell, "robot.calibration_file");
+    }
     camera(cell, base, played, &mut unused)?;
     if !base.recorder.cells.is_empty() {
         remove(cell, "recorder.cells");

@@ -160,6 +160,40 @@ fn relative_paths_start_at_the_files_folder_and_the_text_stays_as_it_is() {
     );
 }
 
+#[test]
+fn the_factory_calibration_corrects_the_model_and_a_wrong_one_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cell.toml");
+    std::fs::write(
+        &path,
+        DEFAULT_CELL.replace("# calibration_file", "calibration_file"),
+    )
+    .unwrap();
+    let config = CellConfig::load(&path).unwrap();
+    let missing = config.robot.model_data().unwrap_err().to_string();
+    assert!(
+        missing.starts_with("[robot] calibration_file = ") && missing.contains("No such file"),
+        "{missing}"
+    );
+    let file = folder.path().join("calibration.conf");
+    std::fs::write(&file, "[mounting]\ndelta_theta = [0]\n").unwrap();
+    let short = config.robot.model_data().unwrap_err().to_string();
+    assert!(short.contains("line 2: `delta_theta` = [0]"), "{short}");
+    let zeros = "[0, 0, 0, 0, 0, 0]";
+    let text = format!(
+        "[mounting]\ndelta_theta = {zeros}\ndelta_a = [0, 0, 1e-3, 0, 0, 0]\n\
+         delta_d = {zeros}\ndelta_alpha = {zeros}\n"
+    );
+    std::fs::write(&file, text).unwrap();
+    let corrected = config.robot.model_data().unwrap();
+    let table = tangent_mechanics::ModelData::builtin(&config.robot.model).unwrap();
+    assert_eq!(
+        corrected.dh.rows[2].a_m,
+        table.dh.rows[2].a_m + 1e-3,
+        "the third row alone"
+    );
+}
+
 /// Contents of `[sensor]` for an arm's own sensor or a topic, and the error.
 const SENSOR_MISTAKES: &[(&str, &str)] = &[
     (
