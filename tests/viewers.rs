@@ -9,7 +9,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
 
 use common::{Process, port_offset, root, wait_for};
@@ -402,27 +401,10 @@ fn panels<'v>(layout: &'v Value, found: &mut Vec<&'v str>) {
 
 /// mcap's reader, rosbags, yourdfpy and rerun's converter over the recording.
 fn other_programs_read_it(recording: &Path, folder: &Path) {
-    let output = Command::new(interop::python())
-        .arg(root().join("tests/interop/read_viewer_topics.py"))
-        .args([recording, folder])
-        .output();
-    let missing = match &output {
-        Err(error) => Some(error.to_string()),
-        Ok(output) if output.status.code() == Some(77) => {
-            Some(String::from_utf8_lossy(&output.stdout).into_owned())
-        }
-        Ok(_) => None,
-    };
-    let required = std::env::var("TANGENT_REQUIRE_INTEROP").as_deref() == Ok("1");
-    if let Some(missing) = missing {
-        assert!(!required, "{missing}");
-        println!("skipped, because {missing}");
+    let Some(said) = interop::output_of("read_viewer_topics.py", &[recording, folder]) else {
         return;
-    }
-    let output = output.unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}");
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    };
+    let found: Value = serde_json::from_str(&said).unwrap();
     for (topic, of) in VIEWED {
         let key = format!("{topic} {of}");
         let count = found["mcap"][&key].as_u64().unwrap_or(0);
@@ -442,7 +424,7 @@ fn other_programs_read_it(recording: &Path, folder: &Path) {
     }
     let rerun = &found["rerun"];
     if rerun.is_null() {
-        assert!(!required, "rerun is not installed");
+        assert!(!interop::is_required(), "rerun is not installed");
         println!("rerun: skipped, because it is not installed");
         return;
     }

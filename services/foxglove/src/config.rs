@@ -1,6 +1,6 @@
 //! Settings of the service.
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 
 use tangent_runtime::CellConfig;
 
@@ -19,19 +19,6 @@ pub struct Config {
     pub queue: usize,
     /// Largest number of messages that wait for one viewer; beyond, its oldest are dropped.
     pub viewer_queue: usize,
-}
-
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            name: "cell".to_owned(),
-            address: (Ipv4Addr::LOCALHOST, 8765).into(),
-            include: vec!["**".to_owned()],
-            exclude: Vec::new(),
-            queue: 8192,
-            viewer_queue: 1024,
-        }
-    }
 }
 
 impl Config {

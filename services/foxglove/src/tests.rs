@@ -16,6 +16,18 @@ use super::*;
 
 const PATIENCE: Duration = Duration::from_secs(30);
 
+/// Everything is forwarded, on loopback; port 0 is any free one.
+fn at_port(port: u16) -> Config {
+    Config {
+        name: "cell".to_owned(),
+        address: (Ipv4Addr::LOCALHOST, port).into(),
+        include: vec!["**".to_owned()],
+        exclude: Vec::new(),
+        queue: 8192,
+        viewer_queue: 1024,
+    }
+}
+
 /// A running service and the bus that it reads.
 struct Served {
     bus: Bus,
@@ -26,10 +38,7 @@ struct Served {
 
 impl Served {
     fn start(change: impl FnOnce(&mut Config)) -> Self {
-        let mut config = Config {
-            address: (Ipv4Addr::LOCALHOST, 0).into(),
-            ..Config::default()
-        };
+        let mut config = at_port(0);
         change(&mut config);
         let (bus, stop) = (Bus::in_process("cell1"), Stop::new());
         let (tell, told) = mpsc::channel();
@@ -263,10 +272,7 @@ fn a_viewer_that_sleeps_holds_nobody_up() {
 #[test]
 fn an_address_in_use_is_named() {
     let served = Served::start(|_| {});
-    let config = Config {
-        address: (Ipv4Addr::LOCALHOST, served.port).into(),
-        ..Config::default()
-    };
+    let config = at_port(served.port);
     let bus = Bus::in_process("other");
     let error = run(&config, &bus, &Stop::new(), |_| {})
         .unwrap_err()

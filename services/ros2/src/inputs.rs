@@ -23,6 +23,9 @@ pub struct OpenInput {
 
 /// A message whose content can be checked.
 pub trait Checked: Message {
+    /// How the cell's readers get it.
+    const DELIVERY: Delivery;
+
     /// What is wrong with it; `None` for a message that the cell may read. Its readers check the
     /// rest, such as limits.
     fn fault(&self) -> Option<&'static str>;
@@ -35,6 +38,8 @@ fn all_finite<'a>(numbers: impl IntoIterator<Item = &'a f64>) -> bool {
 }
 
 impl Checked for PoseWithCovarianceStamped {
+    const DELIVERY: Delivery = Delivery::RealTime;
+
     fn fault(&self) -> Option<&'static str> {
         let pose = &self.pose.pose;
         let (p, o) = (&pose.position, &pose.orientation);
@@ -47,6 +52,8 @@ impl Checked for PoseWithCovarianceStamped {
 }
 
 impl Checked for WrenchStamped {
+    const DELIVERY: Delivery = Delivery::RealTime;
+
     fn fault(&self) -> Option<&'static str> {
         let (f, t) = (&self.wrench.force, &self.wrench.torque);
         if all_finite(&[f.x, f.y, f.z, t.x, t.y, t.z]) {
@@ -57,6 +64,8 @@ impl Checked for WrenchStamped {
 }
 
 impl Checked for Image {
+    const DELIVERY: Delivery = Delivery::Bulk;
+
     fn fault(&self) -> Option<&'static str> {
         let bytes = u64::from(self.step) * u64::from(self.height);
         match () {
@@ -70,6 +79,8 @@ impl Checked for Image {
 }
 
 impl Checked for CameraInfo {
+    const DELIVERY: Delivery = Delivery::Background;
+
     fn fault(&self) -> Option<&'static str> {
         let numbers = self.d.iter().chain(&self.k).chain(&self.r).chain(&self.p);
         match () {
@@ -91,29 +102,16 @@ pub fn open(
     troubles: &Troubles,
     health: &HealthReporter,
 ) -> Result<OpenInput, BusError> {
-    let key = input.key.clone();
-    match input.kind {
-        InputKind::BasePose => {
-            let to = Topic::<PoseWithCovarianceStamped>::named(key, Delivery::RealTime);
-            open_as(&to, input, bus, node, troubles, health)
-        }
-        InputKind::Wrench => {
-            let to = Topic::<WrenchStamped>::named(key, Delivery::RealTime);
-            open_as(&to, input, bus, node, troubles, health)
-        }
-        InputKind::Image => {
-            let to = Topic::<Image>::named(key, Delivery::Bulk);
-            open_as(&to, input, bus, node, troubles, health)
-        }
-        InputKind::CameraInfo => {
-            let to = Topic::<CameraInfo>::named(key, Delivery::Background);
-            open_as(&to, input, bus, node, troubles, health)
-        }
-    }
+    let open = match input.kind {
+        InputKind::BasePose => open_as::<PoseWithCovarianceStamped>,
+        InputKind::Wrench => open_as::<WrenchStamped>,
+        InputKind::Image => open_as::<Image>,
+        InputKind::CameraInfo => open_as::<CameraInfo>,
+    };
+    open(input, bus, node, troubles, health)
 }
 
 fn open_as<M: Checked>(
-    to: &Topic<M>,
     input: &Input,
     bus: &Bus,
     node: &Node,
@@ -125,7 +123,7 @@ fn open_as<M: Checked>(
     let of = of.expect("the definitions of all inputs ship, and a test computes their hashes");
     let gate = Mutex::new(Gate {
         topic: input.topic.clone(),
-        publisher: bus.publisher(to)?,
+        publisher: bus.publisher(&Topic::<M>::named(input.key.clone(), M::DELIVERY))?,
         source: OneSource::default(),
         troubles: troubles.clone(),
         let_in: health.rate(&input.key),

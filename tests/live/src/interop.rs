@@ -1,6 +1,11 @@
-//! Third-party clients from PyPI: the Python that has them, and the folder of their scripts.
+//! Third-party clients from PyPI: the Python that has them, and their scripts in `tests/interop`.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Exit code of a script whose clients are not installed.
+const MISSING: i32 = 77;
 
 /// Root folder of the repository.
 pub fn root() -> PathBuf {
@@ -19,4 +24,37 @@ pub fn python() -> PathBuf {
     } else {
         "python3".into()
     }
+}
+
+/// Whether a client that is missing is a failure: `TANGENT_REQUIRE_INTEROP` is set.
+pub fn is_required() -> bool {
+    std::env::var_os("TANGENT_REQUIRE_INTEROP").is_some()
+}
+
+/// What a script of `tests/interop` prints. `None`, and the reason is printed, if Python or one of
+/// its clients is missing.
+///
+/// # Panics
+/// The script fails, or something is missing and [`is_required`].
+pub fn output_of(script: &str, arguments: &[impl AsRef<OsStr>]) -> Option<String> {
+    let python = python();
+    let output = Command::new(&python)
+        .arg(root().join("tests/interop").join(script))
+        .args(arguments)
+        .output();
+    let missing = match output {
+        Err(error) => format!("{} cannot be run: {error}", python.display()),
+        Ok(output) => {
+            let said = String::from_utf8_lossy(&output.stdout).into_owned();
+            if output.status.code() != Some(MISSING) {
+                let errors = String::from_utf8_lossy(&output.stderr);
+                assert!(output.status.success(), "{said}\n{errors}");
+                return Some(said);
+            }
+            said
+        }
+    };
+    assert!(!is_required(), "{missing}");
+    println!("skipped, because {}", missing.trim());
+    None
 }

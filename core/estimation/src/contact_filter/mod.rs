@@ -30,6 +30,7 @@ use tangent_sensing::Validity;
 use self::slide::Slide;
 use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
+use self::tip::POSITION_SD_M;
 use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};
 use crate::world_estimator::WorldEstimate;
@@ -44,8 +45,6 @@ const FREE_FORCE_SD_N: f64 = 0.05;
 const HUBER_SD: f64 = 2.5;
 /// Standard deviation of the lag between wrench and motion, s.
 const LAG_SD_S: f64 = 0.008;
-/// Standard deviation of the point of contact beside that which tip and torque tell, m.
-const POSITION_SD_M: f64 = 3e-4;
 /// Angle over which the tool turns about one axis, rad.
 const TURN_RAD: f64 = 0.1;
 /// Slopes of which a lost contact is a sign, along the motion and across it, rad.

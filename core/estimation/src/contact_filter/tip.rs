@@ -14,9 +14,9 @@ const FLUSH_DOUBT: f64 = 1.0;
 const COMPLIANCE_DOUBT: f64 = 4.0;
 /// Standard deviation of the angle between the pad's normal and the tool's axis, rad.
 const FLUSH_SD_RAD: f64 = 0.005;
-/// Error of the tip's position across the tool's axis, m, one standard deviation: a pad that is
-/// flush seems to press beside its middle.
-const POSITION_SD_M: f64 = 3e-4;
+/// Standard deviation of the point of contact beside that which tip and torque tell, m: a pad that
+/// is flush seems to press beside its middle.
+pub(super) const POSITION_SD_M: f64 = 3e-4;
 /// Largest distance of the contact from the tool's origin for a tip of unknown shape, m.
 const UNKNOWN_RADIUS_M: f64 = 0.01;
 

@@ -1,10 +1,10 @@
 //! Third-party programs read the recordings: `mcap` with `mcap-ros2-support`, and `rosbags`, from
 //! PyPI.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 
 use serde_json::{Value, json};
+use tangent_live::interop::output_of;
 use tangent_recorder::{FileOptions, Record, RecordingWriter};
 use tangent_schemas::standard::{
     CompressedImage, Header, JointState, Marker, MarkerArray, PoseStamped, TFMessage,
@@ -17,18 +17,6 @@ use tangent_schemas::{Message, cdr};
 
 /// Messages per topic.
 const EACH: u32 = 25;
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-fn python() -> PathBuf {
-    if let Some(named) = std::env::var_os("TANGENT_PYTHON") {
-        return named.into();
-    }
-    let own = root().join(".venv/bin/python3");
-    if own.exists() { own } else { "python3".into() }
-}
 
 fn put<M: Message>(writer: &mut RecordingWriter, topic: &str, sequence: u32, message: &M) {
     let mut bytes = Vec::new();
@@ -131,32 +119,10 @@ fn third_party_programs_read_every_message() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cell1.mcap");
     record(&path);
-    let output = Command::new(python())
-        .arg(root().join("tests/interop/read_recording.py"))
-        .arg(&path)
-        .output();
-    let missing = match &output {
-        Err(error) => Some(error.to_string()),
-        Ok(output) if output.status.code() == Some(77) => {
-            Some(String::from_utf8_lossy(&output.stdout).into_owned())
-        }
-        Ok(_) => None,
-    };
-    if let Some(missing) = missing {
-        assert!(
-            std::env::var("TANGENT_REQUIRE_INTEROP").as_deref() != Ok("1"),
-            "{missing}"
-        );
-        println!("skipped, because {missing}");
+    let Some(said) = output_of("read_recording.py", &[&path]) else {
         return;
-    }
-    let output = output.unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    };
+    let found: Value = serde_json::from_str(&said).unwrap();
     let cycles: Vec<u32> = (0..EACH).collect();
     let faults: Vec<String> = cycles.iter().map(|i| format!("fault {i}")).collect();
     for reader in ["mcap", "rosbags"] {

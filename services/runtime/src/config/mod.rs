@@ -4,6 +4,8 @@
 mod check;
 mod load;
 mod sections;
+#[cfg(test)]
+mod testing;
 
 use std::path::{Path, PathBuf};
 

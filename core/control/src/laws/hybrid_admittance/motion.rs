@@ -178,7 +178,10 @@ fn along_path(
         if run.exploration.is_open() && path_speed * explore_factor > 0.0 {
             let deviation = deviation_max_rad(covariance);
             // While the force still builds up, there is less of it to lose.
-            let force = force_loop(run, config, run.force.reference_n().min(reference_n));
+            let force = ForceLoop {
+                reference_n: run.force.reference_n().min(reference_n),
+                ..force
+            };
             let bound = speed_bound(&config.pace, deviation, &force);
             let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
             let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * explore_factor;

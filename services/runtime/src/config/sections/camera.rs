@@ -225,15 +225,12 @@ impl CameraConfig {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::CellConfig;
+    use crate::config::{CellConfig, testing};
 
     fn cell(camera: &str) -> Result<CellConfig, String> {
-        let text = format!(
-            "[cell]\nname = \"cell1\"\n[robot]\nmodel = \"ur5\"\naddress = \"127.0.0.1\"\n[sensor]\naddress = \"127.0.0.1\"\n\
-             [tool]\nmass_kg = 0.3\ncom_in_sensor_m = [0.0, 0.0, 0.05]\nflange_from_tool = {{ translation_m = [0.0, 0.0, 0.15] }}\n\
-             [camera]\nflange_from_camera = {{ translation_m = [0.07, 0.0, -0.03] }}\n{camera}"
-        );
-        CellConfig::parse("cell.toml", &text).map_err(|error| error.to_string())
+        testing::cell(&format!(
+            "[camera]\nflange_from_camera = {{ translation_m = [0.07, 0.0, -0.03] }}\n{camera}"
+        ))
     }
 
     #[test]

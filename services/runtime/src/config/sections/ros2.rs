@@ -236,14 +236,7 @@ impl Ros2Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn cell(more: &str) -> Result<CellConfig, String> {
-        let text = format!(
-            "[cell]\nname = \"cell1\"\n[robot]\nmodel = \"ur5\"\naddress = \"127.0.0.1\"\n[sensor]\naddress = \"127.0.0.1\"\n\
-             [tool]\nmass_kg = 0.3\ncom_in_sensor_m = [0.0, 0.0, 0.05]\nflange_from_tool = {{ translation_m = [0.0, 0.0, 0.15] }}\n{more}"
-        );
-        CellConfig::parse("cell.toml", &text).map_err(|error| error.to_string())
-    }
+    use crate::config::testing::cell;
 
     #[test]
     fn no_command_that_moves_the_arm_is_offered_unless_it_is_listed() {
