@@ -225,11 +225,14 @@ impl History {
             }
             let ended = |s: &ControlState| matches!(s.phase_text.as_str(), "done" | "fault");
             let left = |s: &ControlState| matches!(s.phase_text.as_str(), "retract" | "done");
-            let leaves = !left(before) && !ended(before) && left(after) && after.fault.is_empty();
+            let departs = !left(before) && !ended(before) && left(after);
+            let leaves = departs && after.fault.is_empty();
             if !before.paused && after.paused {
                 expect(&[Kind::Pause], at_ns, what("paused"));
             }
-            if before.paused && leaves {
+            if departs && before.fault.is_empty() && !after.fault.is_empty() {
+                // A fault takes the tool off without a request, and a pause ends with that.
+            } else if before.paused && leaves {
                 // A task that is stopped, or that was paused while it left and goes on.
                 expect(&[Kind::Stop, Kind::Resume], at_ns, what("left"));
             } else if before.paused && !after.paused && !ended(after) {
