@@ -30,9 +30,10 @@ export class ForcePlot {
     this.plot = new uPlot({
       ...this.size(),
       cursor: { y: false },
-      scales: { x: { time: false }, y: { range: (u, low, high) => [Math.min(0, low ?? 0), Math.max(1, (high ?? 0) * 1.15)] } },
+      legend: { live: false },
+      scales: { x: { time: false, range: [-SECONDS, 0] }, y: { range: (u, low, high) => [Math.min(0, low ?? 0), Math.max(1, (high ?? 0) * 1.15)] } },
       axes: [
-        { ...axis, values: (u, all) => all.map((v) => `${Math.round(v)} s`) },
+        { ...axis, incrs: [1, 5, 10], values: (u, all) => all.map((v) => (v === 0 ? say("plot.now") : `${v} s`)) },
         { ...axis, values: (u, all) => all.map((v) => `${v} N`), size: 58 },
       ],
       bands: [{ series: [1, 2], fill: band }],
@@ -57,6 +58,8 @@ export class ForcePlot {
       .forEach((value, i) => this.data[i].push(value));
     const old = this.data[0].findIndex((t) => t >= time - SECONDS);
     if (old > 0) this.data.forEach((series) => series.splice(0, old));
-    if (!document.hidden) this.plot.setData(this.data);
+    if (document.hidden) return;
+    const [times, ...others] = this.data;
+    this.plot.setData([times.map((t) => t - time), ...others]);
   }
 }

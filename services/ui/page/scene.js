@@ -121,7 +121,7 @@ export class ArmScene {
     while (this.links.length < count) {
       const is_tool = this.links.length === count - 1;
       const radius = is_tool ? 0.012 : 0.04 - 0.003 * this.links.length;
-      const look = new THREE.MeshStandardMaterial({ color: is_tool ? 0x444c55 : 0x9fb3c8, roughness: 0.6 });
+      const look = new THREE.MeshStandardMaterial({ color: is_tool ? 0x66707a : 0x9fb3c8, roughness: 0.6, transparent: true });
       const link = new THREE.Mesh(new THREE.CylinderGeometry(is_tool ? 0.008 : radius, radius, 1, 20), look);
       const ball = new THREE.Mesh(new THREE.SphereGeometry(radius * 1.15, 20, 14), look);
       this.links.push(link);
@@ -189,8 +189,10 @@ export class ArmScene {
     return mixed.copy(over).multiplyScalar(Math.max(0.6, Math.min(1, most / dose + 0.4)));
   }
 
-  look(at, from) {
+  look(at, from, opacity) {
     this.viewed = true;
+    // The arm must not hide the surface that is looked at.
+    for (const link of this.links) link.material.opacity = opacity;
     this.controls.target.copy(at);
     this.camera.position.copy(from);
     this.controls.update();
@@ -202,7 +204,7 @@ export class ArmScene {
     const middle = this.tool.clone().multiplyScalar(0.55);
     middle.z = Math.max(0.15, middle.z * 0.8);
     const side = new THREE.Vector3(this.tool.y, -this.tool.x, 0).normalize();
-    this.look(middle, middle.clone().addScaledVector(side, 1.5).add(new THREE.Vector3(0, 0, 0.7)));
+    this.look(middle, middle.clone().addScaledVector(side, 1.5).add(new THREE.Vector3(0, 0, 0.7)), 1);
   }
 
   // The surface that was touched, seen from outside and a little from the side.
@@ -218,6 +220,6 @@ export class ArmScene {
     }
     const side = new THREE.Vector3(middle.y, -middle.x, 0).normalize();
     const from = out.multiplyScalar(0.85).addScaledVector(side, 0.5).normalize();
-    this.look(middle, middle.clone().addScaledVector(from, reach * 3.4));
+    this.look(middle, middle.clone().addScaledVector(from, reach * 3.4), 0.25);
   }
 }

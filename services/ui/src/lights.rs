@@ -135,7 +135,7 @@ impl Seen<'_> {
         let name = json!(control.estimator.as_str());
         let pressing = Phase::from_code(control.phase).is_some_and(Phase::is_pressing);
         match Duration::try_from_secs_f64(control.estimate_age_s) {
-            Ok(age) if age <= SILENT => {
+            Ok(age) if pressing && age <= SILENT => {
                 let values = [("name", name), ("ms", millis(age))];
                 Light::new("estimate", Level::Good, "estimate.good", values)
             }
@@ -283,6 +283,7 @@ mod tests {
         assert_eq!(light(&lights, "sensor"), (Level::Bad, "sensor.invalid"));
         assert_eq!(light(&lights, "estimate"), (Level::Bad, "estimate.silent"));
         assert_eq!(light(&lights, "rtde"), (Level::Bad, "service.fault"));
+        assert_eq!(light(&lights, "controller"), (Level::Warn, "controller.fault"));
         let lights = at(LATE, LATE);
         assert_eq!(light(&lights, "robot"), (Level::Bad, "robot.silent"));
         let controller = light(&lights, "controller");

@@ -85,7 +85,7 @@ impl Estimator {
         }
         let degrees = |rad: f64| rad.is_finite().then(|| round(rad.to_degrees(), 1e2));
         let trace = estimate.covariance[0] + estimate.covariance[4] + estimate.covariance[8];
-        shown.sd_deg = degrees(trace.max(0.0).sqrt());
+        shown.sd_deg = degrees(trace.sqrt());
         let own = Vector3::from(&estimate.normal).try_normalize(1e-6);
         let used = control.and_then(|c| Vector3::from(&c.normal).try_normalize(1e-6));
         if let (Some(own), Some(used)) = (own, used) {
