@@ -20,9 +20,9 @@ use tangent_schemas::tangent::{ArmState, ControlState, NormalEstimate, Request};
 use tangent_schemas::topics::{self, queries};
 
 pub use config::SceneConfig;
-pub use pressed::{COVER_RADIUS_M, Pressed, cover_radius_m, cross_axes};
 use frames::Frames;
 use marks::{Marks, Seen};
+pub use pressed::{COVER_RADIUS_M, Pressed, cover_radius_m, cross_axes};
 
 /// Interval at which latched messages are published again, for readers that have missed them.
 const AGAIN: Duration = Duration::from_secs(2);

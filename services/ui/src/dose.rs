@@ -145,7 +145,13 @@ impl DoseMap {
         let under = self.under(&axes, pressed);
         let sum: f64 = under.iter().map(|one| one.3).sum();
         for (place, point, area_cm2, weight) in under {
-            self.add(place, point, pressed.normal, area_cm2, impulse * weight / sum);
+            self.add(
+                place,
+                point,
+                pressed.normal,
+                area_cm2,
+                impulse * weight / sum,
+            );
         }
     }
 

@@ -9,7 +9,11 @@ const FILES: &[(&str, &str, &[u8])] = &[
     ("/plot.js", JS, include_bytes!("../page/plot.js")),
     ("/scene.js", JS, include_bytes!("../page/scene.js")),
     ("/texts.js", JS, include_bytes!("../page/texts.js")),
-    ("/texts.en.json", JSON, include_bytes!("../page/texts.en.json")),
+    (
+        "/texts.en.json",
+        JSON,
+        include_bytes!("../page/texts.en.json"),
+    ),
     ("/icon.svg", SVG, include_bytes!("../page/icon.svg")),
     (
         "/vendor/three.core.min.js",
@@ -79,7 +83,9 @@ mod tests {
     /// Every file that the page names is served, and none is fetched from elsewhere.
     #[test]
     fn the_page_is_whole_and_needs_no_other_host() {
-        let own = FILES.iter().filter(|(path, ..)| !path.starts_with("/vendor/"));
+        let own = FILES
+            .iter()
+            .filter(|(path, ..)| !path.starts_with("/vendor/"));
         let mut named = BTreeSet::new();
         for (path, kind, content) in own {
             let content = std::str::from_utf8(content).unwrap();
@@ -111,7 +117,11 @@ mod tests {
             .map(text)
             .concat();
         let mut used = BTreeSet::new();
-        for (start, end) in [("data-text=\"", '"'), ("data-label=\"", '"'), ("say(\"", '"')] {
+        for (start, end) in [
+            ("data-text=\"", '"'),
+            ("data-label=\"", '"'),
+            ("say(\"", '"'),
+        ] {
             for rest in source.split(start).skip(1) {
                 used.insert(rest.split(end).next().unwrap().to_owned());
             }
