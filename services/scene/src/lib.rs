@@ -1,5 +1,5 @@
 //! What viewers show of a cell: `/tf`, `/tf_static`, `/joint_states`, `/robot_description` and
-//! `/markers`.
+//! `/markers`; and where the tool presses ([`Pressed`]).
 //!
 //! The controller service calls it from its side thread, about 20 times a second. The messages go
 //! over the bus like all others, so that recordings and live viewers show the same.
@@ -7,6 +7,7 @@
 mod config;
 mod frames;
 mod marks;
+mod pressed;
 
 use std::time::{Duration, Instant};
 
@@ -19,6 +20,7 @@ use tangent_schemas::tangent::{ArmState, ControlState, NormalEstimate, Request};
 use tangent_schemas::topics::{self, queries};
 
 pub use config::SceneConfig;
+pub use pressed::{COVER_RADIUS_M, Pressed, cover_radius_m, cross_axes};
 use frames::Frames;
 use marks::{Marks, Seen};
 
