@@ -130,9 +130,7 @@ impl Served {
 
     /// Ends the recorder, and returns the recording.
     fn recording(&mut self) -> PathBuf {
-        self.cell
-            .process("estimator recorder")
-            .terminate(PATIENCE);
+        self.cell.process("estimator recorder").terminate(PATIENCE);
         let files = self.cell.files();
         assert_eq!(files.len(), 1, "{files:?}");
         files[0].clone()
@@ -162,7 +160,12 @@ fn post(host: &str, token: &str, path: &str, body: &Value) -> Value {
 /// Time on the processor of a process so far, s.
 fn processor_s(id: u32) -> f64 {
     let stat = fs::read_to_string(format!("/proc/{id}/stat")).unwrap();
-    let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+    let fields: Vec<&str> = stat
+        .rsplit(')')
+        .next()
+        .unwrap()
+        .split_whitespace()
+        .collect();
     let ticks: f64 = fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap();
     ticks / 100.0
 }
@@ -200,7 +203,11 @@ fn a_task_is_driven_from_the_page_and_everything_is_recorded() {
             "the page's service takes {:.1} % of a core with one page at 20 Hz",
             100.0 * share
         );
-        assert!(slid["force"]["now"].as_f64().unwrap() > 1.0, "{}", slid["force"]);
+        assert!(
+            slid["force"]["now"].as_f64().unwrap() > 1.0,
+            "{}",
+            slid["force"]
+        );
         assert_eq!(slid["pages"], json!([1, 1]));
 
         // What was pressed so far is in the map: about 3 N for the time since touchdown.
@@ -245,17 +252,27 @@ fn a_task_is_driven_from_the_page_and_everything_is_recorded() {
         );
         let stamps: Vec<i64> = recorded.iter().map(|c| c.header.stamp.to_ns()).collect();
         assert!(stamps.is_sorted() && stamps[0] > 0, "{stamps:?}");
-        assert!(recorded.iter().all(|c| c.address.is_empty() == (&*c.who == "lost page")));
+        assert!(
+            recorded
+                .iter()
+                .all(|c| c.address.is_empty() == (&*c.who == "lost page"))
+        );
 
         let name = path.file_name().unwrap().to_str().unwrap();
         let answer = served.post("/api/report", &json!({ "recording": name }));
-        let report = answer["report"].as_str().unwrap_or_else(|| panic!("{answer}"));
+        let report = answer["report"]
+            .as_str()
+            .unwrap_or_else(|| panic!("{answer}"));
         let html = ask(
             &served.host(),
             &format!("GET /recordings/{report} HTTP/1.0"),
             "",
         );
-        assert!(html.contains("<svg") && html.contains("long"), "{}", html.len());
+        assert!(
+            html.contains("<svg") && html.contains("long"),
+            "{}",
+            html.len()
+        );
         assert_eq!(served.ui.terminate(PATIENCE), Some(0));
     });
 }
@@ -284,9 +301,15 @@ fn an_operator_works_with_it_in_a_browser() {
         let stopped = json!(["Standing", "Approaching", "Sliding", "Paused"]);
         assert_eq!(found["stopped_in"], stopped);
         let cut = found["cut"].as_str().unwrap();
-        assert!(cut.contains("No connection") && cut.contains("continues"), "{cut}");
+        assert!(
+            cut.contains("No connection") && cut.contains("continues"),
+            "{cut}"
+        );
         let reached = found["reached"].as_array().unwrap();
-        assert_eq!((&reached[0], reached.last().unwrap()), (&json!("stop"), &json!("start")));
+        assert_eq!(
+            (&reached[0], reached.last().unwrap()),
+            (&json!("stop"), &json!("start"))
+        );
         assert_eq!(found["errors"], json!([]));
         assert_eq!(found["webgl"], true);
         assert!(!found["report"].as_str().unwrap().is_empty());

@@ -257,13 +257,25 @@ mod tests {
         assert!(missing.contains("--new-token"), "{missing}");
         for (text, word) in [
             ("", "no [[person]]"),
-            ("[[person]]\nname = 'a'\nrole = 'king'\ntoken_sha256 = ''", "king"),
-            ("[[person]]\nname = 'a'\nrole = 'operator'\ntoken_sha256 = ''", "64"),
-            ("[[person]]\nname = 'a'\nrole = 'operator'\ntoken = 'secret'", "token"),
+            (
+                "[[person]]\nname = 'a'\nrole = 'king'\ntoken_sha256 = ''",
+                "king",
+            ),
+            (
+                "[[person]]\nname = 'a'\nrole = 'operator'\ntoken_sha256 = ''",
+                "64",
+            ),
+            (
+                "[[person]]\nname = 'a'\nrole = 'operator'\ntoken = 'secret'",
+                "token",
+            ),
         ] {
             fs::write(&file, text).unwrap();
             let said = Tokens::read(&file).unwrap_err().to_string();
-            assert!(said.contains(word) && said.contains("tokens.toml"), "{said}");
+            assert!(
+                said.contains(word) && said.contains("tokens.toml"),
+                "{said}"
+            );
         }
         assert!(new_person(&file, "a b", Role::Operator).is_err());
         assert!(new_person(&file, "", Role::Operator).is_err());

@@ -73,9 +73,18 @@ pub struct Seen<'a> {
 impl Seen<'_> {
     /// The lights, the parts that move the arm first.
     pub fn lights(&self) -> Vec<Light> {
-        let mut lights = vec![self.robot(), self.sensor(), self.estimate(), self.controller()];
+        let mut lights = vec![
+            self.robot(),
+            self.sensor(),
+            self.estimate(),
+            self.controller(),
+        ];
         let recorder = self.healths.iter().any(|(h, _)| &*h.service == "recorder");
-        lights.extend(self.healths.iter().map(|(health, age)| of_health(health, *age)));
+        lights.extend(
+            self.healths
+                .iter()
+                .map(|(health, age)| of_health(health, *age)),
+        );
         if !recorder {
             lights.push(Light::new("recorder", Level::Warn, "no_recorder", []).of_service());
         }
@@ -90,7 +99,12 @@ impl Seen<'_> {
             }
             Some((arm, _)) if !arm.ready => {
                 let why = arm.not_ready_reason.as_str();
-                Light::new("robot", Level::Warn, "robot.not_ready", [("why", json!(why))])
+                Light::new(
+                    "robot",
+                    Level::Warn,
+                    "robot.not_ready",
+                    [("why", json!(why))],
+                )
             }
             Some((_, age)) => {
                 Light::new("robot", Level::Good, "robot.ready", [("ms", millis(age))])
@@ -159,7 +173,12 @@ impl Seen<'_> {
             ),
             Some((control, _)) if !control.fault.is_empty() => {
                 let why = json!(control.fault.as_str());
-                Light::new("controller", Level::Warn, "controller.fault", [("why", why)])
+                Light::new(
+                    "controller",
+                    Level::Warn,
+                    "controller.fault",
+                    [("why", why)],
+                )
             }
             Some((_, age)) => Light::new(
                 "controller",
@@ -283,7 +302,10 @@ mod tests {
         assert_eq!(light(&lights, "sensor"), (Level::Bad, "sensor.invalid"));
         assert_eq!(light(&lights, "estimate"), (Level::Bad, "estimate.silent"));
         assert_eq!(light(&lights, "rtde"), (Level::Bad, "service.fault"));
-        assert_eq!(light(&lights, "controller"), (Level::Warn, "controller.fault"));
+        assert_eq!(
+            light(&lights, "controller"),
+            (Level::Warn, "controller.fault")
+        );
         let lights = at(LATE, LATE);
         assert_eq!(light(&lights, "robot"), (Level::Bad, "robot.silent"));
         let controller = light(&lights, "controller");
@@ -299,13 +321,15 @@ mod tests {
             control: Some((&never, NOW)),
             healths: &[],
         };
-        assert_eq!(light(&seen.lights(), "sensor"), (Level::Bad, "sensor.never"));
+        assert_eq!(
+            light(&seen.lights(), "sensor"),
+            (Level::Bad, "sensor.never")
+        );
     }
 
     #[test]
     fn every_light_has_its_sentence() {
-        let texts: Value =
-            serde_json::from_str(include_str!("../page/texts.en.json")).unwrap();
+        let texts: Value = serde_json::from_str(include_str!("../page/texts.en.json")).unwrap();
         let source = include_str!("lights.rs");
         let source = source.split("mod tests").next().unwrap();
         let mut found = 0;

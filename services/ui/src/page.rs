@@ -1,5 +1,7 @@
 //! The files of the page, which are part of the program: it works without any other network.
 
+use tangent_page_libraries as page_libraries;
+
 /// Files of the page: path, media type and content.
 const FILES: &[(&str, &str, &[u8])] = &[
     ("/", HTML, include_bytes!("../page/index.html")),
@@ -9,47 +11,43 @@ const FILES: &[(&str, &str, &[u8])] = &[
     ("/plot.js", JS, include_bytes!("../page/plot.js")),
     ("/scene.js", JS, include_bytes!("../page/scene.js")),
     ("/texts.js", JS, include_bytes!("../page/texts.js")),
-    ("/texts.en.json", JSON, include_bytes!("../page/texts.en.json")),
+    (
+        "/texts.en.json",
+        JSON,
+        include_bytes!("../page/texts.en.json"),
+    ),
     ("/icon.svg", SVG, include_bytes!("../page/icon.svg")),
     (
         "/vendor/three.core.min.js",
         JS,
-        include_bytes!("../page/vendor/three.core.min.js"),
+        page_libraries::THREE_CORE.as_bytes(),
     ),
     (
         "/vendor/three.module.min.js",
         JS,
-        include_bytes!("../page/vendor/three.module.min.js"),
+        page_libraries::THREE.as_bytes(),
     ),
     (
         "/vendor/OrbitControls.js",
         JS,
-        include_bytes!("../page/vendor/OrbitControls.js"),
+        page_libraries::ORBIT_CONTROLS.as_bytes(),
     ),
-    (
-        "/vendor/uPlot.esm.js",
-        JS,
-        include_bytes!("../page/vendor/uPlot.esm.js"),
-    ),
+    ("/vendor/uPlot.esm.js", JS, page_libraries::UPLOT.as_bytes()),
     (
         "/vendor/uPlot.min.css",
         CSS,
-        include_bytes!("../page/vendor/uPlot.min.css"),
+        page_libraries::UPLOT_STYLE.as_bytes(),
     ),
-    (
-        "/vendor/NOTICE.md",
-        TEXT,
-        include_bytes!("../page/vendor/NOTICE.md"),
-    ),
+    ("/vendor/NOTICE.md", TEXT, page_libraries::NOTICE.as_bytes()),
     (
         "/vendor/LICENSE.three.txt",
         TEXT,
-        include_bytes!("../page/vendor/LICENSE.three.txt"),
+        page_libraries::THREE_LICENSE.as_bytes(),
     ),
     (
         "/vendor/LICENSE.uPlot.txt",
         TEXT,
-        include_bytes!("../page/vendor/LICENSE.uPlot.txt"),
+        page_libraries::UPLOT_LICENSE.as_bytes(),
     ),
 ];
 
@@ -79,7 +77,9 @@ mod tests {
     /// Every file that the page names is served, and none is fetched from elsewhere.
     #[test]
     fn the_page_is_whole_and_needs_no_other_host() {
-        let own = FILES.iter().filter(|(path, ..)| !path.starts_with("/vendor/"));
+        let own = FILES
+            .iter()
+            .filter(|(path, ..)| !path.starts_with("/vendor/"));
         let mut named = BTreeSet::new();
         for (path, kind, content) in own {
             let content = std::str::from_utf8(content).unwrap();
@@ -111,7 +111,11 @@ mod tests {
             .map(text)
             .concat();
         let mut used = BTreeSet::new();
-        for (start, end) in [("data-text=\"", '"'), ("data-label=\"", '"'), ("say(\"", '"')] {
+        for (start, end) in [
+            ("data-text=\"", '"'),
+            ("data-label=\"", '"'),
+            ("say(\"", '"'),
+        ] {
             for rest in source.split(start).skip(1) {
                 used.insert(rest.split(end).next().unwrap().to_owned());
             }

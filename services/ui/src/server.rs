@@ -25,10 +25,10 @@ use crate::access::{is_own_host, is_own_origin};
 use crate::commands::{Command, Desk, Who};
 use crate::config::Config;
 use crate::connection::{Bounded, Peer};
-use crate::dose::DoseMap;
 use crate::pages::Pages;
 use crate::snapshot::LastCommand;
 use crate::{export, lock, page, recordings, tasks};
+use tangent_scene::dose::{DoseMap, Judgement};
 
 /// Largest body of a request, bytes.
 const BODY_MAX: usize = 4096;
@@ -168,7 +168,11 @@ async fn guard(
 }
 
 /// Who sends a request that may be answered; or the status and the reason of the refusal.
-fn admit(config: &Config, peer: SocketAddr, request: &Request) -> Result<Who, (StatusCode, String)> {
+fn admit(
+    config: &Config,
+    peer: SocketAddr,
+    request: &Request,
+) -> Result<Who, (StatusCode, String)> {
     let headers = request.headers();
     let host = text(headers, header::HOST).unwrap_or("");
     if !is_own_host(host, &config.hosts) {
@@ -205,13 +209,15 @@ fn admit(config: &Config, peer: SocketAddr, request: &Request) -> Result<Who, (S
         role,
         address: address.to_string(),
     };
-    let token = text(headers, header::AUTHORIZATION).map(|t| t.trim_start_matches("Bearer ").trim());
+    let token =
+        text(headers, header::AUTHORIZATION).map(|t| t.trim_start_matches("Bearer ").trim());
     match token {
         Some(token) => match config.tokens.holder(token) {
             Some(person) => Ok(who(&person.name, Some(person.role))),
             None => Err((
                 StatusCode::UNAUTHORIZED,
-                "this token is not known: it may be of an earlier run, or its entry was removed".to_owned(),
+                "this token is not known: it may be of an earlier run, or its entry was removed"
+                    .to_owned(),
             )),
         },
         None if is_data && !address.is_loopback() => Err((
@@ -369,12 +375,15 @@ fn exported(
     shared: &Shared,
     ending: &str,
     kind: &'static str,
-    write: impl Fn(&DoseMap, &crate::dose::Judgement) -> String,
+    write: impl Fn(&DoseMap, &Judgement) -> String,
 ) -> Response {
     let map = lock(&shared.dose);
     let text = write(&map, &map.judge(shared.config.dose_band));
     drop(map);
-    let name = format!("attachment; filename=\"dose-{}.{ending}\"", shared.config.cell);
+    let name = format!(
+        "attachment; filename=\"dose-{}.{ending}\"",
+        shared.config.cell
+    );
     let headers = [
         (header::CONTENT_TYPE, kind.to_owned()),
         (header::CONTENT_DISPOSITION, name),

@@ -67,10 +67,7 @@ pub fn text(folder: &Path, file: &str) -> io::Result<String> {
 /// Whether this is a plain name that ends with `.toml`.
 fn is_file_name(name: &str) -> bool {
     let good = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-    name.len() <= 100
-        && name.ends_with(".toml")
-        && !name.starts_with('.')
-        && name.chars().all(good)
+    name.len() <= 100 && name.ends_with(".toml") && !name.starts_with('.') && name.chars().all(good)
 }
 
 #[cfg(test)]
@@ -81,7 +78,11 @@ mod tests {
     fn only_tasks_are_listed_and_only_plain_names_are_read() {
         let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/tasks");
         let listed = list(&shipped);
-        assert!(listed.iter().any(|t| t.file == "raster.toml" && t.force_n > 0.0));
+        assert!(
+            listed
+                .iter()
+                .any(|t| t.file == "raster.toml" && t.force_n > 0.0)
+        );
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join("tasks")).unwrap();
         let tasks = folder.path().join("tasks");
@@ -89,7 +90,14 @@ mod tests {
         fs::write(tasks.join("note.toml"), "a = 1").unwrap();
         assert_eq!(list(&tasks), []);
         assert_eq!(list(&folder.path().join("nowhere")), []);
-        for name in ["../cell.toml", "/etc/passwd", "a/b.toml", "..toml", "", "note"] {
+        for name in [
+            "../cell.toml",
+            "/etc/passwd",
+            "a/b.toml",
+            "..toml",
+            "",
+            "note",
+        ] {
             assert!(text(&tasks, name).is_err(), "{name}");
         }
         assert_eq!(text(&tasks, "note.toml").unwrap(), "a = 1");

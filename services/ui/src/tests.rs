@@ -55,7 +55,11 @@ impl Page {
         let (told, listening) = mpsc::channel();
         let thread = std::thread::spawn({
             let (bus, stop) = (bus.clone(), stop.clone());
-            move || run(config, &bus, &stop, None, |address| told.send(address).unwrap())
+            move || {
+                run(config, &bus, &stop, None, |address| {
+                    told.send(address).unwrap()
+                })
+            }
         });
         let address = listening.recv_timeout(PATIENCE).unwrap();
         Self {
@@ -189,7 +193,10 @@ fn a_page_sees_the_cell_and_the_dose_that_it_was_given() {
     assert!((impulse - 4.99).abs() < 0.01, "{impulse}");
     let (status, csv) = page.get("/api/dose.csv");
     assert_eq!(status, 200);
-    assert_eq!(csv.lines().count(), dose["cells"].as_array().unwrap().len() + 1);
+    assert_eq!(
+        csv.lines().count(),
+        dose["cells"].as_array().unwrap().len() + 1
+    );
     assert!(page.get("/api/dose.ply").1.starts_with("ply\n"));
     let about = page.get_json("/api/about");
     assert_eq!(about["tasks"][0]["file"], "wipe.toml");
@@ -307,7 +314,10 @@ fn readers_that_sleep_hold_nothing_up() {
         .take(40)
         .map(|s| s["number"].as_u64().unwrap())
         .collect();
-    assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]), "{numbers:?}");
+    assert!(
+        numbers.windows(2).all(|pair| pair[0] < pair[1]),
+        "{numbers:?}"
+    );
     // Their number is bounded.
     let many: Vec<TcpStream> = (0..server::STREAMS_MAX)
         .map(|_| {

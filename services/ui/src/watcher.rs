@@ -8,9 +8,7 @@ use axum::body::Bytes;
 use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tool, World};
 use tangent_runtime::config::OnLostPage;
-use tangent_runtime::{
-    Bus, Counter, Gauge, HealthReporter, Latest, Rate, Received, Subscription,
-};
+use tangent_runtime::{Bus, Counter, Gauge, HealthReporter, Latest, Rate, Received, Subscription};
 use tangent_scene::Pressed;
 use tangent_schemas::standard::PoseWithCovarianceStamped;
 use tangent_schemas::tangent::{ArmState, ControlState, Health, NormalEstimate};
@@ -158,7 +156,12 @@ impl Watcher {
         let arm = arm.or(self.recent.back())?;
         let base_from_tool = Pose::<Base, Tool>::try_from(&arm.message.tool_pose).ok()?;
         let tip = &self.shared.config.scene.mounted.tip;
-        Pressed::of(control, &base_from_tool, self.world_from_base.as_ref()?, tip)
+        Pressed::of(
+            control,
+            &base_from_tool,
+            self.world_from_base.as_ref()?,
+            tip,
+        )
     }
 
     fn is_active(&self) -> bool {
@@ -206,7 +209,9 @@ impl Watcher {
         let pages = lock(&self.shared.pages).count(Instant::now());
         self.meters.pages.set(pages.0 as f64);
         let dropped = [self.arms.counts(), self.controls.counts()];
-        self.meters.lost.set(dropped.iter().map(|c| c.dropped).sum());
+        self.meters
+            .lost
+            .set(dropped.iter().map(|c| c.dropped).sum());
         self.frames += 1;
         // Nobody reads: the snapshot costs nothing.
         if self.shared.snapshots.receiver_count() > 0

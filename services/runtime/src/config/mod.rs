@@ -19,8 +19,8 @@ pub use sections::{
     FRANKA_TORQUE_RATE_SHARE, Focal, FoxgloveConfig, FrankaConfig, JointCountError, Law,
     LimitsConfig, OnLostPage, PoseConfig, RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver,
     RobotModelError, Ros2Command, Ros2Config, Ros2Inputs, SensorConfig, SensorDriver, SensorMode,
-    SimulatorConfig, TipConfig, TipKind, TlsConfig, ToolConfig, TopicSensorConfig, UrReading,
-    UiConfig, UrSensorConfig, WrenchSource, ZenohConfig, is_endpoint, is_ros_name,
+    SimulatorConfig, TipConfig, TipKind, TlsConfig, ToolConfig, TopicSensorConfig, UiConfig,
+    UrReading, UrSensorConfig, WrenchSource, ZenohConfig, is_endpoint, is_ros_name,
 };
 
 /// The cell file supplied with the program: a simulated UR5 with a Gamma sensor on loopback.

@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use tangent_control::Phase;
 use tangent_simulation::metrics::{Spread, angle_deg};
 
-use super::escaped;
 use super::phases::bands;
+use super::{escaped, interactive};
 use crate::error::ReportError;
 use crate::figures::Report;
 use crate::object;
@@ -184,8 +184,9 @@ pub(super) fn figure(
         return Ok(String::new());
     }
     let svg = plot::draw(axes, &drawn)?;
+    let data = interactive::plot(axes, &drawn);
     Ok(format!(
-        "<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"
+        "<figure>{svg}{data}<figcaption>{caption}</figcaption></figure>\n"
     ))
 }
 

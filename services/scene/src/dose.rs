@@ -7,8 +7,8 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
+use crate::{Pressed, cross_axes};
 use nalgebra::Vector3;
-use tangent_scene::{Pressed, cross_axes};
 
 /// Cells across the radius of the tip.
 const CELLS_PER_RADIUS: f64 = 4.0;
@@ -145,7 +145,13 @@ impl DoseMap {
         let under = self.under(&axes, pressed);
         let sum: f64 = under.iter().map(|one| one.3).sum();
         for (place, point, area_cm2, weight) in under {
-            self.add(place, point, pressed.normal, area_cm2, impulse * weight / sum);
+            self.add(
+                place,
+                point,
+                pressed.normal,
+                area_cm2,
+                impulse * weight / sum,
+            );
         }
     }
 
