@@ -1,10 +1,11 @@
 //! What viewers show of a cell: `/tf`, `/tf_static`, `/joint_states`, `/robot_description` and
-//! `/markers`; and where the tool presses ([`Pressed`]).
+//! `/markers`; and where the tool presses ([`Pressed`]), and what dose that gives ([`dose`]).
 //!
 //! The controller service calls it from its side thread, about 20 times a second. The messages go
 //! over the bus like all others, so that recordings and live viewers show the same.
 
 mod config;
+pub mod dose;
 mod frames;
 mod marks;
 mod pressed;

@@ -5,8 +5,8 @@ use std::fmt::Write;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
-use crate::dose::{Cell, DoseMap, Judgement};
 use crate::snapshot::round;
+use tangent_scene::dose::{Cell, DoseMap, Judgement};
 
 /// Colours of the map: below the band, within it, above it.
 const COLOURS: [[u8; 3]; 3] = [[64, 128, 230], [40, 165, 85], [220, 60, 50]];

@@ -10,7 +10,6 @@ pub mod access;
 mod commands;
 mod config;
 mod connection;
-pub mod dose;
 mod error;
 mod export;
 mod lights;
@@ -32,10 +31,10 @@ use tangent_schemas::topics;
 
 use commands::Desk;
 pub use config::Config;
-use dose::DoseMap;
 pub use error::UiError;
 pub use server::Reporter;
 use server::Shared;
+use tangent_scene::dose::DoseMap;
 use watcher::Watcher;
 
 /// Name of the service in topics and health messages.

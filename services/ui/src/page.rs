@@ -1,5 +1,7 @@
 //! The files of the page, which are part of the program: it works without any other network.
 
+use tangent_page_libraries as page_libraries;
+
 /// Files of the page: path, media type and content.
 const FILES: &[(&str, &str, &[u8])] = &[
     ("/", HTML, include_bytes!("../page/index.html")),
@@ -18,42 +20,34 @@ const FILES: &[(&str, &str, &[u8])] = &[
     (
         "/vendor/three.core.min.js",
         JS,
-        include_bytes!("../page/vendor/three.core.min.js"),
+        page_libraries::THREE_CORE.as_bytes(),
     ),
     (
         "/vendor/three.module.min.js",
         JS,
-        include_bytes!("../page/vendor/three.module.min.js"),
+        page_libraries::THREE.as_bytes(),
     ),
     (
         "/vendor/OrbitControls.js",
         JS,
-        include_bytes!("../page/vendor/OrbitControls.js"),
+        page_libraries::ORBIT_CONTROLS.as_bytes(),
     ),
-    (
-        "/vendor/uPlot.esm.js",
-        JS,
-        include_bytes!("../page/vendor/uPlot.esm.js"),
-    ),
+    ("/vendor/uPlot.esm.js", JS, page_libraries::UPLOT.as_bytes()),
     (
         "/vendor/uPlot.min.css",
         CSS,
-        include_bytes!("../page/vendor/uPlot.min.css"),
+        page_libraries::UPLOT_STYLE.as_bytes(),
     ),
-    (
-        "/vendor/NOTICE.md",
-        TEXT,
-        include_bytes!("../page/vendor/NOTICE.md"),
-    ),
+    ("/vendor/NOTICE.md", TEXT, page_libraries::NOTICE.as_bytes()),
     (
         "/vendor/LICENSE.three.txt",
         TEXT,
-        include_bytes!("../page/vendor/LICENSE.three.txt"),
+        page_libraries::THREE_LICENSE.as_bytes(),
     ),
     (
         "/vendor/LICENSE.uPlot.txt",
         TEXT,
-        include_bytes!("../page/vendor/LICENSE.uPlot.txt"),
+        page_libraries::UPLOT_LICENSE.as_bytes(),
     ),
 ];
 

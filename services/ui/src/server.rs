@@ -25,10 +25,10 @@ use crate::access::{is_own_host, is_own_origin};
 use crate::commands::{Command, Desk, Who};
 use crate::config::Config;
 use crate::connection::{Bounded, Peer};
-use crate::dose::DoseMap;
 use crate::pages::Pages;
 use crate::snapshot::LastCommand;
 use crate::{export, lock, page, recordings, tasks};
+use tangent_scene::dose::{DoseMap, Judgement};
 
 /// Largest body of a request, bytes.
 const BODY_MAX: usize = 4096;
@@ -375,7 +375,7 @@ fn exported(
     shared: &Shared,
     ending: &str,
     kind: &'static str,
-    write: impl Fn(&DoseMap, &crate::dose::Judgement) -> String,
+    write: impl Fn(&DoseMap, &Judgement) -> String,
 ) -> Response {
     let map = lock(&shared.dose);
     let text = write(&map, &map.judge(shared.config.dose_band));

@@ -7,8 +7,8 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
+use crate::{Pressed, cross_axes};
 use nalgebra::Vector3;
-use tangent_scene::{Pressed, cross_axes};
 
 /// Cells across the radius of the tip.
 const CELLS_PER_RADIUS: f64 = 4.0;
